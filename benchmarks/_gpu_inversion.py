@@ -25,17 +25,17 @@ from ngbrain.adjoint.reduced import Reduced
 from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.sensitivity.harmonic.slopes import Slope
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, Linearised
-from ngbrain.inverse.discretise import Discretisation
-from ngbrain.inverse.experiment import Experiment
-from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
-from ngbrain.inverse.misfit import LeastSquares
-from ngbrain.inverse.parameters import Fields
-from ngbrain.inverse.phantoms import SIDE, Phantom
-from ngbrain.inverse.quality import noise_of
-from ngbrain.inverse.regularise import smooth
-from ngbrain.inverse.weights import Given
+from ngbrain.inverse.data.quality import noise_of
+from ngbrain.inverse.objective.misfit import LeastSquares
+from ngbrain.inverse.objective.parameters import Fields
+from ngbrain.inverse.objective.regularisation import smooth
+from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
+from ngbrain.inverse.optimise.regularisation_weight import Given
+from ngbrain.inverse.phantoms.benchmark import SIDE, Phantom
+from ngbrain.inverse.problem.discretisation import Discretisation
+from ngbrain.inverse.problem.wave_problem import Experiment
 from ngbrain.io.waves import WaveData
-from ngbrain.mesh.grid import rectangles
+from ngbrain.mesh.geometry.structured import rectangles
 from ngbrain.solvers.device import Device, Factor
 
 Array = np.ndarray

@@ -16,12 +16,12 @@ from ngbrain.forward.observables import Displacements
 from ngbrain.forward.sensitivity.reference_shape import Positions
 from ngbrain.forward.sensitivity.static_model import Case, Nodes, StaticModel
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.inverse.found import Found
-from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
-from ngbrain.inverse.misfit import LeastSquares
-from ngbrain.inverse.parameters import Fields, Scaled, Unknown
-from ngbrain.inverse.regularise import Quadratic, smooth
-from ngbrain.inverse.weights import Discrepancy
+from ngbrain.inverse.objective.misfit import LeastSquares
+from ngbrain.inverse.objective.parameters import Fields, Scaled, Unknown
+from ngbrain.inverse.objective.regularisation import Quadratic, smooth
+from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
+from ngbrain.inverse.optimise.regularisation_weight import Discrepancy
+from ngbrain.inverse.optimise.result import Found
 from ngbrain.materials import NeoHooke
 
 Array = np.ndarray

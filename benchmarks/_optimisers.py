@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-from ngbrain.inverse.found import Found
-from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
-from ngbrain.inverse.quasi_newton import bfgs, l_bfgs, newton_cg
+from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
+from ngbrain.inverse.optimise.quasi_newton import bfgs, l_bfgs, newton_cg
+from ngbrain.inverse.optimise.result import Found
 
 OURS = "Levenberg-Marquardt"
 OPTIMISERS: dict[str, Callable[..., Found]] = {

@@ -24,7 +24,7 @@ from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.io.waves import WaveData, write_waves
 from ngbrain.materials import Shearing
 from ngbrain.surgery.model import Model
-from ngbrain.surgery.seen import FORCE, LANDMARKS
+from ngbrain.surgery.observations import FORCE, LANDMARKS
 
 SHIPPED = Path(__file__).parents[1] / "ngbrain" / "samples"
 DENSITY, SEED = 1000.0, 20260101

@@ -12,13 +12,13 @@ from _ladder import cases
 from _work import NOISE, quiet, waves
 
 from ngbrain import ladder, parallel
-from ngbrain.image.labelmap import LabelMap
-from ngbrain.image.volume import Volume
-from ngbrain.inverse.invert import invert
-from ngbrain.inverse.space import invert_in_space
-from ngbrain.mesh.grading import Graded
-from ngbrain.mesh.routes import ROUTES
-from ngbrain.surrogate.data import _block
+from ngbrain.image.read.label_map import LabelMap
+from ngbrain.image.read.volume import Volume
+from ngbrain.inverse.elastography.invert import invert
+from ngbrain.inverse.elastography.invert_3d import invert_in_space
+from ngbrain.mesh.geometry.sizing import Graded
+from ngbrain.mesh.routes.registry import ROUTES
+from ngbrain.surrogate.data.dataset import _block
 
 Found = tuple[float, str]
 

@@ -29,11 +29,11 @@ from ngbrain.forward.common.interpolation import evaluation
 from ngbrain.forward.common.kinematics import AntiPlane
 from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.harmonic.wave import Wave
-from ngbrain.inverse.inversion import Inversion
-from ngbrain.inverse.invert import invert
+from ngbrain.inverse.elastography.invert import invert
+from ngbrain.inverse.elastography.result import Inversion
 from ngbrain.io.waves import WaveData, read_waves
 from ngbrain.materials import Shearing
-from ngbrain.mesh.grid import rectangles
+from ngbrain.mesh.geometry.structured import rectangles
 from ngbrain.threads import set_threads
 
 Record = dict

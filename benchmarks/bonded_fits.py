@@ -24,7 +24,7 @@ from _command import main
 from _front import figure
 from scipy.optimize import minimize
 
-from ngbrain.inverse.bonded import Blocks, Bonded
+from ngbrain.inverse.fitting.bonded_specimen import Blocks, Bonded
 from ngbrain.materials import Ogden, lab
 from ngbrain.materials.lab.fit import Fit
 

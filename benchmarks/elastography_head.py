@@ -39,11 +39,11 @@ from _head_waves import CENTRE, NAMES, RADIUS, head, waves_of_head
 from scipy.ndimage import gaussian_filter
 from scipy.stats import spearmanr
 
-from ngbrain.inverse.direct import helmholtz_of_curl, local_frequency
-from ngbrain.inverse.discretise import in_elements
-from ngbrain.inverse.found import Iteration
-from ngbrain.inverse.smoothing import smoothed
-from ngbrain.inverse.space import invert_in_space
+from ngbrain.inverse.data.direct_inversion import helmholtz_of_curl, local_frequency
+from ngbrain.inverse.data.smoothing import smoothed
+from ngbrain.inverse.elastography.invert_3d import invert_in_space
+from ngbrain.inverse.optimise.result import Iteration
+from ngbrain.inverse.problem.discretisation import in_elements
 from ngbrain.io.waves import WaveData
 from ngbrain.threads import threads
 

@@ -1,6 +1,7 @@
 """Fibres: which numbers waves in a plane tell, by the number of loads, of frequencies, and by how compressible the body is.
 
-The published body with fibres at 30° (`ngbrain.inverse.phantoms`, "TI": μ 10 to 15 kPa, ζ 0.5 to 2.5, φ 0.2 to 0.4) on a coarser
+The published body with fibres at 30° (`ngbrain.inverse.phantoms.benchmark`, "TI": μ 10 to 15 kPa, ζ 0.5 to 2.5, φ 0.2 to
+0.4) on a coarser
 grid of its own elements, 1 % noise on every point, one seed, from measured waves, smooth fields, weights by the evidence. `errors`
 are of μ, ζ and φ, and of μ(1+φ) and μ(1+ζ), which alone a plane of incompressible fibres shows; `determined` is how many numbers
 of each field the data determine, from the Gauss-Newton matrix. Edges move in turn, the others are free; the first two loads
@@ -20,9 +21,9 @@ from _command import main, sweep
 from _front import figure
 
 from ngbrain import parallel
-from ngbrain.inverse.gauss_newton import GaussNewton
-from ngbrain.inverse.phantoms import DRIVE, PHANTOMS, Phantom
-from ngbrain.inverse.unseen import moduli_of_fibres
+from ngbrain.inverse.elastography.identifiability import moduli_of_fibres
+from ngbrain.inverse.optimise.gauss_newton import GaussNewton
+from ngbrain.inverse.phantoms.benchmark import DRIVE, PHANTOMS, Phantom
 
 Record = dict
 NODES, NOISE = 21, 0.01

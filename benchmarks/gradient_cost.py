@@ -25,7 +25,7 @@ from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, Linearised, WaveModel
 from ngbrain.materials import Shearing, TransverselyIsotropic
-from ngbrain.mesh.grid import boxes, rectangles
+from ngbrain.mesh.geometry.structured import boxes, rectangles
 
 Record = dict
 SIDE, POINTS, STEP = 0.1, 40, 1e-4

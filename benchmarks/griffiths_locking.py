@@ -28,7 +28,7 @@ from ngbrain.forward.common.material import Material
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.materials import Deformation, constants
-from ngbrain.surgery.injury import von_mises
+from ngbrain.surgery.measures.injury import von_mises
 from ngbrain.tensors import deformation_gradient
 
 SIZE, HALF_WIDTH, DEEP, EDGE = (36e-3, 24e-3, 48e-3), 6e-3, 30e-3, 9e-3

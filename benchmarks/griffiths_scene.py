@@ -35,11 +35,11 @@ from ngbrain.errors import RangeWarning, SolverError
 from ngbrain.forward.transient.step_control import Control
 from ngbrain.materials import constants
 from ngbrain.scene import Scene
-from ngbrain.surgery.column import Column, Course
+from ngbrain.surgery.material_point import Column, Course
+from ngbrain.surgery.measures.sampling import Sample, Sites
 from ngbrain.surgery.model import Model
+from ngbrain.surgery.protocol_run import ProtocolRun, table
 from ngbrain.surgery.protocols import Protocol, continuous
-from ngbrain.surgery.runs import ProtocolRun, table
-from ngbrain.surgery.sampling import Sample, Sites
 from ngbrain.units import to_mmHg
 
 HEADS = {"idealised": "idealised_fast", "MNI152": "demo_fast"}

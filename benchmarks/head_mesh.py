@@ -20,12 +20,12 @@ from _command import main
 from ngbrain.errors import require
 from ngbrain.image import mni152
 from ngbrain.mesh import Sizes, smallest_angles
-from ngbrain.mesh.elements import Elements, Surface
-from ngbrain.mesh.from_labels import head
-from ngbrain.mesh.levelset import LevelSet
-from ngbrain.mesh.outline import BRAIN, VENTRICLES
+from ngbrain.mesh.geometry.level_set import LevelSet
+from ngbrain.mesh.routes.cleft_head import head
+from ngbrain.mesh.surface.head_outlines import BRAIN, VENTRICLES
+from ngbrain.mesh.tet_mesh import Elements, Surface
 from ngbrain.scene import Scene
-from ngbrain.surgery.heads import Scanned
+from ngbrain.surgery.head_models import Scanned
 
 OURS, PEER = "ngbrain:hull", "marching cubes and Netgen"
 REGIONS = (BRAIN, VENTRICLES)

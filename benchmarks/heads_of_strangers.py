@@ -34,9 +34,9 @@ from _heads_page import filled
 
 from ngbrain.errors import InputError, require
 from ngbrain.image import read_scan
-from ngbrain.image.niftifile import on_grid
-from ngbrain.image.segment import CSF, GREY, VENTRICLE, WHITE
-from ngbrain.image.tissues import template_place, tissues
+from ngbrain.image.labelling import template_place, tissues
+from ngbrain.image.read.nifti import on_grid
+from ngbrain.image.segment.tissue_classes import CSF, GREY, VENTRICLE, WHITE
 from ngbrain.io import write_json
 from ngbrain.scene import Scene
 

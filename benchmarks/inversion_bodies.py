@@ -21,8 +21,8 @@ from _command import main, sweep
 from _front import figure
 
 from ngbrain import parallel
-from ngbrain.inverse.invert import invert
-from ngbrain.inverse.unseen import moduli_of_fibres
+from ngbrain.inverse.elastography.identifiability import moduli_of_fibres
+from ngbrain.inverse.elastography.invert import invert
 from ngbrain.io.waves import WaveData
 
 Record = dict

@@ -1,6 +1,7 @@
 """Published cases of MatNLI inverted by one call that is told nothing: neither start nor weight nor regulariser.
 
-Six of its nine cases and the transversely isotropic one with two loads (`ngbrain.inverse.phantoms`), made anew on their own
+Six of its nine cases and the transversely isotropic one with two loads (`ngbrain.inverse.phantoms.benchmark`), made anew on
+their own
 grids, with 1 % noise on every point and without; in the grids' own elements, and in ours, in which even the truth's waves are off
 the data by `mismatch` (measured where there is no noise). `error` is that of the first field (youngs, storage or mu), the others
 stand beside it. The published method (BFGS from the published start, no noise) is quoted where its result is known: not measured.
@@ -19,9 +20,9 @@ from _front import figure
 
 from ngbrain import parallel
 from ngbrain.errors import NgbrainError
-from ngbrain.inverse.discretise import as_made, in_elements
-from ngbrain.inverse.invert import invert
-from ngbrain.inverse.phantoms import PHANTOMS, Phantom
+from ngbrain.inverse.elastography.invert import invert
+from ngbrain.inverse.phantoms.benchmark import PHANTOMS, Phantom
+from ngbrain.inverse.problem.discretisation import as_made, in_elements
 
 Record = dict
 QUOTED = {

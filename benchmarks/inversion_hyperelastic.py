@@ -30,10 +30,10 @@ from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity.static_model import Case, StaticModel
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.inverse.misfit import LeastSquares
-from ngbrain.inverse.parameters import Fields, Unknown
-from ngbrain.inverse.regularise import smooth
-from ngbrain.inverse.weights import Discrepancy
+from ngbrain.inverse.objective.misfit import LeastSquares
+from ngbrain.inverse.objective.parameters import Fields, Unknown
+from ngbrain.inverse.objective.regularisation import smooth
+from ngbrain.inverse.optimise.regularisation_weight import Discrepancy
 from ngbrain.materials import NeoHooke
 
 Record = dict

@@ -1,6 +1,7 @@
 """Error against time of inversions of waves, at 0, 1, 2 and 5 % noise: what is best on clean data is not so on measured ones.
 
-A published case (CV-G, see `ngbrain.inverse.phantoms`): a stiff spot in a viscoelastic square at 50 Hz, 51 × 51 points, data and
+A published case (CV-G, see `ngbrain.inverse.phantoms.benchmark`): a stiff spot in a viscoelastic square at 50 Hz, 51 × 51
+points, data and
 inversion in the same discretisation. `error` is ‖G - truth‖/‖truth‖ of the complex modulus over the points, of |G| for local
 frequency, which knows no loss. All start from the published uniform start except direct inversion and local frequency, which
 need none, and Gauss-Newton "from waves". BFGS "as published" has no regulariser: it is shown at several times. One thread;
@@ -20,12 +21,12 @@ import numpy as np
 from _front import STRONG, figure, front
 
 from ngbrain.errors import NgbrainError
-from ngbrain.inverse import direct
-from ngbrain.inverse.found import Found
-from ngbrain.inverse.gauss_newton import GaussNewton
-from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
-from ngbrain.inverse.phantoms import Inversion, Measured, Phantom
-from ngbrain.inverse.quasi_newton import bfgs, l_bfgs, newton_cg
+from ngbrain.inverse.data import direct_inversion
+from ngbrain.inverse.optimise.gauss_newton import GaussNewton
+from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
+from ngbrain.inverse.optimise.quasi_newton import bfgs, l_bfgs, newton_cg
+from ngbrain.inverse.optimise.result import Found
+from ngbrain.inverse.phantoms.benchmark import Inversion, Measured, Phantom
 
 Record = dict
 CASE = "CV-G"
@@ -73,7 +74,7 @@ def record(measured: Measured, method: str, way: Callable) -> Record:
     begun = time.process_time()
     shear = way(measured.data())
     cpu_s, truth = time.process_time() - begun, measured.truth["storage"] + 1j * measured.truth["loss"]
-    if way is direct.local_frequency:
+    if way is direct_inversion.local_frequency:
         shear, truth = np.abs(shear), np.abs(truth)
     there = np.isfinite(shear)
     error = float(np.linalg.norm((shear - truth)[there]) / np.linalg.norm(truth[there]))
@@ -140,7 +141,7 @@ def of_start(optimiser: Callable) -> Callable:
     return lambda inversion, tell: optimiser(inversion.reduced, inversion.start, tell=tell)
 
 
-WAYS = {"direct inversion": direct.helmholtz, "local frequency": direct.local_frequency}
+WAYS = {"direct inversion": direct_inversion.helmholtz, "local frequency": direct_inversion.local_frequency}
 DESCENTS = (
     ("ngbrain:GN from waves", "waves", from_waves),
     ("ngbrain:GN", "uniform", gauss_newton),

@@ -42,12 +42,12 @@ from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity.static_model import Case, StaticModel
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.inverse.found import Found
-from ngbrain.inverse.misfit import LeastSquares
-from ngbrain.inverse.parameters import Bounded, Fields, Scaled, Unknown
-from ngbrain.inverse.posterior import Posterior
-from ngbrain.inverse.regularise import ridge, smooth
-from ngbrain.inverse.weights import EvidenceOfNoise
+from ngbrain.inverse.objective.misfit import LeastSquares
+from ngbrain.inverse.objective.parameters import Bounded, Fields, Scaled, Unknown
+from ngbrain.inverse.objective.regularisation import ridge, smooth
+from ngbrain.inverse.optimise.regularisation_weight import EvidenceOfNoise
+from ngbrain.inverse.optimise.result import Found
+from ngbrain.inverse.uncertainty.posterior import Posterior
 from ngbrain.materials import HolzapfelGasserOgden, Ogden
 
 Record = dict

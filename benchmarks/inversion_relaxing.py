@@ -36,9 +36,9 @@ from ngbrain.forward.contact.rigid import Contact, Sliding
 from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.inverse.found import Found
-from ngbrain.inverse.parameters import Bounded, Transform, Unknown
-from ngbrain.inverse.recover import Recovered, recover
+from ngbrain.inverse.fitting.estimate import Recovered, recover
+from ngbrain.inverse.objective.parameters import Bounded, Transform, Unknown
+from ngbrain.inverse.optimise.result import Found
 from ngbrain.materials import Law, Maxwell, NeoHooke, Prony, Viscous
 from ngbrain.surgery.protocols import Drive, Protocol
 

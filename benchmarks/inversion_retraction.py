@@ -26,8 +26,8 @@ from _front import figure
 from _optimisers import OPTIMISERS, OURS
 from scipy.special import ndtri
 
-from ngbrain.inverse.band import LEVEL
-from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
+from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
+from ngbrain.inverse.uncertainty.interval import LEVEL
 from ngbrain.scene import Protocol, Scene
 from ngbrain.surgery.calibrate import SPREAD, Calibrated, Retracted, Search, Seen, calibrate
 from ngbrain.surgery.model import Model

@@ -1,6 +1,7 @@
 """Seeds of noise: what Gauss-Newton finds from measured waves, from uniform fields, and from the one after the other.
 
-Published cases (`ngbrain.inverse.phantoms`) in their own discretisation, noise on every point, boundary included; smooth fields,
+Published cases (`ngbrain.inverse.phantoms.benchmark`) in their own discretisation, noise on every point, boundary included;
+smooth fields,
 weights by the evidence. `waves` is the convex start alone, `uniform` descends from the published uniform start (no longer than
 `invert` lets it), `both` descends from where `waves` ends. A descent that finds no way down counts as it began. `error` is that
 of the first field, all are in `errors`; CPU time of one thread, that of `both` without its start.
@@ -24,10 +25,10 @@ from _front import figure
 
 from ngbrain import parallel
 from ngbrain.errors import NgbrainError
-from ngbrain.inverse.found import Found
-from ngbrain.inverse.gauss_newton import GaussNewton
-from ngbrain.inverse.invert import SHORT
-from ngbrain.inverse.phantoms import Phantom
+from ngbrain.inverse.elastography.invert import SHORT
+from ngbrain.inverse.optimise.gauss_newton import GaussNewton
+from ngbrain.inverse.optimise.result import Found
+from ngbrain.inverse.phantoms.benchmark import Phantom
 
 Record = dict
 SEEDS = 10

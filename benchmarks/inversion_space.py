@@ -22,9 +22,9 @@ from _command import main, sweep
 from _front import figure
 
 from ngbrain import parallel
-from ngbrain.inverse.direct import helmholtz_of_curl, local_frequency
-from ngbrain.inverse.smoothing import smoothed
-from ngbrain.inverse.space import invert_in_space
+from ngbrain.inverse.data.direct_inversion import helmholtz_of_curl, local_frequency
+from ngbrain.inverse.data.smoothing import smoothed
+from ngbrain.inverse.elastography.invert_3d import invert_in_space
 from ngbrain.io.waves import WaveData
 
 Record = dict

@@ -24,11 +24,11 @@ from _ball_waves import BallInBlock
 from _command import main
 from _front import figure
 
-from ngbrain.inverse.direct import helmholtz_of_curl
-from ngbrain.inverse.inversion import Inversion, Row
-from ngbrain.inverse.smoothing import smoothed
-from ngbrain.inverse.space import invert_in_space
-from ngbrain.inverse.subzones import OVERLAP, SIDE, invert_by_subzones
+from ngbrain.inverse.data.direct_inversion import helmholtz_of_curl
+from ngbrain.inverse.data.smoothing import smoothed
+from ngbrain.inverse.elastography.invert_3d import invert_in_space
+from ngbrain.inverse.elastography.result import Inversion, Row
+from ngbrain.inverse.subzones.invert import OVERLAP, SIDE, invert_by_subzones
 from ngbrain.io.waves import WaveData
 from ngbrain.threads import set_threads
 

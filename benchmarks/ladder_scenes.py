@@ -24,11 +24,11 @@ from _ladder import Case, cases
 
 from ngbrain import parallel
 from ngbrain.errors import SolverError
-from ngbrain.ladder.bodies import Bench
-from ngbrain.ladder.climb import Climb, climb
+from ngbrain.ladder.axes import axes_of, richest
 from ngbrain.ladder.estimates import SOLVED, relative
-from ngbrain.ladder.keeper import Keeper
-from ngbrain.ladder.rungs import axes_of, richest
+from ngbrain.ladder.models.bodies import Bench
+from ngbrain.ladder.search import Climb, climb
+from ngbrain.ladder.solutions import Keeper
 from ngbrain.scene import Scene
 
 Record = dict

@@ -40,12 +40,12 @@ from scipy.stats import spearmanr, t
 
 from ngbrain import parallel
 from ngbrain.cli import main as ngbrain
-from ngbrain.inverse.consistent import fields_at, fitted
-from ngbrain.inverse.direct import helmholtz, local_frequency
-from ngbrain.inverse.discretise import in_elements
-from ngbrain.inverse.experiment import Experiment
-from ngbrain.inverse.outliers import cleaned
-from ngbrain.inverse.regularise import smooth as gradients
+from ngbrain.inverse.data.direct_inversion import helmholtz, local_frequency
+from ngbrain.inverse.data.outliers import cleaned
+from ngbrain.inverse.objective.regularisation import smooth as gradients
+from ngbrain.inverse.problem.discretisation import in_elements
+from ngbrain.inverse.problem.field_values import fields_at, fitted
+from ngbrain.inverse.problem.wave_problem import Experiment
 from ngbrain.io.waves import WaveData, read_waves
 from ngbrain.threads import set_threads
 

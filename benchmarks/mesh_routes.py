@@ -26,13 +26,13 @@ from ngbrain.forward.common.material import Material
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.image import mni152
-from ngbrain.image.labelmap import LabelMap
-from ngbrain.image.tissues import tissues
+from ngbrain.image.labelling import tissues
+from ngbrain.image.read.label_map import LabelMap
 from ngbrain.materials import NeoHooke
-from ngbrain.mesh.elements import Elements
-from ngbrain.mesh.grading import Graded
-from ngbrain.mesh.outline import outlines
-from ngbrain.mesh.routes import ROUTES
+from ngbrain.mesh.geometry.sizing import Graded
+from ngbrain.mesh.routes.registry import ROUTES
+from ngbrain.mesh.surface.head_outlines import outlines
+from ngbrain.mesh.tet_mesh import Elements
 from ngbrain.units import to_mmHg
 
 MU = {"csf": 200.0, "grey": 1000.0, "white": 1500.0, "ventricles": 100.0}

@@ -1,6 +1,7 @@
 """Which way of retracting presses tissue less, and which constants relax as brains do.
 
-One point of tissue under a blade (`ngbrain.surgery.column`), every relaxing set of constants of the catalogue, openings of 0.1
+One point of tissue under a blade (`ngbrain.surgery.material_point`), every relaxing set of constants of the catalogue,
+openings of 0.1
 to 18 % of its depth. `hold`: opened in 0.5 to 150 s and held for half an hour: what is left of the peak (Awasthi 2020, dogs:
 35 %) and when half is (Hongo 1987: 6.6 minutes). `protocol`: half an hour of work in one hold against holds with rests, stages,
 and by force; `value` is their measure over that of the one hold, so above 1 the one hold is better, or a time where the measure
@@ -32,8 +33,8 @@ from ngbrain.forward.transient.step_control import ErrorControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import Branch, Scaled, Viscous, constants
 from ngbrain.mesh import block
-from ngbrain.surgery.column import Column, Course, dose_left
-from ngbrain.surgery.injury import dose
+from ngbrain.surgery.material_point import Column, Course, dose_left
+from ngbrain.surgery.measures.injury import dose
 from ngbrain.surgery.protocols import Drive, Protocol, continuous, intermittent, staged
 from ngbrain.units import to_minutes, to_mmHg
 

@@ -30,8 +30,8 @@ from ngbrain.look import STYLE
 from ngbrain.scene import Scene
 from ngbrain.surgery.answers import answer
 from ngbrain.surgery.model import Model
+from ngbrain.surgery.protocol_run import ProtocolRun
 from ngbrain.surgery.protocols import Protocol, continuous, intermittent
-from ngbrain.surgery.runs import ProtocolRun
 from ngbrain.threads import threads
 from ngbrain.units import to_mmHg
 

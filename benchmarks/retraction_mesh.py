@@ -2,8 +2,8 @@
 
 A spatula opens a cleft by 5 mm in 10 s and holds for 110 s (the fast demos): MNI152 and the idealised head, Griffiths' constants,
 elements of 5.7, 4, 2.8, 2 and 1.4 mm at the site. Quantities of a record: value; error, from the finest mesh; estimate, by which
-the next coarser mesh moves it (of 4 mm: the next finer), as `ngbrain.surgery.checks.other_elements` does. `scatter`: meshes
-whose sizes are 1 % from the second one's.
+the next coarser mesh moves it (of 4 mm: the next finer), as `ngbrain.surgery.uncertainty.verification_runs.other_elements`
+does. `scatter`: meshes whose sizes are 1 % from the second one's.
 
     python benchmarks/retraction_mesh.py [--quick] [--json]      last line of --json: a list of records
     python benchmarks/retraction_mesh.py --chart FILE.png < records.json
@@ -23,9 +23,9 @@ from ngbrain.errors import require
 from ngbrain.look import STYLE
 from ngbrain.scene import Scene
 from ngbrain.surgery.answers import answer
-from ngbrain.surgery.checks import COARSE
 from ngbrain.surgery.model import Model
-from ngbrain.surgery.runs import ProtocolRun
+from ngbrain.surgery.protocol_run import ProtocolRun
+from ngbrain.surgery.uncertainty.verification_runs import COARSE
 
 SIZES = tuple(tuple(size * 2 ** (k / 2) for size in (1.0, 2.5, 6.5)) for k in (5, 4, 3, 2, 1))
 """Elements (mm) at the site, under the craniotomy, elsewhere: each mesh √2 times as fine as the one before."""

@@ -1,6 +1,7 @@
 """Error against time for a map: the trained operator, two steps of Gauss-Newton after it, inversions, and direct methods.
 
-Test samples of `ngbrain.surrogate.data` (families that the operator has learnt, seeds that it has not seen), on 51 × 51 points,
+Test samples of `ngbrain.surrogate.data.dataset` (families that the operator has learnt, seeds that it has not seen), on 51 ×
+51 points,
 with noise η = σ · rms(component without its affine part), white or, of compression, with the longest grain that the training has
 (`grain`, edges). Moduli as the data's rheology has them: the error of a wave is that of G′ (of E where nothing is lost), of a
 compression that of E over its mean; all are in `errors`. `parts` has that of the first modulus within .03 of the edge of sharp
@@ -30,22 +31,22 @@ from scipy.ndimage import distance_transform_edt, map_coordinates
 from ngbrain import parallel
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import NgbrainError
-from ngbrain.inverse.direct import helmholtz_of_curl, local_frequency
-from ngbrain.inverse.discretise import in_elements
-from ngbrain.inverse.experiment import Experiment
-from ngbrain.inverse.gauss_newton import GaussNewton
-from ngbrain.inverse.invert import FIRST, invert
-from ngbrain.inverse.misfit import LeastSquares
-from ngbrain.inverse.quality import noise_of
-from ngbrain.inverse.regularise import smooth
-from ngbrain.inverse.smoothing import smoothed
-from ngbrain.inverse.starts import at_maps
+from ngbrain.inverse.data.direct_inversion import helmholtz_of_curl, local_frequency
+from ngbrain.inverse.data.quality import noise_of
+from ngbrain.inverse.data.smoothing import smoothed
+from ngbrain.inverse.elastography.initial_guess import at_maps
+from ngbrain.inverse.elastography.invert import FIRST, invert
+from ngbrain.inverse.objective.misfit import LeastSquares
+from ngbrain.inverse.objective.regularisation import smooth
+from ngbrain.inverse.optimise.gauss_newton import GaussNewton
+from ngbrain.inverse.problem.discretisation import in_elements
+from ngbrain.inverse.problem.wave_problem import Experiment
 from ngbrain.io.waves import WaveData
-from ngbrain.surrogate.data import DENSITY, SIDES, Sample, sample
-from ngbrain.surrogate.families import SHARP, SMOOTH
-from ngbrain.surrogate.features import GRAIN, spoilt
-from ngbrain.surrogate.predict import predict
-from ngbrain.surrogate.shipped import Operator
+from ngbrain.surrogate.data.dataset import DENSITY, SIDES, Sample, sample
+from ngbrain.surrogate.data.random_fields import SHARP, SMOOTH
+from ngbrain.surrogate.operator.encoding import GRAIN, spoilt
+from ngbrain.surrogate.prediction.predict import predict
+from ngbrain.surrogate.prediction.pretrained import Operator
 
 Record = dict
 ACROSS, SEED = 51, 0

@@ -23,16 +23,16 @@ from surrogate_error import ACROSS, measured
 from ngbrain import parallel
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import SolverError
-from ngbrain.inverse.discretise import in_elements
-from ngbrain.inverse.experiment import Experiment
-from ngbrain.inverse.gauss_newton import GaussNewton
-from ngbrain.inverse.invert import FAR, FIRST
-from ngbrain.inverse.misfit import LeastSquares
-from ngbrain.inverse.quality import noise_of
-from ngbrain.inverse.regularise import smooth
-from ngbrain.inverse.starts import at_maps
+from ngbrain.inverse.data.quality import noise_of
+from ngbrain.inverse.elastography.initial_guess import at_maps
+from ngbrain.inverse.elastography.invert import FAR, FIRST
+from ngbrain.inverse.objective.misfit import LeastSquares
+from ngbrain.inverse.objective.regularisation import smooth
+from ngbrain.inverse.optimise.gauss_newton import GaussNewton
+from ngbrain.inverse.problem.discretisation import in_elements
+from ngbrain.inverse.problem.wave_problem import Experiment
 from ngbrain.io.waves import WaveData
-from ngbrain.surrogate.predict import predict
+from ngbrain.surrogate.prediction.predict import predict
 
 Record = dict
 FAMILIES, SAMPLES, NOISE = ("gaussian_width", "sinc", "inclusions", "tumour"), 3, 0.01

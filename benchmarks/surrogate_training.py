@@ -1,7 +1,8 @@
 """What decides how well an operator learns: the kind of network, its width, its levels, or how much data it is given.
 
 Three networks of equal size, the wavelet operator, a Fourier operator and a U-Net; the first with other widths, levels and numbers
-of samples. Waves, and compression as ultrasound sees it (`ngbrain.surrogate.data`): 2900 samples of seven families, or fewer; 1 %
+of samples. Waves, and compression as ultrasound sees it (`ngbrain.surrogate.data.dataset`): 2900 samples of seven families,
+or fewer; 1 %
 noise in validation, whose samples nobody has trained with. Every training passes over as many maps, with the settings of the
 shipped operators but for that number, which is a small part of theirs: what is compared is not yet at its best. `error` is the
 mean over the two Gaussian families of the first modulus, `errors` has all of them, `curve` those after every epoch. CPU time of the
@@ -26,8 +27,8 @@ import numpy as np
 from _command import main
 from _front import figure
 
-from ngbrain.surrogate.data import COLUMNS, DataSet
-from ngbrain.surrogate.features import modality
+from ngbrain.surrogate.data.dataset import COLUMNS, DataSet
+from ngbrain.surrogate.operator.encoding import modality
 
 Record = dict
 FOLDER = Path("out/surrogate")
@@ -80,8 +81,8 @@ def spread(data: DataSet, count: int) -> DataSet:
 
 def network(run: Run) -> Any:
     """What makes it, by its channels in and out."""
-    from ngbrain.surrogate.baselines import FourierOperator, UNet
-    from ngbrain.surrogate.wavelet_operator import WaveletOperator
+    from ngbrain.surrogate.operator.wavelet_operator import WaveletOperator
+    from ngbrain.surrogate.training.baselines import FourierOperator, UNet
 
     if run.network == "wavelet":
         return partial(WaveletOperator, width=run.width, levels=run.levels)
@@ -90,8 +91,8 @@ def network(run: Run) -> Any:
 
 def row(run: Run, training: DataSet, validation: DataSet, epochs: int) -> Record:
     """Train with some of the samples, for as many maps as `epochs` of all are, and judge."""
-    from ngbrain.surrogate.train import Settings, train
-    from ngbrain.surrogate.wavelet_operator import weights
+    from ngbrain.surrogate.operator.wavelet_operator import weights
+    from ngbrain.surrogate.training.training import Settings, train
 
     epochs = round(epochs * len(training) / run.samples)
     begun = time.process_time()

@@ -30,13 +30,13 @@ import numpy as np
 from _command import main
 from _front import figure
 
-from ngbrain.surrogate import data as made
-from ngbrain.surrogate.data import DENSITY, FINE, FREQUENCY, SHEAR, SIDES, Sample, sample, shaken
-from ngbrain.surrogate.families import SHARP, SMOOTH, family
-from ngbrain.surrogate.features import GRAIN, errors, spoilt
-from ngbrain.surrogate.looking import Look
-from ngbrain.surrogate.shipped import Operator
-from ngbrain.surrogate.trust import auc, scores
+from ngbrain.surrogate.data import dataset as made
+from ngbrain.surrogate.data.dataset import DENSITY, FINE, FREQUENCY, SHEAR, SIDES, Sample, sample, shaken
+from ngbrain.surrogate.data.random_fields import SHARP, SMOOTH, family
+from ngbrain.surrogate.operator.encoding import GRAIN, errors, spoilt
+from ngbrain.surrogate.prediction.pretrained import Operator
+from ngbrain.surrogate.prediction.tiling import Look
+from ngbrain.surrogate.prediction.trust import auc, scores
 
 Record = dict
 LEARNT = (*SMOOTH, *SHARP, "tumour")

@@ -22,14 +22,14 @@ from _command import main, sweep
 from ngbrain import parallel
 from ngbrain.errors import require
 from ngbrain.image import mni152
-from ngbrain.image.labelmap import LabelMap
-from ngbrain.image.tissues import tissues
-from ngbrain.mesh.conforming import named
-from ngbrain.mesh.elements import Elements
-from ngbrain.mesh.grading import Graded
-from ngbrain.mesh.indicators import Indicators
+from ngbrain.image.labelling import tissues
+from ngbrain.image.read.label_map import LabelMap
+from ngbrain.mesh.geometry.sizing import Graded
+from ngbrain.mesh.labels.indicators import Indicators
 from ngbrain.mesh.quality import Quality, deviations, volume_errors
-from ngbrain.mesh.routes import ROUTES
+from ngbrain.mesh.routes.conforming import named
+from ngbrain.mesh.routes.registry import ROUTES
+from ngbrain.mesh.tet_mesh import Elements
 
 SITE, NEAR = (0.03, 0.0, 0.05), 20e-3
 CORNERS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])

@@ -1,6 +1,7 @@
 """Do intervals hold the truth as often as they say? Truths drawn from what is assumed of them, each measured and inverted once.
 
-A viscoelastic square at 50 Hz (CV-G of `ngbrain.inverse.phantoms`), its ln storage and ln loss Gaussian fields, noise on every
+A viscoelastic square at 50 Hz (CV-G of `ngbrain.inverse.phantoms.benchmark`), its ln storage and ln loss Gaussian fields,
+noise on every
 point, boundary included; data and inversion share mesh and elements, so that noise is all there is to be uncertain of. Then a
 level of p has to cover p of all nodes of all repetitions. Rivals: moduli plus or minus so many standard deviations, in Pa; the
 boundary's displacements taken as exact, as published inversions do. Weights of regularisers are those that the truth was drawn
@@ -24,13 +25,13 @@ from scipy.special import ndtri
 
 from ngbrain import parallel
 from ngbrain.adjoint.reduced import Reduced
-from ngbrain.inverse.drawn import drawn
-from ngbrain.inverse.gauss_newton import GaussNewton
-from ngbrain.inverse.parameters import Fields
-from ngbrain.inverse.phantoms import Inversion, Phantom
-from ngbrain.inverse.posterior import Posterior
-from ngbrain.inverse.regularise import matern
-from ngbrain.inverse.weights import Evidence, Given, Policy
+from ngbrain.inverse.objective.parameters import Fields
+from ngbrain.inverse.objective.regularisation import matern
+from ngbrain.inverse.optimise.gauss_newton import GaussNewton
+from ngbrain.inverse.optimise.regularisation_weight import Evidence, Given, Policy
+from ngbrain.inverse.phantoms.benchmark import Inversion, Phantom
+from ngbrain.inverse.phantoms.prior_draws import drawn
+from ngbrain.inverse.uncertainty.posterior import Posterior
 
 Record = dict
 NODES, WEIGHT, LENGTH = 9, 2.0, 0.03

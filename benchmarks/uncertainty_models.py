@@ -33,13 +33,13 @@ from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity.static_model import Case, StaticModel
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.inverse.curvature import Metric
-from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
-from ngbrain.inverse.misfit import LeastSquares
-from ngbrain.inverse.parameters import Fields, Log, Scaled, Unknown
-from ngbrain.inverse.posterior import Posterior
-from ngbrain.inverse.regularise import matern
-from ngbrain.inverse.weights import Given
+from ngbrain.inverse.objective.misfit import LeastSquares
+from ngbrain.inverse.objective.parameters import Fields, Log, Scaled, Unknown
+from ngbrain.inverse.objective.regularisation import matern
+from ngbrain.inverse.optimise.gauss_newton_hessian import Metric
+from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
+from ngbrain.inverse.optimise.regularisation_weight import Given
+from ngbrain.inverse.uncertainty.posterior import Posterior
 from ngbrain.materials import NeoHooke, Ogden, Prony
 from ngbrain.mesh import block
 from ngbrain.surgery.protocols import Drive, Protocol

@@ -1,6 +1,7 @@
 """Do intervals of whole inversions hold the truth as often as they say? Several draws of the noise, data from other elements.
 
-plane   CV-G of `ngbrain.inverse.phantoms` on every second of its 51 × 51 points, made in bilinear elements, 2 % noise, twenty draws
+plane   CV-G of `ngbrain.inverse.phantoms.benchmark` on every second of its 51 × 51 points, made in bilinear elements, 2 %
+        noise, twenty draws
 space   a block of 3 cm, moduli with a smooth bump, two loads at 60 Hz, made in tetrahedra of fourth order, 2 % noise, six draws
 drawn   blocks of 2 cm, so too, but the truth is another one in each of twenty draws: 2 to 4 bumps of either sign anywhere, up to .6
         of ln high and 5 to 12 mm wide, of storage and of loss each by itself
@@ -32,13 +33,13 @@ from ngbrain import parallel
 from ngbrain.forward.common.interpolation import evaluation
 from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.harmonic.wave import Wave
-from ngbrain.inverse.discretise import Discretisation, in_elements
-from ngbrain.inverse.invert import invert
-from ngbrain.inverse.phantoms import Phantom
-from ngbrain.inverse.uncertainty import Uncertainty, uncertainty
+from ngbrain.inverse.elastography.invert import invert
+from ngbrain.inverse.phantoms.benchmark import Phantom
+from ngbrain.inverse.problem.discretisation import Discretisation, in_elements
+from ngbrain.inverse.uncertainty.credible_maps import Uncertainty, uncertainty
 from ngbrain.io.waves import WaveData
 from ngbrain.materials import Shearing
-from ngbrain.mesh.grid import boxes
+from ngbrain.mesh.geometry.structured import boxes
 
 Record = dict
 MAPS = ("storage", "loss")

@@ -21,8 +21,8 @@ from types import MappingProxyType
 
 from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError, nearest
-from ngbrain.image.niftifile import write_nifti
-from ngbrain.image.volume import Scan, mni152, read_scan
+from ngbrain.image.read.nifti import write_nifti
+from ngbrain.image.read.volume import Scan, mni152, read_scan
 from ngbrain.io.waves import WaveData, read_waves
 
 __all__ = ["DATASETS", "Dataset", "load_head", "load_waves", "write"]
@@ -54,8 +54,8 @@ class Dataset:
     files : tuple of str
         Names of the files that `write` writes.
     kind : str
-        waves (`load_waves`), head (`load_head`), maps (`ngbrain.inverse.stiffness.read_stiffness`), or scene: the files that a verb
-        of the command line takes.
+        waves (`load_waves`), head (`load_head`), maps (`ngbrain.inverse.data.stiffness_maps.read_stiffness`), or scene: the
+        files that a verb of the command line takes.
     external_size : int
         Bytes of what another package or the network brings; 0 where the files are shipped.
     """

@@ -4,7 +4,7 @@ The pictures are those of the report of `ngbrain mesh`; they need the extras `re
 Nothing here needs a network, neither in a notebook nor in what is exported of it.
 
 >>> from ngbrain import viz
->>> from ngbrain.mesh.routes import meshed
+>>> from ngbrain.mesh.routes.registry import meshed
 >>> made = meshed(labels, "lattice")  # doctest: +SKIP
 >>> viz.slices(made, labels), viz.surfaces(made), viz.quality(made)  # doctest: +SKIP
 >>> viz.interactive(made.mesh())  # doctest: +SKIP
@@ -25,11 +25,11 @@ import numpy as np
 
 from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError, MissingExtra, require
-from ngbrain.image.labelmap import LabelMap
-from ngbrain.image.volume import Volume, upright
-from ngbrain.mesh.elements import Elements
+from ngbrain.image.read.label_map import LabelMap
+from ngbrain.image.read.volume import Volume, upright
 from ngbrain.mesh.quality import Quality
-from ngbrain.report import anatomy
+from ngbrain.mesh.tet_mesh import Elements
+from ngbrain.report.pages import anatomy
 
 Place = Sequence[float] | np.ndarray
 

@@ -6,10 +6,10 @@ from functools import lru_cache
 import numpy as np
 
 from ngbrain.io.waves import WaveData
-from ngbrain.surrogate.data import DENSITY, SIDES, DataSet, sample, shaken
-from ngbrain.surrogate.features import spoilt
-from ngbrain.surrogate.shipped import Card, Operator
-from ngbrain.surrogate.trust import calibrate
+from ngbrain.surrogate.data.dataset import DENSITY, SIDES, DataSet, sample, shaken
+from ngbrain.surrogate.operator.encoding import spoilt
+from ngbrain.surrogate.prediction.pretrained import Card, Operator
+from ngbrain.surrogate.prediction.trust import calibrate
 
 LINE = np.linspace(0, 1, 5)
 

@@ -7,7 +7,7 @@ from netgen.csg import CSGeometry, OrthoBrick, Pnt
 from ngbrain.forward.common.interpolation import evaluation
 from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.harmonic.wave import Wave
-from ngbrain.inverse.labels import by_label, shares
+from ngbrain.inverse.problem.label_shares import by_label, shares
 from ngbrain.io.waves import WaveData
 from ngbrain.materials import Shearing
 

@@ -8,11 +8,11 @@ from ngbrain.errors import ConvergenceError
 from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.forward.sensitivity.harmonic.wave_model import WaveModel
-from ngbrain.inverse.misfit import LeastSquares
-from ngbrain.inverse.parameters import Fields, Scaled, Unknown
-from ngbrain.inverse.regularise import ridge
+from ngbrain.inverse.objective.misfit import LeastSquares
+from ngbrain.inverse.objective.parameters import Fields, Scaled, Unknown
+from ngbrain.inverse.objective.regularisation import ridge
 from ngbrain.materials import Shearing
-from ngbrain.mesh.grid import rectangles
+from ngbrain.mesh.geometry.structured import rectangles
 
 MODULUS, SIDE = 9e3, 0.12
 """Pa, m: shear waves of 100 mm at 30 Hz in a square."""

@@ -1,12 +1,12 @@
 """Inversions of phantoms whose truth is drawn from what the inversion assumes of it."""
 
 from ngbrain.adjoint.reduced import Reduced
-from ngbrain.inverse.drawn import drawn
-from ngbrain.inverse.gauss_newton import GaussNewton
-from ngbrain.inverse.parameters import Fields
-from ngbrain.inverse.phantoms import Phantom
-from ngbrain.inverse.regularise import matern
-from ngbrain.inverse.weights import Given
+from ngbrain.inverse.objective.parameters import Fields
+from ngbrain.inverse.objective.regularisation import matern
+from ngbrain.inverse.optimise.gauss_newton import GaussNewton
+from ngbrain.inverse.optimise.regularisation_weight import Given
+from ngbrain.inverse.phantoms.benchmark import Phantom
+from ngbrain.inverse.phantoms.prior_draws import drawn
 
 
 def prior(space, x):

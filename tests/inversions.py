@@ -8,11 +8,11 @@ from ngbrain.adjoint.reduced import Reduced
 from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.forward.sensitivity.harmonic.wave_model import WaveModel
-from ngbrain.inverse.misfit import LeastSquares
-from ngbrain.inverse.parameters import Fields, Log, Unknown
-from ngbrain.inverse.regularise import ridge, smooth
+from ngbrain.inverse.objective.misfit import LeastSquares
+from ngbrain.inverse.objective.parameters import Fields, Log, Unknown
+from ngbrain.inverse.objective.regularisation import ridge, smooth
 from ngbrain.materials import Shearing
-from ngbrain.mesh.grid import rectangles
+from ngbrain.mesh.geometry.structured import rectangles
 
 MODULUS, FREQUENCY, SIDE = 9e3, 50.0, 0.12
 """Shear waves of 60 mm in a square of twice that."""

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ngbrain.image.labelmap import LabelMap
-from ngbrain.image.volume import Volume
+from ngbrain.image.read.label_map import LabelMap
+from ngbrain.image.read.volume import Volume
 
 MM = 1e-3
 

@@ -13,10 +13,10 @@ import numpy as np
 from regridded import rotation
 from scipy import ndimage
 
-from ngbrain.image import places
-from ngbrain.image.contrast import tissue_maps
-from ngbrain.image.labelmap import LabelMap
-from ngbrain.image.volume import Scan, Volume, straightened
+from ngbrain.image.preprocess import mni_landmarks
+from ngbrain.image.preprocess.contrast import tissue_maps
+from ngbrain.image.read.label_map import LabelMap
+from ngbrain.image.read.volume import Scan, Volume, straightened
 
 TISSUES = {1: "csf", 2: "grey", 3: "white", 4: "ventricle"}
 CSF, GREY, WHITE, VENTRICLE = TISSUES
@@ -158,7 +158,7 @@ def _folded(drawn, inside, where, sides, about, rng):
     wet = within(away, 0.0)
     cortex = within(along, about["cortex"]) - wet
     folds = np.stack([wet, cortex.clip(0), 1 - np.maximum(wet, within(along, about["cortex"]))])
-    above = where[..., 2] - places.tentorium(where.reshape(-1, 3)).reshape(inside.shape)
+    above = where[..., 2] - mni_landmarks.tentorium(where.reshape(-1, 3)).reshape(inside.shape)
     there = (within(depth, floor + about["cortex"]) * (above > 3)).astype(np.float32)
     return (1 - there) * drawn / np.maximum(drawn.sum(axis=0), 1e-6) + there * folds
 
@@ -212,8 +212,8 @@ def _freesurfer(labels, where):
     there = where.reshape(-1, 3)
     shape = labels.shape
     right = there[:, 0].reshape(shape) > 0
-    below = (there[:, 2] < places.tentorium(there)).reshape(shape)
-    radius, depth = (each.reshape(shape) for each in places.stem(there))
+    below = (there[:, 2] < mni_landmarks.tentorium(there)).reshape(shape)
+    radius, depth = (each.reshape(shape) for each in mni_landmarks.stem(there))
     found = np.zeros(shape, np.int16)
     for tissue, left, other, cerebellum in (
         (GREY, 3, 42, (8, 47)),
@@ -225,7 +225,7 @@ def _freesurfer(labels, where):
     matter = (labels == GREY) | (labels == WHITE)
     found[matter & (radius < 1) & (depth > 0)] = 16
     for name, numbers in (("thalamus", (10, 49)), ("caudate", (11, 50)), ("putamen", (12, 51)), ("pallidum", (13, 52))):
-        near = (places.NUCLEI[name].radius(there) < 1).reshape(shape) & matter
+        near = (mni_landmarks.NUCLEI[name].radius(there) < 1).reshape(shape) & matter
         found[near] = np.where(right, numbers[1], numbers[0])[near]
     return found.astype(np.int16)
 

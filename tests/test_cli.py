@@ -18,7 +18,7 @@ from phantoms import nested
 from ngbrain.cli import main
 from ngbrain.errors import ImplausibleWarning, InputError
 from ngbrain.io import load
-from ngbrain.mesh.routes import min_jacobian
+from ngbrain.mesh.routes.registry import min_jacobian
 from ngbrain.scene import Scene
 
 
@@ -97,7 +97,7 @@ def test_unreadable_and_truncated_files(tmp_path, capsys):
 
 
 def test_a_mesh_that_is_too_coarse(tmp_path, capsys, monkeypatch, no_run):
-    monkeypatch.setattr("ngbrain.mesh.shapes.MOST_LOST", 1e-6)
+    monkeypatch.setattr("ngbrain.mesh.geometry.primitives.MOST_LOST", 1e-6)
     scene = tmp_path / "case.toml"
     scene.write_text(SMALL)
     status, lines = run(capsys, "simulate", scene, "-o", tmp_path / "out", "-q", "--threads", 1)

@@ -12,9 +12,9 @@ pytest.importorskip("jinja2")
 
 from ngbrain.cli import calibrate as verb
 from ngbrain.cli import main
-from ngbrain.inverse.band import Band
-from ngbrain.inverse.found import Iteration
-from ngbrain.inverse.weights import Level
+from ngbrain.inverse.optimise.regularisation_weight import Level
+from ngbrain.inverse.optimise.result import Iteration
+from ngbrain.inverse.uncertainty.interval import Band
 from ngbrain.result import Status
 from ngbrain.scene import Protocol, Scene
 from ngbrain.surgery.calibrate import Calibrated, Retracted

@@ -3,8 +3,8 @@
 import pytest
 
 from ngbrain.cli import main
-from ngbrain.cli.cohort_options import SAMPLE, VERBS, columns_of, several_inputs
-from ngbrain.cli.options import parsers
+from ngbrain.cli.options.cohort import SAMPLE, VERBS, columns_of, several_inputs
+from ngbrain.cli.options.common import parsers
 from ngbrain.datasets import SHIPPED
 
 

@@ -12,9 +12,9 @@ from spoiled import spoiled
 
 from ngbrain.cli import main
 from ngbrain.errors import MissingExtra, SolverError
-from ngbrain.inverse.quality import strain_of, where_strained
+from ngbrain.inverse.data.quality import strain_of, where_strained
 from ngbrain.io.waves import WaveData, read_waves, write_waves
-from ngbrain.report.parameters import percent
+from ngbrain.report.pages.parameters import percent
 
 SHEAR = 2500 + 500j
 PURPOSES = ("forward", "adjoint", "incremental", "traces", "checks", "refinements")
@@ -148,8 +148,8 @@ def test_data_in_space(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_data_in_space_by_zones(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("ngbrain.inverse.subzones.SIDE", 0.7)  # two of them
-    monkeypatch.setattr("ngbrain.inverse.subzones.OVERLAP", 0.2)
+    monkeypatch.setattr("ngbrain.inverse.subzones.invert.SIDE", 0.7)  # two of them
+    monkeypatch.setattr("ngbrain.inverse.subzones.invert.OVERLAP", 0.2)
     points = grid(16, 8, 8, spacing=3e-3)
     labels = 1 + (points[:, 1] > 0.01)
     kind = ("isotropic", "viscoelastic")
@@ -352,7 +352,7 @@ def test_a_solver_that_gives_up_leaves_its_rounds(tmp_path, capsys, monkeypatch,
     def descend(*_):
         raise SolverError("no way down")
 
-    monkeypatch.setattr("ngbrain.inverse.gauss_newton.GaussNewton.descend", descend)
+    monkeypatch.setattr("ngbrain.inverse.optimise.gauss_newton.GaussNewton.descend", descend)
     status, _, lines = run(capsys, waves, "-o", tmp_path / "out", *ROUGH)
     assert status == 3 and lines == [f"ngbrain: no way down; the steps so far are in {tmp_path / 'out'}"]
     rounds = json.loads((tmp_path / "out" / "rounds.json").read_text())

@@ -7,15 +7,16 @@ from types import SimpleNamespace
 import pytest
 
 import ngbrain
-from ngbrain.cli import main, options
+from ngbrain.cli import main
 from ngbrain.cli.invert import DISCRETISATIONS, STARTS
-from ngbrain.image.labelschemes import SCHEMES
-from ngbrain.inverse.misfit import MISFITS
-from ngbrain.inverse.priors import PRIORS
-from ngbrain.inverse.quantities import UNKNOWNS
-from ngbrain.inverse.space import ROUNDS
-from ngbrain.inverse.weighting import WEIGHTINGS, Settling
-from ngbrain.mesh.routes import ROUTES
+from ngbrain.cli.options import common
+from ngbrain.image.read.label_schemes import SCHEMES
+from ngbrain.inverse.elastography.invert_3d import ROUNDS
+from ngbrain.inverse.objective.misfit import MISFITS
+from ngbrain.inverse.objective.regularisers import PRIORS
+from ngbrain.inverse.optimise.weight_selection import WEIGHTINGS, Settling
+from ngbrain.inverse.problem.properties import UNKNOWNS
+from ngbrain.mesh.routes.registry import ROUTES
 from ngbrain.solvers.device import DEVICES
 from ngbrain.surgery.calibrate import SPREAD
 from ngbrain.units import UNITS_OF_LENGTH
@@ -24,15 +25,15 @@ VERBS = ("demo", "simulate", "mesh", "invert", "predict", "calibrate", "cohort")
 
 
 def test_names_are_those_of_the_library():
-    assert tuple(DISCRETISATIONS) == options.DISCRETISATIONS and tuple(STARTS) == options.STARTS
-    assert tuple(MISFITS) == options.MISFITS and tuple(PRIORS) == options.PRIORS
-    assert tuple(UNKNOWNS) == options.UNKNOWNS and tuple(WEIGHTINGS) == options.WEIGHTINGS
-    assert tuple(SCHEMES) == options.SCHEMES and tuple(UNITS_OF_LENGTH) == options.UNITS
-    assert tuple(ROUTES) == options.ROUTES and tuple(DEVICES) == options.DEVICES and SPREAD == options.SPREAD
+    assert tuple(DISCRETISATIONS) == common.DISCRETISATIONS and tuple(STARTS) == common.STARTS
+    assert tuple(MISFITS) == common.MISFITS and tuple(PRIORS) == common.PRIORS
+    assert tuple(UNKNOWNS) == common.UNKNOWNS and tuple(WEIGHTINGS) == common.WEIGHTINGS
+    assert tuple(SCHEMES) == common.SCHEMES and tuple(UNITS_OF_LENGTH) == common.UNITS
+    assert tuple(ROUTES) == common.ROUTES and tuple(DEVICES) == common.DEVICES and SPREAD == common.SPREAD
 
 
 def test_rounds_are_those_of_the_library():
-    shown = " ".join(options.parsers()["invert"].format_help().split())
+    shown = " ".join(common.parsers()["invert"].format_help().split())
     assert f"({Settling().rounds} in the plane, {ROUNDS} in space)" in shown
 
 

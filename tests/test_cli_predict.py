@@ -9,10 +9,10 @@ from algebraic import algebraic, few, square, uniform
 
 from ngbrain.cli import main
 from ngbrain.errors import MissingExtra
-from ngbrain.inverse.phantoms import Phantom
+from ngbrain.inverse.phantoms.benchmark import Phantom
 from ngbrain.io.waves import write_waves
-from ngbrain.surrogate.data import SIDES
-from ngbrain.surrogate.shipped import Operator
+from ngbrain.surrogate.data.dataset import SIDES
+from ngbrain.surrogate.prediction.pretrained import Operator
 
 
 @pytest.fixture(autouse=True)

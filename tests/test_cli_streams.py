@@ -18,7 +18,7 @@ from ngbrain.io import Frame, QuadraticGrid, save, write_json
 from ngbrain.io.exchange import SUFFIXES, write_mesh
 from ngbrain.io.state import save_state
 from ngbrain.mesh import block
-from ngbrain.mesh.elements import Elements, Surface
+from ngbrain.mesh.tet_mesh import Elements, Surface
 
 COMMAND = [sys.executable, "-m", "ngbrain"]
 BODY = """
@@ -179,7 +179,7 @@ WRITERS = {
     "checkpoint": "save(folder + '/run.vtkhdf', QuadraticGrid(block((.1, .1, .1), .02)))",
     "json": "from pathlib import Path; write_json(Path(folder) / 'a.json', list(range(20000)))",
     "state": "save_state(folder + '/a.npz', {'u': np.zeros(20000)})",
-    "nifti": "from ngbrain.image.niftifile import write_nifti; from ngbrain.image.volume import Volume; "
+    "nifti": "from ngbrain.image.read.nifti import write_nifti; from ngbrain.image.read.volume import Volume; "
     "write_nifti(folder + '/a.nii', Volume(np.zeros((40, 40, 40)), np.eye(4)))",
     "waves": "from ngbrain.io.waves import *; from ngbrain.datasets import SHIPPED; data = read_waves(SHIPPED / 'ultrasound.npz'); "
     "write_waves(folder + '/a.h5', data)",

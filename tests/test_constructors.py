@@ -8,7 +8,7 @@ from ngbrain.forward.common.material import Material
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import Demiray, MooneyRivlin, NeoHooke, Prony, Shearing
 from ngbrain.mesh import Sizes, block, cleft_to
-from ngbrain.mesh.grid import boxes, rectangles
+from ngbrain.mesh.geometry.structured import boxes, rectangles
 
 NAN, INF = float("nan"), float("inf")
 LAW = NeoHooke(1e3)

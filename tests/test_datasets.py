@@ -15,7 +15,7 @@ from ngbrain.datasets import DATASETS, SHIPPED
 from ngbrain.errors import InputError
 from ngbrain.image import mni152, read_scan
 from ngbrain.scene import Scene
-from ngbrain.surgery.seen import Seen
+from ngbrain.surgery.observations import Seen
 
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
 import _samples

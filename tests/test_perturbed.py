@@ -18,7 +18,7 @@ from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import NeoHooke, Prony, Shearing
 from ngbrain.mesh import block
-from ngbrain.mesh.grid import rectangles
+from ngbrain.mesh.geometry.structured import rectangles
 from ngbrain.surgery.protocols import continuous
 
 MOST = (DRAWN + 1) * np.finfo(float).eps

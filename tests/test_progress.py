@@ -138,13 +138,15 @@ def test_a_function_that_reports_by_itself(caplog, monkeypatch):
 
 
 def test_functions_of_the_library_report():
-    from ngbrain.inverse import invert, recover, space, subzones
+    from ngbrain.inverse.elastography import invert, invert_3d
+    from ngbrain.inverse.fitting import estimate
+    from ngbrain.inverse.subzones import invert as subzones
     from ngbrain.ladder import solve
-    from ngbrain.surgery import adequate, calibrate, retraction
+    from ngbrain.surgery import calibrate, model_selection, retraction
 
     for function in (
-        solve, adequate.solve, retraction.solve, calibrate.calibrate, invert.invert, space.invert_in_space,
-        subzones.invert_by_subzones, recover.recover,
+        solve, model_selection.solve, retraction.solve, calibrate.calibrate, invert.invert, invert_3d.invert_in_space,
+        subzones.invert_by_subzones, estimate.recover,
     ):  # fmt: skip
         assert inspect.signature(function).parameters["tell"].default is logged and hasattr(function, "__wrapped__")
 

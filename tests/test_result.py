@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import ngbrain
-from ngbrain.inverse.band import Band
-from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
-from ngbrain.inverse.phantoms import Phantom
-from ngbrain.inverse.weights import Level
+from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
+from ngbrain.inverse.optimise.regularisation_weight import Level
+from ngbrain.inverse.phantoms.benchmark import Phantom
+from ngbrain.inverse.uncertainty.interval import Band
 from ngbrain.materials import NeoHooke
 from ngbrain.materials.lab import Curve, fit
 from ngbrain.result import Result, Status

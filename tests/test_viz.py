@@ -16,9 +16,9 @@ from scipy.spatial import cKDTree
 
 from ngbrain import viz
 from ngbrain.errors import InputError, MissingExtra
-from ngbrain.image.volume import Volume
-from ngbrain.mesh.grading import Graded
-from ngbrain.mesh.lattice import lattice
+from ngbrain.image.read.volume import Volume
+from ngbrain.mesh.geometry.sizing import Graded
+from ngbrain.mesh.routes.lattice import lattice
 
 PNG = b"\x89PNG\r\n\x1a\n"
 

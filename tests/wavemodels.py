@@ -9,7 +9,7 @@ from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.harmonic.wave import Absorbing, Wave
 from ngbrain.forward.sensitivity.harmonic.wave_model import WaveModel
 from ngbrain.materials import Shearing, TransverselyIsotropic
-from ngbrain.mesh.grid import rectangles
+from ngbrain.mesh.geometry.structured import rectangles
 
 SIDE = 0.04
 WAVES = [Wave(60.0, {"top": (1e-3, 5e-4j)}), Wave(60.0, {"bottom": (0, 1e-3)}), Wave(90.0, {"top": (1e-3, 0)})]

@@ -18,10 +18,10 @@ import numpy as np
 
 import ngbrain
 from ngbrain.image import mni152
-from ngbrain.image.segment import NAMES
+from ngbrain.image.segment.tissue_classes import NAMES
 from ngbrain.mesh import Sizes, smallest_angles
 from ngbrain.scene import Scene
-from ngbrain.surgery.heads import Scanned
+from ngbrain.surgery.head_models import Scanned
 from ngbrain.surgery.model import Model
 
 FAST = bool(os.environ.get("NGBRAIN_FAST"))

@@ -15,7 +15,7 @@ import numpy as np
 import ngbrain
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.inverse.bonded import Bonded
+from ngbrain.inverse.fitting.bonded_specimen import Bonded
 from ngbrain.materials import (
     CATALOGUE,
     Deformation,

@@ -23,17 +23,17 @@ from matplotlib.colors import to_rgb
 import ngbrain
 from ngbrain import viz
 from ngbrain.image import mni152
-from ngbrain.image.labelmap import LabelMap
-from ngbrain.image.landmarks import landmarks
-from ngbrain.image.tissues import tissues
-from ngbrain.image.volume import Volume
+from ngbrain.image.labelling import tissues
+from ngbrain.image.read.label_map import LabelMap
+from ngbrain.image.read.landmarks import landmarks
+from ngbrain.image.read.volume import Volume
 from ngbrain.io.exchange import write_mesh
 from ngbrain.io.foreign import read_mesh
-from ngbrain.mesh.cortex import cortex
-from ngbrain.mesh.grading import Graded
-from ngbrain.mesh.indicators import Indicators
+from ngbrain.mesh.geometry.sizing import Graded
+from ngbrain.mesh.labels.indicators import Indicators
 from ngbrain.mesh.quality import Quality, deviations, volumes_ml
-from ngbrain.mesh.routes import ROUTES, meshed
+from ngbrain.mesh.routes.registry import ROUTES, meshed
+from ngbrain.mesh.surface.cortex import cortex
 from ngbrain.mesh.transfer import on_voxels
 
 FAST = bool(os.environ.get("NGBRAIN_FAST"))

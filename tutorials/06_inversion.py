@@ -20,11 +20,11 @@ import ngbrain
 from ngbrain.datasets import load_waves
 from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.harmonic.wave import Wave
-from ngbrain.inverse.answers import answers, of_shear
-from ngbrain.inverse.direct import navier
-from ngbrain.inverse.discretise import in_elements
-from ngbrain.inverse.invert import invert
-from ngbrain.inverse.outliers import without_outliers
+from ngbrain.inverse.data.direct_inversion import navier
+from ngbrain.inverse.data.outliers import without_outliers
+from ngbrain.inverse.elastography.derived_maps import answers, of_shear
+from ngbrain.inverse.elastography.invert import invert
+from ngbrain.inverse.problem.discretisation import in_elements
 from ngbrain.io.waves import WaveData
 from ngbrain.materials import Shearing
 

@@ -18,8 +18,8 @@ from netgen.csg import CSGeometry, OrthoBrick, Pnt
 import ngbrain
 from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.harmonic.wave import Wave
-from ngbrain.inverse.direct import helmholtz_of_curl, local_frequency
-from ngbrain.inverse.space import invert_in_space
+from ngbrain.inverse.data.direct_inversion import helmholtz_of_curl, local_frequency
+from ngbrain.inverse.elastography.invert_3d import invert_in_space
 from ngbrain.io.waves import WaveData
 from ngbrain.materials import Shearing
 

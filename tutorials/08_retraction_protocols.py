@@ -17,8 +17,8 @@ import numpy as np
 import ngbrain
 from ngbrain.errors import RangeWarning
 from ngbrain.materials import Branch, NeoHooke, Viscous, constants, lab
-from ngbrain.surgery.column import Column, dose_left
-from ngbrain.surgery.injury import dose
+from ngbrain.surgery.material_point import Column, dose_left
+from ngbrain.surgery.measures.injury import dose
 from ngbrain.surgery.protocols import continuous, intermittent, staged
 from ngbrain.units import to_minutes, to_mmHg
 

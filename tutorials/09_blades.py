@@ -17,8 +17,8 @@ import numpy as np
 import ngbrain
 from ngbrain.forward.transient.step_control import StepControl
 from ngbrain.scene import Scene
+from ngbrain.surgery.measures.observer import Observer
 from ngbrain.surgery.model import Model
-from ngbrain.surgery.observe import Observer
 from ngbrain.units import to_mm, to_mmHg
 
 ngbrain.set_threads(1)

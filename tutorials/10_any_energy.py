@@ -29,7 +29,7 @@ from ngbrain.forward.sensitivity.static_model import Case, StaticModel
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.statics.load_path import LoadPath
-from ngbrain.inverse.recover import recover
+from ngbrain.inverse.fitting.estimate import recover
 from ngbrain.materials import NeoHooke, Prony
 from ngbrain.materials.base import Law
 from ngbrain.mesh import block

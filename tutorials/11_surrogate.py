@@ -18,12 +18,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import ngbrain
-from ngbrain.inverse.discretise import in_elements
-from ngbrain.inverse.invert import invert
+from ngbrain.inverse.elastography.invert import invert
+from ngbrain.inverse.problem.discretisation import in_elements
 from ngbrain.io.waves import WaveData
-from ngbrain.surrogate.data import DENSITY, FINE, SIDES, sample, shaken
-from ngbrain.surrogate.features import spoilt
-from ngbrain.surrogate.predict import predict
+from ngbrain.surrogate.data.dataset import DENSITY, FINE, SIDES, sample, shaken
+from ngbrain.surrogate.operator.encoding import spoilt
+from ngbrain.surrogate.prediction.predict import predict
 
 FAST = bool(os.environ.get("NGBRAIN_FAST"))
 ngbrain.set_threads(1)

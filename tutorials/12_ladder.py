@@ -21,7 +21,7 @@ from ngbrain import ladder
 from ngbrain.forward import Case, Material, Problem, StaticModel
 from ngbrain.forward.observables import Displacements, Force, Observable
 from ngbrain.forward.observables.base import Linear
-from ngbrain.inverse.recover import recover
+from ngbrain.inverse.fitting.estimate import recover
 from ngbrain.materials import NeoHooke
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Time, Tissue
 

@@ -19,8 +19,8 @@ import ngbrain
 from ngbrain.scene import Protocol, Scene
 from ngbrain.surgery.calibrate import Retracted, calibrate
 from ngbrain.surgery.model import Model
-from ngbrain.surgery.runs import ProtocolRun
-from ngbrain.surgery.seen import Seen
+from ngbrain.surgery.observations import Seen
+from ngbrain.surgery.protocol_run import ProtocolRun
 from ngbrain.units import to_mmHg
 
 ngbrain.set_threads(1)

@@ -21,7 +21,7 @@ import ngbrain
 from ngbrain.adjoint.check import taylor
 from ngbrain.forward import Contact, Friction, Material, Problem, RunModel
 from ngbrain.forward.observables import Force
-from ngbrain.inverse.recover import recover
+from ngbrain.inverse.fitting.estimate import recover
 from ngbrain.materials import NeoHooke, Prony
 
 ngbrain.set_threads(1)

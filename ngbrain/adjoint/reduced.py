@@ -191,7 +191,7 @@ class Point:
 
         Not positive everywhere, as the Gauss-Newton matrix is. Raises `InputError` for a model without second derivatives.
 
-        >>> from ngbrain.inverse.phantoms import Phantom
+        >>> from ngbrain.inverse.phantoms.benchmark import Phantom
         >>> inversion = Phantom.named("CV-G", 5).measured(0.02).inversion()
         >>> point, (a, b) = inversion.reduced.at(inversion.start), np.random.default_rng(0).normal(size=(2, len(inversion.start)))
         >>> bool(abs(a @ point.hessian(b) - b @ point.hessian(a)) < 1e-9 * abs(a @ point.hessian(b)))

@@ -13,7 +13,7 @@ from importlib import import_module
 from typing import Any
 
 from ngbrain.cli.interrupts import EXIT_INTERRUPTED, interruptible
-from ngbrain.cli.options import parser
+from ngbrain.cli.options.common import parser
 from ngbrain.cli.places import claimed
 from ngbrain.cli.streams import heard, secure
 from ngbrain.errors import InputError, MissingExtra, SolverError

@@ -12,18 +12,18 @@ from typing import Any
 from ngbrain.atomic import atomic_write
 from ngbrain.cli.words import conclude
 from ngbrain.errors import InputError, nearest, require
-from ngbrain.fields import brief
-from ngbrain.inverse.files import finite
-from ngbrain.inverse.found import Iteration
+from ngbrain.inverse.optimise.result import Iteration
 from ngbrain.io import write_json
 from ngbrain.io.versions import versions
 from ngbrain.progress import Progress, terminal
 from ngbrain.reading import read_json
-from ngbrain.report import calibrated as page
+from ngbrain.report.pages import calibration as page
 from ngbrain.scene import Scene
+from ngbrain.schema.document import brief
 from ngbrain.surgery.calibrate import Calibrated, calibrate
-from ngbrain.surgery.seen import Seen
+from ngbrain.surgery.observations import Seen
 from ngbrain.threads import threads
+from ngbrain.workflows.property_maps import finite
 
 ROUND = "factors.json"
 """Factors after the last round, which `--resume` begins with."""

@@ -16,18 +16,17 @@ from ngbrain.cli import EXIT_SOLVER
 from ngbrain.cli.predict import runtime_version, start_of
 from ngbrain.cli.words import conclude
 from ngbrain.errors import InputError, SolverError, require
-from ngbrain.inverse.discretise import Discretisation, as_made, in_elements
-from ngbrain.inverse.files import finite, write_inversion
-from ngbrain.inverse.found import Iteration
-from ngbrain.inverse.inversion import Inversion
-from ngbrain.inverse.invert import invert
-from ngbrain.inverse.outliers import cleaned
-from ngbrain.inverse.passive import check_passive
-from ngbrain.inverse.quality import where_strained
-from ngbrain.inverse.slab import moving_axis
-from ngbrain.inverse.space import ROUNDS
-from ngbrain.inverse.subzones import invert_by_subzones
-from ngbrain.inverse.uncertainty import expected_seconds, products_of, uncertainty
+from ngbrain.inverse.data.outliers import cleaned
+from ngbrain.inverse.data.quality import where_strained
+from ngbrain.inverse.data.time_convention import check_passive
+from ngbrain.inverse.elastography.invert import invert
+from ngbrain.inverse.elastography.invert_3d import ROUNDS
+from ngbrain.inverse.elastography.invert_slices import moving_axis
+from ngbrain.inverse.elastography.result import Inversion
+from ngbrain.inverse.optimise.result import Iteration
+from ngbrain.inverse.problem.discretisation import Discretisation, as_made, in_elements
+from ngbrain.inverse.subzones.invert import invert_by_subzones
+from ngbrain.inverse.uncertainty.credible_maps import expected_seconds, products_of, uncertainty
 from ngbrain.io import write_json
 from ngbrain.io.versions import versions
 from ngbrain.io.waves import WaveData, read_waves
@@ -35,9 +34,10 @@ from ngbrain.io.waves.files import in_file
 from ngbrain.io.waves.grid import hull
 from ngbrain.parallel import AnyExecutor, Tell, open_executor
 from ngbrain.progress import LOG, Progress, terminal
-from ngbrain.report import parameters
+from ngbrain.report.pages import parameters
 from ngbrain.solvers.device import Device
 from ngbrain.threads import threads
+from ngbrain.workflows.property_maps import finite, write_inversion
 
 DISCRETISATIONS: dict[str, Callable[[WaveData], Discretisation]] = {"data": as_made, "fe": in_elements}
 STARTS: dict[str, tuple[float, ...] | None] = {
@@ -103,7 +103,7 @@ def run(arguments: argparse.Namespace) -> int:
         device=arguments.device,
         time_s=time.monotonic() - started,
     )
-    from ngbrain.report import elastography
+    from ngbrain.report.pages import elastography
 
     arrays = inversion.arrays() | (bars.arrays() if bars else {})
     report = elastography.build(folder / "report.html", result, inversion.data, arrays)

@@ -12,17 +12,17 @@ import numpy as np
 
 from ngbrain.cli.words import conclude
 from ngbrain.errors import InputError, require
-from ngbrain.image.labelmap import LabelMap
-from ngbrain.image.volume import Volume
+from ngbrain.image.read.label_map import LabelMap
+from ngbrain.image.read.volume import Volume
 from ngbrain.io.foreign import is_mesh
 from ngbrain.io.surfacefile import is_surface
-from ngbrain.mesh.grading import Graded
+from ngbrain.mesh.geometry.sizing import Graded
 from ngbrain.mesh.head_mesh import HeadMesh
 from ngbrain.mesh.imported import write_imported
-from ngbrain.mesh.opening import Opening
-from ngbrain.mesh.routes import ROUTES
-from ngbrain.mesh.subject import Subject, write_subject
+from ngbrain.mesh.routes.craniotomy import Opening
+from ngbrain.mesh.routes.registry import ROUTES
 from ngbrain.progress import Progress, terminal
+from ngbrain.workflows.mesh_head import Subject, write_subject
 
 SHOWN = 3
 """Changes of a region that are printed; all are in result.json."""
@@ -144,7 +144,7 @@ def _reported(
     tell: Callable[[str], None],
 ) -> dict[str, Any]:
     tell("report")
-    from ngbrain.report import anatomy
+    from ngbrain.report.pages import anatomy
 
     shown = 1e-3 * np.array(made["shown_mm"])
     anatomy.build(arguments.output.with_name("report.html"), made.data, made.elements, labels, t1, shown)

@@ -13,18 +13,18 @@ import numpy as np
 from ngbrain.cli import EXIT_SOLVER
 from ngbrain.cli.words import conclude
 from ngbrain.errors import require
-from ngbrain.inverse.answers import FOLLOWING, answers, by_label, derived
-from ngbrain.inverse.direct import uniform_shear
-from ngbrain.inverse.files import write_maps
-from ngbrain.inverse.passive import check_passive
+from ngbrain.inverse.data.direct_inversion import uniform_shear
+from ngbrain.inverse.data.time_convention import check_passive
+from ngbrain.inverse.elastography.derived_maps import FOLLOWING, answers, by_label, derived
 from ngbrain.io.versions import versions
 from ngbrain.io.waves import WaveData, read_waves
 from ngbrain.io.waves.files import in_file
 from ngbrain.progress import LOG, Progress, terminal
-from ngbrain.report import parameters, prediction
-from ngbrain.surrogate.predict import Prediction, predict
-from ngbrain.surrogate.shipped import Operator
+from ngbrain.report.pages import parameters, prediction
+from ngbrain.surrogate.prediction.predict import Prediction, predict
+from ngbrain.surrogate.prediction.pretrained import Operator
 from ngbrain.threads import threads
+from ngbrain.workflows.property_maps import write_maps
 
 LOSSLESS = 0.01
 """Of the storage modulus: the least loss that an inversion starts from."""

@@ -13,11 +13,11 @@ from ngbrain.errors import InputError, require
 from ngbrain.io import write_json
 from ngbrain.parallel import open_executor
 from ngbrain.progress import LOG, Progress, RunProgress, terminal
-from ngbrain.report import ladder as page
+from ngbrain.report.pages import ladder as page
 from ngbrain.scene import Scene
-from ngbrain.surgery.heads import likewise
+from ngbrain.surgery.head_models import likewise
 from ngbrain.surgery.retraction import CHECKS
-from ngbrain.surgery.worth import FAILED, NOT_COMPUTED, UNDER_WAY
+from ngbrain.surgery.uncertainty.error_budget import FAILED, NOT_COMPUTED, UNDER_WAY
 from ngbrain.workflows.simulate import simulate
 
 NOT_OF_THE_SCENE = ("-", "checkpoint", "result", "executor", "worker", "memory")
@@ -102,7 +102,7 @@ def _answers(result: dict[str, Any]) -> list[str]:
 def _operate(scene: Scene, arguments: argparse.Namespace) -> int:
     """An operation as it is described."""
     folder: Path = arguments.output
-    from ngbrain.report import Report
+    from ngbrain.report.pages.retraction import Report
 
     report, written = Report(folder), list[Path]()
     runs = RunProgress(len(scene.protocols) + CHECKS * arguments.checks)

@@ -1,7 +1,7 @@
 """Scans: reading, straightening, the brain in its skull, the field of the coil, tissue labels and their topology."""
 
-from ngbrain.image.brain import find_brain
-from ngbrain.image.extracted import check_extracted
-from ngbrain.image.volume import Scan, Volume, border, mni152, read_scan, straightened
+from ngbrain.image.preprocess.brain import find_brain
+from ngbrain.image.preprocess.check_brain import check_extracted
+from ngbrain.image.read.volume import Scan, Volume, border, mni152, read_scan, straightened
 
 __all__ = ["Scan", "Volume", "border", "check_extracted", "find_brain", "mni152", "read_scan", "straightened"]

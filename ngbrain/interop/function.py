@@ -78,7 +78,7 @@ class ObjectiveFunction:
     """J, with the weights that the `Reduced` has at each call. Raises what its model raises, and `SolverError`
     where θ(x) overflows.
 
-    >>> from ngbrain.inverse.phantoms import Phantom
+    >>> from ngbrain.inverse.phantoms.benchmark import Phantom
     >>> inversion = Phantom.named("CV-G", 5).measured(0.02).inversion()
     >>> J, x = ObjectiveFunction(inversion.reduced), inversion.start
     >>> float(J.push(x, np.ones(len(x))) / (J.pull(x, 1.0) @ np.ones(len(x))))

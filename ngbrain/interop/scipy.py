@@ -28,7 +28,7 @@ class Objective:
     length that its cubic gives for convergence. At the first x the `SolverError` is raised.
 
     >>> import scipy.optimize
-    >>> from ngbrain.inverse.phantoms import Phantom
+    >>> from ngbrain.inverse.phantoms.benchmark import Phantom
     >>> inversion = Phantom.named("CV-G", 5).measured(0.02).inversion()
     >>> J = Objective(inversion.reduced)
     >>> found = scipy.optimize.minimize(J.fun, inversion.start, method="trust-ncg", jac=J.jac, hessp=J.hessp)

@@ -93,7 +93,7 @@ def _feed_sources(digest: Any, names: tuple[str, ...]) -> None:
 def sources(names: Iterable[str]) -> list[Path]:
     """The files of modules and of every module of this package that they import, directly or through others, in order.
 
-    >>> [path.name for path in sources(["ngbrain.mesh.cleft"])]
+    >>> [path.name for path in sources(["ngbrain.mesh.geometry.cleft"])]
     ['atomic.py', 'errors.py', 'cleft.py', 'result.py']
     """
     found, waiting = set[str](), list(names)

@@ -12,7 +12,7 @@ import numpy as np
 
 from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError
-from ngbrain.mesh.elements import Elements
+from ngbrain.mesh.tet_mesh import Elements
 
 _FORMATS = {".vtu": "vtu", ".vtk": "vtk", ".msh": "gmsh22", ".inp": "abaqus"}
 SUFFIXES = (".vtu", ".vtk", ".msh", ".inp", ".feb", ".vol.gz", ".vol")

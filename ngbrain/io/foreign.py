@@ -15,8 +15,7 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.io.abaqus import read_abaqus
-from ngbrain.mesh.conforming import named
-from ngbrain.mesh.elements import Elements
+from ngbrain.mesh.tet_mesh import Elements, named_elements
 from ngbrain.units import UNITS_OF_LENGTH
 
 WIDTHS = (5e-3, 3.0)
@@ -146,7 +145,7 @@ def read_mesh(path: str | os.PathLike[str], unit: str = "m") -> Elements:
     region, regions = solid.named("region_1" if not solid.groups else "ungrouped")
     if len(regions) > _MOST:
         raise InputError("mesh file", f"with {len(regions)} regions", f"at most {_MOST}", path)
-    return _bounded(named(points, tets, region, regions), np.unique(tets), flat)
+    return _bounded(named_elements(points, tets, region, regions), np.unique(tets), flat)
 
 
 def length(unit: str, path: Path) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError, require
 from ngbrain.io.foreign import check_width, length
-from ngbrain.mesh.surfacemesh import SurfaceMesh
+from ngbrain.mesh.surface.triangle_mesh import SurfaceMesh
 
 _MESHIO: Mapping[str, Callable[[Path], meshio.Mesh]] = {
     ".stl": meshio.stl.read,

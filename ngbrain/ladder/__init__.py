@@ -18,11 +18,12 @@ from ngsolve import ngsglobals
 
 from ngbrain import parallel
 from ngbrain.io import versions, write_json
-from ngbrain.ladder.bodies import Bench
-from ngbrain.ladder.climb import Climb, Rung, climb, stand
-from ngbrain.ladder.described import AskedFor, described
+from ngbrain.ladder.axes import axes_of
+from ngbrain.ladder.levels import Model
+from ngbrain.ladder.models.bodies import Bench
 from ngbrain.ladder.quantities import Asked, Question
-from ngbrain.ladder.rungs import Model, axes_of
+from ngbrain.ladder.search import Climb, Rung, climb, stand
+from ngbrain.ladder.summary import AskedFor, described
 from ngbrain.progress import logged, reporting
 from ngbrain.result import Status
 from ngbrain.scene import Scene

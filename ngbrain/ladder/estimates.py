@@ -20,7 +20,7 @@ import numpy as np
 
 from ngbrain.errors import Breakdown, SolverError
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.ladder.bodies import SMALL, Bench, Model, Solution, answers_of, remembers
+from ngbrain.ladder.models.bodies import SMALL, Bench, Model, Solution, answers_of, remembers
 from ngbrain.ladder.quantities import Question, State, embedded
 from ngbrain.solvers.linear import Solve
 

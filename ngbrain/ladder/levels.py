@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import StrEnum
+
+Model = Mapping[str, str]
+"""Axis → level."""
 
 
 class AxisLevel(StrEnum):

@@ -1,10 +1,10 @@
 """Meshes with named regions and boundaries."""
 
-from ngbrain.mesh.cleft import Cleft
-from ngbrain.mesh.elements import Elements, smallest_angles
-from ngbrain.mesh.levelset import LevelSet
-from ngbrain.mesh.library import load
-from ngbrain.mesh.shapes import Sizes, block, cleft_to, idealised_head
+from ngbrain.mesh.geometry.cleft import Cleft
+from ngbrain.mesh.geometry.level_set import LevelSet
+from ngbrain.mesh.geometry.primitives import Sizes, block, cleft_to, idealised_head
+from ngbrain.mesh.shipped import load
+from ngbrain.mesh.tet_mesh import Elements, smallest_angles
 
 __all__ = [
     "Cleft",

@@ -12,7 +12,7 @@ import ngsolve as ngs
 from ngbrain.errors import InputError
 from ngbrain.io import QuadraticGrid, save, versions, write_json
 from ngbrain.io.exchange import SUFFIXES, write_mesh
-from ngbrain.mesh.elements import Elements
+from ngbrain.mesh.tet_mesh import Elements
 
 OWN = ".vtkhdf"
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ngbrain.look import places
-from ngbrain.mesh.elements import Elements
+from ngbrain.mesh.tet_mesh import Elements
 from ngbrain.result import Status
 from ngbrain.result_file import FileResult
 

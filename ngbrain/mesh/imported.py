@@ -10,7 +10,7 @@ from ngbrain.io.foreign import read_mesh
 from ngbrain.mesh import files
 from ngbrain.mesh.head_mesh import HeadMesh
 from ngbrain.mesh.quality import Quality, volumes_ml
-from ngbrain.mesh.routes import min_jacobian
+from ngbrain.mesh.routes.registry import min_jacobian
 
 ROUTE = "imported"
 

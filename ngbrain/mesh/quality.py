@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ngbrain.image.labelmap import LabelMap
-from ngbrain.mesh.elements import Elements, smallest_angles
-from ngbrain.mesh.indicators import Indicators
+from ngbrain.image.read.label_map import LabelMap
+from ngbrain.mesh.labels.indicators import Indicators
+from ngbrain.mesh.tet_mesh import Elements, smallest_angles
 
 FLAT = 0.1
 """Radius ratio below which a tetrahedron is a sliver."""

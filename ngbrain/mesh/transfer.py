@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ngbrain.image.volume import Volume
-from ngbrain.mesh.elements import Elements
+from ngbrain.image.read.volume import Volume
+from ngbrain.mesh.tet_mesh import Elements
 
 _CHUNK = 4_000_000
 _SLACK = 1e-9

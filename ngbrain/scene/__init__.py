@@ -1,7 +1,7 @@
 # ruff: noqa: RUF009  (what the calls in class bodies return is a dataclasses.field)
 """A scene as plain data: a body, how it is held and loaded or operated on, what is asked, and how finely it is computed.
 
-SI units inside; in TOML the unit is the end of the key (`width_mm`, `ramp_s`, `mu_Pa`): `ngbrain.fields` reads and writes.
+SI units inside; in TOML the unit is the end of the key (`width_mm`, `ramp_s`, `mu_Pa`): `ngbrain.schema.document` reads and writes.
 A part checks its own fields when it is made (also in Python), a `Scene` what is between fields and parts.
 
 `geometry` has the body and its meshes' sizes, `tissues` materials, `conditions` supports and loads, `contacts`
@@ -19,9 +19,8 @@ from pathlib import Path
 from typing import Any, Self
 
 from ngbrain.errors import InputError, nearest
-from ngbrain.fields import Document, Section, brief, entries, table, text
 from ngbrain.materials.registry import reading
-from ngbrain.mesh.shapes import Ellipsoids
+from ngbrain.mesh.geometry.primitives import Ellipsoids
 from ngbrain.scene.conditions import DisplacementBC, Given, Gravity, Pressure, Traction, follows
 from ngbrain.scene.contacts import Contact
 from ngbrain.scene.geometry import Geometry, MeshSize
@@ -29,6 +28,7 @@ from ngbrain.scene.operation import Cleft, Openable, Patient, Tool
 from ngbrain.scene.protocols import Protocol, Time
 from ngbrain.scene.quantities import Quantity
 from ngbrain.scene.tissues import Tissue
+from ngbrain.schema.document import Document, Section, brief, entries, table, text
 
 __all__ = [
     "Cleft",

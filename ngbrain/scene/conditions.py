@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, dataclass
 from typing import TYPE_CHECKING, Any
 
-from ngbrain.fields import Section, choice, formula, number, pattern
-from ngbrain.formulas import FUNCTIONS, Formula
+from ngbrain.schema.document import Section, choice, formula, number, pattern
+from ngbrain.schema.formulas import FUNCTIONS, Formula
 
 if TYPE_CHECKING:
     from ngbrain.scene import Scene

@@ -7,9 +7,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass
 from typing import TYPE_CHECKING, Any
 
-from ngbrain.fields import Section, choice, formula, number, pattern
-from ngbrain.formulas import FUNCTIONS, Formula
 from ngbrain.scene.conditions import Given, follows
+from ngbrain.schema.document import Section, choice, formula, number, pattern
+from ngbrain.schema.formulas import FUNCTIONS, Formula
 
 if TYPE_CHECKING:
     from ngbrain.scene import Scene

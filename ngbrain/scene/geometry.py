@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import MISSING, dataclass
 from typing import TYPE_CHECKING
 
-from ngbrain.fields import Section, choice, number, path, whole
+from ngbrain.schema.document import Section, choice, number, path, whole
 
 if TYPE_CHECKING:
     from ngbrain.scene import Scene

@@ -12,8 +12,8 @@ from typing import Protocol as Interface
 import numpy as np
 
 from ngbrain.errors import InputError
-from ngbrain.fields import Section, choice, number, path
-from ngbrain.mesh.cleft import Cleft as Slot
+from ngbrain.mesh.geometry.cleft import Cleft as Slot
+from ngbrain.schema.document import Section, choice, number, path
 
 if TYPE_CHECKING:
     from ngbrain.scene import Scene
@@ -29,7 +29,7 @@ FACED = 5e-3
 
 
 class Openable(Interface):
-    """A head, as far as a scene has to know: see `ngbrain.surgery.heads`."""
+    """A head, as far as a scene has to know: see `ngbrain.surgery.head_models`."""
 
     def point(self, voxel: Sequence[float]) -> np.ndarray:
         """The place (m) of a voxel of the scan's file, counted from 0."""

@@ -8,7 +8,7 @@ from dataclasses import MISSING, dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, ClassVar
 
-from ngbrain.fields import Section, choice, entries, number, text, whole
+from ngbrain.schema.document import Section, choice, entries, number, text, whole
 
 if TYPE_CHECKING:
     from ngbrain.scene import Scene

@@ -7,7 +7,7 @@ import math
 from dataclasses import MISSING, dataclass
 from typing import TYPE_CHECKING
 
-from ngbrain.fields import Section, choice, number, pattern, text
+from ngbrain.schema.document import Section, choice, number, pattern, text
 
 if TYPE_CHECKING:
     from ngbrain.scene import Scene

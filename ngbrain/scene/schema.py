@@ -10,7 +10,7 @@ import re
 from dataclasses import MISSING, Field, fields
 from typing import Any
 
-from ngbrain.fields import Section
+from ngbrain.schema.document import Section
 
 UNIT = re.compile(r" \((?:m|s|Pa|Pa s|Hz|m/s²)\)")
 """Of SI, which is not that of a key."""

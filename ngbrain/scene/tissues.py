@@ -6,8 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from ngbrain.fields import Section, choice, converted, named, number, path, pattern
-from ngbrain.image.directions import CONVENTIONS
+from ngbrain.image.read.fibre_directions import CONVENTIONS
 from ngbrain.materials import CATALOGUE, HolzapfelGasserOgden, Prony, RelaxingOgden, Viscous
 from ngbrain.materials.catalogue import Published, suggest
 from ngbrain.materials.families import is_neo_hooke, shear_modulus, stiffen
@@ -15,6 +14,7 @@ from ngbrain.materials.fibre import Fibre
 from ngbrain.materials.named import NamedBranch, NamedLaw, from_folder
 from ngbrain.materials.registry import REGISTRY
 from ngbrain.materials.viscous import viscous
+from ngbrain.schema.document import Section, choice, converted, named, number, path, pattern
 
 if TYPE_CHECKING:
     from ngbrain.scene import Scene

@@ -9,14 +9,14 @@ import numpy as np
 
 from ngbrain.adjoint.time_curve import TimeCurve
 from ngbrain.scene import Patient
-from ngbrain.surgery.heads import FIBRES
-from ngbrain.surgery.injury import dose
+from ngbrain.surgery.head_models import FIBRES
+from ngbrain.surgery.measures.dose_response import infarct
+from ngbrain.surgery.measures.injury import dose
+from ngbrain.surgery.measures.perfusion import perfusion
 from ngbrain.surgery.model import TISSUE, Model
-from ngbrain.surgery.perfusion import perfusion
+from ngbrain.surgery.protocol_run import ProtocolResult
 from ngbrain.surgery.protocols import Force, Protocol
 from ngbrain.surgery.quantities import QUANTITIES, Scaling, of_pressure, of_run
-from ngbrain.surgery.response import infarct
-from ngbrain.surgery.runs import ProtocolResult
 from ngbrain.units import to_ml, to_mm, to_mmHg
 
 Runs = dict[str, ProtocolResult]

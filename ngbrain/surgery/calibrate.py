@@ -27,21 +27,21 @@ from ngbrain.forward.common.interpolation import inside
 from ngbrain.forward.observables import Displacements, Force, Observable
 from ngbrain.forward.sensitivity.transient.replay import times_of
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
-from ngbrain.inverse.band import LEVEL, Band
-from ngbrain.inverse.defect import corrected
-from ngbrain.inverse.found import Found, Iteration, plotted
-from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
-from ngbrain.inverse.parameters import Fields, Log, Unknown
-from ngbrain.inverse.posterior import Posterior
-from ngbrain.inverse.regularise import ridge
-from ngbrain.inverse.weights import Given, Level, Policy
+from ngbrain.inverse.fitting.defect_correction import corrected
+from ngbrain.inverse.objective.parameters import Fields, Log, Unknown
+from ngbrain.inverse.objective.regularisation import ridge
+from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
+from ngbrain.inverse.optimise.regularisation_weight import Given, Level, Policy
+from ngbrain.inverse.optimise.result import Found, Iteration, plotted
+from ngbrain.inverse.uncertainty.interval import LEVEL, Band
+from ngbrain.inverse.uncertainty.posterior import Posterior
 from ngbrain.progress import logged, reporting
 from ngbrain.result import Result
 from ngbrain.scene import Scene, Tissue
 from ngbrain.surgery.model import WALLS, Model
+from ngbrain.surgery.observations import Seen
 from ngbrain.surgery.plausibility import check_moduli
 from ngbrain.surgery.protocols import Protocol
-from ngbrain.surgery.seen import Seen
 
 Array = np.ndarray
 Search = Callable[[Reduced, Array, Policy, Callable[[Iteration], None]], Found]

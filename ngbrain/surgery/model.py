@@ -19,23 +19,23 @@ from ngbrain.forward.solid.advance import newton_for
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.step_control import Control, ErrorControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
-from ngbrain.image.directions import read_directions
-from ngbrain.image.maps import read_map
-from ngbrain.image.volume import Volume
-from ngbrain.ladder.maps import fibres
+from ngbrain.image.read.fibre_directions import read_directions
+from ngbrain.image.read.property_maps import read_map
+from ngbrain.image.read.volume import Volume
+from ngbrain.ladder.models.property_maps import fibres
 from ngbrain.materials import Law, Viscous, mix
 from ngbrain.materials.base import Value
 from ngbrain.materials.families import by_family, law_after, stiffen
 from ngbrain.materials.viscous import viscous
 from ngbrain.mesh import Cleft, Sizes
-from ngbrain.mesh.elements import centres
+from ngbrain.mesh.tet_mesh import centres
 from ngbrain.scene import Protocol as SceneProtocol
 from ngbrain.scene import Scene, Tissue
-from ngbrain.surgery import relative
-from ngbrain.surgery.heads import Head, divide, head_of, present
+from ngbrain.surgery import relative_stiffness
+from ngbrain.surgery.head_models import Head, divide, head_of, present
+from ngbrain.surgery.measures.sampling import UNKNOWN, Part
 from ngbrain.surgery.protocols import Force, Protocol, continuous, intermittent, staged
-from ngbrain.surgery.relative import Mixtures
-from ngbrain.surgery.sampling import UNKNOWN, Part
+from ngbrain.surgery.relative_stiffness import Mixtures
 from ngbrain.surgery.tools import WALLS, RigidTool, tools_of
 from ngbrain.units import gf
 
@@ -149,7 +149,7 @@ class Model:
         tissues = self._tissues([name for shares in mixtures.values() for name in shares])
         ratio = dict[str, ngs.GridFunction]()
         for volume, mapped in self._maps(mixtures):
-            ratio |= relative.fields(volume, self.mesh, mapped, order - 1)
+            ratio |= relative_stiffness.fields(volume, self.mesh, mapped, order - 1)
         materials = {}
         for region, shares in mixtures.items():
             found = {name: where for name, where in present(self.mesh, region, shares).items() if where.any()}
@@ -169,7 +169,7 @@ class Model:
         """What measured maps of moduli do to each tissue (`relative.summary`); nothing where there are none."""
         order, found = self.scene.mesh.order, dict[str, dict[str, float]]()
         for volume, mixtures in self._maps(self.head.mixtures(self.mesh, order)):
-            found |= relative.summary(volume, self.mesh, mixtures, order - 1)
+            found |= relative_stiffness.summary(volume, self.mesh, mixtures, order - 1)
         return found
 
     def _maps(self, mixtures: Mixtures) -> Iterator[tuple[Volume, Mixtures]]:
@@ -190,7 +190,7 @@ class Model:
         for tissue in self.scene.tissues:
             mine = _of(tissue, mixtures)
             if tissue.shear_modulus_map is not None and mine:
-                mean = relative.mean(_read_moduli(tissue.shear_modulus_map), self.mesh, mine, order - 1)
+                mean = relative_stiffness.mean(_read_moduli(tissue.shear_modulus_map), self.mesh, mine, order - 1)
                 tissue = tissue.scaled(mean / tissue.initial_modulus)
             found.append(tissue)
         return tuple(found)

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from enum import Enum
 
 from ngbrain.adjoint.time_curve import TimeCurve
-from ngbrain.surgery.injury import dose
-from ngbrain.surgery.perfusion import LOW_MMHG
-from ngbrain.surgery.response import HELD_MINUTES
-from ngbrain.surgery.runs import ProtocolResult
-from ngbrain.surgery.sampling import Spread
+from ngbrain.surgery.measures.dose_response import HELD_MINUTES
+from ngbrain.surgery.measures.injury import dose
+from ngbrain.surgery.measures.perfusion import LOW_MMHG
+from ngbrain.surgery.measures.sampling import Spread
+from ngbrain.surgery.protocol_run import ProtocolResult
 from ngbrain.units import to_kPa, to_mmHg
 
 THRESHOLDS_MMHG = (20.0, 30.0)

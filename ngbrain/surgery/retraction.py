@@ -20,15 +20,26 @@ from ngbrain.progress import RunProgress, logged, reporting
 from ngbrain.result import Status
 from ngbrain.scene import Scene
 from ngbrain.scene.result import SceneResult
-from ngbrain.surgery import answers, band, relative, response, worth
+from ngbrain.surgery import answers, relative_stiffness
 from ngbrain.surgery.answers import Answer, Runs
-from ngbrain.surgery.checks import HALF, MESH, MILLER, ORDER, half_steps, miller, one_order_more, other_elements
 from ngbrain.surgery.corridor import check_corridor
+from ngbrain.surgery.measures import dose_response
 from ngbrain.surgery.model import Model
 from ngbrain.surgery.plausibility import check_moduli
+from ngbrain.surgery.protocol_run import ProtocolResult, ProtocolRun, Snapshot
 from ngbrain.surgery.protocols import Force, Protocol
-from ngbrain.surgery.runs import ProtocolResult, ProtocolRun, Snapshot
-from ngbrain.surgery.worth import COMPUTED, FAILED, NOT_COMPUTED, UNDER_WAY
+from ngbrain.surgery.uncertainty import error_budget, material_uncertainty
+from ngbrain.surgery.uncertainty.error_budget import COMPUTED, FAILED, NOT_COMPUTED, UNDER_WAY
+from ngbrain.surgery.uncertainty.verification_runs import (
+    HALF,
+    MESH,
+    MILLER,
+    ORDER,
+    half_steps,
+    miller,
+    one_order_more,
+    other_elements,
+)
 
 _CHECKS: dict[str, Callable[[Model, Path | None, bool, Tell], Any]] = {
     ORDER: one_order_more,
@@ -107,7 +118,7 @@ def solve(
     if where is not None:
         where.mkdir(parents=True, exist_ok=True)
     model = Model.of(scene)
-    warned = check_moduli(model) + check_corridor(model) + relative.in_words(model.stiffness_map())
+    warned = check_moduli(model) + check_corridor(model) + relative_stiffness.in_words(model.stiffness_map())
     model.run(model.program(scene, scene.protocols[0]))  # refuses unknown regions and boundaries before hours are spent
     if where is not None:
         _write_pictures(where / PICTURES, model.head.pictures())
@@ -157,7 +168,7 @@ def _of_protocols(model: Model, runs: Runs, threads: int) -> dict[str, Any]:
         "model": answers.model(model, runs),
         "answers": found,
         "comparison": answers.comparison(runs, found),
-        "dose_response": response.points(),
+        "dose_response": dose_response.points(),
         "left_out": answers.left_out(model, runs),
     }
 
@@ -167,14 +178,14 @@ def _of_checks(
 ) -> dict[str, Any]:
     """The part that grows with them."""
     scene = model.scene
-    factors = band.near_site(model, runs).factors.values()
-    errors = worth.errors(worth.hold(scene, found, checked), checked, factors, scene.patient)
+    factors = material_uncertainty.near_site(model, runs).factors.values()
+    errors = error_budget.errors(error_budget.hold(scene, found, checked), checked, factors, scene.patient)
     driven = {p.name: runs[p.name] for p in scene.protocols if p.kind != "force"}  # whose way the moduli do not change
     return {
         "check_status": status,
-        "checks": worth.checks(scene, runs, errors),
+        "checks": error_budget.checks(scene, runs, errors),
         "worth": errors,
-        "material_band": band.material_band(model, driven, checked[MILLER], errors) if driven else {},
+        "material_band": material_uncertainty.material_band(model, driven, checked[MILLER], errors) if driven else {},
     }
 
 

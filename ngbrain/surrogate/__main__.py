@@ -14,9 +14,9 @@ from typing import Any
 from ngbrain.errors import require
 from ngbrain.io.json_file import write_json
 from ngbrain.parallel import open_executor
-from ngbrain.surrogate.data import MODALITIES, DataSet, generate
-from ngbrain.surrogate.shipped import Operator
-from ngbrain.surrogate.trust import calibrate
+from ngbrain.surrogate.data.dataset import MODALITIES, DataSet, generate
+from ngbrain.surrogate.prediction.pretrained import Operator
+from ngbrain.surrogate.prediction.trust import calibrate
 
 TRAINING = {
     "gaussian_place": 500,
@@ -88,9 +88,9 @@ def learn(folder: Path, name: str, of: dict[str, Any], start: Path | None) -> No
     """Train with settings on what is in the folder and write the weights there."""
     import torch
 
-    from ngbrain.surrogate.export import export
-    from ngbrain.surrogate.train import Settings, train
-    from ngbrain.surrogate.wavelet_operator import WaveletOperator, weights
+    from ngbrain.surrogate.operator.wavelet_operator import WaveletOperator, weights
+    from ngbrain.surrogate.training.export import export
+    from ngbrain.surrogate.training.training import Settings, train
 
     training, validation = (DataSet.read(folder / f"{name}_{split}.h5") for split in ("train", "validation"))
     settings = Settings(**of)

@@ -215,7 +215,7 @@ def _judged(rows: list[Row], folder: Path, by: str, names: list[str]) -> Cohort:
 
 def _write(done: Cohort, path: Path, executor: AnyExecutor, seconds: float) -> None:
     """cohort.csv, report.html, and result.json at last."""
-    from ngbrain.report import cohort as page
+    from ngbrain.report.pages import cohort as page
 
     atomic_write(done.folder / TABLE, lambda part: part.write_text(table(done), encoding="utf-8"))
     result = summarise(done) | {

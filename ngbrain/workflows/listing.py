@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 
-from ngbrain.cli.cohort_options import VERBS, columns_of, is_path, several_inputs
-from ngbrain.cli.options import parsers
+from ngbrain.cli.options.cohort import VERBS, columns_of, is_path, several_inputs
+from ngbrain.cli.options.common import parsers
 from ngbrain.errors import InputError, nearest
 from ngbrain.progress import LOG
 from ngbrain.reading import Table, read_table

@@ -13,15 +13,15 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import InputError
-from ngbrain.ladder.bodies import Bench
-from ngbrain.report import preview as page
-from ngbrain.report.preview import Condition, Drawing, Solid
-from ngbrain.report.slices import ScanImage
-from ngbrain.report.tool import TOOLS, drawn
+from ngbrain.ladder.models.bodies import Bench
+from ngbrain.report.pages import preview as page
+from ngbrain.report.pages.preview import Condition, Drawing, Solid
+from ngbrain.report.pictures.slices import ScanImage
+from ngbrain.report.pictures.tool import TOOLS, drawn
 from ngbrain.scene import Contact, DisplacementBC, Scene
-from ngbrain.surgery.adequate import LARGEST
-from ngbrain.surgery.heads import Head, head_of
+from ngbrain.surgery.head_models import Head, head_of
 from ngbrain.surgery.model import Model
+from ngbrain.surgery.model_selection import LARGEST
 from ngbrain.surgery.retraction import geometry
 from ngbrain.units import to_ml
 

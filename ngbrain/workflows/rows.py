@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from ngbrain.cli import ERRORS, EXIT_SOLVER, ended, module_of, perform
-from ngbrain.cli.options import parser
+from ngbrain.cli.options.common import parser
 from ngbrain.errors import InputError, SolverError
 from ngbrain.io.cache import code_digest
 from ngbrain.io.json_file import write_json

@@ -8,12 +8,12 @@ from typing import Any
 
 from ngbrain import ladder, parallel
 from ngbrain.errors import InputError
-from ngbrain.ladder import Question, rungs
-from ngbrain.ladder.rungs import Model
+from ngbrain.ladder import Question, axes
+from ngbrain.ladder.levels import Model
 from ngbrain.progress import logged
 from ngbrain.scene import Scene
 from ngbrain.scene.result import SceneResult
-from ngbrain.surgery import adequate, retraction
+from ngbrain.surgery import model_selection, retraction
 
 Callback = Callable[..., None]
 """What is told of progress, in the words of the solver."""
@@ -104,7 +104,7 @@ def simulate(
     if scene.is_operation:
         if questions:
             raise InputError("questions", "given", "none: an operation has those of its own [[quantity]]")
-        return adequate.solve(scene, folder, model, richest, threads, tell, executor, callback)
+        return model_selection.solve(scene, folder, model, richest, threads, tell, executor, callback)
     if as_described:
         model = described(scene)
     return ladder.solve(scene, folder, model, richest, threads, tell, executor, questions, callback)
@@ -112,4 +112,4 @@ def simulate(
 
 def described(scene: Scene) -> Model:
     """The model of a body that leaves nothing out, on the scene's own elements."""
-    return {**rungs.richest(rungs.axes_of(scene)), "mesh": "0", "order": str(scene.mesh.order)}
+    return {**axes.richest(axes.axes_of(scene)), "mesh": "0", "order": str(scene.mesh.order)}

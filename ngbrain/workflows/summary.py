@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ngbrain.report.ladder import shown_in
-from ngbrain.report.parameters import PARAMETERS
+from ngbrain.report.pages.ladder import shown_in
+from ngbrain.report.pages.parameters import PARAMETERS
 
 OPERATION = (
     ("peak_pressure_mmHg", "Peak pressure", "mmHg"),

@@ -13,9 +13,9 @@ from ngbrain.adjoint.time_curve import Interpolation, TimeCurve, monotone_slopes
 from ngbrain.errors import InputError
 from ngbrain.forward import Contact, Material, Problem, RunModel
 from ngbrain.forward.observables import Force, patch_pressure
-from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
-from ngbrain.inverse.misfit import LeastSquares
-from ngbrain.inverse.parameters import Fields, Log, Unknown
+from ngbrain.inverse.objective.misfit import LeastSquares
+from ngbrain.inverse.objective.parameters import Fields, Log, Unknown
+from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
 from ngbrain.materials import NeoHooke, Prony
 from ngbrain.mesh import block
 from ngbrain.surgery.protocols import Drive, Protocol

@@ -8,10 +8,10 @@ from wavemodels import MODELS, SIDE
 from ngbrain.adjoint.check import taylor
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.forward.common.interpolation import evaluation
-from ngbrain.inverse.consistent import Drawn
-from ngbrain.inverse.misfit import Huber, LeastSquares
-from ngbrain.inverse.parameters import Fields, Log, Scaled, Unknown
-from ngbrain.inverse.regularise import matern, ridge, smooth, total_variation
+from ngbrain.inverse.objective.misfit import Huber, LeastSquares
+from ngbrain.inverse.objective.parameters import Fields, Log, Scaled, Unknown
+from ngbrain.inverse.objective.regularisation import matern, ridge, smooth, total_variation
+from ngbrain.inverse.subzones.consensus import Drawn
 
 LENGTH = 0.01
 FLOORS = {"zeta": -0.75, "phi": -1.0}

@@ -10,10 +10,10 @@ import pytest
 from ngbrain.adjoint.check import dot, taylor
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import InputError
-from ngbrain.inverse.misfit import Huber, LeastSquares
-from ngbrain.inverse.parameters import Bounded, Fields, Log, Scaled, Unknown
-from ngbrain.inverse.phantoms import Phantom
-from ngbrain.inverse.regularise import matern, ridge, smooth, total_variation
+from ngbrain.inverse.objective.misfit import Huber, LeastSquares
+from ngbrain.inverse.objective.parameters import Bounded, Fields, Log, Scaled, Unknown
+from ngbrain.inverse.objective.regularisation import matern, ridge, smooth, total_variation
+from ngbrain.inverse.phantoms.benchmark import Phantom
 
 MEASURED = Phantom.named("CV-G", 6).measured(0.3)
 """Noise large enough that some residuals are beyond Huber's threshold."""

@@ -7,12 +7,12 @@ import h5py
 import numpy as np
 
 from ngbrain.datasets import SHIPPED
-from ngbrain.image.niftifile import write_nifti
-from ngbrain.image.volume import Volume
+from ngbrain.image.read.nifti import write_nifti
+from ngbrain.image.read.volume import Volume
 from ngbrain.io import Frame, QuadraticGrid, save
 from ngbrain.io.waves import read_waves, write_waves
 from ngbrain.mesh import block
-from ngbrain.surrogate.shipped import WEIGHTS
+from ngbrain.surrogate.prediction.pretrained import WEIGHTS
 
 ODD = (
     "",

@@ -17,9 +17,9 @@ from ngbrain.forward.solid.problem import Problem
 from ngbrain.io.waves import WaveData
 from ngbrain.materials import modulus
 from ngbrain.mesh import Sizes, block, cleft_to
-from ngbrain.mesh.grid import boxes, rectangles
+from ngbrain.mesh.geometry.structured import boxes, rectangles
 from ngbrain.scene import DisplacementBC, Geometry, Gravity, MeshSize, Quantity, Scene, Time, Tissue, Traction
-from ngbrain.surgery.seen import Seen
+from ngbrain.surgery.observations import Seen
 
 LAW = materials.NeoHooke(1e3)
 CUBE = block((0.1, 0.1, 0.1), 0.1)

@@ -16,12 +16,12 @@ from fuzz.mutations import changed, made
 
 from ngbrain.cli import main
 from ngbrain.errors import NgbrainError
-from ngbrain.image.volume import read_scan
+from ngbrain.image.read.volume import read_scan
 from ngbrain.io import load
 from ngbrain.io.waves import read_waves
 from ngbrain.scene import Scene
-from ngbrain.surgery.seen import Seen
-from ngbrain.surrogate.shipped import Card
+from ngbrain.surgery.observations import Seen
+from ngbrain.surrogate.prediction.pretrained import Card
 
 READ = {
     "waves.npz": read_waves,

@@ -13,9 +13,9 @@ from ngbrain.adjoint.check import taylor
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import ConvergenceError, InputError
 from ngbrain.interop.function import DataFunction, ObjectiveFunction, function
-from ngbrain.inverse.misfit import LeastSquares
-from ngbrain.inverse.parameters import Fields, Scaled, Unknown
-from ngbrain.inverse.regularise import ridge
+from ngbrain.inverse.objective.misfit import LeastSquares
+from ngbrain.inverse.objective.parameters import Fields, Scaled, Unknown
+from ngbrain.inverse.objective.regularisation import ridge
 
 
 def same(a, b):

@@ -19,10 +19,10 @@ from ngbrain.interop import torch as to_torch
 from ngbrain.interop import umbridge as to_umbridge
 from ngbrain.interop.function import function
 from ngbrain.interop.scipy import Objective
-from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
-from ngbrain.inverse.misfit import LeastSquares
-from ngbrain.inverse.parameters import Fields, Scaled, Unknown
-from ngbrain.inverse.regularise import ridge
+from ngbrain.inverse.objective.misfit import LeastSquares
+from ngbrain.inverse.objective.parameters import Fields, Scaled, Unknown
+from ngbrain.inverse.objective.regularisation import ridge
+from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
 from ngbrain.materials import NeoHooke, Ogden
 
 

@@ -11,9 +11,9 @@ from phantoms import nested
 from ngbrain.errors import InputError
 from ngbrain.io.exchange import write_mesh
 from ngbrain.io.foreign import read_mesh
-from ngbrain.mesh.grading import Graded
-from ngbrain.mesh.hull import hull
+from ngbrain.mesh.geometry.sizing import Graded
 from ngbrain.mesh.quality import volumes_ml
+from ngbrain.mesh.routes.hull import hull
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import pytest
 
 from ngbrain.errors import InputError
 from ngbrain.io.surfacefile import is_surface, read_surface
-from ngbrain.mesh.contour import contour
+from ngbrain.mesh.surface.mask_surface import contour
 
 CENTRE = np.array([5.0, -18.0, 32.0])
 

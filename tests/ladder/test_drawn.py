@@ -12,11 +12,11 @@ import pytest
 from scipy.optimize import brentq
 
 from ngbrain.errors import SolverError
-from ngbrain.ladder.bodies import Bench
-from ngbrain.ladder.climb import climb
+from ngbrain.ladder.axes import axes_of
 from ngbrain.ladder.estimates import relative
-from ngbrain.ladder.keeper import Keeper
-from ngbrain.ladder.rungs import axes_of
+from ngbrain.ladder.models.bodies import Bench
+from ngbrain.ladder.search import climb
+from ngbrain.ladder.solutions import Keeper
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Time, Tissue, Traction
 
 TOLERANCE = 0.1

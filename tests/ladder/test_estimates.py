@@ -7,11 +7,11 @@ import pytest
 
 from ngbrain.errors import SolverError
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.ladder.bodies import Bench
-from ngbrain.ladder.climb import estimate
+from ngbrain.ladder.axes import axes_of, cheapest
 from ngbrain.ladder.estimates import Estimate, in_section, neighbour, relative, roughly
-from ngbrain.ladder.keeper import Keeper
-from ngbrain.ladder.rungs import axes_of, cheapest
+from ngbrain.ladder.models.bodies import Bench
+from ngbrain.ladder.search import estimate
+from ngbrain.ladder.solutions import Keeper
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Time, Tissue, Traction
 
 CUBE = Geometry(kind="block", size=(0.02, 0.02, 0.02))

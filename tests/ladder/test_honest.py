@@ -9,12 +9,12 @@ import pytest
 import ngbrain
 from ngbrain.cli import main
 from ngbrain.errors import InputError, SolverError
-from ngbrain.ladder.bodies import Bench, Solution
-from ngbrain.ladder.climb import ascend
+from ngbrain.ladder.axes import AXES, axes_of, cheapest
 from ngbrain.ladder.estimates import NOTHING
-from ngbrain.ladder.keeper import Keeper
 from ngbrain.ladder.levels import PresenceLevel
-from ngbrain.ladder.rungs import AXES, axes_of, cheapest
+from ngbrain.ladder.models.bodies import Bench, Solution
+from ngbrain.ladder.search import ascend
+from ngbrain.ladder.solutions import Keeper
 from ngbrain.scene import DisplacementBC, Geometry, Gravity, MeshSize, Quantity, Scene, Time, Tissue, Traction
 
 CUBE = Geometry(kind="block", size=(0.02, 0.02, 0.02))

@@ -13,7 +13,7 @@ from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity.static_model import Case, StaticModel
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.inverse.recover import recover
+from ngbrain.inverse.fitting.estimate import recover
 from ngbrain.materials import lab
 from ngbrain.materials.registry import REGISTRY
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Protocol, Quantity, Scene, Time, Tissue

@@ -8,8 +8,8 @@ from lopez_pamies import LINE, LopezPamies
 
 from ngbrain.cli import main
 from ngbrain.errors import InputError
-from ngbrain.ladder.bodies import Bench, solve
-from ngbrain.ladder.rungs import axes_of, cheapest
+from ngbrain.ladder.axes import axes_of, cheapest
+from ngbrain.ladder.models.bodies import Bench, solve
 from ngbrain.materials import Demiray, Gent, HolzapfelGasserOgden, Maxwell, Ogden, Prony, Viscous, lab
 from ngbrain.materials.families import shear_modulus
 from ngbrain.materials.named import NamedLaw

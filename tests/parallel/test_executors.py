@@ -14,9 +14,9 @@ from ngbrain import parallel
 from ngbrain.errors import InputError, MissingExtra, SolverError
 from ngbrain.io import FinishedWork
 from ngbrain.parallel import dask_cluster, mpi_job, remote
-from ngbrain.surrogate import data
+from ngbrain.surrogate.data import dataset
 
-REAL = [parallel.Task(f"block {i}", data._block, ("compression", "sinc", i, "test", range(1), 11)) for i in range(2)]
+REAL = [parallel.Task(f"block {i}", dataset._block, ("compression", "sinc", i, "test", range(1), 11)) for i in range(2)]
 """Waves, computed: an assembly, a factorisation and a solve each."""
 
 

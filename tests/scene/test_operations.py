@@ -14,7 +14,6 @@ from importlib import resources
 import numpy as np
 import pytest
 
-from ngbrain import fields
 from ngbrain.errors import InputError
 from ngbrain.materials import NeoHooke, Viscous, constants
 from ngbrain.scene import (
@@ -33,7 +32,8 @@ from ngbrain.scene import (
     Traction,
     operation,
 )
-from ngbrain.surgery import observe
+from ngbrain.schema import document
+from ngbrain.surgery.measures import observer
 from ngbrain.surgery.model import Model
 from ngbrain.surgery.protocols import Force
 
@@ -532,7 +532,7 @@ def test_a_wall_that_would_begin_outside_the_brain(demo):
 
 
 def test_the_narrowest_blade_has_a_face_off_its_edges():
-    assert operation.NARROWEST / 2 > observe.PATCH_MARGIN
+    assert operation.NARROWEST / 2 > observer.PATCH_MARGIN
 
 
 @pytest.mark.parametrize(
@@ -645,9 +645,9 @@ def test_fuzzed_files_parse_or_are_refused_in_one_line(tmp_path):
 
 
 def test_every_field_of_every_part_says_how_it_stands_in_toml():
-    entries = [entry for part in PARTS for entry in fields.entries(part).values()]
+    entries = [entry for part in PARTS for entry in document.entries(part).values()]
     assert len(entries) > 40 and all(entry.wanted and entry.key for entry in entries)
-    for entry, (unit, (per_si, _)) in itertools.product(entries, fields.UNITS.items()):
+    for entry, (unit, (per_si, _)) in itertools.product(entries, document.UNITS.items()):
         if entry.key.endswith(f"_{unit}") and not (unit == "s" and entry.key.endswith("_Pa_s")):
             assert entry.per_si == per_si
 
@@ -659,7 +659,7 @@ def test_protocol_name_defaults_to_its_kind():
 
 def test_the_template_explains_every_key_and_what_it_comments_out_is_a_scene():
     text = Scene.template()
-    keys = {entry.key for part in PARTS for entry in fields.entries(part).values()}
+    keys = {entry.key for part in PARTS for entry in document.entries(part).values()}
     both = text + Scene.template("body")
     assert {key for key in keys if not re.search(rf"\b{key}\b", both)} == set()
     head, program = text.split('# [[protocol]]\n# kind = "program"')

@@ -9,9 +9,9 @@ import pytest
 import ngbrain
 from ngbrain.cli import main
 from ngbrain.errors import InputError
-from ngbrain.fields import entries
 from ngbrain.scene import Scene
 from ngbrain.scene.schema import descriptions, reference, schema
+from ngbrain.schema.document import entries
 
 ROOT = Path(__file__).parents[2]
 FILES = [*sorted(ROOT.glob("ngbrain/scenes/*.toml")), *sorted(ROOT.glob("ngbrain/samples/*.toml"))]

@@ -11,14 +11,14 @@ from elastic import MU, elastic
 from planewaves import FREQUENCY, RHO, grid, shear_waves
 
 from ngbrain.errors import InputError, MissingExtra, SolverError
-from ngbrain.inverse.gauss_newton import GaussNewton
-from ngbrain.inverse.invert import invert
-from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
-from ngbrain.inverse.phantoms import Phantom
-from ngbrain.inverse.weights import Given
+from ngbrain.inverse.elastography.invert import invert
+from ngbrain.inverse.optimise.gauss_newton import GaussNewton
+from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
+from ngbrain.inverse.optimise.regularisation_weight import Given
+from ngbrain.inverse.phantoms.benchmark import Phantom
 from ngbrain.io.waves import WaveData
 from ngbrain.mesh import block
-from ngbrain.mesh.grid import rectangles
+from ngbrain.mesh.geometry.structured import rectangles
 from ngbrain.solvers import device as device_module
 from ngbrain.solvers.device import CPU, Device, OnGpu, OnNgsolve
 from ngbrain.solvers.linear import prepare

@@ -7,8 +7,8 @@ storage modulus with it; conjugated both are as good as in the right convention.
 import pytest
 
 from ngbrain.errors import InputError
-from ngbrain.inverse import invert as module
-from ngbrain.inverse.phantoms import Phantom
+from ngbrain.inverse.elastography import invert as module
+from ngbrain.inverse.phantoms.benchmark import Phantom
 
 
 def errors(data):

@@ -14,9 +14,9 @@ import pytest
 import scipy.sparse as sp
 import scipy.sparse.linalg
 
-from ngbrain.inverse.gauss_newton import GaussNewton
-from ngbrain.inverse.phantoms import Phantom
-from ngbrain.inverse.smoothing import fit_splines
+from ngbrain.inverse.data.smoothing import fit_splines
+from ngbrain.inverse.optimise.gauss_newton import GaussNewton
+from ngbrain.inverse.phantoms.benchmark import Phantom
 
 WEIGHTS = 10.0 ** np.arange(-6, 9)
 """Of smoothness, over the mean of the normal equations' diagonal."""

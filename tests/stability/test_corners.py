@@ -7,9 +7,9 @@ import pytest
 
 from ngbrain.forward.transient.step_control import StepControl
 from ngbrain.scene import Scene
-from ngbrain.surgery.checks import orders
+from ngbrain.surgery.measures.observer import Observer
 from ngbrain.surgery.model import Model
-from ngbrain.surgery.observe import Observer
+from ngbrain.surgery.uncertainty.verification_runs import orders
 from ngbrain.threads import set_threads
 from ngbrain.units import mmHg
 

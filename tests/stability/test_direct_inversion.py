@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from planewaves import FREQUENCY, RHO, grid, waves
 
-from ngbrain.inverse.direct import helmholtz
-from ngbrain.inverse.smoothing import fit_splines
+from ngbrain.inverse.data.direct_inversion import helmholtz
+from ngbrain.inverse.data.smoothing import fit_splines
 
 SPACING, SHAPE = 2e-3, (36, 24, 24)
 # Points per wavelength, noise, and G/G₀ of a computation that is not ours, with noise of its own.

@@ -7,7 +7,7 @@ Data are mean tension curves of human brain, and Ogden's law starts from a wrong
 import numpy as np
 import pytest
 
-from ngbrain.inverse.bonded import Bonded
+from ngbrain.inverse.fitting.bonded_specimen import Bonded
 from ngbrain.materials import Ogden, lab
 
 REGIONS = ["cortex", "corona_radiata", "basal_ganglia", "corpus_callosum"]

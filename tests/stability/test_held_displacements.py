@@ -13,13 +13,13 @@ from ball_in_block import MIDDLE, wave_data
 
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY
-from ngbrain.inverse.blocks import Extensions, by_blocks, preconditioners
-from ngbrain.inverse.discretise import in_elements
-from ngbrain.inverse.experiment import Experiment
-from ngbrain.inverse.misfit import LeastSquares
-from ngbrain.inverse.normal import Normal
-from ngbrain.inverse.quality import noise_of
-from ngbrain.inverse.regularise import smooth
+from ngbrain.inverse.data.quality import noise_of
+from ngbrain.inverse.objective.misfit import LeastSquares
+from ngbrain.inverse.objective.regularisation import smooth
+from ngbrain.inverse.optimise.normal_equations import Normal
+from ngbrain.inverse.optimise.preconditioners import Extensions, by_blocks, preconditioners
+from ngbrain.inverse.problem.discretisation import in_elements
+from ngbrain.inverse.problem.wave_problem import Experiment
 
 MOST = 30
 

@@ -15,12 +15,12 @@ from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity import tangent_inverse as implicit_solve
 from ngbrain.forward.sensitivity.static_model import Case, Equilibria, StaticModel
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
-from ngbrain.inverse.misfit import LeastSquares
-from ngbrain.inverse.parameters import Fields, Scaled, Unknown
-from ngbrain.inverse.quasi_newton import bfgs, l_bfgs, newton_cg
-from ngbrain.inverse.regularise import ridge
-from ngbrain.inverse.weights import Given
+from ngbrain.inverse.objective.misfit import LeastSquares
+from ngbrain.inverse.objective.parameters import Fields, Scaled, Unknown
+from ngbrain.inverse.objective.regularisation import ridge
+from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
+from ngbrain.inverse.optimise.quasi_newton import bfgs, l_bfgs, newton_cg
+from ngbrain.inverse.optimise.regularisation_weight import Given
 from ngbrain.materials import Demiray, HolzapfelGasserOgden, NeoHooke
 
 MESH = square(3, size=SIDE)

@@ -8,12 +8,12 @@ import pytest
 from inversions import MODULUS, one_modulus, two_moduli
 
 from ngbrain.errors import SolverError
-from ngbrain.inverse.crime import committed
-from ngbrain.inverse.curvature import Curvature, Metric
-from ngbrain.inverse.gauss_newton import GaussNewton
-from ngbrain.inverse.phantoms import Phantom
-from ngbrain.inverse.unseen import moduli_of_fibres
-from ngbrain.inverse.weights import Given
+from ngbrain.inverse.elastography.identifiability import moduli_of_fibres
+from ngbrain.inverse.elastography.inverse_crime import committed
+from ngbrain.inverse.optimise.gauss_newton import GaussNewton
+from ngbrain.inverse.optimise.gauss_newton_hessian import Curvature, Metric
+from ngbrain.inverse.optimise.regularisation_weight import Given
+from ngbrain.inverse.phantoms.benchmark import Phantom
 
 FAR = MODULUS * np.exp(np.random.default_rng(1).uniform(np.log(0.3), np.log(3), 6))
 """Starts from .3 to 3 times the truth."""

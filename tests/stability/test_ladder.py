@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from ngbrain.ladder.bodies import Bench, solve
-from ngbrain.ladder.climb import climb
+from ngbrain.ladder.adaptivity import SHARE, chosen
+from ngbrain.ladder.axes import axes_of, cheapest, richest
 from ngbrain.ladder.estimates import relative
-from ngbrain.ladder.keeper import Keeper
-from ngbrain.ladder.local import SHARE, chosen
-from ngbrain.ladder.pieces import Meshes
-from ngbrain.ladder.rungs import axes_of, cheapest, richest
+from ngbrain.ladder.models.bodies import Bench, solve
+from ngbrain.ladder.models.geometry import Meshes
+from ngbrain.ladder.search import climb
+from ngbrain.ladder.solutions import Keeper
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Tissue
 
 BOUNDS = {"order": "2", "mesh": "1"}

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from spoiled import spoiled
 
-from ngbrain.inverse.invert import invert
-from ngbrain.inverse.outliers import without_outliers
-from ngbrain.inverse.phantoms import Phantom
+from ngbrain.inverse.data.outliers import without_outliers
+from ngbrain.inverse.elastography.invert import invert
+from ngbrain.inverse.phantoms.benchmark import Phantom
 
 
 @pytest.fixture(scope="module")

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from pressed import CONTRAST, compression, contrast, plane
 
-from ngbrain.inverse.invert import invert
-from ngbrain.inverse.smoothing import smoothed
+from ngbrain.inverse.data.smoothing import smoothed
+from ngbrain.inverse.elastography.invert import invert
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ import pytest
 
 from ngbrain.scene import Protocol, Scene
 from ngbrain.surgery.model import Model
-from ngbrain.surgery.runs import ProtocolRun
+from ngbrain.surgery.protocol_run import ProtocolRun
 from ngbrain.threads import set_threads
 
 

@@ -7,7 +7,7 @@ from scipy import ndimage
 from scipy.optimize import minimize
 
 from ngbrain.image import Volume, mni152
-from ngbrain.image.align import align
+from ngbrain.image.preprocess.registration import align
 
 STEP = 4e-3  # m
 

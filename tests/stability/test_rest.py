@@ -9,13 +9,13 @@ import pytest
 from simulated import pressed
 
 from ngbrain.adjoint.reduced import Reduced
-from ngbrain.inverse.discretise import in_elements
-from ngbrain.inverse.experiment import Experiment
-from ngbrain.inverse.gauss_newton import GaussNewton
-from ngbrain.inverse.misfit import LeastSquares
-from ngbrain.inverse.quality import noise_of
-from ngbrain.inverse.regularise import smooth
-from ngbrain.inverse.weights import Evidence
+from ngbrain.inverse.data.quality import noise_of
+from ngbrain.inverse.objective.misfit import LeastSquares
+from ngbrain.inverse.objective.regularisation import smooth
+from ngbrain.inverse.optimise.gauss_newton import GaussNewton
+from ngbrain.inverse.optimise.regularisation_weight import Evidence
+from ngbrain.inverse.problem.discretisation import in_elements
+from ngbrain.inverse.problem.wave_problem import Experiment
 
 NOISE = 2e-3
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial import Delaunay, cKDTree
 
-from ngbrain.mesh.levelset import LevelSet
-from ngbrain.mesh.manifold import boundary, faults
-from ngbrain.mesh.surfaces import _circumcentres, _dense, _spread, triangulated
+from ngbrain.mesh.geometry.level_set import LevelSet
+from ngbrain.mesh.surface.manifold import boundary, faults
+from ngbrain.mesh.surface.remeshing import _circumcentres, _dense, _spread, triangulated
 
 VOXEL, SIZE = 1e-3, 5e-3
 FINER, ROUNDS = 0.7, 8

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from nilearn.datasets import load_mni152_gm_template, load_mni152_wm_template
 
-from ngbrain.image import check_extracted, mni152, places
-from ngbrain.image.segment import GREY, WHITE, segment
-from ngbrain.image.volume import Volume
+from ngbrain.image import check_extracted, mni152
+from ngbrain.image.preprocess import mni_landmarks
+from ngbrain.image.read.volume import Volume
+from ngbrain.image.segment.tissue_classes import GREY, WHITE, segment
 
 
 @pytest.fixture(scope="module")
@@ -17,7 +18,7 @@ def brain():
     mask = check_extracted(scan)
     fluid, points = 1 - grey - white, 1e3 * scan.volume.to_world(np.argwhere(mask))
     seen = mask.copy()
-    seen[mask] = np.min([nucleus.radius(points) for nucleus in places.NUCLEI.values()], axis=0) > 1.2
+    seen[mask] = np.min([nucleus.radius(points) for nucleus in mni_landmarks.NUCLEI.values()], axis=0) > 1.2
     return scan.volume, mask, seen, grey > np.maximum(fluid, white), white > np.maximum(fluid, grey)
 
 
@@ -64,7 +65,7 @@ def shaded(brain):
 @pytest.mark.slow
 def test_naive_a_field_from_tissues_by_grey_values_alone_keeps_itself(brain, shaded, monkeypatch):
     """White matter in the dark part counts as grey, and justifies the field."""
-    monkeypatch.setattr("ngbrain.image.segment._BY_PLACE", 0)
+    monkeypatch.setattr("ngbrain.image.segment.tissue_classes._BY_PLACE", 0)
     _, mask, seen, grey, white = brain
     labels = segment(shaded, mask, np.eye(4)).volume.data
     assert dice(labels == WHITE, white, seen) < 0.74 and dice(labels == GREY, grey, seen) < 0.81
@@ -82,7 +83,7 @@ def cerebellum(brain):
     volume, mask, *_ = brain
     points = 1e3 * volume.to_world(np.argwhere(mask))
     found = mask.copy()
-    found[mask] = (points[:, 2] < places.tentorium(points) - 2) & (points[:, 1] < -46)
+    found[mask] = (points[:, 2] < mni_landmarks.tentorium(points) - 2) & (points[:, 1] < -46)
     return found
 
 
@@ -97,7 +98,7 @@ def bright_neck(brain):
 @pytest.mark.slow
 def test_naive_a_bright_cerebellum_is_white_matter(brain, bright_neck, cerebellum, monkeypatch):
     """The contrast is as large as it would be with the field gone (3.3 and 3.2): that does not tell."""
-    monkeypatch.setattr("ngbrain.image.segment._BY_PLACE", 0)
+    monkeypatch.setattr("ngbrain.image.segment.tissue_classes._BY_PLACE", 0)
     _, mask, _, grey, white = brain
     labels = segment(bright_neck, mask, np.eye(4)).volume.data
     assert dice(labels == WHITE, white, cerebellum) < 0.5 and dice(labels == GREY, grey, cerebellum) < 0.8

@@ -1,8 +1,8 @@
 """Constants of a law that start small: forces at a few stretches, noise of 1 %, the first guess (2000, 50) or (2000, 50, 500) Pa.
 
-Naive: steps that change a logarithm by up to 3, in the scale of where they stand, damped by as much at first: the small constant goes to nothing within a few
-steps, where data tell nothing of it, and the misfit ends over 1 000 times above the noise. Ours: a factor of e at first, and the
-largest scale so far: all are found, and the misfit is that of the noise.
+Naive: steps that change a logarithm by up to 3, in the scale of where they stand, damped by as much at first: the small constant
+goes to nothing within a few steps, where data tell nothing of it, and the misfit ends over 1 000 times above the noise. Ours: a
+factor of e at first, and the largest scale so far: all are found, and the misfit is that of the noise.
 """
 
 import ngsolve as ngs
@@ -14,9 +14,9 @@ from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables import Force
 from ngbrain.forward.sensitivity.static_model import Case, StaticModel
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.inverse import levenberg_marquardt as optimiser
-from ngbrain.inverse.curvature import Metric
-from ngbrain.inverse.recover import recover
+from ngbrain.inverse.fitting.estimate import recover
+from ngbrain.inverse.optimise import levenberg_marquardt as optimiser
+from ngbrain.inverse.optimise.gauss_newton_hessian import Metric
 from ngbrain.mesh import block
 
 SIDE, START = 0.04, (2000.0, 50.0, 500.0)

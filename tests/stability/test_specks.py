@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from ngbrain.mesh.levelset import LevelSet
-from ngbrain.mesh.outline import AROUND, MARGIN, SMOOTHING
-from ngbrain.mesh.surfaces import SPECK, triangulated
+from ngbrain.mesh.geometry.level_set import LevelSet
+from ngbrain.mesh.surface.head_outlines import AROUND, MARGIN, SMOOTHING
+from ngbrain.mesh.surface.remeshing import SPECK, triangulated
 
 VOXEL = 1e-3
 ORIGIN = -15 * VOXEL

@@ -16,9 +16,9 @@ import pytest
 from planewaves import grid, wave_number, waves
 from scipy import ndimage
 
-from ngbrain.inverse.direct import helmholtz, uniform_modulus
-from ngbrain.inverse.invert import invert
-from ngbrain.inverse.smoothing import smoothed
+from ngbrain.inverse.data.direct_inversion import helmholtz, uniform_modulus
+from ngbrain.inverse.data.smoothing import smoothed
+from ngbrain.inverse.elastography.invert import invert
 from ngbrain.io.waves import WaveData
 
 G = 2000 + 800j

@@ -7,7 +7,7 @@ storage moduli differ by 2.6 % (rms), where ours overlap by 0.8 %; loss moduli b
 import numpy as np
 from planewaves import RHO, grid, wave_number
 
-from ngbrain.inverse.subzones import invert_by_subzones
+from ngbrain.inverse.subzones.invert import invert_by_subzones
 from ngbrain.io.waves import WaveData
 
 SHEAR, HERTZ = 4000 + 1200j, 80.0

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from ngbrain.surrogate.data import SIDES, sample, shaken
-from ngbrain.surrogate.families import family
-from ngbrain.surrogate.features import spoilt
-from ngbrain.surrogate.looking import Look
+from ngbrain.surrogate.data.dataset import SIDES, sample, shaken
+from ngbrain.surrogate.data.random_fields import family
+from ngbrain.surrogate.operator.encoding import spoilt
+from ngbrain.surrogate.prediction.tiling import Look
 
 pytest.importorskip("onnxruntime")
 
-from ngbrain.surrogate.shipped import Operator  # noqa: E402
-from ngbrain.surrogate.trust import scores  # noqa: E402
+from ngbrain.surrogate.prediction.pretrained import Operator  # noqa: E402
+from ngbrain.surrogate.prediction.trust import scores  # noqa: E402
 
 SIDE, POISSON, MANY = SIDES["compression"], 0.49, 4
 FREE, HELD = {"x": "bottom", "y": "bottom|top"}, {"x": "bottom|left|right", "y": "bottom|top"}

@@ -10,8 +10,8 @@ import pytest
 from planewaves import grid, wave_number
 
 from ngbrain.forward.harmonic import problem as harmonic
-from ngbrain.inverse import experiment
-from ngbrain.inverse.invert import invert
+from ngbrain.inverse.elastography.invert import invert
+from ngbrain.inverse.problem import wave_problem
 from ngbrain.io.waves import WaveData
 
 G, HZ = 2000 + 800j, 40.0
@@ -37,7 +37,7 @@ def test_naive_the_subtracted_mean_spoils_the_moduli(data, monkeypatch):
     def whole(*args, translation, **options):
         return harmonic.Harmonic(*args, **options)
 
-    monkeypatch.setattr(experiment, "Harmonic", whole)
+    monkeypatch.setattr(wave_problem, "Harmonic", whole)
     storage, loss = errors(data)
     print(storage, loss)
     assert max(storage, loss) > 0.15

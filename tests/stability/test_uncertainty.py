@@ -5,11 +5,11 @@ import pytest
 from drawing import begun, boundary_as_measured, descended, settled
 from scipy.special import ndtri
 
-from ngbrain.inverse.invert import invert
-from ngbrain.inverse.phantoms import Phantom
-from ngbrain.inverse.posterior import Posterior
-from ngbrain.inverse.randomised import eigenpairs
-from ngbrain.inverse.uncertainty import uncertainty
+from ngbrain.inverse.elastography.invert import invert
+from ngbrain.inverse.phantoms.benchmark import Phantom
+from ngbrain.inverse.uncertainty.credible_maps import uncertainty
+from ngbrain.inverse.uncertainty.posterior import Posterior
+from ngbrain.inverse.uncertainty.randomised_eigenvalues import eigenpairs
 from ngbrain.io.waves import WaveData
 
 REACH = ndtri(0.975)

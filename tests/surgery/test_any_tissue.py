@@ -9,15 +9,15 @@ from ngsolve.comp import IntegrationRuleSpace
 
 from ngbrain.errors import InputError
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.image.niftifile import write_nifti
-from ngbrain.image.volume import Volume
+from ngbrain.image.read.nifti import write_nifti
+from ngbrain.image.read.volume import Volume
 from ngbrain.materials import CATALOGUE, Demiray, NeoHooke, Ogden, constants
 from ngbrain.materials.families import Piecewise, law_after, shear_modulus
 from ngbrain.mesh import block
 from ngbrain.scene import Protocol, Scene, Time, Tissue
 from ngbrain.surgery.answers import answer
 from ngbrain.surgery.model import Model
-from ngbrain.surgery.runs import ProtocolRun
+from ngbrain.surgery.protocol_run import ProtocolRun
 from ngbrain.units import mmHg
 
 SIZE, ORDER = 0.02, 2

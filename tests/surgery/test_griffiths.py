@@ -11,7 +11,7 @@ from ngbrain.forward.transient.step_control import ErrorControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import constants
 from ngbrain.mesh import block
-from ngbrain.surgery.column import Column
+from ngbrain.surgery.material_point import Column
 from ngbrain.surgery.protocols import Drive, continuous
 
 pytestmark = pytest.mark.filterwarnings("ignore::ngbrain.errors.RangeWarning")

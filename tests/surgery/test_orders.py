@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 
 from ngbrain.scene import Scene
-from ngbrain.surgery import checks
 from ngbrain.surgery.model import Model
+from ngbrain.surgery.uncertainty import verification_runs
 
 pytest.importorskip("nibabel")
 
@@ -20,7 +20,7 @@ def test_stopped_after_three_steps_it_goes_on_there(tmp_path, monkeypatch):
     scene = Scene.shipped("idealised_fast")
     coarse = replace(scene.mesh, wall=5e-3, craniotomy=12e-3, largest=30e-3)
     model = Model.of(replace(scene, mesh=coarse, tools=(replace(scene.tool, travel=1e-3),)))
-    path, save, saved = tmp_path / "state.npz", checks.save_state, []
+    path, save, saved = tmp_path / "state.npz", verification_runs.save_state, []
 
     def once(where, state):
         save(where, state)
@@ -28,11 +28,11 @@ def test_stopped_after_three_steps_it_goes_on_there(tmp_path, monkeypatch):
         if len(saved) == 3:
             raise Stopped
 
-    whole = checks.orders(model)
-    monkeypatch.setattr(checks, "save_state", once)
+    whole = verification_runs.orders(model)
+    monkeypatch.setattr(verification_runs, "save_state", once)
     with pytest.raises(Stopped):
-        checks.orders(model, path)
-    rest = checks.orders(model, path, resume=True)
+        verification_runs.orders(model, path)
+    rest = verification_runs.orders(model, path, resume=True)
     assert rest[0] == whole[0]
     for name in ("peak_pressure_mmHg", "peak_force_N"):  # its factor is made anew: the same to Newton's tolerance
         assert rest[1][name] == pytest.approx(whole[1][name], rel=1e-4)

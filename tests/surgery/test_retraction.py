@@ -11,8 +11,8 @@ from ngbrain.errors import InputError
 from ngbrain.scene import Protocol, Scene
 from ngbrain.surgery import retraction
 from ngbrain.surgery.model import Model
+from ngbrain.surgery.protocol_run import ProtocolRun, due, table
 from ngbrain.surgery.protocols import Protocol as Program
-from ngbrain.surgery.runs import ProtocolRun, due, table
 from ngbrain.threads import set_threads
 
 

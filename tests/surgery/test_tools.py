@@ -16,8 +16,8 @@ from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.io.surfacefile import read_surface
 from ngbrain.materials import NeoHooke
 from ngbrain.mesh import Cleft, block
-from ngbrain.report.surface import area
-from ngbrain.report.tool import drawn
+from ngbrain.report.pictures.tool import drawn
+from ngbrain.report.render.surface import area
 from ngbrain.scene import Scene, Tool
 from ngbrain.surgery.tools import Ball, ClosedSurface, Spatula, tools_of
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from ngbrain.errors import InputError
-from ngbrain.image.labelmap import LabelMap
-from ngbrain.image.landmarks import landmarks
-from ngbrain.image.volume import Volume
-from ngbrain.image.wavefield import octahedral_strain
-from ngbrain.inverse.passive import check_passive
+from ngbrain.image.mre.displacement import octahedral_strain
+from ngbrain.image.read.label_map import LabelMap
+from ngbrain.image.read.landmarks import landmarks
+from ngbrain.image.read.volume import Volume
+from ngbrain.inverse.data.time_convention import check_passive
 from ngbrain.io.waves import WaveData
 from ngbrain.io.waves.samples import as_amplitudes
 from ngbrain.materials import (
@@ -31,7 +31,7 @@ from ngbrain.materials import (
 from ngbrain.materials.lab import relaxation, stress
 from ngbrain.materials.points import initial_modulus, number
 from ngbrain.materials.viscous import Branch
-from ngbrain.surgery.injury import Strain, von_mises
+from ngbrain.surgery.measures.injury import Strain, von_mises
 from ngbrain.tensors import octahedral_shear
 
 ROOT = Path(__file__).parents[2]

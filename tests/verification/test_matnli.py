@@ -17,7 +17,7 @@ from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, WaveModel
 from ngbrain.materials import Shearing, TransverselyIsotropic
-from ngbrain.mesh.grid import rectangles
+from ngbrain.mesh.geometry.structured import rectangles
 
 MM, MPA = 1e-3, 1e6
 ALL, THREE = "left|right|bottom|top", "left|right|top"

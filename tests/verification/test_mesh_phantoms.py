@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from ngbrain.image.labelmap import LabelMap
-from ngbrain.image.volume import Volume
-from ngbrain.mesh.grading import Graded
-from ngbrain.mesh.hull import hull
-from ngbrain.mesh.routes import ROUTES
+from ngbrain.image.read.label_map import LabelMap
+from ngbrain.image.read.volume import Volume
+from ngbrain.mesh.geometry.sizing import Graded
+from ngbrain.mesh.routes.hull import hull
+from ngbrain.mesh.routes.registry import ROUTES
 
 MM, VOXEL, N = 1e-3, 0.5, 80
 TISSUES = ("lattice", "conforming")

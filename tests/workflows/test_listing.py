@@ -2,7 +2,7 @@
 
 import pytest
 
-from ngbrain.cli.cohort_options import SAMPLE
+from ngbrain.cli.options.cohort import SAMPLE
 from ngbrain.errors import InputError
 from ngbrain.workflows.listing import read_list, values_of
 

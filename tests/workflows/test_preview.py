@@ -14,7 +14,7 @@ pytest.importorskip("jinja2")
 from ngbrain import preview
 from ngbrain.cli import main
 from ngbrain.errors import InputError
-from ngbrain.report.preview import KINDS, TOOL
+from ngbrain.report.pages.preview import KINDS, TOOL
 from ngbrain.scene import (
     Cleft,
     Contact,

@@ -15,7 +15,7 @@ def evaluation(space: ngs.FESpace, points: np.ndarray) -> sp.csr_array:
 
     Raises `InputError` when points lie outside of the mesh, `inside` says which, or are of other dimensions.
 
-    >>> from ngbrain.mesh.grid import rectangles
+    >>> from ngbrain.mesh.geometry.structured import rectangles
     >>> mesh = rectangles(np.linspace(0, 1, 3), np.linspace(0, 1, 3))
     >>> gfu = ngs.GridFunction(ngs.H1(mesh, order=2)); gfu.Set(ngs.x * ngs.y)
     >>> at = evaluation(gfu.space, np.array([[0.25, 0.75], [1.0, 1.0]]))
@@ -49,7 +49,7 @@ def evaluation(space: ngs.FESpace, points: np.ndarray) -> sp.csr_array:
 def inside(mesh: ngs.Mesh, points: np.ndarray) -> np.ndarray:
     """Which points (n, 2 or 3) in m lie in the mesh.
 
-    >>> from ngbrain.mesh.grid import rectangles
+    >>> from ngbrain.mesh.geometry.structured import rectangles
     >>> mesh = rectangles(np.linspace(0, 1, 3), np.linspace(0, 1, 3))
     >>> inside(mesh, np.array([[0.5, 0.5], [1.5, 0.5]])).tolist()
     [True, False]
@@ -70,7 +70,7 @@ def quadrature_points(mesh: ngs.Mesh, order: int) -> tuple[IntegrationRuleSpace,
 def quadrature_field(space: IntegrationRuleSpace, values: np.ndarray) -> ngs.GridFunction:
     """Values (n,) at the points of `quadrature_points` as a field, for integrals of that order alone.
 
-    >>> from ngbrain.mesh.grid import rectangles
+    >>> from ngbrain.mesh.geometry.structured import rectangles
     >>> mesh = rectangles(np.linspace(0, 1, 3), np.linspace(0, 1, 3))
     >>> space, points = quadrature_points(mesh, 2)
     >>> rule = ngs.dx(intrules=space.GetIntegrationRules())

@@ -8,8 +8,8 @@ import ngsolve as ngs
 
 from ngbrain.arguments import of_type
 from ngbrain.errors import InputError, nearest
-from ngbrain.expressions import MOST, REPEATS, ways
 from ngbrain.forward.common.material import Material
+from ngbrain.schema.patterns import MOST, REPEATS, ways
 
 
 def check_types(mesh: ngs.Mesh, materials: Mapping[str, Material], supports: Mapping[str, object]) -> None:

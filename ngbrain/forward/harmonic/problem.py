@@ -86,7 +86,7 @@ class Harmonic:
     Examples
     --------
     >>> from ngbrain.materials import Shearing
-    >>> from ngbrain.mesh.grid import rectangles
+    >>> from ngbrain.mesh.geometry.structured import rectangles
     >>> mesh = rectangles(np.linspace(0, 0.1, 9), np.linspace(0, 0.1, 9))
     >>> body = Harmonic(mesh, Shearing(2000 + 800j), [Wave(50.0, {"top": (1e-3, 0)})], bulk=2e5, held="top|bottom")
     >>> u, = body.solve()
@@ -183,7 +183,7 @@ class Harmonic:
         --------
         >>> from ngbrain.forward import LoadPath, Material, Problem, Wave
         >>> from ngbrain.materials import NeoHooke
-        >>> from ngbrain.mesh.grid import rectangles
+        >>> from ngbrain.mesh.geometry.structured import rectangles
         >>> mesh = rectangles(np.linspace(0, 0.1, 4), np.linspace(0, 0.1, 4))
         >>> body = Problem(mesh, {".*": Material(NeoHooke(2e3), 1e5)}, {"bottom": 0, "top": (0, -0.02)}, element="Q2/Q1")
         >>> record = LoadPath(body).solve()

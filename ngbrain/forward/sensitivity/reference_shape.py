@@ -29,7 +29,7 @@ class Positions:
     >>> from ngbrain.forward.observables import Displacements
     >>> from ngbrain.forward.solid.problem import Problem
     >>> from ngbrain.materials import NeoHooke
-    >>> from ngbrain.mesh.grid import rectangles
+    >>> from ngbrain.mesh.geometry.structured import rectangles
     >>> mesh = rectangles(np.linspace(0, 0.1, 3), np.linspace(0, 0.1, 3))
     >>> nodes, seen = Nodes(mesh), [[0.05, 0.0]]
     >>> body = Problem(mesh, {".*": Material(NeoHooke(1e3), 1e4)}, {"top": 0}, [Weight((0, -1e3))], element="P2")

@@ -14,7 +14,7 @@ import numpy as np
 
 from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError, NgbrainError
-from ngbrain.image.niftifile import NIFTI
+from ngbrain.image.read.nifti import NIFTI
 from ngbrain.io.hdf5 import hdf5_image
 from ngbrain.io.waves.data import TRUTHS, WaveData, even
 from ngbrain.io.waves.matlab import read_matlab

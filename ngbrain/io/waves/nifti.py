@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 
 from ngbrain.errors import InputError
-from ngbrain.image.niftifile import NIFTI, suffix_of, write_nifti
-from ngbrain.image.volume import Volume, opened
+from ngbrain.image.read.nifti import NIFTI, suffix_of, write_nifti
+from ngbrain.image.read.volume import Volume, opened
 from ngbrain.io.json_file import write_json
 from ngbrain.io.waves.data import WaveData
 from ngbrain.io.waves.volumes import in_plane_of, lacking, with_loads

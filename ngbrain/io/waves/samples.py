@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from ngbrain.errors import InputError
-from ngbrain.image.wavefield import displacement, harmonic, tissue, unwrapped_through_time
+from ngbrain.image.mre.displacement import displacement, harmonic, tissue, unwrapped_through_time
 from ngbrain.io.waves.grid import Grid
 
 SAMPLED = ("samples", "phase", "encoding", "magnitude")

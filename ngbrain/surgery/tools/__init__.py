@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from ngbrain.io.surfacefile import read_surface
-from ngbrain.mesh.cleft import Cleft
+from ngbrain.mesh.geometry.cleft import Cleft
 from ngbrain.scene import Tool
 from ngbrain.surgery.tools.base import HANDLE, RigidTool, Signed, coordinates, patch
 from ngbrain.surgery.tools.blades import Ball, Spatula, Tube

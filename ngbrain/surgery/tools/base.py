@@ -10,7 +10,7 @@ import numpy as np
 from ngsolve import CoefficientFunction
 
 from ngbrain.materials.points import Points
-from ngbrain.mesh.cleft import Cleft
+from ngbrain.mesh.geometry.cleft import Cleft
 
 INSIDE = 1e-9
 """Length (m) that keeps the derivative of a norm finite at zero."""

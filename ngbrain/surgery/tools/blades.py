@@ -8,7 +8,7 @@ import ngsolve as ngs
 import numpy as np
 from ngsolve import CoefficientFunction
 
-from ngbrain.mesh.cleft import Cleft
+from ngbrain.mesh.geometry.cleft import Cleft
 from ngbrain.surgery.tools.base import INSIDE, RigidTool, Signed, coordinates, larger, rounded
 
 

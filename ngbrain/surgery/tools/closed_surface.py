@@ -16,9 +16,9 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from ngbrain.errors import InputError
-from ngbrain.image.enclosed import inside_surface
-from ngbrain.mesh.cleft import Cleft
-from ngbrain.mesh.surfacemesh import SurfaceMesh
+from ngbrain.image.segment.from_surfaces import inside_surface
+from ngbrain.mesh.geometry.cleft import Cleft
+from ngbrain.mesh.surface.triangle_mesh import SurfaceMesh
 from ngbrain.surgery.tools.base import RigidTool, Signed, coordinates
 
 STEP, AROUND = 0.5e-3, 5e-3

@@ -70,7 +70,7 @@ def alike(body: Harmonic, fields: Mapping[str, ngs.GridFunction], omega: float) 
 
     >>> from ngbrain.forward.harmonic.wave import Wave
     >>> from ngbrain.materials import Shearing
-    >>> from ngbrain.mesh.grid import rectangles
+    >>> from ngbrain.mesh.geometry.structured import rectangles
     >>> mesh = rectangles(np.linspace(0, 0.1, 4), np.linspace(0, 0.1, 4))
     >>> storage, loss = ngs.GridFunction(ngs.H1(mesh)), ngs.GridFunction(ngs.H1(mesh))
     >>> storage.Set(2000.0), loss.Set(800.0)

@@ -1,0 +1,56 @@
+"""What the verb `cohort` can be given, and which options of other verbs the columns of its list can give."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+VERBS = ("mesh", "invert", "predict", "simulate")
+"""What the rows of a list can ask for."""
+SAMPLE = Path(__file__).parents[2] / "samples" / "cohort.csv"
+OWN = ("help", "output", "overwrite", "own_laws", "quiet", "resume", "threads", "executor")
+"""Where options go that a cohort gives its rows itself, and of a file that is run, which no list may name."""
+
+
+class _List(argparse.Action):
+    """Print a list that says what can be in one."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        print(SAMPLE.read_text(encoding="utf-8"), end="")
+        parser.exit()
+
+
+def add_cohort(verbs: Any) -> argparse.ArgumentParser:
+    """The parser of `cohort`; where results go, threads, replacing and quiet are added as for other verbs."""
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        "cohort",
+        help="many scans or cases through one of these: one table, one report",
+        epilog="The same command goes on with a cohort that was stopped, and of a longer list does what is new.",
+    )
+    parser.add_argument("list", type=Path, metavar="LIST.csv", help="a row for each: name, verb, input, options")
+    parser.add_argument("--template", action=_List, nargs=0, help="print a commented list to start from, and stop")
+    parser.add_argument("--verb", dest="of_rows", choices=VERBS, help="of all rows, for a list without the column")
+    parser.add_argument("--group", metavar="COLUMN", help="which column parts the statistics (group, if there is one)")
+    return parser
+
+
+def columns_of(parser: argparse.ArgumentParser) -> dict[str, argparse.Action]:
+    """The options of a verb's parser that a column can give, by their long names without dashes in front."""
+    found = {}
+    for action in parser._actions:  # what argparse itself has no public name for
+        names = [name[2:] for name in action.option_strings if name.startswith("--")]
+        printing = action.nargs == 0 and type(action).__module__ != "argparse"
+        if names and action.dest not in OWN and not printing:
+            found[names[0]] = action
+    return found
+
+
+def several_inputs(parser: argparse.ArgumentParser) -> bool:
+    """Whether a verb takes more than one file."""
+    return any(not action.option_strings and action.nargs == "+" for action in parser._actions)
+
+
+def is_path(action: argparse.Action) -> bool:
+    """Whether an option's value is a file or folder."""
+    return action.type is Path

@@ -1,0 +1,124 @@
+"""Is a scan what it should be: one whole brain, taken out of its skull?"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+
+from ngbrain.errors import InputError
+from ngbrain.image.read.volume import Scan, border
+
+_WANTED = "a brain-extracted T1 (e.g. from HD-BET, SynthStrip or BET), exactly constant around the brain, of at most 2.2 litres"
+_MOST = 2.2  # litres
+_LITRE = 1e-3  # m³
+_TOP = 70e-3  # m: above it, neck and face are not seen, and a head is an onion
+_DEEPEST = 35  # mm
+_CUT = 500e-6  # m²; the smooth side of a whole brain has up to 250 mm² within 1 mm, the cut brain stem 150 mm²
+_SIDES = (("left", "right"), ("back", "front"), ("bottom", "top"))
+
+
+def check_extracted(scan: Scan) -> np.ndarray:
+    """The brain in a brain-extracted scan, as a mask (nx, ny, nz) over `scan.volume`.
+
+    It is the largest piece of what differs from the background, without specks and with its holes filled. The
+    background is the value that most of the border has.
+
+    Raises:
+        InputError: the skull is still there: no exactly constant background; more than 2.2 litres; or a dark band
+            (bone) beneath a bright one (scalp). Or the field of view cuts the brain on some side, or there are less
+            than 0.7 litres.
+
+    >>> from ngbrain.image import mni152
+    >>> scan = mni152()
+    >>> f"{check_extracted(scan).sum() * scan.volume.voxel_volume * 1e3:.2f} litres"
+    '1.89 litres'
+    """
+    mask, more = parted(scan)
+    if more:
+        raise InputError("image", more, _WANTED, scan.source)
+    check_whole(scan, mask)
+    return mask
+
+
+def parted(scan: Scan) -> tuple[np.ndarray, str]:
+    """What differs from the background (nx, ny, nz), and what in it shows that it is more than a brain: "" if nothing.
+
+    >>> from ngbrain.image import mni152
+    >>> parted(mni152())[1]
+    ''
+    """
+    volume = scan.volume
+    background, share = border(volume)
+    other = volume.data != background
+    if share < 0.5:
+        of_border = f"its commonest value, {background:g}, has {100 * share:.0f} % of the border"
+        return other, f"without a constant background: {of_border}"
+    mask = np.zeros_like(other)
+    if other.any():
+        box = ndimage.find_objects(other.astype(np.uint8))[0]
+        if _has_dark_band(volume.data[box], other[box], background, volume.spacing):
+            return other, "a head with its skull"
+        mask[box] = _largest(other[box])
+    litres = mask.sum() * volume.voxel_volume / _LITRE
+    return mask, f"a head of {litres:.2f} litres" if litres > _MOST else ""
+
+
+def check_whole(scan: Scan, mask: np.ndarray) -> None:
+    """Refuse a brain, `mask` (nx, ny, nz), that the field of view cuts, or that is less than 0.7 litres.
+
+    Raises:
+        InputError: that is so.
+    """
+    litres = mask.sum() * scan.volume.voxel_volume / _LITRE
+    if sides := _cut_sides(scan, mask):
+        found = f"cut off at the {' and the '.join(sides)} of the brain"
+        raise InputError("image", found, "the whole brain in the field of view", scan.source)
+    if litres < 0.7:
+        raise InputError("image", f"a brain of {litres:.2f} litres", "a whole adult brain, at least 0.7", scan.source)
+
+
+def _has_dark_band(data: np.ndarray, other: np.ndarray, background: float, spacing: np.ndarray) -> bool:
+    """Whether grey values fall and rise again on the way in, as from scalp through bone to brain."""
+    solid = ndimage.binary_opening(other)
+    slices = np.flatnonzero(solid.sum(axis=(0, 1)) * spacing[0] * spacing[1] > 100e-6)
+    if not len(slices):
+        return False
+    top = slice(max(slices[-1] - round(_TOP / spacing[2]), 0), slices[-1] + 1)
+    # Slice by slice: bone that was set to the background is open to the outside only below.
+    inside = np.stack([ndimage.binary_fill_holes(flat) for flat in np.moveaxis(solid[:, :, top], 2, 0)], axis=2)
+    grey = data[:, :, top]
+    around = np.pad(inside, ((1, 1), (1, 1), (0, 1)))  # not below: the head goes on there
+    depth = ndimage.distance_transform_edt(around, sampling=1e3 * spacing)[1:-1, 1:-1, :-1]
+    shell = np.ceil(depth).astype(int)  # 1: less than 1 mm deep
+    shells = range(1, min(_DEEPEST, shell.max()) + 1)
+    profile = np.array([np.median(grey[shell == s]) for s in shells if (shell == s).any()])
+    profile -= min(background, np.percentile(grey[inside], 1))
+    brightest_without = np.maximum.accumulate(profile)
+    brightest_within = np.maximum.accumulate(profile[::-1])[::-1]
+    # Heads: below 0.3, with air and bone cut off at any grey value; brains, with up to 4 mm too much left: above 0.9.
+    return bool((profile < 0.7 * np.minimum(brightest_without, brightest_within)).any())
+
+
+def _largest(other: np.ndarray) -> np.ndarray:
+    """The largest piece, told from specks and threads that hang on it by opening, its holes filled."""
+    pieces, count = ndimage.label(ndimage.binary_opening(other))
+    if not count:
+        return np.zeros_like(other)
+    piece = pieces == np.bincount(pieces.ravel())[1:].argmax() + 1
+    return ndimage.binary_fill_holes(ndimage.binary_dilation(piece) & other)
+
+
+def _cut_sides(scan: Scan, mask: np.ndarray) -> list[str]:
+    """Names of the sides where the brain lies on a face of the file's own field of view, over more than `_CUT`."""
+    step = scan.volume.spacing.mean()
+    to_file = np.linalg.solve(scan.file_affine, scan.volume.affine)
+    stored = to_file[:3, :3] @ np.argwhere(mask).T + to_file[:3, 3:]
+    names = []
+    for axis, size in enumerate(scan.file_shape):
+        along = scan.file_affine[:3, axis]
+        world = np.abs(along).argmax()
+        for beyond, way in ((stored[axis] + 0.5, -1), (size - 0.5 - stored[axis], 1)):
+            # Voxels within one step of the face: as many as it has area.
+            if (beyond * np.linalg.norm(along) < step).sum() * step**2 > _CUT:
+                names.append(_SIDES[world][int(way * along[world] > 0)])
+    return names

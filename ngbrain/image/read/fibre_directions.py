@@ -1,0 +1,179 @@
+"""Directions of fibres over a head: vectors or tensors of diffusion from NIfTI files, in the head's own axes, and at points.
+
+A direction has no sign, so that a mean of vectors means nothing: what is averaged and interpolated are structure tensors a⊗a, and a
+direction is the eigenvector of the largest eigenvalue. A file says along which axes its components are by its convention:
+
+fsl       the voxels' own axes, the first of them reversed where the affine keeps handedness; tensors xx xy xz yy yz zz
+mrtrix    the scanner's axes (right, front, up); tensors xx yy zz xy xz yz
+nifti     the scanner's axes; tensors xx xy yy xz yz zz (`NIFTI_INTENT_SYMMATRIX`)
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+
+import numpy as np
+from scipy import ndimage
+
+from ngbrain.errors import InputError
+from ngbrain.image.read.property_maps import SIDES
+from ngbrain.image.read.volume import Volume, opened
+
+CONVENTIONS = {
+    "fsl": ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)),
+    "mrtrix": ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)),
+    "nifti": ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)),
+}
+"""Name → entries of a tensor in the order of its file."""
+TWO_AXES = 1e-9
+"""Difference of a tensor's two largest eigenvalues, in parts of the largest, below which it has no direction."""
+
+
+@dataclass(frozen=True, eq=False)
+class Directions:
+    """Directions on voxels: data (nx, ny, nz, 3), unit vectors in the world's axes or 0 where none is known; affine to m.
+
+    >>> along = Directions(np.array([[[[1.0, 0, 0], [0, 0, 0], [-1.0, 0, 0]]]]), np.diag([1e-3, 1e-3, 1e-3, 1]))
+    >>> along.at(np.array([[0, 0, 0.4e-3], [0, 0, 1.6e-3]])).round(12).tolist()
+    [[1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
+    """
+
+    data: np.ndarray
+    affine: np.ndarray
+
+    @property
+    def known(self) -> np.ndarray:
+        """Which voxels have one."""
+        return np.asarray(self.data.any(axis=-1))
+
+    def tensors(self, points: np.ndarray) -> np.ndarray:
+        """Means (n, 3, 3) of the structure tensors of the eight voxels around points (n, 3) in m, the nearest known ones."""
+        grid = Volume(np.zeros(self.data.shape[:3]), self.affine)
+        last = np.array(grid.data.shape) - 1
+        where = np.clip(grid.to_voxels(points), 0, last)
+        low = np.minimum(np.floor(where).astype(int), np.maximum(last - 1, 0))
+        beyond = where - low
+        found = np.zeros((len(where), 3, 3))
+        for corner in np.ndindex(2, 2, 2):
+            index = np.minimum(low + corner, last)
+            weight = np.where(corner, beyond, 1 - beyond).prod(axis=1)
+            a = self.data[tuple(self._nearest[(slice(None), *index.T)])]
+            found += np.einsum("n,ni,nj->nij", weight, a, a)
+        return found
+
+    @cached_property
+    def _nearest(self) -> np.ndarray:
+        """Of each voxel, the place of the nearest one with a direction (3, nx, ny, nz)."""
+        spacing = np.linalg.norm(self.affine[:3, :3], axis=0)
+        return np.asarray(
+            ndimage.distance_transform_edt(~self.known, return_distances=False, return_indices=True, sampling=spacing)
+        )
+
+    def at(self, points: np.ndarray) -> np.ndarray:
+        """Unit vectors (n, 3), up to sign, at points (n, 3) in m; where none is known, that of the nearest voxels that have one."""
+        return principal(self.tensors(points))
+
+    def covers(self, points: np.ndarray) -> np.ndarray:
+        """Which points (n, 3) lie in a voxel with a direction."""
+        return Volume(self.known.astype(np.float32), self.affine).at(points, order=0) > 0
+
+
+def principal(tensors: np.ndarray) -> np.ndarray:
+    """Eigenvectors (…, 3) of the largest eigenvalues of symmetric tensors (…, 3, 3); the largest component is positive.
+
+    >>> principal(np.diag([1.0, 3.0, 2.0])).tolist()
+    [0.0, 1.0, 0.0]
+    """
+    a = np.linalg.eigh(tensors)[1][..., -1]
+    largest = np.take_along_axis(a, np.abs(a).argmax(axis=-1)[..., None], axis=-1)
+    return np.asarray(a * np.where(largest < 0, -1.0, 1.0))
+
+
+def read_directions(path: str | os.PathLike[str], convention: str) -> Directions:
+    """Read directions of fibres from a NIfTI file.
+
+    Parameters
+    ----------
+    path : path
+        Vectors (x, y, z, 3) of any length, 0 where none is known, or tensors (x, y, z, 6), (x, y, z, 9) or (x, y, z, 3, 3), of
+        which the principal direction counts.
+    convention : str
+        "fsl", "mrtrix" or "nifti": along which axes components are, and their order.
+
+    Returns
+    -------
+    Directions
+        In the axes of the world.
+
+    Raises
+    ------
+    InputError
+        The file is unreadable or has other axes, no direction, or sheared voxels, in whose axes components mean nothing.
+    MissingExtra
+        nibabel is not installed.
+
+    Examples
+    --------
+    >>> read_directions("scene.toml", "fsl")
+    Traceback (most recent call last):
+    ngbrain.errors.InputError: scene.toml: image is missing; wanted: one NIfTI or MGH file: .nii, .nii.gz, .mgh or .mgz
+    """
+    path = Path(path)
+    if convention not in CONVENTIONS:
+        raise InputError("fibre_map_convention", repr(convention), f"one of {', '.join(CONVENTIONS)}")
+    return _read(path, convention, path.stat().st_mtime_ns if path.exists() else 0)
+
+
+@lru_cache(maxsize=4)
+def _read(path: Path, convention: str, _stamp: int) -> Directions:
+    image, affine = opened(path, SIDES)
+    try:
+        values = np.asarray(image.get_fdata(dtype=np.float64))
+    except (OSError, EOFError, ValueError) as error:
+        raise InputError("fibre_map", f"cut short ({error})", "a whole file", path) from error
+    if values.ndim == 5 and values.shape[3] == 1:  # NIfTI's own place for vectors and tensors is the fifth axis
+        values = values[:, :, :, 0]
+    count = values.shape[3:]
+    if count not in ((3,), (6,), (9,), (3, 3)):
+        wanted = "vectors (x, y, z, 3), or tensors (x, y, z, 6) or (x, y, z, 3, 3)"
+        raise InputError("fibre_map", f"of shape {values.shape}", wanted, path)
+    values = np.where(np.isfinite(values).all(axis=tuple(range(3, values.ndim)), keepdims=True), values, 0.0)
+    turn = _axes(affine, convention, path)
+    own = values if count == (3,) else _of_tensors(values, count, convention)
+    length = np.linalg.norm(own, axis=-1, keepdims=True)
+    if not length.any():
+        raise InputError("fibre_map", "without a direction", "vectors or tensors that are not all 0", path)
+    return Directions(own / np.where(length > 0, length, 1.0) @ turn.T, affine)
+
+
+def _of_tensors(values: np.ndarray, count: tuple[int, ...], convention: str) -> np.ndarray:
+    """Principal directions; 0 where a tensor is, or has two largest eigenvalues alike."""
+    shape = values.shape[:3]
+    if count == (6,):
+        tensors = np.empty((*shape, 3, 3))
+        for k, (i, j) in enumerate(CONVENTIONS[convention]):
+            tensors[..., i, j] = tensors[..., j, i] = values[..., k]
+    else:
+        tensors = values.reshape(*shape, 3, 3)
+        tensors = (tensors + np.swapaxes(tensors, -1, -2)) / 2
+    known = np.argwhere(tensors.any(axis=(-1, -2)))
+    found, own = np.zeros((*shape, 3)), tensors[tuple(known.T)]
+    sizes = np.linalg.eigvalsh(own)
+    sure = sizes[:, 2] - sizes[:, 1] > TWO_AXES * np.abs(sizes).max(axis=1, initial=0.0)
+    found[tuple(known[sure].T)] = principal(own[sure])
+    return found
+
+
+def _axes(affine: np.ndarray, convention: str, path: Path) -> np.ndarray:
+    """From a file's components to those along the world's axes."""
+    if convention != "fsl":
+        return np.eye(3)
+    axes = affine[:3, :3] / np.linalg.norm(affine[:3, :3], axis=0)
+    if np.abs(axes.T @ axes - np.eye(3)).max() > 1e-3:
+        raise InputError(
+            "fibre_map", "of sheared voxels", "voxels with right angles, whose axes components can be along", path
+        )
+    return np.asarray(axes @ np.diag([-1.0 if np.linalg.det(axes) > 0 else 1.0, 1.0, 1.0]))

@@ -1,0 +1,113 @@
+"""A map of labels: which region of the head each voxel belongs to, and what the regions are called."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy import ndimage
+
+from ngbrain.errors import InputError
+from ngbrain.image.read.volume import Volume, upright
+
+
+@dataclass(frozen=True, eq=False)
+class LabelMap:
+    """Regions on voxels.
+
+    volume  integers; 0 is outside
+    names   number → name of the region; every number but 0 in `volume` has one, and two numbers may share a name; 0 needs none
+    cut     share of each voxel that is cut away, where a cut runs through voxels; None for no cut
+
+    >>> two = LabelMap(Volume(np.array([[[0, 1, 1, 7]]]), np.diag([1e-3, 1e-3, 1e-3, 1])), {1: "grey", 7: "white"})
+    >>> two.regions, two.volumes_ml()
+    (('grey', 'white'), {'grey': 0.002, 'white': 0.001})
+    """
+
+    volume: Volume
+    names: Mapping[int, str]
+    cut: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        if self.volume.data.dtype.kind not in "iu":
+            raise InputError("labels", f"made of {self.volume.data.dtype} numbers", "integers")
+        unnamed = sorted(set(np.unique(self.volume.data).tolist()) - {0} - set(self.names))
+        if unnamed:
+            raise InputError("labels", f"without a name for {unnamed[:5]}", "a name for every number but 0")
+
+    @cached_property
+    def regions(self) -> tuple[str, ...]:
+        """Names of the regions that there are, in the order of their numbers."""
+        present = set(np.unique(self.volume.data).tolist()) - {0}
+        return tuple(dict.fromkeys(name for number, name in sorted(self.names.items()) if number in present))
+
+    def numbered(self) -> np.ndarray:
+        """The voxels with regions numbered from 1 in the order of `regions`, uint8; 0 is outside, and more than half cut away."""
+        table = np.zeros(int(self.volume.data.max()) + 1, np.uint8)
+        place = {name: i for i, name in enumerate(self.regions, 1)}
+        for number, name in self.names.items():
+            if 0 < number < len(table):
+                table[number] = place.get(name, 0)
+        numbers = table[self.volume.data]
+        return numbers if self.cut is None else np.where(self.cut > 0.5, np.uint8(0), numbers)
+
+    def volumes_ml(self) -> dict[str, float]:
+        """Millilitres of each region."""
+        left = None if self.cut is None else (1 - self.cut.astype(float)).ravel()
+        counts = np.bincount(replace(self, cut=None).numbered().ravel(), left, len(self.regions) + 1)[1:]
+        return dict(zip(self.regions, (counts * self.volume.voxel_volume * 1e6).tolist(), strict=True))
+
+    def boxed(self, air: float = 8e-3) -> LabelMap:
+        """The voxels that have a label and `air` (m) around them: files hold up to four times as many as a head needs.
+
+        >>> row = LabelMap(Volume(np.array([[[0, 0, 0, 1, 7, 0]]]), np.diag([1e-3, 1e-3, 1e-3, 1])), {1: "grey", 7: "white"})
+        >>> row.boxed(1e-3).volume.data.tolist(), row.boxed(1e-3).volume.affine[2, 3]
+        ([[[0, 1, 7, 0]]], np.float64(0.002))
+        """
+        boxes = ndimage.find_objects((self.volume.data != 0).astype(np.uint8))
+        if not boxes:
+            return self
+        pad = np.ceil(air / self.volume.spacing).astype(int)
+        first = np.maximum([side.start for side in boxes[0]] - pad, 0)
+        last = np.minimum([side.stop for side in boxes[0]] + pad, self.volume.data.shape)
+        box = tuple(slice(*ends) for ends in zip(first.tolist(), last.tolist(), strict=True))
+        affine = self.volume.affine.copy()
+        affine[:3, 3] = self.volume.to_world(first)
+        cut = None if self.cut is None else self.cut[box]
+        return LabelMap(Volume(self.volume.data[box], affine), self.names, cut)
+
+    def upright(self, spacing: float = 1e-3) -> LabelMap:
+        """The same head on cubic voxels of `spacing` (m) along right, front and up, regions numbered from 1.
+
+        Flips and permutations of the axes leave the voxels as they are; else a voxel takes the region of the largest share
+        around it, by linear interpolation of each region's share in a box of the new voxels' size.
+
+        >>> two = LabelMap(Volume(np.array([[[0, 1, 1, 7]]]), np.diag([-1e-3, 1e-3, 1e-3, 1])), {1: "grey", 7: "white"})
+        >>> two.upright().volume.data.tolist()
+        [[[0, 1, 1, 2]]]
+        """
+        turned = upright(Volume(self.numbered(), self.volume.affine))
+        names = dict(enumerate(self.regions, 1))
+        linear = turned.affine[:3, :3]
+        if np.allclose(linear, spacing * np.eye(3), rtol=0, atol=1e-3 * spacing):
+            return LabelMap(turned, names)
+        corners = turned.to_world(np.array(list(np.ndindex(2, 2, 2))) * np.array(turned.data.shape) - 0.5)
+        first = np.floor(corners.min(axis=0) / spacing)
+        shape = tuple((np.ceil(corners.max(axis=0) / spacing) - first).astype(int) + 1)
+        affine = np.diag([spacing, spacing, spacing, 1.0])
+        affine[:3, 3] = spacing * first
+        to = np.linalg.solve(turned.affine, affine)
+        box = np.maximum(np.rint(spacing / turned.spacing), 1).astype(int)
+        best, most = np.zeros(shape, np.uint8), np.full(shape, -1.0, np.float32)
+        for number in range(len(names) + 1):
+            share = (turned.data == number).astype(np.float32)
+            share = ndimage.uniform_filter(share, tuple(box)) if box.max() > 1 else share
+            around = 1.0 if number == 0 else 0.0
+            share = ndimage.affine_transform(
+                share, to[:3, :3], to[:3, 3], shape, order=1, mode="grid-constant", cval=around
+            )
+            best[share > most] = number
+            most = np.maximum(most, share)
+        return LabelMap(Volume(best, affine), names)

@@ -1,0 +1,100 @@
+"""Maps of a measured quantity over a head, such as shear stiffness: from files, and at points."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+from scipy import ndimage
+
+from ngbrain.errors import InputError
+from ngbrain.image.read.volume import Volume, opened
+
+SIDES = (0.1e-3, 20e-3)
+"""Of a voxel (m)."""
+COVERED = 0.5
+"""Least share of a body's points that a map of it has values at."""
+
+
+def read_map(path: str | os.PathLike[str], what: str) -> Volume:
+    """Read a map of positive numbers.
+
+    Parameters
+    ----------
+    path : path
+        NIfTI or MGH, also in a ZIP archive of its own; 0 and NaN stand where nothing was measured.
+    what : str
+        The quantity and its unit, for messages.
+
+    Returns
+    -------
+    Volume
+        In the file's unit, NaN where nothing was measured.
+
+    Raises
+    ------
+    InputError
+        The file is unreadable, of other than three axes, without a value above 0, or with a negative one.
+    MissingExtra
+        nibabel is not installed.
+    """
+    path = Path(path)
+    image, affine = opened(path, SIDES)
+    try:
+        values = np.asarray(image.get_fdata(dtype=np.float64))
+    except (OSError, EOFError, ValueError) as error:
+        raise InputError("map", f"cut short ({error})", "a whole file", path) from error
+    if values.ndim != 3:
+        raise InputError("map", f"of {values.ndim} axes", f"a volume of {what}, three axes", path)
+    values = np.where(np.isfinite(values) & (values != 0), values, np.nan)
+    if np.isnan(values).all():
+        raise InputError("map", "without a value above 0", what, path)
+    if np.nanmin(values) < 0:
+        raise InputError("map", f"as low as {np.nanmin(values):.3g}", f"{what}, 0 where nothing was measured", path)
+    return Volume(values, affine)
+
+
+def filled(volume: Volume) -> Volume:
+    """The map with the value of the nearest measured voxel where nothing was measured.
+
+    >>> filled(Volume(np.array([[[1.0, np.nan, np.nan, 4.0, np.nan]]]), np.eye(4))).data.ravel().tolist()
+    [1.0, 1.0, 4.0, 4.0, 4.0]
+    """
+    unknown = np.isnan(volume.data)
+    nearest = ndimage.distance_transform_edt(
+        unknown, return_distances=False, return_indices=True, sampling=volume.spacing
+    )
+    return Volume(volume.data[tuple(nearest)], volume.affine)
+
+
+def measured(volume: Volume, points: np.ndarray) -> np.ndarray:
+    """Which points (n, 3) m lie in a voxel that was measured.
+
+    Raises
+    ------
+    InputError
+        They are less than `COVERED` of the points.
+
+    Examples
+    --------
+    >>> line = Volume(np.array([[[1.0, 2.0, np.nan]]]), np.diag([1e-3, 1e-3, 1e-3, 1]))
+    >>> measured(line, np.array([[0, 0, 0], [0, 0, 1.4e-3], [0, 0, 2e-3]])).tolist()
+    [True, True, False]
+    """
+    known = Volume((~np.isnan(volume.data)).astype(np.float32), volume.affine).at(points, order=0) > 0
+    if known.mean() < COVERED:
+        found = f"without a value at {1 - known.mean():.0%} of the body"
+        raise InputError("map", found, "one in the space of the body, measured over most of it")
+    return np.asarray(known)
+
+
+def sampled(volume: Volume, points: np.ndarray) -> np.ndarray:
+    """Values (n,) at points (n, 3) m, linear between voxels; where nothing was measured, those of the nearest that was.
+
+    >>> line = Volume(np.array([[[1.0, 2.0, np.nan]]]), np.diag([1e-3, 1e-3, 1e-3, 1]))
+    >>> sampled(line, np.array([[0, 0, 0.5e-3], [0, 0, 9e-3]])).tolist()
+    [1.5, 2.0]
+    """
+    last = np.array(volume.data.shape) - 1
+    return filled(volume).at(volume.to_world(np.clip(volume.to_voxels(points), 0, last)))

@@ -1,0 +1,388 @@
+"""Pictures of a head: values on a grid of voxels with a place in the world, and the files they come from."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import ndimage
+
+from ngbrain.errors import InputError, require
+from ngbrain.image.read.dicom import is_dicom, read_series
+from ngbrain.reading import check_regular, gunzipped, read_bytes, unzipped
+
+_GRID = 1e-3  # m
+_MOST_VOXELS = 512**3
+_SIDES = (0.2e-3, 5e-3)  # m, of a voxel
+_LEAST = 0.1  # m, along each axis of a scan
+_FWHM = np.sqrt(8 * np.log(2))  # full width at half maximum of a Gaussian, in standard deviations
+_UNITS = {1: 1.0, 2: 1e-3, 3: 1e-6}  # NIfTI's code for the unit of length -> m
+_NIFTI = "one NIfTI or MGH file: .nii, .nii.gz, .mgh or .mgz"
+_MGH = b"\0\0\0\1\0\0"  # version 1, big-endian, and the size along the first axis below 2^16
+
+
+@dataclass(frozen=True, eq=False)
+class Volume:
+    """Values on voxels, and where the voxels are.
+
+    Attributes:
+        data: (nx, ny, nz).
+        affine: (4, 4), takes voxel indices (the centres of the voxels) to m; the axes of the world are right, front, up.
+
+    >>> box = Volume(np.arange(8.0).reshape(2, 2, 2), np.diag([1e-3, 1e-3, 2e-3, 1]))
+    >>> box.at(np.array([[0.0, 0.0, 1e-3], [0.5e-3, 0.0, 2e-3]]))
+    array([0.5, 3. ])
+    """
+
+    data: np.ndarray
+    affine: np.ndarray
+
+    @property
+    def spacing(self) -> np.ndarray:
+        """From one voxel to the next along each axis of `data`, (3,) in m."""
+        return np.linalg.norm(self.affine[:3, :3], axis=0)
+
+    @property
+    def voxel_volume(self) -> float:
+        """Of one voxel (m³)."""
+        return float(abs(np.linalg.det(self.affine[:3, :3])))
+
+    def to_world(self, indices: np.ndarray) -> np.ndarray:
+        """Voxel indices (n, 3), whole or not, to points (n, 3) in m."""
+        return np.asarray(indices) @ self.affine[:3, :3].T + self.affine[:3, 3]
+
+    def to_voxels(self, points: np.ndarray) -> np.ndarray:
+        """Points (n, 3) in m to voxel indices (n, 3), not rounded."""
+        return np.linalg.solve(self.affine[:3, :3], (np.asarray(points) - self.affine[:3, 3]).T).T
+
+    def at(self, points: np.ndarray, order: int = 1, outside: float = 0.0) -> np.ndarray:
+        """Values (n,) at points (n, 3) in m, by splines of `order` 0 to 5; beyond the picture they go to `outside`."""
+        # "grid-constant": with "constant" a rounding error beyond the last voxel would be outside.
+        where = self.to_voxels(points).T
+        return ndimage.map_coordinates(self.data, where, float, order=order, mode="grid-constant", cval=outside)
+
+    def digest(self) -> str:
+        """SHA-256 of everything in it, in hexadecimal: the key under which a cache keeps what was made of it."""
+        affine = np.ascontiguousarray(self.affine, float)
+        head = f"{self.data.dtype.str} {self.data.shape}".encode()
+        return hashlib.sha256(head + affine.tobytes() + np.ascontiguousarray(self.data).tobytes()).hexdigest()
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """A T1 scan as read.
+
+    Attributes:
+        volume: float32, axes right, front, up, voxels of 1 mm.
+        file_affine: (4, 4), takes indices (from 0) of the array as stored in the file to m.
+        file_shape: of that array; outside it nothing was seen, whatever `volume` has there.
+        source: what it is, in words: the path of the file or the name of a template.
+    """
+
+    volume: Volume
+    file_affine: np.ndarray
+    file_shape: tuple[int, int, int]
+    source: str
+
+
+@dataclass(frozen=True, eq=False)
+class Stored:
+    """A picture as its file has it: nibabel's image, indices of the array to m (4, 4), the array's three sizes."""
+
+    image: Any
+    affine: np.ndarray
+    shape: tuple[int, int, int]
+
+
+def stored(path: str | os.PathLike[str]) -> Stored:
+    """Open a NIfTI or MGH file and check its place and size, not its values; raises what `read_scan` does of these."""
+    path = Path(path)
+    image, affine = opened(path)
+    return Stored(image, affine, _file_shape(image, path))
+
+
+def opened(path: Path, sides: tuple[float, float] = _SIDES) -> tuple[Any, np.ndarray]:
+    """nibabel's image with any number of axes, voxels of `sides` (m), and its affine (4, 4) to m; else as `stored`."""
+    image = _parsed(path)
+    return image, _file_affine(image, path, sides)
+
+
+def read_scan(path: str | os.PathLike[str]) -> Scan:
+    """Read a T1 scan of a head, with or without its skull, from a NIfTI-1, NIfTI-2 or MGH (FreeSurfer) file.
+
+    The sform says where the voxels are, or the qform where there is none; where they differ, the sform wins. If it
+    was made by an affine registration, lengths are those of the template. A unit of length that is not given is mm.
+    Copies of a scan that differ only by flipped or permuted axes give the same bits.
+
+    Raises:
+        InputError: there is no such file or it is neither NIfTI nor MGH, cut short or damaged; not one 3-D picture of plain real
+            numbers, finite, of at least 16 different values; no usable affine; voxels not of 0.2 to 5 mm; less than
+            100 mm along an axis, which is not a whole head.
+        MissingExtra: nibabel is not installed.
+
+    >>> read_scan("case.toml")
+    Traceback (most recent call last):
+    ngbrain.errors.InputError: case.toml: image is missing; wanted: one NIfTI or MGH file: .nii, .nii.gz, .mgh or .mgz
+    """
+    path, file = Path(path), stored(path)
+    extent = np.linalg.norm(file.affine[:3, :3], axis=0) * file.shape
+    if extent.min() < _LEAST:
+        text = " x ".join(f"{1e3 * side:.0f}" for side in extent)
+        raise InputError("image", f"{text} mm", "a whole head, at least 100 mm along each axis", path)
+    data = _values(file.image, path).reshape(file.shape)
+    try:
+        volume = straightened(Volume(data, file.affine))
+    except InputError as error:
+        raise InputError(error.field, error.value, error.wanted, path) from None
+    return Scan(volume, file.affine, file.shape, str(path))
+
+
+def mni152() -> Scan:
+    """The average brain that nilearn brings along: ICBM 2009a nonlinear symmetric, 1 mm, without skull.
+
+    nilearn only divides its 8-bit values by the largest, so they run from 0 to 1 in 225 steps; the zeros around the
+    brain are exact. The brain stem ends at the lowest slice.
+
+    Raises:
+        MissingExtra: nilearn is not installed.
+
+    >>> mni152().volume.data.shape
+    (197, 233, 189)
+    """
+    template = _mni152()
+    return replace(template, volume=Volume(template.volume.data.copy(), template.volume.affine.copy()))
+
+
+def template_map(name: str) -> tuple[np.ndarray, np.ndarray]:
+    """A map of the MNI152 template that nilearn brings along, as its loaders read it.
+
+    Their module brings scikit-learn and pandas, which take longer to import than the map to read; so the file is read here.
+
+    Parameters
+    ----------
+    name : str
+        `t1`, or `gm` or `wm` for the share of grey or white matter.
+
+    Returns
+    -------
+    data : numpy.ndarray
+        float32, divided by the largest.
+    affine : numpy.ndarray
+        (4, 4), from voxels to m.
+
+    Raises
+    ------
+    MissingExtra
+        nilearn is not installed.
+    """
+    folder = Path(str(require("nilearn", "mri").__file__)).parent / "datasets" / "data"
+    image = require("nibabel", "mri").load(folder / f"mni_icbm152_{name}_tal_nlin_sym_09a_converted.nii.gz")
+    data = np.asarray(image.dataobj).astype(np.float32)
+    return data / data.max(), np.diag([1e-3, 1e-3, 1e-3, 1]) @ image.affine
+
+
+@lru_cache(maxsize=1)
+def _mni152() -> Scan:
+    data, affine = template_map("t1")
+    name = "MNI152 T1 (average of 152 people, brain-extracted)"
+    return Scan(straightened(Volume(data, affine)), affine, data.shape, name)
+
+
+def straightened(volume: Volume, spacing: float = _GRID) -> Volume:
+    """The same picture with axes right, front, up and `spacing` (m) between the voxels.
+
+    If flips and permutations of the axes can do it (to 1e-3 of `spacing`), the values stay as they are. Otherwise they
+    are interpolated by cubic splines, after smoothing along axes finer than `spacing`, at whole multiples of `spacing`
+    in the world. What belongs to the background (`border`) stays exactly that, and no value leaves the old range.
+    The affine is rounded to 1 µm, which makes copies of a picture that differ by flips the same.
+
+    Raises:
+        InputError: the new grid would have more than 512³ voxels.
+        MissingExtra: nibabel is not installed.
+
+    >>> image = Volume(np.eye(3, dtype=np.float32)[:, :, None] * np.ones(2, np.float32), np.diag([-1e-3, 1e-3, 1e-3, 1]))
+    >>> straightened(image).affine[:3, 3], straightened(image).data[:, :, 0].tolist()
+    (array([-0.002, 0. , 0. ]), [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
+    """
+    volume = upright(volume)
+    linear = volume.affine[:3, :3]
+    steps = np.diag(linear)
+    if np.abs(linear - np.diag(steps)).max() <= 1e-6 * spacing and np.abs(steps - spacing).max() <= 1e-3 * spacing:
+        return volume
+    corners = volume.to_world(np.array(list(np.ndindex(2, 2, 2))) * np.array(volume.data.shape) - 0.5)
+    # Millionths of a voxel: where corners fall on grid points but for rounding, the point is in.
+    first = np.ceil(corners.min(axis=0) / spacing - 1e-6)
+    shape = np.floor(corners.max(axis=0) / spacing + 1e-6).astype(int) - first.astype(int) + 1
+    if shape.prod() > _MOST_VOXELS:
+        raise InputError(
+            "image", "x".join(map(str, shape)) + f" voxels of {1e3 * spacing:g} mm", "at most 512³ of them"
+        )
+    affine = np.diag([spacing, spacing, spacing, 1.0])
+    affine[:3, 3] = spacing * first
+    matrix = np.linalg.solve(volume.affine, affine)
+    turn, offset = matrix[:3, :3], matrix[:3, 3]
+    if np.abs(turn - np.diag(np.diag(turn))).max() <= 1e-9:
+        turn = np.diag(turn)  # so that splines' weights are found once for each axis
+
+    background, _ = border(volume)
+    # Zero around the picture: half way out of its last voxel the share of the picture falls below a half.
+    picture = (volume.data != background).astype(np.float32)
+    share = ndimage.affine_transform(picture, turn, offset, tuple(shape), order=1, mode="grid-constant")
+    inside = share >= 0.5
+    values = np.full(inside.shape, background, np.float32)
+
+    data = volume.data.astype(np.float32, copy=False)
+    # A Gaussian that brings the width of one old voxel to that of a new one, so that nothing is aliased.
+    blur = np.sqrt(np.maximum((spacing / volume.spacing) ** 2 - 1, 0)) / _FWHM
+    smooth = ndimage.gaussian_filter(data, blur)
+    new = ndimage.affine_transform(smooth, turn, offset, tuple(shape), order=3, mode="nearest")
+    values[inside] = new[inside].clip(data.min(), data.max())
+    return Volume(values, affine)
+
+
+def border(volume: Volume) -> tuple[float, float]:
+    """The most common value on the six faces of the picture, and the share of their voxels that have exactly it.
+
+    >>> border(Volume(np.pad(np.ones((2, 2, 2)), 1), np.eye(4)))
+    (0.0, 1.0)
+    """
+    faces = [volume.data.take(end, axis).ravel() for axis in range(3) for end in (0, -1)]
+    values, counts = np.unique(np.concatenate(faces), return_counts=True)
+    most = counts.argmax()
+    return float(values[most]), float(counts[most] / counts.sum())
+
+
+def upright(volume: Volume) -> Volume:
+    """The same voxels with axes flipped and permuted so that they run, as nearly as can be, right, front and up."""
+    orientations = require("nibabel.orientations", "mri")
+    turn = orientations.io_orientation(volume.affine)
+    affine = volume.affine @ orientations.inv_ornt_aff(turn, volume.data.shape)
+    # Flips leave rounding errors, those of a float32 header included.
+    affine[:3, :3] = affine[:3, :3].round(9)
+    affine[:3, 3] = affine[:3, 3].round(6)
+    return Volume(np.ascontiguousarray(orientations.apply_orientation(volume.data, turn)), affine + 0.0)  # no -0.0
+
+
+def _parsed(path: Path) -> Any:
+    """The nibabel image in a file; its values are not looked at yet."""
+    if not path.exists():
+        raise InputError("image", "missing", _NIFTI, path)
+    if path.is_dir():
+        return read_series(path)
+    try:
+        check_regular(path, "image")
+    except InputError as error:
+        raise InputError("image", error.value, _NIFTI, path) from None
+    if is_dicom(path):
+        return read_series(path)
+    nibabel = require("nibabel", "mri")
+    raw = read_bytes(path, "image")
+    if raw[:4] == b"PK\3\4":
+        raw = unzipped(raw, "image", path)
+    if raw[:2] == b"\x1f\x8b":
+        raw = bytes(gunzipped(raw, "image", path))
+    if raw[344:348] == b"n+1\0":
+        kind = nibabel.Nifti1Image
+    elif raw[4:8] == b"n+2\0":
+        kind = nibabel.Nifti2Image
+    elif raw[:6] == _MGH:
+        kind = nibabel.MGHImage
+    else:
+        raise InputError("image", "neither a NIfTI nor an MGH file" if raw else "an empty file", _NIFTI, path)
+    try:
+        with nibabel.imageglobals.LoggingOutputSuppressor():  # it tells stderr what it puts right
+            return kind.from_bytes(raw)
+    except Exception as error:  # whatever a damaged header leads nibabel into
+        raise InputError("image", f"a file with a damaged header ({error})", "a sound one", path) from error
+
+
+def _file_affine(stored: Any, path: Path, sides: tuple[float, float]) -> np.ndarray:
+    """Indices of the stored array to m, (4, 4)."""
+    header = stored.header
+    if "sform_code" not in header:  # MGH, in mm
+        given, unit = header["goodRASFlag"] == 1, 1e-3
+    else:
+        given = bool(header["sform_code"] or header["qform_code"])
+        unit = _UNITS.get(int(header["xyzt_units"]) & 7, 1e-3)
+    if not given:  # nibabel would make one up
+        raise InputError("image affine", "not given", "a sform or qform with a code above 0, or MGH's good RAS", path)
+    _check_sides(header, path)
+    affine = np.diag([unit, unit, unit, 1.0]) @ stored.affine
+    sizes = np.linalg.norm(affine[:3, :3], axis=0)
+    # The determinant over the product of the sizes is 1 for right angles.
+    if not np.isfinite(affine).all() or abs(np.linalg.det(affine[:3, :3])) <= 0.1 * sizes.prod():
+        raise InputError("image affine", stored.affine[:3].tolist(), "three independent axes, finite", path)
+    if sizes.min() < sides[0] or sizes.max() > sides[1]:
+        text = " x ".join(f"{1e3 * size:.4g}" for size in sizes)
+        wanted = f"{1e3 * sides[0]:g} to {1e3 * sides[1]:g} mm along each side"
+        raise InputError("image voxel", f"{text} mm", wanted, path)
+    return affine
+
+
+def _check_sides(header: Any, path: Path) -> None:
+    """Refuse a file whose two places are mirror images: one of them has left and right the wrong way round."""
+    if "sform_code" not in header or not (header["sform_code"] and header["qform_code"]):
+        return
+    sform, qform = (np.linalg.det(form[:3, :3]) for form in (header.get_sform(), header.get_qform()))
+    if sform * qform < 0:
+        found = "a sform and a qform that disagree about left and right"
+        raise InputError("image affine", found, "two that agree, or one with code 0", path)
+
+
+def _file_shape(stored: Any, path: Path) -> tuple[int, int, int]:
+    shape = tuple(int(n) for n in stored.shape)
+    if 0 in shape or len(shape) < 3 or any(n > 1 for n in shape[3:]):
+        raise InputError("image shape", shape, "three axes: one picture of one head", path)
+    if np.prod(shape) > 4 * _MOST_VOXELS:
+        raise InputError("image shape", shape, "at most 2^29 voxels", path)
+    return shape[0], shape[1], shape[2]
+
+
+def background_filled(data: np.ndarray, value: float) -> np.ndarray:
+    """Where NaN stands around what was measured, as software writes it that leaves the outside out, another value.
+
+    NaN that does not reach the border of the box stays.
+
+    >>> background_filled(np.array([[np.nan, 1.0, np.nan, 2.0, np.nan]] * 3).T, 0.0)[:, 0].tolist()
+    [0.0, 1.0, 0.0, 2.0, 0.0]
+    >>> inner = np.ones((3, 3)); inner[1, 1] = np.nan
+    >>> int(np.isnan(background_filled(inner, 0.0)).sum())
+    1
+    """
+    unknown = np.isnan(data)
+    if not unknown.any() or unknown.all():
+        return data
+    enclosed = ndimage.binary_fill_holes(~unknown)
+    return np.where(unknown & ~enclosed, data.dtype.type(value), data)
+
+
+def _values(stored: Any, path: Path) -> np.ndarray:
+    """The numbers of the picture, scaled as the header says, float32."""
+    dtype = stored.get_data_dtype()
+    if dtype.fields or dtype.kind not in "iuf":
+        kind = "colours" if dtype.fields else f"{dtype} numbers"
+        raise InputError("image", f"made of {kind}", "grey values", path)
+    try:
+        with np.errstate(all="ignore"):  # what float32 cannot hold is found below
+            data = stored.get_fdata(dtype=np.float32, caching="unchanged")
+    except (OSError, EOFError, ValueError, MemoryError) as error:
+        raise InputError("image", f"cut short ({error})", "a whole NIfTI file", path) from error
+    data = background_filled(data, float(np.nanmin(data, initial=np.inf)))
+    bad = data.size - int(np.isfinite(data).sum())
+    if bad:
+        raise InputError("image", f"not a finite number in {bad} voxels", "finite values", path)
+    few = np.unique(data.ravel()[::97])  # enough for a scan, and quick
+    if len(few) < 16:
+        few = np.unique(data)
+    if len(few) == 1:
+        raise InputError("image", f"{few[0]:g} everywhere", "a T1 scan", path)
+    is_labels = "intent_code" in stored.header and int(stored.header["intent_code"]) == 1002
+    if len(few) < 16 or is_labels:
+        wanted = "a T1 scan, its grey values; labels go with --labels"
+        raise InputError("image", f"a map of labels ({len(few)} values or more)", wanted, path)
+    return data

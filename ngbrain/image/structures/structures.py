@@ -1,0 +1,217 @@
+"""Structures of a brain from its tissues: hemispheres, cerebellum, brain stem, deep grey matter and corpus callosum.
+
+There is no atlas in this: marks at known places of the MNI152 template (`ngbrain.image.preprocess.mni_landmarks`) are
+carried into the head by an affine map, and the scan itself says where the structures that they are in end.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from ngbrain.errors import InputError, require
+from ngbrain.image.preprocess import mni_landmarks
+from ngbrain.image.preprocess.registration import ALIKE, INSIDE, Alignment, align, correlation_inside
+from ngbrain.image.read.label_map import LabelMap
+from ngbrain.image.read.volume import Volume, mni152
+from ngbrain.image.segment.nuclei import nuclei
+from ngbrain.image.segment.tissue_classes import CSF, GREY, VENTRICLE, WHITE
+from ngbrain.image.structures.midsurface import MidSurface
+
+LEFT, RIGHT, CEREBELLUM, STEM = range(1, 5)
+PARTS = {LEFT: "cerebrum_left", RIGHT: "cerebrum_right", CEREBELLUM: "cerebellum", STEM: "brain_stem"}
+"""Names of the parts of a brain."""
+NAMES = {
+    1: "csf",
+    2: "ventricles",
+    3: "grey_left",
+    4: "grey_right",
+    5: "white_left",
+    6: "white_right",
+    7: "grey_cerebellum",
+    8: "white_cerebellum",
+    9: "brain_stem",
+    10: "deep_grey_left",
+    11: "deep_grey_right",
+    12: "corpus_callosum",
+}
+"""Names of the regions."""
+_NUMBERS = {name: number for number, name in NAMES.items()}
+
+_BAND = 7.0  # mm to both sides of where the tentorium is expected, in which the scan decides
+_CORE, _RIM, _AROUND = 0.8, 1.25, 1.6  # radii of the brain stem: all stem inside, none outside, and what is looked at
+_SMOOTH = 0.6  # mm, of grey values in which valleys are looked for
+_TRUNK = 8.0  # mm to both sides of the mid surface that are corpus callosum
+_NEAR = 8.0  # mm about its expected course
+_BACK_BELOW = (120.0, 90.0)  # mm: no brain is further back or below
+
+
+@dataclass(frozen=True, eq=False)
+class Structures:
+    """What a brain consists of.
+
+    labels  regions by the names in NAMES: tissue and structure in one, so that `grey.*` is all cortex, `.*_left` a side
+    parts   uint8: which of PARTS every voxel of the brain belongs to, fluid included; 0 is outside
+    affine  (4, 4), takes points of the MNI152 template (m) to points of the head (m)
+    middle  the surface between the halves, in the template
+    """
+
+    labels: LabelMap
+    parts: Volume
+    affine: np.ndarray
+    middle: MidSurface
+
+
+def structures(t1: Volume, tissues: Volume, place: Alignment | None = None) -> Structures:
+    """Split the tissues of a T1 into structures.
+
+    Tissue is flooded from marks, bright first, so that floods meet in the dark between folds (Beucher & Meyer 1993):
+    cerebrum and cerebellum meet along the tentorium. The stem is cut from the cerebrum above the colliculi and behind the
+    mammillary bodies, where nothing in a T1 parts them. Left and right meet in the surface that follows the fissure
+    (`MidSurface`). Thalamus, caudate, putamen and pallidum are flooded from their middles up to edges of the grey values.
+    Corpus callosum is the white matter within 8 mm of the middle that is in its cross-section there. Right is where the
+    affine says that it is.
+
+    t1       without the coil's field; axes right, front, up, voxels of 1 mm (of 2 mm will do, but lose thin borders)
+    tissues  on the same voxels: CSF, GREY, WHITE, VENTRICLE of `ngbrain.image.segment.tissue_classes`, 0 outside
+    place    of the MNI152 template in the brain; None: it is looked for
+
+    Raises:
+        InputError: the two are on different voxels; no tissue; or the brain is not like the template's (likeness
+            below 0.4).
+        MissingExtra: nilearn or scikit-image is not installed.
+
+    >>> from ngbrain.image.labelling import structured  # structures of a scan's tissues, from the cache
+    >>> ml = structured(mni152()).labels.volumes_ml()
+    >>> f"{ml['brain_stem']:.0f} ml of stem, {ml['white_left'] / ml['white_right']:.2f} times as much white left as right"
+    '30 ml of stem, 1.00 times as much white left as right'
+    """
+    if t1.data.shape != tissues.data.shape or not np.allclose(t1.affine, tissues.affine, atol=1e-6):
+        raise InputError("tissues", f"on {tissues.data.shape} voxels", f"the voxels of the scan, {t1.data.shape}")
+    brain = tissues.data > 0
+    if not np.isin(tissues.data, (GREY, WHITE)).any():
+        raise InputError("tissues", "without grey and white matter", "labels of a whole brain")
+    head = on_black(t1, brain)
+    place = place or align(head, mni152().volume)
+    inside = correlation_inside(head, mni152().volume, place.affine)
+    if place.likeness < ALIKE or inside < INSIDE:
+        what = f"a brain unlike the MNI152 template (correlation {place.likeness:.2f}, inside {inside:.2f})"
+        raise InputError("image", what, "a T1 of a whole brain")
+    middle = MidSurface.of(head, place.affine)
+    box = tuple(slice(max(s.start - 1, 0), s.stop + 1) for s in ndimage.find_objects(brain.astype(np.uint8))[0])
+    case = _Case.of(head, tissues, place.affine, middle, box)
+    parts = case.parts()
+    labels = case.regions(parts)
+    whole, regions = np.zeros(brain.shape, np.uint8), np.zeros(brain.shape, np.uint8)
+    whole[box], regions[box] = parts, labels
+    return Structures(
+        LabelMap(Volume(regions, tissues.affine), NAMES), Volume(whole, tissues.affine), place.affine, middle
+    )
+
+
+def on_black(t1: Volume, brain: np.ndarray) -> Volume:
+    """The brain in a T1, 0 around it and nowhere below."""
+    dark = min(float(t1.data[brain].min()), 0.0)
+    return Volume(np.where(brain, t1.data - dark, 0).astype(np.float32), t1.affine)
+
+
+@dataclass(frozen=True, eq=False)
+class _Case:
+    """A box of a head: grey values and tissues on voxels of `size` (3,) in mm, and of every voxel in the brain the place
+    (n, 3) in the template (mm) and the distance to the right (n,) of the mid surface (mm); `to` (4, 4) takes indices to places."""
+
+    grey: np.ndarray
+    tissues: np.ndarray
+    size: np.ndarray
+    to: np.ndarray
+    points: np.ndarray
+    right: np.ndarray
+
+    @classmethod
+    def of(cls, head: Volume, tissues: Volume, affine: np.ndarray, middle: MidSurface, box: tuple[slice, ...]) -> _Case:
+        brain = tissues.data[box] > 0
+        to = np.diag([1e3, 1e3, 1e3, 1.0]) @ np.linalg.inv(affine) @ head.affine
+        to[:3, 3] += to[:3, :3] @ [axis.start for axis in box]
+        points = np.argwhere(brain) @ to[:3, :3].T + to[:3, 3]
+        return cls(head.data[box], tissues.data[box], 1e3 * head.spacing, to, points, middle.right_of(points))
+
+    def on_grid(self, values: np.ndarray, outside: float = 0) -> np.ndarray:
+        """Values of the voxels in the brain, put into the box."""
+        grid = np.full(self.tissues.shape, outside, values.dtype)
+        grid[self.tissues > 0] = values
+        return grid
+
+    def parts(self) -> np.ndarray:
+        """PARTS of all voxels."""
+        flood = require("skimage.segmentation", "mri").watershed
+        above = self.points[:, 2] - mni_landmarks.tentorium(self.points)
+        radius, below = mni_landmarks.stem(self.points)
+        around = radius < _AROUND
+        marks = np.zeros(len(above), np.uint8)
+        marks[above > _BAND] = LEFT  # the cerebrum, for now as one
+        marks[(above < -_BAND) & (radius > _RIM)] = CEREBELLUM
+        marks[around] = 0
+        marks[around & (below < 0)] = LEFT
+        marks[(radius < _CORE) & (below > 0)] = STEM
+        matter = np.isin(self.tissues, (GREY, WHITE))
+        valleys = -ndimage.gaussian_filter(self.grey, _SMOOTH / self.size)
+        found = _whole(flood(valleys, np.where(matter, self.on_grid(marks), 0), mask=matter))
+        found = np.where(self.tissues > 0, _nearest(found), 0)
+        return _whole(np.where((found == LEFT) & (self.on_grid(self.right) >= 0), RIGHT, found).astype(np.uint8))
+
+    def regions(self, parts: np.ndarray) -> np.ndarray:
+        """NAMES of all voxels."""
+        regions = np.zeros_like(parts)
+        for tissue, name in ((CSF, "csf"), (VENTRICLE, "ventricles")):
+            regions[self.tissues == tissue] = _NUMBERS[name]
+        for part, ending in ((LEFT, "left"), (RIGHT, "right"), (CEREBELLUM, "cerebellum")):
+            for tissue, name in ((GREY, "grey"), (WHITE, "white")):
+                regions[(parts == part) & (self.tissues == tissue)] = _NUMBERS[f"{name}_{ending}"]
+        matter = np.isin(self.tissues, (GREY, WHITE))
+        regions[(parts == STEM) & matter] = _NUMBERS["brain_stem"]
+        regions[self.callosum(parts)] = _NUMBERS["corpus_callosum"]
+        deep = nuclei(self.grey, np.isin(self.tissues, (GREY, WHITE)), self.to, self.size)
+        regions[deep & (parts == LEFT)] = _NUMBERS["deep_grey_left"]
+        regions[deep & (parts == RIGHT)] = _NUMBERS["deep_grey_right"]
+        return regions
+
+    def callosum(self, parts: np.ndarray) -> np.ndarray:
+        """Mask of the corpus callosum."""
+        near = (np.abs(self.right) <= _TRUNK) & (self._from_course() <= _NEAR)
+        white = (self.tissues == WHITE) & np.isin(parts, (LEFT, RIGHT))
+        middle = near & (np.abs(self.right) <= 1.5 * self.size.max()) & white[self.tissues > 0]
+        cell = np.rint((self.points[:, 1:] + _BACK_BELOW) / self.size.max()).astype(int).clip(0)
+        section = np.zeros(cell.max(axis=0) + 3, bool)
+        section[tuple(cell[middle].T)] = True
+        section = ndimage.binary_opening(ndimage.binary_closing(section))
+        section = ndimage.binary_dilation(_largest(section))
+        return _largest(white & self.on_grid(near & section[tuple(cell.T)]))
+
+    def _from_course(self) -> np.ndarray:
+        """Distance (n,) of places' y and z from the line along the corpus callosum, mm."""
+        best = np.full(len(self.points), np.inf)
+        for a, b in zip(mni_landmarks.CALLOSUM, mni_landmarks.CALLOSUM[1:], strict=False):
+            along = ((self.points[:, 1:] - a) @ (b - a) / ((b - a) @ (b - a))).clip(0, 1)
+            best = np.minimum(best, np.linalg.norm(self.points[:, 1:] - a - along[:, None] * (b - a), axis=1))
+        return best
+
+
+def _whole(parts: np.ndarray) -> np.ndarray:
+    """Each part in one piece: smaller pieces take the nearest label."""
+    kept = np.zeros_like(parts)
+    for part in np.setdiff1d(np.unique(parts), [0]):
+        kept[_largest(parts == part)] = part
+    return np.where(parts > 0, _nearest(kept), 0)
+
+
+def _nearest(parts: np.ndarray) -> np.ndarray:
+    """Labels everywhere: those of the nearest voxel that has one."""
+    where = ndimage.distance_transform_edt(parts == 0, return_distances=False, return_indices=True)
+    return np.asarray(parts[tuple(where)])
+
+
+def _largest(mask: np.ndarray) -> np.ndarray:
+    pieces, count = ndimage.label(mask)
+    return np.asarray(pieces == np.bincount(pieces.ravel())[1:].argmax() + 1) if count else mask

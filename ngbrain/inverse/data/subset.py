@@ -1,0 +1,23 @@
+"""A part of wave data that knows the noise of the whole."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ngbrain.io.waves import WaveData
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class WaveSubset(WaveData):
+    """Wave data of a part of a body, whose noise is relative to the rms of all data: (loads, 1, dim) m."""
+
+    of_all: Array = None  # type: ignore[assignment]
+
+    @property
+    def rms(self) -> Array:
+        """That of all data."""
+        return self.of_all

@@ -1,0 +1,55 @@
+"""Wave data of several frequencies, each inverted by itself: moduli as they are at that frequency, without a law between them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ngbrain import parallel
+from ngbrain.inverse.elastography.invert import invert
+from ngbrain.inverse.elastography.result import Inversion
+from ngbrain.inverse.optimise.result import Iteration
+from ngbrain.io.waves import WaveData
+from ngbrain.progress import logged, reporting
+
+
+@reporting()
+def invert_each_frequency(
+    data: WaveData,
+    *,
+    executor: parallel.AnyExecutor = None,
+    tell: Callable[[Iteration], None] = logged,
+    **how: Any,
+) -> dict[float, Inversion]:
+    """Property maps of wave data, frequency by frequency, in the plane or in space.
+
+    executor  who inverts them, each on one thread (`parallel.run`): by default this process; the answer does not depend on it
+    tell      called with each iteration, whose phase names the frequency too
+    how       as `invert` takes it, the same for all
+
+    Returns frequency (Hz) → `Inversion` of its loads, without the `end` that error bars start from. Where moduli follow a law of
+    frequency, `invert` takes all frequencies at once and knows them better. Raises as `invert` does.
+
+    >>> points = np.array([[x, y] for y in range(12) for x in range(12)]) * 4e-3
+    >>> k = 2 * np.pi * np.array([50, 70])[:, None, None] * np.sqrt(1000 / (2500 + 500j))
+    >>> waves = WaveData(points, 1e-5 * np.exp(-1j * k * points[:, ::-1]), [50, 70], 1000, "isotropic", "viscoelastic", poisson=0.4)
+    >>> found = invert_each_frequency(waves.with_noise(0.01, seed=0), uniform=False, regulariser="smooth", rounds=1)
+    >>> [(f, bool(abs(np.median(each.maps["storage"]) / 2500 - 1) < 0.05)) for f, each in found.items()]
+    [(50.0, True), (70.0, True)]
+    """
+    tasks = []
+    for frequency in np.unique(data.frequency).tolist():
+        own = data.frequency == frequency
+        one = replace(data, displacement=data.displacement[own], frequency=data.frequency[own])
+        tasks.append(parallel.Task(f"{frequency:g} Hz", _inverted, (f"{frequency:g} Hz", one, how)))
+    found = parallel.run(tasks, executor, tell=lambda iteration: tell(iteration)).values()
+    return dict(zip(np.unique(data.frequency).tolist(), found, strict=True))
+
+
+def _inverted(name: str, one: WaveData, how: dict[str, Any], *, tell: parallel.Tell) -> Inversion:
+    """Without the experiment that it ended with, which is made for one process."""
+    found = invert(one, tell=lambda iteration: tell(replace(iteration, phase=f"{name}, {iteration.phase}")), **how)
+    return replace(found, end=None)

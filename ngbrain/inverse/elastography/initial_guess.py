@@ -1,0 +1,133 @@
+"""Where an inversion starts: from maps that are given, or from several places, whose ends are compared at equal weights."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+
+from ngbrain import parallel
+from ngbrain.errors import InputError
+from ngbrain.forward.common.solve_counts import Solves
+from ngbrain.inverse.data.direct_inversion import uniform_modulus
+from ngbrain.inverse.objective.parameters import Fields
+from ngbrain.inverse.objective.regularisation import smooth
+from ngbrain.inverse.optimise.result import Found
+from ngbrain.inverse.problem.field_values import fields_at, fitted
+from ngbrain.inverse.problem.properties import as_polar
+from ngbrain.inverse.problem.wave_problem import Experiment
+from ngbrain.io.waves import WaveData
+
+Array = np.ndarray
+LOWER = 1e-6
+"""Of J, by which another end has to be lower to be kept."""
+
+
+@dataclass
+class Compared:
+    """The end that is kept and its name, the best that uniform fields came to, and what to say."""
+
+    best: Found
+    chosen: str = "both"
+    uniform: Found | None = None
+    notes: list[str] = field(default_factory=list)
+
+
+def side_by_side(
+    experiment: Experiment,
+    ways: Mapping[str, tuple[Callable[..., Any], tuple[Any, ...]]],
+    executor: parallel.AnyExecutor = None,
+    tell: parallel.Tell | None = None,
+    memory: float = 0.0,
+) -> list[Any]:
+    """What ways through an experiment find, name → (function, arguments); each is called with the experiment in front and `tell`.
+
+    memory   bytes that each will take, as `parallel.Task` has them
+
+    One way alone, or all without an executor, are gone in this process one after the other. An executor goes each on one thread
+    with an experiment that is made anew from the same data and elements, to the same bits; what it solves is counted in this one.
+    """
+    tell = tell or (lambda *_: None)
+    if executor in (None, 1) or len(ways) < 2:
+        return [function(experiment, *args, tell=tell) for function, args in ways.values()]
+    tasks = [parallel.Task(name, _gone, (experiment, *way), memory=memory) for name, way in ways.items()]
+    found = parallel.run(tasks, executor, tell=tell).values()
+    own = experiment.model.solves
+    for _, spent in found:
+        for each in fields(Solves) if spent is not own else ():
+            setattr(own, each.name, getattr(own, each.name) + getattr(spent, each.name))
+    return [end for end, _ in found]
+
+
+def _gone(
+    experiment: Experiment, function: Callable[..., Any], args: tuple[Any, ...], *, tell: parallel.Tell
+) -> tuple[Any, Solves]:
+    return function(experiment, *args, tell=tell), experiment.model.solves
+
+
+def multiples_of(levels: Sequence[float]) -> tuple[float, ...]:
+    """Levels of uniform fields, as multiples of the modulus that the waves suggest; `InputError` unless positive and finite."""
+    if not all(0 < each < np.inf for each in levels):
+        raise InputError("levels", list(levels), "positive multiples of the modulus that the waves suggest")
+    return tuple(dict.fromkeys(float(each) for each in levels))
+
+
+def at_least_one(rounds: int) -> None:
+    """`InputError` where there are no rounds to go."""
+    if rounds < 1:
+        raise InputError("rounds", rounds, "at least 1")
+
+
+def assumed_start(data: WaveData) -> list[str]:
+    """What to say where the modulus that a search starts from is assumed, not what the waves say."""
+    note = uniform_modulus(data).note
+    return [note] if note else []
+
+
+def compared(both: Found, ends: Mapping[float, Found | None]) -> Compared:
+    """What measured waves led to against the ends of uniform fields by their level, None where no step was lower; J decides."""
+    kept = Compared(both)
+    arrived = {level: end for level, end in ends.items() if end is not None}
+    if ends and not arrived:
+        kept.notes.append("from uniform fields no step lowered the objective")
+    if arrived:
+        kept.uniform = min(arrived.values(), key=lambda end: end.objective)
+        if len(ends) > 1:
+            values = ", ".join(f"{end.objective:.5g} from {level:g}" for level, end in arrived.items())
+            words = f"uniform fields ended at an objective of {values} times the suggested modulus: the least is shown"
+            kept.notes.append(words)
+        if kept.uniform.objective < both.objective * (1 - LOWER):
+            kept.best, kept.chosen = kept.uniform, "uniform"
+            kept.notes.append("uniform fields led to a lower objective than measured waves did")
+    return kept
+
+
+def at_maps(experiment: Experiment, unknowns: Fields, maps: Mapping[str, Array]) -> Array:
+    """x of fields that have the values of maps, name → (n,) at the points of the data, and are smooth where these are NaN.
+
+    Raises `InputError` where a quantity of the material is missing, of another shape, known nowhere or out of its bounds.
+    """
+    n = len(experiment.data.points)
+    for name, values in maps.items():
+        if np.shape(values) != (n,) or np.iscomplexobj(values):
+            raise InputError(f"start {name}", f"of shape {np.shape(values)}", f"real values at {n} points")
+    polar = any(quantity.name == "magnitude" for quantity in experiment.sought)
+    given, variables = as_polar(maps) if polar and "storage" in maps else dict(maps), dict[str, Array]()
+    for quantity in experiment.sought:
+        if quantity.name not in given:
+            wanted = ", ".join(each.name for each in experiment.sought)
+            raise InputError("start", f"of {', '.join(maps) or 'nothing'}", f"maps of {wanted}")
+        values = np.asarray(given[quantity.name], float)
+        known = np.isfinite(values) & experiment.inside
+        if not known.any() or not quantity.within(values[known]):
+            low = values[known].min() if known.any() else "known nowhere"
+            raise InputError(f"start {quantity.name}", low, f"values above {quantity.floor:g} at points that count")
+        variables[quantity.name] = np.full(n, np.nan)
+        variables[quantity.name][known] = quantity.transform.inverse(values[known])
+    x = unknowns.start.copy()
+    for part, _, at, values in fields_at(experiment, variables):
+        block = unknowns.blocks[part.name]
+        x[block] = fitted(at, values, smooth(experiment.space, unknowns.start[block]), x[block])
+    return x

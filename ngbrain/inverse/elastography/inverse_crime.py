@@ -1,0 +1,32 @@
+"""The inverse crime: data computed with the very mesh and elements that they are inverted with flatter every method."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ngbrain.forward.common.elements import ElementPair
+from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.io.waves import WaveData
+
+ELEMENTS = {"q4": ElementPair.named("Q1"), "q4p0": ElementPair.named("Q1/L2(0)")}
+CLOSE = 1e-9
+"""Of the body's size: points that are the same."""
+
+
+def committed(data: WaveData, body: Harmonic) -> bool:
+    """Whether `data` say that they were computed with the elements of `body`, on its vertices; to be told with every answer.
+
+    Without noise any method then fits to the last digit: an error says nothing of what data of a real wave would give.
+    Source: Wirgin 2004, arXiv math-ph/0401050.
+
+    >>> from ngbrain.inverse.phantoms.benchmark import Phantom
+    >>> coarse, fine = (Phantom.named("CV-G", nodes).measured() for nodes in (5, 9))
+    >>> committed(coarse.data(), coarse.inversion().model.body), committed(coarse.data(), fine.inversion().model.body)
+    (True, False)
+    """
+    if data.element is None or ELEMENTS[data.element] != body.form:
+        return False
+    vertices = np.array([vertex.point for vertex in body.mesh.vertices])
+    if vertices.shape != data.points.shape:
+        return False
+    return bool(np.abs(vertices - data.points).max() <= CLOSE * np.ptp(data.points))

@@ -1,0 +1,234 @@
+"""The inversion of wave data in space from one call.
+
+As in the plane with these differences: the start is uniform fields of the modulus that the waves suggest and the measured
+waves, from where the weight falls while fields and waves find each other; then it is what the data say
+(`weights.EvidenceOfNoise`). Steps are those of `iterative`.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ngbrain import parallel
+from ngbrain.adjoint.reduced import Reduced
+from ngbrain.errors import ConvergenceError, InputError
+from ngbrain.forward.common.elements import ElementPair
+from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY
+from ngbrain.inverse.data.outliers import cleaned
+from ngbrain.inverse.data.quality import Relative, noise_level, noise_of, overall, total
+from ngbrain.inverse.data.subset import WaveSubset
+from ngbrain.inverse.data.time_convention import check_passive
+from ngbrain.inverse.elastography.initial_guess import assumed_start, at_least_one, compared, multiples_of, side_by_side
+from ngbrain.inverse.elastography.result import Inversion, concluded, row
+from ngbrain.inverse.objective.misfit import LeastSquares, MisfitKind, misfit_of
+from ngbrain.inverse.objective.regularisers import PRIORS, Prior, priors
+from ngbrain.inverse.optimise.gauss_newton_cg import Iterative
+from ngbrain.inverse.optimise.regularisation_weight import EvidenceOfNoise, Level
+from ngbrain.inverse.optimise.result import Found, Iteration
+from ngbrain.inverse.problem.discretisation import Discretisation
+from ngbrain.inverse.problem.properties import unknowns_of
+from ngbrain.inverse.problem.property_fields import composed, elements_in_space
+from ngbrain.inverse.problem.wave_problem import Experiment
+from ngbrain.io.waves import WaveData
+from ngbrain.progress import logged, reporting
+from ngbrain.solvers.device import Device
+
+Array = np.ndarray
+FIRST, APPROACH = 1.0, 8
+"""Weight to begin with, for each real datum, and how many iterations at most from the measured waves."""
+FALL = 10.0
+"""Factor by which an iteration may change it."""
+ROUNDS = 16
+"""Iterations at most, those from the measured waves apart."""
+LEAST = 2e-3
+"""Noise, relative to the waves' rms, that is assumed at least: about what the error of elements is."""
+
+
+@reporting()
+def invert_in_space(
+    data: WaveData,
+    elements: Discretisation | None = None,
+    *,
+    noise: float | None = None,
+    model_error: float = 0.0,
+    regulariser: str | Prior = "smooth",
+    labelled: bool = False,
+    unknowns: str = "moduli",
+    misfit: str | MisfitKind = "squares",
+    levels: Sequence[float] = (),
+    rounds: int = ROUNDS,
+    checkpoint: str | os.PathLike[str] | None = None,
+    drop_outliers: bool = True,
+    device: str = "cpu",
+    tell: Callable[[Iteration], None] = logged,
+    executor: parallel.AnyExecutor = None,
+) -> Inversion:
+    """Property maps of wave data in space.
+
+    elements     see `discretise`; by default hexahedra over the points, as large as the waves allow
+    noise        relative to the rms of each component, one number; by default what the data say, or what a smooth fit leaves over
+    model_error  of the same kind: what the model cannot fit
+    regulariser  one of `priors.PRIORS`, or a prior of one's own
+    labelled     whether each label of the data has fields of its own, which jump where labels meet
+    unknowns     one of `quantities.UNKNOWNS`: moduli (ln storage and ln loss), or polar, ln G* with its phase
+    misfit       one of `misfit.MISFITS`, or one of one's own: squares, or huber for what `without_outliers` misses
+    levels       uniform fields to start from too, as multiples of the modulus that the waves suggest: each takes about as long as
+                 the start from measured waves. The lowest J at equal weights is kept
+    rounds       iterations of a start at most, those from the measured waves apart
+    checkpoint   .npz that is written after each iteration; where it is there, the inversion goes on from it. Uniform fields
+                 have files of their own beside it
+    drop_outliers  as for `invert`
+    device       as for `invert`; a checkpoint may go on on another one
+    executor     who goes down from each start, on one thread (`parallel.run`): by default this process; the answer does not depend
+                 on it. Workers elsewhere have to see the folder of `checkpoint`
+
+    `rows` are "waves", where the way from measured waves ended, "both", down in J from there, and "uniform".
+
+    Raises `InputError` for data in the plane, negative noise, no rounds, a regulariser, unknowns or misfit that are none, labels or
+    a device that are not there.
+
+    >>> line = np.linspace(0, 0.021, 8)
+    >>> grid = np.array([[x, y, z] for z in line for y in line for x in line])
+    >>> k = 2 * np.pi * 80 * np.sqrt(1000 / (2500 + 800j))
+    >>> u = 1e-5 * np.stack([np.exp(-1j * k * grid[:, i]) for i in (1, 2, 0)], axis=1)[None]
+    >>> data = WaveData(grid, u, [80.0], 1000.0, "isotropic", "viscoelastic", bulk=2e5).with_noise(0.02, seed=0)
+    >>> found = invert_in_space(data, rounds=5)
+    >>> bool(abs(np.median(found.maps["storage"]) / 2500 - 1) < 0.03)
+    True
+    """
+    if data.dim != 3:
+        raise InputError("points", "in the plane", "points in space; `invert` takes those in the plane")
+    if regulariser == "auto":
+        raise InputError("regulariser", "'auto'", f"one of {', '.join(PRIORS)}: in space one is tried")
+    at_least_one(rounds)
+    ((kind, prior),) = priors(regulariser).items()
+    for name, value in (("noise", noise), ("model_error", model_error)):
+        if value is not None and not 0 <= value < np.inf:
+            raise InputError(name, value, "a relative level of at least 0")
+    multiples, made, where = multiples_of(levels), misfit_of(misfit), Device.named(device)
+    if not isinstance(data, WaveSubset):  # a zone alone need not show its loss; the body was asked
+        check_passive(data)
+    data, notes = cleaned(data) if drop_outliers else (data, [])
+    sought, elements = unknowns_of(data, unknowns), elements or elements_in_space(data, labelled)
+    found_noise, note = noise_level(data, noise)
+    notes += assumed_start(data) + ([note] if note else [])
+    sure = total(found_noise, LEAST, model_error)
+    experiment = Experiment(data, elements, sought, composed(data, elements, labelled), where)
+    notes += [experiment.body.device_note] if experiment.body.device_note else []
+    problem = _problem(experiment, made, sure, prior)
+    kept_in = None if checkpoint is None else Path(checkpoint).absolute()  # workers elsewhere stand in another folder
+    common = made, sure, prior, rounds
+    ways: dict[str, Any] = {"from waves": (_from_waves, (*common, kept_in))}
+    ways |= {f"from {level:g} times": (_uniform, (*common, _beside(kept_in, level), level)) for level in multiples}
+    memory = memory_in_space(experiment.elements.form, experiment.body.mesh.ne, data.frequency)
+    (start, both, problem.weights), *others = side_by_side(experiment, ways, executor, tell, memory)
+    history, rows = [*start.history, *both.history], [row("waves", experiment, problem, start)]
+    ends = {level: _judged(problem, end) for level, end in zip(multiples, others, strict=True)}
+    kept = compared(both, ends)
+    notes += kept.notes
+    if kept.uniform:
+        history += [each for end in ends.values() if end for each in end.history]
+        rows.append(row("uniform", experiment, problem, kept.uniform))
+    rows.append(row("both", experiment, problem, both))
+    return concluded(
+        experiment,
+        problem,
+        kept.best,
+        rows,
+        kept.chosen,
+        noise=sure,
+        stated=overall(data, sure),
+        floor=LEAST,
+        regulariser=kind,
+        weight="evidence",
+        history=history,
+        notes=notes,
+    )
+
+
+def memory_in_space(form: str, elements: int, frequency: Array) -> float:
+    """Bytes that so many elements will take, where those of their order were measured; else 0."""
+    cubic = ElementPair.named(form).order == 3
+    return parallel.predicted_memory("zone", elements, len(np.unique(frequency))) if cubic else 0.0
+
+
+def _from_waves(
+    experiment: Experiment,
+    made: MisfitKind,
+    noise: Relative,
+    prior: Prior,
+    rounds: int,
+    checkpoint: Path | None,
+    *,
+    tell: Callable[[Iteration], None],
+) -> tuple[Found, Found, dict[str, float]]:
+    """Where the way from measured waves ended, where that down from there did, and the weights by then."""
+    way = _way(experiment, made, noise, prior, checkpoint, tell)
+    both = way.from_measured(way.unknowns.start, experiment.waves, APPROACH, rounds)
+    assert way.arrived is not None  # from measured waves there is no other way
+    return way.arrived, both, way.reduced.weights
+
+
+def _uniform(
+    experiment: Experiment,
+    made: MisfitKind,
+    noise: Relative,
+    prior: Prior,
+    rounds: int,
+    checkpoint: Path | None,
+    level: float,
+    *,
+    tell: Callable[[Iteration], None],
+) -> Found | None:
+    """Where the way from uniform fields ended; None where no step is lower."""
+    way = _way(experiment, made, noise, prior, checkpoint, tell)
+    try:
+        return way.resume(rounds) if way.started else way.descend(experiment.uniform(way.unknowns, level), rounds)
+    except ConvergenceError:
+        return None
+
+
+def _way(
+    experiment: Experiment,
+    made: MisfitKind,
+    noise: Relative,
+    prior: Prior,
+    checkpoint: Path | None,
+    tell: Callable[[Iteration], None],
+) -> Iterative:
+    problem = _problem(experiment, made, noise, prior)
+    return Iterative(problem, EvidenceOfNoise(FALL, _shared(experiment)), checkpoint=checkpoint, tell=tell)
+
+
+def _judged(judge: Reduced, found: Found | None) -> Found | None:
+    """With misfit and J as `judge` has them."""
+    if found is None:
+        return None
+    point, misfit = judge.at(found.x), judge.misfit
+    assert isinstance(misfit, LeastSquares)
+    return replace(found, objective=point.value, level=Level(misfit.squares(point.state.data), found.level.expected))
+
+
+def _beside(path: Path | None, level: float) -> Path | None:
+    """The checkpoint of uniform fields, next to that of measured waves."""
+    return path and path.with_name(f"{path.stem}-uniform-{level:g}{path.suffix}")
+
+
+def _shared(experiment: Experiment) -> float:
+    """Points for each node of the elements."""
+    body = experiment.body
+    return len(experiment.model.points) * body.mesh.dim / body.displacement.ndof
+
+
+def _problem(experiment: Experiment, made: MisfitKind, noise: Relative, prior: Prior) -> Reduced:
+    sigma = noise_of(experiment.data, noise, experiment.inside)
+    unknowns, misfit = experiment.unknowns(sigma), made(experiment.measured, sigma)
+    blocks = {name: block for name, block in unknowns.blocks.items() if name != BOUNDARY}
+    regularisers = {name: prior(experiment.space, unknowns.start[block]) for name, block in blocks.items()}
+    return Reduced(experiment.model, misfit, unknowns, regularisers, dict.fromkeys(blocks, FIRST * misfit.count))

@@ -1,0 +1,180 @@
+"""Gauss-Newton inversion of plane problems: every step by one factorisation of the optimality conditions.
+
+`from_waves` starts at measured waves, which need not fit the fields: each of its rounds is a linear least-squares problem for
+both (an equation-error method in which every datum counts by its noise). `descend` starts at fields, solves for their waves
+and goes down in J; from a far start it can end in a local minimum, from where `from_waves` ends it polishes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+
+from ngbrain.adjoint.reduced import Point, Reduced
+from ngbrain.errors import ConvergenceError, InputError, SolverError
+from ngbrain.forward.common.interpolation import evaluation
+from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, Linearised, WaveModel
+from ngbrain.inverse.objective.parameters import Fields
+from ngbrain.inverse.optimise.kkt import Optimality
+from ngbrain.inverse.optimise.regularisation_weight import Determined, Level, Policy
+from ngbrain.inverse.optimise.result import Found, Iteration, Ledger, status_of
+
+Array = np.ndarray
+LONGEST = 1.0
+"""Change of any unknown field in one step: by a factor of e where its logarithm is looked for."""
+SHORTEST = 1e-4
+"""Share of a step at which halving it ends: what is not lower so near is a minimum, as far as round-off lets one see."""
+ROUNDS = 12
+"""Of `from_waves` at most; `descend` may take four times as many."""
+
+
+@dataclass(repr=False, eq=False)
+class FoundWaves(Found):
+    """So with the waves (loads, ndof) at the end."""
+
+    waves: Array = field(default_factory=lambda: np.empty((0, 0)))
+
+
+class GaussNewton:
+    """Steps of `reduced` whose model is a `WaveModel`.
+
+    policy   what changes the weights, see `weights`
+    tell     called with each `Iteration`
+    seed     of the probes that estimate traces
+
+    The boundary's displacements are unknown too where `reduced.unknowns` has the block "boundary".
+    """
+
+    def __init__(
+        self,
+        reduced: Reduced,
+        policy: Policy | None = None,
+        tell: Callable[[Iteration], None] = lambda _: None,
+        seed: int = 0,
+    ) -> None:
+        model, unknowns = reduced.model, reduced.unknowns
+        if not isinstance(model, WaveModel) or model.body.state is not None or not isinstance(unknowns, Fields):
+            wanted = "a WaveModel of a body at rest, and Fields; other models descend by l_bfgs"
+            raise InputError("reduced", type(model).__name__, wanted)
+        self.reduced, self.model, self.unknowns = reduced, model, unknowns
+        self._ledger = Ledger(reduced, policy, tell, seed)
+        self.misfit = self._ledger.misfit
+        blocks = reduced.unknowns.blocks
+        self._fields = [name for name in blocks if name != BOUNDARY]
+        self._width = max(blocks[name].stop for name in self._fields)
+        self._fixed = BOUNDARY not in blocks
+
+    def from_waves(self, x: Array, waves: Array, rounds: int = ROUNDS) -> FoundWaves:
+        """From waves (loads, ndof), measured ones, to fields and waves that fit both data and equation of motion."""
+        history: list[Iteration] = []
+        for _ in range(rounds):
+            theta = self.reduced.unknowns.theta(x)
+            state = self.model.around(theta, waves)
+            balance = np.array([self.model.body.pushed(k) - state.factors.apply(k, u) for k, u in enumerate(waves)])
+            conditions, dx, du = self._step(x, state, balance)
+            step = self._bounded(dx)
+            x, waves = self._moved(x, step * dx, waves + step * du)
+            data = np.array([self.model.observed(u) for u in waves])
+            settled = self._ledger.enter("waves", x, data, conditions, step * dx, step, history)
+            if settled:
+                break
+        return self._found(x, waves, self.model.around(self.reduced.unknowns.theta(x), waves).data, history, settled)
+
+    def descend(self, x: Array, rounds: int = 4 * ROUNDS) -> FoundWaves:
+        """From fields down to a minimum of J, at weights that settle with it."""
+        return self._down(self.reduced.at(x), rounds, [])
+
+    def _down(self, point: Point, rounds: int, history: list[Iteration], settled: bool = False) -> FoundWaves:
+        stuck = False
+        for _ in range(0 if settled else rounds):
+            conditions, dx, du = self._step(point.x, self._state(point), None)
+            step, lower = self._lower(point, dx, du)
+            if lower is None:
+                stuck = True
+                break
+            point = lower
+            moved = step * dx[: self._width]
+            settled = self._ledger.enter("fields", point.x, point.state.data, conditions, moved, step, history)
+            settled = settled or self._still(history)
+            self._keep(point.x, history, settled)
+            point = Point(self.reduced, point.x, point.state)  # at the new weights
+            if settled:
+                break
+        if not history:
+            raise ConvergenceError("no step lowers the objective from where it starts: try another start")
+        return self._found(point.x, self._state(point).waves, point.state.data, history, settled, stuck)
+
+    def _still(self, history: list[Iteration]) -> bool:
+        """Whether more iterations would change nothing that matters, though the fields still move."""
+        return False
+
+    def _keep(self, x: Array, history: list[Iteration], settled: bool) -> None:
+        """Where one that is long writes down how far it is."""
+
+    @staticmethod
+    def _state(point: Point) -> Linearised:
+        assert isinstance(point.state, Linearised)
+        return point.state
+
+    def _step(self, x: Array, state: Linearised, balance: Array | None) -> tuple[Determined, Array, Array]:
+        reduced, width = self.reduced, self._width
+        jacobian = reduced.unknowns.jacobian(x)[: self.model.blocks[BOUNDARY].start, :width]
+        regular = reduced.regular_matrix(x)[:width, :width]
+        level = None if self.unknowns.level is None else self.unknowns.level[:width]
+        conditions = Optimality(state, jacobian, regular, self.misfit.weight(state.data), self._fixed, level)
+        residual = np.where(self.misfit.known, self.misfit.measured - state.data, 0)
+        dx, du = conditions.step(reduced.regular_slope(x)[:width], residual, balance)
+        return conditions, dx, du
+
+    def _moved(self, x: Array, dx: Array, waves: Array) -> tuple[Array, Array]:
+        new = x.copy()
+        new[: self._width] += dx
+        if not self._fixed:
+            driven = waves[:, self.model.driving]
+            parts = np.concatenate([part for g in driven for part in (g.real, g.imag)])
+            transform = self.unknowns.unknowns[BOUNDARY].transform
+            new[self.reduced.unknowns.blocks[BOUNDARY]] = transform.inverse(parts)
+        return new, waves
+
+    def _lower(self, point: Point, dx: Array, du: Array) -> tuple[float, Point | None]:
+        step = self._bounded(dx)
+        while step >= SHORTEST:
+            x, _ = self._moved(point.x, step * dx, self._state(point).waves + step * du)
+            try:
+                tried = self.reduced.at(x)
+            except SolverError:
+                tried = None
+            if tried is not None and tried.value <= point.value * (1 + 1e-9):
+                return step, tried
+            step /= 2
+        return step, None
+
+    def _bounded(self, dx: Array) -> float:
+        # By values at the points of the data: of higher order, unknowns are no values.
+        unknowns, blocks = self.unknowns.unknowns, self.reduced.unknowns.blocks
+        values = [dx[blocks[name]] for name in self._fields if unknowns[name].basis is not None]
+        values += [self._at_points[name] @ dx[blocks[name]] for name in self._at_points]
+        return min(1.0, LONGEST / max(float(np.abs(np.concatenate(values)).max()), 1e-300))
+
+    @cached_property
+    def _at_points(self) -> dict[str, sp.csr_array]:
+        found, once = {}, dict[int, sp.csr_array]()
+        for name in self._fields:
+            if self.unknowns.unknowns[name].basis is None:
+                space = self.model.fields[name].space
+                if space.globalorder not in once:
+                    once[space.globalorder] = evaluation(space, self.model.points)
+                found[name] = once[space.globalorder]
+        return found
+
+    def _found(
+        self, x: Array, waves: Array, data: Array, history: list[Iteration], settled: bool, stuck: bool = False
+    ) -> FoundWaves:
+        level, weights = Level(self.misfit.squares(data), history[-1].expected), dict(self.reduced.weights)
+        value = self.misfit.value(data) + self.reduced.regular(x)
+        status = status_of(settled, stuck)
+        return FoundWaves(x, value, level, weights, self.misfit.count, waves, status=status, history=history)

@@ -1,0 +1,107 @@
+"""How an inversion comes to its weights: they settle with the fields, or a curve is drawn and its corner taken.
+
+evidence     each field's weight where the data, given the weights, are most probable (`weights.Evidence`)
+discrepancy  one factor for all, to where the misfit is what the noise leaves (`weights.Discrepancy`)
+l-curve      one factor for all, where the misfit stops falling and the regulariser's energy begins to rise: it asks for no
+             level of noise, and takes several times as long
+
+Source: Hansen and O'Leary 1993, 10.1137/0914086.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ngbrain.adjoint.reduced import Reduced
+from ngbrain.errors import ConvergenceError, InputError, nearest
+from ngbrain.inverse.optimise.gauss_newton import ROUNDS, GaussNewton
+from ngbrain.inverse.optimise.regularisation_weight import Discrepancy, Evidence, Given, Policy, corner
+from ngbrain.inverse.optimise.result import Found, Iteration
+
+Array = np.ndarray
+Tell = Callable[[Iteration], None]
+POINTS, ABOVE, BELOW = 9, 3.0, 1.0
+"""Of an L-curve, and how many decades it reaches above and below the weights that the start has left: noise stated too small
+leaves weights that are too low."""
+PASSING = 4
+"""Rounds at each of its points: they are near to one another, and only the corner is visited again."""
+
+
+@dataclass(frozen=True)
+class Settling:
+    """Weights that a policy changes with the fields, in so many `rounds` of a descent at most."""
+
+    policy: Callable[[], Policy] = Evidence
+    rounds: int = 8 * ROUNDS
+
+    def from_waves(self, reduced: Reduced, x: Array, waves: Array, tell: Tell) -> Found:
+        """`GaussNewton.from_waves`; the weights it ends with stay in `reduced`."""
+        return GaussNewton(reduced, self.policy(), tell).from_waves(x, waves)
+
+    def descend(self, reduced: Reduced, x: Array, tell: Tell) -> Found:
+        """`GaussNewton.descend`, likewise."""
+        return GaussNewton(reduced, self.policy(), tell).descend(x, self.rounds)
+
+
+@dataclass(frozen=True)
+class LCurve(Settling):
+    """The corner of an L-curve: minima of J at falling weights, each from the one before; weights keep their ratios.
+
+    Starts settle by `policy`, around whose weights the curve lies.
+
+    >>> from ngbrain.inverse.phantoms.benchmark import Phantom
+    >>> inversion = Phantom.named("CV-G", 9).measured(0.02).inversion(weight=100.0)
+    >>> found = LCurve().descend(inversion.reduced, inversion.start, lambda _: None)
+    >>> 0.8 < found.level.ratio < 1.3
+    True
+    """
+
+    points: int = POINTS
+    above: float = ABOVE
+    below: float = BELOW
+
+    def descend(self, reduced: Reduced, x: Array, tell: Tell) -> Found:
+        """From x to the minimum at the corner; `ConvergenceError` where J is lowered at fewer than three weights."""
+        middle, misfits, energies, ends = dict(reduced.weights), list[float](), list[float](), list[Found]()
+        for factor in np.logspace(self.above, -self.below, self.points):
+            reduced.weights = {name: float(factor * weight) for name, weight in middle.items()}
+            try:
+                found = GaussNewton(reduced, Given(), tell).descend(x, PASSING)
+            except ConvergenceError:
+                continue
+            x = found.x
+            misfits.append(found.level.misfit)
+            energies.append(reduced.regular(x) / factor)
+            ends.append(found)
+        if len(ends) < 3:
+            raise ConvergenceError("an L-curve of fewer than three points has no corner: try another weight")
+        chosen = ends[corner(np.array(misfits), np.array(energies))]
+        reduced.weights = dict(chosen.weights)
+        return self._settled(reduced, chosen, tell)
+
+    def _settled(self, reduced: Reduced, chosen: Found, tell: Tell) -> Found:
+        try:
+            return GaussNewton(reduced, Given(), tell).descend(chosen.x, self.rounds)
+        except ConvergenceError:  # there is nothing below
+            return chosen
+
+
+WEIGHTINGS: dict[str, Settling] = {
+    "evidence": Settling(Evidence),
+    "discrepancy": Settling(Discrepancy),
+    "l-curve": LCurve(),
+}
+
+
+def weighting(name: str) -> Settling:
+    """One of `WEIGHTINGS`; `InputError` for another name.
+
+    >>> weighting("l-curve").points
+    9
+    """
+    if name not in WEIGHTINGS:
+        raise InputError("weight", repr(name), nearest(name, tuple(WEIGHTINGS)))
+    return WEIGHTINGS[name]

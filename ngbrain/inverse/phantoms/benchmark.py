@@ -1,0 +1,342 @@
+"""Phantoms of elastography: squares whose waves are computed, spoilt with noise, and looked at as if they were measured.
+
+They are published cases (Awasthi et al. 2023, 10.1016/j.advengsoft.2023.103476), made anew in their own discretisation: 120 mm
+across in plane strain, bilinear displacements on a grid of squares, a pressure for each square where nearly incompressible,
+moduli bilinear too. One edge moves by 1 mm. Data and inversion share mesh and elements, so that without noise every fit is
+perfect: what a method makes of noise-free data says how fast it is, not how good.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+
+import ngsolve as ngs
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg
+
+from ngbrain.adjoint.reduced import Reduced, Regulariser
+from ngbrain.errors import InputError, SolverError, nearest
+from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.wave import Wave
+from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, WaveModel
+from ngbrain.inverse.objective.misfit import LeastSquares
+from ngbrain.inverse.objective.parameters import Fields, Log, Scaled, Unknown
+from ngbrain.inverse.objective.regularisation import smooth
+from ngbrain.inverse.optimise.quasi_newton import descent
+from ngbrain.io.waves import WaveData
+from ngbrain.materials import Shearing, TransverselyIsotropic
+from ngbrain.mesh.geometry.structured import rectangles
+from ngbrain.solvers.device import CPU, Device
+
+Array = np.ndarray
+SIDE, DRIVE = 0.12, 1e-3
+"""m: an edge, and how far one of them moves."""
+TI_BULK, TI_ANGLE = 5e5, 30.0
+UNITS = {"zeta": 2.0, "phi": 0.2}
+LOGS = {"zeta": Log(-0.75), "phi": Log(-1.0)}
+NEARLY = 0.4
+"""Poisson's ratio above which the pressure is an unknown."""
+EXACT = 1e-4
+"""Noise that a misfit is weighed with when there is none, as a part of the rms: with less, a step of linear theory sees no more
+of the way down than it can trust."""
+
+Drive = Mapping[str, tuple[float | None, float | None]]
+
+
+def _bump(x: Array, y: Array) -> Array:
+    return np.exp(-((x - SIDE / 2) ** 2 + (y - SIDE / 2) ** 2) / 4e-4)
+
+
+def _spot(x: Array, y: Array) -> dict[str, Array]:
+    return {"youngs": 1e4 + 5e3 * _bump(x, y)}
+
+
+def _halves(x: Array, y: Array) -> dict[str, Array]:
+    return {"youngs": np.where(y > SIDE / 2 + 1e-9, 1e4, 2e4)}
+
+
+def _lossy_spot(x: Array, y: Array) -> dict[str, Array]:
+    return {"storage": 1e4 + 5e3 * _bump(x, y), "loss": 1e3 + 5e2 * _bump(x, y)}
+
+
+def _lossy_halves(x: Array, y: Array) -> dict[str, Array]:
+    soft = y > SIDE / 2 + 1e-9
+    return {"storage": np.where(soft, 1e4, 2e4), "loss": np.where(soft, 1e3, 2e3)}
+
+
+def _fibrous_spot(x: Array, y: Array) -> dict[str, Array]:
+    return {"mu": 1e4 + 5e3 * _bump(x, y), "zeta": 0.5 + 2 * _bump(x, y), "phi": 0.2 + 0.2 * _bump(x, y)}
+
+
+@dataclass(frozen=True)
+class Phantom:
+    """A square and how it is driven.
+
+    nodes      along an edge
+    frequency  Hz; of several, each drive at each of them
+    poisson    None for the transversely isotropic one, whose fibres are at 30°
+    truth      x, y (m) → name → field: youngs, or storage and loss, or mu (Pa), zeta, phi
+    start      name → the uniform value that inversions of this case start from
+    drives     edge → displacement (m), None for a component that slides; each a load
+    bulk       Pa, of the transversely isotropic one
+    """
+
+    nodes: int
+    frequency: float | tuple[float, ...]
+    poisson: float | None
+    truth: Callable[[Array, Array], dict[str, Array]]
+    start: Mapping[str, float]
+    drives: tuple[Drive, ...] = ({"top": (DRIVE, 0)},)
+    bulk: float = TI_BULK
+
+    @property
+    def loads(self) -> list[tuple[float, Drive]]:
+        """Frequency and drive of each."""
+        several = self.frequency if isinstance(self.frequency, tuple) else (self.frequency,)
+        return [(frequency, drive) for frequency in several for drive in self.drives]
+
+    @staticmethod
+    def named(name: str, nodes: int | None = None) -> Phantom:
+        """One of `PHANTOMS`, with another number of nodes along an edge if given; `InputError` for another name.
+
+        >>> Phantom.named("CV-G", 25).nodes
+        25
+        """
+        if name not in PHANTOMS:
+            raise InputError("phantom", repr(name), nearest(name, list(PHANTOMS)))
+        return replace(PHANTOMS[name], nodes=nodes or PHANTOMS[name].nodes)
+
+    def measured(self, noise: float = 0.0, seed: int = 0) -> Measured:
+        """Its waves at the nodes plus η = noise · rms(component) (a + ib)/√2, a and b normal, on every point.
+
+        >>> Phantom.named("CV-G", 5).measured(0.01).displacement.shape
+        (1, 25, 2)
+        """
+        grid = _Square(self)
+        exact = grid.driven(self.truth(*grid.points.T))
+        rms = np.sqrt(np.mean(np.abs(exact) ** 2, axis=1, keepdims=True))
+        random = np.random.default_rng(seed)
+        spoilt = random.normal(size=(*exact.shape, 2)) @ [1, 1j] / np.sqrt(2)
+        return Measured(self, grid.points, exact + noise * rms * spoilt, rms, noise)
+
+
+class _Square:
+    def __init__(self, phantom: Phantom) -> None:
+        line = np.linspace(0, SIDE, phantom.nodes)
+        self.phantom, self.mesh = phantom, rectangles(line, line)
+        self.space = ngs.H1(self.mesh, order=1)
+        self.points = np.array([v.point for v in self.mesh.vertices])
+
+    def driven(self, values: Mapping[str, Array]) -> Array:
+        """Waves (loads, n, 2) of the drives: each holds other components of other edges, so the matrix is that of no edge held."""
+        factors, n = self.model(values).body.factorised(), len(self.points)
+        edges = dict(zip(("left", "bottom"), np.isclose(self.points, 0).T, strict=True))
+        edges |= dict(zip(("right", "top"), np.isclose(self.points, SIDE).T, strict=True))
+        found = []
+        for load, (_, drive) in enumerate(self.phantom.loads):
+            matrix = factors.matrix(load)
+            g = np.full(matrix.shape[0], np.nan)
+            for edge, way in drive.items():
+                for i, value in enumerate(way):
+                    if value is not None:
+                        g[i * n : (i + 1) * n][edges[edge]] = value
+            held = ~np.isnan(g)
+            u = np.where(held, g, 0).astype(complex)
+            free = sp.csc_array(matrix[~held][:, ~held])
+            u[~held] = scipy.sparse.linalg.splu(free).solve(-(matrix @ u)[~held])
+            found.append(u[: 2 * n].reshape(2, n).T)
+        return np.array(found)
+
+    def model(self, values: Mapping[str, Array | float], device: Device = CPU) -> WaveModel:
+        """All edges held, at values to be given."""
+        fields = {name: ngs.GridFunction(self.space) for name in values}
+        for name, value in values.items():
+            fields[name].vec.FV().NumPy()[:] = value
+        nu, waves = self.phantom.poisson, [Wave(frequency) for frequency, _ in self.phantom.loads]
+        if nu is None:
+            angle = np.deg2rad(TI_ANGLE)
+            fibre = np.cos(angle), np.sin(angle)
+            law = TransverselyIsotropic(fields["mu"], fields["zeta"], fields["phi"], fibre)
+            body = Harmonic(self.mesh, law, waves, bulk=self.phantom.bulk, form="Q1", quadrature=1, device=device)
+        else:
+            shear = fields["youngs"] / (2 * (1 + nu)) if "youngs" in fields else fields["storage"] + 1j * fields["loss"]
+            form = "Q1/L2(0)" if nu > NEARLY else "Q1"
+            bulk = 2 * (1 + nu) / (3 * (1 - 2 * nu)) * shear
+            body = Harmonic(self.mesh, Shearing(shear), waves, bulk=bulk, form=form, quadrature=1, device=device)
+        return WaveModel(body, fields, self.points)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What was measured of a phantom.
+
+    points        (n, 2) m
+    displacement  (loads, n, 2) m
+    rms           (loads, 1, 2) m, of each component without noise
+    noise         relative to it
+    """
+
+    phantom: Phantom
+    points: Array
+    displacement: Array
+    rms: Array
+    noise: float
+    truth: dict[str, Array] = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "truth", self.phantom.truth(*self.points.T))
+
+    @property
+    def sigma(self) -> Array:
+        """Standard deviation (m) of real and imaginary parts; `EXACT` of the rms where there is no noise."""
+        return max(self.noise, EXACT) * self.rms / np.sqrt(2)
+
+    def errors(self, found: Mapping[str, Array]) -> dict[str, float]:
+        """Name → ‖found - truth‖/‖truth‖ over the nodes."""
+        return {name: float(np.linalg.norm(found[name] - t) / np.linalg.norm(t)) for name, t in self.truth.items()}
+
+    def inversion(
+        self,
+        regularised: Callable[[ngs.FESpace, Array], Regulariser] = smooth,
+        weight: float = 1e3,
+        start: Mapping[str, Array | float] | None = None,
+        device: Device = CPU,
+    ) -> Inversion:
+        """The inverse problem on the same grid: all edges held at what was measured there, which is unknown within its noise.
+
+        regularised  a space and x̄ → a regulariser, the same for each field
+        weight       of each to begin with
+        start        where the search begins, by default the phantom's start
+        device       where matrices are factorised
+
+        >>> Phantom.named("CV-G", 5).measured(0.01).inversion().start.shape
+        (114,)
+        """
+        phantom, grid = self.phantom, _Square(self.phantom)
+        begin = dict(start or phantom.start)
+        model = grid.model(begin, device)
+        theta, where = model.theta, model.blocks[BOUNDARY]
+        sigma = np.broadcast_to(self.sigma, self.displacement.shape)
+        theta[where] = self._held(model, self.displacement)
+        unknowns = {name: Unknown(value, LOGS.get(name, Log())) for name, value in begin.items()}
+        if self.noise:
+            unknowns[BOUNDARY] = Unknown(theta[where], Scaled(self._held(model, sigma * (1 + 1j))))
+        fields = Fields(theta, model.blocks, unknowns)
+        regularisers = {name: regularised(grid.space, fields.start[fields.blocks[name]]) for name in begin}
+        misfit = LeastSquares(self.displacement, sigma)
+        return Inversion(self, Reduced(model, misfit, fields, regularisers, dict.fromkeys(begin, weight)))
+
+    def data(self) -> WaveData:
+        """The same for methods that start from wave data alone."""
+        phantom, truth = self.phantom, self.truth
+        return WaveData(
+            self.points,
+            self.displacement,
+            np.array([frequency for frequency, _ in phantom.loads]),
+            1000.0,
+            "isotropic" if phantom.poisson else "transversely_isotropic",
+            "viscoelastic" if "loss" in truth else "elastic",
+            poisson=phantom.poisson,
+            bulk=None if phantom.poisson else phantom.bulk,
+            fibre=None if phantom.poisson else np.array([np.cos(np.deg2rad(TI_ANGLE)), np.sin(np.deg2rad(TI_ANGLE))]),
+            element="q4p0" if phantom.poisson and phantom.poisson > NEARLY else "q4",
+            noise=self.noise,
+            truth={"shear": truth["storage"] + 1j * truth["loss"]} if "loss" in truth else truth,
+        )
+
+    def as_published(self) -> Iterator[Iterate]:
+        """The published inversion, one iteration after the other: Φ = ½ Σ |u - m|² (mm²) of moduli in MPa (ζ in 2, φ in 0.2)
+        by BFGS from the uniform start, without regulariser, bound or noise; the boundary exactly as measured.
+
+        It ends when no step goes down. Published with the line search of a commercial code, so iterates differ.
+
+        >>> iterate = next(Phantom.named("CV-G", 5).measured(0.01).as_published())
+        >>> iterate.number, sorted(iterate.fields)
+        (1, ['loss', 'storage'])
+        """
+        phantom = self.phantom
+        model = _Square(phantom).model(phantom.start)
+        theta, where = model.theta, model.blocks[BOUNDARY]
+        theta[where] = self._held(model, self.displacement)
+        unit = np.concatenate([np.full(len(self.points), UNITS.get(name, 1e6)) for name in phantom.start])
+
+        def value(x: Array) -> tuple[float, Array]:
+            theta[: where.start] = unit * x
+            try:
+                state = model.at(theta)
+            except SolverError:
+                return np.inf, np.zeros_like(x)
+            off = state.data - self.displacement
+            return 5e5 * float(np.sum(np.abs(off) ** 2)), 1e6 * unit * state.gradient(off)[: where.start]
+
+        def found(number: int, x: Array, misfit: float) -> Iterate:
+            return Iterate(number, misfit, {name: (unit * x)[model.blocks[name]] for name in phantom.start})
+
+        x = theta[: where.start] / unit
+        yield from (found(*iterate) for iterate in descent(value, x))
+
+    @staticmethod
+    def _held(model: WaveModel, values: Array) -> Array:
+        parts = [u.T.ravel()[model.driving] for u in values]
+        return np.concatenate([part for u in parts for part in (u.real, u.imag)])
+
+
+@dataclass(frozen=True)
+class Iterate:
+    """Of the published inversion: its misfit (mm²) and fields (Pa)."""
+
+    number: int
+    misfit: float
+    fields: dict[str, Array]
+
+
+@dataclass(frozen=True)
+class Inversion:
+    """A phantom's inverse problem and what it takes to judge an answer."""
+
+    measured: Measured
+    reduced: Reduced
+
+    @property
+    def model(self) -> WaveModel:
+        """Of the waves."""
+        assert isinstance(self.reduced.model, WaveModel)
+        return self.reduced.model
+
+    @property
+    def start(self) -> Array:
+        """x at the start."""
+        return self.reduced.unknowns.start
+
+    @property
+    def waves(self) -> Array:
+        """What was measured as unknowns of the waves (loads, ndof), pressures 0: where `GaussNewton.from_waves` starts."""
+        whole = np.zeros((len(self.measured.displacement), self.model.body.fes.ndof), complex)
+        flat = [u.T.ravel() for u in self.measured.displacement]
+        whole[:, : len(flat[0])] = flat
+        return whole
+
+    def errors(self, x: Array) -> dict[str, float]:
+        """Name → ‖found - truth‖/‖truth‖ over the nodes."""
+        return self.measured.errors(self.fields(x))
+
+    def fields(self, x: Array) -> dict[str, Array]:
+        """Name → values at the nodes."""
+        unknowns = self.reduced.unknowns
+        assert isinstance(unknowns, Fields)
+        return unknowns.values(x)
+
+
+_SIDEWAYS: Drive = {"bottom": (None, DRIVE), "left": (0.0, None), "top": (None, 0.0)}
+PHANTOMS = {
+    "CE-G": Phantom(101, 50, 0.3, _spot, {"youngs": 1.1e4}),
+    "CE-B": Phantom(101, 80, 0.3, _halves, {"youngs": 1e4}),
+    "CV-G": Phantom(51, 50, 0.3, _lossy_spot, {"storage": 1e4, "loss": 1e3}),
+    "CV-B": Phantom(51, 100, 0.3, _lossy_halves, {"storage": 1e4, "loss": 1e3}),
+    "NE-G": Phantom(81, 50, 0.4995, _spot, {"youngs": 1.1e4}),
+    "NV-G": Phantom(51, 100, 0.49, _lossy_spot, {"storage": 1e4, "loss": 1e3}),
+    "TI": Phantom(51, 50, None, _fibrous_spot, {"mu": 1e4, "zeta": 0.5, "phi": 0.2}, ({"top": (DRIVE, 0)}, _SIDEWAYS)),
+}
+"""Compressible or nearly incompressible, elastic or viscoelastic (C, N; E, V), a Gaussian spot or two halves; fibres."""

@@ -1,0 +1,121 @@
+"""Which part of a body's boundary measured displacements drive, and which is free of forces, as the data's `dirichlet` says.
+
+An element's side is free where half of it or more is nearest to points of the border that are not flagged, else driven. Sides off
+the border's points are driven too, such as those that in space reach out by more than a voxel: no surface of tissue is there. To
+drive a side takes no assumption, as its displacements are unknown within their noise; to set it free does.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import ngsolve as ngs
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
+
+from ngbrain.errors import InputError
+from ngbrain.inverse.problem.voxel_lattice import NEAR, voxels
+from ngbrain.io.waves import WaveData
+from ngbrain.mesh.geometry.structured import with_boundaries
+
+Array = np.ndarray
+FREE = "free"
+"""Name of boundaries that nothing drives."""
+ALL, BUT_FREE = ".*", f"(?!{FREE}$).*"
+"""Patterns of what is driven."""
+SAMPLES = {2: 12, 3: 6}
+"""Along a side, an even number: the points nearest to them say what is driven."""
+ON = 1e-9
+"""Of the body's size: points that are the same."""
+
+
+def driven(data: WaveData, mesh: ngs.Mesh) -> tuple[ngs.Mesh, str]:
+    """A mesh whose free sides are a boundary of their own, and the pattern of the others; the mesh itself where none is free.
+
+    mesh   of straight sides, over the points of the mask
+
+    Raises `InputError` for flags at points outside of the mask, as those of another mask are, or inside of the body, for too few
+    beside each other to drive half of an element's side, and where there are none.
+    """
+    corners, flags = _corners(mesh), data.dirichlet
+    if np.any(outside := flags & ~data.mask):
+        found = (
+            f"true at {int(outside.sum())} points outside of the mask, the first at {_place(data.points[outside][0])}"
+        )
+        raise InputError("dirichlet", found, "true at points of the mask's border alone, or None for all of them")
+    inside = flags & ~data.border
+    if data.structured is None and inside.any():  # borders of holes are none of the hull
+        vertices, size = KDTree(corners.reshape(-1, data.dim)), float(np.ptp(data.points))
+        inside &= vertices.query(data.points)[0] > ON * size
+    if inside.any():
+        found = f"true at {int(inside.sum())} points inside, the first at {_place(data.points[inside][0])}"
+        raise InputError("dirichlet", found, "true at points of the border alone: none inside can drive the body")
+    border = data.border | flags
+    if flags[border].all():
+        return mesh, ALL
+    near, close = _nearest(data, corners, np.flatnonzero(border))
+    free = close & ~flags[near]
+    held = free.mean(axis=1) < 0.5
+    if np.any(lost := _lost(near, flags, held)):
+        found = (
+            f"true at {int(lost.sum())} points with too few beside them, the first at {_place(data.points[lost][0])}"
+        )
+        raise InputError("dirichlet", found, "true at points that are nearest to most of an element's side, or more")
+    if not held.any():
+        raise InputError("dirichlet", "false at all the border", "some part of it that is driven as measured")
+    if held.all():
+        return mesh, ALL
+    names = mesh.GetBoundaries()
+    sides = mesh.Elements(ngs.BND)
+    return with_boundaries(mesh, [names[s.index] if h else FREE for s, h in zip(sides, held, strict=True)]), BUT_FREE
+
+
+def free_part(mesh: ngs.Mesh) -> dict[str, Any]:
+    """Of a mesh of `driven`: share of its boundary that is free, and the box around that (mm); empty where nothing is."""
+    if FREE not in mesh.GetBoundaries():
+        return {}
+    corners = _corners(mesh)
+    names = np.array(mesh.GetBoundaries())[[side.index for side in mesh.Elements(ngs.BND)]]
+    free = corners[names == FREE].reshape(-1, mesh.dim)
+    share = ngs.Integrate(1, mesh.Boundaries(FREE)) / ngs.Integrate(1, mesh.Boundaries(ALL))
+    return {"share": share, "from_mm": (1e3 * free.min(axis=0)).tolist(), "to_mm": (1e3 * free.max(axis=0)).tolist()}
+
+
+def _corners(mesh: ngs.Mesh) -> Array:
+    """Of the boundary's elements (sides, 2 or 4, dim) m."""
+    at = np.array([v.point for v in mesh.vertices])
+    return at[[[v.nr for v in side.vertices] for side in mesh.Elements(ngs.BND)]]
+
+
+def _nearest(data: WaveData, corners: Array, among: Array) -> tuple[Array, Array]:
+    """For samples (sides, k) of the sides: which of these points is nearest, and whether it is near enough to say anything."""
+    line = (np.arange(SAMPLES[data.dim]) + 0.5) / SAMPLES[data.dim]
+    if data.dim == 2:
+        samples = np.einsum("kc,sci->ski", np.stack([1 - line, line], axis=1), corners)
+        distance, near = KDTree(data.points[among]).query(samples)
+        length = np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1, keepdims=True)
+        return among[near], distance < 0.5 * length * (1 + ON)
+    a, b = (each.ravel() for each in np.meshgrid(line, line))
+    shapes = np.stack([(1 - a) * (1 - b), a * (1 - b), a * b, (1 - a) * b], axis=1)
+    axes, spacing = voxels(data)
+    tree = KDTree(data.points[among] @ axes.T / spacing)
+    distance, near = tree.query(np.einsum("kc,sci->ski", shapes, corners) @ axes.T / spacing)
+    return among[near], distance < NEAR
+
+
+def _lost(near: Array, flags: Array, held: Array) -> Array:
+    """Flagged points (n,) on free sides that no flagged ones connect with a side that is held."""
+    sides, n = len(near), len(flags)
+    i, k = np.nonzero(flags[near])
+    points = near[i, k]
+    links = sp.coo_array((np.ones(len(i)), (i, sides + points)), shape=(sides + n,) * 2)
+    piece = connected_components(links, directed=False)[1]
+    lost = np.zeros(n, bool)
+    lost[points] = ~np.isin(piece[sides + points], piece[:sides][held])
+    return lost
+
+
+def _place(point: Array) -> str:
+    return "(" + ", ".join(f"{1e3 * x:.4g}" for x in point) + ") mm"

@@ -1,0 +1,289 @@
+"""The inversion of wave data zone by zone: overlapping boxes in processes of their own, then once more, each among its neighbours.
+
+A zone is a complete problem, as the displacements of its boundary are unknown with the noise that they were measured with. So
+zones are inverted by `invert_in_space`, each for itself in the elements that one inversion of the body has there (`zones`), and
+their logarithms of moduli and their waves joined by shares that fall to zero at cut faces. A pass of consistency then inverts
+each zone again from the joined maps, with one weight for all zones, its margins driven by the joined waves and drawn to the
+joined map (`consistent`), and joins again. The shared weight is that of the evidence of all zones together, so that a zone that
+sees little, or all of what is rough, does not choose its own (`together`). Memory is that of a zone, times how many are under way.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain import parallel
+from ngbrain.adjoint.reduced import Regulariser
+from ngbrain.errors import ConvergenceError, InputError, NgbrainError, SolverError
+from ngbrain.forward.common.solve_counts import Solves
+from ngbrain.inverse.data.direct_inversion import uniform_shear
+from ngbrain.inverse.data.plausibility import check_frequency
+from ngbrain.inverse.data.quality import noise_level, total
+from ngbrain.inverse.data.subset import WaveSubset
+from ngbrain.inverse.data.time_convention import check_passive
+from ngbrain.inverse.elastography.invert_3d import LEAST, ROUNDS, invert_in_space, memory_in_space
+from ngbrain.inverse.elastography.result import Inversion
+from ngbrain.inverse.objective.regularisation import smooth
+from ngbrain.inverse.objective.regularisers import extent
+from ngbrain.inverse.optimise.result import Iteration
+from ngbrain.inverse.problem.discretisation import form_of
+from ngbrain.inverse.problem.property_fields import elements_on
+from ngbrain.inverse.problem.voxel_lattice import Lattice, lattice
+from ngbrain.inverse.subzones.consensus import Neighbourhood, invert_among
+from ngbrain.inverse.subzones.merge import Together, concluded
+from ngbrain.inverse.subzones.partition import FEWEST, cut, part
+from ngbrain.inverse.subzones.roughness import Rough
+from ngbrain.inverse.subzones.zone_result import Answer, told
+from ngbrain.io.waves import WaveData
+from ngbrain.progress import logged, reporting
+
+Array = np.ndarray
+SIDE, OVERLAP = 1.7, 0.6
+"""Of a zone, and of an overlap, in wave lengths of shear at the highest frequency."""
+FEW = 2
+"""Elements along a zone's side at least beside an overlap, where voxels are too large for more in `SIDE`."""
+LESS = 0.05
+"""Of an element, by which a size may be too short for whole ones."""
+
+
+@reporting()
+def invert_by_subzones(
+    data: WaveData,
+    *,
+    noise: float | None = None,
+    size: float | None = None,
+    overlap: float | None = None,
+    executor: parallel.AnyExecutor = None,
+    labelled: bool = False,
+    passes: int = 1,
+    rounds: int = ROUNDS,
+    checkpoint: str | os.PathLike[str] | None = None,
+    tell: Callable[[Iteration], None] = logged,
+) -> Inversion:
+    """Property maps of wave data in space, zone by zone.
+
+    noise       relative to the rms of each component over all data; by default what the data say, or what a smooth fit leaves
+    size        m, longest side of a zone with its overlaps; by default `SIDE` wave lengths. Zones are of whole elements
+    overlap     m, how deep neighbours reach into each other, a third of a wave length or so for each element; by default
+                `OVERLAP` wave lengths, less where `size` is small
+    executor    who inverts the zones, one a task (`parallel.run`): by default this process, a number means so many processes;
+                the answer does not depend on it. Workers elsewhere have to see the folder of `checkpoint`
+    labelled    whether each label has fields of its own
+    passes      of consistency; 0: zones know nothing of each other
+    rounds      iterations of a zone at most, in each pass
+    checkpoint  folder, made if it is not there, in which a file for each zone and pass is kept: a stopped inversion goes on
+    tell        called with each iteration of a zone; its phase says which
+
+    `checks` has `disagreement_NAME_first` and `disagreement_NAME`, the rms difference of two zones' ln of a modulus where they
+    overlap, before and after the passes; `misfit_over_expected` of the waves that all zones predict together; and, unless the body
+    is too large (`one_body`), `misfit_as_one_body` of the joined maps in one wave problem of all.
+
+    Raises `InputError` for data in the plane, negative noise, a size that no zone can have, labels that are not there, a
+    checkpoint of another problem; `SolverError`, naming the zone, where one fails or its process dies.
+
+    Sources: Van Houten et al. 1999, 10.1002/(SICI)1522-2594(199910)42:4<779::AID-MRM21>3.0.CO;2-Z (overlapping subzones);
+    MacKay 1992, 10.1162/neco.1992.4.3.415 (evidence of a weight).
+
+    >>> line, short = np.arange(16) * 3e-3, np.arange(8) * 3e-3
+    >>> grid = np.array([[x, y, z] for z in short for y in short for x in line])
+    >>> k = 2 * np.pi * 80 * np.sqrt(1000 / (4000 + 1200j))
+    >>> u = 1e-5 * np.stack([np.exp(-1j * k * grid[:, i]) for i in (1, 2, 0)], axis=1)[None]
+    >>> data = WaveData(grid, u, [80.0], 1000.0, "isotropic", "viscoelastic", bulk=2e5).with_noise(0.02, seed=0)
+    >>> found = invert_by_subzones(data, size=0.027, overlap=0.009, passes=0, rounds=1)
+    >>> bool(abs(np.median(found.maps["storage"]) / 4000 - 1) < 0.03), found.model["zones"]
+    (True, 2)
+    """
+    _checked(data, size, overlap)
+    for name, value, least in (("passes", passes, 0), ("rounds", rounds, 1)):
+        if value < least:
+            raise InputError(name, value, f"at least {least}")
+    if noise is not None and not 0 <= noise < np.inf:
+        raise InputError("noise", noise, "a relative level of at least 0")
+    if labelled and data.labels is None:
+        raise InputError("labels", "not given", "a whole number for each point, or one field for all")
+    check_frequency(data, uniform_shear(data))
+    check_passive(data)
+    level, note = noise_level(data, noise)
+    cells = lattice(data, form_of(data))
+    zones = cut(data, cells, *_in_cells(data, cells, size, overlap))
+    if not zones:
+        raise InputError("mask", "of small pieces alone", f"one of more than {FEWEST} points that touch")
+    sure = total(level, LEAST)
+    common = Common(float(np.max(np.ptp(data.points[data.mask], axis=0))), labelled, rounds, _folder(checkpoint))
+    parts = [(*part(data, zone, sure), zone.cells) for zone in zones]
+    names = [f"zone {i + 1} of {len(zones)}" for i in range(len(zones))]
+    hear = _hearing(tell)
+    tasks: list[parallel.Task] = [
+        parallel.Task(name, _alone, (name, own, box, common), memory=_memory(data, box))
+        for name, (own, _, box) in zip(names, parts, strict=True)
+    ]
+    rough = [Rough(zone.cells, data.points[zone.points]) for zone in zones]
+    found = [Together(data, zones, rough, list(parallel.run(tasks, executor, tell=hear).values()))]
+    for i in range(passes if len(zones) > 1 else 0):
+        last = found[-1]
+        tasks = []
+        for name, zone, answer, (own, chosen, box) in zip(names, zones, last.answers, parts, strict=True):
+            around = _around(last, zone.points, zone.share, own, chosen)
+            args = (f"{name}, pass {i + 1}", own, box, around, answer, common)
+            tasks.append(parallel.Task(name, _among, args, memory=_memory(data, box)))
+        found.append(Together(data, zones, rough, list(parallel.run(tasks, executor, tell=hear).values()), found[0]))
+    return concluded(found, cells, noise=sure, floor=LEAST, labelled=labelled, notes=[note] if note else [])
+
+
+def _memory(data: WaveData, cells: Lattice) -> float:
+    """Bytes that a zone will take."""
+    return memory_in_space(cells.form, int(cells.cells.sum()), data.frequency)
+
+
+@dataclass(frozen=True)
+class Common:
+    """What is the same for all zones: the body's length (m), labels, iterations, where checkpoints are."""
+
+    length: float
+    labelled: bool
+    rounds: int
+    folder: Path | None
+
+    def prior(self, space: ngs.FESpace, reference: Array) -> Regulariser:
+        """Smooth fields; with the body's length in place of the zone's, weights mean the same in all."""
+        return smooth(space, reference, extent(space) / self.length)
+
+    def kept(self, name: str, problem: str, invert: Callable[[Path | None], Answer]) -> Answer:
+        """A zone's answer, from its file where there is one; `invert` takes the checkpoint of its iterations."""
+        try:
+            if self.folder is None:
+                return invert(None)
+            stem = name.replace(" ", "-").replace(",", "")
+            whole, going = self.folder / f"{stem}.npz", self.folder / f"{stem}.part.npz"
+            if whole.exists():
+                return Answer.load(whole, problem)
+            answer = invert(going)
+            answer.save(whole, problem)
+            going.unlink(missing_ok=True)
+            return answer
+        except InputError as error:
+            raise InputError(f"{name}: {error.field}", error.value, error.wanted) from error
+        except Exception as error:
+            said = str(error) if isinstance(error, NgbrainError) else f"{type(error).__name__}: {error}"
+            raise SolverError(f"{name}: {said}") from error
+
+
+def _alone(name: str, data: WaveSubset, cells: Lattice, common: Common, *, tell: parallel.Tell) -> Answer:
+    def invert(checkpoint: Path | None) -> Answer:
+        found = invert_in_space(
+            data,
+            elements_on(data, cells, common.labelled),
+            regulariser=common.prior,
+            labelled=common.labelled,
+            rounds=common.rounds,
+            checkpoint=checkpoint,
+            drop_outliers=False,  # by the body as a whole, if at all
+            tell=_named(name, tell),
+        )
+        return Answer.of(found)
+
+    return common.kept(name, told(data, cells, replace(common, folder=None)), invert)
+
+
+def _among(
+    name: str,
+    data: WaveSubset,
+    cells: Lattice,
+    around: Neighbourhood,
+    before: Answer,
+    common: Common,
+    *,
+    tell: parallel.Tell,
+) -> Answer:
+    def invert(checkpoint: Path | None) -> Answer:
+        solves = Solves()
+        try:
+            found = invert_among(
+                data,
+                elements_on(data, cells, common.labelled),
+                around,
+                common.prior,
+                floor=LEAST,
+                labelled=common.labelled,
+                rounds=common.rounds,
+                solves=solves,
+                checkpoint=checkpoint,
+                tell=_named(name, tell),
+            )
+        except ConvergenceError:  # nothing is lower than where it starts: it has nothing new to say
+            return replace(before, solves=solves)
+        return Answer.of(found)
+
+    return common.kept(name, told(data, cells, replace(common, folder=None), around.known), invert)
+
+
+def _around(last: Together, points: Array, share: Array, own: WaveSubset, chosen: Array) -> Neighbourhood:
+    """What a zone is told of the last answer; `points` are the zone's, `chosen` those of its data."""
+    foreign = np.zeros(len(last.data.points))
+    foreign[points] = 1 - share
+    waves = last.waves[:, chosen]
+    usable = own.mask[:, None] & ~np.isnan(waves)
+    return Neighbourhood(
+        {name: np.where(own.mask, values[chosen], np.nan) for name, values in last.logarithms.items()},
+        np.where(usable, waves, own.displacement),
+        last.deviation,
+        foreign[chosen],
+        last.weights,
+        last.strength,
+    )
+
+
+def _named(name: str, tell: parallel.Tell) -> Callable[[Iteration], None]:
+    return lambda iteration: tell(replace(iteration, phase=name))
+
+
+def _hearing(tell: Callable[[Iteration], None]) -> parallel.Tell:
+    return lambda iteration: tell(iteration)
+
+
+def _checked(data: WaveData, size: float | None, overlap: float | None) -> None:
+    if data.dim != 3:
+        raise InputError("points", "in the plane", "points in space; `invert` takes those in the plane")
+    for name, value in (("size", size), ("overlap", overlap)):
+        if value is not None and not 0 <= value < np.inf:
+            raise InputError(name, value, "a length in m")
+    if (size is None or overlap is None) and not data.frequency.any():
+        raise InputError("size or overlap", "not given", "lengths in m: quasi-static data have no wave length")
+
+
+def _in_cells(data: WaveData, cells: Lattice, size: float | None, overlap: float | None) -> tuple[Array, Array]:
+    """Size and overlap (dim,) in whole cells: a given size not exceeded, others as near as can be, an overlap at least one.
+
+    Raises `InputError` where that leaves less than a cell beside the overlap, or too few points.
+    """
+    side = np.array([np.diff(plane).max() for plane in cells.planes])
+    wave = np.inf
+    if size is None or overlap is None:
+        wave = np.sqrt(uniform_shear(data) / data.density) / float(data.frequency.max())
+    if overlap is None:
+        overlap = OVERLAP * wave if size is None else min(OVERLAP * wave, OVERLAP / SIDE * size)
+    shared = np.maximum(np.rint(overlap / side), overlap > 0).astype(int)
+    if size is None:
+        return np.maximum(np.rint(SIDE * wave / side).astype(int), shared + FEW), shared
+    most = (size / side + LESS).astype(int)
+    least = max(float(np.max((shared + 1) * side)), overlap + FEWEST ** (1 / 3) * data.apart)
+    if size < least * (1 - 1e-9) or not np.all(most > shared):
+        wanted = f"{least:.3g} m or more, {float(np.max(shared * side)):.3g} of it an overlap"
+        raise InputError("size", f"{size:.3g}", wanted)
+    return most, shared
+
+
+def _folder(checkpoint: str | os.PathLike[str] | None) -> Path | None:
+    if checkpoint is None:
+        return None
+    folder = Path(checkpoint).absolute()  # workers elsewhere stand in another folder
+    if folder.exists() and not folder.is_dir():
+        raise InputError("checkpoint", str(folder), "a folder, or a name that is free")
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder

@@ -1,0 +1,262 @@
+"""What zones answer together: joined maps and waves, the weights that they share, how far they disagree, and the `Inversion`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ngbrain.forward.common.solve_counts import Solves
+from ngbrain.inverse.data.plausibility import of_frequency, of_size, of_tissue
+from ngbrain.inverse.data.quality import Relative, explaining, noise_of, overall, resolution, strain_of
+from ngbrain.inverse.elastography.derived_maps import median_shear
+from ngbrain.inverse.elastography.identifiability import of_bulk, of_few, of_fibres, of_scale
+from ngbrain.inverse.elastography.result import Inversion, Row, of_misfit
+from ngbrain.inverse.objective.misfit import LeastSquares
+from ngbrain.inverse.optimise.regularisation_weight import Level
+from ngbrain.inverse.optimise.result import status_of
+from ngbrain.inverse.problem.boundary_data import driven, free_part
+from ngbrain.inverse.problem.properties import quantities
+from ngbrain.inverse.problem.property_fields import PropertyField, property_fields
+from ngbrain.inverse.problem.voxel_lattice import Lattice
+from ngbrain.inverse.subzones.global_check import level_as_one_body
+from ngbrain.inverse.subzones.partition import Zone, disagreement, joined
+from ngbrain.inverse.subzones.roughness import Rough
+from ngbrain.inverse.subzones.zone_result import Answer
+from ngbrain.io.waves import WaveData
+
+Array = np.ndarray
+APART = 0.1
+"""Disagreement of two zones from which a note says so."""
+CLOSEST = 0.01
+"""Disagreement that counts at least: neighbours are not believed more closely."""
+
+
+@dataclass(frozen=True, eq=False)
+class Together:
+    """Zones of `data`, how rough maps in each are, and an `Answer` of each; with `alone`, when they knew nothing of each other."""
+
+    data: WaveData
+    zones: Sequence[Zone]
+    rough: Sequence[Rough]
+    answers: Sequence[Answer]
+    alone: Together | None = None
+
+    @cached_property
+    def logarithms(self) -> dict[str, Array]:
+        """Quantity → ln(value - floor) (n,), joined; NaN where no zone has one."""
+        return {name: joined(self.zones, each, len(self.data.points)) for name, each in self._own.items()}
+
+    @cached_property
+    def maps(self) -> dict[str, Array]:
+        """Quantity → (n,)."""
+        return {name: self._floors[name] + np.exp(values) for name, values in self.logarithms.items()}
+
+    @cached_property
+    def waves(self) -> Array:
+        """Predicted by all zones (loads, n, dim) m."""
+        n, parts = len(self.data.points), []
+        for i in range(self.data.dim):
+            parts.append(joined(self.zones, [answer.predicted[:, :, i] for answer in self.answers], n))
+        return np.stack(parts, axis=-1)
+
+    @cached_property
+    def deviation(self) -> Array:
+        """Of a zone's waves, as overlaps show it (loads, 1, dim) m, real and imaginary parts each: half the rms of u_a - u_b."""
+        n, loads, dim = len(self.data.points), self.data.loads, self.data.dim
+        apart = [
+            [disagreement(self.zones, [answer.predicted[k, :, i] for answer in self.answers], n) for i in range(dim)]
+            for k in range(loads)
+        ]
+        return np.array(apart)[:, None] / 2
+
+    @cached_property
+    def disagreement(self) -> dict[str, float]:
+        """Quantity → rms difference of two zones' ln where they overlap."""
+        n = len(self.data.points)
+        return {name: disagreement(self.zones, values, n) for name, values in self._own.items()}
+
+    @cached_property
+    def weights(self) -> dict[str, float]:
+        """Field → the weight that the evidence of all zones wants: α = Σ s_z α_z E_z / E, s_z the mean of a zone's share.
+
+        A zone's own weight α_z makes α_z E_z what the numbers that its data determine want, E_z the roughness of its map; E is
+        that of the joined one. So a rough place that several zones see counts once.
+        """
+        found = {}
+        for name, wanted in self.wanted.items():
+            parts = zip(self.zones, self.rough, strict=True)
+            joint = self.logarithms[self._fields[name].quantity]
+            found[name] = wanted / sum(
+                rough.of(self._where(name, zone, joint[zone.points]), zone.share) for zone, rough in parts
+            )
+        return found
+
+    @cached_property
+    def wanted(self) -> dict[str, float]:
+        """Field → Σ s_z α_z E_z, by zones that know nothing of each other."""
+        if self.alone:
+            return self.alone.wanted
+        found: dict[str, float] = {}
+        for zone, rough, answer in zip(self.zones, self.rough, self.answers, strict=True):
+            for name, weight in answer.weights.items():
+                own = self._logarithm(answer, self._fields[name].quantity)
+                part = float(np.mean(zone.share)) * weight * rough.of(self._where(name, zone, own))
+                found[name] = found.get(name, 0.0) + part
+        return found
+
+    def _where(self, name: str, zone: Zone, values: Array) -> Array:
+        """A zone's values of a quantity where a field of it is; NaN elsewhere."""
+        labels = None if self.data.labels is None else self.data.labels[zone.points]
+        return np.where(self._fields[name].within(labels), values, np.nan)
+
+    @cached_property
+    def determined(self) -> dict[str, float]:
+        """Field → how many numbers the data determine, each zone's by its share of the joined map."""
+        found: dict[str, float] = {}
+        for zone, answer in zip(self.zones, self.answers, strict=True):
+            for name, number in answer.determined.items():
+                found[name] = found.get(name, 0.0) + float(np.mean(zone.share)) * number
+        return found
+
+    @property
+    def strength(self) -> dict[str, float]:
+        """Quantity → κ: numbers determined for each point, over half the square of the disagreement."""
+        found = {}
+        for quantity, off in self.disagreement.items():
+            numbers = sum(number for name, number in self.determined.items() if self._fields[name].quantity == quantity)
+            known = int(np.isfinite(self.logarithms[quantity]).sum())
+            found[quantity] = float(2 * numbers / known / max(off, CLOSEST) ** 2)
+        return found
+
+    def row(self, name: str, noise: Relative) -> Row:
+        """Misfit of the joined waves, and what zones expect of as many data."""
+        measured = np.where(np.isnan(self.waves), np.nan, self.data.displacement)
+        misfit = LeastSquares(measured, noise_of(self.data, noise))
+        expected = sum(answer.expected for answer in self.answers) / sum(answer.count for answer in self.answers)
+        return Row(
+            name=name,
+            maps=self.maps,
+            misfit=2 * misfit.value(np.nan_to_num(self.waves)),
+            expected=misfit.count * expected,
+            value=sum(answer.value for answer in self.answers),
+            history=[each for answer in self.answers for each in answer.history],
+            cpu_s=sum(answer.history[-1].cpu_s for answer in self.answers),
+            converged=all(answer.converged for answer in self.answers),
+        )
+
+    def of_all(self, name: str) -> float | None:
+        """Rms of a check over zones, by their shares; None where no zone has it."""
+        pairs = [
+            (float(np.sum(z.share)), a.checks[name])
+            for z, a in zip(self.zones, self.answers, strict=True)
+            if name in a.checks
+        ]
+        if not pairs:
+            return None
+        weights, values = np.array(pairs).T
+        return float(np.sqrt(np.sum(weights * values**2) / weights.sum()))
+
+    @cached_property
+    def _own(self) -> dict[str, list[Array]]:
+        return {name: [self._logarithm(answer, name) for answer in self.answers] for name in self._floors}
+
+    def _logarithm(self, answer: Answer, quantity: str) -> Array:
+        return np.log(answer.maps[quantity] - self._floors[quantity])
+
+    @cached_property
+    def _fields(self) -> dict[str, PropertyField]:
+        return property_fields(self._floors, self.data.labels)
+
+    @cached_property
+    def _floors(self) -> dict[str, float]:
+        return {quantity.name: quantity.floor for quantity in quantities(self.data, 1.0)}
+
+
+def concluded(
+    found: Sequence[Together], cells: Lattice, *, noise: Relative, floor: float, labelled: bool, notes: list[str]
+) -> Inversion:
+    """The last of these answers, those before it as rows; data with less noise than `floor` are fitted as well as elements can."""
+    first, last = found[0], found[-1]
+    data, answers, zones = last.data, last.answers, last.zones
+    names = ["zones", *(f"pass {i}" for i in range(1, len(found)))]
+    rows = [each.row(name, noise) for name, each in zip(names, found, strict=True)]
+    level = Level(rows[-1].misfit, rows[-1].expected)
+    solves, effect, strain = _solves(found), last.of_all("bulk_change_over_noise"), strain_of(data, noise)
+    body = level_as_one_body(data, cells, last.logarithms, last.waves, noise, labelled, solves)
+    of_plane, combined = of_fibres(data, last.maps)
+    notes = [*notes, *_of_zones(found, level), *of_misfit(level.ratio, overall(data, noise), floor)]
+    notes += [*of_few(last.determined), *of_plane, *of_scale(data), *([] if effect is None else [of_bulk(effect)])]
+    median = median_shear(data, last.maps)
+    notes += [*of_frequency(data, median), *of_tissue(data, median), *of_size(data)]
+    checks: dict[str, float | None] = {
+        "misfit_over_expected": level.ratio,
+        "converged": rows[-1].converged,
+        "strain_snr": strain.median,
+        "misfit_as_one_body": None if body is None else body.ratio,
+        "bulk_change_over_noise": effect,
+        **{f"disagreement_{name}_first": off for name, off in first.disagreement.items()},
+        **{f"disagreement_{name}": off for name, off in last.disagreement.items()},
+    }
+    free = free_part(driven(data, cells.mesh)[0])
+    volume = data.apart**data.dim if data.structured is None else float(np.prod(data.structured.spacing))
+    known = int(np.isfinite(np.sum(list(last.maps.values()), axis=0)).sum())
+    sizes = [len(zone.points) for zone in zones]
+    return Inversion(
+        data=data,
+        maps=last.maps,
+        predicted=last.waves,
+        rows=rows,
+        chosen=names[-1],
+        noise=noise,
+        noise_found=overall(data, explaining(data, noise, level.ratio)),
+        regulariser="smooth",
+        weights=last.weights,
+        determined=last.determined,
+        resolution=resolution(volume * known, data.dim, last.determined),
+        solves=solves,
+        history=[each for row in rows for each in row.history],
+        model={
+            "form": answers[0].form,
+            "n_elements": sum(answer.numbers["n_elements"] for answer in answers),
+            "n_unknowns": max(answer.numbers["n_unknowns"] for answer in answers),
+            "n_parameters": sum(answer.numbers["n_parameters"] for answer in answers),
+            "inverse_crime": False,
+            "weight": "evidence",
+            "zones": len(zones),
+            "points_of_a_zone": [min(sizes), max(sizes)],
+            **({"free_boundary": free} if free else {}),
+            **({"errors_of_moduli": combined} if combined else {}),
+        },
+        checks={name: value for name, value in checks.items() if value is not None},
+        strain=strain,
+        stated=overall(data, noise),
+        warnings=notes + ([strain.note] if strain.note else []),
+        status=status_of(rows[-1].converged),
+    )
+
+
+def _of_zones(found: Sequence[Together], level: Level) -> list[str]:
+    last, notes = found[-1], []
+    far = {name: off for name, off in last.disagreement.items() if off > APART}
+    if far:
+        words = ", ".join(f"{name} by {100 * off:.2g} %" for name, off in far.items())
+        notes.append(f"zones differ where they overlap, {words} (rms): larger zones, or more data, would tell")
+    lost = last.data.mask & np.isnan(next(iter(last.maps.values())))
+    if lost.any():
+        of_all = f"{int(lost.sum())} of {int(last.data.mask.sum())} points"
+        notes.append(f"{of_all} have no map: they are in no element, at the border, or in pieces too small for a zone")
+    going = sum(not answer.converged for answer in last.answers)
+    if going:
+        notes.append(
+            f"{going} of {len(last.answers)} zones stopped before fields and weights had settled: the misfit of all is "
+            f"{level.misfit:.4g}, expected are {level.expected:.4g}"
+        )
+    return notes
+
+
+def _solves(found: Sequence[Together]) -> Solves:
+    every = [asdict(answer.solves) for each in found for answer in each.answers]
+    return Solves(**{name: sum(each[name] for each in every) for name in every[0]})

@@ -1,0 +1,52 @@
+"""How rough a map at points is: ∫ |∇m|², through elements that have these values."""
+
+from __future__ import annotations
+
+import ngsolve as ngs
+import numpy as np
+import scipy.sparse as sp
+
+from ngbrain.forward.common.interpolation import evaluation, inside
+from ngbrain.inverse.objective.regularisation import smooth
+from ngbrain.inverse.problem.field_values import fitted
+from ngbrain.inverse.problem.voxel_lattice import Lattice
+
+Array = np.ndarray
+ORDER = 2
+LEAST = 1e-9
+"""Roughness (m) that is found at least: a map that is the same everywhere has none."""
+
+
+class Rough:
+    """Of maps at `points` (n, 3) in the cells of a lattice.
+
+    >>> line = np.linspace(0, 0.02, 6)
+    >>> points = np.array([[x, y, z] for z in line for y in line for x in line])
+    >>> cells = Lattice((line[::5],) * 3, np.ones((1, 1, 1), bool), "P3")
+    >>> round(Rough(cells, points).of(100 * points[:, 0]), 6)  # slope² times volume
+    0.08
+    """
+
+    def __init__(self, cells: Lattice, points: Array) -> None:
+        self._mesh = cells.mesh
+        self._space = ngs.H1(self._mesh, order=ORDER)
+        self._inside = inside(self._mesh, points)
+        self._at = evaluation(self._space, points[self._inside])
+
+    def of(self, values: Array, share: Array | None = None) -> float:
+        """∫ s |∇m|² (m) of values (n,) of m, NaN where there is none; s a share (n,) of the space around, by default 1."""
+        known = np.isfinite(values[self._inside])
+        if not known.any():
+            return LEAST
+        at = self._at[known]
+        slope = ngs.Grad(self._through(at, values[self._inside][known]))
+        counts = 1.0 if share is None else self._through(at, share[self._inside][known])
+        return LEAST + float(ngs.Integrate(counts * slope * slope, self._mesh))
+
+    def _through(self, at: sp.csr_array, values: Array) -> ngs.GridFunction:
+        """The field with these values, smooth where there is none."""
+        found = ngs.GridFunction(self._space)
+        found.Set(float(np.mean(values)))
+        start = found.vec.FV().NumPy().copy()
+        found.vec.FV().NumPy()[:] = fitted(at, values, smooth(self._space, start), start)
+        return found

@@ -1,0 +1,429 @@
+"""What a model is of a scene: materials, supports, loads, elements; and how it is solved."""
+
+from __future__ import annotations
+
+import math
+import re
+import time
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from weakref import WeakKeyDictionary
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.errors import InputError
+from ngbrain.forward.common.dirichlet import Support
+from ngbrain.forward.common.loads import Load, Pressure, RigidFace, Traction, Weight
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.common.rigid_motions import check_held
+from ngbrain.forward.contact.friction import Friction
+from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.solid.inertia import Inertia
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.statics.load_path import LoadPath
+from ngbrain.forward.transient.time_stepper import run_load_history
+from ngbrain.image.read.fibre_directions import read_directions
+from ngbrain.image.read.volume import Volume
+from ngbrain.ladder.adaptivity import SHARE, chosen, shares
+from ngbrain.ladder.levels import MeshLevel, Model, OrderLevel, TimeLevel
+from ngbrain.ladder.models import motions
+from ngbrain.ladder.models.contacts import touch, way
+from ngbrain.ladder.models.geometry import CUT, Meshes, near
+from ngbrain.ladder.models.motions import Course
+from ngbrain.ladder.models.property_maps import fibres, median, over, read
+from ngbrain.ladder.models.section import not_in_section
+from ngbrain.ladder.models.waves import shaken
+from ngbrain.ladder.quantities import (
+    Asked,
+    Question,
+    State,
+    along,
+    answer,
+    check_questions,
+    embedded,
+    in_axes,
+    scale_of,
+)
+from ngbrain.ladder.singular_edges import torn
+from ngbrain.materials import Viscous
+from ngbrain.materials.base import Law, Value
+from ngbrain.materials.families import elastic_law, hereditary_form, instantaneous_law, scale, stiffen
+from ngbrain.materials.fibre import Fibre
+from ngbrain.scene import DisplacementBC, Scene, Tissue
+
+Array = np.ndarray
+SMALL = 1e-4
+"""Load factor at which strains are small enough to be linear to four digits."""
+RAMP, HOLD = 6, 8
+"""Steps of time in a ramp, and in a hold, which get longer."""
+CROSSING, LONGER = 12, 1.15
+"""Steps of time in which a shear wave crosses a body with mass; and how much longer they get, one after the other, in a hold."""
+
+
+FIRM = 3e3
+"""Stiffness of a rigid face, in moduli over its size: its pressure is about twice the way it pushes, likewise."""
+
+
+class Bench:
+    """A scene's meshes, kept, and its bodies for any model."""
+
+    def __init__(self, scene: Scene, questions: Sequence[Question] = ()) -> None:
+        self.scene, part = scene, near(scene.geometry)
+        self.made_of = (scene, tuple(questions))
+        """What another process makes the same of."""
+        self.questions: tuple[Asked, ...] = (*scene.quantities, *questions)
+        check_questions(self.questions, scene, questions)
+        size = scene.mesh.largest
+        self._meshes = {"whole": Meshes(scene.geometry, size)} | ({"near": Meshes(part, size)} if part else {})
+        self._cut = dict[tuple[str, bool, int], ngs.Mesh]()
+        self._maps = dict[str, Volume]()
+        self._courses = WeakKeyDictionary[Problem, Course]()
+
+    def mesh(self, model: Model) -> ngs.Mesh:
+        """The model's mesh. Raises `InputError` for the section of a scene that does not lie in it."""
+        extent, plane = model.get("extent", "whole"), model.get("space") == "plane"
+        if plane and (beyond := not_in_section(self.scene, self.made_of[1])):
+            raise InputError("space", "'plane'", f"'solid': {beyond}")
+        mesh = MeshLevel(model["mesh"])
+        level = mesh.halvings
+        if not mesh.part:
+            return self._meshes[extent].at(level, plane)
+        key = extent, plane, level
+        if key not in self._cut:
+            self._cut[key] = self._meshes[extent].cut(level, plane, chosen(self.left_out(*key), SHARE[3 - plane]))
+        return self._cut[key]
+
+    def left_out(self, extent: str, plane: bool, level: int) -> Array:
+        """By each element of a level's mesh (ne,), in the linear elastic body; see `local`."""
+        time = "relaxed" if any(tissue.law().branches for tissue in self.scene.tissues) else "instantaneous"
+        place = {"extent": extent, "space": "plane" if plane else "solid", "mesh": str(level)}
+        model = {**place, "strain": "linear", "time": time, "fibres": "all", "order": "1"}
+        body, rich = (self.static({**model, "order": order}, self.time("end")) for order in ("1", "2"))
+        return shares(self.state(model, body, linear_state(body)), rich, self.questions)
+
+    def solve(self, model: Model, near: Mapping[str, State] | None = None) -> Solution:
+        """See `solve`."""
+        return solve(self, model, near)
+
+    def has_states(self, model: Model) -> bool:
+        """Whether its solution has states: it is of a body at rest without memory."""
+        through_time = remembers(model) or model.get("inertia") == "all"
+        return self.scene.time.frequency is None and not through_time
+
+    @property
+    def nested(self) -> bool:
+        """Whether elements are unions of those of the next finer mesh."""
+        return self.scene.geometry.kind != "idealised"
+
+    @cached_property
+    def torn(self) -> list[str]:
+        """What to doubt of forces where held faces meet."""
+        return torn(self.scene, self._meshes["whole"].at(0, plane=False))
+
+    @cached_property
+    def sides(self) -> tuple[float, ...]:
+        """How long the body is along each axis (m)."""
+        points = [vertex.point for vertex in self._meshes["whole"].at(0, plane=False).vertices]
+        return tuple(np.ptp(points, axis=0).tolist())
+
+    @property
+    def longest(self) -> float:
+        """The body's longest side (m)."""
+        return max(self.sides)
+
+    @cached_property
+    def largest(self) -> str:
+        """The region with the largest volume."""
+        mesh = self._meshes["whole"].at(0, plane=False)
+        volumes = {name: ngs.Integrate(ngs.CF(1) * ngs.dx(name), mesh) for name in sorted(set(mesh.GetMaterials()))}
+        return max(volumes, key=lambda name: volumes[name])
+
+    def tissue(self, region: str, model: Model) -> Tissue:
+        """What a region is made of: with one tissue for all, that with the largest volume. Raises `InputError` for none."""
+        found = [tissue for tissue in self.scene.tissues if re.fullmatch(tissue.region, region)]
+        if not found:
+            raise InputError("tissue", f"none for region {region!r}", "one whose region matches it")
+        if len(found) > 1:
+            one, other = (self.scene.tissues.index(each) + 1 for each in found[:2])
+            what = f"{found[1].region!r}, which has region {region!r} as tissue#{one} ({found[0].region!r}) does"
+            raise InputError(f"tissue#{other}.region", what, "patterns of which one matches a region")
+        if model.get("tissue") == "one":
+            return self.tissue(self.largest, {})
+        return found[0]
+
+    def factor(self, region: str, model: Model) -> Value:
+        """What the moduli of a region's tissue are multiplied by: its map over them, or the map's median over the region."""
+        if model.get("tissue") == "one":
+            return self.factor(self.largest, {**model, "tissue": "each"})
+        tissue = self.tissue(region, {})
+        if tissue.shear_modulus_map is None:
+            return 1.0
+        if tissue.shear_modulus_map not in self._maps:
+            self._maps[tissue.shear_modulus_map] = read(tissue.shear_modulus_map)
+        if model.get("tissue") == "map":
+            return over(self._maps[tissue.shear_modulus_map], self.mesh(model)) / tissue.initial_modulus
+        mesh = self._meshes["whole"].at(0, plane=False)
+        return median(over(self._maps[tissue.shear_modulus_map], mesh), region) / tissue.initial_modulus
+
+    def _fibre(self, tissue: Tissue, mesh: ngs.Mesh, region: str) -> Fibre:
+        """Its direction in a region of a mesh, one or a field."""
+        if tissue.fibre is not None:
+            return in_axes(tissue.fibre, mesh.dim == 2)
+        directions = read_directions(str(tissue.fibre_map), str(tissue.fibre_map_convention))
+        return fibres(directions, mesh, np.array([each.mat == region for each in mesh.Elements()]))
+
+    def _face(self, mesh: ngs.Mesh, bc: DisplacementBC) -> RigidFace:
+        """What pushes a boundary. Raises `InputError` where it would have to push from within the body."""
+        by = along(tuple(float(each) for each in bc.value), mesh.dim == 2)  # type: ignore[arg-type]
+        area, outward = (
+            ngs.Integrate(value * ngs.ds(bc.boundary), mesh)
+            for value in (ngs.CF(1), ngs.InnerProduct(ngs.CF(by), ngs.specialcf.normal(mesh.dim)))
+        )
+        if outward > -0.1 * area * math.hypot(*by):
+            raise InputError("displacement_bc.value_mm", bc.shown("value"), "into the body, of a frictionless face")
+        modulus = self.factor(self.largest, {}) * self.tissue(self.largest, {}).initial_modulus
+        return RigidFace(bc.boundary, by, float(FIRM * modulus / area ** (1 / (mesh.dim - 1))))
+
+    @cached_property
+    def crossing(self) -> float:
+        """Time (s) of a shear wave through the most of the body along its longest side."""
+        most = self.tissue(self.largest, {})
+        modulus = self.factor(self.largest, {}) * most.initial_modulus
+        return float(self.longest * math.sqrt(most.rho / modulus))
+
+    def static(self, model: Model, t: float) -> Problem:
+        """The elastic body that stands for the model at time t: with moduli as they are then, where its time relaxes."""
+        return self._driven(model, t, lambda part: (part * t, part))
+
+    def relaxing(self, model: Model, t: float) -> Problem:
+        """The body with its memory or its mass, with moduli as they are at t where it has no memory but its time relaxes."""
+        return self._driven(model, t, lambda moment: (moment, min(moment / self.scene.time.ramp, 1.0)))
+
+    def course(self, body: Problem) -> Course:
+        """What is prescribed of one of its bodies, from moment to moment; of those at rest, of times in proportion to the load."""
+        return self._courses[body]
+
+    def _driven(self, model: Model, t: float, moment: Callable[[float], tuple[float, float]]) -> Problem:
+        course = Course(moment, model.get("space") == "plane")
+        body = Problem(*self._parts(model, self._law(model, t), course), element=form_of(model))
+        self._courses[body] = course
+        return course.drive(body)
+
+    def _law(self, model: Model, t: float) -> Callable[[Viscous, Value], Law | Viscous]:
+        """From a tissue's law and what its moduli are multiplied by to that of the model."""
+        level, ramp = model.get("time", "instantaneous"), self.scene.time.ramp
+        laws: dict[str, Callable[[Viscous, Value], Law | Viscous]] = {
+            "instantaneous": lambda law, factor: scale(instantaneous_law(law), factor),
+            "relaxed": lambda law, factor: scale(relaxed_law(law, ramp, t), factor),
+            "prony": lambda law, factor: stiffen(hereditary_form(law), factor),
+            "flowing": stiffen,
+        }
+        return laws[level]
+
+    def state(self, model: Model, body: Problem, x: Array) -> State:
+        """What is asked of a body that stands for the model."""
+        linear = model["strain"] == "linear"
+        return State(body, x, SMALL if linear else 1.0, linear, self.thickness_of(model))
+
+    def thickness_of(self, model: Model) -> float:
+        """Of a section (m), as thick as what bears its load; 1 of a body in space."""
+        geometry = self.scene.geometry
+        if model.get("space") != "plane":
+            return 1.0
+        return geometry.plate[1] if geometry.plate else geometry.sides[1]
+
+    def time(self, when: str) -> float:
+        """Of a question (s)."""
+        time = self.scene.time
+        return time.ramp if when == "ramp" else time.end
+
+    def _parts(
+        self, model: Model, law: Callable[[Viscous, Value], Law | Viscous], course: Course
+    ) -> tuple[ngs.Mesh, dict[str, Material], dict[str, Support], list[Load | Inertia], list[Contact | Friction]]:
+        mesh, scene = self.mesh(model), self.scene
+        plane, names = mesh.dim == 2, set(mesh.GetBoundaries())
+        materials, weights = {}, {}
+        for region in sorted(set(mesh.GetMaterials())):
+            tissue, factor = self.tissue(region, model), self.factor(region, model)
+            own = tissue.law()
+            if tissue.fibre_stiffness is not None and model.get("fibres") == "all":
+                own = tissue.with_fibres(own, self._fibre(tissue, mesh, region))
+            materials[region], weights[region] = Material(law(own, factor), factor * tissue.bulk), tissue.rho
+        motions.check(self.scene, self._meshes["whole"].at(0, plane=False), self.sides)
+        motions.check_apart(self.scene, names)
+        supports: dict[str, Support] = {}
+        loads: list[Load | Inertia] = [
+            *(Traction(traction.boundary, course.vector(traction.value)) for traction in scene.tractions),
+            *(Pressure(pressure.boundary, course.value(pressure.value)) for pressure in scene.pressures),
+        ]
+        for bc in scene.displacement_bcs:
+            if not any(re.fullmatch(bc.boundary, name) for name in names):
+                if plane:  # the faces in front and behind
+                    continue
+                raise InputError("displacement_bc.boundary", repr(bc.boundary), f"one of {', '.join(sorted(names))}")
+            if bc.contact == "frictionless" and model.get("contact") == "all":
+                loads.append(self._face(mesh, bc))
+                continue
+            supports[bc.boundary] = course.support(bc)
+        if model.get("extent") == "near":
+            supports |= {name: 0 for name in CUT if name in names}
+        density = mesh.MaterialCF(weights)
+        if model.get("inertia") == "all":
+            loads.append(Inertia(density))
+        if scene.gravity:
+            loads.append(Weight(density * ngs.CF(along(scene.gravity.acceleration, plane))))
+        stiffest = max(self.tissue(region, model).initial_modulus for region in materials)
+        touches = [
+            each
+            for body in scene.contacts
+            for each in touch(
+                body, course, stiffest, way(body, scene.time.end, self.longest), model.get("friction") == "all"
+            )
+        ]
+        return mesh, materials, supports, loads, touches
+
+
+def remembers(model: Model) -> bool:
+    """Whether it has a memory."""
+    return TimeLevel(model.get("time", TimeLevel.INSTANTANEOUS)).remembers
+
+
+def form_of(model: Model) -> str:
+    """Displacements of the order alone, or one order higher over pressures of the order."""
+    k = OrderLevel(model["order"]).degree
+    return f"P{k}" if model.get("pressure") == "none" else f"P{k + 1}/P{k}"
+
+
+def relaxed_law(material: Viscous, ramp: float, t: float) -> Law:
+    """The elastic law with the stress that small strains have at t, which grew evenly in `ramp` and then stayed.
+
+    A branch of modulus μ and time τ has μ (τ/T)(1 - e^(-T/τ)) e^(-(t - T)/τ) left.
+    """
+    return elastic_law(material, lambda tau: tau / ramp * -math.expm1(-ramp / tau) * math.exp(-(t - ramp) / tau))
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What a model says.
+
+    answers   one for each question, SI units
+    states    question's time → state, of a body without memory
+    ndof      unknowns
+    cost_s    computing time (s)
+    doubts    what the solvers warned of, and what is asked that has no limit
+    scales    of each answer, what it is measured by where it is nearly nothing (`quantities.scale_of`); 0: nothing but itself
+    """
+
+    answers: Array
+    states: dict[str, State]
+    ndof: int
+    cost_s: float
+    doubts: tuple[str, ...] = ()
+    scales: Array | float = 0.0
+
+
+def solve(bench: Bench, model: Model, near: Mapping[str, State] | None = None) -> Solution:
+    """The model's answers, from states near its own if they are known. Raises `SolverError` where it has none."""
+    begun, states, scales = time.process_time(), dict[str, State](), np.zeros(len(bench.questions))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        if bench.scene.time.frequency is not None:
+            answers, ndof = shaken(
+                bench.scene,
+                model,
+                bench.mesh(model),
+                lambda region: (bench.tissue(region, model), bench.factor(region, model)),
+                form_of(model),
+                bench.thickness_of(model),
+            )
+        elif not bench.has_states(model):
+            answers, scales, ndof = _through_time(bench, model)
+        else:
+            states = _at_rest(bench, model, near or {})
+            answers = answers_of(bench.questions, states)
+            scales = np.array([scale_of(quantity, states[quantity.when]) for quantity in bench.questions])
+            ndof = next(iter(states.values())).body.fes.ndof
+    doubts = (*bench.torn, *dict.fromkeys(str(warning.message) for warning in caught))
+    return Solution(answers, states, ndof, time.process_time() - begun, doubts, scales)
+
+
+def answers_of(questions: Sequence[Asked], states: Mapping[str, State]) -> Array:
+    """Of all questions."""
+    return np.array([answer(quantity, states[quantity.when]) for quantity in questions])
+
+
+def _at_rest(bench: Bench, model: Model, near: Mapping[str, State]) -> dict[str, State]:
+    found: dict[str, State] = {}
+    alike = model.get("time", "instantaneous") == "instantaneous" and not bench.scene.is_timed
+    for when in dict.fromkeys(quantity.when for quantity in bench.questions):
+        if found and alike:
+            found[when] = next(iter(found.values()))
+            continue
+        body = bench.static(model, bench.time(when))
+        if model["strain"] == "linear":
+            x = linear_state(body)
+        else:
+            # From rest what touches a rigid body: how it has slid so far counts.
+            close = None if bench.scene.contacts else near.get(when) or next(iter(found.values()), None)
+            LoadPath(body, bench.course(body)).solve(start=None if close is None else embedded(close, body, 1.0))
+            x = body.x
+        found[when] = bench.state(model, body, x)
+    return found
+
+
+def linear_state(body: Problem) -> Array:
+    """The first Newton step from rest under a small load, which is the solution of the linear problem."""
+    check_held(body.supports, body.loads, body.kinematics, "xyz" if body.mesh.dim == 3 else "xz")
+    rest = np.zeros(body.fes.ndof)
+    step = body.factorise(body.load(rest, 0.0), rest)
+    lifted = body.load(rest, SMALL)
+    return lifted - step(body.residual(lifted)[0])
+
+
+def _through_time(bench: Bench, model: Model) -> tuple[Array, Array, int]:
+    """Answers and their scales are found on the way, as the body does not keep its past."""
+    scene = bench.scene
+    size = SMALL if model["strain"] == "linear" else 1.0
+    asked = bench.questions
+    answers, scales, ndof = np.zeros(len(asked)), np.zeros(len(asked)), 0
+    moments = dict.fromkeys(bench.time(quantity.when) for quantity in asked)
+    for last in moments if model.get("time") == "relaxed" else [max(moments)]:  # else one run is good for all
+        body = bench.relaxing(model, last)
+        still = (
+            bench.static(model, last)
+            if size < 1 and any(isinstance(quantity, Question) for quantity in asked)
+            else None
+        )
+
+        def seen(t: float, body: Problem = body, still: Problem | None = still) -> None:
+            for i, quantity in enumerate(asked):
+                if abs(t - bench.time(quantity.when)) < 1e-9 * t:
+                    state = replace(bench.state(model, body, body.x), still=still)
+                    answers[i], scales[i] = answer(quantity, state), scale_of(quantity, state)
+
+        times = _times(bench, model, last)
+        factors = size * np.minimum(times / scene.time.ramp, 1.0)
+        run_load_history(body, times, factors, seen, motion=bench.course(body))
+        ndof = body.fes.ndof
+    return answers, scales, ndof
+
+
+def _times(bench: Bench, model: Model, last: float) -> Array:
+    """Steps up to a time (s), even ones while loads grow."""
+    ramp = bench.scene.time.ramp
+    hold, moving = last - ramp, model.get("inertia") == "all"
+    count = max(RAMP, math.ceil(CROSSING * ramp / bench.crossing)) if moving else RAMP
+    if bench.scene.is_timed:
+        return motions.steps(bench.scene, last, RAMP, bench.crossing / CROSSING if moving else math.inf)
+    grow = np.linspace(0, ramp, count + 1)
+    if hold <= 1e-9 * ramp:
+        return grow
+    if not moving:
+        return np.concatenate([grow, ramp + np.geomspace(min(ramp, hold / HOLD), hold, HOLD)])
+    first = min(ramp / count, hold)
+    steps = math.ceil(math.log(1 + hold / first * (LONGER - 1)) / math.log(LONGER))
+    ends = np.cumsum(LONGER ** np.arange(steps))
+    return np.concatenate([grow, ramp + hold * ends / ends[-1]])

@@ -1,0 +1,73 @@
+"""Measured maps of stiffness and of fibres, as fields over a body."""
+
+from __future__ import annotations
+
+import os
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.errors import InputError
+from ngbrain.forward.common.interpolation import quadrature_points
+from ngbrain.forward.observables.percentiles import weighted_percentile
+from ngbrain.image.read.fibre_directions import Directions, principal
+from ngbrain.image.read.property_maps import COVERED, filled, read_map
+from ngbrain.image.read.volume import Volume
+
+
+def read(path: str | os.PathLike[str]) -> Volume:
+    """A NIfTI volume of shear moduli (Pa); voxels without one (0, or no number) have that of the nearest that has.
+
+    Raises `InputError` where it is unreadable, of other than three axes, has no value at all, or a negative one; `MissingExtra`
+    without nibabel.
+    """
+    return filled(read_map(path, "shear moduli (Pa)"))
+
+
+def over(volume: Volume, mesh: ngs.Mesh) -> ngs.GridFunction:
+    """A volume's values (Pa) at a mesh's vertices, linear between them; a mesh of the plane y = 0 has x and z.
+
+    Raises `InputError` where the body reaches beyond the picture by more than a voxel.
+    """
+    points = np.array([vertex.point for vertex in mesh.vertices])
+    if mesh.dim == 2:
+        points = np.column_stack([points[:, 0], np.zeros(len(points)), points[:, 1]])
+    where, last = volume.to_voxels(points), np.array(volume.data.shape) - 1
+    beyond = float(np.max(np.maximum(-where, where - last)))
+    if beyond > 1.0:
+        raise InputError("map", f"a picture that ends {beyond:.0f} voxels inside the body", "one of the whole body")
+    field = ngs.GridFunction(ngs.H1(mesh, order=1))
+    field.vec.FV().NumPy()[:] = volume.at(volume.to_world(np.clip(where, 0, last)))
+    return field
+
+
+def fibres(directions: Directions, mesh: ngs.Mesh, where: np.ndarray) -> ngs.CoefficientFunction:
+    """Directions over a mesh of space: of each element the principal one of the mean of its points' structure tensors.
+
+    Raises `InputError` where less than half of some elements (`where`, a mask) lies in voxels with a direction.
+    """
+    space, points = quadrature_points(mesh, 2)
+    rules = space.GetIntegrationRules()
+    element = np.repeat(np.arange(mesh.ne), [len(rules[each.type].weights) for each in mesh.Elements()])
+    covered = directions.covers(points[where[element]])
+    if covered.mean() < COVERED:
+        found = f"without a direction at {1 - covered.mean():.0%} of the tissue"
+        raise InputError("fibre_map", found, "one in the space of the body, measured over most of it")
+    tensors = np.zeros((mesh.ne, 3, 3))
+    np.add.at(tensors, element, directions.tensors(points))
+    parts = []
+    for values in principal(tensors).T:
+        parts.append(ngs.GridFunction(ngs.L2(mesh, order=0)))
+        parts[-1].vec.FV().NumPy()[:] = values
+    return ngs.CF(tuple(parts))
+
+
+def median(field: ngs.GridFunction, region: str) -> float:
+    """Of a field's means over the elements of a region, which count by their volumes."""
+    mesh = field.space.mesh
+    amounts, sizes = (
+        ngs.Integrate(each, mesh, definedon=mesh.Materials(region), element_wise=True).NumPy()
+        for each in (field, ngs.CF(1))
+    )
+    own = sizes > 0
+    return weighted_percentile(amounts[own] / sizes[own], sizes[own], 50)

@@ -1,0 +1,365 @@
+"""From the cheapest model up to the first one whose estimates of what is missing are within the tolerances."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from ngbrain import parallel
+from ngbrain.errors import SolverError
+from ngbrain.ladder.axes import ELEMENTS, Axis, axes_of, cheapest, check
+from ngbrain.ladder.estimates import BY, LARGE, NOTHING, SOLVED, Estimate, Solved, relative
+from ngbrain.ladder.levels import MeshLevel
+from ngbrain.ladder.models.bodies import Bench, Model
+from ngbrain.ladder.quantities import Asked, Question
+from ngbrain.ladder.solutions import Keeper
+from ngbrain.result import Result, Status
+from ngbrain.scene import Scene
+
+Array = np.ndarray
+NARROW = 0.8
+"""Part of the tolerance up to which what is missing may be without a word: estimates are no bounds."""
+LEFT = 0.25
+"""Part of a step to finer elements that the next ones change at least; as much is left where some elements get smaller."""
+HALF = 0.5
+"""Part of what a higher order changes that halved elements change at least: an error that falls with their size is halved."""
+TELLING, TURNED = 0.25, "finer elements changed the answer the other way than foretold"
+"""Part of the tolerance from which on that a change has another sign than was foretold says something; and what it says."""
+LOCKED = "elements lock without pressures of their own, in space more than in the section"
+CHEAP = 8.0
+"""How many times as dear as one finer step both must be for that one to be tried by itself: as waves are, which are solved once."""
+UNDER_WAY = "a better model is under way, or was when this stopped"
+"""What is said of an answer that is not the last."""
+CHANCE = 0.5
+"""Of the root of the sum of squares of changes: what is expected at least."""
+MOST = 1e3
+"""Tolerances beyond which gains count alike: among steps that matter most the cheapest comes first."""
+
+
+@dataclass(eq=False)
+class Rung:
+    """A model on the way.
+
+    estimates   axis → what its next step would change
+    missing     what all steps may change together, relative, for each question: the sum of what each would change
+    expected    what they will most likely: changes of different axes may be of either sign
+    taken       the axes that were climbed from here; none where the climb ended
+    cost_s      computing time (s) up to and with this rung's estimates
+    scales      of each answer, what it is measured by where it is nearly nothing
+    """
+
+    model: dict[str, str]
+    answers: Array
+    ndof: int
+    estimates: dict[str, Estimate]
+    missing: Array
+    taken: tuple[str, ...] = ()
+    cost_s: float = 0.0
+    scales: Array | float = 0.0
+    expected: Array = field(default_factory=lambda: np.zeros(0))
+
+    def __str__(self) -> str:
+        """A few words, for who waits."""
+        return f"{self.ndof} unknowns, {100 * float(self.missing.max()):.3g} % missing"
+
+
+@dataclass(repr=False, eq=False)
+class Climb(Result):
+    """All rungs (`history`), the last one chosen; the scene's axes; `warnings`: what the ladder doubts of its answer."""
+
+    axes: dict[str, Axis]
+
+    @property
+    def value(self) -> Array:
+        """The answers of the chosen model."""
+        return self.chosen.answers
+
+    @property
+    def statistics(self) -> dict[str, float]:
+        """Models that were solved for what they leave out, and the chosen one's unknowns."""
+        return {"rungs": len(self.history), "unknowns": self.chosen.ndof}
+
+    @property
+    def error(self) -> Array:
+        """What the ladder expects the chosen model to be off by, relative, for each question; it ends by what may be `missing`."""
+        return self.chosen.expected
+
+    @property
+    def chosen(self) -> Rung:
+        """The last rung."""
+        rung: Rung = self.history[-1]
+        return rung
+
+
+def climb(
+    scene: Scene,
+    richest: Model | None = None,
+    tell: Callable[[Rung], None] = lambda _: None,
+    keeper: Keeper | None = None,
+    executor: parallel.AnyExecutor = None,
+    questions: Sequence[Question] = (),
+    watch: Callable[[Climb], Any] = lambda _: None,
+) -> Climb:
+    """The models tried, the last of which is enough; `richest` bounds the axes. `SolverError` if the cheapest has no answer.
+
+    `questions` are asked beside the scene's own; `watch` is given what is known after each rung but the last.
+    """
+    asked: list[Asked] = [*scene.quantities, *questions]
+    tolerances = np.array([quantity.tolerance for quantity in asked])
+    axes = axes_of(scene, richest, questions)
+    return ascend(axes, keeper or Keeper(Bench(scene, questions), executor), tolerances, tell, watch)
+
+
+def ascend(
+    axes: Mapping[str, Axis],
+    keeper: Keeper,
+    tolerances: Array,
+    tell: Callable[[Rung], None],
+    watch: Callable[[Climb], Any] = lambda _: None,
+) -> Climb:
+    """The same along any axes."""
+    model, rungs, begun = cheapest(axes), list[Rung](), keeper.clock()
+    refused: dict[str, str] = {}
+    while True:
+        open_axes = {name: axis for name, axis in axes.items() if axis.above(model[name]) and name not in refused}
+        rung = _learnt(_rung(keeper, model, open_axes), rungs, axes, tolerances)
+        if np.all(rung.missing <= tolerances):
+            rung = _confirmed(keeper, rung, axes)
+        rung.cost_s = keeper.clock() - begun
+        rungs.append(rung)
+        if np.all(rung.missing <= tolerances) or not open_axes:
+            break
+        rung.taken = _next(open_axes, rung, tolerances)
+        tell(rung)
+        watch(
+            Climb(dict(axes), status=Status.STOPPED, history=list(rungs), warnings=[UNDER_WAY, *_doubts(keeper, rung)])
+        )
+        richer = {**model, **{name: _towards(axes[name], rung, tolerances) for name in rung.taken}}
+        try:
+            keeper(richer)
+            model = richer
+            refused.clear()  # what could not be solved in poorer elements may be in these
+        except SolverError as error:
+            refused |= dict.fromkeys(rung.taken[1:] or rung.taken, str(error))
+    unjudged = {name: why for name, why in refused.items() if axes[name].above(model[name])}
+    for name, why in unjudged.items():  # a judge that failed says nothing: the error is not known
+        to = axes[name].judged(model[name])
+        rungs[-1].estimates[name] = Estimate(np.full(len(tolerances), np.inf), "not to be solved", why, to)
+    more, flags = _at_the_top(axes, rungs, tolerances)
+    _judge(rungs[-1], axes, more)
+    tell(rungs[-1])
+    flags = _doubts(keeper, rungs[-1]) + flags + _nothing(rungs[-1])
+    if np.any(rungs[-1].missing > NARROW * tolerances):
+        much = "more than" if np.any(rungs[-1].missing > tolerances) else "nearly"
+        flags.append(f"what is missing is {much} the tolerance")
+    within = bool(np.all(rungs[-1].missing <= tolerances))
+    reason = "" if within else f"{_percent(rungs[-1].missing)} may be missing, of {_percent(tolerances)} asked for"
+    status = Status.CONVERGED if within else Status.INACCURATE
+    return Climb(dict(axes), status=status, reason=reason, history=rungs, warnings=flags)
+
+
+def _percent(errors: Array) -> str:
+    return ", ".join(f"{100 * error:.3g} %" for error in errors)
+
+
+def _rung(keeper: Keeper, model: Model, above: Mapping[str, Axis]) -> Rung:
+    """A model with what the next steps of some axes would change."""
+    found = keeper(model)
+    estimates = keeper.at_once({name: partial(estimate, keeper, model, axis) for name, axis in above.items()})
+    if set(ELEMENTS) <= set(estimates) and not MeshLevel(model["mesh"]).part:
+        estimates["mesh"] = _as_order(estimates["mesh"], estimates["order"])
+    for name in ELEMENTS if "pressure" in estimates else ():
+        if name in estimates and np.any(np.abs(estimates["pressure"].change) > np.abs(estimates[name].change)):
+            estimates[name] = _doubted(estimates[name], LOCKED)
+    rung = Rung(dict(model), found.answers, found.ndof, estimates, np.zeros(0), scales=found.scales)
+    return _judge(rung, above)
+
+
+def stand(
+    scene: Scene, model: Model, executor: parallel.AnyExecutor = None, questions: Sequence[Question] = ()
+) -> Climb:
+    """The same for a model that is given: one rung, with estimates of what it leaves out, and no climb."""
+    return stay(axes_of(scene, questions=questions), Keeper(Bench(scene, questions), executor), model)
+
+
+def stay(axes: Mapping[str, Axis], keeper: Keeper, model: Model) -> Climb:
+    """The same along any axes; those that the model does not name are at their cheapest. `InputError` for what no scene has."""
+    check("model", model, axes)
+    model = {**cheapest(axes), **model}
+    begun = keeper.clock()
+    rung = _rung(keeper, model, {name: axis for name, axis in axes.items() if axis.above(model[name])})
+    rung.cost_s = keeper.clock() - begun
+    return Climb(dict(axes), status=Status.CONVERGED, history=[rung], warnings=_doubts(keeper, rung))
+
+
+def _doubts(keeper: Keeper, rung: Rung) -> list[str]:
+    """Of its estimates, and of the solvers."""
+    of_estimates = [f"{name}: {each.doubt}" for name, each in rung.estimates.items() if each.doubt]
+    return [*of_estimates, *keeper(rung.model).doubts]
+
+
+def estimate(keeper: Keeper, model: Model, axis: Axis, solved: Solved | None = None) -> Estimate:
+    """What the axis would change, by solutions of `solved`, else the keeper's; a large change is doubted until it is solved for."""
+    to = axis.judged(model[axis.name])
+    found = BY[axis.by[axis.at(model[axis.name])]](keeper.bench, model, {**model, axis.name: to}, solved or keeper)
+    largest = float(np.max(np.abs(found.change)))
+    large = "" if largest <= LARGE or found.how == SOLVED else f"a change of {largest:.0%} is not one of first order"
+    return replace(found, to=to, doubt=found.doubt or large)
+
+
+def _confirmed(keeper: Keeper, rung: Rung, axes: Mapping[str, Axis]) -> Rung:
+    """The rung with doubted estimates solved for, where that can be done: a climb does not end on what it doubts."""
+    for name, each in rung.estimates.items():
+        if not each.doubt or each.how == SOLVED:
+            continue
+        try:
+            after = keeper({**rung.model, name: each.to}).answers
+        except SolverError:
+            continue  # the doubt stays
+        rung.estimates[name] = Estimate(relative(rung.answers, after, rung.scales), SOLVED, to=each.to)
+    return _judge(replace(rung), axes)
+
+
+def _judge(rung: Rung, axes: Mapping[str, Axis], more: Array | float = 0.0) -> Rung:
+    """The rung with what all steps change together: of a higher order and finer elements the larger, both are of the same error.
+
+    Changes that cancel may do so by chance: no less is expected than half of what independent errors come to.
+    """
+    changes = {name: each.change * axes[name].tail for name, each in rung.estimates.items()}
+    elements = [changes.pop(name) for name in ELEMENTS if name in changes]
+    parts = [*changes.values(), np.zeros(len(rung.answers))]
+    if elements:
+        parts.append(elements[0] if len(elements) == 1 else _larger(*elements))
+    rung.missing = np.sum(np.abs(parts), axis=0) + more
+    known = np.isfinite(rung.missing)
+    together, apart = np.abs(np.sum(parts, axis=0, where=known)), np.sqrt(np.sum(np.square(parts), axis=0, where=known))
+    rung.expected = np.where(known, np.maximum(together, CHANCE * apart) + more, np.inf)
+    return rung
+
+
+def _learnt(rung: Rung, before: list[Rung], axes: Mapping[str, Axis], tolerances: Array) -> Rung:
+    """The rung, with estimates of finer elements after what the last step to such changed: they are no less than a part of it, and
+    doubted where it went the other way than foretold.
+
+    Sections do not know the corners that bodies have in space.
+    """
+    above = [name for name in ELEMENTS if name in rung.estimates]
+    last = next((each for each in reversed(before) if set(each.taken) & set(ELEMENTS)), None)
+    if not above or last is None or last.model.get("space") != rung.model.get("space"):
+        return rung
+    after = before[before.index(last) + 1] if last is not before[-1] else rung
+    changed = relative(last.answers, after.answers, last.scales)
+    told = sum((last.estimates[name].change for name in last.taken), np.zeros(len(changed)))
+    if np.any((told * changed < 0) & (np.minimum(np.abs(told), np.abs(changed)) > TELLING * tolerances)):
+        rung.estimates |= {name: _doubted(rung.estimates[name], TURNED) for name in above}
+    floor = LEFT ** len(last.taken) * changed
+    name = max(above, key=lambda each: float(np.max(np.abs(rung.estimates[each].change))))
+    found = rung.estimates[name]
+    if found.how == SOLVED or np.all(np.abs(found.change) >= np.abs(floor)):
+        return rung
+    raised = replace(found, change=_larger(found.change, floor), how="a part of what the last step changed")
+    rung.estimates[name] = raised
+    return _judge(replace(rung), axes)
+
+
+def _as_order(mesh: Estimate, order: Estimate) -> Estimate:
+    """Of halved elements, no less than a part of what a higher order changes: both are of the same error.
+
+    Sections of bodies that are pressed far may tell less, where errors of either sign meet.
+    """
+    least = HALF * np.nan_to_num(order.change, posinf=0.0, neginf=0.0)
+    if mesh.how == SOLVED or np.all(np.abs(mesh.change) >= np.abs(least)):
+        return mesh
+    return replace(mesh, change=_larger(mesh.change, least), how="half of what a higher order would change")
+
+
+def _doubted(found: Estimate, why: str) -> Estimate:
+    return found if found.how == SOLVED or found.doubt else replace(found, doubt=why)
+
+
+def _larger(one: Array, other: Array) -> Array:
+    """Of two changes of each answer the one that is more."""
+    return np.where(np.abs(other) > np.abs(one), other, one)  # what is not known stays so
+
+
+def _next(above: Mapping[str, Axis], rung: Rung, tolerances: Array) -> tuple[str, ...]:
+    """The axis to climb: elements after all else that cannot be left out, whose estimates are cheap on coarse ones.
+
+    Where the next elements would leave more than the tolerance, they are made smaller and of higher order at once: what comes
+    between would not be the last, and is dear unless it is `CHEAP`.
+    """
+
+    def gains(name: str) -> float:
+        return float(np.max(np.abs(rung.estimates[name].change) / tolerances))
+
+    must = [name for name in above if gains(name) > 1 and name not in ELEMENTS]
+    taken = max(must or above, key=lambda name: _worth(above[name], rung, tolerances))
+    if taken not in ELEMENTS or not set(ELEMENTS) <= set(above):
+        return (taken,)
+    (other,) = (name for name in ELEMENTS if name != taken)
+    short = np.any(_left(above, rung, taken) > tolerances) and _growth(above[other], rung) < CHEAP
+    return (taken, other) if short else (taken,)
+
+
+def _left(above: Mapping[str, Axis], rung: Rung, taken: str) -> Array:
+    """What elements would still change after a step to such along one of their axes.
+
+    The larger of a part of the step (`LEFT`) and the other axis' change: half of what it would have been if it is the order, as
+    elements got smaller, and all of it if it is their size, as of higher order the large ones stay.
+    """
+    kept = {name: LEFT if name == taken else HALF if name == "order" else 1.0 for name in ELEMENTS}
+    parts = [part * np.abs(rung.estimates[name].change) * above[name].tail for name, part in kept.items()]
+    return np.asarray(np.max(parts, axis=0))
+
+
+def _towards(axis: Axis, rung: Rung, tolerances: Array) -> str:
+    """The level to climb to: a part of the step that was judged, if it has one and what all further ones then change is tolerable.
+
+    As `_learnt` counts it, of all that is climbed at once: else the next step would be climbed too, and the part for nothing.
+    """
+    whole, part = rung.estimates[axis.name].to, axis.above(rung.model[axis.name])
+    if not part or not part.part:
+        return whole
+    told = sum(np.abs(rung.estimates[name].change) for name in rung.taken)
+    return part if np.all(LEFT ** len(rung.taken) * told * axis.tail <= tolerances) else whole
+
+
+def _worth(axis: Axis, rung: Rung, tolerances: Array) -> float:
+    """Of the axis' next step: what it gains, in tolerances, over what it costs."""
+    gain = np.abs(rung.estimates[axis.name].change) * axis.tail / tolerances
+    return float(np.max(np.minimum(gain, MOST))) / _growth(axis, rung)
+
+
+def _growth(axis: Axis, rung: Rung) -> float:
+    """By how much its next step is dearer."""
+    return axis.growth[axis.at(rung.model[axis.name])]
+
+
+def _at_the_top(axes: Mapping[str, Axis], rungs: list[Rung], tolerances: Array) -> tuple[Array, list[str]]:
+    """What elements that were as fine as they get leave, by what the last step to them changed; and where it is too much."""
+    more, flags = np.zeros(len(tolerances)), []
+    for name in ELEMENTS:
+        if name not in axes or axes[name].above(rungs[-1].model[name]):
+            continue  # it has an estimate
+        for before, after in pairwise(rungs):
+            if name in before.taken and after.model[name] == axes[name].levels[-1]:
+                last = np.abs(relative(before.answers, after.answers, before.scales)) * (axes[name].tail - 1)
+                more += last
+                if np.any(last > tolerances):
+                    flags.append(f"{name}: the last step may leave {100 * np.max(last):.2g} %, and there is none above")
+    return more, flags
+
+
+def _nothing(rung: Rung) -> list[str]:
+    """Answers that are nearly nothing, whose errors are parts of what they are measured by."""
+    scales = np.broadcast_to(np.asarray(rung.scales, float), rung.answers.shape)
+    return [
+        f"answer {i} is nearly nothing: its error is a part of {NOTHING * scale:.3g}, {NOTHING:.0%} of the largest of its kind"
+        for i, (value, scale) in enumerate(zip(rung.answers, scales, strict=True), 1)
+        if abs(value) < NOTHING * scale
+    ]

@@ -1,0 +1,90 @@
+"""A climb as plain data, as `result.json` holds it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ngbrain.ladder.quantities import Asked, Question
+from ngbrain.ladder.search import Climb
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class AskedFor:
+    """A quantity that was asked, as `result.json` says it: the unit is its value's, the tolerance relative.
+
+    `label` is it in words, `name` its kind; `where` and `when` are "" where there is nothing to say.
+    """
+
+    label: str
+    name: str
+    where: str
+    when: str
+    unit: str
+    tolerance: float
+
+    @classmethod
+    def of(cls, asked: Asked) -> AskedFor:
+        """Of a scene's quantity, or of an observable of one's own."""
+        if isinstance(asked, Question):
+            return cls(asked.label, asked.observable.name, "", asked.when, asked.observable.unit, asked.tolerance)
+        return cls(asked.label, asked.name, asked.where, asked.moment, asked.unit, asked.tolerance)
+
+
+def described(climb: Climb, questions: Sequence[AskedFor]) -> dict[str, Any]:
+    """The climb as plain data: answers, model, what was left out and how much it matters, every rung."""
+    answers, errors = climb.chosen.answers.tolist(), _plain(climb.error)
+    return {
+        "answers": [
+            {
+                "quantity": each.label,
+                "name": each.name,
+                "where": each.where,
+                "when": each.when,
+                "value": value,
+                "unit": each.unit,
+                "tolerance": each.tolerance,
+                "error_estimate": error,
+                "model": climb.chosen.model,
+                "warnings": list(climb.warnings),
+            }
+            for each, value, error in zip(questions, answers, errors, strict=True)
+        ],
+        "model": climb.chosen.model,
+        "left_out": [
+            {
+                "what": climb.axes[name].left_out[climb.axes[name].at(climb.chosen.model[name])],
+                "axis": name,
+                "change": _plain(each.change),
+                "how": each.how,
+                "doubt": each.doubt,
+            }
+            for name, each in climb.chosen.estimates.items()
+        ],
+        "flags": climb.warnings,
+        "rungs": [
+            {
+                "model": rung.model,
+                "answers": rung.answers.tolist(),
+                "ndof": rung.ndof,
+                "missing": _plain(rung.missing),
+                "taken": " and ".join(rung.taken),
+                "cost_s": rung.cost_s,
+                "estimates": {
+                    name: {"change": _plain(each.change), "how": each.how, "doubt": each.doubt}
+                    for name, each in rung.estimates.items()
+                },
+            }
+            for rung in climb.history
+        ],
+    }
+
+
+def _plain(values: Array) -> list[float | None]:
+    """As JSON has them: what is not known is null."""
+    return [float(value) if np.isfinite(value) else None for value in values]

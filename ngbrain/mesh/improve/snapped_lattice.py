@@ -1,0 +1,231 @@
+"""Tetrahedra whose points go to where regions meet: the part of the `lattice` mesh that knows shares but no names."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from itertools import combinations
+
+import numpy as np
+
+from ngbrain.mesh.labels.volume_fractions import Shares
+from ngbrain.mesh.labels.volume_zones import everywhere
+
+Points = np.ndarray
+FACES = np.array([[1, 3, 2], [0, 2, 3], [0, 3, 1], [0, 1, 2]])
+"""Corners of a tetrahedron's faces: outwards in Netgen's orientation."""
+_DAMPED = 0.5
+_HELD = 0.03  # part of its interfaces' area that a region has to the outside besides
+_LIFTED = 0.37  # in shares at most: beyond they are no measure of distance
+_FARTHEST = 0.3  # part of an element's size that a point may go in one step
+_ON = 0.05  # part of an element's size up to which a point is on an interface
+_RELAXED = 0.3  # part of the way to the middle of the tetrahedra around
+_DEEP = 0.999  # share at all corners with which a small tetrahedron is taken for inside a region
+_LARGE = 4.0  # widths of an interface above which a tetrahedron is sampled at 20 points instead of 4
+_STILL = 0.02  # part of an element's size below which its shares are not sampled again
+_PEELED = 3  # layers of a spike that are taken off
+_GAUSS = np.full((4, 4), (5 - 5**0.5) / 20) + np.eye(4) / 5**0.5
+_MANY = (np.array([(i, j, k, 3 - i - j - k) for i, j, k in np.ndindex(4, 4, 4) if i + j + k <= 3]) + 0.25) / 4
+
+
+@dataclass(eq=False)
+class Net:
+    """Points and tetrahedra among regions.
+
+    points   (n, 3) m; tets (m, 4) in Netgen's orientation; `shares` of the regions, 0 is outside
+    width    standard deviation (m) of an interface's blur
+    zone     points (n, 3) → (n, zones), adding up to 1: where volumes are balanced each for itself
+    bias     (zones, regions + 1), added to the shares times `weight` (n,) of the points, size / largest size
+    beside   (m, 4) tetrahedra across the FACES, -1 for none; scale (n,) edge (m) of the smallest cube at a point
+    means    (m, regions + 1) mean shares in the tetrahedra, when their points were as `sampled` (n, 3)
+    """
+
+    points: Points
+    tets: np.ndarray
+    shares: Shares
+    width: float
+    scale: np.ndarray
+    zone: Callable[[Points], np.ndarray] = everywhere
+    bias: np.ndarray = field(init=False)
+    beside: np.ndarray = field(init=False)
+    weight: np.ndarray = field(init=False)
+    means: np.ndarray = field(init=False)
+    sampled: Points = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.bias = np.zeros((self.zone(self.points[:1]).shape[1], self.shares.count))
+        self.beside = _beside(self.tets)
+        cubes = np.cbrt(12 * volumes(self.points, self.tets))
+        self.weight = self.scale / self.scale.max()
+        shares = self.shares(self.points)
+        number, deep = shares.argmax(axis=1)[self.tets], (shares.max(axis=1) > _DEEP)[self.tets].all(axis=1)
+        deep &= (number == number[:, :1]).all(axis=1) & (cubes < _LARGE * self.width)
+        self.means = np.zeros((len(self.tets), self.shares.count), np.float32)
+        self.means[np.arange(len(self.tets)), number[:, 0]] = 1
+        self.sampled = np.where(np.isin(np.arange(len(self.points)), self.tets[~deep])[:, None], np.inf, self.points)
+
+    @property
+    def slope(self) -> float:
+        """Of s_a - s_b across an interface (1/m)."""
+        return slope_across(self.width)
+
+    def lift(self) -> np.ndarray:
+        """What is added to the shares at the points (n, regions + 1)."""
+        return (self.weight[:, None] * (self.zone(self.points) @ self.bias)).clip(-_LIFTED, _LIFTED)
+
+    def _sample(self) -> None:
+        """Mean shares in each tetrahedron, anew where points have moved."""
+        moved = np.abs(self.points - self.sampled).max(axis=1) > _STILL * self.scale
+        stale = moved[self.tets].any(axis=1)
+        self.sampled = np.where(moved[:, None], self.points, self.sampled)
+        large = self.scale[self.tets].min(axis=1) > _LARGE * self.width
+        for which, weights in ((stale & ~large, _GAUSS), (stale & large, _MANY)):
+            for at in np.array_split(np.flatnonzero(which), 1 + which.sum() // (1 << 15)):
+                x = self.points[self.tets[at]]
+                total = sum(self.shares(np.einsum("i,nij->nj", w, x)) for w in weights)
+                self.means[at] = total / np.float32(len(weights))
+
+    def _regions(self) -> np.ndarray:
+        """Number (m,) of the region with the largest mean share in each tetrahedron.
+
+        One that none of its neighbours agrees with takes the region of that neighbour which has the largest share in it.
+        """
+        lift = self.lift().astype(np.float32)
+        score = self.means + sum(lift[corner] for corner in self.tets.T) / np.float32(4)
+        region = score.argmax(axis=1)
+        around = np.where(self.beside >= 0, region[self.beside], -1)
+        lonely = np.flatnonzero((around != region[:, None]).all(axis=1) & (around >= 0).any(axis=1))
+        offered = np.where(
+            around[lonely] >= 0, np.take_along_axis(score[lonely], np.maximum(around[lonely], 0), 1), -np.inf
+        )
+        region[lonely] = around[lonely, offered.argmax(axis=1)]
+        return self._without_spikes(np.asarray(region))
+
+    def _without_spikes(self, region: np.ndarray) -> np.ndarray:
+        """The same without tetrahedra that stick out: three faces or more of theirs look outside."""
+        for _ in range(_PEELED):
+            across = np.where(self.beside >= 0, region[self.beside], 0)
+            region = np.where((across == 0).sum(axis=1) >= 3, 0, region)
+        return region
+
+    def balance(self, wanted: np.ndarray, most: float) -> np.ndarray:
+        """Shift `bias` for the volumes (zones, regions) wanted (m³); each tetrahedron's region (m,) then.
+
+        A Newton step in each zone: an interface moves by the difference of the biases over the slope, and takes its area times
+        that from one region to the other. Shares are not linear, so the step is damped; `most` bounds the biases. All regions of
+        a zone together are held back a little: where hardly any of it is at the outside, there is nobody to give them room.
+        """
+        self._sample()
+        size, n = volumes(self.points, self.tets), self.shares.count
+        region = self._regions()
+        t, k, other = self.facing(region)
+        x = self.points[self.tets[t[:, None], FACES[k]]]
+        area = np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1) / 2
+        area *= self.weight[self.tets[t]].mean(axis=1)
+        pair, zones = region[t] * n + other, np.mean([self.zone(w @ self.points[self.tets]) for w in _GAUSS], axis=0)
+        for bias, mine, volume in zip(self.bias, zones.T, wanted, strict=True):
+            flow = np.bincount(pair, area * mine[t], n * n).reshape(n, n) / self.slope
+            flow += flow.T
+            if not flow.any():  # a zone inside one region
+                continue
+            gain = np.diag((1 + _HELD) * flow.sum(axis=1) + 1e-6 * flow.sum()) - flow  # regions that have vanished too
+            missing = volume - np.bincount(region, size * mine, n)[1:]
+            bias[1:] += _DAMPED * np.linalg.solve(gain[1:, 1:], missing)
+        self.bias = self.bias.clip(-most, most)
+        return self._regions()
+
+    def volumes_off(self, region: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+        """How far regions are from the volumes (regions,) wanted (m³), as parts of these."""
+        found = np.bincount(region, volumes(self.points, self.tets), self.shares.count)[1:]
+        return np.asarray(abs(found / wanted - 1))
+
+    def facing(self, region: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Tetrahedra, their faces (numbers in FACES) between regions, and the other region there: each face once.
+
+        From the region of the smaller number, but from inside where nothing lies beyond.
+        """
+        across = np.where(self.beside >= 0, region[self.beside], 0)
+        t, k = np.nonzero((across > region[:, None]) | ((self.beside < 0) & (region > 0)[:, None]))
+        return t, k, across[t, k]
+
+    def border(self, region: np.ndarray) -> np.ndarray:
+        """Which regions (n, regions + 1) the tetrahedra around each point have, if more than one."""
+        has = np.zeros((len(self.points), self.shares.count), bool)
+        for k in range(4):
+            has[self.tets[:, k], region] = True
+        return has & (has.sum(axis=1) > 1)[:, None]
+
+    def off(self, points: Points, lift: np.ndarray, has: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How far (n,) in m points with regions `has` (n, regions + 1) are from where these meet, and the way there (n, 3).
+
+        To first order; where more than two meet, from the interface that is farthest off.
+        """
+        values, gradients = self.shares.slopes(points)
+        values = values + lift
+        farthest, way = np.full(len(points), -1.0), np.zeros((len(points), 3))
+        for a, b in combinations(range(self.shares.count), 2):
+            i = np.flatnonzero(has[:, a] & has[:, b])
+            value, slope = values[i, a] - values[i, b], gradients[i, a] - gradients[i, b]
+            steep = np.maximum(np.linalg.norm(slope, axis=1), 1e-9)
+            far = np.abs(value) / steep
+            further = far > farthest[i]
+            farthest[i[further]] = far[further]
+            way[i[further]] = (-value / steep**2)[further, None] * slope[further]
+        return farthest, way
+
+    def steps(self, region: np.ndarray) -> Points:
+        """Where the points (n, 3) are to go: those near an interface towards the middle of the tetrahedra around, and those of
+        interfaces from there onto these.
+        """
+        has = self.border(region)
+        border = np.asarray(has.any(axis=1))
+        on = np.flatnonzero(border)
+        near = self.tets[border[self.tets].any(axis=1)]
+        count = np.bincount(near.ravel(), minlength=len(self.points))
+        middle = np.repeat(self.points[near].mean(axis=1), 4, axis=0)
+        total = np.stack([np.bincount(near.ravel(), middle[:, j], len(count)) for j in range(3)], axis=1)
+        relaxed = self.points + _RELAXED * (total / np.maximum(count, 1)[:, None] - self.points)
+        target = np.where(count[:, None] > 0, relaxed, self.points)
+        lift = self.lift()[on]
+        for _ in range(2):
+            far, way = self.off(target[on], lift, has[on])
+            target[on] += way * np.minimum(1, _FARTHEST * self.scale[on] / np.maximum(far, 1e-12))[:, None]
+        return target
+
+    def settled(self, region: np.ndarray) -> np.ndarray:
+        """For each point of an interface (n,), whether it is on it to a part of its element's size."""
+        has = self.border(region)
+        on = np.flatnonzero(has.any(axis=1))
+        far, _ = self.off(self.points[on], self.lift()[on], has[on])
+        return np.asarray(far < _ON * self.scale[on])
+
+
+def slope_across(width: float) -> float:
+    """Of s_a - s_b (1/m) where a step from -1 to 1 is blurred by a Gaussian of standard deviation `width` (m)."""
+    return float(2 / (np.sqrt(2 * np.pi) * width))
+
+
+def volumes(points: Points, tets: np.ndarray) -> np.ndarray:
+    """Of tetrahedra (m,) in m³."""
+    x = points.T[:, tets.T]
+    a, b, c = (x[:, k] - x[:, 0] for k in (1, 2, 3))
+    return np.asarray(np.abs((a * np.cross(b, c, axis=0)).sum(axis=0)) / 6)
+
+
+def scales(points: Points, tets: np.ndarray) -> np.ndarray:
+    """Edge (n,) in m of a cube as large as 12 of the smallest tetrahedron at each point."""
+    found = np.full(len(points), np.inf)
+    for k, cubes in enumerate([np.cbrt(12 * volumes(points, tets))] * 4):
+        np.minimum.at(found, tets[:, k], cubes)
+    return found
+
+
+def _beside(tets: np.ndarray) -> np.ndarray:
+    faces = np.sort(tets[:, FACES].reshape(-1, 3), axis=1).astype(np.int64)
+    keys = (faces[:, 0] << 42) | (faces[:, 1] << 21) | faces[:, 2]  # fewer than 2²¹ points: see octree.MOST
+    order = np.argsort(keys)
+    same = keys[order[1:]] == keys[order[:-1]]
+    p, q = order[:-1][same], order[1:][same]
+    beside = np.full(len(faces), -1)
+    beside[p], beside[q] = q // 4, p // 4
+    return beside.reshape(-1, 4)

@@ -1,0 +1,171 @@
+"""A map of labels as smooth functions: what a mesh of tissues follows, and is measured against."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy import ndimage
+
+from ngbrain.errors import InputError
+from ngbrain.image.read.label_map import LabelMap
+from ngbrain.mesh.labels.volume_fractions import Shares
+from ngbrain.mesh.labels.volume_zones import Zones
+
+Points = np.ndarray
+SMOOTHING = 0.75e-3
+"""Standard deviation (m) of the Gaussian that rounds the voxels' steps."""
+FILLED = 0.75
+"""Part of the volume that smoothing takes from films and sheets of a tissue that `Indicators.filled` gives back,"""
+MOST = 0.25
+"""and share that is given to a region for it at most."""
+_STEPS = 0.1 * 0.85 ** np.arange(30)
+LARGEST = 4e9
+"""Bytes of all shares; a mesh takes some copies of them."""
+FAR = 5e-3
+"""Distance (m) beyond which a slope says nothing: in the middle of a film it vanishes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Indicators:
+    """Share s_k of each region around a point; outside is region 0. The regions of the largest share part the head without
+    gaps or overlaps, and two of them meet where s_a - s_b = 0.
+
+    shares   (regions + 1, nx, ny, nz) float32, linear between the middles of voxels; names of the regions from 1 on
+    affine   (4, 4), indices to m
+    """
+
+    shares: np.ndarray
+    affine: np.ndarray
+    regions: tuple[str, ...]
+
+    @classmethod
+    def of(cls, labels: LabelMap, smoothing: float = SMOOTHING, margin: float = 4e-3) -> Indicators:
+        """Of labels, with a margin (m) of outside around them.
+
+        Raises `InputError` for more regions and voxels than shares of `LARGEST` bytes can be had of.
+        """
+        pad = int(np.ceil(margin / labels.volume.spacing.min()))
+        voxels = float(np.prod(np.array(labels.volume.data.shape) + 2.0 * pad))
+        if 4 * (len(labels.regions) + 1) * voxels > LARGEST:
+            found = f"{len(labels.regions)} regions on {voxels / 1e6:.3g} million voxels"
+            raise InputError("labels", found, "names that join regions, larger voxels, or the route hull")
+        numbered = np.pad(replace(labels, cut=None).numbered(), pad)
+        sigma = smoothing / labels.volume.spacing
+        left = (
+            np.float32(1) if labels.cut is None else np.pad(1 - labels.cut.astype(np.float32), pad, constant_values=1)
+        )
+        shares = np.stack(
+            [
+                ndimage.gaussian_filter((numbered == k) * left + (k == 0) * (1 - left), sigma)
+                for k in range(len(labels.regions) + 1)
+            ]
+        )
+        affine = labels.volume.affine.copy()
+        affine[:3, 3] = labels.volume.to_world(np.full((1, 3), -pad))[0]
+        return cls(shares, affine, labels.regions)
+
+    @cached_property
+    def _together(self) -> Shares:
+        return Shares.of(self.shares, self.affine)
+
+    def filled(self, zones: Zones) -> Indicators:
+        """With constants added to regions' shares, in each zone its own, so that those of the largest share come closer to the
+        volumes wanted there.
+
+        Smoothing thins whatever is bent or thin: a constant of 0.1 moves an interface by about 0.1 mm on voxels of 1 mm. What
+        is left to be missing (see `FILLED`) would move interfaces farther than the volume is worth.
+        """
+        count, wanted = len(self.shares), zones.wanted / abs(np.linalg.det(self.affine[:3, :3]))
+        zone, shares = self._voxels_in(zones), self.shares.reshape(count, -1)
+        sure = shares.max(axis=0) > 0.5 + MOST  # stays the largest whatever is added
+        inside = [np.bincount(shares[:, sure].argmax(axis=0), part[sure], count) for part in zone]
+        shares, there, given = shares[:, ~sure], zone[:, ~sure], np.zeros((len(wanted), count), np.float32)
+        for step in _STEPS:
+            number = (shares + given.T @ there).argmax(axis=0)
+            got = (inside + np.stack([np.bincount(number, part, count) for part in there]))[:, 1:]
+            missing = wanted / np.maximum(got, 1) - 1
+            given[:, 1:] = np.clip(given[:, 1:] + np.clip(missing, -step, step), -MOST, MOST)
+        return replace(self, shares=self.shares + np.float32(FILLED) * (given.T @ zone).reshape(self.shares.shape))
+
+    def volumes(self, zones: Zones) -> np.ndarray:
+        """Volumes (zones, regions) m³ where regions have the largest share."""
+        number = self.shares.reshape(len(self.shares), -1).argmax(axis=0)
+        voxels = np.stack([np.bincount(number, part, len(self.shares)) for part in self._voxels_in(zones)])
+        return np.asarray(voxels[:, 1:] * abs(np.linalg.det(self.affine[:3, :3])))
+
+    def _voxels_in(self, zones: Zones) -> np.ndarray:
+        """How far each voxel is of each zone (zones, voxels)."""
+        _, *sheet = self.shares.shape[1:]
+        at = np.indices((1, *sheet)).reshape(3, -1).T @ self.affine[:3, :3].T + self.affine[:3, 3]
+        sheets = [zones.share(at + i * self.affine[:3, 0]).astype(np.float32) for i in range(self.shares.shape[1])]
+        return np.concatenate(sheets).T
+
+    def __call__(self, points: Points) -> np.ndarray:
+        """Shares (n, regions + 1) at points (n, 3) in m."""
+        return self._together(np.asarray(points))
+
+    def region(self, points: Points) -> np.ndarray:
+        """Number (n,) of the region of the largest share."""
+        return self(points).argmax(axis=1)
+
+    def distance(self, points: Points, a: int, b: int) -> np.ndarray:
+        """First-order distance (n,) in m from where regions a and b meet: |φ|/|∇φ| with φ = s_a - s_b, at most `FAR`."""
+        at = np.linalg.solve(self.affine[:3, :3], (np.asarray(points) - self.affine[:3, 3]).T)
+        phi = self.shares[a] - self.shares[b]
+
+        def value(where: np.ndarray) -> np.ndarray:
+            return ndimage.map_coordinates(phi, where, float, order=1, mode="nearest")
+
+        steps = 0.5 * np.eye(3)
+        slopes = np.stack([value(at + e[:, None]) - value(at - e[:, None]) for e in steps])
+        gradient = np.linalg.norm(np.linalg.solve(self.affine[:3, :3].T, slopes), axis=0)
+        return np.minimum(np.abs(value(at)) / np.maximum(gradient, 1e-12), FAR)
+
+    def slopes(self, points: Points) -> np.ndarray:
+        """∇s (n, regions + 1, 3) in 1/m, by differences over half a voxel to each side."""
+        return self._together.slopes(np.asarray(points))[1]
+
+    def normals(self, points: Points, pairs: np.ndarray) -> np.ndarray:
+        """Unit vectors (n, 3) from the first region of each pair (n, 2) to the second, where the two meet."""
+        slopes, rows = self.slopes(points), np.arange(len(points))
+        gradient = slopes[rows, pairs[:, 1]] - slopes[rows, pairs[:, 0]]
+        return np.asarray(gradient / np.maximum(np.linalg.norm(gradient, axis=1), 1e-12)[:, None])
+
+    def spread(self, points: Points, meeting: np.ndarray) -> np.ndarray:
+        """Largest less smallest share (n,) of the regions that are True in `meeting` (n, regions + 1): 0 where they meet."""
+        shares = self(points)
+        return np.asarray(
+            np.where(meeting, shares, -np.inf).max(axis=1) - np.where(meeting, shares, np.inf).min(axis=1)
+        )
+
+    def onto(self, points: Points, meeting: np.ndarray, steps: int = 3) -> Points:
+        """Points (n, 3) moved to where all the regions that are True in `meeting` (n, regions + 1) have the same share.
+
+        The shortest Newton steps, of at most a voxel each; a condition that hardly changes in space is left alone.
+        """
+        points = np.array(points, float)
+        two, rows = meeting.sum(axis=1) == 2, np.arange(len(points))
+        first = meeting.argmax(axis=1)
+        last = meeting.shape[1] - 1 - meeting[:, ::-1].argmax(axis=1)
+        longest, steepest = np.linalg.norm(self.affine[:3, :3], axis=0).min(), 0.1 / np.linalg.norm(self.affine[:3, 0])
+        for _ in range(steps):
+            shares, slopes = self._together.slopes(points)
+            phi = shares[rows, last] - shares[rows, first]
+            gradient = slopes[rows, last] - slopes[rows, first]
+            step = (phi / np.maximum((gradient**2).sum(axis=1), steepest**2))[:, None] * gradient
+            if not two.all():
+                among = meeting[~two].astype(float)
+                off = [
+                    f[~two] - np.einsum("nk...,nk->n...", f[~two], among / among.sum(axis=1)[:, None])[:, None]
+                    for f in (shares, slopes)
+                ]
+                off[0] *= among
+                off[1] *= among[..., None]
+                u, d, v = np.linalg.svd(off[1], full_matrices=False)
+                inverse = np.where(d > 2 * steepest, 1 / np.maximum(d, steepest), 0)
+                step[~two] = np.einsum("nji,nj,nkj,nk->ni", v, inverse, u, off[0])
+            length = np.linalg.norm(step, axis=1)
+            points -= step * np.minimum(1, longest / np.maximum(length, 1e-12))[:, None]
+        return points

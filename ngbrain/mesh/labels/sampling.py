@@ -1,0 +1,138 @@
+"""Points to mesh regions with: on where regions meet and inside them, as far apart as a size field asks."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ngbrain.mesh.geometry.sizing import Sizes
+from ngbrain.mesh.labels.indicators import Indicators
+
+Points = np.ndarray
+APART = 0.8
+"""Samples are at least this part of the element size apart; as many as fit are then a size apart on average."""
+CLEAR = 0.65
+"""and samples inside at least this part of it away from interfaces."""
+THIRD = 0.2
+"""Share of a third region on an interface from which on a line where three regions meet is looked for."""
+AROUND = 1.5
+"""Outside samples are within this part of it of the surface."""
+TOGETHER = 512
+"""Candidates whose neighbours are looked for at once, which takes a third of the time; few of them are near each other."""
+FILM = 1e-3
+"""The sides of a film count as farther apart by √6 times this (m), so that both have samples where elements are below 3 mm."""
+
+
+def where_regions_meet(indicators: Indicators) -> tuple[Points, np.ndarray]:
+    """Points (n, 3) in m all over the interfaces, one for each pair of neighbouring voxels of two regions, and the pairs (n, 2).
+
+    On the line between the two voxels, where their regions' shares are equal.
+    """
+    shares = indicators.shares
+    numbers = shares.argmax(axis=0)
+    found, pairs = [], []
+    for axis in range(3):
+        first = np.moveaxis(numbers, axis, 0)[:-1]
+        second = np.moveaxis(numbers, axis, 0)[1:]
+        i, j, k = np.nonzero(first != second)
+        one, other = first[i, j, k], second[i, j, k]
+        along = np.moveaxis(shares, axis + 1, 1)
+        here = along[one, i, j, k] - along[other, i, j, k]
+        there = along[other, i + 1, j, k] - along[one, i + 1, j, k]
+        at = np.stack([i + here / np.maximum(here + there, 1e-12), j, k], axis=1)
+        found.append(np.insert(at[:, 1:], axis, at[:, 0], axis=1))
+        pairs.append(np.stack([one, other], axis=1))
+    voxels = np.concatenate(found)
+    return voxels @ indicators.affine[:3, :3].T + indicators.affine[:3, 3], np.concatenate(pairs)
+
+
+def on_interfaces(indicators: Indicators, size: Sizes, rng: np.random.Generator) -> Points:
+    """Samples (n, 3) on the interfaces, `APART` sizes apart; nearer than that only across a film or a sheet of a tissue.
+
+    A maximal set thrown at random (dart throwing), first on the lines where three regions meet.
+    Of two points with normals n, m between regions a→b and c→d, those are
+    neighbours for which |x - y|² + FILM² |n⊗(e_b - e_a) - m⊗(e_d - e_c)|² is small: facing sides of a film are not.
+    """
+    points, pairs = where_regions_meet(indicators)
+    lines, here = _where_three_meet(indicators, points)
+    points, pairs = np.concatenate([lines, points]), np.concatenate([pairs[here], pairs])
+    normals = indicators.normals(points, pairs)
+    radius = APART * size(points)
+    tree = cKDTree(points)
+    taken = np.zeros(len(points), bool)
+    chosen = []
+    for i in np.concatenate([rng.permutation(len(lines)), len(lines) + rng.permutation(len(points) - len(lines))]):
+        if taken[i]:
+            continue
+        chosen.append(i)
+        near = np.array(tree.query_ball_point(points[i], radius[i]))
+        a, b = pairs[i]
+        (c, d), same = pairs[near].T, normals[near] @ normals[i]
+        same = same * (1.0 * (b == d) + (a == c) - (a == d) - (b == c))
+        apart = ((points[near] - points[i]) ** 2).sum(axis=1) + FILM**2 * (4 - 2 * same)
+        taken[near[apart < radius[i] ** 2]] = True
+    return points[chosen]
+
+
+def _where_three_meet(indicators: Indicators, points: Points) -> tuple[Points, np.ndarray]:
+    """Points (n, 3) on lines where three regions meet, and which of the points on interfaces they come from."""
+    shares = indicators(points)
+    if shares.shape[1] < 3:
+        return np.zeros((0, 3)), np.zeros(0, int)
+    lowest = np.sort(shares, axis=1)[:, -3]
+    near = np.flatnonzero(lowest > THIRD)
+    three = shares[near] >= lowest[near, None]
+    lines = indicators.onto(points[near], three, 4)
+    shares = indicators(lines)
+    spread = np.where(three, shares, -np.inf).max(axis=1) - np.where(three, shares, np.inf).min(axis=1)
+    there = spread < 0.02
+    return lines[there], near[there]
+
+
+def inside(indicators: Indicators, size: Sizes, rng: np.random.Generator) -> Points:
+    """Samples (n, 3) inside the regions, `APART` sizes from one another and `CLEAR` from all of the interfaces.
+
+    And outside, within `AROUND` sizes of the surface, so that nothing is bridged where the surface is hollow.
+    """
+    candidates = _darts(indicators, size, rng)
+    h = size(candidates)
+    solid, away = indicators.region(candidates) > 0, np.full(len(candidates), np.inf)
+    interfaces = cKDTree(where_regions_meet(indicators)[0])
+    for part, reach in (
+        (solid, CLEAR),
+        (~solid, AROUND),
+    ):  # what is farther does not matter, and takes longest to measure
+        most = 1.001 * reach * h[part].max(initial=0.0)
+        away[part] = interfaces.query(candidates[part], distance_upper_bound=most)[0]
+    free = (away > CLEAR * h) & ((away < AROUND * h) | solid)
+    candidates, h = candidates[free], h[free]
+    tree = cKDTree(candidates)
+    taken = np.zeros(len(candidates), bool)
+    chosen = []
+    for some in np.array_split(order := rng.permutation(len(candidates)), 1 + len(order) // TOGETHER):
+        some = some[~taken[some]]  # of the others, neighbours need not be looked for
+        for i, near in zip(some.tolist(), tree.query_ball_point(candidates[some], APART * h[some]), strict=True):
+            if not taken[i]:
+                chosen.append(i)
+                taken[near] = True
+    return candidates[chosen]
+
+
+def _darts(indicators: Indicators, size: Sizes, rng: np.random.Generator) -> Points:
+    """Points thrown one into each of the cells of an octree of 0.7 sizes."""
+    inside = np.argwhere(indicators.shares[0] < 0.5)
+    low, high = (indicators.affine[:3, :3] @ inside.min(axis=0), indicators.affine[:3, :3] @ inside.max(axis=0))
+    low, high = np.minimum(low, high) + indicators.affine[:3, 3], np.maximum(low, high) + indicators.affine[:3, 3]
+    around = AROUND * float(size(np.stack([low, high, (low + high) / 2])).max())
+    low, high = low - around, high + around
+    side = float((high - low).max())
+    corners, found = low[None], []
+    eighths = np.stack(np.meshgrid(*[[0, 1]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    while len(corners):
+        large = side > 0.7 * size(corners + side / 2)
+        leaves = corners[~large]
+        found.append(leaves + side * rng.random(leaves.shape))
+        side /= 2
+        corners = (corners[large, None] + side * eighths).reshape(-1, 3)
+        corners = corners[(corners < high).all(axis=1)]
+    return np.concatenate(found)

@@ -1,0 +1,103 @@
+"""The smallest model of a head: its surface, ventricles and lesions as conforming surfaces, tissue as a field inside."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ngbrain.image.read.label_map import LabelMap
+from ngbrain.mesh.geometry.level_set import LevelSet
+from ngbrain.mesh.geometry.sizing import Sizes, asked
+from ngbrain.mesh.improve.reconnection import Reconnection
+from ngbrain.mesh.improve.smoothing import improved
+from ngbrain.mesh.routes.cleft_head import Hull, enclosing, wall_of, walled_in
+from ngbrain.mesh.routes.conforming import PER_CUBE
+from ngbrain.mesh.surface.head_outlines import BRAIN, changes, outlines
+from ngbrain.mesh.surface.remeshing import triangulated
+from ngbrain.mesh.tet_mesh import Elements, Surface, named_elements
+
+GOAL, MOVES = float(np.sin(np.radians(16))), 40
+"""Elements with angles between faces of less than 16° or more than 164° are worked on, in so many rounds."""
+SWAPS = 4
+"""Rounds in which swaps and moves take turns at most: Netgen leaves flat elements with all corners on a wall."""
+MOST = 5e6
+"""Tetrahedra of a mesh that is refused, as Netgen would not end."""
+
+
+def hull(labels: LabelMap, size: Sizes) -> Hull:
+    """Tetrahedra of the head as a whole, region `brain`, around those that are called `ventricles` or as in `LESION`, if any.
+
+    Boundaries `skull` (the surface), `ventricle_wall` and `<lesion>_wall`, at least `WALL` apart. The head is the
+    largest piece of what has a label, its holes filled;
+    volumes of the smoothed outlines are those of the voxels. What tissue a point belongs to is asked of the labels.
+
+    size   points (n, 3) m → element size (n,) m, on the surfaces and inside
+
+    Raises `InputError` where labels hold no head, where a lesion touches what it cannot, for sizes that are not positive or that
+    need more than `MOST` tetrahedra, and where no mesh is found.
+
+    >>> ball = np.linalg.norm(np.indices((40, 40, 40)) - 19.5, axis=0) < 16
+    >>> from ngbrain.image.read.volume import Volume
+    >>> labels = LabelMap(Volume(ball.astype(int), np.diag([1e-3, 1e-3, 1e-3, 1])), {1: "white"})
+    >>> mesh = hull(labels, lambda points: np.full(len(points), 6e-3)).elements
+    >>> round(float(mesh.volumes().sum() / labels.volume.voxel_volume / ball.sum()), 2), mesh.regions, mesh.boundaries
+    (1.0, ('brain',), ('skull',))
+    """
+    asked(labels, size, PER_CUBE, MOST)
+    shape = outlines(labels)
+    skull = triangulated(shape.brain, size, np.zeros((0, 3)))
+    points, repairs = enclosing(shape.brain, skull.points, skull.triangles), [*shape.repairs, *changes(BRAIN, skull)]
+    surfaces, walls = [Surface("skull", skull.triangles, 0)], {"skull": shape.brain}
+    for i, (name, outline) in enumerate(shape.inner.items(), 1):
+        wall = walled_in(outline, size)
+        repairs += changes(name, wall)
+        surfaces.append(Surface(wall_of(name), wall.triangles + len(points), i, 0))
+        points = np.concatenate([points, wall.points])
+        walls[wall_of(name)] = outline
+    corners = np.array([points.min(axis=0), points.max(axis=0)])
+    made = Elements.enclosed(points, surfaces, (BRAIN, *shape.inner), float(size(corners).max()), size)
+    return Hull(_rounded(made, walls), tuple(repairs))
+
+
+def _rounded(elements: Elements, outlines: dict[str, LevelSet]) -> Elements:
+    """Without flat elements, and the surfaces moved back to where they enclose what they should."""
+    elements = rounder(elements, outlines)
+    for _ in range(SWAPS):
+        swaps = Reconnection(elements.points, elements.tets, elements.region + 1)
+        if not swaps.improve(GOAL):
+            break
+        elements = rounder(_swapped(elements, *swaps.arrays()), outlines)
+    points = elements.points
+    for name, outline in outlines.items():
+        mine = elements.triangles[elements.boundary == elements.boundaries.index(name)]
+        points = enclosing(outline, points, mine)
+    return rounder(replace(elements, points=points), {})
+
+
+def _swapped(elements: Elements, tets: np.ndarray, region: np.ndarray) -> Elements:
+    """With other tetrahedra in regions from 1 on the same corners, and the walls that they have then."""
+    made = named_elements(elements.points, tets, region - 1, elements.regions)
+    triangles, walls = made.triangles, made.boundary > 0
+    triangles[walls] = triangles[walls][:, [0, 2, 1]]  # outwards of the ventricles and lesions
+    return replace(made, triangles=triangles, boundaries=elements.boundaries)
+
+
+def rounder(elements: Elements, outlines: dict[str, LevelSet]) -> Elements:
+    """With corners of flat elements moved, those of boundaries on the level of the outline that they are on, or not at all."""
+    start, tets = elements.points, elements.tets
+    on = np.full(len(start), -1)
+    for i in range(len(elements.boundaries)):
+        on[elements.triangles[elements.boundary == i]] = i
+    levels = [outlines.get(name) for name in elements.boundaries]
+
+    def place(vertices: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+        placed = wanted.copy()
+        for i, phi in enumerate(levels):
+            mine = on[vertices] == i
+            was = start[vertices[mine]]
+            placed[mine] = was if phi is None else phi.project(wanted[mine], phi(was))
+        return placed
+
+    kept = np.ones(len(tets), bool)
+    return replace(elements, points=improved(start, tets, kept, place, GOAL, MOVES, np.random.default_rng(0)))

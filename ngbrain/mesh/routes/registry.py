@@ -1,0 +1,193 @@
+"""From labels to a mesh by one of several routes, and what came of it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from importlib.metadata import version
+from types import ModuleType
+from typing import Any
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.errors import InputError, nearest
+from ngbrain.image.read import label_map, volume
+from ngbrain.image.read.label_map import LabelMap
+from ngbrain.io.cache import kept
+from ngbrain.mesh import tet_mesh
+from ngbrain.mesh.geometry import level_set, sizing
+from ngbrain.mesh.geometry.sizing import Along, Graded, Sizes
+from ngbrain.mesh.head_mesh import middle_slice
+from ngbrain.mesh.improve import (
+    guarded_moves,
+    octree,
+    reconnection,
+    smoothing,
+    snapped_lattice,
+    snapping,
+    volume_matching,
+)
+from ngbrain.mesh.labels import indicators, sampling, volume_fractions, volume_zones
+from ngbrain.mesh.quality import Quality, volumes_ml
+from ngbrain.mesh.routes import cleft_head, conforming, hull, lattice
+from ngbrain.mesh.surface import head_outlines, manifold, remeshing
+from ngbrain.mesh.surface.head_outlines import BRAIN, Repair
+from ngbrain.mesh.tet_mesh import Elements
+from ngbrain.result import Result, Status
+
+_REST = "rest"
+
+
+@dataclass(repr=False, eq=False)
+class LabelMesh(Result):
+    """A mesh of labels, and what came of it.
+
+    snaps     of a lattice: how many points of interfaces are `snapped` onto these and how many snaps were `rejected`
+    repairs   of a hull: where its surfaces are not those of the labels
+    """
+
+    elements: Elements
+    snaps: Mapping[str, int] = field(default_factory=dict)
+    repairs: tuple[Repair, ...] = ()
+    status: Status = field(default=Status.CONVERGED, kw_only=True)
+
+    @property
+    def value(self) -> dict[str, float]:
+        """Region → ml."""
+        return volumes_ml(self.elements)
+
+    @property
+    def headline(self) -> str:
+        """Volumes, in ml."""
+        return ", ".join(f"{name} {ml:.4g} ml" for name, ml in self.value.items())
+
+    @property
+    def statistics(self) -> dict[str, float]:
+        """Elements, and repairs or snaps of points."""
+        return {"tetrahedra": len(self.elements.tets), "repairs": len(self.repairs), **self.snaps}
+
+    def plot(self) -> Any:
+        """Regions of the tetrahedra about the middle, seen from above."""
+        return middle_slice(self.elements)
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """For a file; `from_arrays` gives the same back."""
+        rest = {"snaps": dict(self.snaps), "repairs": [asdict(repair) for repair in self.repairs]}
+        return {**self.elements.arrays(), _REST: np.array(json.dumps(rest))}
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, np.ndarray]) -> LabelMesh:
+        """From what `arrays` gave."""
+        rest = json.loads(str(arrays[_REST]))
+        repairs = tuple(Repair(**{**repair, "at": tuple(repair["at"])}) for repair in rest["repairs"])
+        elements = Elements.from_arrays({name: array for name, array in arrays.items() if name != _REST})
+        return cls(elements, rest["snaps"], repairs)
+
+
+@dataclass(frozen=True)
+class Route:
+    """A way from labels to a mesh.
+
+    make      labels and sizes → mesh
+    size      that it takes by itself (m)
+    radius    around a site in which it is fine by itself (m), so that 2 mm there and 8 mm away make 80 000 tetrahedra at most
+    left_out  what its mesh does not show, in words
+    modules   source files that decide its result
+    """
+
+    make: Callable[[LabelMap, Sizes], LabelMesh]
+    size: float
+    radius: float
+    left_out: str
+    modules: tuple[ModuleType, ...]
+
+
+ROUTES: Mapping[str, Route] = {
+    "hull": Route(
+        lambda labels, size: _hulled(hull.hull(labels, size)),
+        5e-3,
+        17e-3,
+        "sulci, hollows (filled), and surfaces between tissues: inside the hull a point takes the tissue of the label there",
+        (hull, cleft_head, head_outlines, level_set, manifold, smoothing, remeshing, conforming, reconnection),
+    ),
+    "lattice": Route(
+        lambda labels, size: _latticed(lattice.lattice(labels, size)),
+        4e-3,
+        10.5e-3,
+        "folds and films thinner than elements",
+        (lattice, guarded_moves, indicators, snapped_lattice, octree, volume_fractions, snapping, volume_zones),
+    ),
+    "conforming": Route(
+        lambda labels, size: LabelMesh(conforming.conforming(labels, size)),
+        4e-3,
+        20e-3,
+        "folds and films thinner than elements",
+        (conforming, indicators, reconnection, smoothing, sampling, volume_fractions, volume_matching, volume_zones),
+    ),
+}
+
+
+def _hulled(done: cleft_head.Hull) -> LabelMesh:
+    return LabelMesh(done.elements, repairs=done.repairs)
+
+
+def _latticed(done: lattice.Lattice) -> LabelMesh:
+    return LabelMesh(done.elements, {"snapped": done.snapped, "rejected": done.rejected})
+
+
+def meshed(labels: LabelMap, route: str = "hull", size: Graded | Along | None = None) -> Elements:
+    """The mesh that `meshed_by` makes."""
+    return meshed_by(labels, route, size).elements
+
+
+def meshed_by(labels: LabelMap, route: str = "hull", size: Graded | Along | None = None) -> LabelMesh:
+    """A mesh of labels by a route, from the cache if the same labels were meshed to the same size before.
+
+    size   None: as fine everywhere as the route takes by itself
+
+    Raises `InputError` for a route that there is none of, and what the route raises.
+
+    >>> meshed_by(None, "hul")
+    Traceback (most recent call last):
+    ngbrain.errors.InputError: route is 'hul'; wanted: did you mean 'hull'?
+    """
+    if route not in ROUTES:
+        raise InputError("route", repr(route), nearest(route, ROUTES))
+    way = ROUTES[route]
+    size = size or Graded(way.size, way.size)
+    names = {str(number): name for number, name in labels.names.items()}
+    cut = None if labels.cut is None else volume.Volume(labels.cut, labels.volume.affine).digest()
+    made_from = [route, labels.volume.digest(), cut, names, told(size), version("netgen-mesher")]
+    modules = (label_map, volume, tet_mesh, sizing, *way.modules)
+
+    return LabelMesh.from_arrays(kept("meshed", made_from, modules, lambda: way.make(labels, size).arrays()))
+
+
+def told(size: Graded | Along) -> dict[str, Any]:
+    """A size field that is a dataclass, fit for JSON."""
+    found: dict[str, Any] = json.loads(json.dumps(asdict(size), default=np.ndarray.tolist))
+    return found
+
+
+def described(made: Elements, labels: LabelMap) -> dict[str, Any]:
+    """For a result: `regions` (name → volume_ml, label_volume_ml) and `quality`.
+
+    The hull's own region stands for all labels that no other region has.
+    """
+    meshed, wanted = volumes_ml(made), labels.volumes_ml()
+    wanted[BRAIN] = sum(ml for name, ml in wanted.items() if name not in set(meshed) - {BRAIN})
+    regions = {name: {"volume_ml": ml, "label_volume_ml": wanted[name]} for name, ml in meshed.items()}
+    return {"regions": regions, "quality": {**Quality.of(made).summary(), "min_jacobian": min_jacobian(made.mesh())}}
+
+
+def min_jacobian(mesh: ngs.Mesh, order: int = 4) -> float:
+    """Smallest ratio of det(dx/dξ) at a quadrature point of that order to its mean over the element.
+
+    1 with straight edges, ≤ 0 where an element is folded.
+    """
+    rule = ngs.IntegrationRule(ngs.TET, order)
+    jacobian = ngs.Det(ngs.specialcf.JacobianMatrix(3))
+    values = np.asarray(jacobian(mesh.MapToAllElements({ngs.TET: rule}, ngs.VOL))).reshape(mesh.ne, -1)
+    return float((values / values.mean(axis=1, keepdims=True)).min())

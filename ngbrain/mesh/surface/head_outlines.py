@@ -1,0 +1,168 @@
+"""Smooth outlines of a head, its ventricles and lesions, from labels, and what had to be changed for them to be surfaces."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import ndimage
+
+from ngbrain.errors import InputError
+from ngbrain.image.read.label_map import LabelMap
+from ngbrain.mesh.geometry.level_set import LevelSet
+from ngbrain.mesh.surface.remeshing import SPECK, Closed
+
+BRAIN, VENTRICLES = "brain", "ventricles"
+SMOOTHING = 2e-3
+"""Standard deviation (m) of the Gaussian that rounds the voxels' steps; sulci go with it."""
+MARGIN = 8e-3 + 4 * SMOOTHING
+AROUND = 4e-3
+"""Standard deviation (m) of the places within which ventricles and lesions keep their volume, so that horns stay."""
+WALL = 2e-3
+"""Tissue (m) that stays between a ventricle and the surface where the labels have less."""
+LEFT = 0.5
+"""Part of a lesion that has to be left where it keeps away from ventricles and other lesions."""
+MOST_CHANGED, MOST_CHANGED_ML = 0.01, 0.2
+"""Part of a region, and millilitres of what is inside the head, above which changes of its outline are a verdict."""
+LESION = re.compile("(lesion|tumou?r|metastas[ie]s|cyst|h(a)?ematoma|cavity|resection).*", re.IGNORECASE)
+"""Regions that are so called have a surface of their own."""
+
+
+@dataclass(frozen=True)
+class Repair:
+    """A place where an outline is not that of the labels, so that it is a surface.
+
+    region  whose outline: `brain`, `ventricles` or a lesion
+    kind    "closed" (added to the region), "cut" (taken off) or "left out" (a piece by itself)
+    ml      how much; at: its middle (m)
+    """
+
+    region: str
+    kind: str
+    ml: float
+    at: tuple[float, float, float]
+
+
+def excessive(repairs: Iterable[Repair], volumes_ml: Mapping[str, float]) -> dict[str, float]:
+    """Regions of which more was changed than can be passed over, and how much (ml).
+
+    That is more than 1 % of a region, or more than 0.2 ml of ventricles or of a lesion.
+
+    Parameters
+    ----------
+    repairs
+        Of any regions.
+    volumes_ml
+        Region → volume that its labels have.
+
+    Examples
+    --------
+    >>> found = [Repair("ventricles", "cut", 0.15, (0.0, 0.0, 0.0)), Repair("brain", "closed", 0.3, (0.0, 0.0, 0.0))]
+    >>> excessive(found, {"ventricles": 20.0, "brain": 1200.0}), excessive(found, {"ventricles": 12.0, "brain": 1200.0})
+    ({}, {'ventricles': 0.15})
+    """
+    total: dict[str, float] = {}
+    for repair in repairs:
+        total[repair.region] = total.get(repair.region, 0.0) + repair.ml
+    return {
+        region: ml
+        for region, ml in total.items()
+        if ml > MOST_CHANGED * volumes_ml.get(region, 0.0) or (region != BRAIN and ml > MOST_CHANGED_ML)
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class Outlines:
+    """Smooth signed distances of the head and of what is inside it, ventricles first, then lesions by name."""
+
+    brain: LevelSet
+    inner: Mapping[str, LevelSet]
+    repairs: tuple[Repair, ...]
+
+    @property
+    def ventricles(self) -> LevelSet | None:
+        """None for no ventricles."""
+        return self.inner.get(VENTRICLES)
+
+
+def outlines(labels: LabelMap) -> Outlines:
+    """Of the largest piece of what has a label, its holes filled, and of the ventricles and lesions in it.
+
+    Ventricles and lesions are at least `WALL` inside the head and apart from each other. Volumes are those of the labels on
+    their own voxels, whatever upright ones of 1 mm make of them.
+
+    Raises `InputError` where labels hold no head, and for a lesion that is too thin or touches what it cannot.
+    """
+    voxels = labels.boxed().upright()
+    own, upright = labels.volumes_ml(), voxels.volumes_ml()
+    head, repairs = _head(voxels)
+    origin, spacing = voxels.volume.affine[:3, 3], float(voxels.volume.spacing[0])
+    volume = head.sum() * spacing**3 * sum(own.values()) / sum(upright.values())
+    brain = LevelSet.of(head, origin, spacing, SMOOTHING, MARGIN, volume=volume).solid()
+    inner: dict[str, LevelSet] = {}
+    lesions = [name for name in voxels.regions if LESION.fullmatch(name)]
+    for name in [VENTRICLES] * (VENTRICLES in voxels.regions) + lesions:
+        mask = voxels.volume.data == voxels.regions.index(name) + 1
+        kept = _without_specks(mask, voxels.volume.voxel_volume)
+        repairs += _repairs(name, "left out", mask & ~kept, voxels.volume.affine)
+        if not kept.any():
+            continue
+        volume = kept.sum() * spacing**3 * own[name] / upright[name]
+        plain = LevelSet.of(kept, origin, spacing, SMOOTHING, MARGIN, AROUND, volume)
+        grid = plain.origin + spacing * np.indices(plain.values.shape).reshape(3, -1).T
+        values = np.maximum(plain.values.ravel(), brain(grid) + WALL)
+        for other in inner.values():
+            values = np.maximum(values, WALL - other(grid))
+        outline = replace(plain, values=values.reshape(plain.values.shape).astype(np.float32))
+        if (outline.values < 0).sum() > LEFT * kept.sum():
+            inner[name] = outline
+            place = np.diag([spacing, spacing, spacing, 1.0])
+            place[:3, 3] = plain.origin
+            repairs += _repairs(name, "cut", (plain.values < 0) & (outline.values >= 0), place)
+        elif name == VENTRICLES:
+            repairs += _repairs(name, "left out", kept, voxels.volume.affine)
+        else:
+            wanted = f"{1e3 * WALL:g} mm between them, one label for both, or the route lattice or conforming"
+            raise InputError("labels", f"such that {name} is too thin, or too close to {_others(inner)}", wanted)
+    return Outlines(brain, inner, tuple(repairs))
+
+
+def changes(region: str, surface: Closed) -> Iterator[Repair]:
+    """What was changed of a region's outline for it to be a surface."""
+    for x, y, z, volume in surface.changed.tolist():
+        yield Repair(region, "closed" if volume > 0 else "cut", 1e6 * abs(volume), (x, y, z))
+
+
+def _others(inner: Mapping[str, LevelSet]) -> str:
+    return " or ".join([*inner, "the surface"])
+
+
+def _head(voxels: LabelMap) -> tuple[np.ndarray, list[Repair]]:
+    """The largest piece of what has a label, and its holes; other pieces are left out."""
+    labelled = voxels.volume.data > 0
+    pieces, _ = ndimage.label(labelled)
+    sizes = np.bincount(pieces.ravel())
+    sizes[0] = 0
+    largest = pieces == sizes.argmax() if len(sizes) > 1 else labelled
+    if largest.sum() * voxels.volume.voxel_volume < 1e-6:
+        raise InputError("labels", "less than a millilitre", "a head")
+    return ndimage.binary_fill_holes(largest), _repairs(BRAIN, "left out", labelled & ~largest, voxels.volume.affine)
+
+
+def _without_specks(mask: np.ndarray, voxel: float) -> np.ndarray:
+    pieces, _ = ndimage.label(mask)
+    kept = np.bincount(pieces.ravel()) * voxel >= SPECK
+    kept[0] = False
+    return kept[pieces]
+
+
+def _repairs(region: str, kind: str, mask: np.ndarray, affine: np.ndarray) -> list[Repair]:
+    """One for each piece of a mask."""
+    pieces, count = ndimage.label(mask)
+    if not count:
+        return []
+    ml = np.bincount(pieces.ravel())[1:] * 1e6 * abs(np.linalg.det(affine[:3, :3]))
+    middles = np.array(ndimage.center_of_mass(mask, pieces, range(1, count + 1))) @ affine[:3, :3].T + affine[:3, 3]
+    return [Repair(region, kind, v, (x, y, z)) for v, (x, y, z) in zip(ml.tolist(), middles.tolist(), strict=True)]

@@ -1,0 +1,184 @@
+"""Triangles on a smooth closed surface, as fine as a size field asks: samples, spread evenly, and their Delaunay facets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial import Delaunay, QhullError, cKDTree
+
+from ngbrain.errors import InputError
+from ngbrain.mesh.geometry.level_set import LevelSet, Points
+from ngbrain.mesh.geometry.sizing import Sizes
+from ngbrain.mesh.surface.manifold import boundary, faults, mended, pieces
+
+CLOSE = 0.72
+"""Samples are first this part of the element size apart; spread evenly they end up a size apart."""
+ROUNDS = 12
+"""of spreading."""
+PIECES = 2
+"""The surface is spread over in pieces at least this much smaller than a size."""
+FINER = 0.7
+"""Where the triangles do not close to a surface, samples get closer to each other by this factor,"""
+FINEST = 0.75
+"""down to this part of a voxel: what is thinner is closed or cut (`ngbrain.mesh.surface.manifold`)."""
+NEAR, APART = 2, 4
+"""Sizes around such a place within which they do, and within which they are spread anew."""
+SPECK = 1e-8
+"""Volume (m³) of a piece, or of a hole, below which it has no surface: a ball of 2.7 mm."""
+
+
+@dataclass(frozen=True, eq=False)
+class Closed:
+    """A closed surface without crossings.
+
+    points      (n, 3) m; triangles (m, 3), outwards
+    changed     (k, 4): middle (m) and volume (m³) of what was closed (above 0), and cut or left out (below 0), for it to be one
+    """
+
+    points: Points
+    triangles: np.ndarray
+    changed: np.ndarray
+
+
+def triangulated(surface: LevelSet, size: Sizes, fixed: Points, seed: int = 0) -> Closed:
+    """The surface φ = 0 as triangles, the `fixed` points (n, 3) m on it first among the vertices.
+
+    The triangles are the facets of the samples' Delaunay tetrahedra that part those with a circumcentre inside from the
+    others (the restricted Delaunay triangulation: Boissonnat & Oudot 2005, 10.1016/j.gmod.2005.01.004). They bound a
+    union of tetrahedra, so that they cannot cross, and approximate the surface where samples are dense. Where they are no
+    surface, samples are taken more finely; what still is none below a voxel, as where the level passes through a saddle,
+    is closed or cut there. Neighbours among `fixed` (along a curve, say) stay joined by an edge if nothing else lies within
+    their smallest ball.
+
+    Raises `InputError` for sizes so large that nothing is left.
+    """
+    dense, area = _dense(surface, size)
+    h = size(dense)
+    finest = np.minimum(FINEST * surface.spacing, h)
+    points = _spread(surface, dense, area, h, fixed, np.random.default_rng(seed))
+    while True:
+        cells = _Cells.of(surface, points)
+        bad = faults(boundary(cells.tets, cells.neighbours, cells.inside)[0], len(points))
+        if not len(bad):
+            return Closed(points, cells.outwards(), np.zeros((0, 4)))
+        reach, _ = cKDTree(points[bad]).query(dense)
+        finer = np.where(reach < NEAR * h, np.maximum(FINER * h, finest), h)
+        if (finer == h).all():
+            return cells.closed(len(fixed))
+        anew = reach < APART * h
+        kept = ~anew[cKDTree(dense).query(points)[1]]
+        kept[: len(fixed)] = True
+        h = finer
+        points = _spread(surface, dense[anew], area[anew], h[anew], points[kept], np.random.default_rng(seed))
+
+
+def _dense(surface: LevelSet, size: Sizes) -> tuple[Points, np.ndarray]:
+    """Points (n, 3) that stand for the whole surface, and the area (m²) of each: pieces well below the size there."""
+    pieces = surface.outline()
+    kept = []
+    while len(pieces):
+        edge = np.linalg.norm(pieces - pieces[:, [1, 2, 0]], axis=2).max(axis=1)
+        large = PIECES * edge > size(pieces.mean(axis=1))
+        kept.append(pieces[~large])
+        a, b, c = np.moveaxis(pieces[large], 1, 0)
+        p, q, r = (a + b) / 2, (b + c) / 2, (c + a) / 2
+        pieces = np.stack([np.stack(t, axis=1) for t in ((a, p, r), (p, b, q), (r, q, c), (p, q, r))]).reshape(-1, 3, 3)
+    pieces = np.concatenate(kept)
+    normal = np.cross(pieces[:, 1] - pieces[:, 0], pieces[:, 2] - pieces[:, 0])
+    return pieces.mean(axis=1), np.linalg.norm(normal, axis=1) / 2
+
+
+def _spread(
+    surface: LevelSet, dense: Points, area: np.ndarray, h: np.ndarray, fixed: Points, rng: np.random.Generator
+) -> Points:
+    """Samples a size apart: thrown at random, then moved to the weighted centres of what is nearest to them."""
+    tree = cKDTree(dense)
+    taken = np.zeros(len(dense), bool)
+    chosen: list[int] = []
+    if len(fixed):
+        reach = h[tree.query(fixed)[1]]
+        for near in tree.query_ball_point(fixed, CLOSE * reach):
+            taken[near] = True
+    for i in rng.permutation(len(dense)):
+        if not taken[i]:
+            chosen.append(i)
+            taken[tree.query_ball_point(dense[i], CLOSE * h[i])] = True
+    free = dense[chosen]
+    weight = area * h**-4.0  # so that the samples' spacing goes with h
+    for _ in range(ROUNDS):
+        owner = cKDTree(np.concatenate([fixed, free])).query(dense)[1] - len(fixed)
+        mine = owner >= 0
+        total = np.bincount(owner[mine], weight[mine], len(free))
+        centres = [np.bincount(owner[mine], (weight * dense[:, k])[mine], len(free)) for k in range(3)]
+        free = free[total > 0]
+        free = surface.project((np.stack(centres, axis=1)[total > 0]) / total[total > 0, None])
+    return np.concatenate([fixed, free])
+
+
+@dataclass(frozen=True, eq=False)
+class _Cells:
+    """Delaunay tetrahedra (m, 4) of points and of corners around them, across which face is which, and which are inside."""
+
+    points: Points
+    count: int
+    tets: np.ndarray
+    neighbours: np.ndarray
+    inside: np.ndarray
+
+    @classmethod
+    def of(cls, surface: LevelSet, points: Points) -> _Cells:
+        low, high = points.min(axis=0), points.max(axis=0)
+        corners = np.array(np.meshgrid(*np.stack([low, high], axis=1) * 1.0)).reshape(3, -1).T
+        around = (low + high) / 2 + 3 * (corners - (low + high) / 2)  # so that every facet of the surface has two sides
+        every = np.concatenate([points, around])
+        try:
+            delaunay = Delaunay(every)
+        except QhullError as error:
+            raise InputError("mesh sizes", "such that the surface has too few points", "smaller elements") from error
+        tets = delaunay.simplices
+        inside = surface(_circumcentres(every[tets])) < 0
+        inside &= (tets < len(points)).all(axis=1)
+        return cls(every, len(points), tets, delaunay.neighbors, inside)
+
+    def outwards(self) -> np.ndarray:
+        """The triangles (k, 3) around what is inside."""
+        three, opposite = boundary(self.tets, self.neighbours, self.inside)
+        a, b, c = (self.points[three[:, i]] for i in range(3))
+        turned = np.einsum("ij,ij->i", np.cross(b - a, c - a), self.points[opposite] - a) > 0
+        three[turned] = three[turned][:, [0, 2, 1]]
+        return three
+
+    def closed(self, fixed: int) -> Closed:
+        """Their surface, closed or cut where it is none, without specks, and without points that it does not use."""
+        volumes = np.abs(np.linalg.det(self.points[self.tets[:, 1:]] - self.points[self.tets[:, :1]])) / 6
+        inside = mended(self.tets, self.neighbours, self.inside, volumes, self.count)
+        for side in (True, False):
+            piece = pieces(self.neighbours, inside == side)
+            small = np.bincount(piece, volumes) < SPECK
+            small[0] = False
+            inside ^= small[piece]
+        triangles = replace(self, inside=inside).outwards()
+        used = np.union1d(np.arange(fixed), triangles)
+        return Closed(self.points[used], np.searchsorted(used, triangles), self._changed(inside, volumes))
+
+    def _changed(self, inside: np.ndarray, volumes: np.ndarray) -> np.ndarray:
+        """Middle and signed volume (k, 4) of each part that is on the other side than before."""
+        middles, found = self.points[self.tets].mean(axis=1), []
+        for side in (True, False):
+            piece = pieces(self.neighbours, (inside == side) & (self.inside != side))
+            total = np.bincount(piece, volumes)
+            some = np.flatnonzero(total[1:] > 0) + 1  # a tetrahedron may be flat
+            where = np.stack([np.bincount(piece, volumes * x)[some] for x in middles.T], axis=1) / total[some, None]
+            found.append(np.column_stack([where, total[some] if side else -total[some]]))
+        return np.concatenate(found)
+
+
+def _circumcentres(tets: np.ndarray) -> Points:
+    edges = tets[:, 1:] - tets[:, :1]
+    volume = np.linalg.det(edges)
+    flat = np.abs(volume) < 1e-30
+    edges[flat] = np.eye(3)
+    half = np.linalg.solve(edges, (edges**2).sum(axis=2, keepdims=True) / 2)[..., 0]
+    half[flat] = 0
+    return np.asarray(tets[:, 0] + half)

@@ -1,0 +1,298 @@
+"""What an inversion of wave data amounts to, as one page that opens alone: waves and their fit, maps and truth, tables."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from ngbrain.inverse.elastography.derived_maps import FOLLOWING, at_level
+from ngbrain.inverse.problem.discretisation import without_scale
+from ngbrain.io.waves import WaveData
+from ngbrain.report.pages import parameters
+from ngbrain.report.pages.page import write_page
+from ngbrain.report.pages.parameters import PARAMETERS
+from ngbrain.report.pictures.planes import Plane, planes
+from ngbrain.report.pictures.style import SPARE, WIDTH, figure, png, style
+from ngbrain.report.render.surface import Floats
+
+Looks: TypeAlias = Callable[[int], list[tuple[dict[str, Any], Floats]]]
+"""Of a row of pictures: its colours and values, from left to right."""
+MOST_LOADS = 6
+"""Loads that are drawn, from the first on."""
+WAVE, MODULUS, DIFFERENCE = "RdBu_r", "viridis", "PuOr_r"
+FAINT = 0.1
+"""Imaginary parts below this share of the whole, as of waves without loss, are not drawn."""
+SIGMAS = 4.0
+"""Residuals are drawn from minus to plus this many standard deviations."""
+
+
+def build(
+    path: str | os.PathLike[str], result: Mapping[str, Any], data: WaveData, arrays: Mapping[str, Floats]
+) -> Path:
+    """Write the page to `path`.
+
+    result  of the verb `invert`
+    arrays  of maps.npz: values at the points of the data, NAME_low and NAME_high too where there are error bars
+
+    Raises `MissingExtra` where matplotlib or jinja2 is not installed.
+    """
+    flat = planes(data)
+    loads = min(data.loads, MOST_LOADS)
+    pictures = {f"waves_{load}": waves(data, arrays, load, flat) for load in range(loads)}
+    pictures |= {
+        "maps": maps(result, data, arrays, flat),
+        "following": following(arrays, flat),
+        "intervals": intervals(result, data, arrays, flat),
+        "strain": strain(data, arrays, flat),
+        "residuals": residuals(result, arrays["residual"]),
+        "convergence": convergence(result),
+    }
+    return write_page(
+        Path(path),
+        "elastography.html",
+        pictures,
+        result=result,
+        waves=[(f"waves_{load}", load_name(data, load)) for load in range(loads)],
+        loads=data.loads,
+        space=data.dim == 3,
+        symbols=[PARAMETERS[name].symbol for name in result["answers"]],
+        parameters=parameters.parameters(result),
+        intervals=parameters.intervals(result),
+        label_heads=parameters.label_heads(result),
+        labels=parameters.labels(result),
+        starts=parameters.starts(result),
+        facts=[*given(data), *parameters.facts(result)],
+        known=any("relative_l2_error" in answer for answer in result["answers"].values()),
+    )
+
+
+def waves(data: WaveData, arrays: Mapping[str, Floats], load: int, flat: Sequence[Plane]) -> bytes:
+    """Measured, fitted, residual of every component of a load: real parts; in the plane imaginary ones too, if they count."""
+    measured, predicted, residual = (arrays[name][load] for name in ("measured", "predicted", "residual"))
+    rows = []
+    for i, axis in enumerate(data.components):
+        if np.isnan(measured[:, i]).all():
+            continue
+        for part, take in (("Re", np.real), ("Im", np.imag)):
+            values = take(measured[:, i])
+            if part == "Re" or (data.dim == 2 and _rms(values) > FAINT * _rms(measured[:, i])):
+                name = f"{part} $u_{axis}$ (µm)"
+                rows += [
+                    (name, plane, 1e6 * values, 1e6 * take(predicted[:, i]), take(residual[:, i])) for plane in flat
+                ]
+    titles = ("measured", "fitted", "residual / noise")
+
+    def looks(row: int) -> list[tuple[dict[str, Any], Floats]]:
+        name, _, values, fitted, left = rows[row]
+        same = [each[2] for each in rows if each[0] == name]  # one scale for all planes
+        top = max(float(np.nanmax(np.abs(each))) for each in same)
+        wave = {"cmap": WAVE, "vmin": -top, "vmax": top}
+        return [(wave, values), (wave, fitted), ({"cmap": WAVE, "vmin": -SIGMAS, "vmax": SIGMAS}, left)]
+
+    return table([plane for _, plane, *_ in rows], titles, [name for name, *_ in rows], looks)
+
+
+def maps(result: Mapping[str, Any], data: WaveData, arrays: Mapping[str, Floats], flat: Sequence[Plane]) -> bytes:
+    """Each parameter: the estimate, and where known the truth at the same colours and the difference in per cent."""
+    truths = data.truth_views
+    names = list(result["answers"])
+    rows = [(name, plane) for name in names for plane in flat]
+    known = any(name in truths for name in names)
+    first = "estimate, at the truth's level" if without_scale(data) else "estimate"
+    titles = (first, "truth", "difference (%)") if known else ("estimate",)
+
+    def looks(row: int) -> list[tuple[dict[str, Any], Floats]]:
+        name = rows[row][0]
+        factor = PARAMETERS[name].factor
+        estimate = factor * at_level(data, name, arrays[name])
+        if name not in truths:
+            return [(window(MODULUS, estimate), estimate)]
+        truth = np.where(data.mask, factor * np.real(truths[name]), np.nan)
+        off = 100 * (estimate - truth) / np.nanmedian(np.abs(truth))
+        most = max(float(np.nanpercentile(np.abs(off), 98)), 1e-6)
+        both = window(MODULUS, np.concatenate([estimate, truth]))
+        return [(both, estimate), (both, truth), ({"cmap": DIFFERENCE, "vmin": -most, "vmax": most}, off)]
+
+    return table([plane for _, plane in rows], titles, [PARAMETERS[name].label for name, _ in rows], looks)
+
+
+def intervals(result: Mapping[str, Any], data: WaveData, arrays: Mapping[str, Floats], flat: Sequence[Plane]) -> bytes:
+    """Of each parameter with error bars: both ends of its interval at the same colours, and half its width in per cent."""
+    rows = [(name, plane) for name in result["answers"] if f"{name}_low" in arrays for plane in flat]
+    if not rows:
+        return b""
+
+    def looks(row: int) -> list[tuple[dict[str, Any], Floats]]:
+        name = rows[row][0]
+        low, high = (PARAMETERS[name].factor * arrays[f"{name}_{end}"] for end in ("low", "high"))
+        width = 50 * (high - low) / np.abs(PARAMETERS[name].factor * arrays[name])
+        both = window(MODULUS, np.concatenate([low, high]))
+        return [(both, low), (both, high), (window(MODULUS, width), width)]
+
+    titles = ("2.5 % end", "97.5 % end", "half width (%)")
+    return table([plane for _, plane in rows], titles, [PARAMETERS[name].label for name, _ in rows], looks)
+
+
+def following(arrays: Mapping[str, Floats], flat: Sequence[Plane]) -> bytes:
+    """What follows from the complex shear modulus."""
+    names = [name for name in FOLLOWING if np.nanmax(np.abs(arrays[name])) > 0]
+    titles = [PARAMETERS[name].label for name in names]
+
+    def looks(row: int) -> list[tuple[dict[str, Any], Floats]]:
+        return [
+            (window(MODULUS, values), values) for values in (PARAMETERS[name].factor * arrays[name] for name in names)
+        ]
+
+    return table(flat, titles, [""] * len(flat), looks)
+
+
+def strain(data: WaveData, arrays: Mapping[str, Floats], flat: Sequence[Plane]) -> bytes:
+    """Octahedral shear strain of each load that is measured whole, and over its noise; nothing without one."""
+    names, loads = ("oss", "oss_snr"), min(data.loads, MOST_LOADS)
+    rows = [(load, plane) for load in range(loads) if np.isfinite(arrays["oss"][load]).any() for plane in flat]
+
+    def looks(row: int) -> list[tuple[dict[str, Any], Floats]]:
+        shown = [PARAMETERS[name].factor * arrays[name][rows[row][0]] for name in names]
+        return [(window(MODULUS, values), values) for values in shown]
+
+    if not rows:
+        return b""
+    titles = [PARAMETERS[name].label for name in names]
+    return table([plane for _, plane in rows], titles, [load_name(data, load) for load, _ in rows], looks)
+
+
+def residuals(result: Mapping[str, Any], residual: Floats) -> bytes:
+    """How often which residual occurs, in units of the noise, against the normal distribution that a good fit leaves."""
+    left = np.concatenate([residual.real.ravel(), residual.imag.ravel()])
+    left = left[np.isfinite(left)]
+    used = 1 - result["starts"][result["chosen"]]["expected_misfit"] / left.size
+    width = np.sqrt(max(1 - used, 1e-6))
+    with style():
+        page = figure(2.9)
+        axes = page.add_axes((0.075, 0.17, 0.55, 0.74))
+        axes.hist(np.clip(left, -5, 5), np.linspace(-5, 5, 81), density=True, color="#9db3c4", label="residuals")
+        at = np.linspace(-5, 5, 301)
+        for spread, dash, label in ((1.0, ":", "noise"), (width, "-", "noise less what a fit uses up")):
+            density = np.exp(-((at / spread) ** 2) / 2) / (spread * np.sqrt(2 * np.pi))
+            axes.plot(at, density, color="#B2182B", ls=dash, lw=1.4, label=label)
+        axes.set(xlabel="(measured − fitted) / noise, real and imaginary parts", ylabel="density", xlim=(-5, 5))
+        axes.legend(frameon=False, fontsize=8.5, loc="upper left")
+        lines = [
+            f"{left.size} numbers",
+            f"mean {left.mean():+.3f}".replace("-", "−"),
+            f"standard deviation {left.std():.3f}, expected {width:.3f}",
+            f"beyond ±3: {100 * float(np.mean(np.abs(left) > 3)):.2f} % (noise: 0.27 %)",
+            "What is beyond ±5 stands at the ends.",
+        ]
+        page.text(0.655, 0.86, "\n".join(lines), va="top", fontsize=9)
+        return png(page)
+
+
+def convergence(result: Mapping[str, Any]) -> bytes:
+    """Misfit over its expected level, and weights of the regularisers, round by round of each start."""
+    starts, named = result["starts"], result["model"].get("fields")
+    styles: tuple[Any, ...] = ("-", "--", ":", "-.", (0, (5, 1)), (0, (1, 1)), (0, (3, 1, 1, 1)), (0, (8, 2)))
+    with style():
+        page = figure(2.9)
+        left, right = page.add_axes((0.075, 0.17, 0.37, 0.72)), page.add_axes((0.55, 0.17, 0.37, 0.72))
+        for (name, start), colour in zip(starts.items(), SPARE, strict=False):
+            rounds = np.arange(1, len(start["misfit_over_expected"]) + 1)
+            label = parameters.STARTS[name]
+            left.plot(rounds, start["misfit_over_expected"], color=colour, marker="o", ms=3, lw=1.3, label=label)
+            for field, dash in zip(start["weights"][0] if start["weights"] else (), styles, strict=False):
+                values = [weights[field] for weights in start["weights"]]
+                right.plot(rounds, values, color=colour, ls=dash, marker="o", ms=2.5, lw=1.2)
+        left.axhline(1, color="#555555", lw=0.8)
+        left.set(xlabel="round", yscale="log", title="misfit over its expected level")
+        right.set(xlabel="round", yscale="log", title="weights of the regulariser")
+        left.legend(frameon=False, fontsize=8.5)
+        fields = next((list(s["weights"][0]) for s in starts.values() if s["weights"]), [])
+        for field, dash in zip(fields, styles, strict=False):
+            right.plot([], [], color="#555555", ls=dash, label=parameters.symbol(field, named))
+        right.legend(frameon=False, fontsize=8.5)
+        for axes in (left, right):
+            axes.xaxis.get_major_locator().set_params(integer=True)
+        return png(page)
+
+
+def table(flat: Sequence[Plane], titles: Sequence[str], names: Sequence[str], looks: Looks) -> bytes:
+    """Planes in rows, each with a name above, columns with titles; neighbours with the same colours (one object) share a bar."""
+    columns = max(len(titles), 2)
+    bar, gap, margin, head, foot = 0.62, 0.12, 0.55, 0.42, 0.42  # inches
+    wide = (WIDTH - margin - columns * (bar + gap)) / columns
+    talls = [min(wide * max(plane.extent[1] / plane.extent[0], 0.15), 1.15 * wide) for plane in flat]
+    height = sum(tall + head + foot for tall in talls) + 0.1
+    with style():
+        page = figure(height)
+        top = height - 0.05
+        for row, (plane, name, tall) in enumerate(zip(flat, names, talls, strict=True)):
+            bottom = top - head - tall
+            found = looks(row)
+            for column, (look, values) in enumerate(found):
+                x = margin + column * (wide + bar + gap)
+                axes = page.add_axes((x / WIDTH, bottom / height, wide / WIDTH, tall / height))
+                image = plane.draw(axes, values, look)
+                axes.set_title(titles[column], fontsize=9, pad=3)
+                if column:
+                    axes.tick_params(labelleft=False)
+                if column + 1 == len(found) or found[column + 1][0] is not look:
+                    axes.apply_aspect()
+                    box = axes.get_position()
+                    place = (box.x1 + 0.06 / WIDTH, box.y0, 0.09 / WIDTH, box.height)
+                    scale = page.colorbar(image, cax=page.add_axes(place), extend=_beyond(look, values))
+                    scale.ax.tick_params(labelsize=7, length=2, pad=1.5)
+                    scale.outline.set_linewidth(0.4)
+            words = "   ".join(word for word in (name, plane.name) if word)
+            page.text(margin / WIDTH, (top - 0.03) / height, words, fontsize=10, va="top", fontweight="bold")
+            for column in range(len(found)):
+                x = margin + column * (wide + bar + gap) + wide / 2
+                across = f"{plane.axes[0]} (mm)"
+                page.text(x / WIDTH, (bottom - 0.2) / height, across, ha="center", va="top", fontsize=7.5)
+            page.text(
+                0.012, (bottom + tall / 2) / height, f"{plane.axes[1]} (mm)", rotation=90, va="center", fontsize=7.5
+            )
+            top = bottom - foot
+        return png(page)
+
+
+def window(cmap: str, values: Floats) -> dict[str, Any]:
+    """Colours from the 1st to the 99th percentile."""
+    low, high = np.nanpercentile(values, [1, 99]) if np.isfinite(values).any() else (0.0, 1.0)
+    room = max(float(high - low) * 0.02, 0.01 * abs(float(high)), 1e-12)
+    return {"cmap": cmap, "vmin": float(low) - room, "vmax": float(high) + room}
+
+
+def _beyond(look: Mapping[str, Any], values: Floats) -> str:
+    """Which ends of a colour bar values go beyond."""
+    low, high = bool(np.nanmin(values) < look["vmin"]), bool(np.nanmax(values) > look["vmax"])
+    return {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}[low, high]
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.nanmean(np.abs(values) ** 2)))
+
+
+def load_name(data: WaveData, load: int) -> str:
+    """What a load is called."""
+    frequency = data.frequency[load]
+    return f"Load {load + 1}, " + (f"{frequency:g} Hz" if frequency else "quasi-static")
+
+
+def given(data: WaveData) -> list[tuple[str, str]]:
+    """What the data are and say of the material."""
+    grid = data.structured
+    form = "grid of " + " × ".join(map(str, grid.shape)) if grid else "scattered"
+    where = f"{len(data.points)} points, {form}; {int(data.mask.sum())} of them count"
+    if data.bulk is not None:
+        held = f"bulk modulus fixed at {data.bulk / 1e3:.4g} kPa"
+    elif data.poisson is not None:
+        held = f"Poisson's ratio fixed at {data.poisson:g}"
+    else:
+        held = "motion through the plane, which keeps volumes"
+    fibres = ", fibres given" if data.symmetry == "transversely_isotropic" else ""
+    material = f"{data.symmetry.replace('_', ' ')}, {data.rheology}{fibres}; {held}; {data.density:g} kg/m³"
+    return [("Data", f"{where}; {data.loads} load{'s' if data.loads > 1 else ''}"), ("Material", material)]

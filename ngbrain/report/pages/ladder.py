@@ -1,0 +1,96 @@
+"""What the cheapest adequate model says of a loaded body, as one page that opens alone: answers, what is left out, the way."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ngbrain.report.pages.page import write_page
+from ngbrain.report.pictures.style import figure, png, style
+
+SHOWN = {"m": ("mm", 1e3), "": ("%", 100.0)}
+"""Unit → how it is shown, and how many of that are one of it; others as they are."""
+
+
+def shown_in(unit: str) -> tuple[str, float]:
+    """What a unit is shown in, and how many of that are one of it.
+
+    >>> shown_in("m"), shown_in("N")
+    (('mm', 1000.0), ('N', 1.0))
+    """
+    return SHOWN.get(unit, (unit, 1.0))
+
+
+LEAST, MOST = 1e-3, 10.0
+"""Per cent below which, and times above which changes are drawn there."""
+
+
+def build(path: str | os.PathLike[str], result: Mapping[str, Any]) -> Path:
+    """Write the page of a result that says how accurate its quantities are. Raises `MissingExtra` without matplotlib or jinja2."""
+    return write_page(
+        Path(path),
+        "ladder.html",
+        {"way": _way(result)},
+        result=result,
+        answers=answers(result),
+        left_out=left_out(result),
+    )
+
+
+def answers(result: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
+    """Quantity, value with its unit, estimated error, tolerance."""
+    rows = []
+    for each in result["answers"]:
+        unit, factor = shown_in(each["unit"])
+        shown = f"{each['value'] * factor:.4g} {unit}".strip()
+        rows.append((each["quantity"], shown, percent(each["error_estimate"]), percent(each["tolerance"])))
+    return rows
+
+
+def left_out(result: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
+    """What the model lacks, the largest change that it would make, how that was found, and why to doubt it."""
+    rows = [(each["what"], _largest(each["change"]), each["how"], each["doubt"]) for each in result["left_out"]]
+    return [(what, percent(change), *rest) for what, change, *rest in sorted(rows, key=lambda row: -(row[1] or np.inf))]
+
+
+def percent(share: float | None) -> str:
+    """In words, None for what is not known.
+
+    >>> percent(0.0123), percent(None)
+    ('1.2 %', 'unknown')
+    """
+    return "unknown" if share is None else f"{100 * share:.2g} %"
+
+
+def _largest(change: Sequence[float | None]) -> float | None:
+    return None if None in change else max(abs(c or 0.0) for c in change)
+
+
+def _worst(rung: Mapping[str, Any]) -> float:
+    found = _largest(rung["missing"])
+    return MOST if found is None else found
+
+
+def _way(result: Mapping[str, Any]) -> bytes:
+    """What each model left out, over the time spent."""
+    with style():
+        made = figure(4.2)
+        axis = made.add_axes((0.09, 0.13, 0.89, 0.84))
+        rungs = result["rungs"]
+        cost = [rung["cost_s"] for rung in rungs]
+        missing = [max(100 * min(_worst(rung), MOST), LEAST) for rung in rungs]
+        axis.step(cost, missing, where="post", color="#0072B2", lw=1.5)
+        axis.plot(cost, missing, "o", color="#0072B2")
+        axis.plot(cost[-1:], missing[-1:], "o", color="#D55E00", ms=11, mfc="none", mew=2)
+        for x, y, rung in zip(cost, missing, rungs, strict=True):
+            axis.annotate(rung["taken"] or "chosen", (x, y), xytext=(5, 6), textcoords="offset points", fontsize=9)
+        tolerance = 100 * min(each["tolerance"] for each in result["answers"])
+        axis.axhline(tolerance, color="#4d4d4d", lw=1, ls="--")
+        axis.set(xlabel="computing time, estimates included (s)", ylabel="estimated to be missing (%)")
+        axis.set(yscale="log", ylim=(0.5 * min(*missing, tolerance), 2 * max(*missing, tolerance)))
+        axis.set_xlim(0, 1.15 * cost[-1])
+        return png(made)

@@ -1,0 +1,205 @@
+"""Words and tables of an inversion, for the page and for the terminal: names and units of parameters, starts, checks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ngbrain.report.pages.tables import Row
+from ngbrain.report.words import number
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """How a map is called and shown: SI times `factor` is in `unit`."""
+
+    name: str
+    symbol: str
+    unit: str = ""
+    factor: float = 1.0
+
+    @property
+    def label(self) -> str:
+        """Name, symbol and unit."""
+        return f"{self.name} {self.head}"
+
+    @property
+    def head(self) -> str:
+        """Symbol and unit."""
+        return self.symbol + (f" ({self.unit})" if self.unit else "")
+
+
+PARAMETERS = {
+    "youngs": Parameter("Young's modulus", "E", "kPa", 1e-3),
+    "storage": Parameter("Storage modulus", "G′", "kPa", 1e-3),
+    "loss": Parameter("Loss modulus", "G″", "kPa", 1e-3),
+    "mu": Parameter("Shear modulus across fibres", "μ", "kPa", 1e-3),
+    "zeta": Parameter("Tensile anisotropy", "ζ"),
+    "phi": Parameter("Shear anisotropy", "φ"),
+    "shear_along": Parameter("Shear along fibres", "μ(1+φ)", "kPa", 1e-3),
+    "shear_stretch": Parameter("Shear by stretch along fibres", "μ(1+ζ)", "kPa", 1e-3),
+    "magnitude": Parameter("Magnitude", "|G*|", "kPa", 1e-3),
+    "phase": Parameter("Phase angle", "arg G*", "rad"),
+    "damping_ratio": Parameter("Damping ratio", "ξ"),
+    "stiffness": Parameter("Shear stiffness", "ρc²", "kPa", 1e-3),
+    "oss": Parameter("Octahedral shear strain", "OSS", "10⁻³", 1e3),
+    "oss_snr": Parameter("Its ratio to noise", "OSS-SNR"),
+}
+
+
+def symbol(name: str, fields: Mapping[str, Mapping[str, Any]] | None = None) -> str:
+    """Of a parameter, or of a field among `fields`: of its quantity, with the label that it is in.
+
+    >>> symbol("storage"), symbol("storage 3", {"storage 3": {"quantity": "storage", "label": 3}})
+    ('G′', 'G′ of 3')
+    """
+    field = (fields or {}).get(name, {"quantity": name, "label": None})
+    own = PARAMETERS[field["quantity"]].symbol
+    return own if field["label"] is None else f"{own} of {field['label']}"
+
+
+STARTS = {
+    "waves": "measured waves (convex)",
+    "uniform": "uniform fields",
+    "given": "measured waves and a given map",
+    "both": "measured waves, then descent",
+    "gaussian": "Gaussian fields, one step",
+    "zones": "zones, each for itself",
+    "slices": "slices, one by one",
+    "pass 1": "zones among their neighbours",
+}
+"""What the rows of the table of starts are."""
+
+
+def parameters(result: Mapping[str, Any]) -> list[Row]:
+    """A row for each parameter: median, interquartile range and, with truth, the relative error."""
+    rows = []
+    for name, answer in result["answers"].items():
+        shown = PARAMETERS[name]
+        values = [number(shown.factor * answer[key]) if key in answer else "–" for key in ("median", "iqr")]
+        error = answer.get("relative_l2_error")
+        rows.append(Row(f"{shown.name} {shown.symbol}", shown.unit, [(v, "") for v in (*values, percent(error))]))
+    return rows
+
+
+def intervals(result: Mapping[str, Any]) -> list[str]:
+    """For each parameter its mean and the ends of its 95 % interval; nothing without error bars."""
+    bars = result.get("error_bars", {})
+    return [_ends(name, bars[name]["mean"]) if name in bars else "–" for name in result["answers"] if bars]
+
+
+def labels(result: Mapping[str, Any]) -> list[Row]:
+    """A row for each label: median and interquartile range of every map that `label_heads` names."""
+    found = _of_labels(result)
+    names = sorted({label for each in found.values() for label in each}, key=int)
+    return [Row(label, "", [_spread(name, each.get(label) or {}) for name, each in found.items()]) for label in names]
+
+
+def label_heads(result: Mapping[str, Any]) -> list[str]:
+    """Symbols and units of the maps that labels have numbers of."""
+    return [PARAMETERS[name].head for name in _of_labels(result)]
+
+
+def _of_labels(result: Mapping[str, Any]) -> dict[str, Mapping[str, Mapping[str, float]]]:
+    """Map → label → median and IQR, of maps that are not zero everywhere, as loss is of what is elastic."""
+    found = result.get("by_label") or {}
+    return {name: each for name, each in found.items() if any(any(spread.values()) for spread in each.values())}
+
+
+def starts(result: Mapping[str, Any]) -> list[Row]:
+    """A row for each start: error of every parameter, misfit over its expected level, J, rounds, settled or not, CPU s."""
+    rows = []
+    for name, start in result["starts"].items():
+        errors = [percent(start["answers"][key].get("relative_l2_error")) for key in result["answers"]]
+        ratio = number(start["misfit"] / start["expected_misfit"])
+        settled = "yes" if start["converged"] else "no"
+        texts = [*errors, ratio, number(start["objective"], 5), str(start["rounds"]), settled, number(start["cpu_s"])]
+        kept = "kept" if name == result["chosen"] else ""
+        rows.append(Row(STARTS.get(name, name), kept, [(text, "") for text in texts]))
+    return rows
+
+
+def _interval(name: str, band: Mapping[str, float]) -> str:
+    """A value and the ends of its interval, in the unit shown, with that."""
+    return f"{_ends(name, band)} {PARAMETERS[name].unit}".rstrip()
+
+
+def _ends(name: str, band: Mapping[str, float]) -> str:
+    value, low, high = (number(PARAMETERS[name].factor * band[key], 4) for key in ("value", "low", "high"))
+    return f"{value} ({low} to {high})"
+
+
+def facts(result: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """What was assumed and what came of it: pairs of words."""
+    model, noise, checks, solves = (result[key] for key in ("model", "noise", "checks", "solves"))
+    own = "those that the data were made in" if model["inverse_crime"] else "our own"
+    named = model.get("fields")
+    fields = ", ".join(
+        f"{symbol(name, named)} {number(length, 2)} mm ({number(model['determined'][name])} numbers)"
+        for name, length in model["resolution_mm"].items()
+    )
+    weights = ", ".join(f"{symbol(name, named)} {number(weight)}" for name, weight in model["weights"].items())
+    by = model.get("weight", "evidence")
+    points = f", {' to '.join(map(percent, noise['range']))} by point" if "range" in noise else ""
+    pairs = [
+        ("Elements", f"{model['form']}, {model['n_elements']}, {own}; {model['n_unknowns']} unknowns of a wave"),
+        ("Fields", f"{model['n_parameters']} unknowns, {model['regulariser']}; weights by {by}: {weights}"),
+        (
+            "Noise, with the model's error",
+            f"{percent(noise['assumed'])} assumed{points}, {percent(noise['found'])} found",
+        ),
+        ("Misfit over its expected level", _misfit(result)),
+        ("Detail that the data determine, about", fields),
+    ]
+    if free := model.get("free_boundary"):
+        sides = zip("xyz", free["from_mm"], free["to_mm"], strict=False)
+        where = ", ".join(f"{x} {number(a)}" + (f" to {number(b)}" if b - a > 1e-6 else "") for x, a, b in sides)
+        pairs.insert(1, ("Boundary free of forces, not driven", f"{percent(free['share'])} of it, at {where} mm"))
+    for name, bars in result.get("error_bars", {}).items():
+        pairs.append((f"Mean of {symbol(name)}, 95 % credible interval", _interval(name, bars["mean"])))
+        for label, band in bars["by_label"].items():
+            pairs.append((f"Mean of {symbol(name)} in label {label}", _interval(name, band)))
+    if "strain_snr" in checks:
+        pairs.append(("Octahedral strain over its noise, median", number(checks["strain_snr"])))
+    if "resonance_distance" in checks:
+        pairs.append(("Nearest resonance, from the frequency", percent(checks["resonance_distance"])))
+    if "bulk_change_over_noise" in checks:
+        moved = number(checks["bulk_change_over_noise"])
+        pairs.append(("Bulk modulus, given: 10 % more moves the waves by", f"{moved} times their noise"))
+    if "share_through_slices" in checks:
+        pairs.append(
+            ("Second derivative through the slices, of the Laplacian", percent(checks["share_through_slices"]))
+        )
+    if model.get("zones", 1) > 1:
+        apart = ", ".join(
+            f"{symbol(name)} {percent(checks[f'disagreement_{name}'])}, at first {percent(checks[f'disagreement_{name}_first'])}"
+            for name in result["answers"]
+        )
+        low, high = model["points_of_a_zone"]
+        pairs.append(
+            ("Zones", f"{model['zones']}, of {low} to {high} points; where they overlap they differ by {apart}")
+        )
+    if "misfit_as_one_body" in checks:
+        pairs.append(("Misfit of their map in one body, likewise", number(checks["misfit_as_one_body"])))
+    if "mismatch_at_truth" in model:
+        pairs.append(("Data against waves of the truth, their noise included", percent(model["mismatch_at_truth"])))
+    done = ", ".join(f"{count} {name}" for name, count in solves.items())
+    return [*pairs, ("Solves", done)]
+
+
+def _misfit(result: Mapping[str, Any]) -> str:
+    """Over its expected level; and whether fields and weights had settled there."""
+    chosen = result["starts"][result["chosen"]]
+    rounds, end = chosen["rounds"], "settled" if chosen["converged"] else "not settled: stopped"
+    return f"{number(result['checks']['misfit_over_expected'])}, {end} after {rounds} round{'s' if rounds > 1 else ''}"
+
+
+def percent(value: float | None) -> str:
+    """A share in per cent; a dash for none."""
+    return "–" if value is None else f"{number(100 * value)} %"
+
+
+def _spread(name: str, spread: Mapping[str, float]) -> tuple[str, str]:
+    factor = PARAMETERS[name].factor
+    return number(factor * spread["median"] if spread else None), number(factor * spread["iqr"] if spread else None)

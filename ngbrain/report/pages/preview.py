@@ -1,0 +1,303 @@
+"""A scene before it is computed, as one page: geometry, regions, conditions, cleft and tool, on three slices and in space."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ngbrain.errors import require
+from ngbrain.report.pages.page import write_page
+from ngbrain.report.pictures.slices import ScanImage
+from ngbrain.report.pictures.style import DPI, STEEL, bar_mm, inches, png, style
+from ngbrain.report.render.renderer import Camera, Layer, draw
+from ngbrain.report.render.surface import Floats, Ints, cut_surface, cut_tets, vertex_normals
+
+KINDS = {
+    "held": "#7A7A7A",
+    "moved": "#D55E00",
+    "turned": "#AA3377",
+    "slides": "#8C6D00",
+    "traction": "#0072B2",
+    "pressure": "#56B4E9",
+    "contact": "#009E73",
+    "walls of the cleft": "#FF5CA8",
+}
+"""What acts on a boundary, and its colour."""
+REGIONS = ("#F3DCC2", "#DDE6CF", "#CFE0F0", "#E8D3E8", "#F4F0B8", "#D5D5D5")
+"""Colours of regions."""
+FREE, TOOL, GHOST = "#EFE8DC", "#7A858C", "#B04A00"
+WIDE = 4.6
+"""Inches of a picture, which a page shows side by side or, on a phone, one under the other."""
+STILL = 1e-4
+"""A way (m) that no arrow is drawn for: surfaces are found on grids."""
+VIEWS = ((0, 1, 2), (1, 0, 2), (2, 0, 1))
+"""Axis that a slice is normal to, axis to its right (of a head to its left), axis upwards."""
+NAMES = ("Sagittal", "Coronal", "Axial")
+
+
+@dataclass(frozen=True, eq=False)
+class Condition:
+    """What acts on boundaries.
+
+    kind       of `KINDS`
+    words      what it is, in a line
+    boundaries their names
+    way        (3,) m, where something moves; None
+    """
+
+    kind: str
+    words: str
+    boundaries: tuple[str, ...]
+    way: Floats | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A rigid body, a tool or an indenter: points (m) and triangles, where it begins and at its furthest."""
+
+    name: str
+    points: Floats
+    triangles: Ints
+    last: tuple[Floats, Ints]
+
+    @property
+    def way(self) -> Floats:
+        """From its middle at first to its middle at its furthest (m); nothing of what widens."""
+        return np.asarray(_middle(self.last[0]) - _middle(self.points))
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """What is drawn of a scene.
+
+    points   (n, 3) m
+    tets     (m, 4) nodes
+    region   (m,) names
+    faces    boundary → (k, 3) triangles
+    focus    (3,) m, where the slices meet
+    head     whether it is a head, drawn as radiologists have it
+    image    the scan that it is of
+    coarse   whether the elements are larger than those that it would be computed on
+    tables   heading → rows of texts, below the pictures
+    """
+
+    title: str
+    points: Floats
+    tets: Ints
+    region: np.ndarray
+    faces: dict[str, Ints]
+    focus: Floats
+    head: bool
+    conditions: Sequence[Condition] = ()
+    solids: Sequence[Solid] = ()
+    image: ScanImage | None = None
+    coarse: bool = False
+    tables: dict[str, list[tuple[str, ...]]] = field(default_factory=dict)
+    warnings: Sequence[str] = ()
+
+    @property
+    def colours(self) -> dict[str, str]:
+        """Region → colour."""
+        names = sorted(set(self.region.tolist()))
+        return {name: REGIONS[i % len(REGIONS)] for i, name in enumerate(names)}
+
+    def of(self, name: str) -> str:
+        """The colour of a boundary: of the last thing that acts on it."""
+        kinds = [each.kind for each in self.conditions if name in each.boundaries]
+        return KINDS[kinds[-1]] if kinds else FREE
+
+
+def build(path: str | os.PathLike[str], drawing: Drawing) -> Path:
+    """Write the page. Raises `MissingExtra` without matplotlib or jinja2."""
+    with style():
+        pictures = {f"slice{i}": _slice(drawing, *view) for i, view in enumerate(VIEWS)}
+        pictures["space"] = _space(drawing)
+    kinds = {each.kind: KINDS[each.kind] for each in drawing.conditions}
+    return write_page(
+        Path(path),
+        "preview.html",
+        pictures,
+        drawing=drawing,
+        slices=[f"slice{i}" for i in range(len(VIEWS))],
+        titles=[_title(drawing, axis) for axis, _, _ in VIEWS],
+        kinds=kinds,
+        regions={} if drawing.image else drawing.colours,
+        tool=TOOL,
+        ghost=GHOST,
+        solids=[solid.name for solid in drawing.solids],
+    )
+
+
+def _title(drawing: Drawing, axis: int) -> str:
+    where = f"{'xyz'[axis]} = {1e3 * drawing.focus[axis]:.1f} mm".replace("-", "−")
+    return f"{NAMES[axis]}, {where}" if drawing.head else where
+
+
+def _page(height: float) -> Any:
+    return require("matplotlib.figure", "report").Figure(figsize=(WIDE, height), dpi=DPI)
+
+
+def _slice(drawing: Drawing, normal: int, across: int, up: int) -> bytes:
+    """A plane through the focus: regions, or the scan; what acts where; rigid bodies where they begin and end."""
+    collections = require("matplotlib.collections", "report")
+    low, high = (1e3 * edge(drawing.points, axis=0) for edge in (np.min, np.max))
+    margin = 0.14 * (high - low).max()
+    size = high - low + 2 * margin
+    made = _page(WIDE * size[up] / size[across])
+    axes = made.add_axes((0, 0, 1, 1))
+    flat, level = [across, up], drawing.points[:, normal] - drawing.focus[normal] - 1e-9
+    if drawing.image is not None:
+        _scan(axes, drawing.image, normal, across, up, drawing.focus[normal])
+    else:
+        cut = cut_tets(drawing.tets, level, np.arange(len(drawing.tets)))
+        corners = 1e3 * cut.at(drawing.points)[:, flat][cut.simplices]
+        fill = [drawing.colours[name] for name in drawing.region[cut.parent]]
+        axes.add_collection(
+            collections.PolyCollection(corners, facecolors=fill, edgecolors="#00000030", linewidths=0.3)
+        )
+    for name, tris in drawing.faces.items():
+        lines, colour = _lines(drawing.points, tris, level, flat), drawing.of(name)
+        free = colour == FREE
+        look = {"colors": "#555555" if free else colour, "linewidths": 0.7 if free else 2.6, "capstyle": "round"}
+        axes.add_collection(collections.LineCollection(lines, **look))
+    for solid in drawing.solids:
+        for points, tris, colour in ((solid.points, solid.triangles, TOOL), (*solid.last, GHOST)):
+            lines = _lines(points, tris, points[:, normal] - drawing.focus[normal] - 1e-9, flat)
+            axes.add_collection(collections.LineCollection(lines, colors=colour, linewidths=2.2, capstyle="round"))
+    middle = (low + high) / 2
+    x, y = (middle[axis] + size[axis] / 2 * np.array([-1, 1]) for axis in flat)
+    axes.set(xlim=x[::-1] if drawing.head else x, ylim=y)
+    axes.set_aspect("equal")
+    _furnish(axes, drawing, across, up)
+    return png(made)
+
+
+def _lines(points: Floats, tris: Ints, level: Floats, flat: list[int]) -> Floats:
+    """Where triangles meet a plane (k, 2, 2), mm."""
+    cut = cut_surface(tris, level)
+    return np.asarray(1e3 * cut.at(points)[:, flat][cut.simplices])
+
+
+def _scan(axes: Any, image: ScanImage, normal: int, across: int, up: int, where: float) -> None:
+    from ngbrain.image.segment.tissue_classes import VENTRICLE, WHITE
+    from ngbrain.report.pictures.slices import BORDER, FLUID, OUTLINE
+
+    layer = image.nearest(normal, where)
+    grey, label = (np.take(each, layer, normal).T for each in (image.t1, image.labels))
+    window = np.percentile(image.t1[image.labels > 0], [1, 99.7])
+    axes.imshow(
+        grey, origin="lower", extent=image.extent(across, up), cmap="gray", vmin=window[0], vmax=max(window[1], window[0] + 1e-9)
+    )  # fmt: skip
+    for inside, colour in ((label >= WHITE, BORDER), (label > 0, OUTLINE), (label == VENTRICLE, FLUID)):
+        if inside.any() and not inside.all():
+            axes.contour(
+                image.centres(across), image.centres(up), inside.astype(float), [0.5], colors=colour, linewidths=0.8
+            )
+
+
+def _furnish(axes: Any, drawing: Drawing, across: int, up: int) -> None:
+    dark = drawing.image is not None
+    ink = "white" if dark else "#222222"
+    axes.set_facecolor("black" if dark else "white")
+    axes.tick_params(left=False, bottom=False, labelleft=False, labelbottom=False)
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+    letters = (("R", "L"), ("A", "P"), ("S", "I")) if drawing.head else (("+x", "−x"), ("+y", "−y"), ("+z", "−z"))
+    left, right = letters[across] if drawing.head else letters[across][::-1]
+    for text, at in (
+        (left, (0.05, 0.5)),
+        (right, (0.95, 0.5)),
+        (letters[up][0], (0.5, 0.96)),
+        (letters[up][1], (0.5, 0.04)),
+    ):
+        axes.text(*at, text, transform=axes.transAxes, ha="center", va="center", fontsize=13, weight="bold", color=ink)
+    (a, b), (c, d) = axes.get_xlim(), axes.get_ylim()
+    long = _round(0.25 * abs(b - a))
+    x, y = a + 0.05 * (b - a), c + 0.04 * (d - c)
+    axes.plot([x, x + np.sign(b - a) * long], [y, y], color=ink, lw=3, solid_capstyle="butt")
+    axes.text(x, y + 0.015 * (d - c), f"{long:g} mm", ha="left", va="bottom", fontsize=12, color=ink)
+
+
+def _middle(points: Floats) -> Floats:
+    """Of the box around points."""
+    return np.asarray((points.min(axis=0) + points.max(axis=0)) / 2)
+
+
+def _round(length: float) -> float:
+    """1, 2 or 5 times a power of ten, no more than a length."""
+    ten = 10.0 ** np.floor(np.log10(length))
+    return float(max(step * ten for step in (1, 2, 5) if step * ten <= length))
+
+
+def _space(drawing: Drawing) -> bytes:
+    """From the front, the side and above: boundaries by what acts on them, rigid bodies, and arrows along which something moves."""
+    made = _page(WIDE)
+    axes = made.add_axes((0, 0, 1, 1))
+    every = np.concatenate([drawing.points, *(solid.points for solid in drawing.solids if drawing.head)])
+    low, high = drawing.points.min(axis=0), drawing.points.max(axis=0)
+    middle = (low + high) / 2
+    reach = 1.18 * float(np.linalg.norm(every - middle, axis=1).max())
+    side = np.sign(drawing.focus[0] - middle[0]) or 1.0
+    toward = np.array([0.75 * side, 0.75, 0.65]) if drawing.head else np.array([0.6, -1.0, 0.7])
+    camera = Camera.look(middle, toward, np.array([0, 0, 1.0]), reach, reach)
+    layers = []
+    colors = require("matplotlib.colors", "report")
+    for name, tris in drawing.faces.items():
+        colour = np.array(colors.to_rgb(drawing.of(name)))
+        normals = vertex_normals(drawing.points, tris) if drawing.head else None
+        # The head's own surface is seen through: the cleft and the tool are behind it.
+        through = drawing.head and drawing.of(name) in (FREE, KINDS["held"], KINDS["slides"])
+        layers.append(
+            Layer(
+                drawing.points,
+                tris,
+                0.35 * colour + 0.65 if through else colour,
+                normals,
+                opacity=0.4 if through else 1.0,
+            )
+        )
+    for solid in drawing.solids:
+        layers.append(Layer(solid.points, solid.triangles, STEEL, shine=0.35))
+    pixels = [round(axes.figure.dpi * each) for each in inches(axes)]
+    axes.imshow(draw(camera, layers, *pixels), extent=[1e3 * reach * s for s in (-1, 1, -1, 1)], interpolation="none")
+    axes.axis("off")
+    for each in drawing.conditions:
+        if each.way is not None and np.any(each.way):
+            _arrow(axes, camera, drawing, each, reach)
+    for solid in drawing.solids:
+        if np.linalg.norm(solid.way) > STILL:
+            _pointed(axes, camera, _middle(solid.points), solid.way, reach, GHOST)
+    bar_mm(axes, _round(0.4e3 * reach))
+    _axes(axes, camera, drawing.head, 1e3 * reach)
+    return png(made)
+
+
+def _arrow(axes: Any, camera: Camera, drawing: Drawing, each: Condition, reach: float) -> None:
+    nodes = [np.unique(drawing.faces[name]) for name in each.boundaries if name in drawing.faces]
+    if nodes:
+        _pointed(axes, camera, drawing.points[np.concatenate(nodes)].mean(axis=0), each.way, reach, KINDS[each.kind])
+
+
+def _pointed(axes: Any, camera: Camera, start: Floats, way: Floats | None, reach: float, colour: str) -> None:
+    """An arrow of one length, along a way, that ends where it points from outside: directions, not sizes."""
+    unit = np.asarray(way) / np.linalg.norm(np.asarray(way))
+    tail, head = 1e3 * camera.project(np.array([start - 0.3 * reach * unit, start]))[:, :2]
+    look = {"arrowstyle": "-|>", "color": colour, "lw": 2.6, "mutation_scale": 18, "shrinkA": 0, "shrinkB": 0}
+    axes.annotate("", head, tail, arrowprops=look, zorder=30)
+
+
+def _axes(axes: Any, camera: Camera, head: bool, reach: float) -> None:
+    at = np.array([0.70, -0.80]) * reach
+    for k, letter in enumerate("RAS" if head else "xyz"):
+        v = np.array([camera.right[k], camera.up[k]])
+        if np.linalg.norm(v) < 0.2:
+            continue
+        tip = at + 0.2 * reach * v
+        look = {"arrowstyle": "-|>", "color": "#222222", "lw": 1.4, "mutation_scale": 10, "shrinkA": 0, "shrinkB": 0}
+        axes.annotate("", tip, at, arrowprops=look, zorder=30)
+        axes.text(*(at + 0.27 * reach * v), letter, ha="center", va="center", fontsize=12, weight="bold", zorder=30)

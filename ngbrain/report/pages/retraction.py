@@ -1,0 +1,132 @@
+"""What a retraction amounts to, as one page that opens alone: pictures, findings, tables."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+from ngbrain.errors import InputError, require
+from ngbrain.reading import read_json
+from ngbrain.report import words
+from ngbrain.report.pages import tables
+from ngbrain.report.pages.page import write_page
+from ngbrain.report.pictures import animation, figures, slices
+from ngbrain.report.pictures.animation import Animation
+from ngbrain.report.pictures.style import StrainScale, colour
+from ngbrain.report.pictures.timeline import Run
+
+__all__ = ["Report", "build"]
+
+NEEDED = ("answers", "geometry")
+SERIES = ("t_s", "opening_mm", "blade_mm", "pressure_mmHg")
+
+
+def build(folder: str | os.PathLike[str]) -> Path:
+    """Write `folder/report.html` from `folder/result.json` and the runs' `folder/PROTOCOL.vtkhdf`: see `Report`."""
+    return Report(folder).write()
+
+
+class Report:
+    """The page of a retraction, `report.html`; its pictures are drawn once, however often it is written.
+
+    The page holds its pictures and its style, and needs nothing else to be read, sent or printed.
+
+    Parameters
+    ----------
+    folder : str or path-like
+        With `result.json` and the runs' `PROTOCOL.vtkhdf`.
+
+    Raises
+    ------
+    MissingExtra
+        matplotlib or jinja2 is not installed.
+    """
+
+    def __init__(self, folder: str | os.PathLike[str]) -> None:
+        for package in ("matplotlib", "jinja2"):
+            require(package, "report")
+        self.folder = Path(folder)
+        self._drawn: tuple[dict[str, bytes], Animation, str, float] | None = None
+
+    def write(self) -> Path:
+        """Write the page from `result.json` as it now stands; the protocols in it are those of the first time.
+
+        Raises
+        ------
+        InputError
+            result.json is missing, damaged or not from `demo` or of an operation; or a run's file is.
+        """
+        folder, result = self.folder, _read(self.folder / "result.json")
+        self._drawn = self._drawn or _pictures(folder, result)
+        pictures, film, shown, time = self._drawn
+        answers, comparison = result["answers"], result.get("comparison") or {}
+        status, band = result.get("check_status") or {}, result.get("material_band") or {}
+        openings = [max(answer["series"]["blade_mm"]) for answer in answers.values()]
+        return write_page(
+            folder / "report.html",
+            "retraction.html",
+            pictures,
+            result=result,
+            film=film,
+            shown=shown,
+            time=words.duration(time),
+            same_opening=len(openings) > 1 and max(openings) - min(openings) <= tables.EQUAL * max(openings),
+            protocols={name: colour(name, answers) for name in answers},
+            headlines=tables.headlines(answers),
+            findings=tables.findings(answers, comparison.get("findings") or []),
+            rows=tables.comparison(answers),
+            regions=tables.regions(answers),
+            risks=tables.risks(answers),
+            response=result.get("dose_response") or {},
+            missing=tables.missing(status),
+            checks=tables.checks(result.get("checks") or {}, status),
+            worth_of_peak=tables.worth_of_peak(result.get("worth") or {}),
+            worth=tables.worth(result.get("worth") or {}),
+            equal_work=comparison.get("dose_at_equal_working_time_mmHg_min") or {},
+            band=band,
+            laws=tables.band(band, status),
+            geometry=result["geometry"],
+            model=result.get("model") or {},
+            volumes=slices.volumes(result.get("head") or {}, result.get("model") or {}),
+        )
+
+
+def _read(path: Path) -> dict[str, Any]:
+    result = read_json(path, "result")
+    missing = [key for key in NEEDED if not isinstance(result, dict) or not isinstance(result.get(key), dict)]
+    if missing or not result["answers"]:
+        raise InputError(missing[0] if missing else "answers", "missing", "the result of an operation", file=path)
+    for protocol, answer in result["answers"].items():
+        series = answer.get("series") if isinstance(answer, dict) else None
+        if not isinstance(series, dict) or not all(series.get(key) for key in SERIES):
+            raise InputError(f"answers.{protocol}.series", "incomplete", ", ".join(SERIES), file=path)
+        if not isinstance(answer.get("mps_p99"), float):
+            raise InputError(f"answers.{protocol}.mps_p99", answer.get("mps_p99"), "a strain", file=path)
+    return result
+
+
+def _pictures(folder: Path, result: dict[str, Any]) -> tuple[dict[str, bytes], Animation, str, float]:
+    """Name → PNG; the animation; the protocol that space is drawn for, whose strain is largest, the first of equals; when (s)."""
+    answers = result["answers"]
+    strain = {name: answer.get("mps_p95") or 0.0 for name, answer in answers.items()}
+    shown = next(name for name in answers if strain[name] >= (1 - tables.EQUAL) * max(strain.values()))
+    try:
+        runs = {name: Run.read(folder, name, result["geometry"], answer) for name, answer in answers.items()}
+        peak = runs[shown].peak()
+    except (KeyError, TypeError) as error:
+        raise InputError(
+            "geometry", "incomplete", f"the result of an operation ({error})", folder / "result.json"
+        ) from error
+    image = slices.ScanImage.read(folder)
+    scale = StrainScale.up_to(max(answer["mps_p99"] for answer in answers.values()))
+    drawn = {
+        "head": figures.head(peak, scale),
+        "pressure": figures.pressure(answers),
+        "slice": figures.strain_slice(peak, scale),
+    }
+    if len(runs) > 1:
+        drawn["peaks"] = animation.peaks(runs, answers, scale)
+    if image:
+        drawn["slices"] = slices.slices(image, peak)
+    return drawn, animation.animation(runs, answers, scale), shown, peak.time

@@ -1,0 +1,310 @@
+"""The words and tables of the report: numbers as text, what each means and what was wanted of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeGuard
+
+from ngbrain.report.words import duration, number
+from ngbrain.surgery.measures.dose_response import decides, evidence
+from ngbrain.surgery.uncertainty.error_budget import FAILED, NOT_COMPUTED, UNDER_WAY
+from ngbrain.surgery.uncertainty.verification_runs import HALF, MESH, MILLER, ORDER
+
+EQUAL = 5e-3
+"""Values this close, relative to the largest, are called equal."""
+ROUNDING = 1e-12
+"""In the comparison, what is smaller is shown as 0; checks show it."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A line of a table: its name, unit, and one (text, remark) for each column."""
+
+    name: str
+    unit: str
+    cells: list[tuple[str, str]]
+
+
+@dataclass(frozen=True)
+class Check:
+    """What a check should be: in words, and whether a value is."""
+
+    name: str
+    wanted: str
+    met: Callable[[float], bool] | None
+    unit: str = ""
+
+
+METRICS: tuple[tuple[str, str, str, bool], ...] = (
+    ("peak_pressure_mmHg", "Peak pressure under the blade", "mmHg", True),
+    ("peak_tip_pressure_mmHg", "Peak pressure at the tip (last 5 mm)", "mmHg", True),
+    ("peak_centre_pressure_mmHg", "Peak pressure in the middle of the face (5 mm across)", "mmHg", True),
+    ("peak_force_N", "Peak force on the blade", "N", True),
+    ("largest_contact_area_mm2", "Largest area in touch with the blade", "mm²", True),
+    ("s_above_20_mmHg", "Time above 20 mmHg, in all", "s", True),
+    ("longest_s_above_20_mmHg", "Time above 20 mmHg, longest without a break", "s", True),
+    ("s_above_30_mmHg", "Time above 30 mmHg, in all", "s", True),
+    ("longest_s_above_30_mmHg", "Time above 30 mmHg, longest without a break", "s", True),
+    ("margin_to_20_mmHg", "Margin to 20 mmHg (negative: above it)", "mmHg", False),
+    ("dose_mmHg_min", "Dose: pressure × time", "mmHg min", True),
+    (
+        "s_perfusion_below_10_mmHg",
+        "Time with less than 10 mmHg of perfusion pressure (MAP less pressure), in all",
+        "s",
+        True,
+    ),
+    (
+        "longest_s_perfusion_below_10_mmHg",
+        "Time with less than 10 mmHg of perfusion pressure, longest without a break",
+        "s",
+        True,
+    ),
+    ("min_perfusion_reserve_mmHg", "Smallest perfusion reserve: MAP less the larger of pressure and ICP", "mmHg", True),
+    ("working_s", "Working time: at full opening", "s", False),
+    ("mps_p50", "Largest principal strain near the site, median", "%", True),
+    ("mps_p95", "Largest principal strain near the site, 95th percentile", "%", True),
+    ("mps_p99", "Largest principal strain near the site, 99th percentile", "%", True),
+    ("mps_max_over_0_5_ml", "Largest principal strain near the site, mean of the worst 0.5 ml", "%", True),
+    ("oss_p95", "Octahedral shear strain near the site, 95th percentile", "%", True),
+    ("von_mises_p95_kPa", "Von Mises stress near the site, 95th percentile", "kPa", True),
+    ("von_mises_max_over_0_5_ml_kPa", "Von Mises stress near the site, mean of the worst 0.5 ml", "kPa", True),
+    ("strain_rate_p95_per_s", "Rate of deformation near the site, 95th percentile", "1/s", True),
+    ("beyond_fit_ml", "Tissue strained beyond what its law was fitted to", "ml", True),
+    ("compressed_by_35_percent_ml", "Tissue compressed by more than 35 %, whose free surfaces fold", "ml", True),
+    ("min_net_reaction_N", "Smallest net reaction of the wall (negative: pulled)", "N", False),
+    ("min_det_F", "Smallest volume ratio of any point", "", False),
+)
+"""Key, name, unit, and whether lowest and highest are marked."""
+
+VOLUMES = {
+    "window": "Bulge at the craniotomy (negative: sunk in)",
+    "cleft": "Tissue into the cleft (negative: cleft widened)",
+    "ventricles": "Volume that the ventricles lose",
+    "compression": "Volume that tissue loses by compression",
+}
+
+CHECKS: dict[str, Check] = {
+    "reaction_balance": Check("Blade and skull forces balance (relative)", "at most 1e-4", lambda v: abs(v) <= 1e-4),
+    "volume_balance": Check("Volume moved adds up to nothing (relative)", "at most 1e-3", lambda v: abs(v) <= 1e-3),
+    "energy_balance": Check("Work of the blade is the tissue's (relative)", "at most 0.01", lambda v: abs(v) <= 0.01),
+    "dt_halving": Check(
+        "Half the time step moves the first peak by (relative)", "less than 0.03", lambda v: abs(v) < 0.03
+    ),
+    "order_plus_one": Check(
+        "One polynomial order more moves the pressure by (relative; elastic, coarse mesh)", "stated, no limit set", None
+    ),
+    "other_elements": Check(
+        "Elements 1.4 times as large (of a coarse mesh: as small) move the first peak by (relative)",
+        "stated, no limit set",
+        None,
+    ),
+    "min_net_reaction_N": Check(
+        "Smallest net reaction of the wall", "not negative: no pull", lambda v: v >= -1e-5, "N"
+    ),
+    "force_while_off_N": Check("Force while the blade is off", "exactly 0", lambda v: v == 0, "N"),
+    "gap_while_off_mm": Check("Smallest gap while the blade is off", "greater than 0", lambda v: v > 0, "mm"),
+    "tissue_in_blade": Check(
+        "Tissue inside the blade where it presses, mean (of the opening)", "at most 0.01", lambda v: v <= 0.01
+    ),
+    "deepest_in_blade": Check(
+        "Tissue inside the blade, deepest point at its edges (of the opening)", "stated, no limit set", None
+    ),
+    "first_peaks_differ": Check(
+        "First peaks of continuous and intermittent differ by (relative; computed once)",
+        "at most 1e-6",
+        lambda v: abs(v) <= 1e-6,
+    ),
+    "recontact_opening_below_release_mm": Check(
+        "Opening at re-contact, below that at release", "greater than 0", lambda v: v > 0, "mm"
+    ),
+}
+
+
+def comparison(answers: Mapping[str, Any]) -> list[Row]:
+    """One row a metric, one column a protocol; lowest and highest said in words."""
+    rows = []
+    for key, name, unit, ranked in METRICS:
+        values = [answer.get(key) for answer in answers.values()]
+        if any(_is_number(v) for v in values):
+            rows.append(_row(name, unit, values, ranked))
+    thresholds = sorted({t for a in answers.values() for t in a.get("volume_mps_above", {})}, key=float)
+    for threshold in thresholds:
+        values = [a.get("volume_mps_above", {}).get(threshold) for a in answers.values()]
+        rows.append(_row(_strained(threshold), "ml", values, True))
+    for key, name in VOLUMES.items():
+        values = [(a.get("volumes_ml") or {}).get(key) for a in answers.values()]
+        if any(_is_number(v) for v in values):
+            rows.append(_row(f"{name}, at peak strain", "ml", values, False))
+    return rows
+
+
+def headlines(answers: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """(protocol, sentence) on pressure and time above the thresholds."""
+    return [(name, _headline(answer)) for name, answer in answers.items()]
+
+
+def _headline(answer: Mapping[str, Any]) -> str:
+    peak = answer.get("peak_pressure_mmHg")
+    text = f"pressure under the blade reached at most {number(peak)} mmHg"
+    if _is_number(peak) and peak <= 20:
+        return f"{text}: never above 20 mmHg, with {number(answer.get('margin_to_20_mmHg', 20 - peak))} mmHg to spare."
+    parts = []
+    for threshold in (20, 30):
+        total: Any = answer.get(f"s_above_{threshold}_mmHg")
+        longest: Any = answer.get(f"longest_s_above_{threshold}_mmHg")
+        if _is_number(total):
+            broken = _is_number(longest) and longest < total * (1 - EQUAL)
+            rest = f" (at most {duration(longest)} without a break)" if broken else ""
+            parts.append(f"above {threshold} mmHg for {duration(total)}{rest}")
+    return f"{text}; it was {' and '.join(parts)}." if parts else f"{text}."
+
+
+def findings(answers: Mapping[str, Any], given: list[str]) -> list[str]:
+    """What the comparison says metric by metric: as given, or else made from the numbers."""
+    if given:
+        return list(given)
+    found = []
+    for key, name, unit, ranked in METRICS:
+        values = {n: a.get(key) for n, a in answers.items()}
+        if not ranked or len(values) < 2 or not all(_is_number(v) for v in values.values()):
+            continue
+        listed = ", ".join(f"{n} {_shown(v, unit)}" for n, v in sorted(values.items(), key=lambda item: item[1]))
+        marks = _marks(list(values.values()))
+        lowest = [n for n, mark in zip(values, marks, strict=True) if mark == "lowest"]
+        verdict = f"lowest with {' and '.join(lowest)}" if lowest else "equal"
+        found.append(f"{name}: {verdict} ({listed}{' ' + unit if unit else ''}).")
+    return found
+
+
+ESTIMATED_BY = {"dt_halving": HALF, "order_plus_one": ORDER, "other_elements": MESH}
+"""Value among the checks → the run that it needs beside the protocols'."""
+MISSING = {
+    UNDER_WAY: "Checks under way when this page was written, which go into it as they end: {}.",
+    FAILED: "Checks that failed, so that what they estimate is not known: {}.",
+    NOT_COMPUTED: "Error estimates not computed: {}. They were left out on request; a resumed run can add them.",
+}
+
+
+def missing(status: Mapping[str, str]) -> list[str]:
+    """Which checks there is no result of, and why, in sentences."""
+    found = {why: [name for name, now in status.items() if now == why] for why in MISSING}
+    return [MISSING[why].format(", ".join(names)) for why, names in found.items() if names]
+
+
+def checks(values: Mapping[str, Any], status: Mapping[str, str]) -> list[tuple[str, str, str, str]]:
+    """(name, value with unit, what is wanted, verdict in words)."""
+    rows = []
+    for key, value in values.items():
+        check = CHECKS.get(key, Check(key.replace("_", " "), "–", None))
+        shown = f"{number(value)} {check.unit}".strip()
+        if not _is_number(value):
+            verdict = _why(status.get(ESTIMATED_BY[key])) if key in ESTIMATED_BY else "does not apply"
+        elif check.met is None:
+            verdict = "for information"
+        else:
+            verdict = "met" if check.met(float(value)) else "NOT MET"
+        rows.append((check.name, shown, check.wanted, verdict))
+    return rows
+
+
+def _why(status: str | None) -> str:
+    """Why a value that a check gives is not there."""
+    return status if status in MISSING else "not known"
+
+
+def regions(answers: Mapping[str, Any]) -> tuple[list[str], list[tuple[str, str, list[str]]]]:
+    """What the columns are, and (region, protocols, its ml as text): above each strain and, last, beyond its law's fit.
+
+    Protocols of which a region has the same share a line.
+    """
+    columns: list[str] = []
+    rows: dict[tuple[str, tuple[str, ...]], list[str]] = {}
+    for name, answer in answers.items():
+        for region, volumes in (answer.get("volume_mps_above_by_region_ml") or {}).items():
+            columns = [f"above {100 * float(threshold):g} %" for threshold in volumes] + ["beyond its fit"]
+            beyond = (answer.get("beyond_fit_by_region_ml") or {}).get(region)
+            shown = tuple(number(value, 2) for value in (*volumes.values(), beyond))
+            rows.setdefault((region, shown), []).append(name)
+    return columns, [(region, ", ".join(names), list(shown)) for (region, shown), names in sorted(rows.items())]
+
+
+def band(given: Mapping[str, Any], status: Mapping[str, str]) -> list[tuple[str, str, float | None]]:
+    """(what is changed, how, peak pressure in mmHg): material laws as computed, then in proportion to published moduli."""
+    rows = [
+        (name, "computed" if _is_number(value) else _why(status.get(MILLER)), value)
+        for name, value in (given.get("peak_pressure_mmHg") or {}).items()
+    ]
+    moduli = given.get("published_moduli_Pa") or {}
+    for name, value in sorted((given.get("peak_pressure_by_modulus_mmHg") or {}).items(), key=lambda item: item[1]):
+        rows.append((f"as stiff as {name}", f"{number(moduli.get(name))} Pa", value))
+    return rows
+
+
+def worth(errors: Mapping[str, Any]) -> list[tuple[str, str, list[str]]]:
+    """(name, unit, texts) for each number: its value, what mesh, order and steps move it by, their sum, its range by material."""
+    above = {key: of["part"] for key, of in errors.items() if of.get("quantity") == "volume_mps_above"}
+    strained = [(key, _strained(above[key]), "ml") for key in sorted(above, key=lambda key: float(above[key]))]
+    rows = []
+    for key, name, unit in [(key, name, unit) for key, name, unit, _ in METRICS] + strained:
+        if of := errors.get(key):
+            moved = [_shown(of.get(kind), unit, 2) for kind in ("mesh", "order", "step", "numerics")]
+            low, high = (_shown(value, unit) for value in of["material"])
+            rows.append((name, unit, [_shown(of["value"], unit), *moved, low if low == high else f"{low} to {high}"]))
+    return rows
+
+
+def worth_of_peak(errors: Mapping[str, Any]) -> str:
+    """Of the peak pressure of one opening held to the end, in a sentence; nothing where there is none."""
+    if not (of := errors.get("peak_pressure_mmHg")):
+        return ""
+    words = {"mesh": "mesh", "order": "order", "step": "time steps"}
+    known = [f"{words[kind]} {number(of[kind], 2)}" for kind in words if _is_number(of.get(kind))]
+    moved = f", moved by {', '.join(known)} mmHg" if known else ""
+    low, high = (number(value) for value in of["material"])
+    peak = f"Held to the end, one opening has its peak at {number(of['value'])} mmHg{moved}"
+    return f"{peak}; other published tissue: {low} to {high} mmHg."
+
+
+def _strained(threshold: str) -> str:
+    return f"Tissue with principal strain above {100 * float(threshold):g} %"
+
+
+def risks(answers: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
+    """(protocol, pressure held for 15 minutes, minutes pressed in all, what published counts say of that) in words."""
+    rows = []
+    for name, answer in answers.items():
+        if interval := answer.get("infarct_probability_95"):
+            held, pressed = answer["pressure_held_15_min_mmHg"], answer["pressed_min"]
+            said = evidence(held, answer["peak_pressure_mmHg"], pressed)
+            if decides(interval):
+                low, high = (number(100 * p, 2) for p in interval)
+                said += f"; probability at least {low} %" if interval[0] > 0.5 else f"; probability at most {high} %"
+            rows.append((name, f"{number(held)} mmHg" if held else "none", f"{number(pressed, 2)} min", said))
+    return rows
+
+
+def _is_number(value: Any) -> TypeGuard[float]:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _shown(value: Any, unit: str, digits: int = 3) -> str:
+    if _is_number(value) and abs(value) < ROUNDING:
+        return "0"
+    return number(100 * value if unit == "%" and _is_number(value) else value, digits)
+
+
+def _row(name: str, unit: str, values: list[Any], ranked: bool) -> Row:
+    known = ranked and all(_is_number(v) for v in values)
+    marks = _marks(values) if known else [""] * len(values)
+    return Row(name, unit, [(_shown(v, unit), mark) for v, mark in zip(values, marks, strict=True)])
+
+
+def _marks(values: list[float]) -> list[str]:
+    """ "lowest" and "highest" where values differ by more than rounding; ties share the word."""
+    low, high = min(values), max(values)
+    near = EQUAL * max(abs(low), abs(high))
+    if len(values) < 2 or high - low <= near:
+        return [""] * len(values)
+    return ["lowest" if v - low <= near else "highest" if high - v <= near else "" for v in values]

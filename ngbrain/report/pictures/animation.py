@@ -1,0 +1,186 @@
+"""Protocols side by side on the same slice: each at its peak, and all of them at equal times as a viewer shows them."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ngbrain.adjoint.time_curve import TimeCurve
+from ngbrain.errors import require
+from ngbrain.report.pictures import style as looks
+from ngbrain.report.pictures.cut_plane import Section
+from ngbrain.report.pictures.figures import pressures, spans
+from ngbrain.report.pictures.frame import State
+from ngbrain.report.pictures.style import StrainScale, bar_mm, colour, direction, figure, png, style
+from ngbrain.report.pictures.timeline import Run
+from ngbrain.report.render.surface import Floats
+from ngbrain.report.words import moment
+
+MOST = 48
+"""Moments that are shown."""
+REACH = 30e-3
+"""Height of a panel: this far (m) up and down from the middle of the cleft."""
+ACROSS = 3
+"""Panels beside one another."""
+SHARE = 0.8
+"""Of the other pictures' resolution."""
+LETTERS = 98.0
+"""Of a bold title of one point, about so many to the inch."""
+HEIGHT, CURVES = 2.75, 2.1
+"""Of a panel and of the curves, inches."""
+
+
+@dataclass(frozen=True)
+class Moment:
+    """All protocols at a time: s, what is to be said in words, a WebP picture."""
+
+    t: float
+    text: str
+    picture: bytes
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Where times are on a picture, in shares of its size: from `left` on, `width` for `end` s; from `top` down, `height`."""
+
+    left: float
+    top: float
+    width: float
+    height: float
+    end: float
+
+    def at(self, t: float) -> float:
+        """Where a time (s) is, from the left."""
+        return self.left + self.width * t / self.end
+
+
+@dataclass(frozen=True)
+class Animation:
+    """What a viewer needs: moments in order, the one it starts with, and curves with the axes that a mark moves along."""
+
+    moments: list[Moment]
+    start: int
+    curves: bytes
+    axes: list[Axis]
+
+
+def animation(runs: Mapping[str, Run], answers: Mapping[str, Any], scale: StrainScale) -> Animation:
+    """All protocols at equal times; it starts where pressure is highest."""
+    shown, highest = [], 0.0
+    start = 0
+    for t in times(list(runs.values())):
+        now = {name: _now(answers[name], t) for name in runs}
+        titles = {name: title for name, (title, _) in now.items()}
+        text = "; ".join(f"{name}: {title}" for name, title in titles.items())
+        page = _panels([run.at(t) for run in runs.values()], titles, answers, scale)
+        shown.append(Moment(float(t), f"{moment(t)} after first contact. {text}", _webp(page)))
+        pressure = max(pressure for _, pressure in now.values())
+        if pressure > highest:
+            start, highest = len(shown) - 1, pressure
+    return Animation(shown, start, *_curves(answers))
+
+
+def peaks(runs: Mapping[str, Run], answers: Mapping[str, Any], scale: StrainScale) -> bytes:
+    """Every protocol when its own strain is largest; PNG."""
+    states = [run.peak() for run in runs.values()]
+    titles = {
+        state.protocol: f"{moment(state.time)}: {_now(answers[state.protocol], state.time)[0]}" for state in states
+    }
+    return png(_panels(states, titles, answers, scale))
+
+
+def times(runs: Sequence[Run]) -> Floats:
+    """Times (s) at which some run has a frame; of more than `MOST`, so many, evenly in time passed and way gone by blades.
+
+    Both count half, so that short ramps are seen as well as long holds.
+    """
+    every = np.unique(np.concatenate([run.times for run in runs]))
+    if len(every) <= MOST:
+        return every
+    way = sum(np.abs(np.diff(np.interp(every, *run.advance))) for run in runs)
+    gone = np.diff(every) / np.ptp(every) + way / max(float(np.sum(way)), 1e-12)
+    course = np.append(0, np.cumsum(gone))
+    chosen = np.abs(course[:, None] - np.linspace(0, course[-1], MOST)).argmin(axis=0)
+    return np.asarray(every[np.unique(chosen)])
+
+
+def _now(answer: Mapping[str, Any], t: float) -> tuple[str, float]:
+    """Opening and pressure at a time, or at the end before it, in words; the pressure (mmHg)."""
+    series = answer["series"]
+    steps = np.array(series["t_s"], float)
+    at = float(np.clip(t, steps[0], steps[-1]))
+    opened, pressure = (
+        float(TimeCurve(steps, np.array(series[name], float), answer.get("events_s", steps))(at))
+        for name in ("opening_mm", "pressure_mmHg")
+    )
+    ended = f" (ended, {moment(at)})" if t > at * (1 + 1e-9) else ""
+    return f"{round(opened, 1) + 0.0:.1f} mm, {abs(pressure):.0f} mmHg{ended}".replace("-", "−"), pressure
+
+
+def _panels(states: Sequence[State], titles: Mapping[str, str], answers: Mapping[str, Any], scale: StrainScale) -> Any:
+    """The same part of the slice for each state, with one scale of strain."""
+    columns = min(len(states), ACROSS)
+    rows = -(-len(states) // columns)
+    head = 0.5
+    halo = require("matplotlib.patheffects", "report").withStroke(linewidth=2.5, foreground="white")
+    with style():
+        page = figure(rows * (HEIGHT + head))
+        total, width = rows * (HEIGHT + head), 0.925 / columns
+        for k, state in enumerate(states):
+            row, column = divmod(k, columns)
+            bottom = 1 - ((row + 1) * (HEIGHT + head)) / total
+            axes = page.add_axes((column * width + 0.004, bottom, width - 0.008, HEIGHT / total))
+            wide = REACH * (width - 0.008) * looks.WIDTH / HEIGHT
+            middle = state.cleft.depth / 2 + 3e-3
+            axes.set(xlim=(-1e3 * wide, 1e3 * wide), ylim=(1e3 * (middle - REACH), 1e3 * (middle + REACH)))
+            axes.set_aspect("equal")
+            axes.tick_params(left=False, bottom=False, labelleft=False, labelbottom=False)
+            for spine in axes.spines.values():
+                spine.set(visible=True, color="#999999")
+            Section(state).draw(axes, scale)
+            bar_mm(axes, 10)
+            for v, x in ((state.cleft.across, 0.975), (-state.cleft.across, 0.025)):
+                look = {"transform": axes.transAxes, "ha": "right" if x > 0.5 else "left", "path_effects": [halo]}
+                axes.text(x, 0.55, direction(v), weight="bold", zorder=10, **look)
+            above = {"transform": axes.transAxes, "va": "bottom", "ha": "left"}
+            for y, text, size, more in (
+                (1.075, state.protocol, 10.0, {"color": colour(state.protocol, answers), "weight": "bold"}),
+                (1.01, titles[state.protocol], 9.0, {}),
+            ):
+                fits = LETTERS * (width - 0.008) * looks.WIDTH / len(text)
+                axes.text(0, y, text, fontsize=min(size, fits), **more, **above)
+        scale.bar(page, (0.942, 1 - (head + 0.9 * HEIGHT) / total, 0.013, 0.7 * HEIGHT / total))
+        return page
+
+
+def _curves(answers: Mapping[str, Any]) -> tuple[bytes, list[Axis]]:
+    """Pressure over time, in the same width."""
+    found = []
+    with style():
+        page = figure(CURVES)
+        left, right, bottom, top = 0.075, 0.915, 0.2, 0.9
+        grid = page.add_gridspec(
+            1, len(spans(answers)), width_ratios=[1, 1.75][: len(spans(answers))],
+            left=left, right=right, top=top, bottom=bottom, wspace=0.10,
+        )  # fmt: skip
+        for column, span in enumerate(spans(answers)):
+            axes = page.add_subplot(grid[0, column])
+            pressures(axes, answers, span)
+            axes.set_xlabel(f"time from first contact ({span.unit})")
+            axes.set_title(span.name, fontsize=9.5)
+            axes.tick_params(labelleft=column == 0)
+            axes.set_ylabel("pressure (mmHg)" if column == 0 else "")
+            box = axes.get_position()
+            found.append(Axis(*map(float, (box.x0, 1 - box.y1, box.width, box.height, span.end))))
+        return png(page), found
+
+
+def _webp(page: Any) -> bytes:
+    """The bytes of a figure, without loss and small."""
+    stream = io.BytesIO()
+    page.savefig(stream, format="webp", dpi=SHARE * looks.DPI, pil_kwargs={"lossless": True, "method": 4})
+    return stream.getvalue()

@@ -1,0 +1,103 @@
+"""A protocol's tissue and blade at one time, as the pictures need them."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ngbrain.mesh import Cleft
+from ngbrain.report.pictures.tool import Drawn
+from ngbrain.report.render.surface import Floats, Ints, faces, triangles
+
+OPENED = re.compile(r"craniotomy|wall_|end_|floor|lid")
+"""Boundaries that do not lie on the skull."""
+FOLD = 0.2
+"""A tetrahedron is folded where its volume element at a corner is less than this share of the straight one's."""
+_MIDDLE = {frozenset(pair): 4 + k for k, pair in enumerate([(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)])}
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """What is drawn of one protocol.
+
+    points, rest   (n, 3) m, displaced and as they were
+    strain         (n,) maximum principal strain
+    tets, region   (ntets, 10) nodes in VTK's order; (ntets,) names
+    outer          boundary name → six-node faces of the outer surface, outwards
+    borders        (m, 3) triangles of it and between regions
+    tool, blades   what opens the cleft, and as it stands
+    time           s
+    """
+
+    protocol: str
+    time: float
+    points: Floats
+    rest: Floats
+    strain: Floats
+    tets: Ints
+    region: np.ndarray
+    outer: dict[str, Ints]
+    borders: Ints
+    cleft: Cleft
+    craniotomy: float
+    tool: str
+    blades: tuple[Drawn, ...]
+
+    def surface(self) -> Ints:
+        """Triangles of the outer surface."""
+        return self._triangles(lambda name: True)
+
+    def skull(self) -> Ints:
+        """Triangles of the surface under the skull."""
+        return self._triangles(lambda name: not OPENED.match(name))
+
+    def window(self) -> Ints:
+        """Triangles of the surface under the craniotomy."""
+        return self._triangles(lambda name: name.startswith("craniotomy"))
+
+    def cleft_faces(self) -> dict[str, Ints]:
+        """Triangles of the walls, ends and floor of the cleft, by name."""
+        return {k: triangles(v) for k, v in self.outer.items() if OPENED.match(k) and not k.startswith("craniotomy")}
+
+    def ventricles(self) -> Ints:
+        """Triangles of the ventricles' surface."""
+        inside = np.char.startswith(self.region.astype(str), "ventricle")
+        return triangles(faces(self.tets[inside])) if inside.any() else np.zeros((0, 3), int)
+
+    def _triangles(self, wanted: Any) -> Ints:
+        parts = [six for name, six in self.outer.items() if wanted(name)]
+        return triangles(np.concatenate(parts)) if parts else np.zeros((0, 3), int)
+
+
+def unfolded(tets: Ints, rest: Floats, points: Floats, strain: Floats) -> Floats:
+    """Strain (n,) with the values at nodes of folded tetrahedra replaced by a mean over the tetrahedra there.
+
+    A curved tetrahedron can be all but flat at a corner, and the gradient of any field is then without meaning there.
+    The mean is of the strain that each tetrahedron's four corners show, by volume.
+    """
+    x = rest[tets]
+    straight = np.linalg.det(x[:, 1:4] - x[:, :1])
+    folded = np.zeros(len(tets), bool)
+    for i in range(4):
+        others = [j for j in range(4) if j != i]
+        middles = [_MIDDLE[frozenset((i, j))] for j in others]
+        curved = np.linalg.det(4 * x[:, middles] - 3 * x[:, [i]] - x[:, others])
+        folded |= curved * np.linalg.det(x[:, others] - x[:, [i]]) < FOLD * straight**2
+    nodes = np.unique(tets[folded])
+    if not len(nodes):
+        return strain
+    near = np.flatnonzero(np.isin(tets, nodes).any(axis=1))
+    y = points[tets[near]]
+    gradient = np.linalg.solve(x[near, 1:4] - x[near, :1], y[:, 1:4] - y[:, :1])  # F transposed
+    largest = (np.linalg.eigvalsh(gradient @ gradient.transpose(0, 2, 1))[:, 2] - 1) / 2
+    weight = np.abs(straight[near])[:, None] * np.ones(10)
+    flat, n = tets[near].ravel(), len(rest)
+    mean = (
+        np.bincount(flat, (weight * largest[:, None]).ravel(), n)[nodes] / np.bincount(flat, weight.ravel(), n)[nodes]
+    )
+    result = strain.copy()
+    result[nodes] = mean
+    return result

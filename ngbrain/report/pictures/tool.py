@@ -1,0 +1,101 @@
+"""Tools as they are drawn, from the distance that contact sees: cut through the middle, and as solids."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ngbrain.errors import require
+from ngbrain.mesh import Cleft
+from ngbrain.report.render.surface import Floats, Ints, cut_tets
+from ngbrain.scene import Tool
+from ngbrain.surgery.tools import HANDLE, RigidTool, tools_of
+
+TOOLS = {
+    "spatula": "blade",
+    "two spatulas": "blades",
+    "plate": "plate",
+    "tube": "tube",
+    "ball": "ball",
+    "surface": "tool",
+}
+"""Kind of tool → its name in pictures."""
+FINE, COARSE = 0.2e-3, 0.5e-3
+"""Steps (m) of the grids that a cut through a tool, and its solid, are found on."""
+BESIDE = 1.5
+"""Steps that a grid goes on around a tool."""
+_SIX = np.array([[0, 1, 3, 7], [0, 1, 5, 7], [0, 2, 3, 7], [0, 2, 6, 7], [0, 4, 5, 7], [0, 4, 6, 7]])
+"""Tetrahedra of a cube, whose corner 4i + 2j + k is at (i, j, k)."""
+
+
+def drawn(blade: Mapping[str, Any], cleft: Cleft, advance: float) -> tuple[Drawn, ...]:
+    """The tools that `geometry.blade` of a result tells of, when they have gone `advance` (m) together."""
+    given = {key.removesuffix("_m"): value for key, value in blade.items() if value is not None}
+    tools = list(tools_of(Tool(**given), cleft).values())
+    shown = tools[:1] if tools[0].single else tools
+    return tuple(Drawn(each, cleft, advance / len(tools)) for each in shown)
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A tool where it stands at some time, `advance` (m) from where it touched; `cleft` is what pictures are drawn in."""
+
+    tool: RigidTool
+    cleft: Cleft
+    advance: float
+
+    def across(self, height: float) -> float:
+        """Where its middle is between the walls (m), at a height (m) above the cleft's floor."""
+        at = self.profile()
+        near = at[np.abs(at[:, 1] - height) <= max(4 * FINE, np.abs(at[:, 1] - height).min())]
+        return float((near[:, 0].min() + near[:, 0].max()) / 2)
+
+    @property
+    def handle(self) -> Floats:
+        """A point (m) near its upper end."""
+        return self.cleft.target + self.top * self.cleft.out + self.across(self.top) * self.cleft.across
+
+    @property
+    def top(self) -> float:
+        """Its height (m), above the cleft's floor."""
+        low, high = (float(end[2]) for end in self.tool.bounds(self.advance))
+        return high - 0.1 * min(HANDLE, high - low)
+
+    def profile(self) -> Floats:
+        """Cut through its middle: (across, height) in m, (k, 2)."""
+        return self._profile
+
+    @cached_property
+    def _profile(self) -> Floats:
+        a, c = self._axes(FINE, (0, 2))
+        at = np.stack([each.ravel() for each in np.meshgrid(a, [0.0], c, indexing="ij")], axis=1)
+        grid = self.tool.signed(self.advance, at).reshape(len(a), len(c))
+        axes = require("matplotlib.figure", "report").Figure().subplots()
+        (lines,) = axes.contour(a, c, grid.T, [0.0]).allsegs
+        return np.asarray(max(lines, key=len)) * [self._side, 1]
+
+    def solid(self) -> tuple[Floats, Ints]:
+        """Points (m) and triangles."""
+        axes = self._axes(COARSE, (0, 1, 2))
+        at = np.stack([each.ravel() for each in np.meshgrid(*axes, indexing="ij")], axis=1)
+        number = np.arange(len(at)).reshape([len(axis) for axis in axes])
+        corners = [number[i : i - 1 or None, j : j - 1 or None, k : k - 1 or None] for i, j, k in np.ndindex(2, 2, 2)]
+        cubes = np.stack([each.ravel() for each in corners], axis=1)
+        tets = cubes[:, _SIX].reshape(-1, 4)
+        cut = cut_tets(tets, -self.tool.signed(self.advance, at), np.arange(len(tets)))
+        frame = self.tool.cleft
+        return frame.target + cut.at(at) @ np.stack([frame.across, frame.along, frame.out]), cut.simplices
+
+    def _axes(self, step: float, which: tuple[int, ...]) -> list[Floats]:
+        """Of a grid around it."""
+        low, high = self.tool.bounds(self.advance)
+        return [np.arange(low[i] - BESIDE * step, high[i] + (BESIDE + 1) * step, step) for i in which]
+
+    @property
+    def _side(self) -> float:
+        """1, or -1 for a tool that pushes the other wall."""
+        return float(np.sign(self.tool.cleft.across @ self.cleft.across))

@@ -1,0 +1,224 @@
+"""Heads to operate on: what a scene needs to know of one, for the idealised head and for one from a scan."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Protocol
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.forward.common.interpolation import quadrature_field, quadrature_points
+from ngbrain.image import Scan, Volume, mni152, read_scan
+from ngbrain.image.labelling import template_place, tissues
+from ngbrain.image.read.label_map import LabelMap
+from ngbrain.image.read.label_schemes import TISSUES
+from ngbrain.image.read.property_maps import read_map
+from ngbrain.image.segment.tissue_classes import NAMES, VENTRICLE, WHITE
+from ngbrain.io.cache import Arrays, kept
+from ngbrain.mesh import Cleft, Elements, Sizes, idealised_head, smallest_angles, tet_mesh
+from ngbrain.mesh.geometry import cleft_walls, level_set, primitives
+from ngbrain.mesh.routes import cleft_head
+from ngbrain.mesh.routes.craniotomy import cleft_in
+from ngbrain.mesh.surface import head_outlines, manifold, remeshing
+from ngbrain.mesh.surface.head_outlines import Outlines, outlines
+from ngbrain.scene import Geometry, Scene
+from ngbrain.scene.operation import Openable
+
+FIBRES = "fibres, and "
+"""What is left out unless a tissue has some."""
+PART = "."
+"""Between a region's name and the number of a part of it."""
+
+
+class Head(Openable, Protocol):
+    """A head before it is opened.
+
+    left_out   what the model of it leaves out, in words
+    stiffness  a measured map of shear moduli in the head's space, NaN where nothing was measured
+    """
+
+    left_out: str
+    stiffness: Volume | None
+
+    def opened(self, cleft: Cleft, craniotomy: float, sizes: Sizes) -> ngs.Mesh:
+        """The mesh, with regions, and boundaries `skull`, `craniotomy` and the cleft's."""
+
+    def mixtures(self, mesh: ngs.Mesh, order: int) -> dict[str, dict[str, Any]]:
+        """Region of the mesh → tissue → its share at the quadrature points of an order: 1, or a field that is 0 or 1.
+
+        Regions of a mesh that was divided (`divide`) are named as those that they are parts of, and a number.
+        """
+
+    def describe(self, mesh: ngs.Mesh) -> dict[str, Any]:
+        """For the result."""
+
+    def pictures(self) -> dict[str, np.ndarray]:
+        """For the report, which shows slices of them: T1, labels and their place. Nothing where there is no scan."""
+
+
+class Idealised(primitives.Ellipsoids):
+    """Ellipsoids: see `ngbrain.mesh.idealised_head`."""
+
+    left_out = "pia, dura, vessels and the sulci of the cortex; the head is an idealised shape"
+    stiffness: Volume | None = None
+    opened = staticmethod(idealised_head)
+
+    def mixtures(self, mesh: ngs.Mesh, order: int) -> dict[str, dict[str, Any]]:
+        """Every region is a tissue of its own."""
+        return {name: {name: 1.0} for name in mesh.GetMaterials()}
+
+    def describe(self, mesh: ngs.Mesh) -> dict[str, Any]:
+        """Where it comes from."""
+        return {"source": "idealised head of ellipsoids"}
+
+    def pictures(self) -> dict[str, np.ndarray]:
+        """None."""
+        return {}
+
+
+@dataclass(eq=False)
+class Scanned:
+    """A head from a T1 scan: tissue labels, and smooth outlines of the brain and of its ventricles."""
+
+    scan: Scan
+    labels: Volume
+    outlines: Outlines = field(init=False)
+    stiffness: Volume | None = None
+    left_out = (
+        "pia, dura, vessels and the sulci of the cortex: sulcal fluid inside the hull takes grey matter's law; "
+        f"{FIBRES}differences between parts of grey and of white matter"
+    )
+
+    def __post_init__(self) -> None:
+        self.outlines = outlines(LabelMap(self.labels, TISSUES))
+
+    @classmethod
+    def of(cls, scan: Scan) -> Scanned:
+        """Of any T1 of a whole head or brain (see `tissues`); raises `InputError` for another picture."""
+        return cls(scan, tissues(scan).volume)
+
+    def point(self, voxel: Sequence[float]) -> np.ndarray:
+        """The middle of a voxel of the file, counted from 0."""
+        return np.asarray((self.scan.file_affine @ [*voxel, 1.0])[:3])
+
+    def cleft_to(
+        self,
+        target: np.ndarray,
+        opening: float = 4e-3,
+        width: float = 12e-3,
+        approach: np.ndarray | None = None,
+        across: np.ndarray | None = None,
+    ) -> Cleft:
+        """By the shortest way to the surface, or along `approach`; the target must lie in tissue."""
+        target = np.asarray(target, float)
+        shape = self.outlines
+        return cleft_in(shape.brain, shape.ventricles, target, opening, width, approach, across)
+
+    def opened(self, cleft: Cleft, craniotomy: float, sizes: Sizes) -> ngs.Mesh:
+        """From the cache, or made by `from_labels.head`."""
+        shape = {name: np.asarray(value).tolist() for name, value in vars(cleft).items()}
+        made_from = [self.labels.digest(), shape, craniotomy, asdict(sizes), version("netgen-mesher")]
+        modules = (head_outlines, level_set, remeshing, manifold, cleft_walls, cleft_head, tet_mesh)
+
+        def make() -> Arrays:
+            return cleft_head.head(self.outlines, cleft, craniotomy, sizes).elements.arrays()
+
+        return Elements.from_arrays(kept("mesh", made_from, modules, make)).mesh()
+
+    def mixtures(self, mesh: ngs.Mesh, order: int) -> dict[str, dict[str, Any]]:
+        """Grey and white matter as the nearest voxel has it; what is neither, sulcal fluid above all, is grey."""
+        space, points = quadrature_points(mesh, order - 1)
+        found = self.labels.at(points, order=0)
+        white, grey = quadrature_field(space, found == WHITE), quadrature_field(space, found != WHITE)
+        parts = {"brain": {"grey": grey, "white": white}, "ventricles": {"ventricles": 1.0}}
+        return {name: parts[name.partition(PART)[0]] for name in mesh.GetMaterials()}
+
+    def describe(self, mesh: ngs.Mesh) -> dict[str, Any]:
+        """Where it comes from, and volumes of its labels against the mesh's (ml)."""
+        ml = 1e6 * self.labels.voxel_volume
+        counts = np.bincount(self.labels.data.ravel(), minlength=len(NAMES)) * ml
+        names = dict(zip(NAMES, counts.tolist(), strict=True))
+        return {
+            "source": self.scan.source,
+            "label_volumes_ml": {name: value for name, value in names.items() if name != "outside"},
+            "label_brain_ml": float(counts[1:].sum() - counts[VENTRICLE]),
+            "min_dihedral_deg": float(smallest_angles(_corners(mesh)).min()),
+        }
+
+    def pictures(self) -> dict[str, np.ndarray]:
+        """The T1 in 256 steps, the labels, and where their first voxel is (m)."""
+        t1, spacing = self.scan.volume.data, self.labels.spacing[0]
+        low, high = t1.min(), np.quantile(t1[self.labels.data > 0], 0.999)
+        steps = (255 * ((t1 - low) / (high - low)).clip(0, 1)).astype(np.uint8)
+        place = {"origin_m": self.labels.affine[:3, 3], "spacing_m": np.asarray(spacing)}
+        return {"t1": steps, "labels": self.labels.data, **place}
+
+
+def present(mesh: ngs.Mesh, region: str, shares: dict[str, Any]) -> dict[str, np.ndarray]:
+    """Tissue → in which elements (a mask) of a region of the mesh it has a quadrature point."""
+    inside = _indices(mesh) == mesh.GetMaterials().index(region) + 1
+    found = {}
+    for name, share in shares.items():
+        is_field = isinstance(share, ngs.GridFunction)
+        found[name] = inside & (share.vec.FV().NumPy().reshape(mesh.ne, -1) > 0.5).any(axis=1) if is_field else inside
+    return found
+
+
+def divide(mesh: ngs.Mesh, region: str, groups: Sequence[np.ndarray]) -> ngs.Mesh:
+    """The mesh with a region in parts: its elements that are in the same of some groups (masks) are one part.
+
+    So each part has the energies of the groups that occur in it, and no others. What is in all groups keeps the region's name.
+    """
+    made, own = mesh.ngmesh.Copy(), mesh.GetMaterials().index(region) + 1
+    kinds = np.sum([np.where(group, 1 << i, 0) for i, group in enumerate(groups)], axis=0)
+    inside = _indices(mesh) == own
+    numbers = {(1 << len(groups)) - 1: own}
+    for kind in np.unique(kinds[inside]).tolist():
+        if kind not in numbers:
+            numbers[kind] = len(mesh.GetMaterials()) + len(numbers)
+            made.SetMaterial(numbers[kind], f"{region}{PART}{kind}")
+    for element, kind, mine in zip(made.Elements3D(), kinds.tolist(), inside.tolist(), strict=True):
+        if mine:
+            element.index = numbers[kind]
+    return ngs.Mesh(made)
+
+
+def _indices(mesh: ngs.Mesh) -> np.ndarray:
+    """Number of every element's region, from 1 on."""
+    return np.asarray(mesh.ngmesh.Elements3D().NumPy()["index"])
+
+
+def head_of(geometry: Geometry) -> Head:
+    """The head that a scene asks for; raises `InputError` for a scan that cannot be used."""
+    if geometry.kind == "idealised":
+        return Idealised()
+    scan = mni152() if geometry.kind == "mni152" else read_scan(str(geometry.image))
+    head = Scanned.of(scan)
+    return replace(head, stiffness=_stiffness(geometry, scan)) if geometry.stiffness_map else head
+
+
+def _stiffness(geometry: Geometry, scan: Scan) -> Volume:
+    """The scene's map in the head's space."""
+    found = read_map(str(geometry.stiffness_map), "shear moduli or shear stiffness")
+    if geometry.kind == "mni152" or geometry.stiffness_map_space == "head":
+        return found
+    return Volume(found.data, template_place(scan) @ found.affine)
+
+
+def _corners(mesh: ngs.Mesh) -> np.ndarray:
+    """Corners (n, 4, 3) of the tetrahedra (m)."""
+    return np.asarray(mesh.ngmesh.Coordinates()[mesh.ngmesh.Elements3D().NumPy()["nodes"][:, :4] - 1])
+
+
+def likewise(scene: Scene, image: str) -> Scene:
+    """A scene on the MNI152 head, moved to the like place of another scan: where the template lies in it."""
+    cleft = scene.operated
+    space = "mni152" if scene.geometry.stiffness_map else None
+    geometry = replace(scene.geometry, kind="scan", image=image, stiffness_map_space=space)
+    target = template_place(read_scan(image)) @ [*(cleft.target or ()), 1.0]
+    title = scene.title.replace("the MNI152 average brain", Path(image).name)
+    return replace(scene, title=title, geometry=geometry, cleft=replace(cleft, target=tuple(target[:3].tolist())))

@@ -1,0 +1,234 @@
+"""What is read off a body under a blade after every step: force, area, pressure, opening, balances."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.forward.contact.rigid import SURFACE_ORDER, Contact
+from ngbrain.forward.observables import Force, Functional, Observable
+from ngbrain.forward.observables.wall import (
+    ContactArea,
+    ContactForce,
+    DrivingForce,
+    Patch,
+    PatchDisplacement,
+    WallPass,
+    mean_depth,
+    patch_pressure,
+)
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.solid.virtual_work import Seen
+from ngbrain.scene.operation import FACED
+from ngbrain.surgery.measures.sampling import Part, tissue_percentiles
+from ngbrain.surgery.tools import RigidTool, patch
+
+PATCH_MARGIN = 1e-3
+"""The pressure patch stays this far (m) inside the face's edges; its last part, from the tip, has a pressure of its own,"""
+CENTRE = FACED / 2
+"""and so has its middle: what of it is within this distance (m) of its centroid, both on the unloaded wall."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of a run's record; SI units."""
+
+    t: float
+    advance: float
+    opening: float
+    force: float
+    net_reaction: float
+    area: float
+    pressure: float
+    tip_pressure: float
+    centre_pressure: float
+    gap: float
+    depth: float
+    min_det_F: float  # noqa: N815
+    balance: float
+    blade_work: float
+    contact_energy: float
+    tissue_work: float
+    tissue_work_size: float
+    friction_work: float
+
+
+class Observer:
+    """Evaluates a `Row` of what blades do to walls, its `retraction_observables` in one pass over each, and holds the running work.
+
+    Of several blades area is the sum, pressures are of all their patches together, opening and advance the sum of their ways,
+    force and net reaction the mean.
+
+    Pressure is the normal force on the fixed patch of wall under the face over the patch's current area, tip pressure
+    the same over its last 5 mm, centre pressure within 2.5 mm of its middle. Gap is the smallest of any point, negative
+    inside a blade; depth is how far tissue is inside where it presses, the mean ∫ p d / ∫ p. Force is what a blade feels
+    along the push, of its contact and friction. The net reaction is the tissue's own nodal force on the wall along the push, from
+    the equilibrium residual without the contact term; `balance` is |blades + supports| / |blade| (0 without a force). Its
+    work is ∫ `Contact.driving` d(advance), and what friction adds; it goes into the contact energy, which the penalty stores, into
+    friction and the tissue work ∫∫ P:Ḟ. The size of that, Σ |∫ P:ΔF| over steps, is at most ∫∫ |P:Ḟ|, so that a balance
+    relative to it is not flattered.
+    """
+
+    def __init__(self, body: Problem, blades: Mapping[str, RigidTool], fixed: str) -> None:
+        self.body, self.asked = body, retraction_observables(body, blades)
+        """Columns of a `Row` that are of any problem with these contacts, as `Observable`s by name."""
+        contacts, reaction = _under(body, blades), self.asked["net_reaction"]
+        driving = DrivingForce([Patch(each) for each in contacts.values()])
+        on_walls = {name: each for name, each in self.asked.items() if each is not reaction} | {"driving": driving}
+        self._names, self._pass = list(on_walls), WallPass(body, list(on_walls.values()))
+        assert isinstance(reaction, Force)
+        self._reaction = reaction.on(body)
+        displacement = body.fes.components[0]
+        pushes = {wall: _nodal(displacement, ngs.CF(_across(blade))) for wall, blade in blades.items()}
+        self._push = next(iter(pushes.values()))
+        self._along = sum(push * _mask(displacement, wall) for wall, push in pushes.items()) / len(pushes)
+        self._on_fixed = _mask(displacement, fixed)
+        self._forces = np.zeros(displacement.ndof)
+        self._u = np.zeros(displacement.ndof)
+        self._advance = self._driving = 0.0
+        self.blade_work = self.tissue_work = self.tissue_work_size = self.friction_work = 0.0
+
+    def __call__(self, t: float, advance: float, min_det: float) -> Row:
+        """The body as it stands at time t with the blades at `advance` (m)."""
+        seen = dict(zip(self._names, self._pass().tolist(), strict=True))
+        tissue, contact = self.body.tissue_forces(), self.body.contact_forces()
+        driving = seen.pop("driving") + self.body.friction_driving()
+        seen["force"] = max(0.0, seen["force"] - float(self._along @ self.body.friction_forces()))
+        supports = float(self._push[self._on_fixed] @ (tissue + contact)[self._on_fixed])
+        left = abs(supports - self._push @ contact)
+        self._add_work(tissue, driving, advance)
+        return Row(
+            t=t,
+            advance=advance,
+            net_reaction=float(self._reaction.value(tissue)[0]),
+            gap=self.body.min_gap(),
+            min_det_F=min_det,
+            balance=left / seen["force"] if seen["force"] else 0.0,
+            blade_work=self.blade_work,
+            contact_energy=self.body.contact_energy(),
+            tissue_work=self.tissue_work,
+            tissue_work_size=self.tissue_work_size,
+            friction_work=self.friction_work,
+            **seen,
+        )
+
+    def checkpoint(self) -> dict[str, object]:
+        """The running work and the state it is measured from."""
+        works = ("blade_work", "tissue_work", "tissue_work_size", "friction_work")
+        names = ("_u", "_forces", "_advance", "_driving", *works)
+        return {name.lstrip("_"): getattr(self, name) for name in names}
+
+    def restore(self, saved: dict[str, object]) -> None:
+        """Go on from a checkpoint."""
+        for name, value in saved.items():
+            setattr(self, name if hasattr(self, name) else f"_{name}", value)
+
+    def _add_work(self, tissue: np.ndarray, driving: float, advance: float) -> None:
+        u = np.array(self.body.u.vec.FV().NumPy())
+        step = float((tissue + self._forces) @ (u - self._u)) / 2
+        self.tissue_work += step
+        self.tissue_work_size += abs(step)
+        self.friction_work += self.body.friction_work()
+        self.blade_work += (driving + self._driving) / 2 * (advance - self._advance)
+        self._u, self._forces, self._advance, self._driving = u, tissue, advance, driving
+
+
+def retraction_observables(
+    body: Problem, blades: Mapping[str, RigidTool], parts: Mapping[str, Part] | None = None
+) -> dict[str, Observable]:
+    """What is asked of a body that blades press, by column of a `Row`: as data of a run's model, or a ladder's question.
+
+    Parameters
+    ----------
+    body : Problem
+        With a `Contact` on each wall.
+    blades : mapping
+        Wall → what presses it.
+    parts : mapping, optional
+        Tissue that counts, as `Model.parts` has it: with it also `mps_p50` to `oss_p99`, see `sampling.tissue_percentiles`.
+
+    Returns
+    -------
+    dict
+        `opening`, `area`, `force` (without friction), `pressure`, `tip_pressure`, `centre_pressure`, `depth`, `net_reaction`; all
+        but the area have a gradient.
+    """
+    contacts = _under(body, blades)
+    across = [_across(blade) for blade in blades.values()]
+
+    def patches(name: str, where: Callable[[Contact, RigidTool], ngs.CoefficientFunction]) -> list[Patch]:
+        return [
+            Patch(contacts[wall], where(contacts[wall], each), f"{name} on {wall}") for wall, each in blades.items()
+        ]
+
+    whole = [Patch(each) for each in contacts.values()]
+    under = patches("the blade's face", lambda _, blade: patch(blade, PATCH_MARGIN))
+    tip = patches("the blade's tip", lambda _, blade: patch(blade, PATCH_MARGIN, FACED))
+    centre = patches("the middle of the blade's face", lambda contact, blade: _centre(body, contact, blade))
+    motion = body.mesh.BoundaryCF(
+        {wall: ngs.CF(_across(blade)) / len(blades) for wall, blade in blades.items()}, default=ngs.CF((0.0, 0.0, 0.0))
+    )
+    return {
+        "opening": PatchDisplacement(under, across),
+        "area": ContactArea(whole),
+        "pressure": patch_pressure(under),
+        "tip_pressure": patch_pressure(tip),
+        "centre_pressure": patch_pressure(centre),
+        "depth": mean_depth(whole),
+        "force": ContactForce(whole, across),
+        "net_reaction": Force("|".join(blades), motions=[motion]),
+        **(tissue_percentiles(next(iter(blades.values())).cleft, parts) if parts else {}),
+    }
+
+
+def _under(body: Problem, blades: Mapping[str, RigidTool]) -> dict[str, Contact]:
+    """Wall → its contact."""
+    contacts = {each.wall: each for each in body.contacts if isinstance(each, Contact)}
+    return {wall: contacts[wall] for wall in blades}
+
+
+def _across(blade: RigidTool) -> tuple[float, ...]:
+    return tuple(map(float, blade.cleft.across))
+
+
+def _centre(body: Problem, contact: Contact, blade: RigidTool) -> ngs.CoefficientFunction:
+    """1 in the middle of a blade's patch, 0 elsewhere."""
+    x, where = ngs.CF((ngs.x, ngs.y, ngs.z)), patch(blade, PATCH_MARGIN)
+    on = body.mesh.Boundaries(contact.wall)
+    size, *middle = ngs.Integrate(ngs.CF((where, where * x)), body.mesh, definedon=on, order=SURFACE_ORDER)
+    off = x - ngs.CF(tuple(moment / size for moment in middle))
+    return where * ngs.IfPos(CENTRE**2 - ngs.InnerProduct(off, off), 1, 0)
+
+
+def _nodal(space: ngs.FESpace, field: ngs.CoefficientFunction) -> np.ndarray:
+    gfu = ngs.GridFunction(space)
+    gfu.Set(field)
+    return np.array(gfu.vec.FV().NumPy())
+
+
+def _mask(space: ngs.FESpace, boundary: str) -> np.ndarray:
+    return np.fromiter(space.GetDofs(space.mesh.Boundaries(boundary)), bool, space.ndof)
+
+
+def swept_volume(boundary: str) -> Functional:
+    """Volume (m³) that a boundary sweeps outwards, ∫∫ u · cof(1 + s∇u) N ds dS over 0 ≤ s ≤ 1; Simpson is exact in s."""
+
+    def swept(at: Seen) -> ngs.comp.SumOfIntegrals:
+        stages = [(0.0, 1 / 6), (0.5, 4 / 6), (1.0, 1 / 6)]
+        normal = ngs.specialcf.normal(3)
+        rate = sum(w * ngs.InnerProduct(at.u, ngs.Cof(ngs.Id(3) + s * at.along) * normal) for s, w in stages)
+        return rate * ngs.ds(boundary, bonus_intorder=6)
+
+    return Functional(swept, name=f"volume swept by {boundary}", unit="m³")
+
+
+def volume_change(region: str) -> Functional:
+    """∫ (J - 1) dV over a region (m³)."""
+
+    def change(at: Seen) -> ngs.comp.SumOfIntegrals:
+        return (ngs.Det(at.F) - 1) * ngs.dx(definedon=at.mesh.Materials(region), bonus_intorder=6)
+
+    return Functional(change, name=f"change of the volume of {region}", unit="m³")

@@ -1,0 +1,196 @@
+"""Operations by the cheapest model that answers what is asked: the axes of an operation, and its models on the way up.
+
+Strains are finite and the blade touches in all of them: an operation has no cheaper cousin that would say anything. What may be
+left out is how tissues differ, stiffen and relax, friction, and small elements. Steps are judged by taking them on the largest
+elements, elements by tissue without memory: that is dear where the richest model is small.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain import parallel
+from ngbrain.errors import InputError
+from ngbrain.ladder import AskedFor, answered
+from ngbrain.ladder.axes import Axis, between, check
+from ngbrain.ladder.levels import HALVINGS, MeshLevel, Model, PresenceLevel, TimeLevel, TissueLevel
+from ngbrain.ladder.models.bodies import Solution
+from ngbrain.ladder.quantities import State
+from ngbrain.ladder.search import Rung, ascend, stay
+from ngbrain.ladder.solutions import Keeper
+from ngbrain.materials.families import NEO_HOOKE, is_neo_hooke
+from ngbrain.progress import logged, reporting
+from ngbrain.scene import Scene, Tissue
+from ngbrain.scene.result import SceneResult
+from ngbrain.surgery import answers
+from ngbrain.surgery.head_models import Head, head_of
+from ngbrain.surgery.model import Model as Made
+from ngbrain.surgery.plausibility import check_moduli
+from ngbrain.surgery.protocol_run import ProtocolRun
+
+FACTORS = (2.0, math.sqrt(2), 1.0)
+"""How many times as large as the scene's elements are, from level to level,"""
+LARGEST = {"wall": 6e-3, "craniotomy": 14e-3, "largest": 36e-3}
+"""but no larger (m) than this, unless the scene's are: larger ones would cut off some of the brain."""
+ALIKE = 0.85
+"""Elements that are no smaller than this share of others are as large."""
+
+AXES = {
+    axis.name: axis
+    for axis in (
+        Axis("tissue", (TissueLevel.ONE, TissueLevel.EACH), ("that tissues differ",), ("coarse",), (1.2,)),
+        Axis("stiffening", tuple(PresenceLevel), ("that tissue stiffens where it is strained",), ("coarse",), (1.5,)),
+        Axis(
+            "time",
+            (TimeLevel.RELAXED, TimeLevel.FLOWING),
+            ("how tissue relaxes after the first opening",),
+            ("coarse",),
+            (3.0,),
+        ),
+        Axis("friction", tuple(PresenceLevel), ("friction between blade and tissue",), ("coarse",), (1.5,)),
+        Axis(
+            "mesh",
+            HALVINGS,
+            ("smaller elements",) * 2,
+            ("forgetful",) * 2,
+            (2.5, 2.5),
+            1.6,
+        ),
+    )
+}
+
+
+def axes_of(scene: Scene, richest: Model | None = None) -> dict[str, Axis]:
+    """The axes that mean something for an operation, up to the levels of `richest`; `InputError` for names that are none."""
+    check("richest", richest or {}, AXES)
+    idle = {
+        "tissue": len(scene.tissues) < 2,
+        "stiffening": all(is_neo_hooke(tissue.law()) for tissue in scene.tissues),
+        "time": not any(tissue.law().branches for tissue in scene.tissues),
+        "friction": not scene.tool.friction,
+    }
+    found = {}
+    for name, axis in AXES.items():
+        last = axis.at((richest or {}).get(name, axis.levels[-1])) + 1
+        if not idle.get(name):
+            found[name] = between(axis, 0, min(last, len(_factors(scene))) if name == "mesh" else last)
+    return found
+
+
+@reporting()
+def solve(
+    scene: Scene,
+    folder: str | Path | None = None,
+    model: Model | None = None,
+    richest: Model | None = None,
+    threads: int = 1,
+    tell: Callable[[Rung], None] = logged,
+    executor: parallel.AnyExecutor = None,
+    callback: Callable[[dict[str, Any]], None] | None = None,
+) -> SceneResult:
+    """What an operation is asked (`Scene.quantities`), by the cheapest model that is good enough; it reads as `result.json` does.
+
+    Arguments and result are those of `ngbrain.ladder.solve`; answers are in the units of their names. Raises `InputError` for a
+    scene that asks nothing or cannot be built, `SolverError` if the cheapest model has no answer.
+
+    Example, some minutes::
+
+        from dataclasses import replace
+        from ngbrain.scene import Quantity
+        scene = replace(ngbrain.Scene.shipped("idealised_fast"), quantities=(Quantity(name="peak_force_N", tolerance=0.2),))
+        result = ngbrain.simulate(scene)
+        result["answers"], result["model"], result["left_out"]
+    """
+    operation = Operation(scene)
+    axes, keeper = axes_of(scene, richest), Keeper(operation, executor)
+    check_moduli(operation.made({"mesh": "0"}))
+    tolerances = np.array([quantity.tolerance for quantity in operation.questions])
+    asked = [AskedFor.of(quantity) for quantity in operation.questions]
+    if model is None:
+        return answered(
+            scene,
+            folder,
+            threads,
+            lambda watch: ascend(axes, keeper, tolerances, tell, watch),
+            asked,
+            callback=callback,
+        )
+    return answered(scene, folder, threads, lambda _: stay(axes, keeper, model), asked, callback=callback)
+
+
+class Operation:
+    """A scene's head, read once, and its runs by any model."""
+
+    def __init__(self, scene: Scene) -> None:
+        if not scene.quantities:
+            raise InputError("quantity", "missing", "one or more tables [[quantity]], each with a tolerance")
+        self.scene, self.questions, self._made = scene, scene.quantities, dict[str, Made]()
+        self.made_of = (scene,)
+
+    def solve(self, model: Model, near: Mapping[str, State] | None = None) -> Solution:
+        """The numbers that are asked for. Raises `SolverError` where a run gives up."""
+        begun = time.process_time()
+        made = self.made(model)
+        scene = made.scene
+        names = {quantity.protocol or scene.protocols[0].name for quantity in self.questions}
+        found, ndof = dict[str, dict[str, Any]](), 0
+        for program in (made.program(scene, asked) for asked in scene.protocols if asked.name in names):
+            elastic = made.elastic(scene.time.ramp) if model.get("time") == "relaxed" else None
+            run = ProtocolRun(made, program, None, materials=elastic).go()
+            found[program.name], ndof = answers.answer(run.result(), scene.patient), run.transient.problem.fes.ndof
+        values = [found[quantity.protocol or scene.protocols[0].name][quantity.name] for quantity in self.questions]
+        return Solution(np.array(values, float), {}, ndof, time.process_time() - begun)
+
+    def has_states(self, model: Model) -> bool:
+        """None has."""
+        return False
+
+    def made(self, model: Model) -> Made:
+        """Mesh and laws of a model."""
+        level = model["mesh"]
+        if level not in self._made:
+            sizes = replace(self.scene.mesh, **_sizes(self.scene, _factors(self.scene)[MeshLevel(level).halvings]))
+            self._made[level] = Made.of(replace(self.scene, mesh=sizes), self._head)
+        made = self._made[level]
+        tissues, tool = made.scene.tissues, made.scene.tool
+        if model.get("tissue") == "one":
+            tissues = tuple(replace(self._commonest, region=tissue.region) for tissue in tissues)
+        if model.get("stiffening") == "none":
+            tissues = tuple(tissue.with_alpha(NEO_HOOKE) for tissue in tissues)
+        if model.get("friction") == "none":
+            tool = replace(tool, friction=0.0)
+        return replace(made, scene=replace(made.scene, tissues=tissues, tools=(tool,)))
+
+    @cached_property
+    def _head(self) -> Head:
+        return head_of(self.scene.geometry)
+
+    @cached_property
+    def _commonest(self) -> Tissue:
+        """The tissue that most of the head is made of, ventricles apart."""
+        made = self.made({"mesh": "0"})
+        volumes = {name: ngs.Integrate(part.where, made.mesh) for name, part in made.parts().items()}
+        name = max(volumes, key=lambda each: volumes[each])
+        return next(tissue for tissue in self.scene.tissues if re.fullmatch(tissue.region, name))
+
+
+def _sizes(scene: Scene, factor: float) -> dict[str, Any]:
+    """Element sizes (m), so many times as large as the scene's."""
+    own = {name: getattr(scene.mesh, name) for name in LARGEST}
+    return {name: max(size, min(factor * size, LARGEST[name])) for name, size in own.items()}
+
+
+def _factors(scene: Scene) -> tuple[float, ...]:
+    """Those that are worth a step to the next one: of a coarse scene all may be nearly alike."""
+    sizes = [np.array(list(_sizes(scene, factor).values())) for factor in FACTORS]
+    return FACTORS[max(i for i, size in enumerate(sizes) if np.all(size > ALIKE * sizes[0])) :]

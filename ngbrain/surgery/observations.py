@@ -1,0 +1,148 @@
+"""What was measured in a retraction: how landmarks moved, and the force of the blade; from arrays or from tables."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ngbrain.arguments import numbers
+from ngbrain.errors import InputError
+from ngbrain.inverse.objective.misfit import LeastSquares
+from ngbrain.reading import read_table
+
+Array = np.ndarray
+LANDMARKS = ("t_s", "x_mm", "y_mm", "z_mm", "ux_mm", "uy_mm", "uz_mm")
+"""Columns of a table of landmarks: when, where it was before, and by how much it has moved,"""
+FORCE = ("t_s", "force_N")
+"""and of one of forces."""
+LARGEST = {"_mm": 1000.0, "_N": 1000.0, "_s": 1e7}
+"""End of a column's name → number beyond which its unit is another one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What was measured in a retraction; NaN where it was not.
+
+    times          (m,) s since it began
+    landmarks      (n, 3) m, where they were before
+    displacements  (m, n, 3) m
+    force          (m,) N that the blade puts on the wall it pushes, across the cleft
+    sigma          standard deviations of a displacement (m) and of the force (N)
+
+    `Seen.read` takes it from tables. Raises `InputError` for shapes that do not fit together, a σ that is not positive, nothing
+    measured.
+
+    >>> Seen(np.array([60.0]), np.zeros((4, 3)), np.zeros((1, 4, 3)), np.array([0.3]), (2e-4, 0.01)).data.shape
+    (1, 13)
+    """
+
+    times: Array
+    landmarks: Array
+    displacements: Array
+    force: Array
+    sigma: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        times = numbers("Seen.times", self.times, (None,), "growing times (s) of at least 0")
+        landmarks = numbers("Seen.landmarks", self.landmarks, (None, 3), "finite places (n, 3), m")
+        sigma = numbers("Seen.sigma", self.sigma, (2,), "two positive standard deviations (m, N), finite")
+        m, n = len(times), len(landmarks)
+        for name, value, shape in (
+            ("landmarks", landmarks, (n, 3)),
+            ("displacements", self.displacements, (m, n, 3)),
+            ("force", self.force, (m,)),
+        ):
+            found = getattr(value, "shape", None)
+            if found != shape or value.dtype.kind not in "iuf":
+                wanted = f"an array of numbers of shape {shape}: times and landmarks say so"
+                raise InputError(f"Seen.{name}", f"of shape {found}" if found else type(value).__name__, wanted)
+        if not np.all(times >= 0) or not np.all(np.diff(times) > 0):
+            raise InputError("Seen.times", times, "growing times (s) of at least 0")
+        if np.isinf(self.data).any():
+            raise InputError("Seen", "infinite", "finite numbers; measurements may be NaN where there is none")
+        if not np.all(sigma > 0):
+            raise InputError("Seen.sigma", self.sigma, "two positive standard deviations (m, N), finite")
+        if np.all(np.isnan(self.data)):
+            raise InputError("Seen", "nothing but NaN", "displacements or forces")
+
+    @property
+    def data(self) -> Array:
+        """(m, 3n + 1), forces last."""
+        return np.column_stack([np.reshape(self.displacements, (len(self.times), -1)), self.force])
+
+    def misfit(self, times: float = 1.0) -> LeastSquares:
+        """Its weighted squares, with standard deviations so many times as large."""
+        sigma = np.append(np.full(3 * len(self.landmarks), self.sigma[0]), self.sigma[1])
+        return LeastSquares(self.data, times * sigma)
+
+    @classmethod
+    def read(
+        cls, landmarks: str | Path | None, force: str | Path | None, sigma_mm: float = 1.0, sigma_N: float = 1.0
+    ) -> Seen:
+        """From tables (CSV) with the columns `LANDMARKS` and `FORCE`, in the coordinates of the head; either may be missing.
+
+        A landmark is where it was before; what was not measured is left empty, or has no line. Raises `InputError` for columns
+        that are missing, what is no number, a landmark or force that is there twice at one time, tables without a line.
+        """
+        moved = np.empty((0, 7)) if landmarks is None else _table(Path(landmarks), LANDMARKS, 4)
+        pushed = np.empty((0, 2)) if force is None else _table(Path(force), FORCE, 1)
+        times = np.unique(np.concatenate([moved[:, 0], pushed[:, 0]]))
+        places, which = np.unique(moved[:, 1:4], axis=0, return_inverse=True)
+        displacements = np.full((len(times), len(places), 3), np.nan)
+        displacements[np.searchsorted(times, moved[:, 0]), np.ravel(which)] = moved[:, 4:] / 1000
+        forces = np.full(len(times), np.nan)
+        forces[np.searchsorted(times, pushed[:, 0])] = pushed[:, 1]
+        return cls(times, places / 1000, displacements, forces, (sigma_mm / 1000, sigma_N))
+
+
+def _table(path: Path, columns: tuple[str, ...], keys: int) -> Array:
+    """Its rows; the first so many columns say what a row is of. The first column is a time, which grows."""
+    given, found, mark = read_table(path, "table")
+    rows, lines, last = list[list[float]](), dict[tuple[float, ...], int](), dict[tuple[float, ...], float]()
+    places = _places(given, columns, path)
+    for line, cells in found:
+        values = [_number(cells[at], columns[i], line, path, i >= keys, mark == ";") for i, at in enumerate(places)]
+        key = tuple(values[:keys])
+        if key in lines:
+            raise InputError(f"line {line}", f"of what line {lines[key]} is of", "one line for each", path)
+        if not values[0] >= last.get(key[1:], 0.0):
+            wanted = "a time (s) of at least 0, and none before those above for the same thing"
+            raise InputError(f"line {line}, {columns[0]}", cells[places[0]], wanted, path)
+        lines[key], last[key[1:]] = line, values[0]
+        rows.append(values)
+    if not rows:
+        raise InputError("table", "without a line", f"lines of {', '.join(columns)}", path)
+    table = np.array(rows)
+    if np.isnan(table[:, keys:]).all():
+        raise InputError("table", f"without a number in {', '.join(columns[keys:])}", "one at least", path)
+    return table
+
+
+def _places(given: list[str], columns: tuple[str, ...], path: Path) -> list[int]:
+    """Where the columns stand."""
+    shown = ", ".join(given)[:200] or "none"
+    if absent := [name for name in columns if name not in given]:
+        raise InputError("columns", shown, f"{', '.join(columns)}: {absent[0]} is missing", path)
+    if twice := [name for name in columns if given.count(name) > 1]:
+        raise InputError("columns", shown, f"each of them once: {twice[0]} is there twice", path)
+    return [given.index(name) for name in columns]
+
+
+def _number(text: str, column: str, line: int, path: Path, optional: bool, comma: bool) -> float:
+    """A finite number, no larger than what its unit can mean; with a decimal comma where commas part no columns."""
+    plain = (text.replace(",", ".") if comma else text).strip()
+    if optional and plain.lower() in ("", "nan"):
+        return math.nan
+    try:
+        value = float(plain) if "_" not in plain else math.inf
+    except ValueError:
+        value = math.inf
+    where, most = f"line {line}, {column}", next(m for end, m in LARGEST.items() if column.endswith(end))
+    if not math.isfinite(value):
+        raise InputError(where, repr(text[:60]), "a number", path)
+    if not abs(value) <= most:
+        raise InputError(where, f"{value:g}", f"at most {most:g} in that unit", path)
+    return value

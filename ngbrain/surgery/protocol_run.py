@@ -1,0 +1,288 @@
+"""One protocol from rest to end, checkpointed after every step; what it leaves behind is all a report needs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import deepcopy
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ngbrain.errors import InputError
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.statics.stability import CREASE
+from ngbrain.forward.transient.step_control import Control, Progress
+from ngbrain.forward.transient.time_stepper import TimeStepper
+from ngbrain.io import Checkpoint, Frame, QuadraticGrid, load, save
+from ngbrain.look import curves
+from ngbrain.parallel import Tell
+from ngbrain.result import Result, Status
+from ngbrain.solvers.record import NewtonRecord
+from ngbrain.surgery.measures.injury import MPS_THRESHOLDS
+from ngbrain.surgery.measures.observer import Observer, Row, swept_volume, volume_change
+from ngbrain.surgery.measures.sampling import Sample, Sampler, Spread
+from ngbrain.surgery.model import TISSUE, Model
+from ngbrain.surgery.protocols import Force, Protocol
+from ngbrain.tensors import deformation_gradient, right_cauchy_green
+from ngbrain.units import to_ml, to_mmHg
+
+FRAME_SPACING = 1 / 12
+"""A frame is kept at events, at least every such share of the run,"""
+FRAME_WAY = 1 / 4
+"""and where the blade has gone such a share of its furthest advance, or of its largest force, since the last."""
+LARGEST = ("von_mises", "rate")
+"""Measures (`Sample.spreads`) that are kept at the step where their own 95th percentile is largest."""
+
+VOLUMES = {
+    "window": (1, swept_volume("craniotomy")),
+    "cleft": (1, swept_volume("wall_.*|end_.*|floor")),
+    "ventricles": (-1, volume_change("ventricle.*")),
+    "compression": (-1, volume_change(TISSUE)),
+}
+"""What moves where at a peak: outwards through the window and into the cleft, and what ventricles and tissue lose."""
+
+Snapshot = tuple[dict[str, Any], list[Frame]]
+"""All that decides what is still to come and what there was, and the frames kept so far."""
+
+
+@dataclass
+class Peak:
+    """Tissue at the step where the 95th percentile of its maximum principal strain was largest.
+
+    mps, oss            near the site
+    volume_mps_above    threshold → name of tissue → ml
+    beyond_fit          name of tissue → ml strained beyond what its own law was fitted to
+    creased             name of tissue → ml compressed beyond `forward.stability.CREASE`, where free surfaces fold
+    tissue, near        name of tissue → ml in all, and near the site
+    volume              what moves where (ml)
+    """
+
+    t: float
+    mps: Spread
+    oss: Spread
+    volume_mps_above: dict[str, dict[str, float]]
+    beyond_fit: dict[str, float]
+    creased: dict[str, float]
+    tissue: dict[str, float]
+    near: dict[str, float]
+    volume: dict[str, float]
+
+    @classmethod
+    def of(cls, sample: Sample, spreads: dict[str, Spread], volume: dict[str, float]) -> Peak:
+        """What `sample` holds."""
+        sites, mps = sample.sites, sample.strain.mps
+        everywhere = np.ones(len(mps), bool)
+        near = np.zeros_like(everywhere)
+        near[sites.near] = True
+        return cls(
+            sample.t,
+            spreads["mps"],
+            spreads["oss"],
+            {f"{threshold:.2f}": sites.ml(mps > threshold) for threshold in MPS_THRESHOLDS},
+            sites.ml(sample.beyond),
+            sites.ml(sample.strain.stretch[:, 0] < CREASE),
+            sites.ml(everywhere),
+            sites.ml(near),
+            volume,
+        )
+
+    @classmethod
+    def restored(cls, saved: dict[str, Any]) -> Peak:
+        """From `dataclasses.asdict`."""
+        return cls(**{**saved, "mps": Spread(**saved["mps"]), "oss": Spread(**saved["oss"])})
+
+
+@dataclass(repr=False, eq=False)
+class ProtocolResult(Result):
+    """What a protocol's run leaves behind, small enough to pass between processes.
+
+    rows   columns of `Row` by name, SI units; events: times (s) at which the blade's way changes, from first to last; peak:
+    strain at its largest; largest: other measures at theirs; steps, rejected, newton, factorisations: work, with that of a
+    beginning shared with another protocol
+    """
+
+    rows: dict[str, np.ndarray]
+    events: tuple[float, ...]
+    peak: Peak
+    largest: dict[str, Spread]
+    working_s: float
+    steps: int
+    rejected: int
+    newton: int
+    factorisations: int
+
+    def column(self, name: str) -> np.ndarray:
+        """One column of the record."""
+        return self.rows[name]
+
+    @property
+    def value(self) -> dict[str, float]:
+        """The peaks of pressure and force."""
+        return {
+            "peak_pressure_mmHg": float(to_mmHg(self.column("pressure").max())),
+            "peak_force_N": float(self.column("force").max()),
+        }
+
+    @property
+    def statistics(self) -> dict[str, float]:
+        """What its steps took."""
+        return {
+            "time_steps": self.steps,
+            "rejected": self.rejected,
+            "Newton_iterations": self.newton,
+            "factorisations": self.factorisations,
+        }
+
+    def plot(self) -> Any:
+        """Pressure over time."""
+        pressure = [float(to_mmHg(p)) for p in self.column("pressure")]
+        return curves({"pressure": (self.column("t").tolist(), pressure)}, "time, s", "pressure, mmHg")
+
+
+class ProtocolRun:
+    """A protocol on a model, with its record; `go` runs it to the end and writes `FOLDER/NAME.vtkhdf` as it goes.
+
+    control, materials, order   others than the scene's
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        protocol: Protocol | Force,
+        folder: Path | None,
+        resume: bool = False,
+        start: Snapshot | None = None,
+        control: Control | None = None,
+        materials: dict[str, Material] | None = None,
+        order: int | None = None,
+    ) -> None:
+        self.model, self.protocol = model, protocol
+        self.path = None if folder is None else folder / f"{protocol.name}.vtkhdf"
+        self.transient: TimeStepper = model.run(protocol, control, materials, order)
+        body = self.transient.problem
+        self._way = next(c.way for c in body.contacts if isinstance(c, Contact) and c.way)
+        self.observer = Observer(body, model.blades, model.held)
+        self.sampler = Sampler(body, model.cleft, model.parts(order))
+        self._moving = {name: (sign, of.on(body)) for name, (sign, of) in VOLUMES.items()}
+        self.rows: list[Row] = []
+        self.peak: Peak | None = None
+        self.largest: dict[str, Spread] = {}
+        self.frames: list[Frame] = []
+        self.grid = None if self.path is None else QuadraticGrid(model.mesh)
+        if resume and self.path is not None and self.path.exists():
+            self._restore(load(self.path))
+        elif start is not None:
+            self._take(*start)
+        else:
+            self.look(
+                self.transient.problem, self.transient.progress, NewtonRecord(status=Status.CONVERGED, min_det_F=1.0)
+            )
+
+    def go(self, tell: Tell | None = None, until: float = float("inf")) -> ProtocolRun:
+        """Run to the end (or to `until`, s); raises what `TimeStepper.run` raises, with the last good step saved."""
+        end = self.protocol.times[-1]
+
+        def watch(body: Problem, at: Progress, record: NewtonRecord) -> None:
+            self.look(body, at, record)
+            if tell is not None:
+                tell(self.protocol.name, at.t, at.t / end)
+
+        self.transient.run(watch, until)
+        return self
+
+    def snapshot(self) -> Snapshot:
+        """This run as it stands, for another protocol that is the same up to here to go on from."""
+        return deepcopy(self._state()), list(self.frames)
+
+    def result(self) -> ProtocolResult:
+        """What is left of a run that has come to its end."""
+        assert self.peak is not None
+        at = self.transient.progress
+        work = (at.steps, at.rejected, at.newton, at.work.factorisations)
+        parts = (table(self.rows), self.protocol.times, self.peak, self.largest, self.protocol.working_s)
+        return ProtocolResult(*parts, *work, status=Status.CONVERGED)
+
+    def look(self, body: Problem, at: Progress, record: NewtonRecord) -> None:
+        """Put the body as it stands on record."""
+        self.rows.append(self.observer(at.t, self._way.Get(), record.min_det_F))
+        sample = self.sampler(at.t)
+        spreads = sample.spreads()
+        if self.peak is None or spreads["mps"].p95 > self.peak.mps.p95:
+            self.peak = Peak.of(sample, spreads, self._volumes())
+        for name in LARGEST:
+            self.largest[name] = max(
+                self.largest.get(name, spreads[name]), spreads[name], key=lambda spread: spread.p95
+            )
+        if self.path is not None:
+            self._save(body, at)
+
+    def _volumes(self) -> dict[str, float]:
+        """Volumes (ml) that leave through the window and into the cleft, and what ventricles and tissue lose."""
+        return {name: sign * to_ml(float(of.value()[0])) for name, (sign, of) in self._moving.items()}
+
+    # The file.
+
+    def _save(self, body: Problem, at: Progress) -> None:
+        assert self.grid is not None and self.path is not None and self.peak is not None
+        frame = Frame(at.t, self._fields(body))
+        keep = not self.frames or at.rested or self.peak.t == at.t or due(self.protocol, self.frames[-1].time, at.t)
+        more = {"scene": self.model.scene.to_dict(), "kept_frames": len(self.frames) + bool(keep)}
+        save(self.path, self.grid, [*self.frames, frame], self._state() | more)
+        if keep:
+            self.frames.append(frame)
+
+    def _state(self) -> dict[str, Any]:
+        """All that decides what is still to come, and what there was."""
+        assert self.peak is not None
+        return {
+            "transient": self.transient.checkpoint(),
+            "observer": self.observer.checkpoint(),
+            "rows": table(self.rows),
+            "peak": asdict(self.peak),
+            "largest": {name: asdict(spread) for name, spread in self.largest.items()},
+        }
+
+    def _fields(self, body: Problem) -> dict[str, np.ndarray]:
+        """Displacement (m) and maximum principal strain at the nodes."""
+        assert self.grid is not None
+        C = self.grid.values(right_cauchy_green(deformation_gradient(body.u)), TISSUE).reshape(-1, 3, 3)
+        C[np.trace(C, axis1=1, axis2=2) == 0] = np.eye(3)  # nodes inside the ventricles, which carry no tissue strain
+        strain = (np.linalg.eigvalsh(C)[:, 2] - 1) / 2
+        fields = {"displacement": self.grid.values(body.u), "max_principal_strain": strain}
+        return {name: values.astype(np.float32) for name, values in fields.items()}
+
+    def _restore(self, saved: Checkpoint) -> None:
+        state = saved.state
+        if state.get("scene") != self.model.scene.to_dict():
+            raise InputError("--resume", str(self.path), "the scene that this file was written for, or another folder")
+        try:
+            self._take(state, saved.frames[: state["kept_frames"]])
+        except (KeyError, ValueError, TypeError, IndexError, AttributeError) as error:
+            found = f"{self.path}, which does not fit ({type(error).__name__}: {error})"
+            raise InputError("--resume", found, "a run file as ngbrain wrote it, or another folder") from error
+
+    def _take(self, state: dict[str, Any], frames: Sequence[Frame]) -> None:
+        self.transient.restore(state["transient"])
+        self.observer.restore(state["observer"])
+        self.rows = [
+            Row(*values) for values in zip(*(state["rows"][name].tolist() for name in Row.__annotations__), strict=True)
+        ]
+        self.peak = Peak.restored(state["peak"])
+        self.largest = {name: Spread(**spread) for name, spread in state["largest"].items()}
+        self.sampler.start(self.transient.progress.t)
+        self.frames = list(frames)
+
+
+def due(protocol: Protocol | Force, last: float, t: float) -> bool:
+    """Whether a frame is kept at a time (s) between events, after one at `last`."""
+    way = abs(protocol.at(t) - protocol.at(last))
+    return t - last >= FRAME_SPACING * protocol.times[-1] or way >= FRAME_WAY * protocol.most
+
+
+def table(rows: list[Row]) -> dict[str, np.ndarray]:
+    """Rows as columns, by field name."""
+    return {name: np.array([getattr(row, name) for row in rows]) for name in Row.__annotations__}

@@ -1,0 +1,88 @@
+"""A measured map of shear moduli in a retraction. It is relative: its ratio to each tissue's mean multiplies that tissue's moduli.
+
+Elastography measures at small strain and tens of hertz, where brain is several times as stiff as in a retraction of minutes; what
+carries over is how much stiffer one place is than another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.errors import naming
+from ngbrain.forward.common.interpolation import quadrature_field, quadrature_points
+from ngbrain.image.read.property_maps import measured, sampled
+from ngbrain.image.read.volume import Volume
+
+Mixtures = Mapping[str, Mapping[str, Any]]
+"""Region of the mesh → tissue → its share at the quadrature points."""
+
+
+def fields(volume: Volume, mesh: ngs.Mesh, mixtures: Mixtures, order: int) -> dict[str, ngs.GridFunction]:
+    """Tissue → the map over its mean there, for the regions that are given and for integrals of this order alone.
+
+    Where nothing was measured, the map's value is that of the nearest place that was.
+
+    Raises `InputError` for a map that has no values over most of these regions.
+    """
+    space, _ = quadrature_points(mesh, order)
+    return {name: quadrature_field(space, ratio) for name, (ratio, *_) in _over(volume, mesh, mixtures, order).items()}
+
+
+def mean(volume: Volume, mesh: ngs.Mesh, mixtures: Mixtures, order: int) -> float:
+    """The map's mean over the volume of all tissues that are given."""
+    over = _over(volume, mesh, mixtures, order).values()
+    amounts = [(values @ weight, weight.sum()) for _, weight, _, values in over]
+    return float(sum(amount for amount, _ in amounts) / sum(size for _, size in amounts))
+
+
+def summary(volume: Volume, mesh: ngs.Mesh, mixtures: Mixtures, order: int) -> dict[str, dict[str, float]]:
+    """Tissue → 5th and 95th percentile of the ratio over its volume, and the share of its volume that was not measured."""
+    found = {}
+    for name, (ratio, weight, known, _) in _over(volume, mesh, mixtures, order).items():
+        order_of = np.argsort(ratio)
+        share = np.cumsum(weight[order_of]) / weight.sum()
+        p5, p95 = (float(ratio[order_of][np.searchsorted(share, each)]) for each in (0.05, 0.95))
+        found[name] = {"ratio_p5": p5, "ratio_p95": p95, "not_measured": float(weight[~known].sum() / weight.sum())}
+    return found
+
+
+def _over(
+    volume: Volume, mesh: ngs.Mesh, mixtures: Mixtures, order: int
+) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+    """Tissue → ratio, volume (m³), 0 outside of it, whether it was measured, and value of every quadrature point."""
+    space, points = quadrature_points(mesh, order)
+    one = ngs.GridFunction(space)
+    amount = ngs.LinearForm(space)  # its entries are the points' volumes
+    amount += space.TestFunction() * ngs.dx(intrules=space.GetIntegrationRules())
+    amount.Assemble()
+    volumes = amount.vec.FV().NumPy()
+    weights = dict[str, np.ndarray]()
+    for region, shares in mixtures.items():
+        inside = mesh.MaterialCF({region: 1.0}, default=0.0)
+        for name, share in shares.items():
+            one.Interpolate(inside * share)
+            weights[name] = weights.get(name, 0.0) + volumes * one.vec.FV().NumPy()
+    counted = np.sum(list(weights.values()), axis=0) > 0
+    known = np.ones(len(points), bool)
+    with naming("body.shear_modulus_map"):
+        known[counted] = measured(volume, points[counted])
+    values = sampled(volume, points)
+    return {
+        name: (values / (values @ weight / weight.sum()), weight, known, values)
+        for name, weight in weights.items()
+        if weight.any()
+    }
+
+
+def in_words(found: Mapping[str, Mapping[str, float]]) -> list[str]:
+    """A `summary` as a line for the result's warnings."""
+    each = [
+        f"{name} {of['ratio_p5']:.2f} to {of['ratio_p95']:.2f} times its mean (5th to 95th percentile), "
+        f"{of['not_measured']:.0%} not measured and taken from the nearest voxel that was"
+        for name, of in found.items()
+    ]
+    return [f"moduli follow the shear-modulus map: {'; '.join(each)}"] if each else []

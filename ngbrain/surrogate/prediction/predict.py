@@ -1,0 +1,268 @@
+"""Property maps of wave data by a trained operator, with their standard deviations and whether to trust them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ngbrain.errors import InputError
+from ngbrain.forward.common.solve_counts import Solves
+from ngbrain.io.waves import WaveData
+from ngbrain.look import maps as drawn
+from ngbrain.result import Result, Status
+from ngbrain.surrogate.data.raster import UPRIGHT, Raster
+from ngbrain.surrogate.prediction.pretrained import Card, Operator
+from ngbrain.surrogate.prediction.tiling import Answered, View, answered
+from ngbrain.surrogate.prediction.trust import scores
+
+Array = np.ndarray
+TYPICAL = 6e3
+"""Pa, a shear modulus to begin with where Poisson's ratio has to follow from the bulk modulus."""
+
+
+WINDOW = 4.0
+"""What deviations are multiplied by in a window: of 14 drawn ones, lesions of 0.4 to 4 times the background in blocks three times
+as large under an uneven plate, 95 % intervals then hold 79 to 100 %, in the mean 97 %."""
+
+
+@dataclass(repr=False, eq=False)
+class Prediction(Result):
+    """What `predict` found.
+
+    maps        name → (n,) at the points of the data, Pa, NaN where they are left out: storage and loss, or youngs; of
+                compression youngs over its mean
+    deviations  name → (n,), standard deviations of the maps, so that 95 % of errors are within 1.96 of them
+    card        of the operator
+    scores      name → how far over its bound, see `trust`; of several squares the median, of several loads the largest
+    threshold   from which the largest of them speaks against the maps
+    squares     how many the operator has looked at
+    solves      of the residual of compression; the operator itself solves nothing
+    """
+
+    data: WaveData
+    modality: str
+    card: Card
+    maps: dict[str, Array]
+    deviations: dict[str, Array]
+    scores: dict[str, float]
+    threshold: float
+    squares: int
+    solves: Solves
+
+    def within(self, share: float) -> dict[str, float]:
+        """name → how many deviations on either side of the map hold that share of the points, as in the operator's validation.
+
+        The most of it are closer than of a normal distribution, as most errors are small. Of one load: several are taken as
+        independent, which errors of the operator are not. `InputError` beyond the shares of the calibration.
+        """
+        return {name: float(number) for name, number in zip(self.maps, self.card.within(share), strict=False)}
+
+    @property
+    def score(self) -> float:
+        """The largest of `scores`."""
+        return max(self.scores.values())
+
+    @property
+    def value(self) -> dict[str, Array]:
+        """The maps."""
+        return self.maps
+
+    def plot(self) -> Any:
+        """The maps."""
+        return drawn(self.data.points, self.maps, () if self.modality == "compression" else tuple(self.maps))
+
+    @property
+    def headline(self) -> str:
+        """Medians of the maps, and the score."""
+        medians = [f"{name} {np.nanmedian(values):.4g}" for name, values in self.maps.items()]
+        return ", ".join([*medians, f"score {self.score:.2g} of {self.threshold:.2g}"])
+
+    @property
+    def statistics(self) -> dict[str, float]:
+        """What was looked at, and solved."""
+        return {"squares": self.squares, "back_substitutions": self.solves.back_substitutions}
+
+    @property
+    def rejected(self) -> bool:
+        """Whether the maps contradict the displacements that they were made of."""
+        return not self.scores["residual"] <= self.threshold
+
+    @property
+    def reasons(self) -> list[str]:
+        """What speaks against the maps, the worst first."""
+        if self.score <= self.threshold:
+            return []
+        over = sorted(
+            ((s / self.threshold, name) for name, s in self.scores.items() if s > self.threshold), reverse=True
+        )
+        words = ", ".join(f"{name} {s:.3g} times its bound" for s, name in over)
+        return [
+            f"{'the maps contradict the displacements' if self.rejected else 'the data are unlike the training'}: {words}"
+        ]
+
+
+def predict(data: WaveData, operator: Operator | None = None) -> Prediction:
+    """Maps of isotropic data on a plane grid, from waves or, at rest, from the axial displacement of a compression.
+
+    operator  by default the shipped one for such data
+
+    A compression whose ends do not move as plates do is taken as a window cut out of a larger body, see `window`; deviations are
+    wider then. Grids that are no square are looked at in squares half over one another. Where several speak of a point, and of
+    several loads, logarithms are averaged by inverse variance.
+
+    Raises `InputError` for data of another kind, for real parts alone of waves with a loss, and where no square of
+    `raster.LEAST` points across is measured, `MissingExtra` without onnxruntime.
+    """
+    if data.symmetry != "isotropic":
+        raise InputError("symmetry", data.symmetry, "isotropic: the operator has learnt no fibres; `invert` knows them")
+    if data.motion == "anti_plane":
+        raise InputError(
+            "motion", "anti_plane", "in_plane: the operator has learnt no motion through it; `invert` knows it"
+        )
+    moving = data.frequency > 0
+    name = "waves" if moving.any() else "compression"
+    if name == "compression" and data.rheology != "elastic":
+        raise InputError("rheology", f"{data.rheology}, at rest", "elastic: nothing at rest shows a loss")
+    if data.lacks_imaginary(0.0 if data.noise is None else float(np.max(data.noise))):
+        wanted = "complex displacements, or elastic data: the operator reads a loss of next to nothing from real parts"
+        raise InputError("displacement", "without imaginary parts", wanted)
+    raster, views, notes, data = _views(data, name)
+    operator = operator or Operator.shipped(name)
+    if operator.kind.name != name:
+        raise InputError("operator", f"of {operator.kind.name}", f"one of {name}")
+    poisson = _poisson(data, TYPICAL)
+    found = [answered(operator, view, data.density, poisson) for view in views]
+    if data.bulk is not None:
+        if name == "waves":
+            poisson = _poisson(data, float(np.exp(np.nanmedian([np.nanmedian(each.mean[0]) for each in found]))))
+            found = [answered(operator, view, data.density, poisson) for view in views]
+        whose = (
+            "one shear modulus" if name == "waves" else f"a shear modulus of {TYPICAL / 1e3:g} kPa, which is assumed"
+        )
+        notes.append(f"Poisson's ratio is taken as {poisson:.5g} everywhere: that of the bulk modulus and {whose}")
+    trust, wide = operator.card.trust, 1.0
+    of_loads = [_scores(each, trust) for each in found]
+    checks = 1
+    if name == "compression" and max(each["boundary"] for each in of_loads) > trust["threshold"]:
+        cut = [answered(operator, view, data.density, poisson, window=True) for view in views]
+        of_cut, checks = [_scores(each, trust) for each in cut], 2
+    if checks > 1 and _largest(of_cut) < _largest(of_loads):  # else plates, but for the noise
+        found, of_loads, wide = cut, of_cut, WINDOW
+        notes.append(
+            "the ends of the data do not move as plates do: they are taken as a window cut out of a larger body, of which "
+            "the strain over its smooth trend is looked at; a trend of stiffness is not seen, and contrasts come out up to "
+            "a quarter too near to 1; `invert` takes the rim as measured"
+        )
+    maps, deviations = _combined(data, raster, found)
+    deviations = {key: wide * values for key, values in deviations.items()}
+    left = int(np.isnan(next(iter(maps.values()))).sum())
+    if left:
+        notes.append(f"{left} of {len(data.points)} points lie in no square of measured points and are left out")
+    if name == "compression":
+        notes.append("Young's modulus is known up to one factor: it is over its mean")
+    count = sum(len(each.looks) for each in found)
+    return Prediction(
+        data,
+        name,
+        operator.card,
+        maps,
+        deviations,
+        {key: max(each[key] for each in of_loads) for key in of_loads[0]},
+        float(trust["threshold"]),
+        count,
+        Solves(checks * count, checks * count) if name == "compression" else Solves(),
+        status=Status.CONVERGED,
+        warnings=notes,
+    )
+
+
+def _views(data: WaveData, name: str) -> tuple[Raster, list[View], list[str], WaveData]:
+    """The fields that the operator of a modality looks at, their raster, what to say of it, and the data as far as it sees them."""
+    raster = Raster.of(data)
+    notes = list(raster.notes)
+    loads = [load for load, frequency in enumerate(data.frequency) if (frequency > 0) == (name == "waves")]
+    if len(loads) < data.loads:
+        notes.append(f"loads at rest are left out beside waves, {data.loads - len(loads)} of {data.loads}")
+    chosen = slice(None)
+    if name == "compression":
+        raster, data, note = _axial(raster, data)
+        notes += [note] if note else []
+        chosen = slice(1, None)
+    whole: Array = np.asarray(raster.counts[..., chosen].all(axis=-1))
+    kept = [load for load in loads if whole[load].any()]
+    if not kept:
+        raise InputError("displacement", "of one component alone", "both components of a wave at the same points")
+    if len(kept) < len(loads):
+        notes.append(f"loads without both components are left out, {len(loads) - len(kept)} of {len(loads)}")
+    fields = raster.displacement[..., chosen]
+    if name == "compression":
+        fields = fields.real
+    views = [View(fields[k], whole[k], float(data.frequency[k]), raster.spacing) for k in kept]
+    return raster, views, notes, data
+
+
+def _axial(raster: Raster, data: WaveData) -> tuple[Raster, WaveData, str]:
+    """With the axial direction as y, from the end that moves less, as in the training; data without the other component.
+
+    The axial one is the one that is measured, or else that in whose direction the two ends move most nearly as a whole.
+    """
+    measured, note = raster.counts.any(axis=(0, 1, 2)), ""
+    if measured.all():
+        u = np.where(raster.counts, raster.displacement.real, np.nan)
+        ends = [np.moveaxis(u[..., i], 2 - i, 1)[:, [0, -1]] for i in (0, 1)]
+        axial = int(np.argmin([np.nanvar(end, axis=2).mean() / np.nanvar(u[..., i]) for i, end in enumerate(ends)]))
+        along = np.abs(raster.axes[axial]) > UPRIGHT
+        if along.sum() == 1:
+            data = replace(data, displacement=np.where(along, data.displacement, np.nan))
+        note = "of both components the operator takes the axial one alone, as it has learnt from ultrasound"
+    else:
+        axial = int(measured.argmax())
+    raster = raster if axial == 1 else raster.turned()
+    first, last = (np.abs(raster.displacement[:, end, :, 1]).sum() for end in (0, -1))
+    return (raster if first <= last else raster.upside_down()), data, note
+
+
+def _poisson(data: WaveData, shear: float) -> float:
+    """Poisson's ratio, given or by the bulk modulus K: (3K - 2G)/(6K + 2G)."""
+    if data.bulk is None:
+        return float(data.poisson or 0)
+    bulk = float(np.real(data.bulk))
+    return (3 * bulk - 2 * shear) / (6 * bulk + 2 * shear)
+
+
+def _combined(data: WaveData, raster: Raster, found: Sequence[Answered]) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Maps of all loads at the points of the data, and their standard deviations: lognormal, that of the loss to first order."""
+    weight = np.array([np.where(np.isnan(each.mean), 0, 1 / each.variance) for each in found])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mean = np.nansum(weight * np.array([np.nan_to_num(each.mean) for each in found]), axis=0) / weight.sum(axis=0)
+        variance = 1 / weight.sum(axis=0)
+    mean, variance = (
+        np.array([raster.at_points(each) for each in images])
+        for images in (mean, np.where(np.isnan(mean), np.nan, variance))
+    )
+    size = np.exp(mean[0])
+    relative = np.exp(variance[0] / 2) * np.sqrt(np.expm1(variance[0]))
+    if len(mean) == 1:
+        size = size / np.nanmean(size)
+        return {"youngs": size}, {"youngs": relative * size}
+    if data.rheology == "elastic":
+        youngs = np.real(data.youngs_of(size))
+        return {"youngs": youngs}, {"youngs": relative * youngs}
+    loss = size * mean[1]
+    off = np.sqrt((relative * loss) ** 2 + variance[1] * size**2)
+    return {"storage": size, "loss": loss}, {"storage": relative * size, "loss": off}
+
+
+def _scores(found: Answered, trust: Mapping[str, Any]) -> dict[str, float]:
+    return _middle([scores(look, trust) for look in found.looks])
+
+
+def _largest(of_loads: Sequence[dict[str, float]]) -> float:
+    return max(max(each.values()) for each in of_loads)
+
+
+def _middle(told: Sequence[dict[str, float]]) -> dict[str, float]:
+    return {name: float(np.median([each[name] for each in told])) for name in told[0]}

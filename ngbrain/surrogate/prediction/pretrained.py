@@ -1,0 +1,200 @@
+"""Trained weights as they are shipped: an ONNX graph, run by onnxruntime on one core, and a card that says what made it."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ngbrain.errors import InputError, naming, require
+from ngbrain.reading import read_bytes, read_json
+from ngbrain.schema.document import brief
+from ngbrain.surrogate.operator.encoding import MODALITIES, Modality, modality
+
+Array = np.ndarray
+WEIGHTS = Path(__file__).parents[1] / "weights"
+DIGEST = "onnx_sha256"
+"""What a card calls the SHA-256 of the weights that it was written for."""
+MOST_WEIGHTS = 2**28
+"""Bytes of them."""
+BATCH = 16
+"""Squares that are answered at a time: more of them are no faster on one core."""
+
+
+@dataclass(frozen=True, eq=False)
+class Card:
+    """What NAME.json says beside the weights.
+
+    told  all of it: command, settings, data and curve of the training; what `trust.calibrate` found
+    """
+
+    told: Mapping[str, Any]
+
+    @staticmethod
+    def read(path: Path) -> Card:
+        """`InputError` where it is missing or no card."""
+        with naming(path):
+            told = read_json(path, "card")
+            if not isinstance(told, dict) or told.get("modality") not in MODALITIES:
+                raise InputError("card", "of no modality", f"`modality`, one of {', '.join(MODALITIES)}")
+            card = Card(told)
+            card.check()
+        return card
+
+    def check(self) -> None:
+        """`InputError` where what calibration found is not what `trust.calibrate` gives; it may be missing."""
+        count, told = len(self.kind.answers), self.told
+        wanted = "what `ngbrain.surrogate.prediction.trust.calibrate` has found"
+        if "temperature" in told and not (_numbers(told["temperature"], (count,)) and np.all(self.temperature > 0)):
+            raise InputError("temperature", brief(told["temperature"]), f"{count} positive numbers")
+        if "within" in told:
+            within = told["within"] if isinstance(told["within"], dict) else {}
+            shares = within.get("shares")
+            if not (
+                isinstance(shares, list)
+                and len(shares) > 1
+                and _numbers(shares, (len(shares),))
+                and np.all(np.diff([0.0, *shares, 1.0]) > 0)
+                and _numbers(within.get("deviations"), (count, len(shares)))
+            ):
+                raise InputError("within", brief(told["within"]), wanted)
+        if "trust" in told:
+            self._check_trust(wanted)
+
+    def _check_trust(self, wanted: str) -> None:
+        trust = self.told["trust"] if isinstance(self.told["trust"], dict) else {}
+        ranges, bounds, axes = (trust.get(key) for key in ("ranges", "bounds", "axes"))
+        known = {"frequency", "wavelength", "modulus"} if self.kind.name == "waves" else {"contrast"}
+        if not (isinstance(ranges, dict) and known | {"softness"} == set(ranges)):
+            raise InputError("trust.ranges", brief(ranges), wanted)
+        for name, ends in ranges.items():
+            one = name in ("softness", "frequency")
+            if not (isinstance(ends, list) and _numbers(ends, (2,) if one else (2, 3))):
+                raise InputError(f"trust.ranges.{name}", brief(ends), wanted)
+        named = ("features", "deviation", "residual", "boundary", "noise")
+        if not (isinstance(bounds, dict) and all(_positive(bounds.get(name)) for name in named)):
+            raise InputError("trust.bounds", brief(bounds), wanted)
+        if not _positive(trust.get("threshold")):
+            raise InputError("trust.threshold", brief(trust.get("threshold")), wanted)
+        lists = [axes.get(key) for key in ("mean", "variance")] if isinstance(axes, dict) else []
+        sizes = [len(values) if isinstance(values, list) else 0 for values in lists]
+        shapes = {"mean": sizes[:1], "spread": sizes[:1], "axes": sizes[::-1], "variance": sizes[1:]}
+        if not isinstance(axes, dict) or 0 in sizes or not _positive(axes.get("across")):
+            raise InputError("trust.axes", brief(axes), wanted)
+        for key, shape in shapes.items():
+            if not _numbers(axes.get(key), tuple(shape)) or (key in ("spread", "variance") and min(axes[key]) <= 0):
+                raise InputError(f"trust.axes.{key}", brief(axes.get(key)), wanted)
+
+    @property
+    def kind(self) -> Modality:
+        """What the operator looks at."""
+        return modality(self.told["modality"])
+
+    @property
+    def temperature(self) -> Array:
+        """(answers,): what a scale is multiplied by; 1 before calibration."""
+        return np.asarray(self.told.get("temperature", np.ones(len(self.kind.answers))))
+
+    def within(self, share: float) -> Array:
+        """(answers,): how many standard deviations hold that share of errors, by calibration; between its shares linear.
+
+        Raises `InputError` before calibration, and for a share beyond those that it has seen.
+        """
+        told = self.told.get("within")
+        if told is None:
+            raise InputError(
+                "card", "without `within`", "weights that `ngbrain.surrogate.prediction.trust.calibrate` has seen"
+            )
+        least, most = told["shares"][0], told["shares"][-1]
+        if not least <= share <= most:
+            raise InputError("share", share, f"{least:g} to {most:g}, as the operator is calibrated")
+        return np.array([np.interp(share, told["shares"], of_answer) for of_answer in told["deviations"]])
+
+    @property
+    def trust(self) -> Mapping[str, Any]:
+        """What `trust.calibrate` found; `InputError` before it has."""
+        if "trust" not in self.told:
+            raise InputError(
+                "card", "without trust", "weights that `ngbrain.surrogate.prediction.trust.calibrate` has seen"
+            )
+        return dict(self.told["trust"])
+
+
+@dataclass(frozen=True, eq=False)
+class Operator:
+    """Features to ln of moduli (and loss over storage), and the standard deviation of each."""
+
+    card: Card
+    session: Any
+
+    @staticmethod
+    @cache
+    def shipped(name: str) -> Operator:
+        """The operator of a modality that comes with the package; errors as `of`.
+
+        >>> Operator.shipped("wave")
+        Traceback (most recent call last):
+        ngbrain.errors.InputError: modality is 'wave'; wanted: did you mean 'waves'?
+        """
+        return Operator.of(WEIGHTS, modality(name).name)
+
+    @staticmethod
+    def of(folder: Path, name: str) -> Operator:
+        """NAME.onnx and NAME.json of a folder. Raises `InputError` where there are none, `MissingExtra` without onnxruntime."""
+        runtime = require("onnxruntime", "surrogate")
+        weights = folder / f"{name}.onnx"
+        card, raw = Card.read(weights.with_suffix(".json")), read_bytes(weights, "weights", MOST_WEIGHTS)
+        if card.told.get(DIGEST) != hashlib.sha256(raw).hexdigest():
+            found = (
+                "not those that the card was written for" if DIGEST in card.told else "without a digest in their card"
+            )
+            wanted = (
+                f"those whose SHA-256 stands in the card as `{DIGEST}`, as `python -m ngbrain.surrogate` writes both"
+            )
+            raise InputError("weights", found, wanted, weights)
+        options = runtime.SessionOptions()
+        options.intra_op_num_threads = options.inter_op_num_threads = 1
+        options.log_severity_level = 3
+        try:
+            session = runtime.InferenceSession(raw, options, providers=["CPUExecutionProvider"])
+            puts, gives = ({each.name for each in of} for of in (session.get_inputs(), session.get_outputs()))
+        except Exception as error:  # onnxruntime has exceptions of its own, without a common base
+            raise InputError(
+                "weights", f"unreadable ({type(error).__name__}: {error})", "an ONNX graph", weights
+            ) from error
+        if puts != {"features"} or not {"mean", "scale"} <= gives:
+            found = f"a graph from {', '.join(sorted(puts))} to {', '.join(sorted(gives))}"
+            raise InputError("weights", found, "one from features to mean and scale", weights)
+        return Operator(card, session)
+
+    @property
+    def kind(self) -> Modality:
+        """What it looks at."""
+        return self.card.kind
+
+    def __call__(self, features: Array) -> tuple[Array, Array]:
+        """Features (batch, channels, n, n) → means and standard deviations (batch, answers, n, n), calibrated, doubles."""
+        parts = [
+            self.session.run(["mean", "scale"], {"features": features[first : first + BATCH]})
+            for first in range(0, len(features), BATCH)
+        ]
+        mean, scale = (np.concatenate(each).astype(float) for each in zip(*parts, strict=True))
+        return mean, np.exp(scale) * self.card.temperature[:, None, None]
+
+
+def _numbers(values: Any, shape: tuple[int, ...]) -> bool:
+    """Whether these are finite numbers in lists of that shape."""
+    try:
+        array = np.asarray(values)
+    except ValueError:  # lists of unequal lengths
+        return False
+    return array.shape == shape and array.dtype.kind in "iuf" and bool(np.isfinite(array).all())
+
+
+def _positive(value: Any) -> bool:
+    return _numbers(value, ()) and value > 0

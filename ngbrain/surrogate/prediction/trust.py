@@ -1,0 +1,206 @@
+"""Whether an answer can be believed: what was seen and found, against what the operator has learnt from.
+
+Each of these numbers is over its bound: 1 is rare among squares like those of the training. Within a range it is 0, a tenth
+beyond 1.
+
+frequency   (Hz, of waves that come to the same in a square of the training's size and density) against the training's range
+softness    log10(1 - 2ν), likewise
+modulus     three percentiles of the storage modulus found (Pa, likewise), and `wavelength` of it in ρω²L²; of compression
+            `contrast`, of E over its mean
+noise       what a local cubic leaves of the displacement
+jump        the same of the patch where it leaves most, see `features.jump_of`: the seam of two scans, a wrapped patch
+features    how far means and standard deviations of the channels over nine parts of the square are from those of the training:
+            Mahalanobis' distance along their principal axes, with all that is across these as one more
+deviation   rms of the standard deviations that the operator states
+residual    how far its maps are from the equations of motion (`residual`)
+boundary    how far the displacements are from the way that trained squares are driven; 0 of a window, see `window`
+
+Bounds are quantiles over squares that were not trained on; the largest number decides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ngbrain.errors import InputError
+from ngbrain.surrogate.data import residual, ultrasound_window
+from ngbrain.surrogate.data.dataset import DENSITY, SIDES, DataSet
+from ngbrain.surrogate.operator.encoding import NOISE, Modality, jump_of, noise_of
+from ngbrain.surrogate.operator.symmetries import turned
+from ngbrain.surrogate.prediction.pretrained import Operator
+from ngbrain.surrogate.prediction.tiling import Look
+
+Array = np.ndarray
+JUDGED = 0.01
+"""Noise of what bounds are found with."""
+ENOUGH = 1000
+"""Squares of the training whose features are looked at."""
+PERCENTILES = (10, 50, 90)
+PARTS, AXES, FEW = 3, 12, 4
+"""Along an edge; principal axes that are kept, no more than one for so many squares."""
+USUAL, TOGETHER = 0.99, 0.95
+"""Shares of squares like those of the training that a bound lets pass, and that all of them do."""
+WIDE = 0.005
+"""Of the training on either side that is left out of a range of moduli: the ends are single squares."""
+STEEP = 10.0
+"""How fast numbers grow beyond the ends of a range, of logarithms: a tenth beyond comes to the bound."""
+CONSTANT = 1e-6
+"""Standard deviation below which a number says nothing."""
+SHOWN = (0.5, 0.9, 0.99)
+"""Shares whose quantiles a card tells."""
+COVERED, NORMAL = 0.95, 1.959964
+"""Share of errors that are within so many standard deviations, once these are calibrated."""
+SHARES = (0.1, 0.25, 0.5, 0.68, 0.8, 0.9, 0.95, 0.98)
+"""Of which a card tells how many standard deviations hold them: errors are not normal, most are small and some are large."""
+
+
+def scores(look: Look, trust: Mapping[str, Any]) -> dict[str, float]:
+    """The module's numbers of a square, over their bounds; `trust` as `calibrate` gives it."""
+    raw = _raw(look, trust["ranges"], trust["axes"])
+    return {name: value / trust["bounds"].get(name, 1.0) for name, value in raw.items()}
+
+
+def calibrate(operator: Operator, training: DataSet, validation: DataSet, seed: int = 0) -> dict[str, Any]:
+    """What a card has to know beside the training itself: `temperature` (answers,), `within` (see `SHARES`), and `trust` with
+    ranges, bounds and threshold.
+
+    training, validation   as they were computed; noise is added as in the training, to the second of `JUDGED`
+
+    `threshold` is what the largest score of `TOGETHER` of the validation does not exceed.
+
+    Raises `InputError` for an operator whose answers are not finite.
+    """
+    kind, random = operator.kind, np.random.default_rng(seed)
+    ranges = _ranges(kind, training)
+    some = np.sort(random.permutation(len(training))[:ENOUGH])
+    u, _ = turned(kind.name, training.displacement[some], training.storage[some, None], random)
+    u = kind.spoilt(u, np.exp(random.uniform(np.log(NOISE[0]), np.log(NOISE[1]), len(some))), random)
+    axes = _axes(kind, u, training.poisson[some])
+    noise = np.concatenate([noise_of(each[None]) for each in u])
+    spoils = kind.spoilt(validation.displacement, np.full(len(validation), JUDGED), random)
+    validation = replace(validation, displacement=spoils)
+    looks = _looks(operator, validation)
+    if not all(np.isfinite(look.mean).all() for look in looks):
+        raise InputError("operator", "one whose answers are not finite", "an operator whose training has not failed")
+    truths = kind.targets(validation.storage, validation.loss, _units(kind, validation))
+    off = np.abs(np.array([look.mean for look in looks]) - truths) / np.array([look.scale for look in looks])
+    factor = np.quantile(off, COVERED, axis=(0, 2, 3)) / NORMAL
+    within = np.quantile(off, SHARES, axis=(0, 2, 3)) / factor
+    looks = [replace(look, scale=look.scale * factor[:, None, None]) for look in looks]
+    raw = [_raw(look, ranges, axes) for look in looks]
+    usual = {name: np.array([each[name] for each in raw]) for name in raw[0]}
+    bounds = {
+        name: float(np.quantile(usual[name], USUAL))
+        for name in ("jump", "features", "deviation", "residual", "boundary")
+    }
+    bounds["noise"] = float(np.quantile(noise, 1 - WIDE))
+    largest = np.max([values / bounds.get(name, 1.0) for name, values in usual.items()], axis=0)
+    quantiles = {name: np.quantile(values, SHOWN).tolist() for name, values in usual.items()}
+    trust = {
+        "ranges": ranges,
+        "axes": axes,
+        "bounds": bounds,
+        "threshold": max(1.0, float(np.quantile(largest, TOGETHER))),
+    }
+    return {
+        "temperature": (factor * operator.card.temperature).tolist(),
+        "within": {"shares": list(SHARES), "deviations": within.T.tolist()},
+        "trust": trust | {"quantiles": quantiles},
+    }
+
+
+def auc(inside: Array, outside: Array) -> float:
+    """Area under the curve: how often a score of `outside` is larger than one of `inside`, ties half.
+
+    >>> auc(np.array([1.0, 2.0]), np.array([2.0, 3.0]))
+    0.875
+    """
+    more = np.sign(np.asarray(outside)[:, None] - np.asarray(inside))
+    return float((1 + more).mean() / 2)
+
+
+def _raw(look: Look, ranges: Mapping[str, Any], axes: Mapping[str, Any]) -> dict[str, float]:
+    seen = {"softness": np.log10(1 - 2 * look.poisson), **_percentiles(look.kind, look.mean[0], look.frequency)}
+    if look.kind.name == "waves":
+        seen["frequency"] = np.log(look.frequency)
+    beyond = {name: STEEP * float(np.max(np.abs(v - np.clip(v, *ranges[name])))) for name, v in seen.items()}
+    left, boundary = _physics(look)
+    return {
+        **beyond,
+        "noise": float(noise_of(look.displacement[None])[0]),
+        "jump": float(jump_of(look.displacement[None])[0]),
+        "features": _distance(_summary(look.features), axes),
+        "deviation": float(np.sqrt((look.scale**2).mean())),
+        "residual": left,
+        "boundary": boundary,
+    }
+
+
+def _physics(look: Look) -> tuple[float, float]:
+    """Residual and boundary; see `residual`. A window has no plates, and its residual is asked of what was measured."""
+    if look.measured is not None:
+        return ultrasound_window.misfit(look.measured, look.modulus, look.poisson), 0.0
+    if look.kind.name == "waves":
+        return residual.of_waves(look.displacement, look.modulus)
+    return residual.of_compression(look.displacement, look.modulus, look.poisson)
+
+
+def _percentiles(kind: Modality, logarithm: Array, frequency: float) -> dict[str, Array]:
+    """Of ln(modulus) in its unit: alone, and for waves with the unit (Pa) too."""
+    found = np.percentile(logarithm, PERCENTILES)
+    if kind.name != "waves":
+        return {"contrast": found}
+    return {"wavelength": found, "modulus": found + np.log(DENSITY * (2 * np.pi * frequency * SIDES[kind.name]) ** 2)}
+
+
+def _summary(features: Array) -> Array:
+    """Means and standard deviations of each channel over parts of the square."""
+    parts = [c for rows in np.array_split(features, PARTS, 1) for c in np.array_split(rows, PARTS, 2)]
+    return np.concatenate([f(axis=(1, 2)) for part in parts for f in (part.mean, part.std)]).astype(float)
+
+
+def _distance(summary: Array, axes: Mapping[str, Any]) -> float:
+    off = (summary - axes["mean"]) / axes["spread"]
+    along = np.asarray(axes["axes"]) @ off
+    across = (off**2).sum() - (along**2).sum()
+    return float(np.sqrt((along**2 / axes["variance"]).sum() + across / axes["across"]))
+
+
+def _axes(kind: Modality, u: Array, poisson: Array) -> dict[str, Any]:
+    """Principal axes of what the operator was trained on."""
+    seen = np.array([_summary(kind.features(u[[i]], poisson[[i]])[0]) for i in range(len(u))])
+    mean, spread = seen.mean(axis=0), seen.std(axis=0)
+    spread = np.where(spread > CONSTANT, spread, 1.0)
+    off = (seen - mean) / spread
+    axes = np.linalg.svd(off, full_matrices=False)[2][: min(AXES, len(seen) // FEW)].round(4)
+    along = off @ axes.T
+    across = float(((off**2).sum(axis=1) - (along**2).sum(axis=1)).mean())
+    found = {"mean": mean, "spread": spread, "axes": axes, "variance": along.var(axis=0)}
+    return {name: values.round(5).tolist() for name, values in found.items()} | {"across": across}
+
+
+def _ranges(kind: Modality, data: DataSet) -> dict[str, Any]:
+    """Least and most of what was trained on, of logarithms."""
+    logarithms = np.log(data.storage / _units(kind, data)[:, None, None])
+    rows = [_percentiles(kind, *each) for each in zip(logarithms, data.frequency, strict=True)]
+    found = {name: np.quantile([row[name] for row in rows], (WIDE, 1 - WIDE), axis=0) for name in rows[0]}
+    found["softness"] = np.log10(1 - 2 * np.array([data.poisson.max(), data.poisson.min()]))
+    if kind.name == "waves":
+        found["frequency"] = np.log([data.frequency.min(), data.frequency.max()])
+    return {name: values.tolist() for name, values in found.items()}
+
+
+def _units(kind: Modality, data: DataSet) -> Array:
+    return kind.unit(data.storage, data.frequency, DENSITY, data.side)
+
+
+def _looks(operator: Operator, data: DataSet) -> list[Look]:
+    """All squares of a data set."""
+    u, nu = data.displacement / data.side, data.poisson
+    features = operator.kind.features(u, nu)
+    mean, scale = operator(features)
+    return [Look(operator.kind, *each) for each in zip(u, data.frequency, nu, features, mean, scale, strict=True)]

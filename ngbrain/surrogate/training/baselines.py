@@ -1,0 +1,90 @@
+"""Two common networks in the wavelet operator's place, with as many weights as its default: what it must beat."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from ngbrain.surrogate.operator.wavelet_operator import start
+
+
+class UNet(nn.Module):
+    """Convolutions on three grids, each half as fine as the last, with skips: (batch, channels_in, ny, nx) to channels_out.
+
+    Its kernels span points, not lengths: it knows only the grid that it was trained on.
+    Source: Ronneberger, Fischer & Brox 2015, doi:10.1007/978-3-319-24574-4_28.
+
+    >>> UNet(6, 2)(torch.zeros(1, 6, 51, 64)).shape
+    torch.Size([1, 2, 51, 64])
+    """
+
+    def __init__(self, channels_in: int, channels_out: int, width: int = 31) -> None:
+        super().__init__()
+
+        def pair(before: int, after: int) -> nn.Sequential:
+            first, second = (nn.Conv2d(c, after, 3, padding=1) for c in (before, after))
+            return nn.Sequential(first, nn.GELU(), second, nn.GELU())
+
+        self.down = nn.ModuleList([pair(channels_in, width), pair(width, 2 * width), pair(2 * width, 4 * width)])
+        self.up = nn.ModuleList([pair(6 * width, 2 * width), pair(3 * width, width)])
+        self.project = nn.Conv2d(width, channels_out, 1)
+        start(self)
+
+    def forward(self, x: Tensor) -> Tensor:  # noqa: D102
+        skips: list[Tensor] = []
+        for convolve in self.down:
+            x = convolve(functional.avg_pool2d(x, 2, ceil_mode=True) if skips else x)
+            skips.append(x)
+        for convolve, skip in zip(self.up, skips[-2::-1], strict=True):
+            wide = functional.interpolate(x, size=skip.shape[2:], mode="bilinear")
+            x = convolve(torch.cat([wide, skip], 1))
+        return self.project(x)
+
+
+class Spectrum(nn.Module):
+    """Channels mixed mode by mode: the lowest `modes` of x and, of either sign, of y; the others are left out."""
+
+    def __init__(self, width: int, modes: int) -> None:
+        super().__init__()
+        self.modes = modes
+        self.weight = nn.Parameter(torch.randn(width, width, 2 * modes, modes, 2) / (2 * width) ** 0.5)
+
+    def forward(self, x: Tensor) -> Tensor:  # noqa: D102
+        k, (ny, nx) = self.modes, x.shape[2:]
+        found = torch.fft.rfft2(x, norm="forward")[..., :k]
+        low = torch.cat([found[:, :, :k], found[:, :, -k:]], 2)
+        # not einsum: see wavelets.py on products in batches
+        mixed = (low[:, :, None] * torch.view_as_complex(self.weight)).sum(1)
+        gap = mixed.new_zeros(*mixed.shape[:2], ny - 2 * k, k)
+        return torch.fft.irfft2(torch.cat([mixed[:, :, :k], gap, mixed[:, :, k:]], 2), s=(ny, nx), norm="forward")
+
+
+class FourierOperator(nn.Module):
+    """x ← act(F⁻¹ R F x + W x), four times: (batch, channels_in, ny, nx) to channels_out, on any grid with 2 `modes` points.
+
+    The field is continued by zeros over a fourth of its length, as it has no period.
+    Source: Li et al. 2021, arXiv:2010.08895.
+
+    >>> FourierOperator(6, 2)(torch.zeros(1, 6, 51, 64)).shape
+    torch.Size([1, 2, 51, 64])
+    """
+
+    def __init__(self, channels_in: int, channels_out: int, width: int = 20, blocks: int = 4, modes: int = 8) -> None:
+        super().__init__()
+
+        def point(before: int, after: int) -> nn.Conv2d:
+            return nn.Conv2d(before, after, 1)
+
+        self.lift = nn.Sequential(point(channels_in, width), nn.GELU(), point(width, width))
+        self.spectra = nn.ModuleList(Spectrum(width, modes) for _ in range(blocks))
+        self.points = nn.ModuleList(point(width, width) for _ in range(blocks))
+        self.project = nn.Sequential(point(width, 4 * width), nn.GELU(), point(4 * width, channels_out))
+        start(self)
+
+    def forward(self, x: Tensor) -> Tensor:  # noqa: D102
+        ny, nx = x.shape[2:]
+        y = functional.pad(self.lift(x), (0, nx // 4, 0, ny // 4))
+        for spectrum, point in zip(self.spectra, self.points, strict=True):
+            y = functional.gelu(spectrum(y) + point(y))
+        return self.project(y[..., :ny, :nx])

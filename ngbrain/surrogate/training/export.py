@@ -1,0 +1,54 @@
+"""A trained surrogate as files that need no PyTorch: NAME.onnx, and NAME.json that says what made it."""
+
+from __future__ import annotations
+
+import hashlib
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import nn
+
+from ngbrain.atomic import atomic_write
+from ngbrain.errors import require
+from ngbrain.io.json_file import write_json
+from ngbrain.surrogate.prediction.pretrained import DIGEST
+from ngbrain.surrogate.training.training import Surrogate
+
+OPSET = 17
+
+
+def export(model: Surrogate, folder: Path, name: str, card: Mapping[str, Any]) -> dict[str, Any]:
+    """Write NAME.onnx, `features` (batch, channels, ny, nx) → `mean`, `scale` (batch, answers, ny, nx), and then NAME.json, which
+    is returned: the card, with a digest of the weights.
+
+    One file serves any batch and grid. Raises `MissingExtra` without onnx.
+    """
+    channels = model.centre.shape[1]
+    folder.mkdir(parents=True, exist_ok=True)
+    atomic_write(folder / f"{name}.onnx", lambda part: as_onnx(model, part, channels, ["features", "mean", "scale"]))
+    written = {**card, DIGEST: hashlib.sha256((folder / f"{name}.onnx").read_bytes()).hexdigest()}
+    write_json(folder / f"{name}.json", written)
+    return written
+
+
+def as_onnx(net: nn.Module, file: Path, channels: int, names: list[str]) -> None:
+    """Write a network as ONNX for any batch and grid; `names` are those of what goes in, the first, and of what comes out.
+
+    Raises `MissingExtra` without onnx.
+    """
+    require("onnx", "train")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of this way of tracing; the new one needs one more package
+        torch.onnx.export(
+            net.eval(),
+            (torch.zeros(2, channels, 51, 51),),
+            str(file),
+            dynamo=False,
+            opset_version=OPSET,
+            input_names=names[:1],
+            output_names=names[1:],
+            dynamic_axes={key: {0: "batch", 2: "ny", 3: "nx"} for key in names},
+        )

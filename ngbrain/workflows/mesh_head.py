@@ -1,0 +1,313 @@
+"""A head from a file to a mesh in a file: labels read or made, meshed, written, and what came of it."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.errors import InputError, nearest
+from ngbrain.image.labelling import by_atlas, grey_white_contrast, structured, tissues
+from ngbrain.image.read.label_file import read_labels, read_named
+from ngbrain.image.read.label_map import LabelMap
+from ngbrain.image.read.landmarks import landmarks
+from ngbrain.image.read.nifti import on_grid, write_nifti
+from ngbrain.image.read.volume import Scan, Volume, read_scan
+from ngbrain.image.segment.fluid import fluid_in_sulci, ventricles_in_fluid
+from ngbrain.image.segment.from_surfaces import enclosed
+from ngbrain.image.segment.topology import tidied
+from ngbrain.io.surfacefile import read_surface
+from ngbrain.mesh import files
+from ngbrain.mesh.geometry.cleft import Cleft
+from ngbrain.mesh.geometry.sizing import Graded
+from ngbrain.mesh.head_mesh import HeadMesh
+from ngbrain.mesh.improve.curving import Curving, bent
+from ngbrain.mesh.resolution_study import needs
+from ngbrain.mesh.routes.craniotomy import Opening, opened
+from ngbrain.mesh.routes.registry import ROUTES, described, meshed_by, min_jacobian
+from ngbrain.mesh.surface.cortical_files import write_cortex
+from ngbrain.mesh.surface.head_outlines import LESION, VENTRICLES, Repair, excessive
+from ngbrain.mesh.tet_mesh import Elements
+
+OFF = 0.1
+"""Part of its volume by which a region of a mesh may be off before it is said."""
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """Labels of a head and where they come from.
+
+    labels   what is meshed; t1 the scan on the same voxels, or None
+    affine, shape  of the file's own grid, to which maps go back
+    source   the file
+    named    places (m) that the user has named
+    notes    what was done to the labels before, in sentences
+    contrast  of grey and white matter in the scan (`ngbrain.image.labelling.grey_white_contrast`), None where no scan gave tissues
+    """
+
+    labels: LabelMap
+    t1: Volume | None
+    affine: np.ndarray
+    shape: tuple[int, int, int]
+    source: str
+    named: dict[str, tuple[float, float, float]] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    contrast: float | None = None
+
+    def place(self, text: str, field: str = "place") -> tuple[float, float, float]:
+        """A point (m) in the file's field of view: "X,Y,Z" in mm, "voxel:I,J,K" of the file from 0, or the name of a landmark.
+
+        Raises `InputError`, naming `field`, for a text that is none of these and a point that the file does not show.
+
+        >>> ball = np.linalg.norm(np.indices((9, 9, 9)) - 4, axis=0) < 4
+        >>> labels = LabelMap(Volume(ball.astype(int), np.diag([1e-3, 1e-3, 1e-3, 1])), {1: "grey"})
+        >>> subject = Subject(labels, None, labels.volume.affine, (9, 9, 9), "labels.nii")
+        >>> [tuple(round(1e3 * c) for c in subject.place(text)) for text in ("1,2,3", "voxel:4,4,8", "centre of grey")]
+        [(1, 2, 3), (4, 4, 8), (4, 4, 4)]
+        """
+        where = text.removeprefix("voxel:")
+        try:
+            numbers = np.array([float(part) for part in where.split(",")])
+        except ValueError:
+            known = {name: tuple(point.tolist()) for name, point in landmarks(self.labels).items()} | self.named
+            if text in known:
+                return known[text]
+            raise InputError(field, repr(text), "X,Y,Z in mm, voxel:I,J,K, or " + nearest(text, known)) from None
+        if numbers.shape != (3,):
+            raise InputError(field, repr(text), "three numbers with commas")
+        point = self.affine[:3] @ [*numbers, 1.0] if where != text else 1e-3 * numbers
+        voxel = np.linalg.solve(self.affine, [*point, 1.0])[:3]
+        if not ((voxel >= -0.5) & (voxel <= np.array(self.shape) - 0.5)).all():
+            raise InputError(field, repr(text), f"a place in the field of view of {self.source}")
+        return float(point[0]), float(point[1]), float(point[2])
+
+    @classmethod
+    def of_scan(cls, path: str | os.PathLike[str]) -> Subject:
+        """From a T1; raises what `read_scan` and `tissues` raise."""
+        scan = read_scan(path)
+        return cls._of_scan(tissues(scan).labels, scan)
+
+    @classmethod
+    def of_structures(cls, path: str | os.PathLike[str]) -> Subject:
+        """From a T1, its tissues split into structures (`ngbrain.image.structures.structures`): `grey_left`, `brain_stem`, …
+
+        Patterns pick them in a mesh of a route that conforms to tissues: `white.*` all white matter but the corpus callosum,
+        `.*_left` a side; the boundary under the tentorium is `(grey|white)_(left|right)_(grey|white)_cerebellum` where
+        cerebrum and cerebellum touch. Falx and tentorium as surfaces: `ngbrain.image.structures.dura`.
+
+        Raises what `read_scan` and `structured` raise.
+        """
+        scan = read_scan(path)
+        return cls._of_scan(structured(scan).labels, scan)
+
+    @classmethod
+    def of_atlas(
+        cls,
+        path: str | os.PathLike[str],
+        atlas: str | os.PathLike[str],
+        template: str | os.PathLike[str],
+        names: str | Mapping[int, str] | None = None,
+        others: Mapping[int, str] | None = None,
+    ) -> Subject:
+        """From a T1 and a map of labels of another head, laid into it by that head's own T1 (`ngbrain.image.structures.atlas`).
+
+        Raises what `read_scan`, `read_labels` and `by_atlas` raise.
+        """
+        scan, labels = read_scan(path), read_labels(atlas, names, others)
+        moved = by_atlas(scan, labels, read_scan(template))
+        return cls(moved, scan.volume, scan.file_affine, scan.file_shape, scan.source)
+
+    @classmethod
+    def of_labels(
+        cls,
+        path: str | os.PathLike[str],
+        names: str | Mapping[int, str] | None = None,
+        others: Mapping[int, str] | None = None,
+        fill: bool = True,
+    ) -> Subject:
+        """From a map of labels; raises what `read_labels` raises.
+
+        fill   put fluid into sulci that have no label (`ngbrain.image.segment.fluid`); ventricles are told from other fluid
+               in any case
+        """
+        file, notes = read_named(path, names, others)
+        labels, ml = ventricles_in_fluid(file.boxed())
+        notes += (f"ventricles are the fluid that lies deep in white matter, {ml:.1f} ml",) if ml else ()
+        if fill:
+            labels, ml = fluid_in_sulci(labels)
+            notes += (f"sulci without a label are filled with fluid, {ml:.1f} ml",) if ml else ()
+        return cls._of(labels, file.volume, str(path), notes)
+
+    @classmethod
+    def of_surfaces(
+        cls, parts: Sequence[tuple[str, str | os.PathLike[str]]], unit: str = "mm", fill: bool = True
+    ) -> Subject:
+        """From closed surfaces, named by what is inside, the outer ones first; raises what `read_surface` and `enclosed` raise.
+
+        They become a map of labels (`ngbrain.image.segment.from_surfaces`), which is written on its own voxels.
+
+        unit   of lengths in files that do not say it; fill as of `of_labels`
+        """
+        surfaces = [(name, read_surface(path, unit)) for name, path in parts]
+        file = enclosed(surfaces)
+        points = np.concatenate([surface.points for _, surface in surfaces])
+        wide = " by ".join(f"{1e3 * side:.0f}" for side in np.ptp(points, axis=0))
+        units = "mm" if unit == "mm" else f"{unit} (mm in GIfTI and FreeSurfer's files)"
+        notes: tuple[str, ...] = (
+            f"lengths are in {units}: a body of {wide} mm",
+            "surfaces enclose "
+            + ", ".join(f"{1e6 * abs(surface.volume):.1f} ml ({name})" for name, surface in surfaces),
+        )
+        labels, ml = fluid_in_sulci(file) if fill else (file, 0.0)
+        notes += (f"sulci without a label are filled with fluid, {ml:.1f} ml",) if ml else ()
+        return cls._of(labels, file.volume, ", ".join(str(path) for _, path in parts), notes)
+
+    @classmethod
+    def _of_scan(cls, labels: LabelMap, scan: Scan) -> Subject:
+        contrast = grey_white_contrast(scan)
+        return cls(labels, scan.volume, scan.file_affine, scan.file_shape, scan.source, contrast=contrast)
+
+    @classmethod
+    def _of(cls, labels: LabelMap, file: Volume, source: str, notes: tuple[str, ...]) -> Subject:
+        shape = file.data.shape
+        return cls(labels, None, file.affine, (shape[0], shape[1], shape[2]), source, notes=notes)
+
+
+def write_subject(
+    subject: Subject,
+    path: str | os.PathLike[str],
+    route: str = "hull",
+    size: Graded | None = None,
+    curve: bool = False,
+    opening: Opening | None = None,
+    cortex: bool = False,
+) -> HeadMesh:
+    """Mesh a subject, and write the mesh, its labels (NAME_labels.nii.gz, on the grid of the file) and result.json beside it.
+
+    Small islands and holes of the labels go first (`ngbrain.image.segment.topology`); the labels written are those that were
+    meshed.
+
+    path   .vtkhdf, which `ngbrain.io.load` gives back to the bit, or a suffix of `ngbrain.io.exchange`
+    curve  bring the interfaces, with second order, closer to where the labels' regions meet
+           (`ngbrain.mesh.improve.curving`): the mesh
+           in the .vtkhdf file is curved, and so are its 10-node tetrahedra in ParaView
+    cortex  write the white and pial surfaces too (`ngbrain.mesh.surface.cortical_files`), of the labels before they are cut
+    opening  cut it open first (`ngbrain.mesh.routes.craniotomy`), with elements of `size.near` at the walls
+
+    The result reads as `result.json` does. Raises `InputError` for another suffix, for a curved mesh that is not
+    .vtkhdf, has an opening or is by the route `hull`, which has no tissues' interfaces, and what `meshed_by`, `opened` and
+    `curved` raise.
+    """
+    path, started = Path(path), time.monotonic()
+    stem, own = files.stem(path), path.name.lower().endswith(files.OWN)
+    if curve and not own:
+        raise InputError("-o", repr(path.name), "a name that ends in .vtkhdf, as --curve is given")
+    if curve and route == "hull":
+        raise InputError(
+            "--curve", "given with the route hull", "lattice or conforming, whose tissues meet in interfaces"
+        )
+    if curve and opening:
+        raise InputError("--curve", "given with --cut", "one of them: what is curved would leave the walls' planes")
+    files.writable(path)  # before the work, not after it
+    clean, tidying = tidied(LabelMap(_numbered(subject.labels), dict(enumerate(subject.labels.regions, 1))))
+    if not clean.regions:
+        found = f"{np.count_nonzero(subject.labels.volume.data)} voxels in islands, which are left out"
+        raise InputError("labels", found, "a head")
+    size = size or Graded(ROUTES[route].size, ROUTES[route].size)
+    whole, cut = clean, {}
+    if opening:
+        cut = {"cut": _cut(opening.cleft(clean), opening)}
+        clean, done = opened(clean, opening, route, size.near, size.far)
+    else:
+        done = meshed_by(clean, route, size)
+    made = done.elements
+    told = described(made, clean)
+    if curve:
+        mesh, curving = bent(made, clean)
+        told |= {"curved": _summary(curving)}
+        for name, volume in zip(mesh.GetMaterials(), ngs.Integrate(ngs.CF(1), mesh, region_wise=True), strict=True):
+            told["regions"][name]["volume_ml"] = 1e6 * float(volume)
+        told["quality"]["min_jacobian"] = min_jacobian(mesh)
+    else:
+        mesh = None
+    files.write(path, made, route, mesh)
+    labels = path.with_name(f"{stem}_labels.nii.gz")
+    write_nifti(labels, on_grid(_numbered(clean), subject.affine, subject.shape))
+    surfaces = write_cortex(whole, subject.t1, path.parent, stem) if cortex else None
+    points = landmarks(clean) | {name: np.array(point) for name, point in subject.named.items()}
+    site = opening.target if opening else size.site
+    shown = points["centre"] if site is None else np.array(site)
+    contrast = subject.contrast
+    result = files.write_result(
+        path,
+        subject.source,
+        route,
+        made,
+        started,
+        left_out=ROUTES[route].left_out + _within(made, clean),
+        notes=list(subject.notes),
+        labels=", ".join(f"{i} {name}" for i, name in clean.names.items()),
+        relabelled_voxels=tidying.moved,
+        topology={name: asdict(topology) for name, topology in tidying.after.items()},
+        **told,
+        **cut,
+        **({} if contrast is None else {"grey_white_contrast": contrast}),
+        **({"snaps": dict(done.snaps)} if done.snaps else {}),
+        **({"surfaces": surfaces} if surfaces else {}),
+        repairs=[_placed(repair) for repair in done.repairs],
+        needs=[str(need) for need in needs()],
+        landmarks_mm={name: (1e3 * point).round(2).tolist() for name, point in points.items()},
+        shown_mm=(1e3 * shown).round(2).tolist(),
+        files=[path.name, labels.name, *(surfaces["files"] if surfaces else ()), "result.json"],
+        checks={
+            "regions_off": _off(told["regions"]),
+            "changed_ml": excessive(done.repairs, {n: r["label_volume_ml"] for n, r in told["regions"].items()}),
+        },
+    )
+    return HeadMesh.of(result, made)
+
+
+def _placed(repair: Repair) -> dict[str, Any]:
+    at = [round(1e3 * coordinate, 1) for coordinate in repair.at]
+    return {"region": repair.region, "kind": repair.kind, "ml": repair.ml, "at_mm": at}
+
+
+def _summary(curving: Curving) -> dict[str, float]:
+    """Distances of interfaces from where labels meet, before and after, mean and 95th percentile; share of nodes held back."""
+    found = {"held_back": curving.held}
+    for name, off in (("before", curving.before), ("after", curving.after)):
+        found |= {f"mean_mm_{name}": 1e3 * float(off.mean()), f"p95_mm_{name}": 1e3 * float(np.percentile(off, 95))}
+    return found
+
+
+def _cut(cleft: Cleft, opening: Opening) -> dict[str, Any]:
+    lengths = {"depth": cleft.depth, "opening": cleft.opening, "width": cleft.width, "craniotomy": opening.craniotomy}
+    return {
+        "target_mm": (1e3 * cleft.target).round(2).tolist(),
+        "approach": cleft.out.round(4).tolist(),
+        "across": cleft.across.round(4).tolist(),
+        **{f"{name}_mm": round(1e3 * length, 3) for name, length in lengths.items()},
+    }
+
+
+def _numbered(labels: LabelMap) -> Volume:
+    return Volume(labels.numbered(), labels.volume.affine)
+
+
+def _within(made: Elements, labels: LabelMap) -> str:
+    """Ventricles and lesions that are no regions of a hull, in words."""
+    asked = [name for name in labels.regions if name == VENTRICLES or LESION.fullmatch(name)]
+    lost = [name for name in asked if name not in made.regions]
+    return f"; {' and '.join(lost)}, too thin or too close to what is around" if lost else ""
+
+
+def _off(regions: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
+    """Relative errors of the volumes of regions that are off by more than `OFF`."""
+    errors = {name: each["volume_ml"] / max(each["label_volume_ml"], 1e-9) - 1 for name, each in regions.items()}
+    return {name: error for name, error in errors.items() if abs(error) > OFF}

@@ -1,0 +1,65 @@
+"""What an inversion leaves behind: result.json, maps.npz, and images on the grid of the data's own image."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ngbrain.atomic import atomic_write
+from ngbrain.inverse.elastography.result import Inversion
+from ngbrain.inverse.uncertainty.credible_maps import Uncertainty
+from ngbrain.io.json_file import write_json
+from ngbrain.io.waves import WaveData, write_map
+
+
+def write_inversion(
+    folder: Path, inversion: Inversion, bars: Uncertainty | None = None, **of_the_run: Any
+) -> dict[str, Any]:
+    """Write the files into a folder that is there; returns the result, of which result.json is the last to be written.
+
+    bars         error bars: `Uncertainty.arrays` go into maps.npz, its `result` is the result's `error_bars`
+    of_the_run   more entries of the result, such as verb, versions, threads, time_s
+
+    maps.npz has `Inversion.arrays`; NAME.nii.gz are written for data from an image.
+
+    Raises `MissingExtra` for images without nibabel, `OSError` when the disk is full or the folder not writable.
+    """
+    bands = bars.arrays() if bars else {}
+    arrays = inversion.arrays() | bands
+    images = *inversion.maps, *inversion.following, *bands, "oss", "oss_snr"
+    told = {"error_bars": bars.result()} if bars else {}
+    return write_maps(folder, inversion.data, arrays, images, {**of_the_run, **inversion.to_dict(), **told})
+
+
+def write_maps(
+    folder: Path, data: WaveData, arrays: Mapping[str, np.ndarray], images: Sequence[str], result: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Write arrays as maps.npz, those named `images` as NAME.nii.gz where the data came from one, and result.json at last.
+
+    Returns the result, with the names of the files. Errors as of `write_inversion`.
+    """
+    atomic_write(folder / "maps.npz", lambda part: np.savez_compressed(part, **arrays))  # type: ignore[arg-type]
+    names = images if data.affine is not None else ()
+    for name in names:
+        write_map(folder / f"{name}.nii.gz", data, arrays[name].T)  # loads, if there are some, last
+    files = ["maps.npz", *(f"{name}.nii.gz" for name in names), "result.json"]
+    written: dict[str, Any] = finite({**result, "files": files})
+    write_json(folder / "result.json", written)
+    return written
+
+
+def finite(value: Any) -> Any:
+    """The same with None for numbers that JSON has no word for, and text for keys.
+
+    >>> finite({1: [2.0, float("nan")]})
+    {'1': [2.0, None]}
+    """
+    if isinstance(value, dict):
+        return {str(key): finite(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [finite(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,184 @@
+"""Phases to displacements, and how much strain is in them: closed forms, known noise, what fails."""
+
+import numpy as np
+import pytest
+
+from ngbrain.errors import InputError
+from ngbrain.image.mre.displacement import (
+    central_gradient,
+    displacement,
+    gradient_noise,
+    harmonic,
+    least_squares_unwrapped,
+    octahedral_amplitude,
+    octahedral_strain,
+    strain_snr,
+    tissue,
+    unwrapped,
+    unwrapped_through_time,
+    without_rigid,
+)
+
+
+def wave(shape, peak=9.0):
+    x = np.indices(shape) / np.array(shape)[:, None, None, None][:, *[0] * (3 - len(shape))]
+    return peak * np.sin(5 * x[0] + 0.5) * np.cos(4 * x[1]) + (3 * x[2] ** 2 if len(shape) == 3 else 0)
+
+
+def ring(shape):
+    """A mask with a hole, and a piece apart."""
+    away = np.linalg.norm(np.indices(shape[:2]) - np.array([14, 18])[:, None, None], axis=0)
+    mask = (away < 12) & (away > 3)
+    mask[-4:, :6] = True
+    return mask if len(shape) == 2 else np.repeat(mask[:, :, None], shape[2], axis=2)
+
+
+@pytest.mark.parametrize("way", [unwrapped, least_squares_unwrapped])
+@pytest.mark.parametrize("shape", [(34, 36), (34, 36, 9)])
+@pytest.mark.parametrize("masked", [False, True])
+def test_unwrapping_gives_the_phase_but_for_a_constant(way, shape, masked, rng):
+    true = wave(shape) + 0.1 * rng.normal(size=shape)
+    mask = ring(shape) if masked else np.ones(shape, bool)
+    wrapped = np.where(mask, np.angle(np.exp(1j * true)), np.nan)
+    assert np.ptp(true[mask]) > 4 * np.pi
+    found = way(wrapped, mask)
+    assert np.isfinite(found).all() and not found[~mask].any()
+    pieces = [mask] if not masked else [mask & (np.indices(shape)[0] < 28), mask & (np.indices(shape)[0] >= 30)]
+    for piece in pieces:
+        off = (found - true)[piece] / (2 * np.pi)
+        assert np.ptp(off) < 1e-9 and abs(off[0] - round(off[0])) < 1e-9
+
+
+@pytest.mark.parametrize("way", [unwrapped, least_squares_unwrapped])
+def test_unwrapping_refuses_what_it_cannot_use(way):
+    for wrong in (np.zeros(5), np.zeros((2, 2, 2, 2)), np.full((4, 4), np.nan)):
+        with pytest.raises(InputError, match="phase"):
+            way(wrong)
+    with pytest.raises(InputError, match="phase"):
+        way(np.zeros((4, 4)), np.zeros((3, 3), bool))
+
+
+def test_unwrapping_through_time_is_off_by_one_constant_for_each_piece(rng):
+    """Motion of 3.5 rad over phases that stay, eight times a period; times by themselves come out whole turns apart."""
+    mask, t = ring((34, 36)), 2 * np.pi * np.arange(8) / 8
+    moving = 3.5 * np.exp(0.3j * np.indices((34, 36))[0])[..., None]
+    true = wave((34, 36))[..., None] + (moving * np.exp(1j * t)).real + 4 * np.cos(t)
+    true += 0.1 * rng.normal(size=true.shape)
+    wrapped = np.where(mask[..., None], np.angle(np.exp(1j * true)), np.nan)
+    found = unwrapped_through_time(wrapped, mask)
+    for piece in (mask & (np.indices((34, 36))[0] < 28), mask & (np.indices((34, 36))[0] >= 30)):
+        off = (found - true)[piece] / (2 * np.pi)
+        assert np.ptp(off) < 1e-9 and abs(off[0, 0] - round(off[0, 0])) < 1e-9
+    alone = np.stack([unwrapped(each, mask) for each in np.moveaxis(wrapped, -1, 0)], axis=-1)
+    assert np.ptp((alone - true)[mask]) > 6
+    fast = np.angle(np.exp(1j * (true + np.array([0, 2.5, 5, 7.5, 10, 12.5, 15, 17.5]))))
+    with pytest.raises(InputError, match="too fast to be unwrapped through time"):
+        unwrapped_through_time(fast, mask)
+
+
+def test_tissue_is_the_largest_bright_piece_without_holes(rng):
+    away = np.linalg.norm(np.indices((40, 40, 12)) - np.array([15, 18, 6])[:, None, None, None], axis=0)
+    true = away < 12
+    bright = np.where(true & (away > 3), 300.0, 0.0)
+    bright[34:38, 34:38] = 320.0
+    noisy = np.abs(bright + 20 * (rng.normal(size=bright.shape) + 1j * rng.normal(size=bright.shape)))
+    np.testing.assert_array_equal(tissue(noisy), true)
+
+
+def test_the_first_harmonic_and_its_error(rng):
+    n, sigma = 8, 0.2
+    t = 2 * np.pi * np.arange(n) / n
+    u = rng.normal(size=(4000, 1)) + 1j * rng.normal(size=(4000, 1))
+    clean = (u * np.exp(1j * t)).real + 7.0
+    found, error = harmonic(clean)
+    assert np.allclose(found, u[:, 0]) and error.max() < 1e-12
+    found, error = harmonic(clean + 0.3 * np.cos(2 * t))  # a second harmonic is error, not signal
+    assert np.allclose(found, u[:, 0]) and error == pytest.approx(0.3 * np.sqrt(n / 2 / (n - 3)))
+    found, error = harmonic(clean + sigma * rng.normal(size=clean.shape))
+    assert np.sqrt((error**2).mean()) == pytest.approx(sigma, rel=0.02)
+    assert np.std((found - u[:, 0]).real) == pytest.approx(sigma * np.sqrt(2 / n), rel=0.04)
+    for wrong in (np.zeros((5, 2)), np.zeros((5, 4), complex)):
+        with pytest.raises(InputError, match="samples"):
+            harmonic(wrong)
+
+
+def test_phases_become_displacements():
+    assert displacement(np.array([np.pi]), 2e5) == pytest.approx(np.pi / 2e5)
+    with pytest.raises(InputError, match="encoding"):
+        displacement(np.zeros(3), 0.0)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_rigid_motion_is_taken_off_and_nothing_else(d, rng):
+    x = 0.1 * rng.normal(size=(50, d))
+    turn = rng.normal(size=(d, d)) + 1j * rng.normal(size=(d, d))
+    rigid = (rng.normal(size=d) + 1j) + x @ (turn - turn.T)
+    assert np.abs(without_rigid(rigid, x)).max() < 1e-12
+    stretch = x @ np.diag(np.arange(1.0, d + 1))
+    kept = without_rigid(rigid + stretch, x)
+    assert np.allclose(without_rigid(kept, x), kept)
+    strain = np.linalg.lstsq(np.c_[x, np.ones(50)], kept, rcond=None)[0][:d]
+    assert (strain + strain.T) / 2 == pytest.approx(np.diag(np.arange(1.0, d + 1)))
+    outlier = rigid.copy()
+    outlier[0] += 5
+    mask = np.arange(50) > 0
+    assert np.abs(without_rigid(outlier, x, mask)[1:]).max() < 1e-12
+    missing = np.where(np.arange(50)[:, None] % 7 == 0, np.nan, rigid)
+    assert np.nanmax(np.abs(without_rigid(missing, x))) < 1e-12
+
+
+def test_octahedral_strain_of_known_states():
+    stretch = np.diag([2.0, -1.0, -1.0])  # uniaxial, no change of volume: √2 times the stretch
+    assert octahedral_strain(stretch) == pytest.approx(2 / 3 * np.sqrt(18))
+    assert octahedral_strain(np.eye(3)) == 0
+    gamma = np.zeros((3, 3))
+    gamma[0, 1] = gamma[1, 0] = 0.5
+    assert octahedral_strain(gamma) == pytest.approx(np.sqrt(2 / 3))
+    assert octahedral_strain(gamma[:2, :2]) == pytest.approx(np.sqrt(2 / 3))
+    assert octahedral_strain(np.diag([1.0, 0])) == pytest.approx(octahedral_strain(np.diag([1.0, 0, 0])))
+
+
+def test_strain_over_a_period(rng):
+    gradient = rng.normal(size=(6, 3, 3)) + 1j * rng.normal(size=(6, 3, 3))
+    t = np.linspace(0, np.pi, 20001)[:-1]
+    e = (gradient + np.swapaxes(gradient, 1, 2)) / 2
+    over = octahedral_strain((e[:, None] * np.exp(1j * t)[:, None, None]).real)
+    peak, mean = octahedral_amplitude(gradient)
+    assert peak == pytest.approx(over.max(axis=1), rel=1e-6) and mean == pytest.approx(over.mean(axis=1), rel=1e-6)
+    standing = np.array([[0, 1.0], [0, 0]])
+    peak, mean = octahedral_amplitude(standing * (1 + 1j))
+    assert peak == pytest.approx(np.sqrt(2 / 3) * np.sqrt(2)) and mean == pytest.approx(2 / np.pi * peak)
+    circular = np.array([[0, 0, 1.0], [0, 0, 1j], [0, 0, 0]])  # the same strain all the time
+    peak, mean = octahedral_amplitude(circular)
+    assert peak == pytest.approx(np.sqrt(2 / 3)) and mean == pytest.approx(peak)
+
+
+def test_noise_of_strain_is_what_repetition_shows(rng):
+    """Propagation of errors against 4000 repetitions at a Gauss point's time of a strain well above the noise."""
+    h, sigma = np.array([2e-3, 2e-3, 3e-3]), 1e-7
+    x = np.stack(np.meshgrid(*[h_i * np.arange(3) for h_i in h], indexing="ij"), axis=-1)
+    G = 0.01 * rng.normal(size=(3, 3))
+    mask = np.ones((3, 3, 3), bool)
+    found = []
+    for _ in range(4000):
+        u = x @ G.T + sigma * rng.normal(size=x.shape)
+        gradient = central_gradient(u, h, mask)[1, 1, 1]
+        found.append(octahedral_strain((gradient + gradient.T) / 2))
+    noise = gradient_noise(np.full(3, sigma), h)
+    assert noise == pytest.approx(sigma / np.sqrt(2) / h * np.ones((3, 1)))
+    snr, spread = strain_snr(
+        G * (1 + 0j), noise
+    )  # Re(G e^{iωt}): only the size changes, so the noise is the same all the time
+    assert spread == pytest.approx(np.std(found), rel=0.04)
+    assert snr == pytest.approx(2 / np.pi * octahedral_strain((G + G.T) / 2) / spread)
+    snr, spread = strain_snr(np.zeros((2, 3, 3), complex), np.ones((3, 3)))
+    assert not snr.any() and (spread > 0).all()
+
+
+def test_central_differences_stay_in_the_mask():
+    mask = np.ones((5, 6), bool)
+    mask[2, 3] = False
+    x = np.stack(np.meshgrid(0.1 * np.arange(5), 0.2 * np.arange(6), indexing="ij"), axis=-1)
+    gradient = central_gradient(x @ np.array([[1, 2], [3j, 4]]).T, np.array([0.1, 0.2]), mask)
+    whole = np.isfinite(gradient).all(axis=(2, 3))
+    assert whole.sum() == 3 * 4 - 5 and np.allclose(gradient[whole], [[1, 2], [3j, 4]])

@@ -1,0 +1,52 @@
+"""Where the template is looked for; a place that was found before is improved, and searched for again if it does not fit."""
+
+import numpy as np
+import pytest
+from regridded import rotation
+from scipy import ndimage
+
+from ngbrain.image.preprocess import registration as module
+from ngbrain.image.preprocess.registration import align, normalised, thinned
+from ngbrain.image.read.volume import Volume, mni152
+
+
+@pytest.fixture
+def searches(monkeypatch):
+    """How often places were searched for."""
+    seen, found = [], module._found
+    monkeypatch.setattr(module, "_found", lambda *given: seen.append(1) or found(*given))
+    return seen
+
+
+def off(affine):
+    """By how much (m) a map moves the corners of a brain."""
+    corners = np.array(list(np.ndindex(2, 2, 2))) * [0.14, 0.17, 0.13] - [0.07, 0.1, 0.05]
+    return np.linalg.norm(corners @ affine[:3, :3].T + affine[:3, 3] - corners, axis=1).max()
+
+
+def test_a_start_that_is_near_is_improved_and_another_is_not_believed(searches):
+    template = mni152().volume
+    head = thinned(template, 2e-3)
+    near = np.eye(4)
+    near[:3, :3] = rotation(5, np.array([0.6, 0.0, 0.8]))
+    near[:3, 3] = [6e-3, -5e-3, 4e-3]
+    found = align(head, template, near)
+    assert off(near) > 10e-3 > 1e-3 > off(found.affine) and not searches
+    far = np.eye(4)
+    far[:3, 3] = [90e-3, 0.0, 0.0]
+    assert off(align(head, template, far).affine) < 1e-3 and searches
+
+
+def test_places_to_begin_at_are_of_every_size():
+    """Products with the largest template, which covers scalp too, are larger, wherever it lies: with spin echoes, for one."""
+    template, size, affine = mni152().volume, 0.84, np.diag([4e-3, 4e-3, 4e-3, 1.0])
+    affine[:3, 3] = [-0.12, -0.14, -0.09]
+    air = Volume(np.zeros((60, 68, 40), np.float32), affine)
+    brain = template.at(air.to_world(np.argwhere(air.data == 0)) / size).reshape(air.data.shape)
+    away = 4 * ndimage.distance_transform_edt(brain < 0.05)
+    data = np.select([(away >= 6) & (away < 20), away > 0, brain > 0.4], [2.5, 0.05, 0.7 + 0.1 * brain], 0.5)
+    coarse = normalised(thinned(Volume(data.astype(np.float32), affine), 8e-3))
+    starts = module._found(coarse, module._dressed(template)[0], module._TURNS)
+    sizes = [np.cbrt(np.linalg.det(start[:3, :3])) for start in starts]
+    assert np.allclose(np.unique(np.round(sizes, 6)), module._SIZES)
+    assert min(off(start @ np.diag([1 / size, 1 / size, 1 / size, 1])) for start in starts) < 25e-3

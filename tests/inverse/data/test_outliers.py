@@ -1,0 +1,86 @@
+"""Displacements that no smooth field explains: found, nothing else is, missing ones stay so; bad input."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from planewaves import grid, shear_waves, waves
+from spoiled import spoiled
+
+from ngbrain.errors import InputError
+from ngbrain.inverse.data.outliers import cleaned, without_outliers
+from ngbrain.inverse.phantoms.benchmark import Phantom
+
+G = 2000 + 800j
+
+
+@pytest.mark.parametrize("shape", [(24, 20), (10, 9, 11)])
+def test_they_are_found_and_nothing_else_is(shape):
+    points = grid(*shape)
+    data = waves(points, shear_waves(points, G)).with_noise(0.01, seed=1)
+    bad, where = spoiled(data, 0.03, 0.5, seed=2)
+    found = np.isnan(without_outliers(bad).displacement)
+    assert found[:, ~where].mean() < 0.003
+    assert found[:, where].mean() > 0.9  # some are as small as noise is
+
+
+@pytest.mark.parametrize(("row", "column"), [(0, 10), (5, 3), (10, 10)])
+@pytest.mark.parametrize("shape", [(2, 1), (1, 3), (2, 2)])
+def test_errors_side_by_side_do_not_hide_each_other(row, column, shape):
+    points = grid(24, 20)
+    data = waves(points, shear_waves(points, G)).with_noise(0.01, seed=1)
+    patch = np.arange(480).reshape(20, 24)[row : row + shape[0], column : column + shape[1]].ravel()
+    u = data.displacement.copy()
+    u[:, patch] += 2 * data.rms.max()
+    found = np.isnan(without_outliers(replace(data, displacement=u)).displacement)
+    assert found[:, patch].all() and found.sum() == found[:, patch].sum()
+
+
+def test_where_moduli_jump_nearly_all_stays():
+    data = Phantom.named("CV-B").measured(0.01).data()
+    assert np.isnan(without_outliers(data).displacement).mean() < 2e-3
+
+
+def test_of_good_data_every_datum_stays():
+    points = grid(24, 20)
+    for noise in (0.0, 0.02):
+        data = waves(points, shear_waves(points, G)).with_noise(noise, seed=1)
+        np.testing.assert_array_equal(without_outliers(data).displacement, data.displacement)
+
+
+def test_what_is_off_by_less_than_noise_ever_is_stays():
+    points = grid(24, 20)
+    data = waves(points, np.column_stack([points[:, 1], 0 * points[:, 0]])[None].astype(complex) * 1e-3)
+    u = data.displacement.copy()
+    u[0, 100, 0] += 1e-3 * data.rms[0, 0, 0]
+    bent = replace(data, displacement=u)
+    np.testing.assert_array_equal(without_outliers(bent).displacement, u)
+
+
+def test_scattered_points(rng):
+    points = rng.uniform(0, 0.05, (500, 2))
+    bad, where = spoiled(waves(points, shear_waves(points, G)).with_noise(0.01, seed=1), 0.02, 1.0, seed=2)
+    found = np.isnan(without_outliers(bad).displacement)
+    assert found[:, where].mean() > 0.8 and found[:, ~where].mean() < 0.01
+
+
+def test_what_is_not_measured_or_outside_stays_as_it_is():
+    points = grid(20, 20)
+    data = waves(points, shear_waves(points, G)).with_noise(0.01, seed=1)
+    u, mask = data.displacement.copy(), points[:, 0] > 4e-3
+    u[:, :, 1] = np.nan
+    u[0, 0, 0] = 1e-3
+    found = without_outliers(replace(data, displacement=u, mask=mask, dirichlet=None))
+    np.testing.assert_array_equal(found.displacement, u)
+
+
+def test_too_few_points_to_tell_errors_by():
+    """9 × 9 points of exact waves: the smallest spline misses 14 of 162 displacements."""
+    left, notes = cleaned(Phantom.named("CV-G", 9).measured(0.0).data())
+    assert left.measured.all() and "too few points" in notes[0]
+
+
+def test_bad_input():
+    points = grid(20, 20)
+    with pytest.raises(InputError, match="far is 0"):
+        without_outliers(waves(points, shear_waves(points, G)), far=0)

@@ -1,0 +1,60 @@
+"""When an inversion has settled: what the last step changed against what chance changes."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ngbrain.inverse.objective.misfit import LeastSquares
+from ngbrain.inverse.optimise.result import Iteration, Ledger
+
+FIRST = Iteration("fields", 1000.0, 500.0, {"x": 5.0}, 0.1, 1.0, 0.0, {"x": 50.0})
+
+
+class Factor:
+    def determined(self, random):
+        return 500.0
+
+
+class Steady:
+    """Weights that change by a factor, and 50 numbers."""
+
+    def __init__(self, turned):
+        self.turned, self.determined = turned, {"x": 50.0}
+
+    def update(self, *_):
+        return self.turned
+
+
+def settled(misfit, turned=1.0, step=1.0, before=FIRST, phase="fields", level=None):
+    """Whether an iteration that ends at this misfit is the last; 1000 data, of which half are used up."""
+    measured = np.zeros((1, 500, 1), complex)
+    measured[0, 0] = np.sqrt(misfit)
+    reduced = SimpleNamespace(misfit=LeastSquares(measured, np.ones((1, 500, 1))), weights={"x": 5.0}, model=None)
+    reduced.unknowns = SimpleNamespace(level=level)
+    ledger = Ledger(reduced, Steady(turned))
+    return ledger.enter(phase, np.zeros(3), np.zeros_like(measured), Factor(), np.full(3, 0.1), step, [before])
+
+
+@pytest.mark.parametrize("moved, expected", [(-5.0, True), (-15.0, True), (15.0, True), (-25.0, False)])
+def test_a_change_that_chance_makes_ends_it(moved, expected):
+    """√(2 · 50) = 10, times the misfit of two over its level."""
+    assert settled(1000.0 + moved) is expected
+
+
+def test_not_while_weights_move_or_steps_are_cut():
+    assert settled(999.0)
+    assert not settled(999.0, turned=2.0)
+    assert not settled(999.0, step=0.25)
+    assert not settled(999.0, before=replace(FIRST, weights={"x": 50.0}))
+
+
+def test_not_where_data_leave_the_level_open():
+    """At rest fields creep for thirty rounds more, to a map that is 11 % off instead of 15, at the same misfit."""
+    assert not settled(999.0, level=np.ones(3))
+
+
+def test_not_on_the_way_from_measured_waves():
+    """There the misfit need not fall."""
+    assert not settled(999.0, phase="waves", before=replace(FIRST, phase="waves"))

@@ -1,0 +1,118 @@
+"""Solves are counted where they are done: as many as factors are asked for, in every way of inverting."""
+
+import numpy as np
+import pytest
+from planewaves import RHO, grid, shear_waves
+from waves import square
+
+from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.wave import Wave
+from ngbrain.inverse.elastography.invert import invert
+from ngbrain.inverse.elastography.invert_3d import invert_in_space
+from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
+from ngbrain.inverse.optimise.quasi_newton import newton_cg
+from ngbrain.inverse.phantoms.benchmark import Phantom
+from ngbrain.inverse.problem.discretisation import in_elements
+from ngbrain.inverse.uncertainty.credible_maps import uncertainty
+from ngbrain.io.waves import WaveData
+from ngbrain.materials import Shearing
+from ngbrain.solvers.device import OnProcessor
+
+
+class Asked:
+    """What is asked of factors."""
+
+    made = solved = 0
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """Counted at the factors themselves, whoever calls them."""
+    count, make, solve = Asked(), OnProcessor.__init__, OnProcessor.solve
+
+    def making(self, *arguments, **options):
+        count.made += 1
+        make(self, *arguments, **options)
+
+    def solving(self, b):
+        count.solved += 1
+        return solve(self, b)
+
+    monkeypatch.setattr(OnProcessor, "__init__", making)
+    monkeypatch.setattr(OnProcessor, "solve", solving)
+    return count
+
+
+def data(dim, shear=2500 + 500j, **changes):
+    points = grid(*[10] * dim, spacing=4e-3) if dim == 2 else grid(8, 8, 8, spacing=3e-3)
+    u = np.array([shear_waves(points, shear, frequency) for frequency in (50.0, 60.0)])
+    given = {"symmetry": "isotropic", "rheology": "viscoelastic", "bulk": 2e5} | changes
+    return WaveData(points, u, [50.0, 60.0], RHO, **given).with_noise(0.02, seed=0)
+
+
+def in_the_plane():
+    found = invert(Phantom.named("CV-G", 9).measured(0.02).data())
+    assert found.solves.incremental == len(found.history)  # a step each: nothing else is one
+    return found.solves
+
+
+def in_the_plane_without_loss():
+    """Whose next resonance is looked for."""
+    return invert(data(2, 3000.0, rheology="elastic"), uniform=False, regulariser="smooth", rounds=1).solves
+
+
+def with_error_bars():
+    found = invert(Phantom.named("CV-G", 9).measured(0.02).data(), uniform=False, regulariser="smooth")
+    before = found.solves.incremental
+    uncertainty(found).result()
+    assert found.solves.incremental > before
+    return found.solves
+
+
+def in_space():
+    waves = data(3)
+    return invert_in_space(waves, in_elements(waves, order=1), rounds=1).solves
+
+
+def by_descent():
+    inversion = Phantom.named("CV-G", 7).measured(0.02).inversion()
+    newton_cg(inversion.reduced, inversion.start, rounds=2)
+    return inversion.model.solves
+
+
+def by_products():
+    inversion = Phantom.named("CV-G", 7).measured(0.02).inversion()
+    found = levenberg_marquardt(inversion.reduced, inversion.start, dense=0, rounds=2)
+    state, before = inversion.reduced.at(found.x).state, inversion.model.solves.incremental
+    state.second(state.data, np.ones(inversion.model.size))
+    assert inversion.model.solves.incremental == before + 2
+    return inversion.model.solves
+
+
+PURPOSES = {
+    in_the_plane: {"forward", "incremental", "traces", "checks"},
+    in_the_plane_without_loss: {"forward", "incremental", "traces", "checks"},
+    with_error_bars: {"forward", "incremental", "traces", "checks"},
+    in_space: {"forward", "incremental", "traces", "checks"},
+    by_descent: {"forward", "adjoint", "incremental", "traces"},
+    by_products: {"forward", "adjoint", "incremental", "traces"},
+}
+
+
+@pytest.mark.parametrize("way", PURPOSES, ids=lambda way: way.__name__)
+def test_every_solve_is_counted(way, asked):
+    solves = way()
+    assert (solves.factorisations, solves.back_substitutions) == (asked.made, asked.solved)
+    done = {name for name, number in vars(solves).items() if number} - {"factorisations", "refinements"}
+    assert done == PURPOSES[way], solves
+
+
+def test_refinements_are_counted_too(asked):
+    """Of discontinuous pressures at K/μ = 10⁸, whose first solution leaves too much, and its adjoint likewise."""
+    body = Harmonic(square(4), Shearing(2000.0), [Wave(50.0, {"top": (1e-3, 0)})], bulk=2e11, form="P4/L2(2)")
+    factors = body.factorised()
+    factors.driven(0, body.prescribed[0])
+    assert factors.improved and asked.made == factors.solves.factorisations
+    assert factors.solves.forward == 1 and factors.solves.refinements == asked.solved - 1 > 0
+    factors.solve(0, np.ones(body.fes.ndof), "adjoint")
+    assert factors.solves.adjoint == 1 and factors.solves.back_substitutions == asked.solved
