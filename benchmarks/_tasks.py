@@ -38,17 +38,17 @@ def several(kind: str, count: int) -> list[parallel.Task]:
     return [parallel.Task(f"{kind} {i}", timed, (kind, i)) for i in range(count)]
 
 
-def nothing(number: int, *, tell: parallel.Tell) -> int:
+def nothing(number: int, *, callback: parallel.Tell) -> int:
     """What it is given."""
     return number
 
 
-def imported(*, tell: parallel.Tell) -> None:
+def imported(*, callback: parallel.Tell) -> None:
     """Long enough for every worker to get one."""
     time.sleep(1.0)
 
 
-def timed(kind: str, seed: int, *, tell: parallel.Tell) -> Found:
+def timed(kind: str, seed: int, *, callback: parallel.Tell) -> Found:
     """A task of a kind."""
     quiet()
     begun = time.process_time()
@@ -94,7 +94,7 @@ def rung(seed: int) -> list[Any]:
 
 def samples(seed: int) -> list[Any]:
     """Waves to train with."""
-    block = _block("compression", "sinc", seed, "test", range(4), 51, tell=lambda *_: 1)
+    block = _block("compression", "sinc", seed, "test", range(4), 51, callback=lambda *_: 1)
     return [block[name] for name in sorted(block)]
 
 

@@ -119,10 +119,10 @@ def searches(quick: bool) -> list[Record]:
             return 0.5 * float(np.sum(problem.misfits(scale * x) ** 2))
 
         def gradient(x: np.ndarray, problem: Blocks = problem) -> np.ndarray:
-            return scale * (problem.slope(scale * x).T @ problem.misfits(scale * x))
+            return scale * (problem.gradient(scale * x).T @ problem.misfits(scale * x))
 
         def product(x: np.ndarray, p: np.ndarray, problem: Blocks = problem) -> np.ndarray:
-            slope = problem.slope(scale * x) * scale
+            slope = problem.gradient(scale * x) * scale
             return slope.T @ (slope @ p)
 
         begun = time.process_time()

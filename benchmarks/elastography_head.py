@@ -112,12 +112,14 @@ Maps = tuple[str, str]
 def _inverted(data: WaveData, labelled: bool, quick: bool) -> tuple[np.ndarray, Record]:
     begun = time.time()
 
-    def tell(it: Iteration) -> None:
+    def callback(it: Iteration) -> None:
         about = f"{it.phase}: misfit {it.misfit / it.expected:.3g}, change {it.change:.3f}, step {it.step:.2g}"
         print(f"{time.time() - begun:.0f} s {about}", file=sys.stderr, flush=True)
 
     elements = in_elements(data, order=2) if quick else None
-    found = invert_in_space(data, elements, noise=NOISE, labelled=labelled, rounds=1 if quick else ROUNDS, tell=tell)
+    found = invert_in_space(
+        data, elements, noise=NOISE, labelled=labelled, rounds=1 if quick else ROUNDS, callback=callback
+    )
     more = {
         "order": 2 if quick else 3,
         "ndof": found.model["n_unknowns"],

@@ -92,7 +92,7 @@ def measured(fields: str, form: str, n: int, loads: str, times: int, dim: int = 
         least(lambda: there.gradient(w), 2 * times),
         least(lambda: there._adjoints(w, "adjoint"), 2 * times),
     )
-    around = least(lambda: Linearised(of, there.factors, there.waves).pull(w), times)
+    around = least(lambda: Linearised(of, there.factors, there.waves).vjp(w), times)
     own = {"case": "plane" if dim == 2 else "space", "fields": fields, "form": form, "loads": loads}
     more = {"order": of.body.form.order, "ndof": of.body.fes.ndof, "waves_s": waves, "converged": True, "reason": ""}
     error, unknowns = off(of, there, wanted), of.blocks[BOUNDARY].start

@@ -187,7 +187,7 @@ def twice(of: RunModel, w: np.ndarray) -> tuple[float, float]:
     there = of.at(theta)
     _ = of.curvature  # made once
     begun = time.process_time()
-    found = there.second(w, direction)
+    found = there.hvp(w, direction)
     spent = time.process_time() - begun
     up, down = (of.at(theta + s * STEP * direction).gradient(w) for s in (1, -1))
     of.at(theta)

@@ -106,14 +106,14 @@ def descended(measured: Measured, method: str, start: str, descend: Callable, li
     inversion, begun = measured.inversion(), time.process_time()
     steps: list[object] = []
 
-    def tell(iteration: object) -> None:
+    def callback(iteration: object) -> None:
         steps.append(iteration)
         if time.process_time() - begun > limit:
             raise OutOfTime
 
     made = blank(measured, method, start)
     try:
-        found: Found = descend(inversion, tell)
+        found: Found = descend(inversion, callback)
     except (OutOfTime, NgbrainError) as error:
         reason = "out of time" if isinstance(error, OutOfTime) else str(error)
         return made | {"cpu_s": time.process_time() - begun, "reason": reason, "iterations": len(steps)}
@@ -121,24 +121,24 @@ def descended(measured: Measured, method: str, start: str, descend: Callable, li
     return made | judged(measured, inversion.fields(found.x)) | known | {"misfit": found.level.ratio}
 
 
-def gauss_newton(inversion: Inversion, tell: Callable) -> Found:
+def gauss_newton(inversion: Inversion, callback: Callable) -> Found:
     """From the uniform start."""
-    return GaussNewton(inversion.reduced, tell=tell).descend(inversion.start)
+    return GaussNewton(inversion.reduced, callback=callback).descend(inversion.start)
 
 
-def from_waves(inversion: Inversion, tell: Callable) -> Found:
+def from_waves(inversion: Inversion, callback: Callable) -> Found:
     """From the measured waves."""
-    return GaussNewton(inversion.reduced, tell=tell).from_waves(inversion.start, inversion.waves)
+    return GaussNewton(inversion.reduced, callback=callback).from_waves(inversion.start, inversion.waves)
 
 
-def both(inversion: Inversion, tell: Callable) -> Found:
+def both(inversion: Inversion, callback: Callable) -> Found:
     """From where `from_waves` ends."""
-    return GaussNewton(inversion.reduced, tell=tell).descend(from_waves(inversion, tell).x)
+    return GaussNewton(inversion.reduced, callback=callback).descend(from_waves(inversion, callback).x)
 
 
 def of_start(optimiser: Callable) -> Callable:
     """An optimiser of J alone."""
-    return lambda inversion, tell: optimiser(inversion.reduced, inversion.start, tell=tell)
+    return lambda inversion, callback: optimiser(inversion.reduced, inversion.start, callback=callback)
 
 
 WAYS = {"direct inversion": direct_inversion.helmholtz, "local frequency": direct_inversion.local_frequency}

@@ -124,7 +124,7 @@ def held(
     state = retracted.run.at(factors)
     sigma = np.append(np.full(seen.data.shape[1] - 1, noisy(seen, noise).sigma[0]), noisy(seen, noise).sigma[1])
     slopes = np.array(
-        [state.push(factor * one) / sigma for factor, one in zip(factors, np.eye(len(factors)), strict=True)]
+        [state.jvp(factor * one) / sigma for factor, one in zip(factors, np.eye(len(factors)), strict=True)]
     )
     A, prior = slopes.reshape(len(factors), -1), np.eye(len(factors)) / np.log(SPREAD) ** 2
     holds = np.zeros(len(factors), int)

@@ -167,7 +167,7 @@ def drawn(case: str, seed: int) -> Draw:
     """An inversion and its error bars."""
     exact, elements = made(case, seed if case == "drawn" else 0)
     begun = time.process_time()
-    found = invert(exact.with_noise(CASES[case][1], seed), elements, tell=lambda _: None)
+    found = invert(exact.with_noise(CASES[case][1], seed), elements, callback=lambda _: None)
     inverted = time.process_time()
     bars = uncertainty(found, prior="own")
     between = time.process_time()

@@ -18,7 +18,7 @@ R = TypeVar("R")
 Show = Callable[[str], Any]
 """Puts a text in place of the last one; an empty one wipes it."""
 Words = Callable[..., str]
-"""Makes a text of what `tell` is told."""
+"""Makes a text of what `callback` is told."""
 
 LOG = logging.getLogger("ngbrain")
 PATIENCE, APART, EVERY = 2.0, 0.2, 30.0
@@ -57,7 +57,7 @@ def first(*what: Any) -> str:
 
 
 class Progress:
-    """What is under way, and since when. Use it as a context manager and pass `tell` on.
+    """What is under way, and since when. Use it as a context manager and pass `callback` on.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class Progress:
         self._started = time.monotonic()
         self._shown = 0.0
 
-    def tell(self, *what: Any) -> None:
+    def callback(self, *what: Any) -> None:
         """Say what is under way, in place of what was before."""
         self.text = self._words(*what)
         now = time.monotonic()
@@ -137,13 +137,13 @@ class RunProgress:
 
 
 def logged(*_: Any) -> None:
-    """What `tell` is by default in functions that are `reporting`: what they tell is logged, and shown in a notebook."""
+    """What `callback` is by default in functions that are `reporting`: what they tell is logged, and shown in a notebook."""
 
 
 def reporting(
     words: Callable[[Mapping[str, Any]], Words] = lambda _: first,
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Of a function whose argument `tell` is `logged` by default; `words` makes the words for its arguments, by name."""
+    """Of a function whose argument `callback` is `logged` by default; `words` makes the words for its arguments, by name."""
 
     def of(function: Callable[P, R]) -> Callable[P, R]:
         signature = inspect.signature(function)
@@ -152,10 +152,10 @@ def reporting(
         def report(*args: P.args, **kwargs: P.kwargs) -> R:
             given = signature.bind(*args, **kwargs)
             given.apply_defaults()
-            if given.arguments["tell"] is not logged:
+            if given.arguments["callback"] is not logged:
                 return function(*args, **kwargs)
             with Progress(notebook(), words(given.arguments), f"{function.__name__}: at work") as progress:
-                given.arguments["tell"] = progress.tell
+                given.arguments["callback"] = progress.callback
                 return function(*given.args, **given.kwargs)
 
         return report

@@ -200,7 +200,7 @@ def rates_of(model: Any, twice: bool) -> np.ndarray:
     way = np.abs(start).max() or 5e-4  # of nodes a part of an element
     direction = way * rng.uniform(0.3, 1, size=len(start))
     if twice:
-        slope, found = lambda t: model.at(t).gradient(w) * way, there.second(w, direction) * way
+        slope, found = lambda t: model.at(t).gradient(w) * way, there.hvp(w, direction) * way
         size = np.linalg.norm(there.gradient(w) * way)
     else:
         slope, found = lambda t: np.array([np.sum(w * model.at(t).data)]), np.array([there.gradient(w) @ direction])

@@ -50,15 +50,15 @@ class Tangent:
     def __init__(self, data, J):
         self.data, self.J = data, J
 
-    def push(self, direction):
+    def jvp(self, direction):
         return self.J @ direction
 
-    def pull(self, w):
+    def vjp(self, w):
         return self.J.T @ w
 
-    gradient = pull
+    gradient = vjp
 
-    def second(self, w, direction):
+    def hvp(self, w, direction):
         return 5 * (self.J.T @ w) * direction
 
 

@@ -12,24 +12,24 @@ from ngbrain import parallel
 from ngbrain.mesh import block
 
 
-def lives(answer, *, tell):
-    tell("alive")
+def lives(answer, *, callback):
+    callback("alive")
     return answer
 
 
-def dies(*, tell):
+def dies(*, callback):
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def interrupted(*, tell):
+def interrupted(*, callback):
     """By Ctrl-C, which every process of a terminal hears."""
     os.kill(os.getpid(), signal.SIGINT)
 
 
-def outlives(seconds, *, tell):
+def outlives(seconds, *, callback):
     """Threads at first, and when there has been time for the other tasks to end."""
     seen = []
-    with parallel.helped(tell) as told:
+    with parallel.helped(callback) as told:
         for wait in (0.0, seconds):
             time.sleep(wait)
             told("still here")
@@ -37,24 +37,24 @@ def outlives(seconds, *, tell):
     return seen
 
 
-def waits(seconds, *, tell):
+def waits(seconds, *, callback):
     """Where a process stands still for long."""
-    tell(os.getpid())
+    callback(os.getpid())
     time.sleep(seconds)
 
 
-def ticks(seconds, *, tell):
+def ticks(seconds, *, callback):
     """It tells all the time."""
     for _ in range(int(10 * seconds)):
-        tell(os.getpid())
+        callback(os.getpid())
         time.sleep(0.1)
 
 
-def exits(*, tell):
+def exits(*, callback):
     os._exit(7)
 
 
-def exhausts(*, tell):
+def exhausts(*, callback):
     """Memory, of which there is little."""
     resource.setrlimit(resource.RLIMIT_AS, (2**31, 2**31))
     bytearray(2**32)
@@ -67,40 +67,40 @@ class Particular(Exception):
         super().__init__(f"{what} {why}")
 
 
-def raises(error, *, tell):
+def raises(error, *, callback):
     raise error
 
 
-def raises_particularly(*, tell):
+def raises_particularly(*, callback):
     raise Particular("out", "of order")
 
 
-def prints(*, tell):
+def prints(*, callback):
     print("from a task")
     os.write(1, b"and from below\n")
 
 
-def points(*, tell):
+def points(*, callback):
     """Of a mesh that is made there."""
     mesh = block((0.1, 0.2, 0.3), 0.1)  # its coordinates are gone with it
     return mesh.ngmesh.Coordinates().copy()
 
 
-def counts(folder, number, *, tell):
+def counts(folder, number, *, callback):
     """It leaves a file of a name of its own each time that it is begun."""
     (folder / f"{number} begun {os.getpid()} {time.monotonic_ns()}").touch()
     return number * np.arange(3.0)
 
 
-def dies_once(folder, number, *, tell):
+def dies_once(folder, number, *, callback):
     """The process, in the middle, but not the second time."""
-    counts(folder, number, tell=tell)
+    counts(folder, number, callback=callback)
     if len(list(folder.glob(f"{number} begun *"))) == 1:
         os.kill(os.getpid(), signal.SIGKILL)
     return number * np.arange(3.0)
 
 
-def exhausts_once(folder, *, tell):
+def exhausts_once(folder, *, callback):
     """Memory, in the first process; the second time it says what runs beside it."""
     (folder / f"exhausts {time.monotonic_ns()}").touch()
     if len(list(folder.glob("exhausts *"))) == 1:
@@ -108,7 +108,7 @@ def exhausts_once(folder, *, tell):
     return sorted(path.name for path in folder.glob("at work *"))
 
 
-def works(folder, seconds, *, tell):
+def works(folder, seconds, *, callback):
     """For a while, which a file says."""
     mark = folder / f"at work {os.getpid()}"
     mark.touch()
@@ -116,7 +116,7 @@ def works(folder, seconds, *, tell):
     mark.unlink()
 
 
-def works_alone(folder, *, tell):
+def works_alone(folder, *, callback):
     """How many such are at work, with this one."""
     mark = folder / f"at work {os.getpid()}"
     mark.touch()
@@ -126,12 +126,12 @@ def works_alone(folder, *, tell):
     return number
 
 
-def adds(one, other, *, tell):
+def adds(one, other, *, callback):
     """What others have found."""
     return one + other
 
 
-def writes_and_dies_once(folder, number, *, tell):
+def writes_and_dies_once(folder, number, *, callback):
     """It writes its result as a script of one's own would, into a table, and its process dies before anybody hears of it."""
     with (folder / "table.csv").open("a") as table:
         table.write(f"{number},{number**2}\n")

@@ -156,7 +156,7 @@ def unit(there):
 
 def pulled_both_ways(of, there, w):
     """Jᵀw, by matrices and by forms the same."""
-    pulled, driven = there.pull(w), there.gradient(w)
+    pulled, driven = there.vjp(w), there.gradient(w)
     scale = np.concatenate([np.full(b.stop - b.start, np.abs(pulled[b]).max()) for b in of.blocks.values()])
     assert np.abs((pulled - driven) / scale).max() < 1e-10
     return pulled
@@ -170,7 +170,7 @@ def verify(of, rng, first=1e-2):
     pulled = pulled_both_ways(of, there, w)
     sizes = unit(there)
     for name, direction in directions(of, rng):
-        change = there.push(direction)
+        change = there.jvp(direction)
         assert dot(change, pulled, direction, w) < 1e-10, name
         rates = taylor(lambda t: of.at(t).data / sizes, lambda _: change / sizes, theta, direction, 2, first)  # noqa: B023
         assert np.all((rates > 1.9) & (rates < 2.1)), (name, rates)

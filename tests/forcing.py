@@ -101,10 +101,10 @@ def checked(of, rng, first=5e-3):
     there = of.at(start)
     gradient = there.gradient(w)
     apart = abs(np.sum(w * there._pushed(a[None])[0]) / (gradient @ a) - 1)
-    along_a, along_b = there.second(w, a), there.second(w, b)
+    along_a, along_b = there.hvp(w, a), there.hvp(w, b)
     uneven = abs(along_a @ b - along_b @ a) / (np.abs(along_a * b).sum() + np.abs(along_b * a).sum())
     rates = taylor(value, gradient, start, a, first=first, steps=2)
     twice = taylor(
-        lambda t: of.at(t).gradient(w) * start, lambda d: of.at(start).second(w, d) * start, start, a, first=first, steps=2
+        lambda t: of.at(t).gradient(w) * start, lambda d: of.at(start).hvp(w, d) * start, start, a, first=first, steps=2
     )  # fmt: skip
     return rates, twice, apart, uneven

@@ -144,7 +144,7 @@ def staged(tmp_path, monkeypatch):
             seen.append((result["verb"], list(result["check_status"].values())))
             return self.path
 
-    def solve(scene, folder, *, as_described, threads, resume, checks, tell, callback, executor):
+    def solve(scene, folder, *, as_described, threads, resume, checks, callback, checkpoint, executor):
         folder.mkdir(exist_ok=True)
         answer = dict.fromkeys(
             (
@@ -160,7 +160,7 @@ def staged(tmp_path, monkeypatch):
         result = {"verb": "simulate", "answers": {"continuous": answer}, "worth": {}}
         for status in (["under way"] * 2, ["computed", "failed"]) if checks else (["not computed"] * 2,):
             result["check_status"] = dict(zip(("half steps", "other elements"), status, strict=True))
-            callback(result)
+            checkpoint(result)
         return result
 
     monkeypatch.setattr("ngbrain.report.Report", Reported)
@@ -398,8 +398,8 @@ def test_a_retraction_says_what_it_leaves_unanswered_and_how_sure_it_is(tmp_path
         "check_status": {"half steps": "computed"},
     }
 
-    def solve(*_, callback, **__):
-        callback(result)
+    def solve(*_, checkpoint, **__):
+        checkpoint(result)
         return result
 
     monkeypatch.setattr("ngbrain.cli.simulate.simulate", solve)

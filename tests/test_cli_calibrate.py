@@ -49,9 +49,9 @@ def searched(monkeypatch):
     """What the search was given, which itself is left out."""
     given = {}
 
-    def calibrate(scene, seen, tissues, protocol, spread, start, tell, finer):
+    def calibrate(scene, seen, tissues, protocol, spread, start, callback, finer):
         given.update(seen=seen, tissues=tissues, protocol=protocol, spread=spread, start=start, finer=finer)
-        tell(Iteration("", 9.0, 3.0, {}, 1.0, 1.0, 0.1), {"white": 0.8})
+        callback(Iteration("", 9.0, 3.0, {}, 1.0, 1.0, 0.1), {"white": 0.8})
         stiff = tuple(t.scaled(0.7) if t.region == "white" else t for t in scene.tissues)
         bands, stiffer = {"white": Band(0.7, 0.05, 0.6, 0.8)}, replace(scene, tissues=stiff)
         moved = {"white": 0.95} if finer else None

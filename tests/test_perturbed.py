@@ -91,7 +91,7 @@ def test_inputs_move_if_asked(of, pytestconfig):
 def test_other_processes_move_theirs_alike():
     found = parallel.run([(name, points, ()) for name in "ab"], 2)
     for name in "ab":
-        np.testing.assert_array_equal(found[name], points(tell=print))
+        np.testing.assert_array_equal(found[name], points(callback=print))
 
 
 def test_threads_are_those_asked_for(pytestconfig):

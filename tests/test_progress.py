@@ -41,7 +41,7 @@ def clock(monkeypatch):
 def test_a_record_every_half_minute(clock, caplog):
     caplog.set_level(logging.INFO, "ngbrain")
     line = Progress(text="reading")
-    line._over = clock.over_after(100.0, lambda now: line.tell("round 2") if now == 60.0 else None)
+    line._over = clock.over_after(100.0, lambda now: line.callback("round 2") if now == 60.0 else None)
     line._log()
     assert [record.getMessage() for record in caplog.records] == [
         "  30 s  reading",
@@ -54,11 +54,11 @@ def test_a_record_every_half_minute(clock, caplog):
 def test_a_line_of_a_terminal(clock, capsys, monkeypatch):
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
     with Progress(terminal()) as line:
-        line.tell("too soon")
+        line.callback("too soon")
         clock.now += 10.0
-        line.tell("round 3")
+        line.callback("round 3")
         clock.now += 0.01
-        line.tell("too soon after it")
+        line.callback("too soon after it")
         line.say("what stays")
     out, err = capsys.readouterr()
     assert out == "what stays\n" and err == "\r\x1b[K  10 s  round 3\r\x1b[K\r\x1b[K"
@@ -69,7 +69,7 @@ def test_a_short_work_leaves_the_terminal_alone(clock, capsys, monkeypatch):
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
     with Progress(terminal()) as line:
         clock.now += 1.9
-        line.tell("round 3")
+        line.callback("round 3")
     assert capsys.readouterr() == ("", "")
 
 
@@ -89,7 +89,7 @@ def test_a_line_under_a_cell(clock, monkeypatch):
     with Progress(notebook()) as line:
         for text in ("round 1", "round 2"):
             clock.now += 5.0
-            line.tell(text)
+            line.callback(text)
     assert shown == [
         ("display", "   5 s  round 1", True),
         ("update", "  10 s  round 2", True),
@@ -121,11 +121,11 @@ def test_what_was_done_before_is_not_counted_as_speed(clock):
 
 
 @reporting(lambda given: lambda name, rest: f"{name}, {given['rounds'] - rest} of {given['rounds']}")
-def work(rounds, tell=logged):
+def work(rounds, callback=logged):
     """Work long."""
     for i in range(rounds):
-        tell("round", rounds - i - 1)
-    return tell
+        callback("round", rounds - i - 1)
+    return callback
 
 
 def test_a_function_that_reports_by_itself(caplog, monkeypatch):
@@ -133,7 +133,7 @@ def test_a_function_that_reports_by_itself(caplog, monkeypatch):
     monkeypatch.setattr(Progress, "__exit__", lambda self, *_: kept.append(self.text) or self._over.set())
     assert work(3) is not logged and kept == ["round, 3 of 3"] and work.__doc__ == "Work long."
     told = []
-    assert work(rounds=2, tell=lambda *what: told.append(what)) and told == [("round", 1), ("round", 0)]
+    assert work(rounds=2, callback=lambda *what: told.append(what)) and told == [("round", 1), ("round", 0)]
     assert len(kept) == 1
 
 
@@ -148,7 +148,7 @@ def test_functions_of_the_library_report():
         solve, model_selection.solve, retraction.solve, calibrate.calibrate, invert.invert, invert_3d.invert_in_space,
         subzones.invert_by_subzones, estimate.recover,
     ):  # fmt: skip
-        assert inspect.signature(function).parameters["tell"].default is logged and hasattr(function, "__wrapped__")
+        assert inspect.signature(function).parameters["callback"].default is logged and hasattr(function, "__wrapped__")
 
 
 HALF_MINUTES = """

@@ -150,7 +150,7 @@ model = WaveModel(body, {"storage": storage, "loss": loss}, points)
 at = model.at(model.theta)
 stiffer = np.zeros(model.size)
 stiffer[model.blocks["storage"]] = 20.0  # 1 % more everywhere
-print(f"1 % stiffer moves the data by {100 * np.linalg.norm(at.push(stiffer)) / np.linalg.norm(at.data):.2f} %")
+print(f"1 % stiffer moves the data by {100 * np.linalg.norm(at.jvp(stiffer)) / np.linalg.norm(at.data):.2f} %")
 gradient = at.gradient(at.data)
 print(f"{model.solves} for {model.size} derivatives of ½ Σ |u|²")
 

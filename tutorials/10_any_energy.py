@@ -268,7 +268,7 @@ numbers = six.at(six.theta).data
 held, draws = 0, 10 if FAST else 20
 for _ in range(draws):
     k.Set(0.4)
-    alone = recover(six, numbers * (1 + 0.01 * rng.normal(size=6)), 0.01 * np.abs(numbers), tell=lambda _: None)
+    alone = recover(six, numbers * (1 + 0.01 * rng.normal(size=6)), 0.01 * np.abs(numbers), callback=lambda _: None)
     bar = alone.posterior.band("k")
     held += bool(bar.low[0] < 0.8 < bar.high[0])
 print(f"k = {alone.values['k']:.3f}, 95 % between {bar.low[0]:.3f} and {bar.high[0]:.3f} from the last draw of noise")

@@ -75,7 +75,7 @@ print(f"force {force[0]:.3f} N, then {force[1]:.3f} N; landmarks moved by up to 
 # `ngbrain calibrate scene.toml --landmarks landmarks.csv --landmark-sd 0.01 --force force.csv --force-sd 0.002 -o patient`
 
 # %%
-found = calibrate(model, seen, list(TRUTH), tell=lambda iteration, factors: print(factors))
+found = calibrate(model, seen, list(TRUTH), callback=lambda iteration, factors: print(factors))
 for name, band in found.factors.items():
     print(f"{name}: {band.value:.3f}, 95 % interval {band.low:.3f} to {band.high:.3f}; truly {TRUTH[name]}")
 print(f"misfit {found.level.ratio:.2g} times what the noise explains")

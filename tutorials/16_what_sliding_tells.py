@@ -99,7 +99,7 @@ for name, place in model.blocks.items():
 cells = 3 if FAST else 5
 rng = np.random.default_rng(0)
 measured = exact + noise * rng.normal(size=exact.shape)
-both = recover(run(guess, cells, "P2/P1", STEPS, [Force("top")]), measured, noise, tell=lambda _: None)
+both = recover(run(guess, cells, "P2/P1", STEPS, [Force("top")]), measured, noise, callback=lambda _: None)
 print(both)
 
 # %% [markdown]
@@ -108,7 +108,7 @@ print(both)
 
 # %%
 normal = run(guess, cells, "P2/P1", STEPS, [Force("top", (0, 1))])
-alone = recover(normal, measured[:, 1:], noise[:, 1:], tell=lambda _: None)
+alone = recover(normal, measured[:, 1:], noise[:, 1:], callback=lambda _: None)
 print(alone)
 
 # %%

@@ -49,8 +49,8 @@ class Point:
         self.pressure, self.own = (bulk * self.swelling, bulk) if p is None else (p, 0.0)
         self.cook, self.I1 = cook, np.einsum("ij...,ij...->...", F, F)
         self.mu = c.COOK_MU if cook else c.MU * self.J ** (-2 / 3)
-        self.push = slope * self.G  # the derivative of the swelling
-        self.P = self.mu * (F - (self.G if cook else self.I1 / 3 * self.G)) + self.pressure * self.push
+        self.jvp = slope * self.G  # the derivative of the swelling
+        self.P = self.mu * (F - (self.G if cook else self.I1 / 3 * self.G)) + self.pressure * self.jvp
         self.last: tuple = (None, None)
 
     def tangent(self, dF: np.ndarray) -> np.ndarray:
@@ -67,7 +67,7 @@ class Point:
             dP = mu * (dF - 2 / 3 * (along * F + stretch * G) + (2 / 9 * self.I1 * along) * G - self.I1 / 3 * turned)
             dP = dP + self.pressure * self.J * (along * G + turned)
         if self.own:
-            dP = dP + self.own * np.einsum("ij...,ij...->...", self.push, dF) * self.push
+            dP = dP + self.own * np.einsum("ij...,ij...->...", self.jvp, dF) * self.jvp
         self.last = (dF, dP)
         return dP
 
@@ -119,7 +119,7 @@ class Assembled:
         inner = "ij...,ij...->..."
         A = skfem.BilinearForm(lambda u, v, w: np.einsum(inner, point.tangent(u.grad), grad(v))).assemble(self.motion)
         if self.pressure is not None:
-            coupling = skfem.BilinearForm(lambda u, q, w: q * np.einsum(inner, point.push, grad(u)))
+            coupling = skfem.BilinearForm(lambda u, q, w: q * np.einsum(inner, point.jvp, grad(u)))
             compliance = skfem.BilinearForm(lambda p, q, w: -p * q / self.bulk)
             B = coupling.assemble(self.motion, self.pressure)
             A = scipy.sparse.bmat([[A, B.T], [B, compliance.assemble(self.pressure)]])

@@ -40,15 +40,15 @@ class DerivedQuantity(ABC):
         """T(d), real."""
 
     @abstractmethod
-    def push(self, data: Array, change: Array) -> Array:
+    def jvp(self, data: Array, change: Array) -> Array:
         """T' δd, as `value`."""
 
     @abstractmethod
-    def pull(self, data: Array, w: Array) -> Array:
+    def vjp(self, data: Array, w: Array) -> Array:
         """T'ᵀ w, as `data`, such that Re Σ conj(T'ᵀw) · δd = w · T' δd."""
 
     def bend(self, data: Array, w: Array, change: Array) -> Array:
-        """How `pull` changes along a change of the data."""
+        """How `vjp` changes along a change of the data."""
         raise InputError(type(self).__name__, "asked for second derivatives", "a quantity that has them")
 
 
@@ -72,11 +72,11 @@ class Amplitude(OfWaves):
         """|u|."""
         return np.abs(data)
 
-    def push(self, data: Array, change: Array) -> Array:
+    def jvp(self, data: Array, change: Array) -> Array:
         """Re(ū δu)/|u|."""
         return np.asarray((np.conj(data) * change).real / self._size(data))
 
-    def pull(self, data: Array, w: Array) -> Array:
+    def vjp(self, data: Array, w: Array) -> Array:
         """w u/|u|."""
         return np.asarray(w * data / self._size(data))
 
@@ -95,11 +95,11 @@ class Phase(OfWaves):
         """arg u."""
         return np.angle(data)
 
-    def push(self, data: Array, change: Array) -> Array:
+    def jvp(self, data: Array, change: Array) -> Array:
         """Im(ū δu)/|u|²."""
         return np.asarray((np.conj(data) * change).imag / self._size(data) ** 2)
 
-    def pull(self, data: Array, w: Array) -> Array:
+    def vjp(self, data: Array, w: Array) -> Array:
         """w i u/|u|², which is w i/ū."""
         return np.asarray(1j * w * data / self._size(data) ** 2)
 
@@ -150,16 +150,16 @@ class OverTime(DerivedQuantity):
         return np.concatenate([np.zeros((1, data.shape[1])), data[:-1]]), data
 
     @abstractmethod
-    def slope(self, data: Array) -> Array:
+    def gradient(self, data: Array) -> Array:
         """How each column's number changes with its data, as `data`."""
 
-    def push(self, data: Array, change: Array) -> Array:
+    def jvp(self, data: Array, change: Array) -> Array:
         """By the slope."""
-        return np.asarray((self.slope(data) * change).sum(axis=0))
+        return np.asarray((self.gradient(data) * change).sum(axis=0))
 
-    def pull(self, data: Array, w: Array) -> Array:
+    def vjp(self, data: Array, w: Array) -> Array:
         """The same transposed."""
-        return self.slope(data) * w
+        return self.gradient(data) * w
 
 
 class Dose(OverTime):
@@ -175,7 +175,7 @@ class Dose(OverTime):
         """Of the curve."""
         return np.array([curve.integral() for curve in self.curves(data)])
 
-    def slope(self, data: Array) -> Array:
+    def gradient(self, data: Array) -> Array:
         """Half of the intervals on both sides, and what a cubic bends."""
         return np.array([curve.integral_slope()[1:] for curve in self.curves(data)]).T
 
@@ -234,7 +234,7 @@ class TimeAbove(OverTime):
         """As it is: what smoothing changes is the difference."""
         return np.array([curve.above(self.threshold)[0] for curve in self.curves(data)])
 
-    def slope(self, data: Array) -> Array:
+    def gradient(self, data: Array) -> Array:
         """By each interval's values at its two ends, and what a cubic bends."""
         if self.interpolation is not Interpolation.LINEAR:
             return np.array([by[1:] for _, by in self._counted(data)]).T
@@ -299,23 +299,23 @@ class DerivedState:
         self.quantity, self.inner = quantity, inner
         self.data = quantity.value(inner.data)
 
-    def push(self, direction: Array) -> Array:
+    def jvp(self, direction: Array) -> Array:
         """J δθ."""
-        return self.quantity.push(self.inner.data, self.inner.push(direction))
+        return self.quantity.jvp(self.inner.data, self.inner.jvp(direction))
 
-    def pull(self, w: Array) -> Array:
+    def vjp(self, w: Array) -> Array:
         """Jᵀ w, by what is cheap for many."""
-        return np.asarray(self.inner.pull(self._back(w)))
+        return np.asarray(self.inner.vjp(self._back(w)))
 
     def gradient(self, w: Array) -> Array:
         """Jᵀ w, by what is cheap for one."""
         return np.asarray(self.inner.gradient(self._back(w)))
 
-    def second(self, w: Array, direction: Array) -> Array:
+    def hvp(self, w: Array, direction: Array) -> Array:
         """(w · data)'' δθ; `InputError` where the quantity or the model has none."""
-        bent = self.quantity.bend(self.inner.data, w, self.inner.push(direction))
-        return np.asarray(self.inner.second(self._back(w), direction) + self.inner.pull(bent))
+        bent = self.quantity.bend(self.inner.data, w, self.inner.jvp(direction))
+        return np.asarray(self.inner.hvp(self._back(w), direction) + self.inner.vjp(bent))
 
     def _back(self, w: Array) -> Array:
         shaped("w", np.shape(w), self.data.shape)
-        return self.quantity.pull(self.inner.data, w)
+        return self.quantity.vjp(self.inner.data, w)

@@ -26,10 +26,10 @@ class State(Protocol):
 
     data: Array
 
-    def push(self, direction: Array) -> Array:
+    def jvp(self, direction: Array) -> Array:
         """J δθ."""
 
-    def pull(self, w: Array) -> Array:
+    def vjp(self, w: Array) -> Array:
         """Re(Jᵀ w̄), cheap where many are asked for."""
 
     def gradient(self, w: Array) -> Array:
@@ -62,7 +62,7 @@ class Unknowns(Protocol):
     def jacobian(self, x: Array) -> sp.csr_array:
         """∂θ/∂x."""
 
-    def bent(self, x: Array, slope: Array, direction: Array) -> Array:
+    def curvature_product(self, x: Array, slope: Array, direction: Array) -> Array:
         """Σ_i slope_i (∂²θ_i/∂x²) δx."""
 
 
@@ -72,13 +72,13 @@ class Misfit(Protocol):
     def value(self, data: Array) -> float:
         """Φ."""
 
-    def slope(self, data: Array) -> Array:
+    def gradient(self, data: Array) -> Array:
         """w with dΦ = Re Σ w̄ · δdata."""
 
-    def bend(self, data: Array, change: Array) -> Array:
+    def gauss_newton_product(self, data: Array, change: Array) -> Array:
         """The (positive) second derivative of Φ that Gauss and Newton keep, times a change of the data."""
 
-    def second(self, data: Array, change: Array) -> Array:
+    def hvp(self, data: Array, change: Array) -> Array:
         """The second derivative of Φ as it is, times a change of the data."""
 
 
@@ -91,10 +91,10 @@ class Regulariser(Protocol):
     def value(self, block: Array) -> float:
         """Its energy, ½ (x - x̄)·R (x - x̄) where R is constant."""
 
-    def slope(self, block: Array) -> Array:
+    def gradient(self, block: Array) -> Array:
         """The energy's gradient."""
 
-    def second(self, block: Array, direction: Array) -> Array:
+    def hvp(self, block: Array, direction: Array) -> Array:
         """The energy's second derivative times a direction: R's where that is constant."""
 
 
@@ -136,12 +136,12 @@ class Reduced:
         """Σ α R."""
         return sum(self.weights[b] * r.value(x[self.unknowns.blocks[b]]) for b, r in self.regularisers.items())
 
-    def regular_slope(self, x: Array) -> Array:
+    def regular_gradient(self, x: Array) -> Array:
         """Its gradient."""
         slope = np.zeros(len(x))
         for name, regulariser in self.regularisers.items():
             block = self.unknowns.blocks[name]
-            slope[block] += self.weights[name] * regulariser.slope(x[block])
+            slope[block] += self.weights[name] * regulariser.gradient(x[block])
         return slope
 
     def regular_matrix(self, x: Array) -> sp.csr_array:
@@ -177,13 +177,13 @@ class Point:
 
     def gradient(self) -> Array:
         """∇J: one adjoint solve for each load."""
-        slope = self.state.gradient(self.reduced.misfit.slope(self.state.data))
-        return self.jacobian.T @ slope + self.reduced.regular_slope(self.x)
+        slope = self.state.gradient(self.reduced.misfit.gradient(self.state.data))
+        return self.jacobian.T @ slope + self.reduced.regular_gradient(self.x)
 
     def product(self, direction: Array) -> Array:
         """The Gauss-Newton matrix JᵀWJ + Σ α R times a direction: two solves for each load."""
-        change = self.state.push(self.jacobian @ direction)
-        back = self.state.pull(self.reduced.misfit.bend(self.state.data, change))
+        change = self.state.jvp(self.jacobian @ direction)
+        back = self.state.vjp(self.reduced.misfit.gauss_newton_product(self.state.data, change))
         return self.jacobian.T @ back + self.regular_matrix @ direction
 
     def hessian(self, direction: Array) -> Array:
@@ -197,14 +197,14 @@ class Point:
         >>> bool(abs(a @ point.hessian(b) - b @ point.hessian(a)) < 1e-9 * abs(a @ point.hessian(b)))
         True
         """
-        if not hasattr(self.state, "second"):
+        if not hasattr(self.state, "hvp"):
             found = type(self.reduced.model).__name__
-            raise InputError("model", found, "one whose states have second derivatives, `second(w, direction)`")
+            raise InputError("model", found, "one whose states have second derivatives, `hvp(w, direction)`")
         misfit, unknowns, data = self.reduced.misfit, self.reduced.unknowns, self.state.data
-        w, moved = misfit.slope(data), self.jacobian @ direction
-        curved = self.state.pull(misfit.second(data, self.state.push(moved))) + self.state.second(w, moved)
-        bent = unknowns.bent(self.x, self.state.gradient(w), direction)
+        w, moved = misfit.gradient(data), self.jacobian @ direction
+        curved = self.state.vjp(misfit.hvp(data, self.state.jvp(moved))) + self.state.hvp(w, moved)
+        bent = unknowns.curvature_product(self.x, self.state.gradient(w), direction)
         for name, regulariser in self.reduced.regularisers.items():
             block = unknowns.blocks[name]
-            bent[block] += self.reduced.weights[name] * regulariser.second(self.x[block], direction[block])
+            bent[block] += self.reduced.weights[name] * regulariser.hvp(self.x[block], direction[block])
         return np.asarray(self.jacobian.T @ curved + bent)

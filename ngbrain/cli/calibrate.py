@@ -37,15 +37,15 @@ def run(arguments: argparse.Namespace) -> None:
     start = _begun(folder / ROUND) if arguments.resume and (folder / ROUND).exists() else None
     with Progress(terminal(arguments.quiet)) as line, threads(arguments.threads):
 
-        def tell(iteration: Iteration, factors: dict[str, float]) -> None:
+        def callback(iteration: Iteration, factors: dict[str, float]) -> None:
             rounds.append(iteration)
             write_json(folder / ROUND, factors)
-            line.tell(f"round {len(rounds)}, {iteration}")
+            line.callback(f"round {len(rounds)}, {iteration}")
 
-        line.tell("head, mesh, and the scene's own run")
+        line.callback("head, mesh, and the scene's own run")
         tissues = arguments.tissues.split(",") if arguments.tissues else ()
         found = calibrate(
-            scene, seen, tissues, protocol, arguments.spread, start=start, tell=tell, finer=arguments.finer
+            scene, seen, tissues, protocol, arguments.spread, start=start, callback=callback, finer=arguments.finer
         )
     result = {
         "verb": "calibrate",

@@ -24,7 +24,7 @@ def run(arguments: argparse.Namespace) -> int:
             group=arguments.group,
             executor=executor,
             again=arguments.overwrite,
-            tell=line.tell,
+            callback=line.callback,
         )
     conclude(arguments.quiet, summary(done), list(_cautions(done)))
     return 0 if done.usable else EXIT_SOLVER

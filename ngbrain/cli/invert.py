@@ -71,19 +71,19 @@ def run(arguments: argparse.Namespace) -> int:
     folder: Path = arguments.output
     with Progress(terminal(arguments.quiet)) as line, threads(arguments.threads), in_file(arguments.data):
 
-        def tell(iteration: Iteration) -> None:
+        def callback(iteration: Iteration) -> None:
             rounds.append(iteration)
-            line.tell(f"round {len(rounds)}, {iteration}")
+            line.callback(f"round {len(rounds)}, {iteration}")
 
-        line.tell("reading")
+        line.callback("reading")
         data, notes = _usable(data, arguments)
         try:
             with open_executor(arguments.executor or arguments.threads) as executor:
-                inversion = (_in_zones if arguments.subzones else _at_once)(data, arguments, tell, executor)
+                inversion = (_in_zones if arguments.subzones else _at_once)(data, arguments, callback, executor)
             bars = None
             if arguments.bars:
                 about = f"error bars: about {expected_seconds(inversion):.0f} s, {products_of(inversion)} products"
-                line.tell(about)
+                line.callback(about)
                 LOG.info(about)
                 bars = uncertainty(inversion, prior="best" if arguments.regulariser == "auto" else "own")
                 inversion = bars.found
@@ -129,7 +129,7 @@ def _usable(data: WaveData, arguments: argparse.Namespace) -> tuple[WaveData, li
     return data, notes
 
 
-def _at_once(data: WaveData, arguments: argparse.Namespace, tell: Tell, executor: AnyExecutor) -> Inversion:
+def _at_once(data: WaveData, arguments: argparse.Namespace, callback: Tell, executor: AnyExecutor) -> Inversion:
     chosen = arguments.discretisation
     started = start_of(data) if arguments.start else None
     inversion = invert(
@@ -147,14 +147,14 @@ def _at_once(data: WaveData, arguments: argparse.Namespace, tell: Tell, executor
         rounds=arguments.rounds,
         drop_outliers=arguments.drop_outliers and moving_axis(data) is not None,  # else done before
         device=arguments.device,
-        tell=tell,
+        callback=callback,
         executor=executor,
     )
     inversion.warnings += started.notes if started else []
     return inversion
 
 
-def _in_zones(data: WaveData, arguments: argparse.Namespace, tell: Tell, executor: AnyExecutor) -> Inversion:
+def _in_zones(data: WaveData, arguments: argparse.Namespace, callback: Tell, executor: AnyExecutor) -> Inversion:
     kept = arguments.output / "zones"
     inversion = invert_by_subzones(
         data,
@@ -163,7 +163,7 @@ def _in_zones(data: WaveData, arguments: argparse.Namespace, tell: Tell, executo
         labelled=arguments.by_label,
         rounds=arguments.rounds or ROUNDS,
         checkpoint=kept,
-        tell=tell,
+        callback=callback,
     )
     shutil.rmtree(kept)
     return inversion

@@ -37,12 +37,12 @@ CUT = ("opening", "width", "craniotomy", "approach", "across")
 def run(arguments: argparse.Namespace) -> int:
     """Read, mesh, write, report, print; returns the exit status, 3 where too much of the labels had to be changed."""
     with Progress(terminal(arguments.quiet), text="reading and labelling") as line:
-        result = _meshed(arguments, line.tell)
+        result = _meshed(arguments, line.callback)
     conclude(arguments.quiet, summary(result), cautions(result))
     return EXIT_UNUSABLE if result["checks"]["changed_ml"] else 0
 
 
-def _meshed(arguments: argparse.Namespace, tell: Callable[[str], None]) -> dict[str, Any]:
+def _meshed(arguments: argparse.Namespace, callback: Callable[[str], None]) -> dict[str, Any]:
     for package in ("matplotlib", "jinja2"):
         require(package, "report")
     shape = {name: getattr(arguments, name) for name in CUT if getattr(arguments, name) is not None}
@@ -59,7 +59,7 @@ def _meshed(arguments: argparse.Namespace, tell: Callable[[str], None]) -> dict[
         found = f"given with --{'labels' if arguments.labels else 'structures'}"
         raise InputError("--atlas", found, "one of them: an atlas says what regions there are")
     if is_mesh(arguments.images[0]):
-        return _imported(arguments, tell)
+        return _imported(arguments, callback)
     subject = _subject(arguments)
     arguments.route = arguments.route or ROUTE
     for each in arguments.landmark:
@@ -74,7 +74,7 @@ def _meshed(arguments: argparse.Namespace, tell: Callable[[str], None]) -> dict[
     coarse = ROUTES[arguments.route].size if arguments.size is None else arguments.size
     radius = ROUTES[arguments.route].radius if arguments.radius is None else arguments.radius
     size = Graded(coarse if site is None and floor is None else min(arguments.near, coarse), coarse, site, radius)
-    tell("meshing")
+    callback("meshing")
     try:
         opening = Opening(floor, **shape) if floor else None
         made = write_subject(
@@ -86,15 +86,15 @@ def _meshed(arguments: argparse.Namespace, tell: Callable[[str], None]) -> dict[
             raise
         option = "--cut" if name == "target" else f"--{name}"
         raise InputError(option, wrong.value, wrong.wanted, wrong.file) from wrong
-    return _reported(arguments, made, subject.labels, subject.t1, tell)
+    return _reported(arguments, made, subject.labels, subject.t1, callback)
 
 
-def _imported(arguments: argparse.Namespace, tell: Callable[[str], None]) -> dict[str, Any]:
+def _imported(arguments: argparse.Namespace, callback: Callable[[str], None]) -> dict[str, Any]:
     """A mesh of another program as it is: what would change it or needs labels is refused."""
     _alone(arguments, "a mesh", (*LABELS_OF, "route", "size", "site", "cut", "curve", "surfaces", "landmark", "radius"))
-    tell("reading")
+    callback("reading")
     made = write_imported(arguments.images[0], arguments.output, arguments.unit or UNIT)
-    return _reported(arguments, made, None, None, tell)
+    return _reported(arguments, made, None, None, callback)
 
 
 def _subject(arguments: argparse.Namespace) -> Subject:
@@ -141,9 +141,9 @@ def _reported(
     made: HeadMesh,
     labels: LabelMap | None,
     t1: Volume | None,
-    tell: Callable[[str], None],
+    callback: Callable[[str], None],
 ) -> dict[str, Any]:
-    tell("report")
+    callback("report")
     from ngbrain.report.pages import anatomy
 
     shown = 1e-3 * np.array(made["shown_mm"])

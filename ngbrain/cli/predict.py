@@ -40,13 +40,13 @@ def run(arguments: argparse.Namespace) -> int:
         require(package, "report")
     folder: Path = arguments.output
     with Progress(terminal(arguments.quiet)) as line, threads(arguments.threads), in_file(arguments.data):
-        line.tell("reading")
+        line.callback("reading")
         data = read_waves(arguments.data)
         data = data.conjugated() if arguments.conjugate else data
         check_passive(data)
         if data.affine is not None:
             require("nibabel", "mri")
-        line.tell("predicting")
+        line.callback("predicting")
         operator = predicting(data, arguments.weights)
         found = predict(data, operator)
     maps, deviations, notes = at_level(found)

@@ -73,8 +73,8 @@ def _answer(scene: Scene, arguments: argparse.Namespace) -> int:
             folder,
             as_described=arguments.as_described,
             threads=arguments.threads,
-            tell=line.tell,
-            callback=extend,
+            callback=line.callback,
+            checkpoint=extend,
             executor=executor,
         ).to_dict()
     for text in result["warnings"]:
@@ -128,8 +128,8 @@ def _operate(scene: Scene, arguments: argparse.Namespace) -> int:
                 threads=arguments.threads,
                 resume=arguments.resume,
                 checks=arguments.checks,
-                tell=progress.tell,
-                callback=extend,
+                callback=progress.callback,
+                checkpoint=extend,
                 executor=1 if executor is None and arguments.executor else executor,
             )
     if failed := _checks_that(FAILED, result):

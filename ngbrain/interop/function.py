@@ -28,13 +28,13 @@ class Function(Protocol):
     def value(self, x: Array) -> Array:
         """y, a copy."""
 
-    def push(self, x: Array, direction: Array) -> Array:
+    def jvp(self, x: Array, direction: Array) -> Array:
         """f'(x) δx, of y's shape."""
 
-    def pull(self, x: Array, w: Array) -> Array:
+    def vjp(self, x: Array, w: Array) -> Array:
         """The gradient of Re Σ w̄ y: one adjoint solve for each load."""
 
-    def second(self, x: Array, w: Array, direction: Array) -> Array:
+    def hvp(self, x: Array, w: Array, direction: Array) -> Array:
         """(Re Σ w̄ y)'' δx; `InputError` where nobody knows it."""
 
 
@@ -54,24 +54,22 @@ class DataFunction:
         with self._kept.at(x) as state:
             return np.array(state.data)
 
-    def push(self, x: Array, direction: Array) -> Array:
+    def jvp(self, x: Array, direction: Array) -> Array:
         """J δθ."""
         with self._kept.at(x) as state:
-            return state.push(direction)
+            return state.jvp(direction)
 
-    def pull(self, x: Array, w: Array) -> Array:
+    def vjp(self, x: Array, w: Array) -> Array:
         """Re(Jᵀ w̄)."""
         with self._kept.at(x) as state:
             return state.gradient(w)
 
-    def second(self, x: Array, w: Array, direction: Array) -> Array:
+    def hvp(self, x: Array, w: Array, direction: Array) -> Array:
         """(Re Σ w̄ d)'' δθ."""
         with self._kept.at(x) as state:
-            if not hasattr(state, "second"):
-                raise InputError(
-                    "model", type(self._kept.model).__name__, "one with second derivatives: `State.second`"
-                )
-            return state.second(w, direction)
+            if not hasattr(state, "hvp"):
+                raise InputError("model", type(self._kept.model).__name__, "one with second derivatives: `State.hvp`")
+            return state.hvp(w, direction)
 
 
 class ObjectiveFunction:
@@ -81,7 +79,7 @@ class ObjectiveFunction:
     >>> from ngbrain.inverse.phantoms.benchmark import Phantom
     >>> inversion = Phantom.named("CV-G", 5).measured(0.02).inversion()
     >>> J, x = ObjectiveFunction(inversion.reduced), inversion.start
-    >>> float(J.push(x, np.ones(len(x))) / (J.pull(x, 1.0) @ np.ones(len(x))))
+    >>> float(J.jvp(x, np.ones(len(x))) / (J.vjp(x, 1.0) @ np.ones(len(x))))
     1.0
     """
 
@@ -113,17 +111,17 @@ class ObjectiveFunction:
         with self._at(x) as point:
             return np.array(point.value)
 
-    def push(self, x: Array, direction: Array) -> Array:
+    def jvp(self, x: Array, direction: Array) -> Array:
         """∇J · δx."""
         with self._at(x) as point:
             return np.array(point.gradient() @ direction)
 
-    def pull(self, x: Array, w: Array | float) -> Array:
+    def vjp(self, x: Array, w: Array | float) -> Array:
         """w ∇J."""
         with self._at(x) as point:
             return w * point.gradient()
 
-    def second(self, x: Array, w: Array, direction: Array) -> Array:
+    def hvp(self, x: Array, w: Array, direction: Array) -> Array:
         """w ∇²J δx, the whole Hessian; `InputError` for a model without second derivatives."""
         with self._at(x) as point:
             return w * point.hessian(direction)

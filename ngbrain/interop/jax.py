@@ -48,14 +48,14 @@ def function(of: Model | Reduced, start: Array) -> Callable[[Any], Any]:
     def value(x: Any) -> Array:
         return _or_nan(lambda: f.value(np.asarray(x)), y)
 
-    def pull(x: Any, w: Any) -> Array:
-        return _or_nan(lambda: f.pull(np.asarray(x), np.asarray(w)), start)
+    def vjp(x: Any, w: Any) -> Array:
+        return _or_nan(lambda: f.vjp(np.asarray(x), np.asarray(w)), start)
 
     def forward(x: Any) -> tuple[Any, Any]:
         return solved(x), x
 
     def backward(x: Any, w: Any) -> tuple[Any]:
-        return (jax.pure_callback(pull, given, x, w.conj(), vmap_method="sequential"),)
+        return (jax.pure_callback(vjp, given, x, w.conj(), vmap_method="sequential"),)
 
     @jax.custom_vjp  # type: ignore[untyped-decorator]
     def solved(x: Any) -> Any:

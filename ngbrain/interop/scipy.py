@@ -54,7 +54,7 @@ class Objective:
     def jac(self, x: Array) -> Array:
         """∇J: one adjoint solve for each load."""
         if self._solved(x) is not None:
-            self._slope = np.array(x), self._function.pull(x, 1.0)
+            self._slope = np.array(x), self._function.vjp(x, 1.0)
             return self._slope[1].copy()
         return np.zeros_like(x) if self._slope is None else BACK * np.sign(self._along(x)) * self._slope[1]
 

@@ -51,12 +51,12 @@ def function(of: Model | Reduced) -> Callable[[Any], Any]:
         @staticmethod
         def jvp(ctx: Any, direction: Any) -> Any:
             (x,) = ctx.saved_tensors
-            return torch.from_numpy(f.push(x.numpy(force=True), direction.numpy(force=True)))
+            return torch.from_numpy(f.jvp(x.numpy(force=True), direction.numpy(force=True)))
 
     class Pulled(torch.autograd.Function):  # type: ignore[misc, name-defined]
         @staticmethod
         def forward(x: Any, w: Any) -> Any:
-            return torch.from_numpy(f.pull(x.numpy(force=True), w.numpy(force=True)))
+            return torch.from_numpy(f.vjp(x.numpy(force=True), w.numpy(force=True)))
 
         @staticmethod
         def setup_context(ctx: Any, inputs: tuple[Any, Any], output: Any) -> None:
@@ -66,7 +66,7 @@ def function(of: Model | Reduced) -> Callable[[Any], Any]:
         @torch.autograd.function.once_differentiable  # type: ignore[untyped-decorator]
         def backward(ctx: Any, direction: Any) -> tuple[Any, Any]:
             x, w, v = (each.numpy(force=True) for each in (*ctx.saved_tensors, direction))
-            return torch.from_numpy(f.second(x, w, v)), torch.from_numpy(f.push(x, v))
+            return torch.from_numpy(f.hvp(x, w, v)), torch.from_numpy(f.jvp(x, v))
 
     def solved(x: Any) -> Any:
         if x.dtype != torch.float64:

@@ -42,7 +42,7 @@ def model(of: Model | Reduced, start: Array, name: str = "ngbrain") -> Any:
     start  a θ (or x) with a solution: it is solved for, as the size of the output has to be known
 
     Complex data are their real parts, then their imaginary parts; arrays are raveled. `apply_hessian` is there for a
-    `Model` whose State has `second`, and for a `Reduced`: the whole Hessian of such a model, else the Gauss-Newton matrix. Where
+    `Model` whose State has `hvp`, and for a `Reduced`: the whole Hessian of such a model, else the Gauss-Newton matrix. Where
     there is no solution J is `BEYOND`, without a slope; data have no value: the client raises an exception with the name and the
     message of the error, as it does for bad input, and the server goes on.
 
@@ -53,7 +53,7 @@ def model(of: Model | Reduced, start: Array, name: str = "ngbrain") -> Any:
     start = np.array(start, float)
     y = f.value(start)
     try:
-        f.second(start, y, start)
+        f.hvp(start, y, start)
         curved = True
     except InputError:
         curved = False
@@ -73,13 +73,13 @@ def model(of: Model | Reduced, start: Array, name: str = "ngbrain") -> Any:
             self, out_wrt: int, in_wrt: int, parameters: list[Numbers], sens: Numbers, config: Config = None
         ) -> Numbers:
             with _told():
-                return _real(f.pull(np.array(parameters[0]), _like(y, sens)))
+                return _real(f.vjp(np.array(parameters[0]), _like(y, sens)))
 
         def apply_jacobian(
             self, out_wrt: int, in_wrt: int, parameters: list[Numbers], vec: Numbers, config: Config = None
         ) -> Numbers:
             with _told():
-                return _real(f.push(np.array(parameters[0]), np.array(vec)))
+                return _real(f.jvp(np.array(parameters[0]), np.array(vec)))
 
         def apply_hessian(
             self,
@@ -92,7 +92,7 @@ def model(of: Model | Reduced, start: Array, name: str = "ngbrain") -> Any:
             config: Config = None,
         ) -> Numbers:
             with _told():
-                return _real(f.second(np.array(parameters[0]), _like(y, sens), np.array(vec)))
+                return _real(f.hvp(np.array(parameters[0]), _like(y, sens), np.array(vec)))
 
         def supports_evaluate(self) -> bool:
             return True
@@ -114,15 +114,15 @@ class _Walled(ObjectiveFunction):
         except SolverError:
             return np.array(BEYOND)
 
-    def pull(self, x: Array, w: Array | float) -> Array:
+    def vjp(self, x: Array, w: Array | float) -> Array:
         try:
-            return super().pull(x, w)
+            return super().vjp(x, w)
         except SolverError:
             return np.zeros(len(x))
 
-    def second(self, x: Array, w: Array, direction: Array) -> Array:
+    def hvp(self, x: Array, w: Array, direction: Array) -> Array:
         try:
-            return super().second(x, w, direction)
+            return super().hvp(x, w, direction)
         except InputError:
             return w * self.product(x, direction)
 

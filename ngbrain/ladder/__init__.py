@@ -41,10 +41,10 @@ def solve(
     model: Model | None = None,
     richest: Model | None = None,
     threads: int = 1,
-    tell: Callable[[Rung], None] = logged,
+    callback: Callable[[Rung], None] = logged,
     executor: parallel.AnyExecutor = None,
     questions: Sequence[Question] = (),
-    callback: Callable[[dict[str, Any]], None] | None = None,
+    checkpoint: Callable[[dict[str, Any]], None] | None = None,
 ) -> SceneResult:
     """The answers that a scene asks for, by the cheapest model that is good enough; it reads as `result.json` does.
 
@@ -52,7 +52,7 @@ def solve(
     folder    where `result.json` goes; None writes nothing
     model     axis → level, of those that are not to be chosen: others stay at their cheapest, and nothing is climbed
     richest   axis → level that the climb does not pass; None: all there are
-    tell      called after every rung
+    callback      called after every rung
     executor  who solves the models that estimates of a rung ask for, side by side (`parallel.run`): by default this process. Bodies
               at rest without memory are solved here in any case: estimates go on from their states
     questions  observables of one's own, asked beside what the scene asks
@@ -83,13 +83,13 @@ def solve(
         folder,
         threads,
         lambda watch: (
-            climb(scene, richest, tell, executor=executor, questions=questions, watch=watch)
+            climb(scene, richest, callback, executor=executor, questions=questions, watch=watch)
             if model is None
             else stand(scene, model, executor, questions)
         ),
         [AskedFor.of(quantity) for quantity in asked],
         _assumed_density(scene),
-        callback,
+        checkpoint,
     )
 
 
@@ -108,7 +108,7 @@ def answered(
     find: Callable[[Callable[[Climb], Any]], Climb],
     questions: Sequence[AskedFor],
     warnings: Sequence[str] = (),
-    callback: Callable[[dict[str, Any]], None] | None = None,
+    checkpoint: Callable[[dict[str, Any]], None] | None = None,
 ) -> SceneResult:
     """What `result.json` holds of the climb that is found, and written there; `warnings` beside the scene's own.
 
@@ -122,8 +122,8 @@ def answered(
         if folder is not None:
             Path(folder).mkdir(parents=True, exist_ok=True)
             write_json(Path(folder) / "result.json", result)
-        if callback is not None:
-            callback(result)
+        if checkpoint is not None:
+            checkpoint(result)
         return result
 
     with using(threads):

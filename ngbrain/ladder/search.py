@@ -99,7 +99,7 @@ class Climb(Result):
 def climb(
     scene: Scene,
     richest: Model | None = None,
-    tell: Callable[[Rung], None] = lambda _: None,
+    callback: Callable[[Rung], None] = lambda _: None,
     keeper: Keeper | None = None,
     executor: parallel.AnyExecutor = None,
     questions: Sequence[Question] = (),
@@ -112,14 +112,14 @@ def climb(
     asked: list[Asked] = [*scene.quantities, *questions]
     tolerances = np.array([quantity.tolerance for quantity in asked])
     axes = axes_of(scene, richest, questions)
-    return ascend(axes, keeper or Keeper(Bench(scene, questions), executor), tolerances, tell, watch)
+    return ascend(axes, keeper or Keeper(Bench(scene, questions), executor), tolerances, callback, watch)
 
 
 def ascend(
     axes: Mapping[str, Axis],
     keeper: Keeper,
     tolerances: Array,
-    tell: Callable[[Rung], None],
+    callback: Callable[[Rung], None],
     watch: Callable[[Climb], Any] = lambda _: None,
 ) -> Climb:
     """The same along any axes."""
@@ -135,7 +135,7 @@ def ascend(
         if np.all(rung.missing <= tolerances) or not open_axes:
             break
         rung.taken = _next(open_axes, rung, tolerances)
-        tell(rung)
+        callback(rung)
         watch(
             Climb(dict(axes), status=Status.STOPPED, history=list(rungs), warnings=[UNDER_WAY, *_doubts(keeper, rung)])
         )
@@ -152,7 +152,7 @@ def ascend(
         rungs[-1].estimates[name] = Estimate(np.full(len(tolerances), np.inf), "not to be solved", why, to)
     more, flags = _at_the_top(axes, rungs, tolerances)
     _judge(rungs[-1], axes, more)
-    tell(rungs[-1])
+    callback(rungs[-1])
     flags = _doubts(keeper, rungs[-1]) + flags + _nothing(rungs[-1])
     if np.any(rungs[-1].missing > NARROW * tolerances):
         much = "more than" if np.any(rungs[-1].missing > tolerances) else "nearly"

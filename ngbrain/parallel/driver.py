@@ -28,7 +28,7 @@ def run(
     tasks: Sequence[Task | tuple[Any, ...]],
     executor: AnyExecutor = None,
     *,
-    tell: Tell | None = None,
+    callback: Tell | None = None,
     finished: Finished | None = None,
     on_error: Literal["raise", "return"] = "raise",
     store: Store | None = None,
@@ -46,7 +46,7 @@ def run(
     executor : int or concurrent.futures.Executor, optional
         Who computes: by default this process, a number means so many processes of this machine. A `distributed.Client` and a
         `submitit.AutoExecutor` are taken too (`DaskExecutor`, `SlurmExecutor`). One that is given stays open.
-    tell : callable, optional
+    callback : callable, optional
         Called in this thread with what a task tells; tasks of executors in other processes than ours are not heard.
     finished : callable, optional
         Called in this thread with a task's name and result as soon as it has ended.
@@ -81,19 +81,19 @@ def run(
     asked, executor = executor, adapted(executor)
     plan = _Plan([Task(*task) for task in tasks], finished or (lambda *_: None), on_error == "return", store)
     plan.refuse(machine_memory() if executor is None or isinstance(executor, int) else room(executor))
-    tell = tell or (lambda *_: None)
+    callback = callback or (lambda *_: None)
     own = ProcessExecutor(executor) if isinstance(executor, int) and executor > 1 else None
     given = own or (None if isinstance(executor, int) else executor)
     if given is not None:
         try:
-            _through(given, plan, tell)
+            _through(given, plan, callback)
         except NotSent as reason:
             words = "%s; what was to be computed side by side is computed in this process, one after the other"
             LOG.warning(words, reason)
         finally:
             if given is not asked:
                 given.shutdown(wait=own is not None, cancel_futures=True)
-    _here(plan, tell, getattr(given, "threads", 1))
+    _here(plan, callback, getattr(given, "threads", 1))
     return plan.results()
 
 
@@ -176,23 +176,23 @@ class _Plan:
         return {name: self.ended[name] for name in self.tasks}
 
 
-def _here(plan: _Plan, tell: Tell, share: int = 1) -> None:
+def _here(plan: _Plan, callback: Tell, share: int = 1) -> None:
     def told(*what: Any) -> int:
         _heed()
-        tell(*what)
+        callback(*what)
         return share
 
     with threads(1):
         while (task := plan.next()) is not None:
             try:
-                result = task.function(*plan.args(task), tell=told)
+                result = task.function(*plan.args(task), callback=told)
             except Exception as error:
                 plan.fail(task.name, error)
             else:
                 plan.end(task.name, result)
 
 
-def _through(executor: Executor, plan: _Plan, tell: Tell) -> None:
+def _through(executor: Executor, plan: _Plan, callback: Tell) -> None:
     inbox = queue.SimpleQueue[tuple[str, str, Any]]()
     under_way: dict[str, Future[Any]] = {}
     alone, tried = deque[Task](), set[str]()
@@ -222,7 +222,7 @@ def _through(executor: Executor, plan: _Plan, tell: Tell) -> None:
                 return
             kind, name, what = _next(inbox)
             if kind == "told":
-                tell(*what)
+                callback(*what)
                 continue
             del under_way[name]
             try:

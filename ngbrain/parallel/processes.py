@@ -68,13 +68,13 @@ class ProcessExecutor(Executor):
         return self._add(Job(None, (fn, args, kwargs)))
 
     def submit_task(
-        self, name: str, function: Callable[..., Any], args: tuple[Any, ...], tell: Tell, memory: float = 0.0
+        self, name: str, function: Callable[..., Any], args: tuple[Any, ...], callback: Tell, memory: float = 0.0
     ) -> Job:
-        """A call as `function(*args, tell=...)`; `tell` is called here, in another thread, with what it tells.
+        """A call as `function(*args, callback=...)`; `callback` is called here, in another thread, with what it tells.
 
         Calls of known memory (bytes) wait until they fit beside the others.
         """
-        return self._add(Job(name, (function, args, {}), tell, memory))
+        return self._add(Job(name, (function, args, {}), callback, memory))
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Take no more; processes end when nothing waits any more."""
@@ -157,9 +157,11 @@ class ProcessExecutor(Executor):
 class Job(Future[Any]):
     """The future of a call, which can be ended while it is computed."""
 
-    def __init__(self, name: str | None, call: tuple[Any, ...], tell: Tell | None = None, memory: float = 0.0) -> None:
+    def __init__(
+        self, name: str | None, call: tuple[Any, ...], callback: Tell | None = None, memory: float = 0.0
+    ) -> None:
         super().__init__()
-        self.name, self.call, self.tell, self.memory = name, call, tell or (lambda *_: None), memory
+        self.name, self.call, self.callback, self.memory = name, call, callback or (lambda *_: None), memory
         self.process: _Process | None = None
 
     def kill(self) -> None:
@@ -200,7 +202,7 @@ class _Process:
                 except Exception:  # nothing more, or the half of something
                     raise self._dead(job.name or "a call") from None
                 if kind == "told":
-                    job.tell(*what)
+                    job.callback(*what)
                     self._write(share())
                 elif kind == "computed":
                     return what

@@ -64,7 +64,7 @@ def compute(name: str, function: Callable[..., Any], args: tuple[Any, ...], thei
         raise mismatch(socket.gethostname(), ours, theirs)
     with threads(1):
         try:
-            return function(*args, tell=lambda *_: 1)
+            return function(*args, callback=lambda *_: 1)
         except Exception as error:
             raise portable(error, name) from None
 

@@ -85,7 +85,7 @@ def portable(error: Exception, task: str) -> Exception:
 
 
 @contextmanager
-def helped(tell: Tell) -> Iterator[Tell]:
+def helped(callback: Tell) -> Iterator[Tell]:
     """Within a task: use its share of the threads, more once fewer tasks than threads are left; noticed when it tells.
 
     NGSolve's task manager then adds up in another order, so that results differ by round-off from those of one thread. Only a
@@ -96,7 +96,7 @@ def helped(tell: Tell) -> Iterator[Tell]:
 
         def told(*what: Any) -> None:
             nonlocal used
-            share = tell(*what)
+            share = callback(*what)
             if share != used:
                 stack.close()
                 stack.enter_context(threads(share))

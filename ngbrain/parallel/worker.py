@@ -40,7 +40,7 @@ def work() -> None:
         except OSError:
             os._exit(1)
 
-    def tell(*what: Any) -> int:
+    def callback(*what: Any) -> int:
         say("told", what)
         return replies.get()
 
@@ -60,7 +60,7 @@ def work() -> None:
             say("unreadable", f"{type(error).__name__}: {error}")
             continue
         try:
-            told = {} if name is None else {"tell": tell}
+            told = {} if name is None else {"callback": callback}
             say("computed", function(*args, **kwargs, **told))
         except Exception as error:
             say("raised", portable(error, name or getattr(function, "__name__", "task")))

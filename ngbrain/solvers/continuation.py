@@ -48,7 +48,7 @@ def follow(
     newton: Newton,
     x: Array,
     steps: int = 1,
-    tell: Callable[[float, Array], None] | None = None,
+    callback: Callable[[float, Array], None] | None = None,
     begin: float = 0.0,
 ) -> tuple[Array, PathRecord]:
     """From equilibrium x at t = `begin` to the one at t = 1, in `steps` steps if they succeed and in as many as it takes if not.
@@ -61,8 +61,8 @@ def follow(
     if not begin and _idle(path, newton, x, record):
         t = 1.0
         record.history.append((t, NewtonRecord(status=Status.CONVERGED, min_det_F=path.min_det(x))))
-        if tell:
-            tell(t, x)
+        if callback:
+            callback(t, x)
     before: tuple[Array, float] | None = None
     while t < 1:
         dt = min(dt, 1 - t) if 1 - t - dt > 1e-9 else 1 - t
@@ -75,8 +75,8 @@ def follow(
             before, x, t = (x, t), state, goal
             if record.history[-1][1].iterations <= EASY:
                 dt = min(1 / steps, 2 * dt)
-            if tell:
-                tell(t, x)
+            if callback:
+                callback(t, x)
             continue
         record.cuts.append(f"t = {goal:.4g}: {failed}")
         dt /= 2
@@ -92,7 +92,7 @@ def follow(
 
 
 def resumed(
-    path: Path, newton: Newton, x: Array, steps: int = 1, tell: Callable[[float, Array], None] | None = None
+    path: Path, newton: Newton, x: Array, steps: int = 1, callback: Callable[[float, Array], None] | None = None
 ) -> tuple[Array, PathRecord] | None:
     """The equilibrium at t = 1 from a state x near it, as far as it may be taken; None where Newton's method does not arrive.
 
@@ -107,7 +107,7 @@ def resumed(
     state, found = settings.solve(path, path.load(part * x, part))
     if not found.converged:
         return None
-    state, record = follow(path, settings, state, steps, tell, begin=part)
+    state, record = follow(path, settings, state, steps, callback, begin=part)
     if not record.converged:
         return None
     record.history.insert(0, (part, found))

@@ -142,7 +142,7 @@ def calibrate(
     spread: float = SPREAD,
     level: float = LEVEL,
     start: Mapping[str, float] | None = None,
-    tell: Callable[[Iteration, dict[str, float]], None] = logged,
+    callback: Callable[[Iteration, dict[str, float]], None] = logged,
     search: Search = levenberg_marquardt,
     finer: bool = True,
 ) -> Calibrated:
@@ -153,7 +153,7 @@ def calibrate(
     spread   r, by what factor a tissue may well differ from the scene's constants
     level    probability of the intervals
     start    tissue → factor where the search begins (1)
-    tell     called after every round with the factors by then, from which another search may go on
+    callback     called after every round with the factors by then, from which another search may go on
     search   the optimiser, such as `inverse.quasi_newton.l_bfgs`
     finer    whether the error of elements is taken off and counts in the intervals, by one run more, on elements 0.7 times as large
 
@@ -177,7 +177,7 @@ def calibrate(
     weights = dict.fromkeys(held, 1 / math.log(spread) ** 2)
 
     def told(iteration: Iteration) -> None:
-        tell(iteration, {name: factor.Get() for name, factor in retracted.factors.items()})
+        callback(iteration, {name: factor.Get() for name, factor in retracted.factors.items()})
 
     first = np.log([(start or {}).get(name, 1.0) for name in retracted.factors])
     found = search(Reduced(run, seen.misfit(), fields, held, weights), first, Given(), told)

@@ -94,9 +94,9 @@ def solve(
     model: Model | None = None,
     richest: Model | None = None,
     threads: int = 1,
-    tell: Callable[[Rung], None] = logged,
+    callback: Callable[[Rung], None] = logged,
     executor: parallel.AnyExecutor = None,
-    callback: Callable[[dict[str, Any]], None] | None = None,
+    checkpoint: Callable[[dict[str, Any]], None] | None = None,
 ) -> SceneResult:
     """What an operation is asked (`Scene.quantities`), by the cheapest model that is good enough; it reads as `result.json` does.
 
@@ -121,11 +121,11 @@ def solve(
             scene,
             folder,
             threads,
-            lambda watch: ascend(axes, keeper, tolerances, tell, watch),
+            lambda watch: ascend(axes, keeper, tolerances, callback, watch),
             asked,
-            callback=callback,
+            checkpoint=checkpoint,
         )
-    return answered(scene, folder, threads, lambda _: stay(axes, keeper, model), asked, callback=callback)
+    return answered(scene, folder, threads, lambda _: stay(axes, keeper, model), asked, checkpoint=checkpoint)
 
 
 class Operation:

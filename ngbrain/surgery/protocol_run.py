@@ -182,14 +182,14 @@ class ProtocolRun:
                 self.transient.problem, self.transient.progress, NewtonRecord(status=Status.CONVERGED, min_det_F=1.0)
             )
 
-    def go(self, tell: Tell | None = None, until: float = float("inf")) -> ProtocolRun:
+    def go(self, callback: Tell | None = None, until: float = float("inf")) -> ProtocolRun:
         """Run to the end (or to `until`, s); raises what `TimeStepper.run` raises, with the last good step saved."""
         end = self.protocol.times[-1]
 
         def watch(body: Problem, at: Progress, record: NewtonRecord) -> None:
             self.look(body, at, record)
-            if tell is not None:
-                tell(self.protocol.name, at.t, at.t / end)
+            if callback is not None:
+                callback(self.protocol.name, at.t, at.t / end)
 
         self.transient.run(watch, until)
         return self

@@ -63,9 +63,9 @@ def solve(
     folder: str | Path | None = None,
     threads: int = 1,
     resume: bool = False,
-    tell: Tell = logged,
+    callback: Tell = logged,
     checks: bool = True,
-    callback: Callable[[dict[str, Any]], None] | None = None,
+    checkpoint: Callable[[dict[str, Any]], None] | None = None,
     executor: parallel.AnyExecutor = None,
 ) -> SceneResult:
     """Run every protocol of a scene, then the checks of what its numbers are worth.
@@ -81,7 +81,7 @@ def solve(
         Processes side by side; the last ones use the threads that are left over, and differ by round-off from one's results.
     resume : bool
         Go on from the run files in `folder`.
-    tell : callable, optional
+    callback : callable, optional
         Called with (run, its time in s, share done) after every step.
     checks : bool
         False leaves the checks out: no error estimates of mesh, order and time steps, nor another exponent of the law.
@@ -138,15 +138,15 @@ def solve(
         result["time_s"] = time.perf_counter() - started
         if where is not None:
             write_json(where / "result.json", result)
-        if callback:
-            callback(result)
+        if checkpoint:
+            checkpoint(result)
 
     tasks = _tasks(model, where, resume, checks)
     if executor is None and threads > 1:
         with ProcessExecutor(threads, threads=threads) as processes:
-            parallel.run(tasks, processes, tell=tell, finished=finished)
+            parallel.run(tasks, processes, callback=callback, finished=finished)
     else:
-        parallel.run(tasks, executor, tell=tell, finished=finished)
+        parallel.run(tasks, executor, callback=callback, finished=finished)
     return SceneResult(
         result, status=Status.CONVERGED if result else Status.STOPPED, warnings=known.get("warnings", [])
     )
@@ -217,13 +217,13 @@ def _tasks(model: Model, folder: Path | None, resume: bool, checks: bool = True)
 
 
 def _begin(
-    model: Model, program: Protocol | Force, folder: Path | None, resume: bool, *, tell: Tell
+    model: Model, program: Protocol | Force, folder: Path | None, resume: bool, *, callback: Tell
 ) -> Snapshot | None:
     """How a run stands after its first piece, None if it is past that: several protocols go on from there."""
     run = ProtocolRun(model, program, folder, resume)
     if run.transient.progress.t > program.times[1]:
         return None
-    with helped(tell) as told:
+    with helped(callback) as told:
         return run.go(told, program.times[1]).snapshot()
 
 
@@ -234,23 +234,23 @@ def _go(
     resume: bool,
     start: Snapshot | None = None,
     *,
-    tell: Tell,
+    callback: Tell,
 ) -> ProtocolResult:
     """A run, from where it stands after the piece that it shares with others."""
-    with helped(tell) as told:
+    with helped(callback) as told:
         return ProtocolRun(model, program, folder, resume, start).go(told).result()
 
 
-def _check(model: Model, name: str, folder: Path | None, resume: bool, tell: Tell) -> Any:
+def _check(model: Model, name: str, folder: Path | None, resume: bool, callback: Tell) -> Any:
     if folder is not None:
         folder = folder / "checks"
         folder.mkdir(exist_ok=True)
     try:
-        with helped(tell) as told:
+        with helped(callback) as told:
             value = _CHECKS[name](model, folder, resume, lambda _, t, share: told(_CHECK + name, t, share))
     except SolverError:  # what a check could not compute is reported as missing; the protocols' answers stand
         value = None
-    tell(_CHECK + name, 0.0, 1.0)
+    callback(_CHECK + name, 0.0, 1.0)
     return value
 
 

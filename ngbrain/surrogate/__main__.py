@@ -95,10 +95,10 @@ def learn(folder: Path, name: str, of: dict[str, Any], start: Path | None) -> No
     training, validation = (DataSet.read(folder / f"{name}_{split}.h5") for split in ("train", "validation"))
     settings = Settings(**of)
 
-    def tell(epoch: dict[str, float]) -> None:
+    def callback(epoch: dict[str, float]) -> None:
         print(", ".join(f"{key} {value:.4g}" for key, value in epoch.items()), flush=True)
 
-    model = train(WaveletOperator, training, validation, folder / name, settings, tell, start)
+    model = train(WaveletOperator, training, validation, folder / name, settings, callback, start)
     checkpoint = torch.load(folder / name / "checkpoint.pt", weights_only=True)
     trainings = list(_trainings(checkpoint["made_by"]))[::-1]
     card = {

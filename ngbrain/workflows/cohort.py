@@ -38,7 +38,7 @@ def cohort(
     group: str | None = None,
     executor: AnyExecutor = 1,
     again: bool = False,
-    tell: Callable[..., Any] | None = None,
+    callback: Callable[..., Any] | None = None,
 ) -> Cohort:
     """Put many scans or cases through one of the command's verbs.
 
@@ -62,7 +62,7 @@ def cohort(
         that crashes takes with it. Workers of other machines need the same folders.
     again : bool
         Compute all rows, also those that are finished.
-    tell : callable, optional
+    callback : callable, optional
         Called with a text, how far the work has come.
 
     Returns
@@ -95,7 +95,7 @@ def cohort(
     groups = values_of(cases, by) if by else dict.fromkeys((case.name for case in cases), "")
     _check_folder(folder)
     with held(folder):
-        records, computed = _computed(cases, folder, executor, again, tell or (lambda *_: None))
+        records, computed = _computed(cases, folder, executor, again, callback or (lambda *_: None))
         rows = [_row(case, records[case.name], groups[case.name], folder, case.name in computed) for case in cases]
         done = _judged(rows, folder, by, [case.name for case in cases])
         _write(done, path, executor, time.monotonic() - started)
@@ -117,10 +117,10 @@ def _check_folder(folder: Path) -> None:
 
 
 def _computed(
-    cases: Sequence[Case], folder: Path, executor: AnyExecutor, again: bool, tell: Callable[..., Any]
+    cases: Sequence[Case], folder: Path, executor: AnyExecutor, again: bool, callback: Callable[..., Any]
 ) -> tuple[dict[str, Record], set[str]]:
     """What is known of every row, and the names of those that were computed for it now."""
-    tell("looking for what is finished")
+    callback("looking for what is finished")
     if not (folder / ROWS).exists():
         (folder / ROWS).mkdir()
         (folder / ROWS / MARK).write_text(MARK_SAYS, encoding="utf-8")
@@ -148,11 +148,11 @@ def _computed(
 
     def begun(name: str) -> None:
         under_way.append(name)
-        tell(words())
+        callback(words())
 
     def over(name: str, _: Any) -> None:
         ended.append(name)
-        tell(words())
+        callback(words())
 
     found = _run(tasks, executor, begun, over) if tasks else {}
     for name, outcome in found.items():
@@ -168,9 +168,9 @@ def _run(
 ) -> dict[str, Any]:
     """Tasks in processes of their own if a number of them is given, also one: a row that crashes ends no more than that."""
     if not isinstance(executor, int):
-        return run(tasks, executor, tell=begun, finished=over, on_error="return")
+        return run(tasks, executor, callback=begun, finished=over, on_error="return")
     with ProcessExecutor(min(executor, len(tasks))) as processes:
-        return run(tasks, processes, tell=begun, finished=over, on_error="return")
+        return run(tasks, processes, callback=begun, finished=over, on_error="return")
 
 
 def _row(case: Case, record: Record, group: str, folder: Path, computed: bool) -> Row:

@@ -84,7 +84,7 @@ def digest_case(case: Case) -> str:
     return hashlib.sha256(json.dumps(made_from).encode()).hexdigest()
 
 
-def run_row(case: Case, folder: str, digest: str, *, tell: Tell) -> Record:
+def run_row(case: Case, folder: str, digest: str, *, callback: Tell) -> Record:
     """Compute a row in its folder; what an earlier run with the same digest has left there is gone on with.
 
     Parameters
@@ -94,7 +94,7 @@ def run_row(case: Case, folder: str, digest: str, *, tell: Tell) -> Record:
         Where results go.
     digest : str
         Of the row, by `digest_case`.
-    tell : callable
+    callback : callable
         Called with the row's name when it begins.
 
     Returns
@@ -103,7 +103,7 @@ def run_row(case: Case, folder: str, digest: str, *, tell: Tell) -> Record:
         As it is written in the folder at last. It is not where the row failed for what may be the machine's fault (no memory, a
         full disk, an unknown error), so that it is done again next time.
     """
-    tell(case.name)
+    callback(case.name)
     place = Path(folder)
     before = Record.read(place)
     again = before is not None and before.digest == digest

@@ -29,8 +29,8 @@ def simulate(
     threads: int = 1,
     resume: bool = False,
     checks: bool = True,
-    tell: Callback = logged,
-    callback: Callable[[dict[str, Any]], None] | None = None,
+    callback: Callback = logged,
+    checkpoint: Callable[[dict[str, Any]], None] | None = None,
     executor: parallel.AnyExecutor = None,
     questions: Sequence[Question] = (),
 ) -> SceneResult:
@@ -56,7 +56,7 @@ def simulate(
         Go on with what is in `folder`, of an operation as described.
     checks : bool
         Whether an operation as described is run on other meshes, steps and laws too.
-    tell : callable
+    callback : callable
         How far it has come: see `ngbrain.ladder.solve` and `ngbrain.surgery.retraction.solve`.
     callback : callable, optional
         Called with the result's data as far as it is known: when the protocols of an operation as described are done and after each
@@ -98,16 +98,16 @@ def simulate(
             raise InputError(
                 "model", "given", "no model: an operation as described, or without a [[quantity]], has its own"
             )
-        return retraction.solve(scene, folder, threads, resume, tell, checks, callback, executor)
+        return retraction.solve(scene, folder, threads, resume, callback, checks, checkpoint, executor)
     if resume:
         raise InputError("resume", resume, "False: only an operation as described can be resumed")
     if scene.is_operation:
         if questions:
             raise InputError("questions", "given", "none: an operation has those of its own [[quantity]]")
-        return model_selection.solve(scene, folder, model, richest, threads, tell, executor, callback)
+        return model_selection.solve(scene, folder, model, richest, threads, callback, executor, checkpoint)
     if as_described:
         model = described(scene)
-    return ladder.solve(scene, folder, model, richest, threads, tell, executor, questions, callback)
+    return ladder.solve(scene, folder, model, richest, threads, callback, executor, questions, checkpoint)
 
 
 def described(scene: Scene) -> Model:

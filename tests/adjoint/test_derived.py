@@ -40,15 +40,15 @@ def check(of, theta, direction, rng, first=0.01, second=True):
     if np.iscomplexobj(there.inner.data):  # by symmetry some hardly move, where neither has a slope
         size = np.abs(there.inner.data)
         w = np.where(size > 0.05 * size.max(), rng.normal(size=size.shape), 0.0)
-    assert dot(there.push, there.pull(w), direction, w) < 1e-9
-    assert there.gradient(w) == pytest.approx(there.pull(w), rel=1e-7, abs=1e-9 * np.abs(there.pull(w)).max())
+    assert dot(there.jvp, there.vjp(w), direction, w) < 1e-9
+    assert there.gradient(w) == pytest.approx(there.vjp(w), rel=1e-7, abs=1e-9 * np.abs(there.vjp(w)).max())
     rates = taylor(lambda t: float(np.sum(w * of.at(t).data)), there.gradient(w), theta, direction, 3, first)
     assert np.all(np.abs(rates - 2) < 0.15), rates
     if second:
         size = np.concatenate([np.full(p.stop - p.start, np.abs(theta[p]).max()) for p in of.model.blocks.values()])
         there = of.at(theta)
         rates = taylor(
-            lambda t: of.at(t).gradient(w) * size, lambda d: there.second(w, d) * size, theta, direction, 3, first
+            lambda t: of.at(t).gradient(w) * size, lambda d: there.hvp(w, d) * size, theta, direction, 3, first
         )
         assert np.all(np.abs(rates - 2) < 0.15), rates
 
@@ -72,7 +72,7 @@ def test_dose_and_time_above_of_a_run(rng):
     above = TimeAbove(model.times, 0.8 * pressure.max(), 0.1 * pressure.max())
     check(Derived(model, above), theta, direction, rng, second=False)
     with pytest.raises(InputError, match="second derivatives"):
-        Derived(model, above).at(theta).second(np.ones(2), direction)
+        Derived(model, above).at(theta).hvp(np.ones(2), direction)
 
 
 def test_dose_and_time_above_of_the_cubic_of_a_report(rng):

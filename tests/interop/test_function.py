@@ -29,17 +29,17 @@ def test_model_and_objective_are_told_apart(waves, inversion):
 def test_one_solve_for_one_theta(waves):
     f, theta = function(waves), waves.theta
     y = f.value(theta)
-    f.push(theta, theta), f.pull(theta, y), f.value(theta.copy())
+    f.jvp(theta, theta), f.vjp(theta, y), f.value(theta.copy())
     assert waves.solves.factorisations == waves.solves.forward == 1 and waves.solves.adjoint == 1
 
 
 def test_two_functions_of_a_model_share_its_solve(waves, inversion):
     f, g, theta = function(waves), function(waves), waves.theta
-    g.pull(theta, f.value(theta))
+    g.vjp(theta, f.value(theta))
     assert waves.solves.factorisations == 1
     x = inversion.unknowns.start + 0.1
     before, objective, data = inversion.model.solves.factorisations, function(inversion), function(inversion.model)
-    data.value(inversion.unknowns.theta(x)), objective.value(x), objective.pull(x, 1.0)
+    data.value(inversion.unknowns.theta(x)), objective.value(x), objective.vjp(x, 1.0)
     assert inversion.model.solves.factorisations == before + 1
 
 
@@ -65,7 +65,7 @@ def test_earlier_theta_is_solved_again(waves, around, of_two):
     theta, w = around(waves, f.value(waves.theta))
     f.value(theta)
     other.value(1.3 * theta)
-    same(f.pull(theta, w), fresh().at(theta).gradient(w))
+    same(f.vjp(theta, w), fresh().at(theta).gradient(w))
 
 
 def test_model_asked_by_others_is_asked_again(waves, around):
@@ -73,7 +73,7 @@ def test_model_asked_by_others_is_asked_again(waves, around):
     theta, w = around(waves, f.value(waves.theta))
     f.value(theta)
     waves.at(1.3 * theta)
-    same(f.pull(theta, w), fresh().at(theta).gradient(w))
+    same(f.vjp(theta, w), fresh().at(theta).gradient(w))
 
 
 def test_failed_solve_leaves_nothing_behind(real):
@@ -82,7 +82,7 @@ def test_failed_solve_leaves_nothing_behind(real):
     with pytest.raises(ConvergenceError):
         f.value(theta + 1)
     with pytest.raises(ConvergenceError):
-        f.pull(theta + 1, y)
+        f.vjp(theta + 1, y)
     same(f.value(theta), y)
 
 
@@ -107,7 +107,7 @@ def test_threads_get_their_own_answers():
     f, found = function(Moving()), {}
 
     def ask(number):
-        found[number] = [f.pull(np.full(3, float(number)), np.ones(3)) for _ in range(10)]
+        found[number] = [f.vjp(np.full(3, float(number)), np.ones(3)) for _ in range(10)]
 
     threads = [threading.Thread(target=ask, args=(number,)) for number in range(3)]
     for thread in threads:
@@ -123,27 +123,27 @@ def test_objective_is_that_of_the_reduced(inversion, rng):
     f, point, dx = function(inversion), inversion.at(x), rng.normal(size=x.size)
     value, gradient, product = point.value, point.gradient(), point.product(dx)
     same(f.value(x), value)
-    same(f.pull(x, 2.0), 2 * gradient)
-    same(f.push(x, dx), gradient @ dx)
+    same(f.vjp(x, 2.0), 2 * gradient)
+    same(f.jvp(x, dx), gradient @ dx)
     same(f.product(x, dx), product)
 
 
 def test_second_derivatives(real, waves, inversion, rng):
     f, x, w, dx = function(real), 0.1 * rng.normal(size=8), rng.normal(size=10), rng.normal(size=8)
-    rates = taylor(lambda x: f.pull(x, w), lambda d: f.second(x, w, d), x, dx)
+    rates = taylor(lambda x: f.vjp(x, w), lambda d: f.hvp(x, w, d), x, dx)
     assert np.all(np.abs(rates - 2) < 0.1)
     J, x = function(inversion), inversion.unknowns.start + 0.1
     dx = rng.normal(size=x.size)
-    same(J.second(x, 2.0, dx), 2 * inversion.at(x).hessian(dx))
+    same(J.hvp(x, 2.0, dx), 2 * inversion.at(x).hessian(dx))
     f, theta = function(waves), waves.theta
     w, dx = rng.normal(size=f.value(theta).shape) + 0j, theta * rng.normal(size=theta.size)
-    same(f.second(theta, w, dx), waves.at(theta).second(w, dx))
+    same(f.hvp(theta, w, dx), waves.at(theta).hvp(w, dx))
 
 
 def test_second_derivatives_are_refused_where_there_are_none():
     flat = SimpleNamespace(at=lambda theta: SimpleNamespace(data=theta))
     with pytest.raises(InputError, match="second derivatives"):
-        function(flat).second(np.ones(1), np.ones(1), np.ones(1))
+        function(flat).hvp(np.ones(1), np.ones(1), np.ones(1))
 
 
 def test_objective_follows_the_weights(inversion):
@@ -153,7 +153,7 @@ def test_objective_follows_the_weights(inversion):
     regular = inversion.regular(x)
     inversion.weights = {name: 3 * weight for name, weight in inversion.weights.items()}
     assert float(f.value(x)) - before == pytest.approx(2 * regular, abs=1e-12 * before) and regular > 1e-8 * before
-    same(f.pull(x, 1.0), inversion.at(x).gradient())
+    same(f.vjp(x, 1.0), inversion.at(x).gradient())
 
 
 def test_unknown_that_only_a_regulariser_sees(real):
@@ -171,9 +171,9 @@ def test_rates(waves, inversion, around, rng):
     f = function(waves)
     theta, w = around(waves, f.value(waves.theta))
     dx = theta * rng.normal(size=theta.size)
-    rates = taylor(f.value, lambda d: f.push(theta, d), theta, dx, first=1e-3)
+    rates = taylor(f.value, lambda d: f.jvp(theta, d), theta, dx, first=1e-3)
     assert np.all(np.abs(rates - 2) < 0.1)
-    rates = taylor(lambda x: float(np.sum(np.conj(w) * f.value(x)).real), f.pull(theta, w), theta, dx, first=1e-3)
+    rates = taylor(lambda x: float(np.sum(np.conj(w) * f.value(x)).real), f.vjp(theta, w), theta, dx, first=1e-3)
     assert np.all(np.abs(rates - 2) < 0.1)
     J, x = function(inversion), inversion.unknowns.start + 0.1
-    assert np.all(np.abs(taylor(J.value, J.pull(x, 1.0), x, rng.normal(size=x.size), first=1e-3) - 2) < 0.1)
+    assert np.all(np.abs(taylor(J.value, J.vjp(x, 1.0), x, rng.normal(size=x.size), first=1e-3) - 2) < 0.1)

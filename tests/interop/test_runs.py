@@ -51,5 +51,5 @@ def test_umbridge(umbridge, run, right):
     assert served.get_output_sizes() == [data.size] and served.supports_apply_hessian()
     same(served([theta.tolist()])[0], data.ravel())
     same(served.gradient(0, 0, [theta.tolist()], w.ravel().tolist()), gradient)
-    second = run.at(theta).second(w, theta)
+    second = run.at(theta).hvp(w, theta)
     same(served.apply_hessian(0, 0, 0, [theta.tolist()], w.ravel().tolist(), theta.tolist()), second)

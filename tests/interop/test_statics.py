@@ -41,10 +41,10 @@ def units(tissue):
 def test_rates_of_both_orders(tissue, units, rng):
     (theta, unit), f = units, function(tissue)
     w, dx = rng.normal(size=len(unit)) / unit, theta * rng.uniform(-1, 1, size=len(theta))
-    value, slope = lambda x: float(w @ f.value(x)), f.pull(theta, w)
+    value, slope = lambda x: float(w @ f.value(x)), f.vjp(theta, w)
     assert np.all(np.abs(taylor(value, slope, theta, dx, steps=3) - 2) < 0.1)
-    change = f.second(theta, w, dx)
-    rates = taylor(lambda x: theta * f.pull(x, w), lambda _: theta * change, theta, dx, steps=3)
+    change = f.hvp(theta, w, dx)
+    rates = taylor(lambda x: theta * f.vjp(x, w), lambda _: theta * change, theta, dx, steps=3)
     assert np.all(np.abs(rates - 2) < 0.1)
 
 
@@ -77,7 +77,7 @@ def test_umbridge(umbridge, tissue, units, rng):
     served = to_umbridge.model(tissue, theta)
     w, v = rng.normal(size=len(unit)) / unit, theta * rng.normal(size=len(theta))
     there = tissue.at(theta)
-    gradient, second = there.gradient(w), there.second(w, v)
+    gradient, second = there.gradient(w), there.hvp(w, v)
     assert served.supports_apply_hessian()
     assert served.gradient(0, 0, [theta.tolist()], w.tolist()) == pytest.approx(gradient, rel=1e-9)
     assert served.apply_hessian(0, 0, 0, [theta.tolist()], w.tolist(), v.tolist()) == pytest.approx(second, rel=1e-7)

@@ -158,7 +158,7 @@ def test_second_derivatives_of_an_objective(torch, inversion, rng):
 
 
 def test_second_derivatives_are_refused_where_there_are_none(torch, monkeypatch, waves):
-    monkeypatch.delattr(Linearised, "second")
+    monkeypatch.delattr(Linearised, "hvp")
     x = torch.tensor(waves.theta, requires_grad=True)
     (slope,) = torch.autograd.grad(function(waves)(x).abs().sum(), x, create_graph=True)
     with pytest.raises(InputError, match="second derivatives"):

@@ -56,8 +56,8 @@ def test_round_trip(umbridge, url, waves, around, rng):
     assert client.get_input_sizes() == [waves.size] and client.get_output_sizes() == [2 * state.data.size]
     same(client(x)[0], numbers(state.data))
     same(client.gradient(0, 0, x, numbers(w).tolist()), state.gradient(w))
-    same(client.apply_jacobian(0, 0, x, dx.tolist()), numbers(state.push(dx)))
-    same(client.apply_hessian(0, 0, 0, x, numbers(w).tolist(), dx.tolist()), state.second(w, dx))
+    same(client.apply_jacobian(0, 0, x, dx.tolist()), numbers(state.jvp(dx)))
+    same(client.apply_hessian(0, 0, 0, x, numbers(w).tolist(), dx.tolist()), state.hvp(w, dx))
 
 
 def test_objective(umbridge, url, risky, rng):
@@ -72,7 +72,7 @@ def test_objective(umbridge, url, risky, rng):
 
 def test_what_has_no_second_derivatives(umbridge, waves, inversion, monkeypatch, rng):
     """Data have no Hessian then, J that of Gauss and Newton."""
-    monkeypatch.delattr(Linearised, "second")
+    monkeypatch.delattr(Linearised, "hvp")
     assert not model(waves, waves.theta).supports_apply_hessian()
     x, dx = inversion.unknowns.start, rng.normal(size=inversion.unknowns.start.size)
     served = model(inversion, x)

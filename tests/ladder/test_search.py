@@ -389,7 +389,7 @@ def test_what_is_stopped_leaves_what_it_has(tmp_path):
         quantities=[Quantity(name="force", boundary="top", tolerance=0.05)],
     )
     with pytest.raises(KeyboardInterrupt):
-        ngbrain.simulate(scene, tmp_path, callback=stop)
+        ngbrain.simulate(scene, tmp_path, checkpoint=stop)
     left = json.loads((tmp_path / "result.json").read_text())
     assert left == json.loads(json.dumps(seen[0])) and len(left["rungs"]) == 1
     assert left["answers"][0]["value"] < 0 and any("under way" in flag for flag in left["flags"])

@@ -122,7 +122,7 @@ def test_what_a_task_prints_is_no_answer(capfd):
 
 def test_it_is_said_when_a_task_has_ended_and_what_it_told(workers):
     said, ended = [], {}
-    parallel.run([("a", lives, (1,)), ("b", lives, (2,))], workers, tell=said.append, finished=ended.__setitem__)
+    parallel.run([("a", lives, (1,)), ("b", lives, (2,))], workers, callback=said.append, finished=ended.__setitem__)
     assert said == ["alive", "alive"] and ended == {"a": 1, "b": 2}
 
 
@@ -131,7 +131,7 @@ def test_who_listens_may_end_it(two):
         raise RuntimeError("enough")
 
     with pytest.raises(RuntimeError, match="enough"):
-        parallel.run([("a", outlives, (60.0,)), ("b", lives, (2,))], two, tell=listen)
+        parallel.run([("a", outlives, (60.0,)), ("b", lives, (2,))], two, callback=listen)
 
 
 def test_a_task_is_called_with_what_it_needs(workers):

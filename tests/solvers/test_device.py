@@ -100,8 +100,8 @@ def test_waves_and_their_derivatives(cudss, rng):
     w, direction = rng.normal(size=there.data.shape), rng.normal(size=there.model.size)
     for one, other in (
         (here.gradient(w), there.gradient(w)),
-        (here.pull(w), there.pull(w)),
-        (here.push(direction), there.push(direction)),
+        (here.vjp(w), there.vjp(w)),
+        (here.jvp(direction), there.jvp(direction)),
     ):
         assert near(one, other)
 

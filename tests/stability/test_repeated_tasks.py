@@ -13,7 +13,7 @@ def naive(folder):
     """What a loop over processes does: start again whatever has ended badly."""
     context = multiprocessing.get_context("spawn")
     for _ in range(2):
-        process = context.Process(target=writes_and_dies_once, args=(folder, 3), kwargs={"tell": None})
+        process = context.Process(target=writes_and_dies_once, args=(folder, 3), kwargs={"callback": None})
         process.start()
         process.join()
         if process.exitcode == 0:

@@ -55,7 +55,7 @@ def fitted(truth):
     model.forget()
     for number, value in zip(numbers.values(), START, strict=False):
         number.Set(value)
-    return recover(model, data, 0.01 * np.abs(data), tell=lambda _: None)
+    return recover(model, data, 0.01 * np.abs(data), callback=lambda _: None)
 
 
 @pytest.mark.filterwarnings("ignore:An ill-conditioned matrix")

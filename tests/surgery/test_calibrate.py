@@ -68,7 +68,7 @@ def test_the_force_and_the_landmarks_have_their_derivatives(retracted):
     at, along = np.array([1.2, 0.9]), np.array([0.5, -0.7])
     scale = np.abs(retracted.run.at(at).data).max(axis=0)
     there = retracted.run.at(at)
-    change = there.push(along) / scale
+    change = there.jvp(along) / scale
     rates = check.taylor(lambda x: retracted.run.at(x).data / scale, lambda dx: change, at, along, steps=2, first=0.1)
     assert np.all(np.abs(rates - 2) < 0.15), rates
 

@@ -58,7 +58,7 @@ def staged_run(monkeypatch):
     )
 
     def solve(folder, names, **options):
-        def run(checks, executor, *, tell, finished):
+        def run(checks, executor, *, callback, finished):
             assert checks == options.get("checks", True)
             for name in names:
                 finished(name, None if name == "check: half steps" else name.upper())
@@ -90,7 +90,7 @@ def test_a_result_is_there_when_the_protocols_are_done_and_grows_with_the_checks
         assert kept(tmp_path) == result  # the file is first
         heard.append(dict(result["check_status"]))
 
-    result = staged_run(tmp_path, names, callback=note)
+    result = staged_run(tmp_path, names, checkpoint=note)
     assert result == kept(tmp_path) and result["warnings"] == ["stiff"]
     assert result["answers"] == {name: name.upper() for name in ("continuous", "intermittent", "staged")}
     assert [list(status.values()) for status in heard] == [
@@ -154,7 +154,7 @@ def test_a_shared_beginning_changes_no_bit(tmp_path):
     )
     model = Model.of(scene)
     first, second = (model.program(scene, asked) for asked in scene.protocols)
-    quiet = {"tell": lambda *_: None}
+    quiet = {"callback": lambda *_: None}
     begun = retraction._begin(model, second, tmp_path, False, **quiet)
     together = {
         program.name: retraction._go(model, program, tmp_path, False, begun, **quiet) for program in (second, first)

@@ -43,7 +43,7 @@ def test_an_ogden_bar(stretch):
     # Vertices move by a length, higher functions not at all.
     lift = np.isclose(top.value, (stretch - 1) * SIDE, rtol=1e-9).astype(float)
     assert up[model.blocks["top"]] @ lift == pytest.approx(by_stretch / SIDE, rel=1e-8)
-    second = [there.second(np.array([0, 0, 1.0]), unit)[:2] for unit in np.eye(model.size)[:2]]
+    second = [there.hvp(np.array([0, 0, 1.0]), unit)[:2] for unit in np.eye(model.size)[:2]]
     wanted = np.array([[0, by_alpha / m], [by_alpha / m, by_alpha_twice]])
     assert np.array(second) == pytest.approx(wanted, rel=1e-7, abs=1e-9 * abs(by_alpha))
 

@@ -82,5 +82,5 @@ def test_how_they_change(stretch):
     more, less = (standing(modulus(stretch) + sign * h * MU * stretch**2, stretch) for sign in (1, -1))
     longer, shorter = (standing(modulus(stretch + sign * h), stretch + sign * h) for sign in (1, -1))
     for direction, wanted in ((by_mu, (more - less) / (2 * h)), (by_stretch, (longer - shorter) / (2 * h))):
-        found = there.push(direction)[0, :, 1]
+        found = there.jvp(direction)[0, :, 1]
         assert np.abs(found - wanted).max() < 2e-3 * np.abs(wanted).max()

@@ -52,7 +52,7 @@ class Place:
         shapes = (ngs.TRIG, ngs.QUAD) if self.mesh.dim == 2 else (ngs.TET, ngs.HEX, ngs.PRISM, ngs.PYRAMID)
         return ngs.dx(definedon=self.mesh.Materials(region), intrules=_rules(shapes, 2 * self.order))
 
-    def slope(self, u: CoefficientFunction) -> CoefficientFunction:
+    def gradient(self, u: CoefficientFunction) -> CoefficientFunction:
         """Gradient of a displacement along a boundary."""
         return ngs.Grad(u).Trace()
 
@@ -65,7 +65,7 @@ class Place:
         return ngs.Norm(self._area(u, ngs.specialcf.normal(self.mesh.dim)))
 
     def _area(self, u: CoefficientFunction, normal: CoefficientFunction) -> CoefficientFunction:
-        F = self.kinematics.gradient(u, self.slope(u))
+        F = self.kinematics.gradient(u, self.gradient(u))
         if self.mesh.dim == 3:
             # The cofactor's normal column holds tangential derivatives only, which is all that a boundary knows.
             return ngs.Cof(F) * normal

@@ -103,7 +103,7 @@ class GivenForce:
         force = float(np.interp(t, self._times, forces))
         return force if force > NOTHING * forces.max() else 0.0
 
-    def slope(self, t: float, parameter: object) -> float:
+    def gradient(self, t: float, parameter: object) -> float:
         """How the force of time t changes with a `Parameter` that it is made of."""
         return (
             float(np.interp(t, self._times, [float(each is parameter) for each in self._made])) if self.at(t) else 0.0

@@ -44,7 +44,7 @@ class ContactForms:
                         raise InputError(f"Closing.{name}", type(found).__name__, "a number, for derivatives of a run")
         self._body, self._parts, self._motion = body, list(parts.values()), ngs.GridFunction(body.fes)
         self._view, self._way = StateView(body), ngs.Parameter(0.0)
-        self._slopes = [part.slope(self.weighed(), body.mesh) for part in self._parts]
+        self._slopes = [part.gradient(self.weighed(), body.mesh) for part in self._parts]
 
     def work(self, virtual: Motion, *along: Motion) -> Terms:
         """C[virtual] of a motion of the unknowns in space and, for each motion more, its derivative along it."""
@@ -99,7 +99,7 @@ class ContactForms:
 
     @cached_property
     def _corner(self) -> Callable[[], Array]:
-        return Scalar(self._given.parameter).slope(self.felt(), self._body.mesh)
+        return Scalar(self._given.parameter).gradient(self.felt(), self._body.mesh)
 
     @property
     def _given(self) -> GivenForce:
@@ -120,4 +120,4 @@ class ContactForms:
 
     @cached_property
     def _felt_by_theta(self) -> list[Callable[[], Array]]:
-        return [part.slope(self.felt(), self._body.mesh) for part in self._parts]
+        return [part.gradient(self.felt(), self._body.mesh) for part in self._parts]

@@ -50,7 +50,7 @@ class Block(Protocol):
     def along(self, parts: Terms) -> Terms:
         """Derivatives of integrals along a direction."""
 
-    def slope(self, parts: Terms, mesh: ngs.Mesh) -> Callable[[], Array]:
+    def gradient(self, parts: Terms, mesh: ngs.Mesh) -> Callable[[], Array]:
         """What gives the derivatives of a sum of integrals by each unknown (size,), as often as it is asked."""
 
     def columns(self, space: ngs.FESpace, parts: Terms) -> Callable[[], sp.csr_array]:
@@ -81,7 +81,7 @@ class Field:
         """Derivatives along a change of the field."""
         return by(parts, self.gfu, self._direction)
 
-    def slope(self, parts: Terms, mesh: ngs.Mesh) -> Callable[[], Array]:
+    def gradient(self, parts: Terms, mesh: ngs.Mesh) -> Callable[[], Array]:
         """One linear form."""
         found = by(parts, self.gfu, self.gfu.space.TestFunction())
         if found and self.gfu.space.mesh != mesh:
@@ -118,7 +118,7 @@ class Scalar:
         """Derivatives by the number, times its change."""
         return [part.times(self._direction) for part in by(parts, self.parameter)]
 
-    def slope(self, parts: Terms, mesh: ngs.Mesh) -> Callable[[], Array]:
+    def gradient(self, parts: Terms, mesh: ngs.Mesh) -> Callable[[], Array]:
         """One number by integration."""
         integrals = [part.integral for part in by(parts, self.parameter)]
         return lambda: np.array([sum(float(ngs.Integrate(part, mesh)) for part in integrals)], float)
@@ -159,7 +159,7 @@ class Held:
         """Nothing."""
         return []
 
-    def slope(self, parts: Terms, mesh: ngs.Mesh) -> Callable[[], Array]:
+    def gradient(self, parts: Terms, mesh: ngs.Mesh) -> Callable[[], Array]:
         """Nothing."""
         return lambda: np.zeros(self.size)
 
@@ -220,7 +220,7 @@ class Nodes:
         finally:
             self.put(here)
 
-    def slope(self, parts: Terms, mesh: ngs.Mesh) -> Callable[[], Array]:
+    def gradient(self, parts: Terms, mesh: ngs.Mesh) -> Callable[[], Array]:
         """One linear form."""
         return vector(self.shift.space, self._moved(parts, self.shift.space.TestFunction()))
 

@@ -67,13 +67,13 @@ class Placed:
         self._shifts, self._there = of.shifts, there
         self.data = np.tile(of.points.ravel(), len(there.states)) + self._shifts @ there.theta + there.data
 
-    def push(self, direction: Array) -> Array:
+    def jvp(self, direction: Array) -> Array:
         """J δθ."""
-        return np.asarray(self._there.push(direction) + self._shifts @ direction)
+        return np.asarray(self._there.jvp(direction) + self._shifts @ direction)
 
-    def pull(self, w: Array) -> Array:
+    def vjp(self, w: Array) -> Array:
         """Jᵀ w."""
-        return np.asarray(self._there.pull(w) + self._shifts.T @ w)
+        return np.asarray(self._there.vjp(w) + self._shifts.T @ w)
 
     def gradient(self, w: Array) -> Array:
         """The same, cheaper for a single product."""

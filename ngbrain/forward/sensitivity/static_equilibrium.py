@@ -196,7 +196,7 @@ class Equilibrium:
         return [term for b in self.blocks.values() if not isinstance(b, Nodes) for term in b.along(parts)]
 
     def _slopes(self, parts: Terms) -> Callable[[], Array]:
-        slopes = [block.slope(parts, self.body.mesh) for block in self.blocks.values()]
+        slopes = [block.gradient(parts, self.body.mesh) for block in self.blocks.values()]
         return lambda: np.concatenate([slope() for slope in slopes])
 
     # Observables that are matrices, or no integrals, are left out of L.

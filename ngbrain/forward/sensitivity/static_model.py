@@ -4,7 +4,7 @@ Equilibrium R(u; θ) = 0 with u = g on the boundary, data d = B(u, θ):
 
     J δθ = B_u δu + B_θ δθ ,   K δu = -R_θ δθ - K δg        one solve for each body
     Jᵀ w:  Kᵀ λ = B_uᵀ w ,     -R_θᵀ λ + B_θᵀ w             one solve for each body
-    (w·d)'' δθ:                two solves more, `Equilibria.second`
+    (w·d)'' δθ:                two solves more, `Equilibria.hvp`
 
 R, K, R_θ and all second derivatives come from the energies of materials and loads by symbols, see `virtual_work`; second ones by
 node positions from differences of first ones, see `differences`.
@@ -155,7 +155,7 @@ class Equilibria:
         self._inverses: dict[int, Inverses] = {}
         self._adjoints: tuple[Array, list[Array]] | None = None
 
-    def push(self, direction: Array) -> Array:
+    def jvp(self, direction: Array) -> Array:
         """J δθ, as `data`."""
         changes = []
         for change, (by_state, by_theta) in zip(self.along(direction), self.observed, strict=True):
@@ -166,8 +166,8 @@ class Equilibria:
         """How the bodies' states change."""
         return [self._along(k, direction) for k in self._cases()]
 
-    def pull(self, w: Array) -> Array:
-        """Jᵀ w, by the matrices that `push` uses."""
+    def vjp(self, w: Array) -> Array:
+        """Jᵀ w, by the matrices that `jvp` uses."""
         total = np.zeros(self.model.size)
         shaped("w", np.shape(w), self.data.shape)
         for k in self._cases():
@@ -181,7 +181,7 @@ class Equilibria:
         return total
 
     def gradient(self, w: Array) -> Array:
-        """The same as `pull` by one linear form for each block: cheaper for a single product."""
+        """The same as `vjp` by one linear form for each block: cheaper for a single product."""
         total, adjoints = np.zeros(self.model.size), self._solved(w)
         for k in self._cases():
             each = self.model.equilibria[k]
@@ -190,7 +190,7 @@ class Equilibria:
             self._add_held(k, total, lambda k=k, each=each: each.spread(w[self.model.slices[k]]) + each.by_state())  # type: ignore[misc]
         return total
 
-    def second(self, w: Array, direction: Array) -> Array:
+    def hvp(self, w: Array, direction: Array) -> Array:
         """(w · d)'' δθ: what the curvature of a misfit has beside the Gauss-Newton matrix, with w the misfit's slope."""
         total, adjoints = np.zeros(self.model.size), self._solved(w)
         for name, part in self.model.parts.items():

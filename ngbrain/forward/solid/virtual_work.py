@@ -113,9 +113,9 @@ class Seen(Place):
         """Of contacts (m)."""
         return self.rest[int(self.layout.pressure)] if self.layout.offset else NO_OFFSET
 
-    def slope(self, u: CoefficientFunction) -> CoefficientFunction:
+    def gradient(self, u: CoefficientFunction) -> CoefficientFunction:
         """Gradient of a displacement along a boundary."""
-        return self.along if u is self.u else super().slope(u)
+        return self.along if u is self.u else super().gradient(u)
 
 
 class StateView:

@@ -106,7 +106,7 @@ class LoadPath:
             body.rest()
         signs: list[tuple[float, float]] = []
 
-        def tell(t: float, x: np.ndarray) -> None:
+        def reached(t: float, x: np.ndarray) -> None:
             if eigenvalues:
                 body.x = x
                 signs.append((t, stability.softest(body)[0]))
@@ -115,10 +115,10 @@ class LoadPath:
                 callback(t)
 
         with using(threads):
-            near = None if start is None else continuation.resumed(self, newton, start, steps, tell)
-            x, record = near or self.follow(replace(newton), steps, tell)
+            near = None if start is None else continuation.resumed(self, newton, start, steps, reached)
+            x, record = near or self.follow(replace(newton), steps, reached)
             if not record.converged and record.min_det_F < continuation.COLLAPSED and body.ratio > COMPRESSIBLE:
-                x, record = self._guarded(newton, steps, tell, record)
+                x, record = self._guarded(newton, steps, reached, record)
         body.x = x
         record.eigenvalues = signs
         record.seconds, record.ndof = dict(body.clock.seconds), body.fes.ndof
@@ -172,21 +172,21 @@ class LoadPath:
         return made.state.x, made.record
 
     def follow(
-        self, newton: Newton, steps: int = 1, tell: Callable[[float, np.ndarray], None] | None = None
+        self, newton: Newton, steps: int = 1, callback: Callable[[float, np.ndarray], None] | None = None
     ) -> tuple[np.ndarray, PathRecord]:
         """From rest to load factor 1 as far as it goes; `newton` keeps the last factor, and nothing is raised."""
         self.problem.rest()
         newton.inverse, newton.largest = None, 0.0
-        return continuation.follow(self, newton, np.zeros(len(self.problem.weights)), steps, tell)
+        return continuation.follow(self, newton, np.zeros(len(self.problem.weights)), steps, callback)
 
     def _guarded(
-        self, newton: Newton, steps: int, tell: Callable[[float, np.ndarray], None], before: PathRecord
+        self, newton: Newton, steps: int, callback: Callable[[float, np.ndarray], None], before: PathRecord
     ) -> tuple[np.ndarray, PathRecord]:
         """The same with a `barrier` against collapse at single points; it stays."""
         body = self.problem
         kappa = GUARD * body.modulus
         body.with_materials({p: replace(m, pointwise=m.pointwise or kappa) for p, m in body.materials.items()})
-        x, record = self.follow(replace(newton), steps, tell)
+        x, record = self.follow(replace(newton), steps, callback)
         record.guard = f"a barrier of {kappa:.3g} Pa against collapse: without it det F fell to {before.min_det_F:.2g}"
         record.cuts, record.tried = record.cuts + before.cuts, record.tried + before.tried
         record.work += before.work

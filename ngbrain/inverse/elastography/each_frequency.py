@@ -21,13 +21,13 @@ def invert_each_frequency(
     data: WaveData,
     *,
     executor: parallel.AnyExecutor = None,
-    tell: Callable[[Iteration], None] = logged,
+    callback: Callable[[Iteration], None] = logged,
     **how: Any,
 ) -> dict[float, Inversion]:
     """Property maps of wave data, frequency by frequency, in the plane or in space.
 
     executor  who inverts them, each on one thread (`parallel.run`): by default this process; the answer does not depend on it
-    tell      called with each iteration, whose phase names the frequency too
+    callback      called with each iteration, whose phase names the frequency too
     how       as `invert` takes it, the same for all
 
     Returns frequency (Hz) → `Inversion` of its loads, without the `end` that error bars start from. Where moduli follow a law of
@@ -45,11 +45,13 @@ def invert_each_frequency(
         own = data.frequency == frequency
         one = replace(data, displacement=data.displacement[own], frequency=data.frequency[own])
         tasks.append(parallel.Task(f"{frequency:g} Hz", _inverted, (f"{frequency:g} Hz", one, how)))
-    found = parallel.run(tasks, executor, tell=lambda iteration: tell(iteration)).values()
+    found = parallel.run(tasks, executor, callback=lambda iteration: callback(iteration)).values()
     return dict(zip(np.unique(data.frequency).tolist(), found, strict=True))
 
 
-def _inverted(name: str, one: WaveData, how: dict[str, Any], *, tell: parallel.Tell) -> Inversion:
+def _inverted(name: str, one: WaveData, how: dict[str, Any], *, callback: parallel.Tell) -> Inversion:
     """Without the experiment that it ended with, which is made for one process."""
-    found = invert(one, tell=lambda iteration: tell(replace(iteration, phase=f"{name}, {iteration.phase}")), **how)
+    found = invert(
+        one, callback=lambda iteration: callback(replace(iteration, phase=f"{name}, {iteration.phase}")), **how
+    )
     return replace(found, end=None)

@@ -39,21 +39,22 @@ def side_by_side(
     experiment: Experiment,
     ways: Mapping[str, tuple[Callable[..., Any], tuple[Any, ...]]],
     executor: parallel.AnyExecutor = None,
-    tell: parallel.Tell | None = None,
+    callback: parallel.Tell | None = None,
     memory: float = 0.0,
 ) -> list[Any]:
-    """What ways through an experiment find, name → (function, arguments); each is called with the experiment in front and `tell`.
+    """What ways through an experiment find, name → (function, arguments); each is called with the experiment in front and
+    `callback`.
 
     memory   bytes that each will take, as `parallel.Task` has them
 
     One way alone, or all without an executor, are gone in this process one after the other. An executor goes each on one thread
     with an experiment that is made anew from the same data and elements, to the same bits; what it solves is counted in this one.
     """
-    tell = tell or (lambda *_: None)
+    callback = callback or (lambda *_: None)
     if executor in (None, 1) or len(ways) < 2:
-        return [function(experiment, *args, tell=tell) for function, args in ways.values()]
+        return [function(experiment, *args, callback=callback) for function, args in ways.values()]
     tasks = [parallel.Task(name, _gone, (experiment, *way), memory=memory) for name, way in ways.items()]
-    found = parallel.run(tasks, executor, tell=tell).values()
+    found = parallel.run(tasks, executor, callback=callback).values()
     own = experiment.model.solves
     for _, spent in found:
         for each in fields(Solves) if spent is not own else ():
@@ -62,9 +63,9 @@ def side_by_side(
 
 
 def _gone(
-    experiment: Experiment, function: Callable[..., Any], args: tuple[Any, ...], *, tell: parallel.Tell
+    experiment: Experiment, function: Callable[..., Any], args: tuple[Any, ...], *, callback: parallel.Tell
 ) -> tuple[Any, Solves]:
-    return function(experiment, *args, tell=tell), experiment.model.solves
+    return function(experiment, *args, callback=callback), experiment.model.solves
 
 
 def multiples_of(levels: Sequence[float]) -> tuple[float, ...]:

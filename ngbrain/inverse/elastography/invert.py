@@ -98,7 +98,7 @@ def invert(
     dispersion: str = "auto",
     drop_outliers: bool = True,
     device: str = "cpu",
-    tell: Callable[[Iteration], None] = logged,
+    callback: Callable[[Iteration], None] = logged,
     executor: parallel.AnyExecutor = None,
 ) -> Inversion:
     """Property maps of wave data in the plane; those in space go to `invert_in_space`, which chooses starts and weights itself.
@@ -173,7 +173,7 @@ def invert(
             device=device,
         )
 
-        return invert_slices(data, axis, of_slice, executor, tell)
+        return invert_slices(data, axis, of_slice, executor, callback)
     if data.dim == 3 and dispersion == "power":
         raise InputError("dispersion", "'power'", "none: it is looked for in the plane alone")
     check_passive(data)
@@ -202,7 +202,7 @@ def invert(
             rounds=ROUNDS if rounds is None else rounds,
             drop_outliers=False,
             device=device,
-            tell=tell,
+            callback=callback,
             executor=executor,
         )
         in_space.warnings += notes
@@ -224,7 +224,7 @@ def invert(
     sure = total(level, floor, model_error or 0.0)
     experiment = Experiment(data, elements, sought, composed(data, elements, labelled), where)
     notes += [experiment.body.device_note] if experiment.body.device_note else []
-    search = _Search(experiment, made, sure, settling, tell)
+    search = _Search(experiment, made, sure, settling, callback)
     from_waves = {
         f"from waves, {name}": (_from_waves, (*search.made_from, prior, start)) for name, prior in kinds.items()
     }
@@ -245,7 +245,7 @@ def invert(
             notes.append(f"{note}: the rest counts as model error")
         before = both.x if more < 1 else None  # what was fitted too closely is no start
         sure = found
-        search = _Search(experiment, made, sure, settling, tell, search)
+        search = _Search(experiment, made, sure, settling, callback, search)
         problem, first = search.from_waves(kinds[kind], start, before)
         both = search.descend(problem, first)
     rows = [row("waves" if start is None else "given", experiment, problem, first)]
@@ -289,12 +289,12 @@ class _Search:
         made: MisfitKind,
         noise: Relative,
         settling: Settling,
-        tell: Callable[[Iteration], None],
+        callback: Callable[[Iteration], None],
         before: _Search | None = None,
     ) -> None:
         self.experiment, self.noise, self.settling = experiment, noise, settling
         self.history: list[Iteration] = before.history if before else []
-        self._made, self._told = made, tell
+        self._made, self._told = made, callback
         self.made_from = made, noise, settling
         self.sigma = noise_of(experiment.data, noise, experiment.inside)
         self.unknowns = experiment.unknowns(self.sigma)
@@ -380,10 +380,10 @@ def _from_waves(
     prior: Prior,
     maps: Mapping[str, Array] | None,
     *,
-    tell: Callable[[Iteration], None],
+    callback: Callable[[Iteration], None],
 ) -> tuple[tuple[Found, dict[str, float]], list[Iteration]]:
     """Where measured waves lead to, and the weights by then."""
-    search = _Search(experiment, made, noise, settling, tell)
+    search = _Search(experiment, made, noise, settling, callback)
     problem, found = search.from_waves(prior, maps)
     return (found, problem.weights), search.history
 
@@ -396,7 +396,7 @@ def _uniform(
     prior: Prior,
     level: float,
     *,
-    tell: Callable[[Iteration], None],
+    callback: Callable[[Iteration], None],
 ) -> tuple[Found | None, list[Iteration]]:
-    search = _Search(experiment, made, noise, settling, tell)
+    search = _Search(experiment, made, noise, settling, callback)
     return search.uniform(prior, level), search.history

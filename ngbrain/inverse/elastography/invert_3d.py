@@ -66,7 +66,7 @@ def invert_in_space(
     checkpoint: str | os.PathLike[str] | None = None,
     drop_outliers: bool = True,
     device: str = "cpu",
-    tell: Callable[[Iteration], None] = logged,
+    callback: Callable[[Iteration], None] = logged,
     executor: parallel.AnyExecutor = None,
 ) -> Inversion:
     """Property maps of wave data in space.
@@ -127,7 +127,7 @@ def invert_in_space(
     ways: dict[str, Any] = {"from waves": (_from_waves, (*common, kept_in))}
     ways |= {f"from {level:g} times": (_uniform, (*common, _beside(kept_in, level), level)) for level in multiples}
     memory = memory_in_space(experiment.elements.form, experiment.body.mesh.ne, data.frequency)
-    (start, both, problem.weights), *others = side_by_side(experiment, ways, executor, tell, memory)
+    (start, both, problem.weights), *others = side_by_side(experiment, ways, executor, callback, memory)
     history, rows = [*start.history, *both.history], [row("waves", experiment, problem, start)]
     ends = {level: _judged(problem, end) for level, end in zip(multiples, others, strict=True)}
     kept = compared(both, ends)
@@ -166,10 +166,10 @@ def _from_waves(
     rounds: int,
     checkpoint: Path | None,
     *,
-    tell: Callable[[Iteration], None],
+    callback: Callable[[Iteration], None],
 ) -> tuple[Found, Found, dict[str, float]]:
     """Where the way from measured waves ended, where that down from there did, and the weights by then."""
-    way = _way(experiment, made, noise, prior, checkpoint, tell)
+    way = _way(experiment, made, noise, prior, checkpoint, callback)
     both = way.from_measured(way.unknowns.start, experiment.waves, APPROACH, rounds)
     assert way.arrived is not None  # from measured waves there is no other way
     return way.arrived, both, way.reduced.weights
@@ -184,10 +184,10 @@ def _uniform(
     checkpoint: Path | None,
     level: float,
     *,
-    tell: Callable[[Iteration], None],
+    callback: Callable[[Iteration], None],
 ) -> Found | None:
     """Where the way from uniform fields ended; None where no step is lower."""
-    way = _way(experiment, made, noise, prior, checkpoint, tell)
+    way = _way(experiment, made, noise, prior, checkpoint, callback)
     try:
         return way.resume(rounds) if way.started else way.descend(experiment.uniform(way.unknowns, level), rounds)
     except ConvergenceError:
@@ -200,10 +200,10 @@ def _way(
     noise: Relative,
     prior: Prior,
     checkpoint: Path | None,
-    tell: Callable[[Iteration], None],
+    callback: Callable[[Iteration], None],
 ) -> Iterative:
     problem = _problem(experiment, made, noise, prior)
-    return Iterative(problem, EvidenceOfNoise(FALL, _shared(experiment)), checkpoint=checkpoint, tell=tell)
+    return Iterative(problem, EvidenceOfNoise(FALL, _shared(experiment)), checkpoint=checkpoint, callback=callback)
 
 
 def _judged(judge: Reduced, found: Found | None) -> Found | None:

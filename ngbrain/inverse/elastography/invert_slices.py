@@ -82,9 +82,9 @@ def slices_of(data: WaveData, axis: int) -> list[tuple[Array, WaveData]]:
     return found
 
 
-def _of_slice(invert: Callable[..., Inversion], one: WaveData, *, tell: parallel.Tell) -> Inversion:
+def _of_slice(invert: Callable[..., Inversion], one: WaveData, *, callback: parallel.Tell) -> Inversion:
     """Without the experiment that it ended with, which cannot be sent."""
-    return replace(invert(one, tell=tell), end=None)
+    return replace(invert(one, callback=callback), end=None)
 
 
 def invert_slices(
@@ -92,9 +92,9 @@ def invert_slices(
     axis: int,
     invert: Callable[..., Inversion],
     executor: parallel.AnyExecutor = None,
-    tell: parallel.Tell | None = None,
+    callback: parallel.Tell | None = None,
 ) -> Inversion:
-    """Property maps of a slab, slice by slice; `invert` is what is done with each, called with it and `tell`.
+    """Property maps of a slab, slice by slice; `invert` is what is done with each, called with it and `callback`.
 
     Slices are tasks of an executor (`parallel.run`), each on one thread: the answer does not depend on who computes them.
 
@@ -109,7 +109,9 @@ def invert_slices(
         for number, (_, one) in enumerate(parts, 1)
     ]
     each: list[Inversion] = list(
-        parallel.run(tasks, executor, tell=tell, finished=lambda name, _: LOG.info("%s is inverted", name)).values()
+        parallel.run(
+            tasks, executor, callback=callback, finished=lambda name, _: LOG.info("%s is inverted", name)
+        ).values()
     )
     for (own, _), found in zip(parts, each, strict=True):
         u[:, own, axis] = found.data.displacement[:, :, 0]  # without gross errors

@@ -170,10 +170,10 @@ class Blocks(CurveFit):
         self.law(**values)  # a law checks numbers
         return self._along(self._at(np.array(list(values.values()), float)).data)
 
-    def slope(self, x: Array) -> Array:
+    def gradient(self, x: Array) -> Array:
         """Derivative of the misfits (data, parameters)."""
         there = self._at(x)
-        return np.array([self.scaled(self._along(there.push(unit))) for unit in np.eye(len(x))]).T
+        return np.array([self.scaled(self._along(there.jvp(unit))) for unit in np.eye(len(x))]).T
 
     def _at(self, x: Array) -> Equilibria:
         if self._last is None or not np.array_equal(self._last.theta, x):

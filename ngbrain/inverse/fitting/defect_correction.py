@@ -48,6 +48,6 @@ def corrected(point: Point, posterior: Posterior, better: Array) -> tuple[Array,
     """
     state = point.state
     change = np.asarray(better) - state.data
-    slope = point.jacobian.T @ state.pull(point.reduced.misfit.bend(state.data, change))
+    slope = point.jacobian.T @ state.vjp(point.reduced.misfit.gauss_newton_product(state.data, change))
     moved = -posterior.covariance() @ slope
-    return moved, state.data + change + state.push(point.jacobian @ moved)
+    return moved, state.data + change + state.jvp(point.jacobian @ moved)

@@ -114,7 +114,7 @@ def recover(
     *,
     unknowns: Mapping[str, Unknown] | None = None,
     regulariser: Holds = smooth,
-    tell: Callable[[Iteration], None] = logged,
+    callback: Callable[[Iteration], None] = logged,
 ) -> Recovered:
     """Parameters of a model such that its data are the measured ones, from the values that they have now.
 
@@ -154,7 +154,7 @@ def recover(
     )
     held = {name: regulariser(space, fields.start[fields.blocks[name]]) for name, space in spaces.items()}
     problem = Reduced(model, misfit, fields, held, dict.fromkeys(held, FIRST * misfit.count))
-    found = levenberg_marquardt(problem, fields.start, tell=tell)
+    found = levenberg_marquardt(problem, fields.start, callback=callback)
     problem.at(found.x)  # the parameters have what was found
     values = {name: v if name in spaces else float(v[0]) for name, v in fields.values(found.x).items()}
     return Recovered(values, found.level.ratio, problem, found.x, status=found.status, history=found.history)

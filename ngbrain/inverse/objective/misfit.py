@@ -50,7 +50,7 @@ class LeastSquares:
         """Σ |(d - m)/σ|², by which noise and weights are judged: 2Φ."""
         return 2 * self.value(data)
 
-    def slope(self, data: Array) -> Array:
+    def gradient(self, data: Array) -> Array:
         """w with dΦ = Re Σ w̄ · δd (1/m)."""
         return self.residual(data) / self.sigma
 
@@ -58,13 +58,13 @@ class LeastSquares:
         """What Gauss and Newton weigh squares by, 1/σ² (1/m²)."""
         return np.where(self.known, 1 / self.sigma**2, 0)
 
-    def bend(self, data: Array, change: Array) -> Array:
+    def gauss_newton_product(self, data: Array, change: Array) -> Array:
         """`weight` times a change of the data."""
         return self.weight(data) * change
 
-    def second(self, data: Array, change: Array) -> Array:
+    def hvp(self, data: Array, change: Array) -> Array:
         """Φ'' times a change of the data: here the same."""
-        return self.bend(data, change)
+        return self.gauss_newton_product(data, change)
 
 
 class Huber(LeastSquares):
@@ -91,15 +91,15 @@ class Huber(LeastSquares):
         usual = 2 * np.log(2) if np.iscomplexobj(self.measured) else REAL_MEDIAN
         return self.count * float(np.median(np.abs(self.residual(data)[self.known]) ** 2)) / usual
 
-    def slope(self, data: Array) -> Array:
+    def gradient(self, data: Array) -> Array:
         """w with dΦ = Re Σ w̄ · δd (1/m)."""
-        return self._share(data) * super().slope(data)
+        return self._share(data) * super().gradient(data)
 
     def weight(self, data: Array) -> Array:
         """1/σ², less for outliers (1/m²)."""
         return self._share(data) * super().weight(data)
 
-    def second(self, data: Array, change: Array) -> Array:
+    def hvp(self, data: Array, change: Array) -> Array:
         """Φ'' times a change of the data: nothing along an outlier's residual, k/|r| of the squares' across it."""
         r = self.residual(data)
         size = np.maximum(np.abs(r), self.threshold)

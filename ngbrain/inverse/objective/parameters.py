@@ -26,7 +26,7 @@ class Transform(Protocol):
     def value(self, x: Array) -> Array:
         """θ."""
 
-    def slope(self, x: Array) -> Array:
+    def gradient(self, x: Array) -> Array:
         """dθ/dx."""
 
     def curvature(self, x: Array) -> Array:
@@ -54,7 +54,7 @@ class Log:
         """The same of a field, in integrals."""
         return self.floor + ngs.exp(x)
 
-    def slope(self, x: Array) -> Array:
+    def gradient(self, x: Array) -> Array:
         """dθ/dx."""
         return np.exp(x)
 
@@ -88,7 +88,7 @@ class Bounded:
         """The same of a field, in integrals."""
         return self.low + (self.high - self.low) / (1 + ngs.exp(-x))
 
-    def slope(self, x: Array) -> Array:
+    def gradient(self, x: Array) -> Array:
         """dθ/dx."""
         part = 1 / (1 + np.exp(-x))
         return (self.high - self.low) * part * (1 - part)
@@ -116,7 +116,7 @@ class Scaled:
         """θ."""
         return self.scale * x
 
-    def slope(self, x: Array) -> Array:
+    def gradient(self, x: Array) -> Array:
         """dθ/dx."""
         return self.scale * np.ones_like(x)
 
@@ -183,7 +183,7 @@ class Fields:
         """∂θ/∂x."""
         rows, columns, values = [], [], []
         for name, unknown in self.unknowns.items():
-            part = sp.diags_array(unknown.transform.slope(x[self.blocks[name]]))
+            part = sp.diags_array(unknown.transform.gradient(x[self.blocks[name]]))
             part = sp.coo_array(part if unknown.basis is None else unknown.basis @ part)
             rows.append(part.coords[0] + self._where[name].start)
             columns.append(part.coords[1] + self.blocks[name].start)
@@ -191,7 +191,7 @@ class Fields:
         at = np.concatenate(rows), np.concatenate(columns)
         return sp.coo_array((np.concatenate(values), at), shape=(len(self._theta), len(x))).tocsr()
 
-    def bent(self, x: Array, slope: Array, direction: Array) -> Array:
+    def curvature_product(self, x: Array, slope: Array, direction: Array) -> Array:
         """Σ_i slope_i (∂²θ_i/∂x²) δx."""
         found = np.zeros(len(x))
         for name, unknown in self.unknowns.items():

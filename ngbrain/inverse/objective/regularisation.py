@@ -46,11 +46,11 @@ class Quadratic:
         off = block - self.reference
         return 0.5 * float(off @ (self._matrix @ off))
 
-    def slope(self, block: Array) -> Array:
+    def gradient(self, block: Array) -> Array:
         """Its gradient."""
         return self._matrix @ (block - self.reference)
 
-    def second(self, block: Array, direction: Array) -> Array:
+    def hvp(self, block: Array, direction: Array) -> Array:
         """R times a direction."""
         return self._matrix @ direction
 
@@ -121,11 +121,11 @@ class Steep:
         steep = ngs.Integrate(self._energy * self._gradients.dx, self.space.mesh)
         return 0.5 * (self._gradients.scale * float(steep) + float(off @ (self._gradients.held @ off)))
 
-    def slope(self, block: Array) -> Array:
+    def gradient(self, block: Array) -> Array:
         """Its gradient."""
         return self.matrix(block) @ (block - self.reference)
 
-    def second(self, block: Array, direction: Array) -> Array:
+    def hvp(self, block: Array, direction: Array) -> Array:
         """The energy's second derivative times a direction: R's, less what a slope that grows costs less."""
         R = self.matrix(block)  # and the field is that of the block
         self._along.vec.FV().NumPy()[:] = direction

@@ -45,11 +45,13 @@ def identity(reduced: Reduced) -> dict[str, str]:
     theta = unknowns.theta(x)
     starts = [unknowns.start[block] for name, block in unknowns.blocks.items() if name != BOUNDARY]
     known = [theta[block] for name, block in model.blocks.items() if name != BOUNDARY or name not in unknowns.blocks]
-    slopes = [regulariser.slope(x[unknowns.blocks[name]]) for name, regulariser in sorted(reduced.regularisers.items())]
+    slopes = [
+        regulariser.gradient(x[unknowns.blocks[name]]) for name, regulariser in sorted(reduced.regularisers.items())
+    ]
     mesh = model.body.mesh
     return {
         "measured displacements": _hash(misfit.measured, misfit.known),
-        "their noise": _hash(misfit.slope(misfit.measured + FAR * misfit.sigma)),
+        "their noise": _hash(misfit.gradient(misfit.measured + FAR * misfit.sigma)),
         "points": _hash(model.points),
         "elements": _hash(
             str(model.body.form), [v.point for v in mesh.vertices], [len(e.vertices) for e in mesh.Elements()]

@@ -43,7 +43,7 @@ class GaussNewton:
     """Steps of `reduced` whose model is a `WaveModel`.
 
     policy   what changes the weights, see `weights`
-    tell     called with each `Iteration`
+    callback     called with each `Iteration`
     seed     of the probes that estimate traces
 
     The boundary's displacements are unknown too where `reduced.unknowns` has the block "boundary".
@@ -53,7 +53,7 @@ class GaussNewton:
         self,
         reduced: Reduced,
         policy: Policy | None = None,
-        tell: Callable[[Iteration], None] = lambda _: None,
+        callback: Callable[[Iteration], None] = lambda _: None,
         seed: int = 0,
     ) -> None:
         model, unknowns = reduced.model, reduced.unknowns
@@ -61,7 +61,7 @@ class GaussNewton:
             wanted = "a WaveModel of a body at rest, and Fields; other models descend by l_bfgs"
             raise InputError("reduced", type(model).__name__, wanted)
         self.reduced, self.model, self.unknowns = reduced, model, unknowns
-        self._ledger = Ledger(reduced, policy, tell, seed)
+        self._ledger = Ledger(reduced, policy, callback, seed)
         self.misfit = self._ledger.misfit
         blocks = reduced.unknowns.blocks
         self._fields = [name for name in blocks if name != BOUNDARY]
@@ -127,7 +127,7 @@ class GaussNewton:
         level = None if self.unknowns.level is None else self.unknowns.level[:width]
         conditions = Optimality(state, jacobian, regular, self.misfit.weight(state.data), self._fixed, level)
         residual = np.where(self.misfit.known, self.misfit.measured - state.data, 0)
-        dx, du = conditions.step(reduced.regular_slope(x)[:width], residual, balance)
+        dx, du = conditions.step(reduced.regular_gradient(x)[:width], residual, balance)
         return conditions, dx, du
 
     def _moved(self, x: Array, dx: Array, waves: Array) -> tuple[Array, Array]:

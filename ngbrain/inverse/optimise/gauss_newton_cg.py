@@ -63,11 +63,11 @@ class Iterative(GaussNewton):
         forcing: float = FORCING,
         most: int = MOST,
         checkpoint: str | os.PathLike[str] | None = None,
-        tell: Callable[[Iteration], None] = lambda _: None,
+        callback: Callable[[Iteration], None] = lambda _: None,
         seed: int = 0,
     ) -> None:
-        super().__init__(reduced, policy or Evidence(), tell, seed)
-        self.forcing, self.most, self.tell = forcing, most, tell
+        super().__init__(reduced, policy or Evidence(), callback, seed)
+        self.forcing, self.most, self.callback = forcing, most, callback
         self.checkpoint = None if checkpoint is None else Path(checkpoint)
         self.directions, self.extensions = Directions(), Extensions()
         self.iterations: list[int] = []
@@ -144,7 +144,7 @@ class Iterative(GaussNewton):
             cpu_s, weights = time.process_time() - begun, dict(self.reduced.weights)
             squares = self.misfit.squares(own.data)
             history.append(Iteration("waves", squares, self.misfit.count, weights, change, step, cpu_s))
-            self.tell(history[-1])
+            self.callback(history[-1])
             self._save(x, {"done": [asdict(entry) for entry in history], "own": misfit}, waves)
         point = point or self.reduced.at(x)
         level, weights = Level(self.misfit.squares(point.state.data), self.misfit.count), dict(self.reduced.weights)

@@ -81,7 +81,7 @@ class Metric:
         z[self._order] = self._lower @ white
         return z
 
-    def slope(self, gradient: Array) -> Array:
+    def gradient(self, gradient: Array) -> Array:
         """The gradient by ξ of the gradient by x: the transpose of `back`."""
         return self._root.solve(gradient[self._order])
 

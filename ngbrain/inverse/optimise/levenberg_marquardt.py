@@ -42,7 +42,7 @@ def levenberg_marquardt(
     reduced: Reduced,
     x: Array,
     policy: Policy | None = None,
-    tell: Callable[[Iteration], None] = lambda _: None,
+    callback: Callable[[Iteration], None] = lambda _: None,
     seed: int = 0,
     *,
     dense: int = DENSE,
@@ -63,7 +63,7 @@ def levenberg_marquardt(
     >>> found.converged and found.level.ratio < 1.3
     True
     """
-    ledger = Ledger(reduced, policy, tell, seed)
+    ledger = Ledger(reduced, policy, callback, seed)
     history: list[Iteration] = []
     point, settled, stuck, longest = reduced.at(x), False, False, SHORT
     metric = Metric.of(point)
@@ -125,9 +125,9 @@ class Dense(Curvature):
     def __init__(self, point: Point, metric: Metric) -> None:
         super().__init__(point, metric)
         misfit, state = point.reduced.misfit, point.state
-        columns = [state.push(np.asarray(point.jacobian[:, [i]].todense()).ravel()) for i in range(len(point.x))]
+        columns = [state.jvp(np.asarray(point.jacobian[:, [i]].todense()).ravel()) for i in range(len(point.x))]
         changes = np.array([c.ravel() for c in columns])
-        bent = np.array([misfit.bend(state.data, c).ravel() for c in columns])
+        bent = np.array([misfit.gauss_newton_product(state.data, c).ravel() for c in columns])
         data = changes.real @ bent.real.T + changes.imag @ bent.imag.T
         self.matrix = data + point.regular_matrix.toarray()
 

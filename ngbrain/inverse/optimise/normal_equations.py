@@ -59,15 +59,15 @@ class Normal:
     def product(self, direction: Array) -> Array:
         """H times a direction."""
         state = self.point.state
-        change = state.push(self._jacobian @ direction)
-        back = state.pull(self.point.reduced.misfit.bend(state.data, change))
+        change = state.jvp(self._jacobian @ direction)
+        back = state.vjp(self.point.reduced.misfit.gauss_newton_product(state.data, change))
         return self._jacobian.T @ back + self._regular @ direction
 
     def gradient(self) -> Array:
         """∇J, by the matrices that products use."""
         reduced, state = self.point.reduced, self.point.state
-        slope = state.pull(reduced.misfit.slope(state.data))
-        return self._jacobian.T @ slope + reduced.regular_slope(self.point.x)
+        slope = state.vjp(reduced.misfit.gradient(state.data))
+        return self._jacobian.T @ slope + reduced.regular_gradient(self.point.x)
 
     def solve(self, b: Array, forcing: float | None = None, most: int | None = None) -> Array:
         """About H⁻¹ b; `SolverError` where H or its preconditioner is not positive definite."""
@@ -109,7 +109,7 @@ class Normal:
         blocks = {name: reduced.unknowns.blocks[name] for name in reduced.regularisers}
         root = np.sqrt(reduced.misfit.weight(state.data))  # type: ignore[attr-defined]
         noise = root * (random.normal(size=root.shape) + 1j * random.normal(size=root.shape))
-        told = self._jacobian.T @ state.pull(noise)
+        told = self._jacobian.T @ state.vjp(noise)
         likely, asked = np.zeros_like(told), -told
         for block in blocks.values():
             drawn, likely[block] = likely_field(self._regular[block, block], random)

@@ -44,7 +44,7 @@ def bfgs(
     reduced: Reduced,
     x: Array,
     policy: Policy | None = None,
-    tell: Tell = lambda _: None,
+    callback: Tell = lambda _: None,
     seed: int = 0,
     *,
     most: int = 50,
@@ -58,14 +58,14 @@ def bfgs(
     >>> bfgs(inversion.reduced, inversion.start).level.misfit < 0.01 * before
     True
     """
-    return _Rounds(reduced, policy, tell, seed, "bfgs").run(x, lambda way: _dense(way, most), rounds)
+    return _Rounds(reduced, policy, callback, seed, "bfgs").run(x, lambda way: _dense(way, most), rounds)
 
 
 def l_bfgs(
     reduced: Reduced,
     x: Array,
     policy: Policy | None = None,
-    tell: Tell = lambda _: None,
+    callback: Tell = lambda _: None,
     seed: int = 0,
     *,
     most: int = 50,
@@ -79,14 +79,16 @@ def l_bfgs(
     'l-bfgs'
     """
     options = {"maxcor": MEMORY, "maxiter": most, "maxfun": 10 * most, "ftol": 0.0, "gtol": 0.0}
-    return _Rounds(reduced, policy, tell, seed, "l-bfgs").run(x, lambda way: _scipy(way, "L-BFGS-B", options), rounds)
+    return _Rounds(reduced, policy, callback, seed, "l-bfgs").run(
+        x, lambda way: _scipy(way, "L-BFGS-B", options), rounds
+    )
 
 
 def newton_cg(
     reduced: Reduced,
     x: Array,
     policy: Policy | None = None,
-    tell: Tell = lambda _: None,
+    callback: Tell = lambda _: None,
     seed: int = 0,
     *,
     most: int = 20,
@@ -101,7 +103,7 @@ def newton_cg(
     True
     """
     options = {"maxiter": most, "gtol": 0.0, "initial_trust_radius": 1.0, "max_trust_radius": 1e6}
-    return _Rounds(reduced, policy, tell, seed, "newton-cg").run(
+    return _Rounds(reduced, policy, callback, seed, "newton-cg").run(
         x, lambda way: _scipy(way, "trust-ncg", options), rounds
     )
 
@@ -128,7 +130,7 @@ class _Way:
         try:
             point = self.point(xi)
             if self._slope is None:
-                self._slope = self.metric.slope(point.gradient())
+                self._slope = self.metric.gradient(point.gradient())
         except SolverError:
             self._at = np.full_like(xi, np.nan)
             return self._turned_back(xi)
@@ -146,7 +148,7 @@ class _Way:
 
     def product(self, xi: Array, direction: Array) -> Array:
         """The Gauss-Newton matrix by ξ times a direction."""
-        return self.metric.slope(self.point(xi).product(self.metric.back(direction)))
+        return self.metric.gradient(self.point(xi).product(self.metric.back(direction)))
 
     def near(self, slope: Array) -> bool:
         """Whether hardly anything is left to be gained."""
@@ -154,9 +156,9 @@ class _Way:
 
 
 class _Rounds:
-    def __init__(self, reduced: Reduced, policy: Policy | None, tell: Tell, seed: int, phase: str) -> None:
+    def __init__(self, reduced: Reduced, policy: Policy | None, callback: Tell, seed: int, phase: str) -> None:
         self.reduced, self.phase = reduced, phase
-        self.ledger = Ledger(reduced, policy, tell, seed)
+        self.ledger = Ledger(reduced, policy, callback, seed)
 
     def run(self, x: Array, down: Callable[[_Way], Array], rounds: int) -> Found:
         history: list[Iteration] = []

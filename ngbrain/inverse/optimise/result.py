@@ -112,7 +112,7 @@ class Ledger:
 
     reduced  with a misfit that has a `count`
     policy   what changes the weights, see `weights`; by default `Evidence`
-    tell     called with each `Iteration`
+    callback     called with each `Iteration`
     seed     of the probes that estimate traces
     """
 
@@ -120,13 +120,13 @@ class Ledger:
         self,
         reduced: Reduced,
         policy: Policy | None = None,
-        tell: Callable[[Iteration], None] = lambda _: None,
+        callback: Callable[[Iteration], None] = lambda _: None,
         seed: int = 0,
     ) -> None:
         if not isinstance(reduced.misfit, LeastSquares):
             raise InputError("misfit", type(reduced.misfit).__name__, "LeastSquares or one that is made of it")
         self.reduced, self.misfit = reduced, reduced.misfit
-        self.policy, self.tell = policy or Evidence(), tell
+        self.policy, self.callback = policy or Evidence(), callback
         self._seed = seed
         self.begun = time.process_time()
 
@@ -149,7 +149,7 @@ class Ledger:
                 turned = self.policy.update(self.reduced, x, level, factor, probes)
         determined = dict(self.policy.determined)
         history.append(Iteration(phase, misfit, level.expected, weights, change, step, cpu_s, determined))
-        self.tell(history[-1])
+        self.callback(history[-1])
         if (change < SETTLED and turned < STEADY) or (change < 10 * SETTLED and turned < 1.05):
             return True
         # Where data leave the level of fields open, these creep along what hardly changes the misfit.

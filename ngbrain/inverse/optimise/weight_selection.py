@@ -37,13 +37,13 @@ class Settling:
     policy: Callable[[], Policy] = Evidence
     rounds: int = 8 * ROUNDS
 
-    def from_waves(self, reduced: Reduced, x: Array, waves: Array, tell: Tell) -> Found:
+    def from_waves(self, reduced: Reduced, x: Array, waves: Array, callback: Tell) -> Found:
         """`GaussNewton.from_waves`; the weights it ends with stay in `reduced`."""
-        return GaussNewton(reduced, self.policy(), tell).from_waves(x, waves)
+        return GaussNewton(reduced, self.policy(), callback).from_waves(x, waves)
 
-    def descend(self, reduced: Reduced, x: Array, tell: Tell) -> Found:
+    def descend(self, reduced: Reduced, x: Array, callback: Tell) -> Found:
         """`GaussNewton.descend`, likewise."""
-        return GaussNewton(reduced, self.policy(), tell).descend(x, self.rounds)
+        return GaussNewton(reduced, self.policy(), callback).descend(x, self.rounds)
 
 
 @dataclass(frozen=True)
@@ -63,13 +63,13 @@ class LCurve(Settling):
     above: float = ABOVE
     below: float = BELOW
 
-    def descend(self, reduced: Reduced, x: Array, tell: Tell) -> Found:
+    def descend(self, reduced: Reduced, x: Array, callback: Tell) -> Found:
         """From x to the minimum at the corner; `ConvergenceError` where J is lowered at fewer than three weights."""
         middle, misfits, energies, ends = dict(reduced.weights), list[float](), list[float](), list[Found]()
         for factor in np.logspace(self.above, -self.below, self.points):
             reduced.weights = {name: float(factor * weight) for name, weight in middle.items()}
             try:
-                found = GaussNewton(reduced, Given(), tell).descend(x, PASSING)
+                found = GaussNewton(reduced, Given(), callback).descend(x, PASSING)
             except ConvergenceError:
                 continue
             x = found.x
@@ -80,11 +80,11 @@ class LCurve(Settling):
             raise ConvergenceError("an L-curve of fewer than three points has no corner: try another weight")
         chosen = ends[corner(np.array(misfits), np.array(energies))]
         reduced.weights = dict(chosen.weights)
-        return self._settled(reduced, chosen, tell)
+        return self._settled(reduced, chosen, callback)
 
-    def _settled(self, reduced: Reduced, chosen: Found, tell: Tell) -> Found:
+    def _settled(self, reduced: Reduced, chosen: Found, callback: Tell) -> Found:
         try:
-            return GaussNewton(reduced, Given(), tell).descend(chosen.x, self.rounds)
+            return GaussNewton(reduced, Given(), callback).descend(chosen.x, self.rounds)
         except ConvergenceError:  # there is nothing below
             return chosen
 

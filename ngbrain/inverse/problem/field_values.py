@@ -33,5 +33,5 @@ def fields_at(
 def fitted(at: sp.csr_array, values: Array, inner: Regulariser, start: Array) -> Array:
     """Unknowns of a field with these values at points, smooth where there is none."""
     R = FAINT * inner.matrix(start)
-    right = at.T @ values + R @ start - FAINT * inner.slope(start)
+    right = at.T @ values + R @ start - FAINT * inner.gradient(start)
     return scipy.sparse.linalg.spsolve(sp.csc_array(at.T @ at + R), right)

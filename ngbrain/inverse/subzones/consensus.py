@@ -88,13 +88,13 @@ class Drawn:
         """The energy of both."""
         return self.inner.value(block) + 0.5 * float(np.sum(self.pull * (self.at @ block - self.values) ** 2))
 
-    def slope(self, block: Array) -> Array:
+    def gradient(self, block: Array) -> Array:
         """Its gradient."""
-        return self.inner.slope(block) + self.at.T @ (self.pull * (self.at @ block - self.values))
+        return self.inner.gradient(block) + self.at.T @ (self.pull * (self.at @ block - self.values))
 
-    def second(self, block: Array, direction: Array) -> Array:
+    def hvp(self, block: Array, direction: Array) -> Array:
         """The second derivative of both times a direction."""
-        return self.inner.second(block, direction) + self._matrix @ direction
+        return self.inner.hvp(block, direction) + self._matrix @ direction
 
 
 @dataclass
@@ -122,7 +122,7 @@ def invert_among(
     rounds: int,
     solves: Solves,
     checkpoint: str | os.PathLike[str] | None = None,
-    tell: Callable[[Iteration], None] = lambda _: None,
+    callback: Callable[[Iteration], None] = lambda _: None,
 ) -> Inversion:
     """A zone's maps next to its neighbours', its noise as its data say; arguments are those of `invert_in_space`, and where solves
     are counted.
@@ -147,7 +147,7 @@ def invert_among(
         regularisers[name] = Drawn(inner, at, values, strength * around.foreign[own] / weight)
     weights = {name: around.weights[name] for name in regularisers}
     problem = Reduced(experiment.model, misfit, unknowns, regularisers, weights)
-    way = Iterative(problem, Shared(), checkpoint=checkpoint, tell=tell)
+    way = Iterative(problem, Shared(), checkpoint=checkpoint, callback=callback)
     found = way.resume(rounds) if way.started else way.descend(x, rounds)
     rows = [row("zones", experiment, problem, found)]
     return concluded(

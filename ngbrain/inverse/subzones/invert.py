@@ -64,7 +64,7 @@ def invert_by_subzones(
     passes: int = 1,
     rounds: int = ROUNDS,
     checkpoint: str | os.PathLike[str] | None = None,
-    tell: Callable[[Iteration], None] = logged,
+    callback: Callable[[Iteration], None] = logged,
 ) -> Inversion:
     """Property maps of wave data in space, zone by zone.
 
@@ -78,7 +78,7 @@ def invert_by_subzones(
     passes      of consistency; 0: zones know nothing of each other
     rounds      iterations of a zone at most, in each pass
     checkpoint  folder, made if it is not there, in which a file for each zone and pass is kept: a stopped inversion goes on
-    tell        called with each iteration of a zone; its phase says which
+    callback        called with each iteration of a zone; its phase says which
 
     `checks` has `disagreement_NAME_first` and `disagreement_NAME`, the rms difference of two zones' ln of a modulus where they
     overlap, before and after the passes; `misfit_over_expected` of the waves that all zones predict together; and, unless the body
@@ -118,13 +118,13 @@ def invert_by_subzones(
     common = Common(float(np.max(np.ptp(data.points[data.mask], axis=0))), labelled, rounds, _folder(checkpoint))
     parts = [(*part(data, zone, sure), zone.cells) for zone in zones]
     names = [f"zone {i + 1} of {len(zones)}" for i in range(len(zones))]
-    hear = _hearing(tell)
+    hear = _hearing(callback)
     tasks: list[parallel.Task] = [
         parallel.Task(name, _alone, (name, own, box, common), memory=_memory(data, box))
         for name, (own, _, box) in zip(names, parts, strict=True)
     ]
     rough = [Rough(zone.cells, data.points[zone.points]) for zone in zones]
-    found = [Together(data, zones, rough, list(parallel.run(tasks, executor, tell=hear).values()))]
+    found = [Together(data, zones, rough, list(parallel.run(tasks, executor, callback=hear).values()))]
     for i in range(passes if len(zones) > 1 else 0):
         last = found[-1]
         tasks = []
@@ -132,7 +132,9 @@ def invert_by_subzones(
             around = _around(last, zone.points, zone.share, own, chosen)
             args = (f"{name}, pass {i + 1}", own, box, around, answer, common)
             tasks.append(parallel.Task(name, _among, args, memory=_memory(data, box)))
-        found.append(Together(data, zones, rough, list(parallel.run(tasks, executor, tell=hear).values()), found[0]))
+        found.append(
+            Together(data, zones, rough, list(parallel.run(tasks, executor, callback=hear).values()), found[0])
+        )
     return concluded(found, cells, noise=sure, floor=LEAST, labelled=labelled, notes=[note] if note else [])
 
 
@@ -174,7 +176,7 @@ class Common:
             raise SolverError(f"{name}: {said}") from error
 
 
-def _alone(name: str, data: WaveSubset, cells: Lattice, common: Common, *, tell: parallel.Tell) -> Answer:
+def _alone(name: str, data: WaveSubset, cells: Lattice, common: Common, *, callback: parallel.Tell) -> Answer:
     def invert(checkpoint: Path | None) -> Answer:
         found = invert_in_space(
             data,
@@ -184,7 +186,7 @@ def _alone(name: str, data: WaveSubset, cells: Lattice, common: Common, *, tell:
             rounds=common.rounds,
             checkpoint=checkpoint,
             drop_outliers=False,  # by the body as a whole, if at all
-            tell=_named(name, tell),
+            callback=_named(name, callback),
         )
         return Answer.of(found)
 
@@ -199,7 +201,7 @@ def _among(
     before: Answer,
     common: Common,
     *,
-    tell: parallel.Tell,
+    callback: parallel.Tell,
 ) -> Answer:
     def invert(checkpoint: Path | None) -> Answer:
         solves = Solves()
@@ -214,7 +216,7 @@ def _among(
                 rounds=common.rounds,
                 solves=solves,
                 checkpoint=checkpoint,
-                tell=_named(name, tell),
+                callback=_named(name, callback),
             )
         except ConvergenceError:  # nothing is lower than where it starts: it has nothing new to say
             return replace(before, solves=solves)
@@ -239,12 +241,12 @@ def _around(last: Together, points: Array, share: Array, own: WaveSubset, chosen
     )
 
 
-def _named(name: str, tell: parallel.Tell) -> Callable[[Iteration], None]:
-    return lambda iteration: tell(replace(iteration, phase=name))
+def _named(name: str, callback: parallel.Tell) -> Callable[[Iteration], None]:
+    return lambda iteration: callback(replace(iteration, phase=name))
 
 
-def _hearing(tell: Callable[[Iteration], None]) -> parallel.Tell:
-    return lambda iteration: tell(iteration)
+def _hearing(callback: Callable[[Iteration], None]) -> parallel.Tell:
+    return lambda iteration: callback(iteration)
 
 
 def _checked(data: WaveData, size: float | None, overlap: float | None) -> None:

@@ -98,5 +98,5 @@ def best_prior(posterior: Posterior, space: ngs.FESpace, means: Mapping[str, flo
 
 
 def _of(metric: Metric, rows: Array) -> Array:
-    white = metric.slope(rows)
+    white = metric.gradient(rows)
     return np.asarray(white.T @ white)

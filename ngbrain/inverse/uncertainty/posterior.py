@@ -100,11 +100,11 @@ class Posterior:
             whole = np.zeros(len(self.x))
             whole[self._held] = v
             image = point.product(whole)
-            return self._metric.slope(image[self._held] - self.regular @ v - self._response.T @ image[self._loose])
+            return self._metric.gradient(image[self._held] - self.regular @ v - self._response.T @ image[self._loose])
 
         random = np.random.default_rng(seed)
         self.eigenvalues, self._white = eigenpairs(data, len(self._held), least, random)
-        self._slope = reduced.regular_slope(self.x)[self._held]
+        self._slope = reduced.regular_gradient(self.x)[self._held]
         """Of the regularisers at x*, where the data's is its opposite."""
 
     @cached_property
@@ -130,7 +130,7 @@ class Posterior:
         for name in ("informing", "left"):
             other.__dict__.pop(name, None)
         other.regular, other.reference, other._metric = regular, reference, _metric(regular)
-        white = other._metric.slope(U)
+        white = other._metric.gradient(U)
         values, turn = np.linalg.eigh(white.T @ white)
         keep = values > SINGULAR * values.max()
         values, turn = values[keep][::-1], turn[:, keep][:, ::-1]
@@ -318,7 +318,7 @@ class Posterior:
         held = rows[:, self._held].toarray().T - self._response.T @ loose
         variance = np.sum(scipy.linalg.solve_triangular(self._factor, loose, lower=True) ** 2, axis=0)
         if self._metric is not None:
-            white = self._metric.slope(held)
+            white = self._metric.gradient(held)
             variance += np.sum(white**2, axis=0) - self.kept @ (self._white.T @ white) ** 2
         return variance
 
@@ -341,7 +341,7 @@ class Posterior:
         return (self._held >= block.start) & (self._held < block.stop)
 
 
-def _called(function: Callable[[Array], float | Array], theta: Array, *, tell: parallel.Tell) -> float | Array:
+def _called(function: Callable[[Array], float | Array], theta: Array, *, callback: parallel.Tell) -> float | Array:
     return function(theta)
 
 
@@ -350,7 +350,7 @@ def _metric(regular: sp.csr_array) -> Metric:
     try:
         with np.errstate(invalid="ignore"):
             metric = Metric(regular)
-        if np.allclose(regular @ metric.back(metric.slope(probe)), probe, atol=1e-4):
+        if np.allclose(regular @ metric.back(metric.gradient(probe)), probe, atol=1e-4):
             return metric
     except RuntimeError:
         pass

@@ -53,27 +53,27 @@ HALVINGS = 3
 """How often an increment of the richer solution may be cut."""
 
 
-def half_steps(model: Model, folder: Path | None, resume: bool, tell: Tell) -> Pair:
+def half_steps(model: Model, folder: Path | None, resume: bool, callback: Tell) -> Pair:
     """On a coarse mesh, at the scene's time step and at half of it; the first is None if the model's mesh is no finer."""
     coarse, control = _coarse(model), model.control()
-    whole = None if coarse is model else _held(coarse, WHOLE, folder, resume, _muted(tell, HALF), control)
-    return whole, _held(coarse, HALF, folder, resume, tell, control.halved())
+    whole = None if coarse is model else _held(coarse, WHOLE, folder, resume, _muted(callback, HALF), control)
+    return whole, _held(coarse, HALF, folder, resume, callback, control.halved())
 
 
-def other_elements(model: Model, folder: Path | None, resume: bool, tell: Tell) -> Pair:
+def other_elements(model: Model, folder: Path | None, resume: bool, callback: Tell) -> Pair:
     """On the scene's mesh, unless one of its protocols is that hold, and on one of other elements, see `OTHER`."""
     mesh = model.scene.mesh
     factor = OTHER if mesh.wall < COARSE["wall"] else 1 / OTHER
     other = replace(mesh, **{name: factor * getattr(mesh, name) for name in COARSE})
     holds = any(asked.kind == "continuous" for asked in model.scene.protocols)
-    own = None if holds else _held(model, OWN, folder, resume, _muted(tell, MESH))
-    return own, _held(_meshed(model, other), MESH, folder, resume, tell)
+    own = None if holds else _held(model, OWN, folder, resume, _muted(callback, MESH))
+    return own, _held(_meshed(model, other), MESH, folder, resume, callback)
 
 
-def miller(model: Model, folder: Path | None, resume: bool, tell: Tell) -> Answer:
+def miller(model: Model, folder: Path | None, resume: bool, callback: Tell) -> Answer:
     """With Ogden's law of exponent -4.7 in all tissue that stiffens, and the same moduli and times."""
     tissues = tuple(tissue.with_alpha(MILLER_ALPHA) for tissue in model.scene.tissues)
-    return _held(replace(model, scene=replace(model.scene, tissues=tissues)), MILLER, folder, resume, tell)
+    return _held(replace(model, scene=replace(model.scene, tissues=tissues)), MILLER, folder, resume, callback)
 
 
 def _coarse(model: Model) -> Model:
@@ -92,18 +92,18 @@ def _meshed(model: Model, mesh: MeshSize) -> Model:
 
 
 def _held(
-    model: Model, name: str, folder: Path | None, resume: bool, tell: Tell, control: Control | None = None
+    model: Model, name: str, folder: Path | None, resume: bool, callback: Tell, control: Control | None = None
 ) -> Answer:
-    run = ProtocolRun(model, model.hold(name), folder, resume, control=control).go(tell)
+    run = ProtocolRun(model, model.hold(name), folder, resume, control=control).go(callback)
     return answer(run.result(), model.scene.patient)
 
 
-def _muted(tell: Tell, name: str) -> Tell:
+def _muted(callback: Tell, name: str) -> Tell:
     """Tells time but no share done, for what precedes a check."""
-    return lambda _, t, __: tell(name, t, 0.0)
+    return lambda _, t, __: callback(name, t, 0.0)
 
 
-def one_order_more(model: Model, folder: Path | None, resume: bool, tell: Tell) -> Pair:
+def one_order_more(model: Model, folder: Path | None, resume: bool, callback: Tell) -> Pair:
     """`orders`, kept in a file and taken from there on resume."""
     path, scene = None if folder is None else folder / f"{ORDER}.json", model.scene.to_dict()
     if resume and path is not None and path.exists():
@@ -111,7 +111,7 @@ def one_order_more(model: Model, folder: Path | None, resume: bool, tell: Tell) 
         if isinstance(kept, dict) and kept.get("scene") == scene and len(kept.get("answers", ())) == 2:
             low, high = kept["answers"]
             return low, high
-    tell(ORDER, 0.0, 0.0)
+    callback(ORDER, 0.0, 0.0)
     found = orders(model, path and path.with_suffix(".npz"), resume)
     if path is not None:
         write_json(path, {"scene": scene, "answers": found})

@@ -162,7 +162,7 @@ def generate(
     seed: int = 0,
     across: int = 51,
     executor: parallel.AnyExecutor = None,
-    tell: parallel.Tell = logged,
+    callback: parallel.Tell = logged,
 ) -> None:
     """Compute samples of each family (name → how many) and write them to an HDF5 file, whole or not at all.
 
@@ -181,7 +181,7 @@ def generate(
             ids = range(first, min(first + BLOCK, count))
             tasks.append(parallel.Task(f"{name} {first}", _block, (modality, name, seed, split, ids, across)))
     work = FinishedWork(path.with_name(f"{path.stem}_blocks"))
-    blocks = list(parallel.run(tasks, executor, tell=tell, store=work).values())
+    blocks = list(parallel.run(tasks, executor, callback=callback, store=work).values())
     columns = {key: np.concatenate([block[key] for block in blocks]) for key in blocks[0]}
     columns["family"] = np.concatenate([np.full(count, i) for i, count in enumerate(families.values())])
     told = {"modality": modality, "split": split, "seed": seed, "side": SIDES[modality], "families": list(families)}
@@ -198,10 +198,10 @@ def generate(
 
 
 def _block(
-    modality: str, name: str, seed: int, split: str, ids: Sequence[int], across: int, tell: parallel.Tell
+    modality: str, name: str, seed: int, split: str, ids: Sequence[int], across: int, callback: parallel.Tell
 ) -> dict[str, Array]:
     rows = [sample(modality, name, seed, split, index, across) for index in ids]
-    tell(name, ids[-1], 1.0)
+    callback(name, ids[-1], 1.0)
     kind = np.complex64 if rows[0].displacement.dtype.kind == "c" else np.float32
     return {
         "displacement": np.array([row.displacement for row in rows], kind),

@@ -136,7 +136,7 @@ def train(
     validation: DataSet,
     folder: Path,
     settings: Settings = Settings(),
-    tell: Callable[[dict[str, float]], None] = logged,
+    callback: Callable[[dict[str, float]], None] = logged,
     start: Path | None = None,
 ) -> Surrogate:
     """Train an operator, made by its numbers of channels in and out; go on where a checkpoint in the folder ends.
@@ -198,7 +198,7 @@ def train(
         states = {"model": model.state_dict(), "descent": descent.state_dict()}
         atomic_write(checkpoint, partial(torch.save, {**states, "curve": curve, "made_by": made_by}))
         write_json(folder / "curve.json", curve)
-        tell(curve[-1])
+        callback(curve[-1])
     return model
 
 

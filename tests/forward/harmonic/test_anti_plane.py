@@ -89,7 +89,7 @@ def test_derivatives_by_taylor_and_transpose(rng, translation):
     target = of.at(theta).data + 1e-3 * (rng.normal(size=shape) + 1j * rng.normal(size=shape))
     there = of.at(theta)
     slope = there.gradient(there.data - target)
-    assert np.allclose(slope, there.pull(there.data - target), rtol=1e-9, atol=1e-12 * np.abs(slope).max())
+    assert np.allclose(slope, there.vjp(there.data - target), rtol=1e-9, atol=1e-12 * np.abs(slope).max())
 
     def value(x):
         return float(0.5 * np.sum(np.abs(of.at(x).data - target) ** 2))
@@ -100,7 +100,7 @@ def test_derivatives_by_taylor_and_transpose(rng, translation):
         rates = taylor(value, slope, theta, direction, first=2e-3)
         assert np.all((rates > 1.9) & (rates < 2.1)), rates
         there, w = of.at(theta), rng.normal(size=shape) + 1j * rng.normal(size=shape)
-        assert dot(there.push, there.pull(w), direction, w) < 1e-10
+        assert dot(there.jvp, there.vjp(w), direction, w) < 1e-10
 
 
 def test_a_translation_is_what_u_leaves_out_of_the_inertia():

@@ -381,8 +381,8 @@ def test_data_of_an_equilibrium(rng):
         rates = taylor(lambda t: float(w @ model.at(t).data), gradient, start, direction, first=1e-3)
         there = model.at(start)
         assert rates[0] == pytest.approx(2, abs=0.1), (name, rates)
-        assert dot(there.push, there.pull, direction, w) < 1e-9
-        assert there.pull(w) == pytest.approx(gradient, rel=1e-8)
+        assert dot(there.jvp, there.vjp, direction, w) < 1e-9
+        assert there.vjp(w) == pytest.approx(gradient, rel=1e-8)
 
 
 def stretched():
@@ -416,7 +416,7 @@ def test_second_derivatives_of_all_kinds_of_data_of_an_equilibrium(rng):
         own = np.zeros_like(w)
         own[where] = w[where]
         there = model.at(start)
-        found = there.second(own, direction) * start
+        found = there.hvp(own, direction) * start
 
         def slope(theta, own=own):
             return model.at(theta).gradient(own) * start
@@ -434,7 +434,7 @@ def test_a_quotient_whose_slopes_stay_has_no_second_derivatives(rng, monkeypatch
     body, p = stretched()
     model = StaticModel([Case(body, [Ratio(StrainEnergy(), region_volume())])], p)
     start, w = model.theta.copy(), np.ones(1)
-    found = model.at(start).second(w, start) * start
+    found = model.at(start).hvp(w, start) * start
     rates = taylor(lambda t: model.at(t).gradient(w) * start, lambda d: found, start, start, first=2e-2)
     assert rates[-1] < 1.3, rates
 
@@ -452,8 +452,8 @@ def test_the_pressure_of_a_plate_in_a_run_by_what_it_is_made_of(rng):
     for name, direction in directions(model, rng):
         rates = taylor(lambda t: float(np.sum(w * model.at(t).data)), gradient, start, direction, first=0.02)
         assert rates[1] == pytest.approx(2, abs=0.15), (name, rates)
-        assert np.sum(w * model.at(start).push(direction)) == pytest.approx(gradient @ direction, rel=1e-6), name
-    found = model.at(start).second(w, start) * start
+        assert np.sum(w * model.at(start).jvp(direction)) == pytest.approx(gradient @ direction, rel=1e-6), name
+    found = model.at(start).hvp(w, start) * start
     rates = taylor(lambda t: model.at(t).gradient(w) * start, lambda d: found, start, start, first=1e-3)
     assert rates[0] == pytest.approx(2, abs=0.1), rates
 
@@ -479,7 +479,7 @@ def test_data_of_a_run(kind, rng):
         rates = taylor(lambda t: float(np.sum(w * model.at(t).data)), gradient, start, direction, first=0.05)
         assert rates[2] == pytest.approx(2, abs=0.1), (name, rates)
         there = model.at(start)
-        assert np.sum(w * there.push(direction)) == pytest.approx(gradient @ direction, rel=1e-7)
+        assert np.sum(w * there.jvp(direction)) == pytest.approx(gradient @ direction, rel=1e-7)
 
 
 def test_a_percentile_of_a_run(rng):
@@ -492,7 +492,7 @@ def test_a_percentile_of_a_run(rng):
         ends = [float(np.sum(w * model.at(start + s * direction).data)) for s in (-1e-3, 1e-3)]
         assert (ends[1] - ends[0]) / 2e-3 == pytest.approx(gradient @ direction, rel=5e-3), name
     found, ends = (
-        model.at(start).second(w, direction),
+        model.at(start).hvp(w, direction),
         [model.at(start + s * direction).gradient(w) for s in (1e-6, -1e-6)],
     )
     assert found * start == pytest.approx(
@@ -505,7 +505,7 @@ def test_second_derivatives_of_integrals_of_a_run(rng):
     start, there = model.theta.copy(), model.at(model.theta)
     w = weights(there.data, rng)
     direction = sum(way for _, way in directions(model, rng))
-    second, gradient = there.second(w, direction), lambda t: model.at(t).gradient(w)
+    second, gradient = there.hvp(w, direction), lambda t: model.at(t).gradient(w)
     rates = taylor(gradient, lambda way: second, start, direction, first=0.01)
     assert rates[-1] == pytest.approx(2, abs=0.1), rates
 

@@ -48,7 +48,7 @@ def test_derivatives_are_right_and_take_no_tangent(where, rng, monkeypatch):
     there = of.at(of.theta)
     made, count = of.solves.factorisations, assemblies(of, monkeypatch)
     w = weights(there, rng)
-    there.gradient(w), there.push(of.theta), there.pull(w)
+    there.gradient(w), there.jvp(of.theta), there.vjp(w)
     assert of.solves.factorisations == made and count == [0]
     verify(of, rng)
 

@@ -45,8 +45,8 @@ def test_derivatives(rng):
     there = model.at(theta)
     w = rng.normal(size=len(there.data))
     up = there.gradient(w)
-    assert there.pull(w) == pytest.approx(up, rel=1e-8, abs=1e-10 * np.abs(up).max())
-    assert dot(there.push, up, direction, w) < 1e-9
+    assert there.vjp(w) == pytest.approx(up, rel=1e-8, abs=1e-10 * np.abs(up).max())
+    assert dot(there.jvp, up, direction, w) < 1e-9
     rates = taylor(lambda x: float(w @ model.at(x).data), up, theta, direction)
     assert rates == pytest.approx(2, abs=0.1)
 

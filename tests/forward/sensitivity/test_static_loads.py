@@ -135,9 +135,9 @@ def bend(of, share, rng):
     w = weights(there, rng)
     size = np.concatenate([np.full(b.stop - b.start, np.abs(theta[b]).max() or 1e-2) for b in of.blocks.values()])
     a, b = share * size * rng.uniform(-1, 1, (2, of.size))
-    along_a, along_b = there.second(w, a), there.second(w, b)
+    along_a, along_b = there.hvp(w, a), there.hvp(w, b)
     assert dot(along_a, along_b, a, b) < 1e-10
-    rates = taylor(lambda t: of.at(t).gradient(w) * size, lambda d: there.second(w, d) * size, theta, a, 2)
+    rates = taylor(lambda t: of.at(t).gradient(w) * size, lambda d: there.hvp(w, d) * size, theta, a, 2)
     assert np.all((rates > 1.9) & (rates < 2.1)), rates
 
 
@@ -358,7 +358,7 @@ def test_laws_and_cases_without_sense_are_refused():
     with pytest.raises(InputError, match=r"points is of shape \(1, 3\); wanted: \(n, 2\)"):
         StaticModel([Case(body, [Displacements(np.ones((1, 3)))])], {"mu": mu})
     there = StaticModel([Case(body, [Force("bottom")])], {"mu": mu}).at(np.array([1e3]))
-    for product in (there.gradient, there.pull):
+    for product in (there.gradient, there.vjp):
         with pytest.raises(InputError, match=r"w is of shape \(3,\); wanted: \(2,\)"):
             product(np.ones(3))
 

@@ -127,9 +127,9 @@ def test_second_derivatives(law, form, rng):
     theta = of.theta
     there = of.at(theta)
     w, (a, b) = weights(there, rng), (theta * rng.uniform(-1, 1, (2, of.size)))
-    along_a, along_b = there.second(w, a), there.second(w, b)
+    along_a, along_b = there.hvp(w, a), there.hvp(w, b)
     assert dot(along_a, along_b, a, b) < 1e-10
-    rates = taylor(lambda t: of.at(t).gradient(w) * theta, lambda d: there.second(w, d) * theta, theta, a, 2)
+    rates = taylor(lambda t: of.at(t).gradient(w) * theta, lambda d: there.hvp(w, d) * theta, theta, a, 2)
     assert np.all((rates > 1.9) & (rates < 2.1)), rates
 
 
@@ -141,12 +141,12 @@ def test_the_whole_hessian_of_a_misfit(rng):
     misfit = LeastSquares(1.3 * there.data, 0.1 * unit(there))
 
     def hessian(direction):
-        bent = misfit.bend(there.data, there.push(direction))
-        return there.pull(bent) + there.second(misfit.slope(there.data), direction)
+        bent = misfit.gauss_newton_product(there.data, there.jvp(direction))
+        return there.vjp(bent) + there.hvp(misfit.gradient(there.data), direction)
 
     def gradient(t):
         now = of.at(t)
-        return now.gradient(misfit.slope(now.data)) * theta
+        return now.gradient(misfit.gradient(now.data)) * theta
 
     a, b = theta * rng.uniform(-1, 1, (2, of.size))
     along_a, along_b = hessian(a), hessian(b)
@@ -164,11 +164,11 @@ def test_a_state_of_before_keeps_its_derivatives(rng):
         theta, direction = of.theta, dict(directions(of, rng))["mu"]
         first = of.at(theta)
         w = weights(first, rng)
-        wanted = first.gradient(w), first.push(direction), first.second(w, direction)
+        wanted = first.gradient(w), first.jvp(direction), first.hvp(w, direction)
         fresh, second = of.at(theta), of.at(1.1 * theta)
         second.gradient(w)
         for there in (first, fresh):
-            found = there.gradient(w), there.push(direction), there.second(w, direction)
+            found = there.gradient(w), there.jvp(direction), there.hvp(w, direction)
             for is_now, was in zip(found, wanted, strict=True):
                 assert is_now == pytest.approx(was, rel=1e-8, abs=1e-10 * np.abs(was).max())
         assert of.theta == pytest.approx(theta)
@@ -191,6 +191,6 @@ def test_solves_are_counted(rng):
     there.gradient(w)
     assert (of.solves.factorisations, of.solves.adjoint, of.solves.incremental) == (made + 1, 1, 0)
     there.gradient(w)
-    there.push(of.theta)
-    there.pull(w)
+    there.jvp(of.theta)
+    there.vjp(w)
     assert (of.solves.factorisations, of.solves.adjoint, of.solves.incremental) == (made + 1, 1, 2)

@@ -25,7 +25,7 @@ def waves():
 @pytest.mark.one_thread
 def test_each_has_its_own_moduli_to_the_same_bits_in_processes(caplog):
     told = []
-    found, apart = (invert_each_frequency(waves(), executor=who, tell=told.append, **HOW) for who in (None, 2))
+    found, apart = (invert_each_frequency(waves(), executor=who, callback=told.append, **HOW) for who in (None, 2))
     assert list(found) == [50.0, 70.0] and found[70.0].data.loads == 2
     for frequency, one in found.items():
         assert np.median(one.maps["storage"]) == pytest.approx(SHEAR[frequency].real, rel=0.03)

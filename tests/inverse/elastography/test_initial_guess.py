@@ -87,7 +87,7 @@ def the_same(found, other):
 def test_starts_and_regularisers_side_by_side_are_the_same_to_the_last_bit(data, caplog):
     ways = {"levels": (0.5, 1.0), "rounds": 4, "drop_outliers": False}
     told = []
-    with_two = invert(data, **ways, executor=2, tell=told.append)
+    with_two = invert(data, **ways, executor=2, callback=told.append)
     the_same(invert(data, **ways), with_two)
     assert len(told) == len(with_two.history)
     assert "in this process" not in caplog.text  # they could be sent

@@ -46,7 +46,7 @@ def test_a_ball_with_its_label(tmp_path):
 
 def test_from_measured_waves_fields_and_waves_find_each_other():
     data, told = wave_data(), []
-    invert_in_space(data, in_elements(data, order=2), rounds=1, tell=told.append)
+    invert_in_space(data, in_elements(data, order=2), rounds=1, callback=told.append)
     way = [each.misfit / each.expected for each in told if each.phase == "waves"]
     assert way[0] > 5 and way[-1] < 3
 
@@ -110,15 +110,15 @@ def test_loads_start_each_by_what_is_measured_of_it():
 def test_killed_on_its_way_from_measured_waves_it_goes_on_there(tmp_path):
     data, first, second, path = between((0, 0, 0), (0.022, 0.022, 0.022)), [], [], tmp_path / "way.npz"
     elements = in_elements(data, order=1)
-    whole = invert_in_space(data, elements, rounds=1, tell=first.append)
+    whole = invert_in_space(data, elements, rounds=1, callback=first.append)
 
     def killed(each):
         if each is not None and path.exists():
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):  # in the second round: what the first one found is written
-        invert_in_space(data, elements, rounds=1, checkpoint=path, tell=killed)
-    again = invert_in_space(data, elements, rounds=1, checkpoint=path, tell=second.append)
+        invert_in_space(data, elements, rounds=1, checkpoint=path, callback=killed)
+    again = invert_in_space(data, elements, rounds=1, checkpoint=path, callback=second.append)
     assert len(first) >= 2 and len(second) == len(first) - 1
     assert [each.misfit for each in second] == pytest.approx([each.misfit for each in first[1:]], rel=0.01)
     assert np.allclose(again.maps["storage"], whole.maps["storage"], rtol=0.05)

@@ -149,7 +149,7 @@ def test_elements_over_a_mask_are_as_large_as_the_waves_allow():
 def test_slices_that_say_the_same():
     data, found = slab(), invert(slices_of(slab(), 2)[0][1], uniform=False, regulariser="smooth", rounds=2)
     notes = iter([["a of 3 %", "b"], ["a of 4 %", "b"], ["a of 5 %", "b"], ["b", "c"]])
-    several = invert_slices(data, 2, lambda _, tell: replace(found, warnings=next(notes)))
+    several = invert_slices(data, 2, lambda _, callback: replace(found, warnings=next(notes)))
     assert several.warnings[1:] == ["a of 3 % (a slice; 3 of 4 alike)", "b", "c (a slice; 1 of 4 alike)"]
 
 

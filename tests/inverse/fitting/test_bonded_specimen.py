@@ -54,7 +54,7 @@ def test_the_misfits_slope_is_theirs():
         {},
     )
     at, along = np.array([1e3, -9.0]), np.array([1e3, 6.0])
-    rates = check.taylor(problem.misfits, lambda dx: problem.slope(at) @ dx, at, along, first=0.05)
+    rates = check.taylor(problem.misfits, lambda dx: problem.gradient(at) @ dx, at, along, first=0.05)
     assert np.all(np.abs(rates - 2) < 0.1), rates
 
 

@@ -38,7 +38,7 @@ def recovered(seed, seen=BOTH):
     noise = 0.01 * np.sqrt(np.mean(exact() ** 2, axis=0)) * np.ones_like(exact())
     data = exact() + noise * np.random.default_rng(seed).normal(size=noise.shape)
     columns = slice(None) if seen is BOTH else slice(1, None)
-    return recover(run(GUESS, 3, "P2/P1", STEPS, seen), data[:, columns], noise[:, columns], tell=lambda _: None)
+    return recover(run(GUESS, 3, "P2/P1", STEPS, seen), data[:, columns], noise[:, columns], callback=lambda _: None)
 
 
 def holds(found, name):

@@ -24,7 +24,7 @@ def test_gaps_cost_nothing(data):
     gaps[:, :, 1] = np.nan
     misfit, axial = LeastSquares(gaps, 0.1), LeastSquares(data[1][:, :, :1], 0.1)
     assert misfit.count == 2000 and misfit.value(data[0]) == pytest.approx(axial.value(data[0][:, :, :1]))
-    assert not misfit.slope(data[0])[:, :, 1].any() and not misfit.weight(data[0])[:, :, 1].any()
+    assert not misfit.gradient(data[0])[:, :, 1].any() and not misfit.weight(data[0])[:, :, 1].any()
 
 
 @pytest.mark.parametrize("kind", [LeastSquares, lambda m, s: Huber(m, s, 1.5)])
@@ -32,13 +32,13 @@ def test_slope(kind, data, rng):
     misfit, change = kind(data[1], 0.1), rng.normal(size=(2, 500, 2)) + 1j * rng.normal(size=(2, 500, 2))
     h = 1e-6
     secant = (misfit.value(data[0] + h * change) - misfit.value(data[0] - h * change)) / (2 * h)
-    assert np.sum(np.conj(misfit.slope(data[0])) * change).real == pytest.approx(secant, rel=1e-5)
+    assert np.sum(np.conj(misfit.gradient(data[0])) * change).real == pytest.approx(secant, rel=1e-5)
 
 
 def test_huber_is_least_squares_inside_and_bounded_outside(data):
     near, far = Huber(data[1], 0.1, 100.0), Huber(data[1], 0.1, 1.0)
     assert near.value(data[0]) == pytest.approx(LeastSquares(data[1], 0.1).value(data[0]))
-    assert np.abs(far.slope(data[0])).max() <= (1 + 1e-12) / 0.1
+    assert np.abs(far.gradient(data[0])).max() <= (1 + 1e-12) / 0.1
     assert np.all(far.weight(data[0]) <= (1 + 1e-12) * near.weight(data[0]))
 
 

@@ -17,7 +17,7 @@ def test_inverse_and_slope(transform):
     assert transform.value(x) == pytest.approx(THETA, rel=1e-12)
     h = 1e-6 * np.maximum(1, np.abs(x))
     secant = (transform.value(x + h) - transform.value(x - h)) / (2 * h)
-    assert transform.slope(x) == pytest.approx(secant, rel=1e-7)
+    assert transform.gradient(x) == pytest.approx(secant, rel=1e-7)
 
 
 @pytest.mark.parametrize(

@@ -50,7 +50,7 @@ def test_slope_on_quadrilaterals(kind, rng):
     space = space_of(5, 0.3)
     made = kind(space, rng.normal(size=space.ndof))
     x, dx = rng.normal(size=space.ndof), rng.normal(size=space.ndof)
-    assert np.all(np.abs(taylor(made.value, made.slope(x), x, dx) - 2) < 0.1)
+    assert np.all(np.abs(taylor(made.value, made.gradient(x), x, dx) - 2) < 0.1)
 
 
 @pytest.mark.parametrize("kind", KINDS)

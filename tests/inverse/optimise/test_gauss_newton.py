@@ -174,7 +174,7 @@ def test_the_same_every_time():
 
 def test_history_is_told_and_counts():
     told, inversion = [], small()
-    found = uniform(inversion, tell=told.append)
+    found = uniform(inversion, callback=told.append)
     assert told == found.history and found.count == 2 * 2 * 81
     assert found.cross_validation == pytest.approx(found.level.misfit * 324 / found.level.expected**2)
     assert all(a.cpu_s <= b.cpu_s for a, b in pairwise(told))

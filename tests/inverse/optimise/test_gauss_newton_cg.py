@@ -191,7 +191,7 @@ def test_what_has_settled_is_not_begun_again(tmp_path):
     found = Iterative(first, Given(), checkpoint=tmp_path / "whole.npz").descend(search.start, 20)
     second, _ = problem(weight=1e4)
     told = []
-    resumed = Iterative(second, Given(), checkpoint=tmp_path / "whole.npz", tell=told.append).resume(21)
+    resumed = Iterative(second, Given(), checkpoint=tmp_path / "whole.npz", callback=told.append).resume(21)
     assert found.converged and resumed.converged and not told
     assert np.array_equal(resumed.x, found.x) and resumed.history == found.history
     assert resumed.objective == pytest.approx(found.objective, rel=1e-12) and resumed.weights == found.weights

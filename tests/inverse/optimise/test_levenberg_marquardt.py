@@ -76,9 +76,7 @@ def test_what_nothing_holds_at_a_trial_is_not_counted():
     fields = Fields(np.ones(2), {"a": slice(0, 1), "b": slice(1, 2)}, {"a": Unknown(1.0), "b": Unknown(1.0)})
 
     def known(theta):
-        return SimpleNamespace(
-            data=theta[:1], push=lambda d: d[:1], pull=None, gradient=lambda w: np.array([w[0], 0.0])
-        )
+        return SimpleNamespace(data=theta[:1], jvp=lambda d: d[:1], vjp=None, gradient=lambda w: np.array([w[0], 0.0]))
 
     reduced = Reduced(
         SimpleNamespace(at=known), LeastSquares(np.zeros(1), 1.0), fields, {"a": ridge(fields.start[:1])}, {"a": 1.0}

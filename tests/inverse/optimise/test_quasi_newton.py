@@ -62,7 +62,7 @@ def test_metric(rng):
     metric, xi, g = Metric(matrix), rng.normal(size=30), rng.normal(size=30)
     assert matrix @ metric.solve(g) == pytest.approx(g)
     assert metric.back(xi) @ matrix @ metric.back(xi) == pytest.approx(xi @ xi)
-    assert dot(metric.back, metric.slope, xi, g) < 1e-12
+    assert dot(metric.back, metric.gradient, xi, g) < 1e-12
 
 
 def small():

@@ -26,15 +26,15 @@ def test_slope_and_matrix_are_those_of_the_energy(field, rng):
     x, way = rng.random((2, space.ndof))
     step = 1e-4
     slope = (drawn.value(x + step * way) - drawn.value(x - step * way)) / (2 * step)
-    assert drawn.slope(x) @ way == pytest.approx(slope, rel=1e-6)
-    np.testing.assert_allclose(drawn.slope(x + way) - drawn.slope(x), drawn.matrix(x) @ way, rtol=1e-9)
+    assert drawn.gradient(x) @ way == pytest.approx(slope, rel=1e-6)
+    np.testing.assert_allclose(drawn.gradient(x + way) - drawn.gradient(x), drawn.matrix(x) @ way, rtol=1e-9)
 
 
 def test_it_pulls_towards_the_values(field):
     space, points, at = field
     values = points @ [10.0, 20.0, -30.0]
     drawn = Drawn(smooth(space, 0.0), at, values, np.full(300, 1e6))
-    x = np.linalg.solve(drawn.matrix(np.zeros(space.ndof)).toarray(), -drawn.slope(np.zeros(space.ndof)))
+    x = np.linalg.solve(drawn.matrix(np.zeros(space.ndof)).toarray(), -drawn.gradient(np.zeros(space.ndof)))
     np.testing.assert_allclose(at @ x, values, atol=1e-4)
 
 

@@ -43,7 +43,7 @@ def kept(tmp_path_factory):
     """Inverted in two processes, and the folder of its checkpoints."""
     folder = tmp_path_factory.mktemp("zones")
     told = []
-    return invert_by_subzones(wave_data(), **ZONES, executor=2, checkpoint=folder, tell=told.append), folder, told
+    return invert_by_subzones(wave_data(), **ZONES, executor=2, checkpoint=folder, callback=told.append), folder, told
 
 
 def test_moduli_of_plane_waves(kept):
@@ -84,7 +84,7 @@ def test_a_stopped_inversion_goes_on_and_one_process_answers_as_two_did(kept):
     assert files == [f"zone-{i}-of-2{stage}.npz" for i in (1, 2) for stage in ("-pass-1", "")]
     (folder / "zone-2-of-2-pass-1.npz").unlink()
     told = []
-    again = invert_by_subzones(wave_data(), **ZONES, checkpoint=folder, tell=told.append)
+    again = invert_by_subzones(wave_data(), **ZONES, checkpoint=folder, callback=told.append)
     assert {each.phase for each in told} == {"zone 2 of 2, pass 1"}
     for name, values in found.maps.items():
         np.testing.assert_array_equal(values, again.maps[name])

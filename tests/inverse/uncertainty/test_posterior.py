@@ -36,7 +36,7 @@ class Linear:
 
     def at(self, theta):
         A = self.matrix
-        return SimpleNamespace(data=A @ theta, push=lambda v: A @ v, pull=lambda w: A.T @ w, gradient=lambda w: A.T @ w)
+        return SimpleNamespace(data=A @ theta, jvp=lambda v: A @ v, vjp=lambda w: A.T @ w, gradient=lambda w: A.T @ w)
 
 
 def linear(names="abc", rng=None):
@@ -260,7 +260,7 @@ def pressed(measured):
 def test_moduli_of_a_body_in_equilibrium():
     reduced = pressed(np.ones(7, bool))
     point = reduced.at(reduced.unknowns.start)
-    J = np.array([point.state.push(e) for e in np.diag(reduced.model.theta)]).T / (0.01 * point.state.data)[:, None]
+    J = np.array([point.state.jvp(e) for e in np.diag(reduced.model.theta)]).T / (0.01 * point.state.data)[:, None]
     exact, posterior = np.sqrt(np.diag(np.linalg.inv(J.T @ J))), Posterior(point)
     for name, where in reduced.model.blocks.items():
         assert posterior.deviation(name) == pytest.approx(exact[where], rel=1e-8)

@@ -167,6 +167,6 @@ def test_pressures_of_a_retraction_are_data_of_a_model():
     assert rows[:, 2] == pytest.approx(rows[:, 3], rel=1e-6)  # the blade's force and the tissue's, which balance
     w = np.array([[0.3], [1.0]]) / np.abs(rows).max(axis=0)
     gradient = there.gradient(w)
-    assert np.all(there.push(np.ones(1)) > 0) and np.sum(w * there.push(np.ones(1))) == pytest.approx(gradient[0])
+    assert np.all(there.jvp(np.ones(1)) > 0) and np.sum(w * there.jvp(np.ones(1))) == pytest.approx(gradient[0])
     rates = taylor(lambda at: float(np.sum(w * of.at(at).data)), gradient, theta, np.ones(1), 3, 0.04)
     assert rates == pytest.approx(2, abs=0.1), rates

@@ -63,7 +63,7 @@ class StateSensitivity:
 
     def along(self, direction: Array) -> Sequence[Array]:
         """(∂A/∂θ δθ) v of each wave."""
-        moved = self._there.push(direction)
+        moved = self._there.jvp(direction)
         return [by_theta @ direction + by_state @ moved for by_state, by_theta in self._matrices]
 
     def back(self, adjoints: Sequence[Array]) -> Array:
@@ -71,9 +71,9 @@ class StateSensitivity:
         parts = zip(adjoints, self._matrices, strict=True)
         found = [((by_state.T @ a).real, (by_theta.T @ a).real) for a, (by_state, by_theta) in parts]
         by_state, by_theta = (np.sum(part, axis=0) for part in zip(*found, strict=True))
-        return by_theta + self._there.pull(by_state)
+        return by_theta + self._there.vjp(by_state)
 
-    def slope(self, adjoints: Sequence[Array]) -> Array:
+    def gradient(self, adjoints: Sequence[Array]) -> Array:
         """By linear forms."""
         by_state, by_theta = self._slopes(adjoints)
         return by_theta + self._there.gradient(by_state)
@@ -104,7 +104,7 @@ class StateSensitivity:
                 work.turned_slopes(omega, wave, adjoint),
             ):
                 by_state, by_theta = by_state + state, by_theta + theta
-        return by_theta + self._there.pull(by_state) + self._there.second(first, self._direction)
+        return by_theta + self._there.vjp(by_state) + self._there.hvp(first, self._direction)
 
     def _slopes(self, adjoints: Sequence[Array]) -> tuple[Array, Array]:
         """Of Σ Re λᵀ A v by the state, and by θ with the state as it is."""

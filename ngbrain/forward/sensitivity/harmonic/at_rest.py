@@ -65,7 +65,7 @@ class AtRest:
         """Fields that need integrals of their own."""
         return [name for name, (first, _) in self.alike[omega].items() if name == first]
 
-    def slope(self, omega: float, name: str) -> Slope:
+    def gradient(self, omega: float, name: str) -> Slope:
         """How the matrices change with a field, between as many pairs of waves as there are of this frequency; kept."""
         if (omega, name) not in self._slopes:
             number = sum(wave.omega == omega for wave in self.body.waves)
@@ -94,14 +94,14 @@ class FieldSensitivity:
         parts = [matrix.T @ adjoint for matrix, adjoint in zip(self.matrices, adjoints, strict=True)]
         return np.asarray(np.sum(parts, axis=0).real)
 
-    def slope(self, adjoints: Sequence[Array]) -> Array:
+    def gradient(self, adjoints: Sequence[Array]) -> Array:
         """One linear form for each frequency and field."""
         medium, pairs = self._medium, dict[float, list[Pair]]()
         for omega, wave, adjoint in zip(self._omegas, self._waves, adjoints, strict=True):
             pairs.setdefault(omega, []).append((wave, adjoint))
         return self._summed(
             {
-                omega: {name: medium.slope(omega, name)(both) for name in medium.firsts(omega)}
+                omega: {name: medium.gradient(omega, name)(both) for name in medium.firsts(omega)}
                 for omega, both in pairs.items()
             }
         )
@@ -131,9 +131,9 @@ class FieldSensitivity:
         return self._summed(
             {
                 omega: {
-                    name: medium.slope(omega, name)(moved)
-                    + medium.slope(omega, name)(back)
-                    + medium.turn.slope(omega, name, same)
+                    name: medium.gradient(omega, name)(moved)
+                    + medium.gradient(omega, name)(back)
+                    + medium.turn.gradient(omega, name, same)
                     for name in medium.firsts(omega)
                 }
                 for omega, (moved, back, same) in pairs.items()

@@ -48,7 +48,7 @@ class Turned:
         form.Assemble()
         return np.asarray(form.vec.FV().NumPy().copy())
 
-    def slope(self, omega: float, name: str, pairs: Sequence[Pair]) -> Array:
+    def gradient(self, omega: float, name: str, pairs: Sequence[Pair]) -> Array:
         """Σ vᵀ (∂A/∂θ_i)' u of pairs u, v, for each unknown of a field."""
         if (omega, name) not in self._slopes:
             self._slopes[omega, name] = Slope(self._body, omega, self._fields[name], len(pairs), self._turn)

@@ -24,7 +24,7 @@ class Sensitivity(Protocol):
     def back(self, adjoints: Sequence[Array]) -> Array:
         """Σ Re λᵀ (∂A/∂θ) u (size,), by the matrices that `along` uses."""
 
-    def slope(self, adjoints: Sequence[Array]) -> Array:
+    def gradient(self, adjoints: Sequence[Array]) -> Array:
         """The same by linear forms: cheaper for a single product."""
 
     def aim(self, direction: Array) -> None:

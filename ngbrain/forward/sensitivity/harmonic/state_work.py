@@ -135,7 +135,7 @@ class StateWork:
 
     def _slopes_of(self, functional: Callable[[Motion], Terms]) -> Slopes:
         parts = functional(self._body.gfu)
-        by_theta = [block.slope(parts, self._body.mesh) for block in self._blocks]
+        by_theta = [block.gradient(parts, self._body.mesh) for block in self._blocks]
         return slope(self._body, functional(self._trial)), by_theta
 
     def _turn(self, state: Motion, pair: Pair) -> Terms:

@@ -175,7 +175,7 @@ class Linearised:
         gfu.vec.FV().NumPy()[:] = self.waves[number][: gfu.space.ndof]
         return gfu
 
-    def push(self, direction: Array) -> Array:
+    def jvp(self, direction: Array) -> Array:
         """J δθ, as `data`."""
         return np.array([self.model.observed(u) for u in self.along(direction)])
 
@@ -191,19 +191,19 @@ class Linearised:
             change[k] = 0 if still else self.factors.solve(k, b, "incremental") + driven[k]
         return change
 
-    def pull(self, w: Array) -> Array:
-        """Re(Jᵀ w̄), the gradient of Re Σ w̄ · data, by the matrices that `push` uses."""
+    def vjp(self, w: Array) -> Array:
+        """Re(Jᵀ w̄), the gradient of Re Σ w̄ · data, by the matrices that `jvp` uses."""
         adjoints = self._adjoints(w, "incremental")
         inner = self.sensitivity.back([adjoint for adjoint, _ in adjoints])
         return np.concatenate([-inner, self._of_boundary(adjoints)])
 
     def gradient(self, w: Array) -> Array:
-        """The same as `pull` by linear forms: cheaper for a single product."""
+        """The same as `vjp` by linear forms: cheaper for a single product."""
         adjoints = self._adjoints(w, "adjoint")
-        inner = self.sensitivity.slope([adjoint for adjoint, _ in adjoints])
+        inner = self.sensitivity.gradient([adjoint for adjoint, _ in adjoints])
         return np.concatenate([-inner, self._of_boundary(adjoints)])
 
-    def second(self, w: Array, direction: Array) -> Array:
+    def hvp(self, w: Array, direction: Array) -> Array:
         """(Re Σ w̄ · data)'' δθ: what the curvature of a misfit has beside the Gauss-Newton matrix, with w the misfit's slope."""
         model, how, factors, driven = self.model, self.sensitivity, self.factors, self.model.held(direction)
         adjoints = [adjoint for adjoint, _ in self._adjoints(w, "adjoint")]

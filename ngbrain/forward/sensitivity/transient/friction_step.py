@@ -124,7 +124,7 @@ class FrictionStep:
 
     @cached_property
     def _by_theta(self) -> list[Callable[[], Array]]:
-        return [part.slope(self._work(), self.body.mesh) for part in self._parts]
+        return [part.gradient(self._work(), self.body.mesh) for part in self._parts]
 
     def _number(self, parts: Terms) -> Callable[[], Array]:
         integrals = [part.integral for part in parts]
@@ -217,7 +217,7 @@ class FrictionStep:
             vector(self.body.fes, by(bent(start), self._y)),
             self._number(by(bent(Shift(self._y, before=1.0)), self._y)) if self._way is not None else nothing,
             self._number(by(still, self._way)) if self._way is not None else nothing,
-            [part.slope(still, self.body.mesh) for part in parts],
+            [part.gradient(still, self.body.mesh) for part in parts],
         )
 
     @cached_property

@@ -69,7 +69,7 @@ class InertiaStep:
 
     @cached_property
     def _by_theta(self) -> list[Callable[[], Array]]:
-        return [part.slope(self._work(self._motion), self.body.mesh) for part in self._parts]
+        return [part.gradient(self._work(self._motion), self.body.mesh) for part in self._parts]
 
     # Forwards.
 
@@ -126,7 +126,7 @@ class InertiaStep:
     def _turned_by_theta(self) -> list[Callable[[], Array]]:
         going = [Term(*self.inertia.heft(self._going, self.body.layout.fields(self._motion).u))]
         bent = [term for part in self._parts for term in part.along(self._work(self._motion))]
-        return [part.slope(going + bent, self.body.mesh) for part in self._parts]
+        return [part.gradient(going + bent, self.body.mesh) for part in self._parts]
 
     def _work(self, motion: Motion) -> Terms:
         """c ∫ ρ (u - û) · λ dV."""

@@ -59,13 +59,13 @@ class Replayed:
         except FloatingPointError as error:
             raise ConvergenceError(f"a run with parameters that it cannot have: {error}") from error
 
-    def push(self, direction: Array) -> Array:
+    def jvp(self, direction: Array) -> Array:
         """J δθ, as `data`."""
         if self.model.size > TOGETHER:
             return self._pushed(direction[None])[0]
         return np.tensordot(direction, self.jacobian, 1)
 
-    def pull(self, w: Array) -> Array:
+    def vjp(self, w: Array) -> Array:
         """Jᵀ w, by the columns of J where there are few."""
         return self.gradient(w) if self.model.size > TOGETHER else np.asarray(np.tensordot(self.jacobian, w, 2))
 
@@ -86,7 +86,7 @@ class Replayed:
             total += by_theta + shown
         return total
 
-    def second(self, w: Array, direction: Array) -> Array:
+    def hvp(self, w: Array, direction: Array) -> Array:
         """(w · data)'' δθ: what the curvature of a misfit has beside the Gauss-Newton matrix, with w the misfit's slope.
 
         Raises `InputError` for walls that close on each other and for node positions.

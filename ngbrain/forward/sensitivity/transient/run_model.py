@@ -175,7 +175,7 @@ class RunModel:
         found, tool = np.zeros(self.size), self.body.tool
         if tool is not None:
             for name, of in self.parameters.items():
-                found[self.blocks[name]] += tool.given.slope(self.replay.grid[step.n + 1], of)
+                found[self.blocks[name]] += tool.given.gradient(self.replay.grid[step.n + 1], of)
         return found
 
     def _check_tool(self, grid: Array) -> None:

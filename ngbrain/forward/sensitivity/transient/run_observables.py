@@ -112,7 +112,7 @@ class _Outer:
         if shapes and not (observed.symbolic and observed.shaped):
             raise InputError("parameters", "nodes", f"others, for {type(observed).__name__.lower()}s of a run")
         if observed.symbolic:
-            self._slopes = [part.slope(observed.functional(body.gfu), body.mesh) for part in parts.values()]
+            self._slopes = [part.gradient(observed.functional(body.gfu), body.mesh) for part in parts.values()]
 
     def weigh(self, weights: Array) -> None:
         if isinstance(self._observed, Reaction):

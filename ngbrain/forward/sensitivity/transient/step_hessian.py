@@ -48,7 +48,7 @@ class StepCurvature:
         self._way = ngs.GridFunction(body.fes)
         touched = self._touched()
         self._by_state = vector(body.fes, self._touched(body.fes.TestFunction()))
-        self._by_theta = [part.slope(touched, body.mesh) for part in self._parts]
+        self._by_theta = [part.gradient(touched, body.mesh) for part in self._parts]
 
     def aim(self, state: Array, history: Array, theta: Mapping[str, Array]) -> None:
         """Ways δx (ndof,), δh (size, points) and δθ."""

@@ -85,7 +85,7 @@ def verify(of, rng, names=None):
     w = weights(there, rng)
     pulled = pulled_both_ways(of, there, w)
     for name, direction in directions(of, rng):
-        change = there.push(direction)
+        change = there.jvp(direction)
         assert dot(change, pulled, direction, w) < 1e-10, name
         if name == BOUNDARY:  # waves are linear in it
             moved = of.at(theta + direction).data - there.data
@@ -124,7 +124,7 @@ def test_where_nodes_are(form, rng):
     there, direction = of.at(of.theta), np.zeros(of.size)
     block, w = of.blocks["nodes"], weights(there, rng)
     direction[block] = SIDE / 20 * rng.normal(size=block.stop - block.start)
-    change = there.push(direction)
+    change = there.jvp(direction)
     assert dot(change, pulled_both_ways(of, there, w), direction, w) < 1e-10
     rates = taylor(lambda t: of.at(t).data, lambda _: change, of.theta, direction, 2)
     assert np.all((rates > 1.9) & (rates < 2.1)), rates
@@ -232,9 +232,9 @@ def bend(of, rng):
     sizes = {name: np.abs(theta[b]).max() or 0.02 * SIDE for name, b in of.blocks.items()}
     w, size = weights(there, rng), np.concatenate([np.full(b.stop - b.start, sizes[n]) for n, b in of.blocks.items()])
     a, b = 0.3 * size * rng.uniform(-1, 1, (2, of.size))
-    along_a, along_b = there.second(w, a), there.second(w, b)
+    along_a, along_b = there.hvp(w, a), there.hvp(w, b)
     assert dot(along_a, along_b, a, b) < 1e-10
-    rates = taylor(lambda t: of.at(t).gradient(w) * size, lambda d: there.second(w, d) * size, theta, a, 2)
+    rates = taylor(lambda t: of.at(t).gradient(w) * size, lambda d: there.hvp(w, d) * size, theta, a, 2)
     assert np.all((rates > 1.9) & (rates < 2.1)), rates
 
 
@@ -243,10 +243,10 @@ def test_a_state_of_before_keeps_its_derivatives(rng):
     theta = of.theta
     first = of.at(theta)
     w, direction = weights(first, rng), theta * rng.uniform(-1, 1, len(theta))
-    wanted = first.gradient(w), first.push(direction)
+    wanted = first.gradient(w), first.jvp(direction)
     fresh, second = of.at(theta), of.at(1.05 * theta)
     second.gradient(w)
-    for found, was in zip((fresh.gradient(w), fresh.push(direction)), wanted, strict=True):
+    for found, was in zip((fresh.gradient(w), fresh.jvp(direction)), wanted, strict=True):
         assert found == pytest.approx(was, rel=1e-8, abs=1e-9 * np.abs(was).max())
 
 
@@ -257,7 +257,7 @@ def test_solves_are_counted(rng):
     assert of.solves.forward == 3 and made >= 3  # one equilibrium and two waves
     there.gradient(w)
     assert (of.solves.factorisations, of.solves.adjoint, of.solves.incremental) == (made + 1, 3, 0)
-    there.push(of.theta)
+    there.jvp(of.theta)
     assert (of.solves.factorisations, of.solves.adjoint, of.solves.incremental) == (made + 1, 3, 3)
 
 

@@ -59,4 +59,4 @@ def test_a_field_that_nothing_is_made_of_has_no_slope():
     there = model.at(model.theta)
     slope = there.gradient(there.data)
     assert np.abs(slope[model.blocks["storage"]]).max() > 0 and not slope[model.blocks["idle"]].any()
-    assert slope == pytest.approx(there.pull(there.data), rel=1e-9, abs=1e-30)
+    assert slope == pytest.approx(there.vjp(there.data), rel=1e-9, abs=1e-30)

@@ -45,11 +45,11 @@ def test_rates_of_every_field(name, rng):
 def test_the_products_are_transposes_and_the_gradient_is_one(name, rng):
     of = MODELS[name]()
     there, w = of.at(of.theta), wanted(of, rng)
-    pulled, driven = there.pull(w), there.gradient(w)
+    pulled, driven = there.vjp(w), there.gradient(w)
     scale = np.concatenate([np.full(b.stop - b.start, np.abs(pulled[b]).max()) for b in of.blocks.values()])
     assert np.abs((pulled - driven) / scale).max() < 1e-11
     for _, direction in directions(of, rng):
-        assert dot(there.push, pulled, direction, w) < 1e-11
+        assert dot(there.jvp, pulled, direction, w) < 1e-11
 
 
 def test_absorbing_edges_of_fields(rng):
@@ -86,7 +86,7 @@ def test_fields_of_any_space(space, rng):
     rates = taylor(value, gradient(of.theta), of.theta, direction, first=2e-3)
     assert np.all((rates > 1.9) & (rates < 2.1)), rates
     there = of.at(of.theta)
-    assert there.pull(weight) == pytest.approx(there.gradient(weight), rel=1e-9, abs=1e-16)
+    assert there.vjp(weight) == pytest.approx(there.gradient(weight), rel=1e-9, abs=1e-16)
 
 
 def test_solves_are_counted(rng):
@@ -95,8 +95,8 @@ def test_solves_are_counted(rng):
     assert (of.solves.factorisations, of.solves.forward) == (2, 3)
     there.gradient(w)
     assert of.solves.adjoint == 3
-    there.push(of.theta)
-    there.pull(w)
+    there.jvp(of.theta)
+    there.vjp(w)
     assert of.solves.incremental == 6
 
 
@@ -199,9 +199,9 @@ def test_a_matrix_that_is_not_transposed_fails_the_dot_test(monkeypatch, rng):
     _, direction = next(directions(of, rng))
     wrong = [sp.csr_array(s.conj()) for s in there.sensitivity.matrices]
     monkeypatch.setattr(there.sensitivity, "matrices", wrong)
-    pushed = there.push(direction)
+    pushed = there.jvp(direction)
     monkeypatch.undo()
-    assert dot(pushed, there.pull, direction, w) > 1e-3
+    assert dot(pushed, there.vjp, direction, w) > 1e-3
 
 
 def test_bad_input():
@@ -225,7 +225,7 @@ def test_bad_input():
 def test_a_complex_constant_of_a_wall_is_told():
     """It waits until derivatives are asked for: waves themselves do not differentiate it."""
     at = (made := model(absorbing=[Absorbing("left", ngs.CF(2000 + 700j), 1e4)])).at(made.theta)
-    for product in (at.gradient, at.pull):
+    for product in (at.gradient, at.vjp):
         with pytest.raises(InputError, match="absorbing is made of a complex constant"):
             product(at.data)
 
@@ -237,10 +237,10 @@ def test_second_derivatives(name, rng):
     theta, w = of.theta, wanted(of, rng)
     there = of.at(theta)
     a, b = (sum(direction for _, direction in directions(of, rng)) for _ in range(2))
-    along_a, along_b = there.second(w, a), there.second(w, b)
+    along_a, along_b = there.hvp(w, a), there.hvp(w, b)
     assert abs(b @ along_a - a @ along_b) < 1e-10 * np.abs(b * along_a).sum()
     size = np.concatenate([np.full(p.stop - p.start, np.abs(theta[p]).max()) for p in of.blocks.values()])
-    rates = taylor(lambda t: of.at(t).gradient(w) * size, lambda d: there.second(w, d) * size, theta, a, 2, 5e-4)
+    rates = taylor(lambda t: of.at(t).gradient(w) * size, lambda d: there.hvp(w, d) * size, theta, a, 2, 5e-4)
     assert np.all((rates > 1.9) & (rates < 2.1)), rates
 
 
@@ -250,12 +250,12 @@ def test_what_drives_one_wave_costs_no_solve_of_the_others(rng):
     there, before = of.at(of.theta), of.solves.incremental
     direction = np.zeros(of.size)
     direction[of.blocks[BOUNDARY]][: 2 * len(of.driving)] = rng.normal(size=2 * len(of.driving))
-    change = there.push(direction)
+    change = there.jvp(direction)
     assert of.solves.incremental - before == 1
     assert np.abs(change[0]).max() > 0 and not change[1:].any()
     w = wanted(of, rng)
-    whole = there.pull(w)
+    whole = there.vjp(w)
     before = of.solves.incremental
-    parts = [there.pull(np.where(np.arange(3)[:, None, None] == k, w, 0)) for k in range(3)]
+    parts = [there.vjp(np.where(np.arange(3)[:, None, None] == k, w, 0)) for k in range(3)]
     assert of.solves.incremental - before == 3
     np.testing.assert_allclose(sum(parts), whole, rtol=1e-12, atol=1e-12 * np.abs(whole).max())

@@ -110,7 +110,7 @@ def check(seed):
         return float(np.sum(w * of.at(theta).data))
 
     direction = sizes * rng.uniform(-1, 1, size=len(sizes))
-    pushed = of.at(start).push(direction)
+    pushed = of.at(start).jvp(direction)
     assert np.sum(w * pushed) == pytest.approx(gradient @ direction, rel=1e-6), made
     first = FIRST
     while first > NEAREST and any(
@@ -119,8 +119,8 @@ def check(seed):
         first /= 2
     if first > NEAREST:
         there = of.at(start)
-        twice, other = there.second(w, direction), sizes * rng.uniform(-1, 1, size=len(sizes))
-        assert there.second(w, other) @ direction == pytest.approx(
+        twice, other = there.hvp(w, direction), sizes * rng.uniform(-1, 1, size=len(sizes))
+        assert there.hvp(w, other) @ direction == pytest.approx(
             twice @ other, rel=1e-6, abs=1e-9 * np.abs(twice) @ sizes
         )
         slope = lambda t: of.at(t).gradient(w) * sizes  # noqa: E731

@@ -51,7 +51,7 @@ def test_gradients_are_those_of_differences(case, rng):
     for name in of.blocks:
         direction = along(of, name)
         there = of.at(start)
-        assert np.sum(w * there.push(direction)) == pytest.approx(gradient @ direction, rel=1e-7), name
+        assert np.sum(w * there.jvp(direction)) == pytest.approx(gradient @ direction, rel=1e-7), name
         difference = (value(start + 1e-3 * direction) - value(start - 1e-3 * direction)) / 2e-3
         print(case, name, difference, gradient @ direction)
         assert difference == pytest.approx(gradient @ direction, rel=5e-3, abs=1e-4 * whole), name
@@ -73,7 +73,7 @@ def test_full_slide_has_the_slope_of_coulombs_law():
     there = of.at(of.theta)
     direction = np.zeros(of.size)
     direction[of.blocks["friction"]] = 1.0
-    change = there.push(direction)
+    change = there.jvp(direction)
     late = 4  # at 3 s all of the top has slid by 2 mm
     tangential, normal = there.data[late]
     assert tangential == pytest.approx(-0.05 * normal, rel=1e-5)
@@ -131,7 +131,7 @@ def twice(of, rng, first=2e-3):
     start, there = of.theta.copy(), of.at(of.theta)
     w, _ = weighed(of, there, rng)
     a, b = start * rng.uniform(0.3, 1, (2, of.size)) * rng.choice([-1, 1], (2, of.size))
-    along_a, along_b = there.second(w, a), there.second(w, b)
+    along_a, along_b = there.hvp(w, a), there.hvp(w, b)
     uneven = abs(along_a @ b - along_b @ a) / (np.abs(along_a * b).sum() + np.abs(along_b * a).sum())
     slope = lambda t: of.at(t).gradient(w) * start  # noqa: E731
     return taylor(slope, lambda d: along_a * start, start, a, first=first, steps=3), uneven

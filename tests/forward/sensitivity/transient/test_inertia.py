@@ -56,7 +56,7 @@ def test_gradients_are_those_of_differences(radius, law, field, rng):
     for name, place in of.blocks.items():
         direction = np.zeros(of.size)
         direction[place] = start[place] * rng.uniform(0.5, 1, size=place.stop - place.start)
-        pushed = of.at(start).push(direction)
+        pushed = of.at(start).jvp(direction)
         assert np.sum(w * pushed) == pytest.approx(gradient @ direction, rel=1e-6), name
         difference = (value(start + 1e-3 * direction) - value(start - 1e-3 * direction)) / 2e-3
         print(name, difference, gradient @ direction)
@@ -119,7 +119,7 @@ def rates_twice(rng, **how):
     largest = np.abs(there.data).max(axis=0)
     w = rng.normal(size=there.data.shape) / (largest + 1e-2 * largest.max())
     a, b = start * rng.uniform(0.3, 1, (2, of.size))
-    along_a, along_b = there.second(w, a), there.second(w, b)
+    along_a, along_b = there.hvp(w, a), there.hvp(w, b)
     slope = lambda t: of.at(t).gradient(w) * start  # noqa: E731
     rates = taylor(slope, lambda d: along_a * start, start, a, first=1e-3, steps=3)
     return rates, abs(along_a @ b - along_b @ a) / (np.abs(along_a * b).sum() + np.abs(along_b * a).sum())

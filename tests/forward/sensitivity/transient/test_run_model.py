@@ -58,22 +58,22 @@ def test_the_products_are_transposes(kind, monkeypatch, rng):
     w = weights(there.data, rng)
     slope = there.gradient(w)
     direction = sum(part for _, part in directions(of, rng))
-    assert dot(there.push, slope, direction, w) < 1e-9
+    assert dot(there.jvp, slope, direction, w) < 1e-9
 
 
 def test_fields_of_many_unknowns_are_pushed_one_by_one(monkeypatch, rng):
     of = model("layers")
     there = of.at(of.theta)
     direction = rng.normal(size=of.size) * of.theta
-    together = there.push(direction)
+    together = there.jvp(direction)
     w = weights(there.data, rng)
-    pulled = there.pull(w)
+    pulled = there.vjp(w)
     assert np.array_equal(there.gradient(w), pulled)  # its columns are at hand
     there = of.at(of.theta)
     assert pulled == pytest.approx(there.gradient(w), rel=1e-8, abs=1e-9 * np.abs(pulled).max())
     monkeypatch.setattr(through_time, "TOGETHER", 3)
-    assert there.push(direction) == pytest.approx(together, rel=1e-9, abs=1e-10 * np.abs(together).max())
-    assert there.pull(w) == pytest.approx(pulled, rel=1e-8, abs=1e-9 * np.abs(pulled).max())
+    assert there.jvp(direction) == pytest.approx(together, rel=1e-9, abs=1e-10 * np.abs(together).max())
+    assert there.vjp(w) == pytest.approx(pulled, rel=1e-8, abs=1e-9 * np.abs(pulled).max())
 
 
 def test_data_are_those_of_the_stepping_that_was_recorded():
@@ -153,9 +153,9 @@ def test_where_nodes_are(kind, rng):
         assert np.all((rates > 1.9) & (rates < 2.1)), rates
         there, direction = of.at(theta + 4 * direction), direction + 0.1 * theta * rng.normal(size=of.size)
         slope = there.gradient(w)
-        assert dot(there.push, slope, direction, w) < 1e-8
+        assert dot(there.jvp, slope, direction, w) < 1e-8
         with pytest.raises(InputError, match=r"parameters\.nodes is nodes"):
-            there.second(w, direction)
+            there.hvp(w, direction)
     finally:
         mesh.UnsetDeformation()
 
@@ -174,9 +174,9 @@ def test_second_derivatives(kind, rng):
     size = np.concatenate([np.full(b.stop - b.start, theta[b].max()) for b in of.blocks.values()])
     much = 0.5 if kind == "elastic" else 0.05  # a modulus alone changes little but how far contact's penalty gives way
     a, b = much * size * rng.uniform(-1, 1, (2, of.size))
-    along_a, along_b = there.second(w, a), there.second(w, b)
+    along_a, along_b = there.hvp(w, a), there.hvp(w, b)
     assert dot(along_a, along_b, a, b) < 1e-10
-    rates = taylor(lambda t: of.at(t).gradient(w) * size, lambda d: there.second(w, d) * size, theta, a, 2)
+    rates = taylor(lambda t: of.at(t).gradient(w) * size, lambda d: there.hvp(w, d) * size, theta, a, 2)
     assert np.all((rates > 1.9) & (rates < 2.1)), rates
 
 
@@ -184,7 +184,7 @@ def test_second_derivatives_where_few_histories_are_held():
     found = []
     for every in (1, 2, 5):
         of = model("layers", every=every)
-        found.append(of.at(of.theta).second(np.ones((5, 8)), of.theta))
+        found.append(of.at(of.theta).hvp(np.ones((5, 8)), of.theta))
     for each in found[1:]:
         assert each == pytest.approx(found[0], rel=1e-9, abs=1e-12 * np.abs(found[0]).max())
 
@@ -193,10 +193,10 @@ def test_second_derivatives_by_differences_are_those_by_symbols(monkeypatch, rng
     of = model("Prony")
     there = of.at(of.theta)
     w, way = weights(there.data, rng), 0.05 * of.theta
-    by_symbols = there.second(w, way)
+    by_symbols = there.hvp(w, way)
     other = model("Prony")
     monkeypatch.setattr(step_curvature, "Symbols", lambda forms: Shifted(forms, other.parts))
-    by_differences = other.at(of.theta).second(w, way)
+    by_differences = other.at(of.theta).hvp(w, way)
     assert by_differences == pytest.approx(by_symbols, rel=1e-9, abs=1e-10 * np.abs(by_symbols).max())
 
 
@@ -208,7 +208,7 @@ def test_second_derivatives_that_are_not_there_are_refused():
         Problem(mesh, materials, {"bottom": 0}, contacts=walls, element="P2/P1"), drive, SHORT, parameters, SEEN
     )
     with pytest.raises(InputError, match="close on each other"):
-        of.at(of.theta).second(np.ones((3, 8)), of.theta)
+        of.at(of.theta).hvp(np.ones((3, 8)), of.theta)
     walls[1] = Closing("left", "right", 1e8 * parameters["g"], 1e-5, reach=1e-3)
     with pytest.raises(InputError, match=r"Closing\.penalty is .*a number"):
         RunModel(
