@@ -74,7 +74,7 @@ def test_a_model_without_second_derivatives_is_refused():
     reduced = problem()
     point = reduced.at(reduced.unknowns.start)
     point.state = SimpleNamespace(data=point.state.data)
-    with pytest.raises(InputError, match=r"second\(w, direction\)"):
+    with pytest.raises(InputError, match=r"hvp\(w, direction\)"):
         point.hessian(point.x)
 
 

@@ -100,7 +100,7 @@ class Blind:
     def gradient(self, w):
         return 1e-160 * w
 
-    push = pull = gradient
+    jvp = vjp = gradient
 
 
 def test_a_fall_that_nothing_foretold_is_an_end():

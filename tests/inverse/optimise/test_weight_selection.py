@@ -65,7 +65,7 @@ def test_a_curve_needs_three_points():
 
 def test_no_point_can_be_reached(monkeypatch):
     inversion = spot()
-    monkeypatch.setattr(inversion.reduced, "regular_slope", lambda x: 1e30 * np.ones_like(x))
+    monkeypatch.setattr(inversion.reduced, "regular_gradient", lambda x: 1e30 * np.ones_like(x))
     with pytest.raises(SolverError):
         LCurve().descend(inversion.reduced, inversion.start, silent)
 
