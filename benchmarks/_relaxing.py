@@ -20,7 +20,7 @@ from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import Branch, Deformation, NeoHooke, Ogden, Viscous, step_factors
 from ngbrain.mesh import block
 from ngbrain.solvers.newton import Newton
-from ngbrain.surgery.protocols import Drive, Protocol
+from ngbrain.surgery.protocols import Drive, ToolMotion
 from ngbrain.tensors import isochoric
 
 SIZE, BULK, PENALTY = (0.02, 0.02, 0.02), 1.5e6, 3e8
@@ -39,7 +39,7 @@ class Pressed:
     force: np.ndarray
     ndof: int
 
-    def dose(self, protocol: Protocol) -> float:
+    def dose(self, protocol: ToolMotion) -> float:
         """∫ force dt (N s) of a monotone cubic between events, which steps end on: holds are followed in few steps."""
         return float(TimeCurve(self.t, self.force, protocol.times).integral())
 
@@ -53,7 +53,7 @@ def contact(
 
 def ours(
     control: Control,
-    protocol: Protocol,
+    protocol: ToolMotion,
     grid: Grid,
     keep: float = 0.7,
     plate: Callable[[ngs.CoefficientFunction], Contact] = contact,
@@ -108,7 +108,7 @@ def crank_nicolson(dt: float, tau: float) -> tuple[float, float]:
     return (1 - half) / (1 + half), 1 / (1 + half)
 
 
-def plain(rule: Rule, times: np.ndarray, protocol: Protocol, grid: Grid) -> Pressed:
+def plain(rule: Rule, times: np.ndarray, protocol: ToolMotion, grid: Grid) -> Pressed:
     """The peer: plain NGSolve, no line search, no cut-back, a new factorisation every iteration; order 1 is without a pressure."""
     order, maxh = grid
     mesh = block(SIZE, maxh)
@@ -150,6 +150,6 @@ def plain(rule: Rule, times: np.ndarray, protocol: Protocol, grid: Grid) -> Pres
     return Pressed(np.asarray(times), np.array(forces), fes.ndof)
 
 
-def evenly(dt: float, protocol: Protocol) -> np.ndarray:
+def evenly(dt: float, protocol: ToolMotion) -> np.ndarray:
     """Times (s) of even steps, and events."""
     return np.union1d(dt * np.arange(round(protocol.times[-1] / dt) + 1), protocol.times)

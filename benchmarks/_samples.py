@@ -23,7 +23,7 @@ from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.io.waves import WaveData, write_waves
 from ngbrain.materials import Shearing
-from ngbrain.surgery.model import Model
+from ngbrain.surgery.model import RetractionModel
 from ngbrain.surgery.observations import FORCE, LANDMARKS
 
 SHIPPED = Path(__file__).parents[1] / "ngbrain" / "samples"
@@ -145,7 +145,7 @@ def retraction(folder: Path) -> None:
     """
     name, stages, tolerance, elapsed = "idealised_fast", (2.5, 5.0, 7.5, 10.0), 0.05, 10.0
     scene = replace(operation(name, 1.0, tolerance, elapsed), title="A short retraction of an idealised head, coarse")
-    seen = noisy(observed(name, Model.of(operation(name, FINER, tolerance / 3, elapsed)), stages), NOISE[0])
+    seen = noisy(observed(name, RetractionModel.of(operation(name, FINER, tolerance / 3, elapsed)), stages), NOISE[0])
     moved = [
         [t, *1e3 * where, *1e3 * way]
         for t, ways in zip(seen.times, seen.displacements, strict=True)

@@ -20,7 +20,7 @@ from ngbrain.inverse.elastography.invert_3d import invert_in_space
 from ngbrain.io.waves import WaveData
 from ngbrain.scene import Scene
 from ngbrain.solvers.condensed import Condensed
-from ngbrain.surgery.model import Model
+from ngbrain.surgery.model import RetractionModel
 from ngbrain.surgery.protocol_run import ProtocolRun
 from ngbrain.threads import set_threads
 
@@ -88,7 +88,7 @@ def retraction(size: float, scene_name: str = "idealised_fast") -> int:
     scene = Scene.shipped(scene_name)
     mesh = {name: size * getattr(scene.mesh, name) for name in ("wall", "craniotomy", "largest")}
     scene = replace(scene, mesh=replace(scene.mesh, **mesh))
-    model = Model.of(scene)
+    model = RetractionModel.of(scene)
     ProtocolRun(model, model.program(scene, scene.protocols[0]), None).go(until=1.0)
     return int(model.mesh.ne)
 

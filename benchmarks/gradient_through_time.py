@@ -33,12 +33,12 @@ from ngbrain.forward.solid.inertia import Inertia
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import Law, Maxwell, NeoHooke, Ogden, Prony, Viscous
 from ngbrain.mesh import block
-from ngbrain.surgery.protocols import Drive, Protocol
+from ngbrain.surgery.protocols import Drive, ToolMotion
 
 Record = dict
 Laws = Callable[[ngs.Mesh], tuple[Law | Viscous, dict[str, Parameter]]]
 SIDE, STEP = 0.02, 1e-3
-PRESS = Protocol("press", (0.0, 1.0, 61.0), (0.0, 2e-3, 2e-3))
+PRESS = ToolMotion("press", (0.0, 1.0, 61.0), (0.0, 2e-3, 2e-3))
 POINTS = SIDE * np.random.default_rng(3).uniform(0.15, 0.85, (8, 3))
 OURS = {
     "ngbrain:adjoint": {},

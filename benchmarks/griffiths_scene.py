@@ -35,11 +35,11 @@ from ngbrain.errors import RangeWarning, SolverError
 from ngbrain.forward.transient.step_control import Control
 from ngbrain.materials import constants
 from ngbrain.scene import Scene
-from ngbrain.surgery.material_point import Column, Course
-from ngbrain.surgery.measures.sampling import Sample, Sites
-from ngbrain.surgery.model import Model
+from ngbrain.surgery.material_point import Column, LoadingHistory
+from ngbrain.surgery.measures.sampling import Sites, TissueSample
+from ngbrain.surgery.model import RetractionModel
 from ngbrain.surgery.protocol_run import ProtocolRun, table
-from ngbrain.surgery.protocols import Protocol, continuous
+from ngbrain.surgery.protocols import ToolMotion, continuous
 from ngbrain.units import to_mmHg
 
 HEADS = {"idealised": "idealised_fast", "MNI152": "demo_fast"}
@@ -79,7 +79,7 @@ def scene(head: str, opening: float) -> Scene:
     )
 
 
-def stresses(sites: Sites, sample: Sample) -> dict[str, dict[str, float]]:
+def stresses(sites: Sites, sample: TissueSample) -> dict[str, dict[str, float]]:
     """Tissue → mean and percentiles of its von Mises stress (Pa) near the walls, and how much there is of it (ml)."""
     found = {}
     for k, name in enumerate(sites.names):
@@ -94,7 +94,7 @@ def stresses(sites: Sites, sample: Sample) -> dict[str, dict[str, float]]:
     return found
 
 
-def held(model: Model, protocol: Protocol, control: Control | None) -> dict:
+def held(model: RetractionModel, protocol: ToolMotion, control: Control | None) -> dict:
     """One run: a record of how it went; `reached_mm` is where a run that fails ends."""
     start = time.process_time()
     run = ProtocolRun(model, protocol, None, control=control)
@@ -119,7 +119,7 @@ def held(model: Model, protocol: Protocol, control: Control | None) -> dict:
         "peak_N": float(force.max()),
         "left": float(pressure[-1] / pressure.max()),
         "left_force": float(force[-1] / force.max()),
-        "half_time_min": finite(half_time(Course(t, columns["advance"], pressure, protocol.times))),
+        "half_time_min": finite(half_time(LoadingHistory(t, columns["advance"], pressure, protocol.times))),
         "min_det_F": float(columns["min_det_F"].min()),
         "series": {"t_s": t.tolist(), "mmHg": to_mmHg(pressure).tolist(), "N": force.tolist()},
     }
@@ -139,7 +139,7 @@ def finite(value: float) -> float | None:
 def on_head(head: str, steps: str) -> Iterator[dict]:
     """With our steps or theirs; ours that fail are done again as far as they got."""
     opening = 2 * A_SIDE
-    model = Model.of(scene(head, opening))
+    model = RetractionModel.of(scene(head, opening))
     kind = {"kind": "head", "head": head}
     kind |= {"order": model.scene.mesh.order, "tets": model.mesh.ne}
     kind |= {"method": "ngbrain:transient", "steps": steps, "error": None, "depth_mm": 1e3 * model.cleft.depth}

@@ -40,12 +40,12 @@ from ngbrain.inverse.fitting.estimate import Recovered, recover
 from ngbrain.inverse.objective.parameters import Bounded, Transform, Unknown
 from ngbrain.inverse.optimise.result import Found
 from ngbrain.materials import Law, Maxwell, NeoHooke, Prony, Viscous
-from ngbrain.surgery.protocols import Drive, Protocol
+from ngbrain.surgery.protocols import Drive, ToolMotion
 
 Record = dict
 Numbers = dict[str, float]
 SIDE, BULK, FILM, PENALTY, SOFT = 2.5e-3, 1e6, 1e9, 1e9, 1e-6
-PRESS = Protocol("press", (0.0, 1.0, 61.0), (0.0, 0.15 * SIDE, 0.15 * SIDE))
+PRESS = ToolMotion("press", (0.0, 1.0, 61.0), (0.0, 0.15 * SIDE, 0.15 * SIDE))
 POINTS = SIDE * np.random.default_rng(3).uniform(0.15, 0.85, (8, 3))
 SEEN = np.concatenate([np.linspace(0.25, 1, 4), 1 + np.geomspace(0.2, 60, 20)])
 FINER = np.unique(np.concatenate([SEEN, np.linspace(0, 1, 17)[1:], 1 + np.geomspace(0.05, 60, 61)]))

@@ -30,7 +30,7 @@ from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
 from ngbrain.inverse.uncertainty.interval import LEVEL
 from ngbrain.scene import Protocol, Scene
 from ngbrain.surgery.calibrate import SPREAD, Calibrated, Retracted, Search, Seen, calibrate
-from ngbrain.surgery.model import Model
+from ngbrain.surgery.model import RetractionModel
 
 Record = dict
 TRUTH = {"idealised_fast": {"cortex": 1.5, "white": 0.7}, "demo_fast": {"grey": 1.5, "white": 0.7}}
@@ -53,7 +53,7 @@ def operation(name: str, finer: float = 1.0, tolerance: float = 0.01, elapsed: f
     )
 
 
-def landmarks(model: Model) -> np.ndarray:
+def landmarks(model: RetractionModel) -> np.ndarray:
     """In tissue near the cleft's floor, at random."""
     mesh, random, found = model.mesh, np.random.default_rng(5), list[np.ndarray]()
     while len(found) < LANDMARKS:
@@ -64,7 +64,7 @@ def landmarks(model: Model) -> np.ndarray:
     return np.array(found)
 
 
-def observed(name: str, model: Model, stages: tuple[float, ...] = STAGES) -> Seen:
+def observed(name: str, model: RetractionModel, stages: tuple[float, ...] = STAGES) -> Seen:
     """Without noise."""
     points = landmarks(model)
     retracted = Retracted(model, points, np.array(stages), list(TRUTH[name]))
@@ -83,7 +83,7 @@ def noisy(seen: Seen, noise: float, seed: int = 0) -> Seen:
 
 
 def record(
-    name: str, model: Model, seen: Seen, noise: float, method: str = OURS, search: Search | None = None
+    name: str, model: RetractionModel, seen: Seen, noise: float, method: str = OURS, search: Search | None = None
 ) -> Record:
     """One search, by the method's own or another."""
     retracted = Retracted(model, seen.landmarks, seen.times, list(TRUTH[name]))
@@ -142,13 +142,13 @@ def measure(quick: bool) -> list[Record]:
     """All heads; quick, one round on its own mesh while the blade opens."""
     if quick:
         (name, *_), stages = TRUTH, STAGES[:2]
-        model = Model.of(operation(name, 1.4, 0.1, stages[-1] + 1))
+        model = RetractionModel.of(operation(name, 1.4, 0.1, stages[-1] + 1))
         once = partial(levenberg_marquardt, rounds=1)
         return [record(name, model, observed(name, model, stages), NOISE[0], search=once)]
     records = []
     for name in TRUTH:
-        seen = observed(name, Model.of(operation(name, FINER, 0.003)))
-        model = Model.of(operation(name))
+        seen = observed(name, RetractionModel.of(operation(name, FINER, 0.003)))
+        model = RetractionModel.of(operation(name))
         for noise in NOISE[: 1 if name == "demo_fast" else None]:
             records.append(record(name, model, seen, noise))
         if name == "idealised_fast":

@@ -26,7 +26,7 @@ from ngbrain import parallel
 from ngbrain.errors import SolverError
 from ngbrain.ladder.axes import axes_of, richest
 from ngbrain.ladder.estimates import SOLVED, relative
-from ngbrain.ladder.models.bodies import Bench
+from ngbrain.ladder.models.bodies import ModelHierarchy
 from ngbrain.ladder.search import Climb, climb
 from ngbrain.ladder.solutions import Keeper
 from ngbrain.scene import Scene
@@ -48,7 +48,7 @@ def of_scene(name: str, case: Case) -> list[Record]:
     """The richest model, then three climbs."""
     axes = axes_of(case.scene, case.richest)
     top = richest(axes)
-    truth = Keeper(Bench(case.scene))
+    truth = Keeper(ModelHierarchy(case.scene))
     rich = truth(top)
     found = []
     for tolerance in TOLERANCES:

@@ -33,9 +33,9 @@ from ngbrain.forward.transient.step_control import ErrorControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import Branch, Scaled, Viscous, constants
 from ngbrain.mesh import block
-from ngbrain.surgery.material_point import Column, Course, dose_left
+from ngbrain.surgery.material_point import Column, LoadingHistory, dose_left
 from ngbrain.surgery.measures.injury import dose
-from ngbrain.surgery.protocols import Drive, Protocol, continuous, intermittent, staged
+from ngbrain.surgery.protocols import Drive, ToolMotion, continuous, intermittent, staged
 from ngbrain.units import to_minutes, to_mmHg
 
 SETS = {
@@ -61,13 +61,13 @@ Values = Iterator[dict]
 """Records without cost and error: what they are of, and `value`."""
 
 
-def rests(hold: float, rest: float) -> Protocol:
+def rests(hold: float, rest: float) -> ToolMotion:
     """Half an hour of work in holds."""
     n = round(WORK / hold)
     return intermittent(OPENING, RAMP, n * (RAMP + hold) + (n - 1) * (RAMP + rest), hold, RAMP + rest)
 
 
-def half_time(course: Course) -> float:
+def half_time(course: LoadingHistory) -> float:
     """Minutes from the peak until half of it is left; nan if more stays."""
     top = course.pressure.argmax()
     below = course.curve.crossings(to_mmHg(course.pressure[top]) / 2)
@@ -86,7 +86,7 @@ def holds(column: Column, strains: np.ndarray, rises: tuple[float, ...]) -> Valu
             yield of | {"measure": "half-time (min)", "value": half_time(course)}
 
 
-def against(one: Course, on: Course, many: Course) -> Iterator[tuple[str, str, float]]:
+def against(one: LoadingHistory, on: LoadingHistory, many: LoadingHistory) -> Iterator[tuple[str, str, float]]:
     """Comparison, measure and value of holds with rests against one hold as long as their work, and as long as all of them."""
     a, b = one.curve, many.curve
     work, peaks = dose(a), many.peaks() / one.pressure.max()
@@ -133,7 +133,7 @@ def stages(column: Column, strains: np.ndarray) -> Values:
             yield of | {"measure": "dose, equal work", "value": dose(b.curve) / dose(a.curve)}
 
 
-def higher(stages: int, rest: float) -> Protocol:
+def higher(stages: int, rest: float) -> ToolMotion:
     """Each opening further than the one before it, all at one rate, with the blade let go for `rest` s; the last one is held."""
     times, advance = [0.0], [0.0]
     for stage in range(1, stages + 1):
@@ -142,7 +142,7 @@ def higher(stages: int, rest: float) -> Protocol:
         for length, end in [(way, OPENING * stage / stages), (hold, OPENING * stage / stages), *back]:
             times.append(times[-1] + length)
             advance.append(end)
-    return Protocol("stages, let go between", tuple(times), tuple(advance))
+    return ToolMotion("stages, let go between", tuple(times), tuple(advance))
 
 
 def forced(column: Column) -> Values:
@@ -209,7 +209,9 @@ def blocks(tolerance: float, strain: float = 0.1) -> Values:
     found = []
     for protocol in (continuous(strain * size, RAMP, RAMP + WORK), None):
         whole = rests(*hold)
-        protocol = protocol or Protocol("rests", whole.times, tuple(np.array(whole.advance) * strain * size / OPENING))
+        protocol = protocol or ToolMotion(
+            "rests", whole.times, tuple(np.array(whole.advance) * strain * size / OPENING)
+        )
         drive = Drive(protocol)
         plate = Contact("top", lambda x, drive=drive: size - drive.parameter - x[2], 2e5 * mu, 2e-5)
         body = Problem(
@@ -226,7 +228,7 @@ def blocks(tolerance: float, strain: float = 0.1) -> Values:
             p.append(ngs.Integrate(total, b.mesh) / size**2)
 
         TimeStepper(body, drive, ErrorControl(tolerance, touch=0.05), 1e-3).run(watch)
-        found.append(Course(np.array(t), np.zeros(len(t)), np.array(pressure), protocol.times))
+        found.append(LoadingHistory(np.array(t), np.zeros(len(t)), np.array(pressure), protocol.times))
     one, many = found
     peaks = many.peaks() / one.pressure.max()
     of = {"kind": "block", "strain": strain, "pattern": "300/300 s", "comparison": "equal work", "ndof": body.fes.ndof}

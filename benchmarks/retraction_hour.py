@@ -29,9 +29,9 @@ from ngbrain.forward.transient.step_control import Control
 from ngbrain.look import STYLE
 from ngbrain.scene import Scene
 from ngbrain.surgery.answers import answer
-from ngbrain.surgery.model import Model
+from ngbrain.surgery.model import RetractionModel
 from ngbrain.surgery.protocol_run import ProtocolRun
-from ngbrain.surgery.protocols import Protocol, continuous, intermittent
+from ngbrain.surgery.protocols import ToolMotion, continuous, intermittent
 from ngbrain.threads import threads
 from ngbrain.units import to_mmHg
 
@@ -42,19 +42,19 @@ ASKED_MIN = {"continuous": 10.0, "intermittent": 20.0}
 COLOURS = {"continuous": "#0072B2", "intermittent": "#D55E00"}
 
 
-def model(name: str, **sizes: float) -> Model:
+def model(name: str, **sizes: float) -> RetractionModel:
     """A shipped scene's head, with steps for an hour."""
     scene = Scene.shipped(name)
     time, mesh = replace(scene.time, max_step_hold=LONGEST), replace(scene.mesh, **sizes)
-    return Model.of(replace(scene, time=time, mesh=mesh))
+    return RetractionModel.of(replace(scene, time=time, mesh=mesh))
 
 
-def protocols(opening: float) -> tuple[Protocol, Protocol]:
+def protocols(opening: float) -> tuple[ToolMotion, ToolMotion]:
     """The intermittent one is the same as the continuous one up to its first release."""
     return continuous(opening, RAMP, HOUR), intermittent(opening, RAMP, HOUR, HOLD, REST)
 
 
-def went(on: Model, protocol: Protocol, control: Control | None, folder: Path | None) -> dict:
+def went(on: RetractionModel, protocol: ToolMotion, control: Control | None, folder: Path | None) -> dict:
     """A whole run: a record of it, with the clock's minutes at which each step ended."""
     clock, processors, minutes = time.perf_counter(), time.process_time(), [0.0]
     run = ProtocolRun(on, protocol, folder, control=control)
@@ -101,7 +101,7 @@ def studied(quick: bool) -> list[dict]:
     return records if quick else records + compared(head, six, {"asked": asked, "halved": halved})
 
 
-def compared(on: Model, protocol: Protocol, controls: dict[str, Control]) -> list[dict]:
+def compared(on: RetractionModel, protocol: ToolMotion, controls: dict[str, Control]) -> list[dict]:
     """Errors from the last one's peak and dose."""
     found = {name: went(on, protocol, control, None) for name, control in controls.items()}
     *_, finest = found.values()

@@ -23,7 +23,7 @@ from ngbrain.errors import require
 from ngbrain.look import STYLE
 from ngbrain.scene import Scene
 from ngbrain.surgery.answers import answer
-from ngbrain.surgery.model import Model
+from ngbrain.surgery.model import RetractionModel
 from ngbrain.surgery.protocol_run import ProtocolRun
 from ngbrain.surgery.uncertainty.verification_runs import COARSE
 
@@ -45,7 +45,7 @@ def measure(quick: bool) -> list[dict]:
     """All records."""
     records = []
     for head in ["idealised"] if quick else SCENES:
-        made = Model.of(Scene.shipped(SCENES[head]))
+        made = RetractionModel.of(Scene.shipped(SCENES[head]))
         meshes = SIZES[: 3 if quick else None]
         found = [held(made, head, sizes) for sizes in meshes]
         exact = found[-1]["values"]
@@ -62,11 +62,11 @@ def measure(quick: bool) -> list[dict]:
     return records
 
 
-def held(on: Model, head: str, sizes: tuple[float, ...]) -> dict[str, Any]:
+def held(on: RetractionModel, head: str, sizes: tuple[float, ...]) -> dict[str, Any]:
     """The hold on a mesh."""
     started = time.process_time()
     finer = {name: 1e-3 * mm for name, mm in zip(COARSE, sizes, strict=True)}
-    model = Model.of(replace(on.scene, mesh=replace(on.scene.mesh, **finer)), on.head)
+    model = RetractionModel.of(replace(on.scene, mesh=replace(on.scene.mesh, **finer)), on.head)
     run = ProtocolRun(model, model.hold("hold"), None).go()
     found = answer(run.result(), model.scene.patient)
     return {

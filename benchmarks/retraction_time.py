@@ -43,7 +43,7 @@ from _relaxing import (
 
 from ngbrain.errors import require
 from ngbrain.forward.transient.step_control import ErrorControl, StepControl
-from ngbrain.surgery.protocols import Protocol, continuous
+from ngbrain.surgery.protocols import ToolMotion, continuous
 
 PROTOCOL, HALF_AN_HOUR = continuous(3e-3, 4.0, 40.0), continuous(3e-3, 4.0, 1800.0, "half an hour")
 GRID = (2, 0.01)
@@ -56,7 +56,7 @@ Judge = Callable[[Pressed], dict]
 
 
 def record(
-    study: str, method: str, grid: Grid, run: Callable[[], Pressed], judge: Judge, protocol: Protocol, **more: Any
+    study: str, method: str, grid: Grid, run: Callable[[], Pressed], judge: Judge, protocol: ToolMotion, **more: Any
 ) -> dict:
     """One measurement; a failure is a record too."""
     start = time.process_time()

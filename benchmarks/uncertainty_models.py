@@ -42,7 +42,7 @@ from ngbrain.inverse.optimise.regularisation_weight import Given
 from ngbrain.inverse.uncertainty.posterior import Posterior
 from ngbrain.materials import NeoHooke, Ogden, Prony
 from ngbrain.mesh import block
-from ngbrain.surgery.protocols import Drive, Protocol
+from ngbrain.surgery.protocols import Drive, ToolMotion
 
 Record = dict
 Model = StaticModel | RunModel
@@ -73,7 +73,7 @@ def large_strain() -> tuple[StaticModel, dict[str, Unknown]]:
 
 def relaxing() -> tuple[RunModel, dict[str, Unknown]]:
     """The block under its plate, and where searches begin."""
-    drive, side = Drive(Protocol("hold", (0.0, 4.0, 40.0), (0.0, 2e-3, 2e-3))), 0.02
+    drive, side = Drive(ToolMotion("hold", (0.0, 4.0, 40.0), (0.0, 2e-3, 2e-3))), 0.02
     p = {"mu": ngs.Parameter(MU), "g": ngs.Parameter(0.5), "tau": ngs.Parameter(3.0)}
     tissue = Material(Prony(NeoHooke(p["mu"]), [p["g"]], [p["tau"]]), 1e6)
     plate = Contact("top", lambda x: side - drive.parameter - x[2], 1e8, 2e-5)

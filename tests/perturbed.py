@@ -66,7 +66,7 @@ def perturb(seed: int) -> pytest.MonkeyPatch:
     from ngbrain.forward.transient.time_stepper import TimeStepper
     from ngbrain.materials.lab.relaxing import _March
     from ngbrain.parallel import processes
-    from ngbrain.surgery.protocols import Protocol
+    from ngbrain.surgery.protocols import ToolMotion
 
     patch = pytest.MonkeyPatch()
 
@@ -99,7 +99,7 @@ def perturb(seed: int) -> pytest.MonkeyPatch:
         (Problem, ["load"], load),
         (Harmonic, ["_prescribed", "pushed"], answer),
         (TimeStepper, ["_propose"], answer),
-        (Protocol, ["at"], answer),
+        (ToolMotion, ["at"], answer),
         (GivenForce, ["at"], answer),
         (History, ["begin"], last),
         (GeneralizedAlpha, ["begin", "weight"], last),

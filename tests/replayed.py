@@ -14,12 +14,12 @@ from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import Branch, Maxwell, NeoHooke, Ogden, Prony, Viscous
 from ngbrain.mesh import block
-from ngbrain.surgery.protocols import Drive, Protocol
+from ngbrain.surgery.protocols import Drive, ToolMotion
 
 SIDE = 0.02
 GRID = (0.0, 1.0, 2.5, 4.0, 9.0, 40.0)
-HOLD = Protocol("hold", (0.0, 4.0, 40.0), (0.0, 2e-3, 2e-3))
-LIFT = Protocol("lift", (0.0, 2.5, 4.0, 40.0), (0.0, 2e-3, -1e-3, -1e-3))
+HOLD = ToolMotion("hold", (0.0, 4.0, 40.0), (0.0, 2e-3, 2e-3))
+LIFT = ToolMotion("lift", (0.0, 2.5, 4.0, 40.0), (0.0, 2e-3, -1e-3, -1e-3))
 SEEN = (
     Force("top", (0, 0, 1)),
     Force("bottom", (1.0, 0.0, 1.0)),

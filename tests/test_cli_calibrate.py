@@ -18,7 +18,7 @@ from ngbrain.inverse.uncertainty.interval import Band
 from ngbrain.result import Status
 from ngbrain.scene import Protocol, Scene
 from ngbrain.surgery.calibrate import Calibrated, Retracted
-from ngbrain.surgery.model import Model
+from ngbrain.surgery.model import RetractionModel
 
 TRUTH = {"cortex": 1.5, "white": 0.7}
 TIMES = (2.0, 6.0)
@@ -115,7 +115,7 @@ def test_bad_input_is_one_line_and_early(files, monkeypatch, capsys, arguments, 
 def test_a_known_truth_comes_back_from_tables(tmp_path):
     """Without noise, on the same elements: to two per cent; landmarks at one time, forces at two."""
     scene = operation()
-    model = Model.of(scene)
+    model = RetractionModel.of(scene)
     points = model.cleft.target + np.array([[x, y, z] for x in (-12, 14) for y in (-8, 9) for z in (-6, 7)]) / 1000
     data = Retracted(model, points, np.array(TIMES), list(TRUTH)).run.at(np.array(list(TRUTH.values()))).data
     lines = ["t_s,x_mm,y_mm,z_mm,ux_mm,uy_mm,uz_mm"]

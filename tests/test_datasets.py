@@ -15,7 +15,7 @@ from ngbrain.datasets import DATASETS, SHIPPED
 from ngbrain.errors import InputError
 from ngbrain.image import mni152, read_scan
 from ngbrain.scene import Scene
-from ngbrain.surgery.observations import Seen
+from ngbrain.surgery.observations import Observations
 
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
 import _samples
@@ -151,5 +151,5 @@ def test_scenes_are_read_by_their_verbs():
     assert Scene.from_toml(SHIPPED / "plate.toml").quantities
     scene = Scene.from_toml(SHIPPED / "retraction.toml")
     assert [protocol.kind for protocol in scene.protocols] == ["continuous"]
-    seen = Seen.read(SHIPPED / "retraction_landmarks.csv", SHIPPED / "retraction_force.csv")
+    seen = Observations.read(SHIPPED / "retraction_landmarks.csv", SHIPPED / "retraction_force.csv")
     assert len(seen.landmarks) == 16 and seen.force.max() > 0.5

@@ -22,7 +22,7 @@ from ngbrain.image.segment.tissue_classes import NAMES
 from ngbrain.mesh import Sizes, smallest_angles
 from ngbrain.scene import Scene
 from ngbrain.surgery.head_models import Scanned
-from ngbrain.surgery.model import Model
+from ngbrain.surgery.model import RetractionModel
 
 FAST = bool(os.environ.get("NGBRAIN_FAST"))
 ngbrain.set_threads(1)
@@ -43,7 +43,7 @@ print(scan.source, scan.volume.data.shape, f"{scan.volume.voxel_volume * 1e9:.2f
 
 # %%
 head = Scanned.of(scan)
-volumes = head.describe(Model.of(Scene.shipped("demo_fast"), head).mesh)["label_volumes_ml"]
+volumes = head.describe(RetractionModel.of(Scene.shipped("demo_fast"), head).mesh)["label_volumes_ml"]
 print({name: round(ml) for name, ml in volumes.items()}, "ml")
 
 # %% [markdown]

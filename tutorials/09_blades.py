@@ -18,7 +18,7 @@ import ngbrain
 from ngbrain.forward.transient.step_control import StepControl
 from ngbrain.scene import Scene
 from ngbrain.surgery.measures.observer import Observer
-from ngbrain.surgery.model import Model
+from ngbrain.surgery.model import RetractionModel
 from ngbrain.units import to_mm, to_mmHg
 
 ngbrain.set_threads(1)
@@ -56,7 +56,7 @@ if FAST:
 # %%
 def opened(blade):
     """What is read at full opening."""
-    model = Model.of(replace(scene, tools=(replace(scene.tool, **blade),)))
+    model = RetractionModel.of(replace(scene, tools=(replace(scene.tool, **blade),)))
     seconds, way = scene.time.ramp, scene.tool.travel
     run = model.run(model.ramp("open"), StepControl(seconds / 2, first=0.05), model.elastic(seconds))
     run.run(lambda *_: None)

@@ -33,7 +33,7 @@ from ngbrain.inverse.fitting.estimate import recover
 from ngbrain.materials import NeoHooke, Prony
 from ngbrain.materials.base import Law
 from ngbrain.mesh import block
-from ngbrain.surgery.protocols import Drive, Protocol
+from ngbrain.surgery.protocols import Drive, ToolMotion
 
 ngbrain.set_threads(1)
 FAST = bool(os.environ.get("NGBRAIN_FAST"))
@@ -199,7 +199,7 @@ relaxes = {"mu": 1000.0, "g": 0.45, "tau": 4.0}
 def relaxing(values):
     """A cube under a plate, and its parameters."""
     parameters = {name: ngs.Parameter(value) for name, value in values.items()}
-    drive = Drive(Protocol("press", (0.0, 2.0, 24.0), (0.0, 1e-3, 1e-3)))
+    drive = Drive(ToolMotion("press", (0.0, 2.0, 24.0), (0.0, 1e-3, 1e-3)))
     plate = Contact("top", lambda x: 0.02 - drive.parameter - x[2], 1e8, 2e-5)
     law = Prony(NeoHooke(parameters["mu"]), [parameters["g"]], [parameters["tau"]])
     body = Problem(

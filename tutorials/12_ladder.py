@@ -173,7 +173,7 @@ for each in own["answers"]:
 
 # %%
 mu, bulk = ngs.Parameter(1000.0), ngs.Parameter(14e3 / 3)
-mesh = ladder.Bench(asked).mesh({"space": "solid", "mesh": "0"})
+mesh = ladder.ModelHierarchy(asked).mesh({"space": "solid", "mesh": "0"})
 held = {"bottom": 0, "plate": (0, 0, -WAY)}
 body = Problem(mesh, {".*": Material(NeoHooke(mu), bulk)}, held, element="P2")
 model = StaticModel(

@@ -18,8 +18,8 @@ import numpy as np
 import ngbrain
 from ngbrain.scene import Protocol, Scene
 from ngbrain.surgery.calibrate import Retracted, calibrate
-from ngbrain.surgery.model import Model
-from ngbrain.surgery.observations import Seen
+from ngbrain.surgery.model import RetractionModel
+from ngbrain.surgery.observations import Observations
 from ngbrain.surgery.protocol_run import ProtocolRun
 from ngbrain.units import to_mmHg
 
@@ -39,14 +39,14 @@ scene = replace(
     tools=(replace(scene.tool, travel=2e-3),),
     time=replace(scene.time, ramp=2.0, end=6.0, step_tolerance=0.1),
 )
-model = Model.of(scene)
+model = RetractionModel.of(scene)
 
 # %% [markdown]
 # ## What was seen
 # A patient of other tissue, with 1 % of noise, on the same elements, so that nothing but noise stands between. With elements a
 # tenth smaller, which are as coarse as these, and 2 % of noise the search ends at 1.73 and 0.65, and a misfit of seven times what
 # noise explains says that something else is wrong: see `benchmarks/inversion_retraction.py` for finer ones. From an operating room
-# it would come as two tables, `Seen.read("landmarks.csv", "force.csv", sigma_mm, sigma_N)`; what was not measured stays empty.
+# it would come as two tables, `Observations.read("landmarks.csv", "force.csv", sigma_mm, sigma_N)`; empty cells were not measured.
 
 # %%
 TRUTH = {"cortex": 1.5, "white": 0.7}
@@ -57,7 +57,7 @@ data = Retracted(model, landmarks, TIMES, list(TRUTH)).run.at(np.array(list(TRUT
 moved, force = data[:, :-1].reshape(len(TIMES), -1, 3), data[:, -1]
 sigma = 0.01 * float(np.sqrt(np.mean(moved**2))), 0.01 * float(force.max())
 random = np.random.default_rng(1)
-seen = Seen(
+seen = Observations(
     TIMES,
     landmarks,
     moved + sigma[0] * random.normal(size=moved.shape),
@@ -90,7 +90,7 @@ print(f"misfit {found.level.ratio:.2g} times what the noise explains")
 def pressure(scene: Scene, factors: dict[str, float]) -> float:
     """Peak (mmHg) of a plain opening by 3 mm, of the scene's tissues times some factors."""
     further = replace(scene, tools=(replace(scene.tool, travel=3e-3),), time=replace(scene.time, end=2.5))
-    on = Model.of(further)
+    on = RetractionModel.of(further)
     run = ProtocolRun(on, on.program(further, further.protocols[0]), None, materials=on.scaled(factors)).go()
     return float(to_mmHg(max(row.pressure for row in run.rows)))
 

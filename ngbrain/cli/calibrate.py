@@ -21,7 +21,7 @@ from ngbrain.report.pages import calibration as page
 from ngbrain.scene import Scene
 from ngbrain.schema.document import brief
 from ngbrain.surgery.calibrate import Calibrated, calibrate
-from ngbrain.surgery.observations import Seen
+from ngbrain.surgery.observations import Observations
 from ngbrain.threads import threads
 from ngbrain.workflows.property_maps import finite
 
@@ -66,7 +66,7 @@ def run(arguments: argparse.Namespace) -> None:
     conclude(arguments.quiet, [*summary(result), *files], [f"note: {note}" for note in result["warnings"]])
 
 
-def _checked(arguments: argparse.Namespace) -> tuple[Scene, Seen, int]:
+def _checked(arguments: argparse.Namespace) -> tuple[Scene, Observations, int]:
     """Scene, measurements, number of the protocol; what is wrong or missing is said before the work begins."""
     for package in ("matplotlib", "jinja2"):
         require(package, "report")
@@ -82,7 +82,9 @@ def _checked(arguments: argparse.Namespace) -> tuple[Scene, Seen, int]:
     names = [protocol.name for protocol in scene.protocols]
     if arguments.protocol and arguments.protocol not in names:
         raise InputError("--protocol", repr(arguments.protocol), nearest(arguments.protocol, names))
-    seen = Seen.read(arguments.landmarks, arguments.force, arguments.landmark_sd or 1.0, arguments.force_sd or 1.0)
+    seen = Observations.read(
+        arguments.landmarks, arguments.force, arguments.landmark_sd or 1.0, arguments.force_sd or 1.0
+    )
     return scene, seen, names.index(arguments.protocol) if arguments.protocol else 0
 
 
@@ -97,7 +99,7 @@ def _begun(path: Path) -> dict[str, float]:
     return factors
 
 
-def described(scene: Scene, seen: Seen, found: Calibrated) -> dict[str, Any]:
+def described(scene: Scene, seen: Observations, found: Calibrated) -> dict[str, Any]:
     """What was found as plain data; lengths in mm, forces in N."""
     before = {tissue.region: tissue.initial_modulus for tissue in scene.tissues}
     after = {tissue.region: tissue.initial_modulus for tissue in found.scene.tissues}

@@ -20,7 +20,7 @@ from ngbrain import parallel
 from ngbrain.io import versions, write_json
 from ngbrain.ladder.axes import axes_of
 from ngbrain.ladder.levels import Model
-from ngbrain.ladder.models.bodies import Bench
+from ngbrain.ladder.models.bodies import ModelHierarchy
 from ngbrain.ladder.quantities import Asked, Question
 from ngbrain.ladder.search import Climb, Rung, climb, stand
 from ngbrain.ladder.summary import AskedFor, described
@@ -31,7 +31,7 @@ from ngbrain.scene.result import SceneResult
 from ngbrain.scene.tissues import DENSITY
 from ngbrain.threads import threads as using
 
-__all__ = ["AskedFor", "Bench", "Climb", "Question", "Rung", "answered", "climb", "solve"]
+__all__ = ["AskedFor", "Climb", "ModelHierarchy", "Question", "Rung", "answered", "climb", "solve"]
 
 
 @reporting()

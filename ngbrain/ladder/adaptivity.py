@@ -16,7 +16,7 @@ import numpy as np
 
 from ngbrain.forward.common.material import stiffness
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.ladder.quantities import Asked, State, answer, embedded, slope
+from ngbrain.ladder.quantities import Asked, BodyState, answer, embedded, slope
 
 Array = np.ndarray
 SHARE = {2: 0.8, 3: 0.5}
@@ -24,7 +24,7 @@ SHARE = {2: 0.8, 3: 0.5}
 TINY = 1e-300
 
 
-def shares(cheap: State, rich: Problem, asks: Sequence[Asked]) -> Array:
+def shares(cheap: BodyState, rich: Problem, asks: Sequence[Asked]) -> Array:
     """What each element leaves out, relative to the answers, the largest over the questions (ne,).
 
     cheap   a linear body at rest
@@ -37,7 +37,7 @@ def shares(cheap: State, rich: Problem, asks: Sequence[Asked]) -> Array:
     found = np.zeros(rich.mesh.ne)
     for quantity in asks:
         size = max(abs(answer(quantity, cheap)), TINY)
-        rich.x = inverse(slope(quantity, State(rich, x, cheap.factor, cheap.linear, cheap.thickness)))
+        rich.x = inverse(slope(quantity, BodyState(rich, x, cheap.factor, cheap.linear, cheap.thickness)))
         cheap.body.u.Set(rich.u)
         missing = ngs.Sym(ngs.Grad(rich.u)) - ngs.Sym(ngs.Grad(cheap.body.u))
         found = np.maximum(found, error * _norm(rich, missing) / size)

@@ -20,15 +20,15 @@ import numpy as np
 
 from ngbrain.errors import Breakdown, SolverError
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.ladder.models.bodies import SMALL, Bench, Model, Solution, answers_of, remembers
-from ngbrain.ladder.quantities import Question, State, embedded
+from ngbrain.ladder.models.bodies import SMALL, Model, ModelHierarchy, Solution, answers_of, remembers
+from ngbrain.ladder.quantities import BodyState, Question, embedded
 from ngbrain.solvers.linear import Solve
 
 Array = np.ndarray
 Solved = Callable[[Model], Solution]
 """Gives a model's solution, kept from before or made now."""
 Estimator = Callable[[Any, Model, Model, Solved], "Estimate"]
-"""Of a step from a model to a richer one, on a `Bench` or, for those that only quantity for solutions, anything that has some."""
+"""Of a step from a model to a richer one, on a `ModelHierarchy` or, for those that only ask for solutions, anything that has some."""
 TRUSTED = 0.3
 """Length of the second step, over the first, up to which the first order is believed."""
 SOLVED = "solved"
@@ -72,12 +72,12 @@ def between(before: Solution, after: Solution) -> Array:
     return relative(before.answers, after.answers, before.scales)
 
 
-def step(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
+def step(bench: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
     """By two Newton steps in the richer model with one factor, from the cheaper one's state (see the module)."""
     where = " of the elastic body at rest" if _at_rest(model) else ""
     model, richer = {**model, **_at_rest(model)}, {**richer, **_at_rest(richer)}
     states, doubts = solved(model).states, []
-    moved: dict[str, State] = {}
+    moved: dict[str, BodyState] = {}
     for when, state in states.items():
         body = bench.static(richer, bench.time(when))
         x = embedded(state, body, SMALL if richer["strain"] == "linear" else 1.0)
@@ -96,7 +96,7 @@ def step(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
     return Estimate(change, f"residual weighted by adjoints{where}", "; ".join(dict.fromkeys(doubts)))
 
 
-def strained(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
+def strained(bench: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
     """Finite strains by `step`; of elements of first order in those of second order too.
 
     Elements of first order are too stiff in bending, and what finite strains change grows with the square of how far it goes: a
@@ -111,7 +111,7 @@ def strained(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estim
     return replace(other, how=f"{other.how}, in elements of second order")
 
 
-def _steps(body: Problem, x: Array, state: State) -> tuple[Array, Array, float]:
+def _steps(body: Problem, x: Array, state: BodyState) -> tuple[Array, Array, float]:
     """Two Newton steps from x, and the size of the second over the first.
 
     With the factor that the state was found with, that of small strains in the same elements, where it can be `TRUSTED`.
@@ -153,7 +153,7 @@ def _moves(model: Model) -> bool:
     return model.get("inertia") == "all" and "strain" in model
 
 
-def roughly(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
+def roughly(bench: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
     """By the linear body's step on the coarsest elements; doubted where finer ones or finite strains change more than it does."""
     before, after = (solved(plain(each, mesh="0")) for each in (model, richer))
     change = between(before, after)
@@ -171,27 +171,27 @@ def roughly(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estima
     return Estimate(change, "on the coarsest elements", "; ".join(doubts))
 
 
-def moving(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
+def moving(bench: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
     """By the linear elastic body's step, of second order on the coarsest elements: of first order all nodes may be held."""
     order = max(model["order"], "2")
     before, after = (solved(plain(each, mesh="0", order=order)) for each in (model, richer))
     return Estimate(between(before, after), "the linear elastic body's on the coarsest elements")
 
 
-def touching(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
+def touching(bench: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
     """By the elastic body at rest on the coarsest elements: what parts is not seen to first order."""
     before, after = ({**each, **_at_rest(each), "mesh": "0"} for each in (model, richer))
     found = neighbour(bench, before, after, solved)
     return found if before == model else replace(found, how="the elastic body's at rest, on the coarsest elements")
 
 
-def linear(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
+def linear(bench: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
     """By the same step of the linear elastic body."""
     change = between(solved(plain(model)), solved(plain(richer)))
     return Estimate(change, "the linear elastic body's")
 
 
-def finer(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
+def finer(bench: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
     """By Newton steps in the finer elements, if the coarse ones are their unions; where strains are small, the linear body's.
 
     That one costs what its step would, and its solution is kept.
@@ -207,7 +207,7 @@ def in_section(of: Estimator) -> Estimator:
     Where there is none, and steps fold the body, by what they do to the linear one; of bodies in motion by that one's.
     """
 
-    def estimate(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
+    def estimate(bench: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
         if _moves(model):
             flat = {"space": "plane"} if "space" in model else {}
             pair = (solved(plain(each, **flat)) for each in (model, richer))
@@ -229,7 +229,7 @@ def in_section(of: Estimator) -> Estimator:
     return estimate
 
 
-def order(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
+def order(bench: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
     """In the section, where there is one; strains in space, as they are a ball's there and a cylinder's in the section.
 
     In a stiff ball those of the least order are 5.2 % off where the section says 1.5.
@@ -240,7 +240,7 @@ def order(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate
     return in_section(finer)(bench, model, richer, solved)
 
 
-def coarse(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
+def coarse(bench: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
     """By the same step on the coarsest elements.
 
     Not in the plane: a plate's strains are higher in space, and what memory changes grows with them (.5 instead of 4.6 %).
@@ -254,14 +254,14 @@ def coarse(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimat
     return Estimate(change, how)
 
 
-def forgetful(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
+def forgetful(bench: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
     """By the same step of the body without memory."""
     before, after = ({**each, **_forgetful(each)} for each in (model, richer))
     found = neighbour(bench, before, after, solved)
     return found if before == model else replace(found, how="of the elastic body")
 
 
-def neighbour(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
+def neighbour(bench: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
     """By the step itself."""
     try:
         return Estimate(between(solved(model), solved(richer)), SOLVED)

@@ -23,7 +23,7 @@ PLANE = (0, 2)
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class BodyState:
     """A body in a state.
 
     body       what was solved
@@ -103,7 +103,7 @@ class Question:
         """In words, as those of a scene."""
         return f"{self.observable.name}, {self.when}"
 
-    def value(self, state: State) -> float:
+    def value(self, state: BodyState) -> float:
         """At full load: of small strains as far as it is linear."""
         state.stand()
         here = self._number(state.body)
@@ -135,7 +135,7 @@ def check_questions(asked: Sequence[Asked], scene: Scene, own: Sequence[Question
         raise InputError("questions", repr(own[0].label), "none of a body that is shaken: its state is a wave")
 
 
-def embedded(state: State, body: Problem, factor: float) -> Array:
+def embedded(state: BodyState, body: Problem, factor: float) -> Array:
     """A state's displacements, and the pressures that go with them, as unknowns of another body in the same place."""
     state.stand()
     u = state.displacement() * factor
@@ -149,7 +149,7 @@ def embedded(state: State, body: Problem, factor: float) -> Array:
     return body.load(body.x, factor)
 
 
-def observable(quantity: Asked, state: State) -> Observable:
+def observable(quantity: Asked, state: BodyState) -> Observable:
     """What a question asks of a body: without the load factor, and for a metre of a section."""
     if isinstance(quantity, Question):
         return quantity.observable
@@ -167,7 +167,7 @@ def observable(quantity: Asked, state: State) -> Observable:
     )
 
 
-def answer(quantity: Asked, state: State) -> float:
+def answer(quantity: Asked, state: BodyState) -> float:
     """The number that is asked for, in SI units."""
     if isinstance(quantity, Question):
         return quantity.value(state)
@@ -176,14 +176,14 @@ def answer(quantity: Asked, state: State) -> float:
     return observed.raw if isinstance(observed, Percentile) else float(observed.value()[0]) * _times(quantity, state)
 
 
-def slope(quantity: Asked, state: State) -> Array:
+def slope(quantity: Asked, state: BodyState) -> Array:
     """How the number changes with the free unknowns of a body (ndof,); of a percentile, its mean over a band."""
     state.stand()
     gradient = observable(quantity, state).gradient(state.body) * _times(quantity, state)
     return np.where(state.body.weights > 0, gradient, 0.0)
 
 
-def _times(quantity: Asked, state: State) -> float:
+def _times(quantity: Asked, state: BodyState) -> float:
     """What an observable is multiplied by: a percentile has the load factor in it."""
     if isinstance(quantity, Question):
         return 1.0 / state.factor
@@ -207,7 +207,7 @@ def in_axes(direction: tuple[float, float, float], plane: bool) -> tuple[float, 
     return (x, z, y) if plane else direction
 
 
-def scale_of(quantity: Asked, state: State) -> float:
+def scale_of(quantity: Asked, state: BodyState) -> float:
     """What an answer is measured by where it is nearly nothing, as by symmetry: the largest component of the forces that hold and
     load the body (N), the largest displacement (m). A strain is measured by itself, and so is an observable of one's own.
     """

@@ -15,7 +15,7 @@ from ngbrain.errors import SolverError
 from ngbrain.ladder.axes import ELEMENTS, Axis, axes_of, cheapest, check
 from ngbrain.ladder.estimates import BY, LARGE, NOTHING, SOLVED, Estimate, Solved, relative
 from ngbrain.ladder.levels import MeshLevel
-from ngbrain.ladder.models.bodies import Bench, Model
+from ngbrain.ladder.models.bodies import Model, ModelHierarchy
 from ngbrain.ladder.quantities import Asked, Question
 from ngbrain.ladder.solutions import Keeper
 from ngbrain.result import Result, Status
@@ -112,7 +112,7 @@ def climb(
     asked: list[Asked] = [*scene.quantities, *questions]
     tolerances = np.array([quantity.tolerance for quantity in asked])
     axes = axes_of(scene, richest, questions)
-    return ascend(axes, keeper or Keeper(Bench(scene, questions), executor), tolerances, callback, watch)
+    return ascend(axes, keeper or Keeper(ModelHierarchy(scene, questions), executor), tolerances, callback, watch)
 
 
 def ascend(
@@ -184,7 +184,7 @@ def stand(
     scene: Scene, model: Model, executor: parallel.AnyExecutor = None, questions: Sequence[Question] = ()
 ) -> Climb:
     """The same for a model that is given: one rung, with estimates of what it leaves out, and no climb."""
-    return stay(axes_of(scene, questions=questions), Keeper(Bench(scene, questions), executor), model)
+    return stay(axes_of(scene, questions=questions), Keeper(ModelHierarchy(scene, questions), executor), model)
 
 
 def stay(axes: Mapping[str, Axis], keeper: Keeper, model: Model) -> Climb:

@@ -15,7 +15,7 @@ from ngbrain.errors import SolverError
 from ngbrain.ladder.axes import ELEMENTS
 from ngbrain.ladder.estimates import Solved
 from ngbrain.ladder.models.bodies import Model, Solution
-from ngbrain.ladder.quantities import State
+from ngbrain.ladder.quantities import BodyState
 
 PLACE = ("space", "extent")
 """Axes along which bodies are in other places."""
@@ -24,11 +24,11 @@ Result = TypeVar("Result")
 
 
 class Solving(Protocol):
-    """What a keeper asks for models' solutions, such as a `Bench`; made of what it says, so that other processes make it too."""
+    """What a keeper asks for models' solutions, such as a `ModelHierarchy`; made of what it says, so that other processes make it too."""
 
     made_of: tuple[Any, ...]
 
-    def solve(self, model: Model, near: Mapping[str, State] | None = None) -> Solution:
+    def solve(self, model: Model, near: Mapping[str, BodyState] | None = None) -> Solution:
         """The model's answers, from states near its own if they are known. `SolverError` where it has none."""
 
     def has_states(self, model: Model) -> bool:
@@ -54,7 +54,7 @@ class Keeper:
             self.kept[key] = self.bench.solve(model, self._near(model))
         return self.kept[key]
 
-    def _near(self, model: Model) -> Mapping[str, State] | None:
+    def _near(self, model: Model) -> Mapping[str, BodyState] | None:
         """States of finite strain in the same place; None where no such model was solved, or strains are small.
 
         Of what slides in the same elements, too: from others it takes a quarter longer than from rest.

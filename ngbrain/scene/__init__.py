@@ -24,14 +24,14 @@ from ngbrain.mesh.geometry.primitives import Ellipsoids
 from ngbrain.scene.conditions import DisplacementBC, Given, Gravity, Pressure, Traction, follows
 from ngbrain.scene.contacts import Contact
 from ngbrain.scene.geometry import Geometry, MeshSize
-from ngbrain.scene.operation import Cleft, Openable, Patient, Tool
+from ngbrain.scene.operation import CleftSpec, Openable, Patient, Tool
 from ngbrain.scene.protocols import Protocol, Time
 from ngbrain.scene.quantities import Quantity
 from ngbrain.scene.tissues import Tissue
 from ngbrain.schema.document import Document, Section, brief, entries, table, text
 
 __all__ = [
-    "Cleft",
+    "CleftSpec",
     "Contact",
     "DisplacementBC",
     "Geometry",
@@ -101,7 +101,7 @@ class Scene(Document):
     pressures: tuple[Pressure, ...] = table(Pressure, (), size=0)
     gravity: Gravity | None = table(Gravity, None)
     contacts: tuple[Contact, ...] = table(Contact, (), size=0)
-    cleft: Cleft | None = table(Cleft, None)
+    cleft: CleftSpec | None = table(CleftSpec, None)
     time: Time = table(Time, Time)
     tools: tuple[Tool, ...] = table(Tool, (), size=0)
     protocols: tuple[Protocol, ...] = table(Protocol, (), size=0)
@@ -166,7 +166,7 @@ class Scene(Document):
         return any(moved) or any(map(follows, loads))
 
     @property
-    def operated(self) -> Cleft:
+    def operated(self) -> CleftSpec:
         """The cleft of an operation."""
         if self.cleft is None:
             raise InputError("cleft", "missing", "a scene with a [cleft]: an operation")

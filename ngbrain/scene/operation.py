@@ -12,7 +12,7 @@ from typing import Protocol as Interface
 import numpy as np
 
 from ngbrain.errors import InputError
-from ngbrain.mesh.geometry.cleft import Cleft as Slot
+from ngbrain.mesh.geometry.cleft import Cleft
 from ngbrain.schema.document import Section, choice, number, path
 
 if TYPE_CHECKING:
@@ -41,12 +41,12 @@ class Openable(Interface):
         width: float = ...,
         approach: np.ndarray | None = None,
         across: np.ndarray | None = None,
-    ) -> Slot:
+    ) -> Cleft:
         """The slot from the surface to a target (m), by the shortest way or along `approach`."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cleft(Section):
+class CleftSpec(Section):
     """The cleft that is opened: a slot with plane walls from the brain's surface to a target (lengths in m).
 
     Parameters
@@ -66,6 +66,8 @@ class Cleft(Section):
     wall_normal
         Direction from wall to wall, the way the tool pushes; left to right by default.
     """
+
+    KEY = "cleft"
 
     target: tuple[float, float, float] | None = number("target_mm", None, signed=True, size=3)
     voxel: tuple[float, float, float] | None = number("target_voxel", None, signed=True, size=3)
@@ -91,7 +93,7 @@ class Cleft(Section):
         wanted = "a direction: no way out is the shortest one from the centre of the brain, cleft.target_mm = [0, 0, 0]"
         self._need(of_scan or self.trajectory or any(self.target or ()), path, "trajectory", wanted)
 
-    def slot(self, head: Openable) -> Slot:
+    def slot(self, head: Openable) -> Cleft:
         """Where it lies in a head; raises `InputError` where it cannot."""
         directions = [None if way is None else np.array(way) for way in (self.trajectory, self.wall_normal)]
         target = head.point(self.voxel) if self.voxel else np.array(self.target)

@@ -13,9 +13,9 @@ from ngbrain.surgery.head_models import FIBRES
 from ngbrain.surgery.measures.dose_response import infarct
 from ngbrain.surgery.measures.injury import dose
 from ngbrain.surgery.measures.perfusion import perfusion
-from ngbrain.surgery.model import TISSUE, Model
+from ngbrain.surgery.model import TISSUE, RetractionModel
 from ngbrain.surgery.protocol_run import ProtocolResult
-from ngbrain.surgery.protocols import Force, Protocol
+from ngbrain.surgery.protocols import ForceProtocol, ToolMotion
 from ngbrain.surgery.quantities import QUANTITIES, Scaling, of_pressure, of_run
 from ngbrain.units import to_ml, to_mm, to_mmHg
 
@@ -92,7 +92,7 @@ def _by_region(volumes: dict[str, dict[str, float]]) -> dict[str, dict[str, floa
     return {region: {threshold: parts[region] for threshold, parts in volumes.items()} for region in regions}
 
 
-def left_out(made: Model, runs: Runs) -> list[str]:
+def left_out(made: RetractionModel, runs: Runs) -> list[str]:
     """What the model leaves out, in words; blades of given force go as they went in their runs."""
     rubs = made.scene.tool.friction > 0
     said = [text for text in LEFT_OUT if not (rubs and "friction" in text)]
@@ -101,11 +101,13 @@ def left_out(made: Model, runs: Runs) -> list[str]:
     return [_inertia(made, runs), *said, of_head]
 
 
-def _inertia(made: Model, runs: Runs) -> str:
+def _inertia(made: RetractionModel, runs: Runs) -> str:
     """How long the way of the scene's blades takes where they are fastest, against a shear wave in the softest tissue."""
     programs = [made.program(made.scene, asked) for asked in made.scene.protocols]
-    went = [(runs[p.name].column("t"), runs[p.name].column("advance")) for p in programs if isinstance(p, Force)]
-    went += [(np.array(p.times), np.array(p.advance)) for p in programs if isinstance(p, Protocol)]
+    went = [
+        (runs[p.name].column("t"), runs[p.name].column("advance")) for p in programs if isinstance(p, ForceProtocol)
+    ]
+    went += [(np.array(p.times), np.array(p.advance)) for p in programs if isinstance(p, ToolMotion)]
     speed = max(float(np.abs(np.diff(advance) / np.diff(t)).max()) for t, advance in went)
     way = float(max(advance.max() for _, advance in went))
     wave = np.sqrt(min(part.modulus for part in made.parts().values()) / DENSITY)
@@ -121,7 +123,7 @@ def _inertia(made: Model, runs: Runs) -> str:
     return f"inertia, which matters here: {text}; pressures are those of a slow blade (a Problem with Inertia has mass)"
 
 
-def model(made: Model, runs: Runs) -> dict[str, Any]:
+def model(made: RetractionModel, runs: Runs) -> dict[str, Any]:
     """Size of the model and work done."""
     import ngsolve as ngs
 

@@ -38,10 +38,10 @@ from ngbrain.inverse.uncertainty.posterior import Posterior
 from ngbrain.progress import logged, reporting
 from ngbrain.result import Result
 from ngbrain.scene import Scene, Tissue
-from ngbrain.surgery.model import WALLS, Model
-from ngbrain.surgery.observations import Seen
+from ngbrain.surgery.model import WALLS, RetractionModel
+from ngbrain.surgery.observations import Observations
 from ngbrain.surgery.plausibility import check_moduli
-from ngbrain.surgery.protocols import Protocol
+from ngbrain.surgery.protocols import ToolMotion
 
 Array = np.ndarray
 Search = Callable[[Reduced, Array, Policy, Callable[[Iteration], None]], Found]
@@ -57,7 +57,7 @@ class Calibrated(Result):
     factors  tissue → its factor s, with deviation and interval; what is missed beyond the noise, as by elements that are too
              coarse, counts as more noise
     scene    with tissues that are so stiff, their bulk moduli as they were
-    fitted   what would be seen of it, as `Seen.data`
+    fitted   what would be seen of it, as `Observations.data`
     level    the misfit and what it should be
     moved    tissue → by what finer elements multiplied its factor; None where they were not tried
     """
@@ -101,7 +101,7 @@ class Retracted:
 
     def __init__(
         self,
-        model: Model,
+        model: RetractionModel,
         landmarks: Array,
         times: Array,
         tissues: Sequence[str] = (),
@@ -110,7 +110,7 @@ class Retracted:
     ) -> None:
         scene = model.scene
         program = model.program(scene, scene.protocols[protocol])
-        if not isinstance(program, Protocol) or scene.tool.friction:
+        if not isinstance(program, ToolMotion) or scene.tool.friction:
             raise InputError("scene", "with a blade of given force or with friction", "a given way, without friction")
         if not (np.min(times) > 0 and np.max(times) <= program.times[-1]):
             between = f"{np.min(times):g} to {np.max(times):g} s"
@@ -135,8 +135,8 @@ class Retracted:
 
 @reporting()
 def calibrate(
-    scene: Scene | Model,
-    seen: Seen,
+    scene: Scene | RetractionModel,
+    seen: Observations,
     tissues: Sequence[str] = (),
     protocol: int = 0,
     spread: float = SPREAD,
@@ -168,7 +168,7 @@ def calibrate(
         raise InputError("spread", spread, "a factor above 1")
     if not all(factor > 0 for factor in (start or {}).values()):
         raise InputError("start", start, "factors above 0")
-    model = scene if isinstance(scene, Model) else Model.of(scene)
+    model = scene if isinstance(scene, RetractionModel) else RetractionModel.of(scene)
     check_moduli(model)
     retracted = Retracted(model, np.asarray(seen.landmarks, float), np.asarray(seen.times, float), tissues, protocol)
     run = retracted.run
@@ -210,12 +210,12 @@ def calibrate(
     )
 
 
-def _finer(model: Model, retracted: Retracted, point: Point, posterior: Posterior) -> tuple[Array, Array]:
+def _finer(model: RetractionModel, retracted: Retracted, point: Point, posterior: Posterior) -> tuple[Array, Array]:
     """How far ln s moves by what finer elements compute there, and what they would compute then, to first order."""
     sizes = {name: size / math.sqrt(2) for name, size in vars(model.scene.mesh).items() if name != "order"}
     scene = replace(model.scene, mesh=replace(model.scene.mesh, **sizes))
     other = Retracted(
-        Model.of(scene, model.head),
+        RetractionModel.of(scene, model.head),
         retracted.landmarks,
         retracted.times,
         list(retracted.factors),

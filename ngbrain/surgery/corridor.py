@@ -8,14 +8,14 @@ import numpy as np
 
 from ngbrain.errors import ImplausibleWarning
 from ngbrain.mesh import Cleft
-from ngbrain.surgery.model import Model
+from ngbrain.surgery.model import RetractionModel
 
 SINUS = 6e-3
 """Half width (m) of the superior sagittal sinus, about: it lies under the skull along the mid plane."""
 STEPS = 200
 
 
-def check_corridor(model: Model) -> list[str]:
+def check_corridor(model: RetractionModel) -> list[str]:
     """Warn of a cleft that reaches the mid plane of the head.
 
     Parameters
@@ -59,7 +59,7 @@ def _sides(length: float) -> tuple[float, float]:
     return -length / 2, length / 2
 
 
-def _middle(model: Model) -> float:
+def _middle(model: RetractionModel) -> float:
     extent = getattr(model.head, "extent", None)
     if extent is None or model.scene.geometry.kind != "scan":
         return 0.0

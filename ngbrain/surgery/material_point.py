@@ -24,7 +24,7 @@ from ngbrain.errors import InputError
 from ngbrain.materials import Law, Viscous, lab
 from ngbrain.materials.points import number
 from ngbrain.materials.viscous import viscous
-from ngbrain.surgery.protocols import Protocol
+from ngbrain.surgery.protocols import ToolMotion
 from ngbrain.units import to_minutes, to_mmHg
 
 RELEASED = 1e-9
@@ -32,7 +32,7 @@ RELEASED = 1e-9
 
 
 @dataclass(frozen=True)
-class Course:
+class LoadingHistory:
     """Pressure (Pa) and advance of the wall (m) at times t (s), arrays of one shape, and the times where the blade changes."""
 
     t: np.ndarray
@@ -83,11 +83,11 @@ class Column:
         if self.steps < 1:
             raise InputError("Column.steps", self.steps, "at least 1")
 
-    def push(self, protocol: Protocol) -> Course:
+    def push(self, protocol: ToolMotion) -> LoadingHistory:
         """A blade whose advance is given: it presses, and lets go where the tissue does not follow."""
         return self.push_each([self.depth], protocol)[0]
 
-    def push_each(self, depths: Sequence[float], protocol: Protocol) -> list[Course]:
+    def push_each(self, depths: Sequence[float], protocol: ToolMotion) -> list[LoadingHistory]:
         """The same for columns of several depths (m), in the time of two."""
         if max(protocol.advance) >= min(depths):
             far = f"less than the depth of {min(depths):g} m"
@@ -96,16 +96,16 @@ class Column:
         asked = 1 - np.interp(t, protocol.times, protocol.advance) / deep
         stretch, stress = lab.press(viscous(self.material), self.mode, t, asked)
         rows = zip(deep * (1 - stretch), -stretch * stress, strict=True)
-        return [Course(t, advance, pressure, protocol.times) for advance, pressure in rows]
+        return [LoadingHistory(t, advance, pressure, protocol.times) for advance, pressure in rows]
 
-    def load(self, times: Sequence[float], force: Sequence[float]) -> Course:
+    def load(self, times: Sequence[float], force: Sequence[float]) -> LoadingHistory:
         """A blade whose force is given: per unloaded area (Pa) at times (s) from 0 on, straight in between, none of it negative."""
         if min(force) < 0:
             raise InputError("force", min(force), "at least 0: a blade does not pull")
         t = self._moments(times)
         nominal = np.interp(t, times, force)
         stretch = lab.creep(viscous(self.material), self.mode, -nominal, t)
-        return Course(t, self.depth * (1 - stretch), stretch * nominal, tuple(times))
+        return LoadingHistory(t, self.depth * (1 - stretch), stretch * nominal, tuple(times))
 
     def _moments(self, events: Sequence[float]) -> np.ndarray:
         """Times of steps: even in log(1 + time since the event), in the shortest time of relaxation."""

@@ -29,12 +29,11 @@ from ngbrain.materials.families import by_family, law_after, stiffen
 from ngbrain.materials.viscous import viscous
 from ngbrain.mesh import Cleft, Sizes
 from ngbrain.mesh.tet_mesh import centres
-from ngbrain.scene import Protocol as SceneProtocol
-from ngbrain.scene import Scene, Tissue
+from ngbrain.scene import Protocol, Scene, Tissue
 from ngbrain.surgery import relative_stiffness
 from ngbrain.surgery.head_models import Head, divide, head_of, present
-from ngbrain.surgery.measures.sampling import UNKNOWN, Part
-from ngbrain.surgery.protocols import Force, Protocol, continuous, intermittent, staged
+from ngbrain.surgery.measures.sampling import UNKNOWN, TissuePart
+from ngbrain.surgery.protocols import ForceProtocol, ToolMotion, continuous, intermittent, staged
 from ngbrain.surgery.relative_stiffness import Mixtures
 from ngbrain.surgery.tools import WALLS, RigidTool, tools_of
 from ngbrain.units import gf
@@ -87,7 +86,7 @@ SOME_FIBRE = (1.0, 0.0, 0.0)
 
 
 @dataclass
-class Model:
+class RetractionModel:
     """A scene's geometry, made once and used by every run.
 
     head    what was opened; mesh: NGSolve mesh; cleft: where; blades: wall → what pushes it
@@ -100,7 +99,7 @@ class Model:
     blades: Mapping[str, RigidTool]
 
     @classmethod
-    def of(cls, scene: Scene, head: Head | None = None) -> Model:
+    def of(cls, scene: Scene, head: Head | None = None) -> RetractionModel:
         """Read the head (unless given) and make the mesh; raises `InputError` for what cannot be operated on."""
         head = head or head_of(scene.geometry)
         scene.check_on(head)
@@ -217,7 +216,7 @@ class Model:
         """The scene's for one of the names that tissue is counted by."""
         return next(tissue for tissue in self.tissues if re.fullmatch(tissue.region, name))
 
-    def parts(self, order: int | None = None) -> dict[str, Part]:
+    def parts(self, order: int | None = None) -> dict[str, TissuePart]:
         """Name → tissue that strain, stress and volumes are counted over, for a body of some order (the scene's)."""
         mixtures = self.head.mixtures(self.mesh, order or self.scene.mesh.order)
         counted = _counted(mixtures)
@@ -227,12 +226,12 @@ class Model:
             where = {region: shares.get(name, 0.0) for region, shares in counted.items()}
             tissue, of = tissues[name], self.mesh.MaterialCF(where, default=0.0)
             fitted = tissue.published.principal_stretch if tissue.published else UNKNOWN
-            parts[name] = Part(of, fitted, tissue.initial_modulus)
+            parts[name] = TissuePart(of, fitted, tissue.initial_modulus)
         return parts
 
     def run(
         self,
-        protocol: Protocol | Force,
+        protocol: ToolMotion | ForceProtocol,
         control: Control | None = None,
         materials: dict[str, Material] | None = None,
         order: int | None = None,
@@ -242,7 +241,7 @@ class Model:
         A blade of given force may go as far as the scene's opening.
         """
         scene, opening = self.scene, self.scene.tool.travel
-        drive = protocol.drive(opening) if isinstance(protocol, Force) else protocol.drive()
+        drive = protocol.drive(opening) if isinstance(protocol, ForceProtocol) else protocol.drive()
         stiffest = max(tissue.initial_modulus for tissue in self.tissues)
         hard, soft = PENALTY * stiffest / opening, SOFTNESS * opening
         contacts = [
@@ -307,7 +306,7 @@ class Model:
         )
 
     @staticmethod
-    def program(scene: Scene, asked: SceneProtocol) -> Protocol | Force:
+    def program(scene: Scene, asked: Protocol) -> ToolMotion | ForceProtocol:
         """The blade's program that a scene's protocol asks for."""
         travel, time = scene.tool.travel, scene.time
         if asked.kind == "continuous":
@@ -318,14 +317,14 @@ class Model:
             return staged(travel, time.ramp, time.end, asked.stages, asked.rest, asked.name)
         if asked.kind == "force":
             times, force = asked.times or (0.0, time.ramp, time.end), tuple(map(gf, asked.force_gf))
-            return Force(asked.name, times, force if asked.times else (0.0, *force, *force))
-        return Protocol(asked.name, tuple(asked.times), tuple(asked.travel))
+            return ForceProtocol(asked.name, times, force if asked.times else (0.0, *force, *force))
+        return ToolMotion(asked.name, tuple(asked.times), tuple(asked.travel))
 
-    def ramp(self, name: str) -> Protocol:
+    def ramp(self, name: str) -> ToolMotion:
         """The first opening alone."""
-        return Protocol(name, (0.0, self.scene.time.ramp), (0.0, self.scene.tool.travel))
+        return ToolMotion(name, (0.0, self.scene.time.ramp), (0.0, self.scene.tool.travel))
 
-    def hold(self, name: str) -> Protocol:
+    def hold(self, name: str) -> ToolMotion:
         """The first opening, held to the end."""
         time = self.scene.time
         return continuous(self.scene.tool.travel, time.ramp, time.end, name)

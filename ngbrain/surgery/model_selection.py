@@ -25,7 +25,7 @@ from ngbrain.ladder import AskedFor, answered
 from ngbrain.ladder.axes import Axis, between, check
 from ngbrain.ladder.levels import HALVINGS, MeshLevel, Model, PresenceLevel, TimeLevel, TissueLevel
 from ngbrain.ladder.models.bodies import Solution
-from ngbrain.ladder.quantities import State
+from ngbrain.ladder.quantities import BodyState
 from ngbrain.ladder.search import Rung, ascend, stay
 from ngbrain.ladder.solutions import Keeper
 from ngbrain.materials.families import NEO_HOOKE, is_neo_hooke
@@ -34,7 +34,7 @@ from ngbrain.scene import Scene, Tissue
 from ngbrain.scene.result import SceneResult
 from ngbrain.surgery import answers
 from ngbrain.surgery.head_models import Head, head_of
-from ngbrain.surgery.model import Model as Made
+from ngbrain.surgery.model import RetractionModel
 from ngbrain.surgery.plausibility import check_moduli
 from ngbrain.surgery.protocol_run import ProtocolRun
 
@@ -134,10 +134,10 @@ class Operation:
     def __init__(self, scene: Scene) -> None:
         if not scene.quantities:
             raise InputError("quantity", "missing", "one or more tables [[quantity]], each with a tolerance")
-        self.scene, self.questions, self._made = scene, scene.quantities, dict[str, Made]()
+        self.scene, self.questions, self._made = scene, scene.quantities, dict[str, RetractionModel]()
         self.made_of = (scene,)
 
-    def solve(self, model: Model, near: Mapping[str, State] | None = None) -> Solution:
+    def solve(self, model: Model, near: Mapping[str, BodyState] | None = None) -> Solution:
         """The numbers that are asked for. Raises `SolverError` where a run gives up."""
         begun = time.process_time()
         made = self.made(model)
@@ -155,12 +155,12 @@ class Operation:
         """None has."""
         return False
 
-    def made(self, model: Model) -> Made:
+    def made(self, model: Model) -> RetractionModel:
         """Mesh and laws of a model."""
         level = model["mesh"]
         if level not in self._made:
             sizes = replace(self.scene.mesh, **_sizes(self.scene, _factors(self.scene)[MeshLevel(level).halvings]))
-            self._made[level] = Made.of(replace(self.scene, mesh=sizes), self._head)
+            self._made[level] = RetractionModel.of(replace(self.scene, mesh=sizes), self._head)
         made = self._made[level]
         tissues, tool = made.scene.tissues, made.scene.tool
         if model.get("tissue") == "one":

@@ -23,7 +23,7 @@ LARGEST = {"_mm": 1000.0, "_N": 1000.0, "_s": 1e7}
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class Observations:
     """What was measured in a retraction; NaN where it was not.
 
     times          (m,) s since it began
@@ -32,10 +32,10 @@ class Seen:
     force          (m,) N that the blade puts on the wall it pushes, across the cleft
     sigma          standard deviations of a displacement (m) and of the force (N)
 
-    `Seen.read` takes it from tables. Raises `InputError` for shapes that do not fit together, a σ that is not positive, nothing
+    `Observations.read` reads tables. Raises `InputError` for shapes that do not fit together, a σ that is not positive, nothing
     measured.
 
-    >>> Seen(np.array([60.0]), np.zeros((4, 3)), np.zeros((1, 4, 3)), np.array([0.3]), (2e-4, 0.01)).data.shape
+    >>> Observations(np.array([60.0]), np.zeros((4, 3)), np.zeros((1, 4, 3)), np.array([0.3]), (2e-4, 0.01)).data.shape
     (1, 13)
     """
 
@@ -46,9 +46,9 @@ class Seen:
     sigma: tuple[float, float]
 
     def __post_init__(self) -> None:
-        times = numbers("Seen.times", self.times, (None,), "growing times (s) of at least 0")
-        landmarks = numbers("Seen.landmarks", self.landmarks, (None, 3), "finite places (n, 3), m")
-        sigma = numbers("Seen.sigma", self.sigma, (2,), "two positive standard deviations (m, N), finite")
+        times = numbers("Observations.times", self.times, (None,), "growing times (s) of at least 0")
+        landmarks = numbers("Observations.landmarks", self.landmarks, (None, 3), "finite places (n, 3), m")
+        sigma = numbers("Observations.sigma", self.sigma, (2,), "two positive standard deviations (m, N), finite")
         m, n = len(times), len(landmarks)
         for name, value, shape in (
             ("landmarks", landmarks, (n, 3)),
@@ -58,15 +58,15 @@ class Seen:
             found = getattr(value, "shape", None)
             if found != shape or value.dtype.kind not in "iuf":
                 wanted = f"an array of numbers of shape {shape}: times and landmarks say so"
-                raise InputError(f"Seen.{name}", f"of shape {found}" if found else type(value).__name__, wanted)
+                raise InputError(f"Observations.{name}", f"of shape {found}" if found else type(value).__name__, wanted)
         if not np.all(times >= 0) or not np.all(np.diff(times) > 0):
-            raise InputError("Seen.times", times, "growing times (s) of at least 0")
+            raise InputError("Observations.times", times, "growing times (s) of at least 0")
         if np.isinf(self.data).any():
-            raise InputError("Seen", "infinite", "finite numbers; measurements may be NaN where there is none")
+            raise InputError("Observations", "infinite", "finite numbers; measurements may be NaN where there is none")
         if not np.all(sigma > 0):
-            raise InputError("Seen.sigma", self.sigma, "two positive standard deviations (m, N), finite")
+            raise InputError("Observations.sigma", self.sigma, "two positive standard deviations (m, N), finite")
         if np.all(np.isnan(self.data)):
-            raise InputError("Seen", "nothing but NaN", "displacements or forces")
+            raise InputError("Observations", "nothing but NaN", "displacements or forces")
 
     @property
     def data(self) -> Array:
@@ -81,7 +81,7 @@ class Seen:
     @classmethod
     def read(
         cls, landmarks: str | Path | None, force: str | Path | None, sigma_mm: float = 1.0, sigma_N: float = 1.0
-    ) -> Seen:
+    ) -> Observations:
         """From tables (CSV) with the columns `LANDMARKS` and `FORCE`, in the coordinates of the head; either may be missing.
 
         A landmark is where it was before; what was not measured is left empty, or has no line. Raises `InputError` for columns

@@ -6,7 +6,7 @@ import warnings
 
 from ngbrain.errors import ImplausibleWarning, InputError
 from ngbrain.materials import CATALOGUE
-from ngbrain.surgery.model import Model
+from ngbrain.surgery.model import RetractionModel
 
 BRAIN = {"brain", "cortex", "white_matter", "corona_radiata", "corpus_callosum", "deep_grey", "basal_ganglia"}
 """Regions in the catalogue of which brain tissue was taken."""
@@ -14,7 +14,7 @@ BEYOND = 100.0
 """How many times less or more than any published modulus is refused. Values typed in kPa are a thousand times too small."""
 
 
-def check_moduli(model: Model) -> list[str]:
+def check_moduli(model: RetractionModel) -> list[str]:
     """Warn of tissues whose initial shear modulus lies outside of what has been published for brain.
 
     Parameters

@@ -23,10 +23,10 @@ from ngbrain.parallel import Tell
 from ngbrain.result import Result, Status
 from ngbrain.solvers.record import NewtonRecord
 from ngbrain.surgery.measures.injury import MPS_THRESHOLDS
-from ngbrain.surgery.measures.observer import Observer, Row, swept_volume, volume_change
-from ngbrain.surgery.measures.sampling import Sample, Sampler, Spread
-from ngbrain.surgery.model import TISSUE, Model
-from ngbrain.surgery.protocols import Force, Protocol
+from ngbrain.surgery.measures.observer import Observer, StepRecord, swept_volume, volume_change
+from ngbrain.surgery.measures.sampling import MeasureStatistics, Sampler, TissueSample
+from ngbrain.surgery.model import TISSUE, RetractionModel
+from ngbrain.surgery.protocols import ForceProtocol, ToolMotion
 from ngbrain.tensors import deformation_gradient, right_cauchy_green
 from ngbrain.units import to_ml, to_mmHg
 
@@ -35,7 +35,7 @@ FRAME_SPACING = 1 / 12
 FRAME_WAY = 1 / 4
 """and where the blade has gone such a share of its furthest advance, or of its largest force, since the last."""
 LARGEST = ("von_mises", "rate")
-"""Measures (`Sample.spreads`) that are kept at the step where their own 95th percentile is largest."""
+"""Measures (`TissueSample.spreads`) that are kept at the step where their own 95th percentile is largest."""
 
 VOLUMES = {
     "window": (1, swept_volume("craniotomy")),
@@ -62,8 +62,8 @@ class Peak:
     """
 
     t: float
-    mps: Spread
-    oss: Spread
+    mps: MeasureStatistics
+    oss: MeasureStatistics
     volume_mps_above: dict[str, dict[str, float]]
     beyond_fit: dict[str, float]
     creased: dict[str, float]
@@ -72,7 +72,7 @@ class Peak:
     volume: dict[str, float]
 
     @classmethod
-    def of(cls, sample: Sample, spreads: dict[str, Spread], volume: dict[str, float]) -> Peak:
+    def of(cls, sample: TissueSample, spreads: dict[str, MeasureStatistics], volume: dict[str, float]) -> Peak:
         """What `sample` holds."""
         sites, mps = sample.sites, sample.strain.mps
         everywhere = np.ones(len(mps), bool)
@@ -93,14 +93,14 @@ class Peak:
     @classmethod
     def restored(cls, saved: dict[str, Any]) -> Peak:
         """From `dataclasses.asdict`."""
-        return cls(**{**saved, "mps": Spread(**saved["mps"]), "oss": Spread(**saved["oss"])})
+        return cls(**{**saved, "mps": MeasureStatistics(**saved["mps"]), "oss": MeasureStatistics(**saved["oss"])})
 
 
 @dataclass(repr=False, eq=False)
 class ProtocolResult(Result):
     """What a protocol's run leaves behind, small enough to pass between processes.
 
-    rows   columns of `Row` by name, SI units; events: times (s) at which the blade's way changes, from first to last; peak:
+    rows   columns of `StepRecord` by name, SI units; events: times (s) at which the blade's way changes, from first to last; peak:
     strain at its largest; largest: other measures at theirs; steps, rejected, newton, factorisations: work, with that of a
     beginning shared with another protocol
     """
@@ -108,7 +108,7 @@ class ProtocolResult(Result):
     rows: dict[str, np.ndarray]
     events: tuple[float, ...]
     peak: Peak
-    largest: dict[str, Spread]
+    largest: dict[str, MeasureStatistics]
     working_s: float
     steps: int
     rejected: int
@@ -151,8 +151,8 @@ class ProtocolRun:
 
     def __init__(
         self,
-        model: Model,
-        protocol: Protocol | Force,
+        model: RetractionModel,
+        protocol: ToolMotion | ForceProtocol,
         folder: Path | None,
         resume: bool = False,
         start: Snapshot | None = None,
@@ -168,9 +168,9 @@ class ProtocolRun:
         self.observer = Observer(body, model.blades, model.held)
         self.sampler = Sampler(body, model.cleft, model.parts(order))
         self._moving = {name: (sign, of.on(body)) for name, (sign, of) in VOLUMES.items()}
-        self.rows: list[Row] = []
+        self.rows: list[StepRecord] = []
         self.peak: Peak | None = None
-        self.largest: dict[str, Spread] = {}
+        self.largest: dict[str, MeasureStatistics] = {}
         self.frames: list[Frame] = []
         self.grid = None if self.path is None else QuadraticGrid(model.mesh)
         if resume and self.path is not None and self.path.exists():
@@ -269,20 +269,21 @@ class ProtocolRun:
         self.transient.restore(state["transient"])
         self.observer.restore(state["observer"])
         self.rows = [
-            Row(*values) for values in zip(*(state["rows"][name].tolist() for name in Row.__annotations__), strict=True)
+            StepRecord(*values)
+            for values in zip(*(state["rows"][name].tolist() for name in StepRecord.__annotations__), strict=True)
         ]
         self.peak = Peak.restored(state["peak"])
-        self.largest = {name: Spread(**spread) for name, spread in state["largest"].items()}
+        self.largest = {name: MeasureStatistics(**spread) for name, spread in state["largest"].items()}
         self.sampler.start(self.transient.progress.t)
         self.frames = list(frames)
 
 
-def due(protocol: Protocol | Force, last: float, t: float) -> bool:
+def due(protocol: ToolMotion | ForceProtocol, last: float, t: float) -> bool:
     """Whether a frame is kept at a time (s) between events, after one at `last`."""
     way = abs(protocol.at(t) - protocol.at(last))
     return t - last >= FRAME_SPACING * protocol.times[-1] or way >= FRAME_WAY * protocol.most
 
 
-def table(rows: list[Row]) -> dict[str, np.ndarray]:
+def table(rows: list[StepRecord]) -> dict[str, np.ndarray]:
     """Rows as columns, by field name."""
-    return {name: np.array([getattr(row, name) for row in rows]) for name in Row.__annotations__}
+    return {name: np.array([getattr(row, name) for row in rows]) for name in StepRecord.__annotations__}

@@ -18,7 +18,7 @@ NUDGE = 1e-5
 
 
 @dataclass(frozen=True)
-class Protocol:
+class ToolMotion:
     """Advance (m) of a blade from first contact at times (s), straight in between; negative is clear of the tissue."""
 
     name: str
@@ -53,13 +53,13 @@ class Protocol:
 
 
 @dataclass(frozen=True)
-class Force:
+class ForceProtocol:
     """Force (N) of a blade at times (s), straight in between, from 0 on; the blade goes as far as it takes (`forward.forced`).
 
     Without force it is off the tissue, and comes back as the tissue does.
 
     >>> from ngbrain.units import gf
-    >>> round(Force("30 gf", (0.0, 10.0, 600.0), (0.0, gf(30.0), gf(30.0))).at(5.0), 5)
+    >>> round(ForceProtocol("30 gf", (0.0, 10.0, 600.0), (0.0, gf(30.0), gf(30.0))).at(5.0), 5)
     0.1471
     """
 
@@ -116,7 +116,7 @@ def _at_most(times: Sequence[float], values: Sequence[float]) -> float:
 class Drive:
     """A protocol as a `Motion`: it moves a Parameter that the blade's distance depends on."""
 
-    def __init__(self, protocol: Protocol) -> None:
+    def __init__(self, protocol: ToolMotion) -> None:
         self.protocol = protocol
         self.events = protocol.times[1:]
         self.parameter = ngs.Parameter(protocol.at(0.0))
@@ -130,14 +130,14 @@ class Drive:
         return self.protocol.at(end) - self.protocol.at(start)
 
 
-def continuous(opening: float, ramp: float, elapsed: float, name: str = "continuous") -> Protocol:
+def continuous(opening: float, ramp: float, elapsed: float, name: str = "continuous") -> ToolMotion:
     """Open at an even rate in `ramp` seconds, hold until `elapsed`."""
-    return Protocol(name, (0.0, ramp, elapsed), (0.0, opening, opening))
+    return ToolMotion(name, (0.0, ramp, elapsed), (0.0, opening, opening))
 
 
 def intermittent(
     opening: float, ramp: float, elapsed: float, hold: float, rest: float, name: str = "intermittent"
-) -> Protocol:
+) -> ToolMotion:
     """Hold for `hold` s after opening, let go, rest for `rest` s from letting go to opening again, …; same rate both ways.
 
     A cycle is ramp + hold + rest; `elapsed` must end a hold.
@@ -167,10 +167,10 @@ def intermittent(
             )
         times += [times[-1] + away, back, start]
         advance += [-CLEAR, -CLEAR, 0.0]
-    return Protocol(name, tuple(times), tuple(advance))
+    return ToolMotion(name, tuple(times), tuple(advance))
 
 
-def staged(opening: float, ramp: float, elapsed: float, stages: int, rest: float, name: str = "staged") -> Protocol:
+def staged(opening: float, ramp: float, elapsed: float, stages: int, rest: float, name: str = "staged") -> ToolMotion:
     """Reach the opening in equal steps at the same rate, `rest` s between them, then hold until `elapsed`."""
     times, advance = [0.0], [0.0]
     for stage in range(1, stages + 1):
@@ -179,4 +179,4 @@ def staged(opening: float, ramp: float, elapsed: float, stages: int, rest: float
         last = stage == stages
         times.append(elapsed if last else times[-1] + rest)
         advance.append(advance[-1])
-    return Protocol(name, tuple(times), tuple(advance))
+    return ToolMotion(name, tuple(times), tuple(advance))

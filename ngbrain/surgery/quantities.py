@@ -10,7 +10,7 @@ from ngbrain.adjoint.time_curve import TimeCurve
 from ngbrain.surgery.measures.dose_response import HELD_MINUTES
 from ngbrain.surgery.measures.injury import dose
 from ngbrain.surgery.measures.perfusion import LOW_MMHG
-from ngbrain.surgery.measures.sampling import Spread
+from ngbrain.surgery.measures.sampling import MeasureStatistics
 from ngbrain.surgery.protocol_run import ProtocolResult
 from ngbrain.units import to_kPa, to_mmHg
 
@@ -85,9 +85,11 @@ def _extreme(
     return RunQuantity(key, name, unit, scaling, of=lambda run: float(to_unit(run.column(column).max())))
 
 
-def _spread(key: str, name: str, unit: str, of: Callable[[ProtocolResult], Spread], end: str = "") -> list[RunQuantity]:
+def _spread(
+    key: str, name: str, unit: str, of: Callable[[ProtocolResult], MeasureStatistics], end: str = ""
+) -> list[RunQuantity]:
     """Percentiles and the largest mean over `AMOUNT`, 0.5 ml."""
-    parts: dict[str, tuple[str, Callable[[Spread], float]]] = {
+    parts: dict[str, tuple[str, Callable[[MeasureStatistics], float]]] = {
         "p50": (f"median of the {name}", lambda spread: spread.p50),
         "p95": (f"95th percentile of the {name}", lambda spread: spread.p95),
         "p99": (f"99th percentile of the {name}", lambda spread: spread.p99),
@@ -96,7 +98,7 @@ def _spread(key: str, name: str, unit: str, of: Callable[[ProtocolResult], Sprea
     stress = unit == "kPa"
     scaling, to_unit = (Scaling.MODULI, to_kPa) if stress else (Scaling.STAYS, float)
 
-    def made(part: str, words: str, value: Callable[[Spread], float]) -> RunQuantity:
+    def made(part: str, words: str, value: Callable[[MeasureStatistics], float]) -> RunQuantity:
         return RunQuantity(f"{key}_{part}{end}", words, unit, scaling, of=lambda run: to_unit(value(of(run))))
 
     return [made(part, *each) for part, each in parts.items()]

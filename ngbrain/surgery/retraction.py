@@ -24,10 +24,10 @@ from ngbrain.surgery import answers, relative_stiffness
 from ngbrain.surgery.answers import Answer, Runs
 from ngbrain.surgery.corridor import check_corridor
 from ngbrain.surgery.measures import dose_response
-from ngbrain.surgery.model import Model
+from ngbrain.surgery.model import RetractionModel
 from ngbrain.surgery.plausibility import check_moduli
 from ngbrain.surgery.protocol_run import ProtocolResult, ProtocolRun, Snapshot
-from ngbrain.surgery.protocols import Force, Protocol
+from ngbrain.surgery.protocols import ForceProtocol, ToolMotion
 from ngbrain.surgery.uncertainty import error_budget, material_uncertainty
 from ngbrain.surgery.uncertainty.error_budget import COMPUTED, FAILED, NOT_COMPUTED, UNDER_WAY
 from ngbrain.surgery.uncertainty.verification_runs import (
@@ -41,7 +41,7 @@ from ngbrain.surgery.uncertainty.verification_runs import (
     other_elements,
 )
 
-_CHECKS: dict[str, Callable[[Model, Path | None, bool, Tell], Any]] = {
+_CHECKS: dict[str, Callable[[RetractionModel, Path | None, bool, Tell], Any]] = {
     ORDER: one_order_more,
     MESH: other_elements,
     HALF: half_steps,
@@ -117,7 +117,7 @@ def solve(
     where = None if folder is None else Path(folder).absolute()  # workers elsewhere stand in another folder
     if where is not None:
         where.mkdir(parents=True, exist_ok=True)
-    model = Model.of(scene)
+    model = RetractionModel.of(scene)
     warned = check_moduli(model) + check_corridor(model) + relative_stiffness.in_words(model.stiffness_map())
     model.run(model.program(scene, scene.protocols[0]))  # refuses unknown regions and boundaries before hours are spent
     if where is not None:
@@ -152,7 +152,7 @@ def solve(
     )
 
 
-def _of_protocols(model: Model, runs: Runs, threads: int) -> dict[str, Any]:
+def _of_protocols(model: RetractionModel, runs: Runs, threads: int) -> dict[str, Any]:
     """The part of a result that does not wait for the checks."""
     scene, mapped = model.scene, model.stiffness_map()
     found = {name: answers.answer(run, scene.patient) for name, run in runs.items()}
@@ -174,7 +174,11 @@ def _of_protocols(model: Model, runs: Runs, threads: int) -> dict[str, Any]:
 
 
 def _of_checks(
-    model: Model, runs: Runs, found: Mapping[str, Answer], checked: Mapping[str, Any], status: Mapping[str, str]
+    model: RetractionModel,
+    runs: Runs,
+    found: Mapping[str, Answer],
+    checked: Mapping[str, Any],
+    status: Mapping[str, str],
 ) -> dict[str, Any]:
     """The part that grows with them."""
     scene = model.scene
@@ -195,10 +199,10 @@ def _status(task: str, ended: Mapping[str, Any], wanted: bool) -> str:
     return UNDER_WAY if wanted else NOT_COMPUTED
 
 
-def _tasks(model: Model, folder: Path | None, resume: bool, checks: bool = True) -> list[Task]:
+def _tasks(model: RetractionModel, folder: Path | None, resume: bool, checks: bool = True) -> list[Task]:
     """What protocols share first, then they, the longest first so that there is a report soon, then the checks."""
     scene = model.scene
-    groups: dict[Any, list[Protocol | Force]] = {}
+    groups: dict[Any, list[ToolMotion | ForceProtocol]] = {}
     for program in (model.program(scene, asked) for asked in scene.protocols):
         groups.setdefault(program.beginning, []).append(program)
     memory = predicted_memory("retraction", model.mesh.ne) if scene.mesh.order == 2 and model.mesh is not None else 0.0
@@ -217,7 +221,7 @@ def _tasks(model: Model, folder: Path | None, resume: bool, checks: bool = True)
 
 
 def _begin(
-    model: Model, program: Protocol | Force, folder: Path | None, resume: bool, *, callback: Tell
+    model: RetractionModel, program: ToolMotion | ForceProtocol, folder: Path | None, resume: bool, *, callback: Tell
 ) -> Snapshot | None:
     """How a run stands after its first piece, None if it is past that: several protocols go on from there."""
     run = ProtocolRun(model, program, folder, resume)
@@ -228,8 +232,8 @@ def _begin(
 
 
 def _go(
-    model: Model,
-    program: Protocol | Force,
+    model: RetractionModel,
+    program: ToolMotion | ForceProtocol,
     folder: Path | None,
     resume: bool,
     start: Snapshot | None = None,
@@ -241,7 +245,7 @@ def _go(
         return ProtocolRun(model, program, folder, resume, start).go(told).result()
 
 
-def _check(model: Model, name: str, folder: Path | None, resume: bool, callback: Tell) -> Any:
+def _check(model: RetractionModel, name: str, folder: Path | None, resume: bool, callback: Tell) -> Any:
     if folder is not None:
         folder = folder / "checks"
         folder.mkdir(exist_ok=True)
@@ -261,7 +265,7 @@ def _write_pictures(path: Path, arrays: dict[str, np.ndarray]) -> None:
     atomic_write(path, lambda part: np.savez_compressed(part, **arrays))  # type: ignore[arg-type]
 
 
-def geometry(model: Model) -> dict[str, Any]:
+def geometry(model: RetractionModel) -> dict[str, Any]:
     """Where the cleft and the tool are, for pictures (m)."""
     cleft, blade = model.cleft, model.scene.tool
     return {

@@ -16,8 +16,8 @@ from ngbrain.io.versions import versions
 from ngbrain.parallel import AnyExecutor, ProcessExecutor, run
 from ngbrain.reading import read_json
 from ngbrain.workflows.gate import find_outliers
-from ngbrain.workflows.listing import Case, read_list, values_of
-from ngbrain.workflows.results import OK, REPORT, ROWS, WARNING, Cohort, Row, describe, summarise, table
+from ngbrain.workflows.listing import CohortCase, read_list, values_of
+from ngbrain.workflows.results import OK, REPORT, ROWS, WARNING, Cohort, ResultRow, describe, summarise, table
 from ngbrain.workflows.rows import EXCLUDED, FAILED, RESULT, Record, digest_case, run_row
 from ngbrain.workflows.summary import Number, cautions, main_numbers
 
@@ -117,7 +117,7 @@ def _check_folder(folder: Path) -> None:
 
 
 def _computed(
-    cases: Sequence[Case], folder: Path, executor: AnyExecutor, again: bool, callback: Callable[..., Any]
+    cases: Sequence[CohortCase], folder: Path, executor: AnyExecutor, again: bool, callback: Callable[..., Any]
 ) -> tuple[dict[str, Record], set[str]]:
     """What is known of every row, and the names of those that were computed for it now."""
     callback("looking for what is finished")
@@ -173,7 +173,7 @@ def _run(
         return run(tasks, processes, callback=begun, finished=over, on_error="return")
 
 
-def _row(case: Case, record: Record, group: str, folder: Path, computed: bool) -> Row:
+def _row(case: CohortCase, record: Record, group: str, folder: Path, computed: bool) -> ResultRow:
     """With the numbers of its result, but for those that stand out, which only the others say."""
     place = folder / ROWS / case.name
     verdict, reason, numbers, taken = record.outcome, record.reason, dict[str, Number](), None
@@ -188,10 +188,10 @@ def _row(case: Case, record: Record, group: str, folder: Path, computed: bool) -
             verdict = EXCLUDED if verdict == EXCLUDED else WARNING if warned else OK
             reason = reason or "; ".join(warned)
     given = ", ".join(path.name for path in case.files)
-    return Row(case.name, case.verb, verdict, reason, taken, numbers, group, case.about, place, given, computed)
+    return ResultRow(case.name, case.verb, verdict, reason, taken, numbers, group, case.about, place, given, computed)
 
 
-def _judged(rows: list[Row], folder: Path, by: str, names: list[str]) -> Cohort:
+def _judged(rows: list[ResultRow], folder: Path, by: str, names: list[str]) -> Cohort:
     """With warnings for rows that stand out among usable ones of their verb and group."""
     usable = [row for row in rows if row.usable]
     several = len({row.verb for row in rows}) > 1

@@ -28,7 +28,7 @@ _SMALL = {2: 0.399, 3: 0.994, 4: 0.512, 5: 0.844, 6: 0.611, 7: 0.857, 8: 0.669, 
 
 
 @dataclass(frozen=True)
-class Spread:
+class GroupStatistics:
     """How a number is spread over the rows of a group.
 
     Attributes
@@ -92,13 +92,13 @@ class Outlier:
     row: str
     key: str
     value: float
-    spread: Spread
+    spread: GroupStatistics
     deviation: float
 
 
 def find_outliers(
     numbers: Mapping[str, Mapping[str, float]], groups: Mapping[str, str], extremes: Collection[str] = ()
-) -> tuple[list[Spread], list[Outlier]]:
+) -> tuple[list[GroupStatistics], list[Outlier]]:
     """The spread of every number in every group, and the rows that stand out.
 
     Parameters
@@ -129,14 +129,16 @@ def find_outliers(
             values.setdefault((key, groups[row]), {})[row] = value
     scales = {at: _scale(np.array(list(of.values())), at[0] in extremes) for at, of in values.items()}
     tests = sum(len(of) for at, of in values.items() if not scales[at][2])
-    spreads, outliers = list[Spread](), list[Outlier]()
+    spreads, outliers = list[GroupStatistics](), list[Outlier]()
     for (key, group), of in values.items():
         found = np.array(list(of.values()))
         low, median, high = (float(each) for each in np.percentile(found, [25, 50, 75]))
         step, logarithmic, untested = scales[key, group]
         least, most = float(found.min()), float(found.max())
         limit = 0.0 if untested else float(stats.t.isf(LEVEL / tests / 2, EFFICIENCY * (len(of) - 1)))
-        spread = Spread(key, group, tuple(of), median, low, high, least, most, step, logarithmic, limit, untested)
+        spread = GroupStatistics(
+            key, group, tuple(of), median, low, high, least, most, step, logarithmic, limit, untested
+        )
         spreads.append(spread)
         outliers += [
             Outlier(row, key, value, spread, away)

@@ -31,7 +31,7 @@ DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+")
 
 
 @dataclass(frozen=True)
-class Case:
+class CohortCase:
     """A row of the list.
 
     Attributes
@@ -63,7 +63,7 @@ class Case:
         return [self.verb, *self.inputs, *self.options]
 
 
-def read_list(path: str | Path, verb: str | None = None) -> list[Case]:
+def read_list(path: str | Path, verb: str | None = None) -> list[CohortCase]:
     """The rows of a list, none of them computed yet.
 
     Parameters
@@ -96,7 +96,7 @@ def read_list(path: str | Path, verb: str | None = None) -> list[Case]:
     if not table.rows:
         raise InputError("list", "without a row", "a row for each scan or case", path)
     reader = _Reader(path, table, verb)
-    cases, faults = list[Case](), list[InputError]()
+    cases, faults = list[CohortCase](), list[InputError]()
     for line, cells in table.rows:
         try:
             cases.append(reader.case(line, cells))
@@ -143,7 +143,7 @@ class _Reader:
         name = column.strip()
         return name if name.startswith(FREE) else name.lstrip("-").replace("_", "-").replace(" ", "-").lower()
 
-    def case(self, line: int, cells: list[str]) -> Case:
+    def case(self, line: int, cells: list[str]) -> CohortCase:
         values = {name: cell.strip() for name, cell in zip(self._columns, cells, strict=True)}
         name = self._named(line, values[NAME])
         verb = values.get(VERB) or self._verb or ""
@@ -173,7 +173,7 @@ class _Reader:
         if said := self._refused(parser, [verb, *inputs, *options]):
             raise self._fault(line, name, "options", " ".join(options) or "none", said)
         about = {self._shown(each): values[each] for each in self._own}
-        return Case(name, verb, inputs, tuple(options), about, tuple(files))
+        return CohortCase(name, verb, inputs, tuple(options), about, tuple(files))
 
     def _shown(self, column: str) -> str:
         """A column of one's own as it was called, without what marks it."""
@@ -237,7 +237,7 @@ class _Reader:
         return InputError(where, value, wanted, self._path)
 
 
-def values_of(cases: list[Case], column: str) -> Mapping[str, str]:
+def values_of(cases: list[CohortCase], column: str) -> Mapping[str, str]:
     """What a column of one's own says, by the names of rows; "" where it says nothing.
 
     Raises `InputError` where there is no such column.

@@ -13,14 +13,14 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import InputError
-from ngbrain.ladder.models.bodies import Bench
+from ngbrain.ladder.models.bodies import ModelHierarchy
 from ngbrain.report.pages import preview as page
 from ngbrain.report.pages.preview import Condition, Drawing, Solid
 from ngbrain.report.pictures.slices import ScanImage
 from ngbrain.report.pictures.tool import TOOLS, drawn
 from ngbrain.scene import Contact, DisplacementBC, Scene
 from ngbrain.surgery.head_models import Head, head_of
-from ngbrain.surgery.model import Model
+from ngbrain.surgery.model import RetractionModel
 from ngbrain.surgery.model_selection import LARGEST
 from ngbrain.surgery.retraction import geometry
 from ngbrain.units import to_ml
@@ -71,7 +71,7 @@ def preview(scene: Scene | str | Path, folder: str | Path) -> Path:
 
 def _body(scene: Scene) -> Drawing:
     """Of a body under loads, on its coarsest elements; its conditions are checked by making the problem."""
-    bench = Bench(scene)
+    bench = ModelHierarchy(scene)
     model = {"mesh": "0", "order": "1", "strain": "finite", "pressure": "none", "space": "solid"}
     if scene.time.frequency is None:
         bench.static(model, scene.time.end)
@@ -106,9 +106,9 @@ def _operation(scene: Scene) -> Drawing:
     sizes = replace(scene.mesh, **{name: max(getattr(scene.mesh, name), size) for name, size in LARGEST.items()})
     head, coarse = head_of(scene.geometry), True
     try:
-        model = Model.of(replace(scene, mesh=sizes), head)
+        model = RetractionModel.of(replace(scene, mesh=sizes), head)
     except InputError:  # whatever else is wrong is so again
-        model, coarse = Model.of(scene, head), False
+        model, coarse = RetractionModel.of(scene, head), False
     model.materials(2)
     names = sorted(set(model.mesh.GetBoundaries()))
     conditions = [

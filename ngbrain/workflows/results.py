@@ -11,7 +11,7 @@ from typing import Any
 
 from ngbrain.errors import InputError
 from ngbrain.result import Result, Status
-from ngbrain.workflows.gate import LEAST_ROWS, LEVEL, Outlier, Spread
+from ngbrain.workflows.gate import LEAST_ROWS, LEVEL, GroupStatistics, Outlier
 from ngbrain.workflows.rows import EXCLUDED, FAILED
 from ngbrain.workflows.summary import Number
 
@@ -21,7 +21,7 @@ ROWS, REPORT = "rows", "report.html"
 
 
 @dataclass(frozen=True)
-class Row:
+class ResultRow:
     """A scan or case, and what has come of it.
 
     Attributes
@@ -89,8 +89,8 @@ class Cohort(Result):
         The column that groups are of; "" where there are none.
     """
 
-    rows: list[Row]
-    spreads: list[Spread]
+    rows: list[ResultRow]
+    spreads: list[GroupStatistics]
     outliers: list[Outlier]
     left_out: list[str]
     folder: Path
@@ -165,7 +165,7 @@ def table(done: Cohort) -> str:
     return text.getvalue()
 
 
-def _described(spread: Spread, done: Cohort) -> dict[str, Any]:
+def _described(spread: GroupStatistics, done: Cohort) -> dict[str, Any]:
     """A spread as result.json has it, with how many units every row, and the middle half of the rows, is from the median."""
     values = {row.name: row.numbers[spread.key].value for row in done.rows if row.name in spread.rows}
     away = {name: spread.deviation(value) for name, value in values.items()}

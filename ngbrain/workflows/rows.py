@@ -22,7 +22,7 @@ from ngbrain.io.cache import code_digest
 from ngbrain.io.json_file import write_json
 from ngbrain.parallel import TaskLost, Tell
 from ngbrain.reading import read_json
-from ngbrain.workflows.listing import Case
+from ngbrain.workflows.listing import CohortCase
 
 RECORD, LOG, RESULT = "row.json", "log.txt", "result.json"
 USABLE, EXCLUDED, FAILED = "usable", "excluded", "failed"
@@ -70,7 +70,7 @@ class Record:
         write_json(folder / RECORD, asdict(self))
 
 
-def digest_case(case: Case) -> str:
+def digest_case(case: CohortCase) -> str:
     """The digest of all that a row's result is made from: files, options, code and versions; not its name.
 
     Files are those that the row names, their sidecars, and those that a scene or sidecar names in turn.
@@ -84,7 +84,7 @@ def digest_case(case: Case) -> str:
     return hashlib.sha256(json.dumps(made_from).encode()).hexdigest()
 
 
-def run_row(case: Case, folder: str, digest: str, *, callback: Tell) -> Record:
+def run_row(case: CohortCase, folder: str, digest: str, *, callback: Tell) -> Record:
     """Compute a row in its folder; what an earlier run with the same digest has left there is gone on with.
 
     Parameters
@@ -143,7 +143,7 @@ def run_row(case: Case, folder: str, digest: str, *, callback: Tell) -> Record:
     return record
 
 
-def output(case: Case, folder: Path) -> Path:
+def output(case: CohortCase, folder: Path) -> Path:
     """What the verb is given as -o."""
     return folder / f"{case.name}.vtkhdf" if case.verb == "mesh" else folder
 

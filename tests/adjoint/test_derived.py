@@ -18,14 +18,14 @@ from ngbrain.inverse.objective.parameters import Fields, Log, Unknown
 from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
 from ngbrain.materials import NeoHooke, Prony
 from ngbrain.mesh import block
-from ngbrain.surgery.protocols import Drive, Protocol
+from ngbrain.surgery.protocols import Drive, ToolMotion
 
 SIDE, GRID = 0.02, np.array([0.0, 0.5, 1.0, 2.0, 4.0, 8.0])
 
 
 def pressed():
     """A relaxing block under a plate that presses and stops: pressure and force over time."""
-    drive = Drive(Protocol("press", (0.0, 2.0, 8.0), (0.0, 1e-3, 1e-3)))
+    drive = Drive(ToolMotion("press", (0.0, 2.0, 8.0), (0.0, 1e-3, 1e-3)))
     plate = Contact("top", lambda x: SIDE - drive.parameter - x[2], 1e8, 2e-5)
     mu, g = ngs.Parameter(1000.0), ngs.Parameter(0.5)
     tissue = Material(Prony(NeoHooke(mu), [g], [3.0]), 1e6)

@@ -19,7 +19,7 @@ from ngbrain.materials import modulus
 from ngbrain.mesh import Sizes, block, cleft_to
 from ngbrain.mesh.geometry.structured import boxes, rectangles
 from ngbrain.scene import DisplacementBC, Geometry, Gravity, MeshSize, Quantity, Scene, Time, Tissue, Traction
-from ngbrain.surgery.observations import Seen
+from ngbrain.surgery.observations import Observations
 
 LAW = materials.NeoHooke(1e3)
 CUBE = block((0.1, 0.1, 0.1), 0.1)
@@ -63,8 +63,8 @@ CONSTRUCTORS = {
             "quantities": (Quantity(name="force", boundary="top"),),
         },
     ),
-    "Seen": (
-        Seen,
+    "Observations": (
+        Observations,
         {
             "times": np.array([1.0]),
             "landmarks": np.zeros((1, 3)),

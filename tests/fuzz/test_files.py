@@ -20,7 +20,7 @@ from ngbrain.image.read.volume import read_scan
 from ngbrain.io import load
 from ngbrain.io.waves import read_waves
 from ngbrain.scene import Scene
-from ngbrain.surgery.observations import Seen
+from ngbrain.surgery.observations import Observations
 from ngbrain.surrogate.prediction.pretrained import Card
 
 READ = {
@@ -29,8 +29,8 @@ READ = {
     "waves.nii": read_waves,
     "plate.toml": Scene.from_toml,
     "retraction.toml": Scene.from_toml,
-    "retraction_force.csv": lambda path: Seen.read(None, path),
-    "retraction_landmarks.csv": lambda path: Seen.read(path, None),
+    "retraction_force.csv": lambda path: Observations.read(None, path),
+    "retraction_landmarks.csv": lambda path: Observations.read(path, None),
     "card.json": Card.read,
     "run.vtkhdf": load,
     "scan.nii.gz": read_scan,

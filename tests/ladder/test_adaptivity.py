@@ -8,8 +8,8 @@ import pytest
 from ngbrain.ladder.adaptivity import chosen
 from ngbrain.ladder.axes import axes_of, cheapest
 from ngbrain.ladder.estimates import Estimate, relative
-from ngbrain.ladder.models.bodies import SMALL, Bench, linear_state, solve
-from ngbrain.ladder.quantities import State, answer, slope
+from ngbrain.ladder.models.bodies import SMALL, ModelHierarchy, linear_state, solve
+from ngbrain.ladder.quantities import BodyState, answer, slope
 from ngbrain.ladder.search import Rung, _towards, climb
 from ngbrain.ladder.solutions import Keeper
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Tissue
@@ -43,23 +43,23 @@ def linear(asked: Scene, **levels: str) -> dict[str, str]:
 def test_slopes_are_those_of_the_answers(quantity: Quantity, within: float, space: str, pressure: str, rng) -> None:
     """Of a percentile roughly: the mean of a band of elements stands for it."""
     asked = scene(quantity)
-    bench, model = Bench(asked), linear(asked, space=space, pressure=pressure, order="2", extent="whole")
+    bench, model = ModelHierarchy(asked), linear(asked, space=space, pressure=pressure, order="2", extent="whole")
     body = bench.static(model, 1.0)
     x = linear_state(body)
     smooth = linear_state(bench.static({**model, "tissue": "each"}, 1.0))  # an answer of its own size
     change = 1e-3 * np.where(body.weights > 0, smooth * (1 + 0.3 * rng.normal(size=len(x))), 0)
-    states = [State(body, x + sign * change, SMALL, True, bench.thickness_of(model)) for sign in (-1, 1)]
+    states = [BodyState(body, x + sign * change, SMALL, True, bench.thickness_of(model)) for sign in (-1, 1)]
     before, after = (answer(quantity, state) for state in states)
-    foretold = 2 * slope(quantity, State(body, x, SMALL, True, bench.thickness_of(model))) @ change
+    foretold = 2 * slope(quantity, BodyState(body, x, SMALL, True, bench.thickness_of(model))) @ change
     assert abs(after - before) > 1e-5 * abs(before)
     assert foretold == pytest.approx(after - before, rel=within)
 
 
 def test_a_percentile_beyond_all_elements_is_the_nearest_ones() -> None:
     asked = scene(replace(STRAIN, percentile=100, radius=0.004))
-    bench, model = Bench(asked), linear(asked, space="solid", extent="whole")
+    bench, model = ModelHierarchy(asked), linear(asked, space="solid", extent="whole")
     body = bench.static(model, 1.0)
-    state = State(body, linear_state(body), SMALL, True)
+    state = BodyState(body, linear_state(body), SMALL, True)
     assert np.isfinite(slope(asked.quantities[0], state)).all() and slope(asked.quantities[0], state).any()
 
 
@@ -72,7 +72,7 @@ def test_the_fewest_that_leave_out_most_are_chosen() -> None:
 @pytest.mark.parametrize(("quantity", "left"), [(FORCE, 0.25), (STRAIN, 0.25)])
 def test_a_part_of_the_elements_does_most_of_what_all_do(quantity: Quantity, left: float) -> None:
     asked = scene(quantity)
-    bench = Bench(asked)
+    bench = ModelHierarchy(asked)
     model = linear(asked, space="solid", order="2", extent="whole")
     coarse, part, whole = (solve(bench, {**model, "mesh": level}) for level in ("0", "0+", "1"))
     assert part.ndof < 0.7 * whole.ndof
@@ -117,7 +117,7 @@ def test_a_bound_may_be_a_part_and_heads_have_none() -> None:
 def test_a_climb_goes_over_a_part_and_is_as_accurate_as_asked() -> None:
     asked = scene(replace(FORCE, tolerance=0.03))
     bounds = {"order": "2", "mesh": "1", "strain": "linear", "extent": "near"}
-    keeper = Keeper(Bench(asked))
+    keeper = Keeper(ModelHierarchy(asked))
     found = climb(asked, bounds, keeper=keeper)
     assert found.chosen.model["mesh"] == "0+"
     rich = keeper({**found.chosen.model, "order": "2", "mesh": "1"}).answers
@@ -126,7 +126,7 @@ def test_a_climb_goes_over_a_part_and_is_as_accurate_as_asked() -> None:
 
 def test_a_model_starts_where_the_one_most_like_it_came_to_rest(monkeypatch) -> None:
     asked = scene()
-    keeper = Keeper(Bench(asked))
+    keeper = Keeper(ModelHierarchy(asked))
     model = linear(asked, strain="finite", space="solid", extent="whole")
     first = keeper(model)
     keeper({**model, "space": "plane"})

@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 from ngbrain.errors import SolverError
 from ngbrain.ladder.axes import axes_of
 from ngbrain.ladder.estimates import relative
-from ngbrain.ladder.models.bodies import Bench
+from ngbrain.ladder.models.bodies import ModelHierarchy
 from ngbrain.ladder.search import climb
 from ngbrain.ladder.solutions import Keeper
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Time, Tissue, Traction
@@ -124,7 +124,7 @@ def outcome(seed):
         scene = drawn(seed)
         axes = axes_of(scene, RICHEST)
         try:
-            truth = Keeper(Bench(scene))({name: axis.levels[-1] for name, axis in axes.items()}).answers
+            truth = Keeper(ModelHierarchy(scene))({name: axis.levels[-1] for name, axis in axes.items()}).answers
         except SolverError:
             return None
         found = climb(scene, RICHEST)
@@ -159,7 +159,7 @@ def test_an_answer_takes_hardly_more_unknowns_than_an_experts_first_guess():
     for seed in FIRST_GUESSES:
         scene = drawn(seed)
         best = {name: axis.levels[-1] for name, axis in axes_of(scene, RICHEST).items()}
-        guess, keeper = Keeper(Bench(scene)), Keeper(Bench(scene))
+        guess, keeper = Keeper(ModelHierarchy(scene)), Keeper(ModelHierarchy(scene))
         first, truth = guess({**best, "mesh": "0", "order": "2"}), guess(best)
         if np.abs(relative(first.answers, truth.answers)).max() > TOLERANCE:
             raise ValueError("the first guess does not meet the tolerance")

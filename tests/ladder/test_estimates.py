@@ -9,7 +9,7 @@ from ngbrain.errors import SolverError
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.ladder.axes import axes_of, cheapest
 from ngbrain.ladder.estimates import Estimate, in_section, neighbour, relative, roughly
-from ngbrain.ladder.models.bodies import Bench
+from ngbrain.ladder.models.bodies import ModelHierarchy
 from ngbrain.ladder.search import estimate
 from ngbrain.ladder.solutions import Keeper
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Time, Tissue, Traction
@@ -21,7 +21,7 @@ FORCE = (Quantity(name="force", boundary="top"),)
 
 def both(scene: Scene, model: dict[str, str], axis: str) -> tuple[float, float]:
     """Estimated and true change of the first answer."""
-    axes, keeper = axes_of(scene), Keeper(Bench(scene))
+    axes, keeper = axes_of(scene), Keeper(ModelHierarchy(scene))
     model = {**cheapest(axes), **model}
     richer = {**model, axis: axes[axis].above(model[axis])}
     found = estimate(keeper, model, axes[axis])
@@ -53,7 +53,7 @@ def test_elements_of_small_strains_are_judged_by_solutions_that_are_kept(axis: s
         displacement_bcs=SQUEEZED,
         quantities=FORCE,
     )
-    axes, keeper = axes_of(scene), Keeper(Bench(scene))
+    axes, keeper = axes_of(scene), Keeper(ModelHierarchy(scene))
     for strain, kept in (("linear", True), ("finite", False)):
         model = {**cheapest(axes), "strain": strain, "pressure": "unknown"}
         found = estimate(keeper, model, axes[axis])
@@ -106,7 +106,7 @@ def test_small_strains_lend_their_factor_where_finite_ones_are_near(
         displacement_bcs=given,
         quantities=FORCE,
     )
-    axes, keeper, made = axes_of(scene), Keeper(Bench(scene)), list[float]()
+    axes, keeper, made = axes_of(scene), Keeper(ModelHierarchy(scene)), list[float]()
     model = {**cheapest(axes), "space": "solid", "order": "2", "pressure": "unknown"}
     keeper(model)
     factorise = Problem.factorise
@@ -169,11 +169,11 @@ def test_a_change_that_is_large_is_doubted() -> None:
         displacement_bcs=given,
         quantities=FORCE,
     )
-    keeper, axes = Keeper(Bench(scene)), axes_of(scene)
+    keeper, axes = Keeper(ModelHierarchy(scene)), axes_of(scene)
     found = estimate(keeper, cheapest(axes), axes["strain"])
     assert found.doubt
     small = replace(scene, displacement_bcs=(SQUEEZED[0], replace(SQUEEZED[1], value=(0, 0, -1e-5))))
-    assert not estimate(Keeper(Bench(small)), cheapest(axes), axes["strain"]).doubt
+    assert not estimate(Keeper(ModelHierarchy(small)), cheapest(axes), axes["strain"]).doubt
 
 
 def test_a_fold_is_no_estimate() -> None:
@@ -187,7 +187,7 @@ def test_a_fold_is_no_estimate() -> None:
         tractions=pull,
         quantities=quantity,
     )
-    found = estimate(Keeper(Bench(scene)), cheapest(axes_of(scene)), axes_of(scene)["strain"])
+    found = estimate(Keeper(ModelHierarchy(scene)), cheapest(axes_of(scene)), axes_of(scene)["strain"])
     assert np.isinf(found.change).all() and "taken for finite" in found.doubt
 
 
@@ -201,7 +201,7 @@ def test_elements_in_space_are_judged_in_the_section() -> None:
         displacement_bcs=given,
         quantities=FORCE,
     )
-    keeper, axes = Keeper(Bench(scene)), axes_of(scene)
+    keeper, axes = Keeper(ModelHierarchy(scene)), axes_of(scene)
     model = {**cheapest(axes), "strain": "finite", "pressure": "unknown", "space": "solid"}
     plane = {**model, "space": "plane"}
     found = estimate(keeper, model, axes["mesh"])
@@ -222,7 +222,7 @@ def test_elements_that_fold_a_body_without_a_section_are_judged_by_the_linear_on
         displacement_bcs=SQUEEZED,
         quantities=quantity,
     )
-    keeper, axes = Keeper(Bench(scene)), axes_of(scene)
+    keeper, axes = Keeper(ModelHierarchy(scene)), axes_of(scene)
     assert "space" not in axes
     model = {**cheapest(axes), "strain": "finite"}
     flat = {**model, "strain": "linear"}
@@ -243,7 +243,7 @@ def test_a_step_on_the_coarsest_elements_is_doubted_where_finer_ones_change_as_m
         displacement_bcs=SQUEEZED,
         quantities=FORCE,
     )
-    keeper, axes = Keeper(Bench(scene)), axes_of(scene)
+    keeper, axes = Keeper(ModelHierarchy(scene)), axes_of(scene)
     model = {**cheapest(axes), "pressure": "unknown"}
     for mesh, doubt in (("0", ""), ("1", "finer elements")):
         found = roughly(keeper.bench, {**model, "mesh": mesh}, {**model, "mesh": mesh, "strain": "finite"}, keeper)
@@ -261,7 +261,7 @@ def test_what_has_no_answer_is_no_number() -> None:
         displacement_bcs=SQUEEZED,
         quantities=FORCE,
     )
-    keeper, model = Keeper(Bench(scene)), cheapest(axes_of(scene))
+    keeper, model = Keeper(ModelHierarchy(scene)), cheapest(axes_of(scene))
 
     def solved(each):
         if each["strain"] == "finite":
@@ -301,7 +301,7 @@ def test_a_section_is_doubted_where_finite_strains_change_more_than_leaving_it()
             quantities=FORCE,
         )
         model = {**cheapest(axes_of(scene)), "strain": "finite", "order": "2"}
-        found = roughly(Bench(scene), model, {**model, "space": "solid"}, Keeper(Bench(scene)))
+        found = roughly(ModelHierarchy(scene), model, {**model, "space": "solid"}, Keeper(ModelHierarchy(scene)))
         assert ("finite strains" in found.doubt) is doubted
 
 
@@ -323,7 +323,7 @@ def test_orders_are_judged_in_space_where_strains_are_asked_for() -> None:
             displacement_bcs=SQUEEZED,
             quantities=(quantity,),
         )
-        axes, keeper = axes_of(scene), Keeper(Bench(scene))
+        axes, keeper = axes_of(scene), Keeper(ModelHierarchy(scene))
         model = {**cheapest(axes), "space": "solid", "strain": "finite", "pressure": "unknown", "tissue": "each"}
         found = estimate(keeper, model, axes["order"])
         assert found.how == how

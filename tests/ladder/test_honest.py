@@ -12,7 +12,7 @@ from ngbrain.errors import InputError, SolverError
 from ngbrain.ladder.axes import AXES, axes_of, cheapest
 from ngbrain.ladder.estimates import NOTHING
 from ngbrain.ladder.levels import PresenceLevel
-from ngbrain.ladder.models.bodies import Bench, Solution
+from ngbrain.ladder.models.bodies import ModelHierarchy, Solution
 from ngbrain.ladder.search import ascend
 from ngbrain.ladder.solutions import Keeper
 from ngbrain.scene import DisplacementBC, Geometry, Gravity, MeshSize, Quantity, Scene, Time, Tissue, Traction
@@ -41,7 +41,7 @@ def slab(fibre, by=-2e-3):
 @pytest.mark.parametrize("fibre", [(0, 0, 1), (1, 0, 0), (0, 1, 0), (1, 0, 2)])
 def test_fibres_lie_in_the_section_as_they_do_in_the_body(fibre):
     scene = slab(fibre, by=2e-3)
-    bench, model = Bench(scene), cheapest(axes_of(scene)) | {"fibres": "all", "strain": "finite"}
+    bench, model = ModelHierarchy(scene), cheapest(axes_of(scene)) | {"fibres": "all", "strain": "finite"}
     forces = []
     for space in ("plane", "solid"):
         try:
@@ -85,7 +85,7 @@ def turned(part):
 def test_what_lies_in_the_section_has_one():
     scene = turned("")
     assert "space" in axes_of(scene)
-    assert Bench(scene).mesh({"space": "plane", "mesh": "0"}).dim == 2
+    assert ModelHierarchy(scene).mesh({"space": "plane", "mesh": "0"}).dim == 2
 
 
 @pytest.mark.parametrize(
@@ -102,7 +102,7 @@ def test_the_section_declines_by_name_what_is_oblique_to_it(part, reason):
     scene = turned(part)
     assert "space" not in axes_of(scene)
     with pytest.raises(InputError, match=reason):
-        Bench(scene).mesh({"space": "plane", "mesh": "0"})
+        ModelHierarchy(scene).mesh({"space": "plane", "mesh": "0"})
     with pytest.raises(InputError, match=reason):
         axes_of(scene, {"space": "plane"})
 

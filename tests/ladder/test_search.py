@@ -13,8 +13,8 @@ from ngbrain.errors import InputError
 from ngbrain.ladder.axes import AXES, OF_WAVES, Axis, axes_of, between, cheapest, richest
 from ngbrain.ladder.estimates import BY, SOLVED, Estimate, relative
 from ngbrain.ladder.levels import MeshLevel, TimeLevel
-from ngbrain.ladder.models.bodies import Bench, Model, Solution
-from ngbrain.ladder.quantities import State
+from ngbrain.ladder.models.bodies import Model, ModelHierarchy, Solution
+from ngbrain.ladder.quantities import BodyState
 from ngbrain.ladder.search import Rung, _as_order, _confirmed, _judge, _learnt, _next, _rung, ascend, climb
 from ngbrain.ladder.solutions import Keeper
 from ngbrain.result import Status
@@ -46,7 +46,7 @@ def test_small_strains_stay_linear_and_large_ones_do_not() -> None:
 def test_the_chosen_model_is_as_accurate_as_asked(tolerance: float) -> None:
     scene = squeezed(1, Tissue(mu=(1e3,), alpha=(-19.0,), poissons_ratio=0.3), tolerance)
     found = climb(scene, BOUNDS)
-    rich = Keeper(Bench(scene))(richest(axes_of(scene, BOUNDS)))
+    rich = Keeper(ModelHierarchy(scene))(richest(axes_of(scene, BOUNDS)))
     off = np.abs(relative(found.chosen.answers, rich.answers))
     assert off.max() <= tolerance
     assert found.chosen.model != richest(found.axes)
@@ -147,7 +147,7 @@ def test_what_folds_is_no_number_and_solvers_are_heard() -> None:
 
 def test_what_is_doubted_is_solved_for_before_the_climb_ends() -> None:
     scene = squeezed(1, Tissue(mu=(1e3,), poissons_ratio=0.3))
-    keeper, axes = Keeper(Bench(scene)), axes_of(scene)
+    keeper, axes = Keeper(ModelHierarchy(scene)), axes_of(scene)
     model = {**cheapest(axes), "order": "2"}
     wrong = {name: Estimate(np.zeros(1), "guessed", doubt, "finite") for name, doubt in (("strain", "a guess"),)}
     rung = Rung(model, keeper(model).answers, 1, wrong, np.zeros(1))
@@ -231,7 +231,7 @@ class Written:
     def __init__(self, answers: dict[tuple[str, str], float]) -> None:
         self.answers, self.flowed = answers, list[tuple[str, str]]()
 
-    def solve(self, model: Model, near: Mapping[str, State] | None = None) -> Solution:
+    def solve(self, model: Model, near: Mapping[str, BodyState] | None = None) -> Solution:
         elements = model["order"], model["mesh"]
         if model["time"] == "flowing":
             self.flowed.append(elements)
@@ -301,7 +301,7 @@ class Asked:
     def __init__(self) -> None:
         self.near = list[object]()
 
-    def solve(self, model: Model, near: Mapping[str, State] | None = None) -> Solution:
+    def solve(self, model: Model, near: Mapping[str, BodyState] | None = None) -> Solution:
         self.near.append(near)
         return Solution(np.ones(1), {"end": object()}, 1, 0.0)  # type: ignore[dict-item]
 
@@ -320,7 +320,7 @@ def test_finite_strains_start_from_the_model_that_is_most_like_them(contact: str
 class Stiff:
     """Pressures change more than what elements are said to."""
 
-    def solve(self, model: Model, near: Mapping[str, State] | None = None) -> Solution:
+    def solve(self, model: Model, near: Mapping[str, BodyState] | None = None) -> Solution:
         finer = 0.01 * (model["mesh"] == "1") + 0.02 * (model["order"] == "2")
         return Solution(np.array([1.0 + finer - 0.04 * (model["pressure"] == "unknown")]), {}, 1, 0.0)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ngbrain.ladder.models.bodies import Bench, solve
+from ngbrain.ladder.models.bodies import ModelHierarchy, solve
 from ngbrain.ladder.search import climb
 from ngbrain.ladder.singular_edges import torn
 from ngbrain.mesh import block
@@ -64,7 +64,7 @@ def test_what_is_torn(of: Scene, doubted: bool) -> None:
 
 def test_the_force_grows_without_end_and_the_ladder_says_so() -> None:
     of = scene(FOOT, AWAY)
-    bench, forces = Bench(of), []
+    bench, forces = ModelHierarchy(of), []
     for mesh in ("0", "1", "2"):
         model = {"strain": "linear", "pressure": "unknown", "space": "plane", "order": "1", "mesh": mesh}
         forces.append(solve(bench, model).answers[0])

@@ -10,7 +10,7 @@ import pytest
 
 import ngbrain
 from ngbrain.errors import SolverError
-from ngbrain.ladder.models.bodies import Bench, Model, Solution
+from ngbrain.ladder.models.bodies import Model, ModelHierarchy, Solution
 from ngbrain.ladder.solutions import Keeper
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Time, Tissue
 
@@ -54,13 +54,13 @@ def test_models_that_fail_are_asked_for_once() -> None:
 
 
 def test_estimates_side_by_side_are_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
-    here, solve = list[Model](), Bench.solve
+    here, solve = list[Model](), ModelHierarchy.solve
 
-    def counted(self: Bench, model: Model, near: Any = None) -> Solution:
+    def counted(self: ModelHierarchy, model: Model, near: Any = None) -> Solution:
         here.append(model)
         return solve(self, model, near)
 
-    monkeypatch.setattr(Bench, "solve", counted)
+    monkeypatch.setattr(ModelHierarchy, "solve", counted)
     given = (DisplacementBC(boundary="bottom"), DisplacementBC(boundary="top", value=(0, 0, -1e-4)))
     piece, stuff = (
         Geometry(kind="block", size=(0.02, 0.02, 0.02)),

@@ -9,7 +9,7 @@ from lopez_pamies import LINE, LopezPamies
 from ngbrain.cli import main
 from ngbrain.errors import InputError
 from ngbrain.ladder.axes import axes_of, cheapest
-from ngbrain.ladder.models.bodies import Bench, solve
+from ngbrain.ladder.models.bodies import ModelHierarchy, solve
 from ngbrain.materials import Demiray, Gent, HolzapfelGasserOgden, Maxwell, Ogden, Prony, Viscous, lab
 from ngbrain.materials.families import shear_modulus
 from ngbrain.materials.named import NamedLaw
@@ -64,7 +64,7 @@ def test_a_law_is_read_written_and_pulled(name, tmp_path):
     assert scene.tissues[0].law().equilibrium == law and hash(scene)
     assert scene.tissues[0].initial_modulus == pytest.approx(float(shear_modulus(law)))
     found = solve(
-        Bench(scene), cheapest(axes_of(scene)) | {"space": "solid", "strain": "finite", "pressure": "unknown"}
+        ModelHierarchy(scene), cheapest(axes_of(scene)) | {"space": "solid", "strain": "finite", "pressure": "unknown"}
     )
     wanted = float(lab.stress(law, "uniaxial", 1.1)) * 6e-4
     assert found.answers[0] == pytest.approx(wanted, rel=1e-3)
@@ -103,7 +103,7 @@ def test_a_prony_series_belongs_to_a_law_that_does_not_relax():
             Scene.from_dict(bar("griffiths2024:cortex", 1.1).to_dict() | {"tissue": [Tissue(**more).to_dict()]})
     scene = bar({"name": "Gent", "mu_Pa": 900.0, "jm": 2.0}, 0.93, prony_g=(0.4,), prony_tau=(3.0,))
     levels = {"space": "solid", "strain": "finite", "pressure": "unknown", "time": "prony"}
-    found = solve(Bench(scene), cheapest(axes_of(scene)) | levels).answers[0]
+    found = solve(ModelHierarchy(scene), cheapest(axes_of(scene)) | levels).answers[0]
     times = np.concatenate([np.linspace(0, 2, 81), np.linspace(2, 20, 181)[1:]])
     history = lab.history(scene.tissues[0].law(), "uniaxial", times, 1 - 0.07 * np.minimum(times / 2.0, 1.0))
     assert found == pytest.approx(history[-1] * 6e-4, rel=5e-3)
@@ -124,7 +124,7 @@ def test_maxwell_branches_are_of_any_isotropic_law(tmp_path, own):
     assert tissue.with_alpha(-4.7).law().flowing[0].law == Ogden(600.0, -4.7)
     levels = {"space": "solid", "strain": "finite", "pressure": "unknown", "time": "flowing"}
     assert axes_of(scene)["time"].levels[-1] == "flowing"
-    found = solve(Bench(scene), cheapest(axes_of(scene)) | levels).answers[0]
+    found = solve(ModelHierarchy(scene), cheapest(axes_of(scene)) | levels).answers[0]
     times = np.concatenate([np.linspace(0, 2, 81), np.linspace(2, 20, 181)[1:]])
     history = lab.history(tissue.law(), "uniaxial", times, 1 - 0.07 * np.minimum(times / 2.0, 1.0))
     assert found == pytest.approx(history[-1] * 6e-4, rel=5e-3) and abs(history[-1]) < 0.5 * abs(history[80])
@@ -153,7 +153,7 @@ def test_a_law_of_ones_own_takes_a_class_and_a_line(own, capsys):
     assert stress == pytest.approx(3**-0.7 * 900.0 * first**0.7 * (stretches - stretches**-2), rel=1e-9)
     scene = bar(own, 1.1)
     found = solve(
-        Bench(scene), cheapest(axes_of(scene)) | {"space": "solid", "strain": "finite", "pressure": "unknown"}
+        ModelHierarchy(scene), cheapest(axes_of(scene)) | {"space": "solid", "strain": "finite", "pressure": "unknown"}
     )
     assert found.answers[0] == pytest.approx(float(lab.stress(law, "uniaxial", 1.1)) * 6e-4, rel=1e-3)
     assert scene.tissues[0].initial_modulus == pytest.approx(900.0, rel=1e-6)

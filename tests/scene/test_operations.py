@@ -17,7 +17,7 @@ import pytest
 from ngbrain.errors import InputError
 from ngbrain.materials import NeoHooke, Viscous, constants
 from ngbrain.scene import (
-    Cleft,
+    CleftSpec,
     DisplacementBC,
     Geometry,
     Gravity,
@@ -34,8 +34,8 @@ from ngbrain.scene import (
 )
 from ngbrain.schema import document
 from ngbrain.surgery.measures import observer
-from ngbrain.surgery.model import Model
-from ngbrain.surgery.protocols import Force
+from ngbrain.surgery.model import RetractionModel
+from ngbrain.surgery.protocols import ForceProtocol
 
 NAMES = ["demo", "demo_fast", "idealised", "idealised_fast"]
 SMALLEST = {
@@ -46,7 +46,7 @@ SMALLEST = {
 DELETED = object()
 MEAN, INTRA = "mean_arterial_pressure_mmHg", "intracranial_pressure_mmHg"
 PARTS = [
-    Geometry, MeshSize, Tissue, DisplacementBC, Traction, Gravity, Cleft, Time, Tool, Protocol, Quantity, Patient,
+    Geometry, MeshSize, Tissue, DisplacementBC, Traction, Gravity, CleftSpec, Time, Tool, Protocol, Quantity, Patient,
 ]  # fmt: skip
 
 
@@ -184,8 +184,8 @@ def test_a_given_force_alone_or_over_time(demo):
     ]
     scene = Scene.from_dict(demo)
     assert Scene.from_dict(tomllib.loads(scene.to_toml())) == scene
-    held, let_go = (Model.program(scene, asked) for asked in scene.protocols)
-    assert held == Force("force", (0.0, 10.0, 900.0), (0.0, 0.2941995, 0.2941995)) and held.working_s == 890
+    held, let_go = (RetractionModel.program(scene, asked) for asked in scene.protocols)
+    assert held == ForceProtocol("force", (0.0, 10.0, 900.0), (0.0, 0.2941995, 0.2941995)) and held.working_s == 890
     assert (
         let_go.times == (0, 10, 20, 30, 900)
         and [let_go.at(15), 2 * held.at(5)] == pytest.approx([held.at(10)] * 2)
@@ -203,7 +203,7 @@ def test_any_length_survives_the_way_to_millimetres_and_back(rng):
 def test_what_is_written_is_what_was_read():
     for k in range(0, 30000, 7):
         target = [k / 10, -k / 100, k / 8]
-        assert Cleft(target=[c / 1000 for c in target]).to_dict()["target_mm"] == target
+        assert CleftSpec(target=[c / 1000 for c in target]).to_dict()["target_mm"] == target
     for target in ([5.9, -26.2, 0.1 + 0.2], [1 / 3, 2 / 3, 1e-7]):
         assert (
             Scene.from_dict(put(SMALLEST, "cleft.target_mm", target)).to_dict()["cleft"]["target_mm"][:2] == target[:2]
@@ -211,8 +211,8 @@ def test_what_is_written_is_what_was_read():
 
 
 def test_integers_numpy_numbers_arrays_and_lists_do_in_python():
-    cleft = Cleft(target=np.array([0.017, 0, 0.026]), width=np.float32(0.0125), wall_normal=[1, 0, 0])
-    assert cleft == Cleft(target=(0.017, 0.0, 0.026), width=float(np.float32(0.0125)), wall_normal=(1.0, 0.0, 0.0))
+    cleft = CleftSpec(target=np.array([0.017, 0, 0.026]), width=np.float32(0.0125), wall_normal=[1, 0, 0])
+    assert cleft == CleftSpec(target=(0.017, 0.0, 0.026), width=float(np.float32(0.0125)), wall_normal=(1.0, 0.0, 0.0))
     assert Tissue(region="x", mu=500).mu == (500.0,) and hash(cleft)
 
 

@@ -16,7 +16,7 @@ from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import NeoHooke
 from ngbrain.mesh import block
 from ngbrain.solvers.newton import Newton
-from ngbrain.surgery.protocols import Drive, Protocol
+from ngbrain.surgery.protocols import Drive, ToolMotion
 
 SIDE, DEPTH, MU, BULK = 0.02, 5e-3, 1e3, 1e6
 SHARP = 1e-5
@@ -26,7 +26,7 @@ STEPS = 10
 
 def scene(pointwise=0.0):
     """A cube of 20 mm, and a blade over half of its top that goes 5 mm into it."""
-    drive = Drive(Protocol("press", (0.0, 1.0), (0.0, DEPTH)))
+    drive = Drive(ToolMotion("press", (0.0, 1.0), (0.0, DEPTH)))
 
     def distance(x):
         inward = SIDE - drive.parameter - x[2] + SHARP, x[0] - SIDE / 2 + SHARP

@@ -15,9 +15,9 @@ from ngbrain.forward.transient.step_control import StepControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import Ogden
 from ngbrain.mesh import block
-from ngbrain.surgery.protocols import Drive, Protocol
+from ngbrain.surgery.protocols import Drive, ToolMotion
 
-PRESS = Protocol("press", (0.0, 4.0), (0.0, 4e-3))
+PRESS = ToolMotion("press", (0.0, 4.0), (0.0, 4e-3))
 
 
 def force(penalty, share):
@@ -49,7 +49,7 @@ def test_offset_makes_up_for_a_soft_penalty():
 
 def stamped(penalty):
     """Force (N) of a stamp with round edges that goes 3 mm deep, and how deep (m) tissue is in it at most."""
-    drive, radius = Drive(Protocol("press", (0.0, 4.0), (0.0, 3e-3))), 2e-3
+    drive, radius = Drive(ToolMotion("press", (0.0, 4.0), (0.0, 3e-3))), 2e-3
 
     def distance(x):
         ahead, beside = 0.02 - drive.parameter - x[2] + radius, ngs.sqrt((x[0] - 0.01) ** 2 + 1e-18) - 5e-3 + radius
@@ -76,7 +76,7 @@ def test_an_offset_of_the_displacements_order_follows_round_edges(monkeypatch):
 
 
 def test_nothing_is_left_of_the_offset_when_the_blade_is_off():
-    drive = Drive(Protocol("press and leave", (0.0, 4.0, 8.0), (0.0, 3e-3, -1e-3)))
+    drive = Drive(ToolMotion("press and leave", (0.0, 4.0, 8.0), (0.0, 3e-3, -1e-3)))
     contact = Contact("top", lambda x: 0.02 - drive.parameter - x[2], 3e7, 2e-5, 0.95)
     body = Problem(
         block((0.02, 0.02, 0.02), 0.02),

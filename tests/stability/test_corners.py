@@ -8,7 +8,7 @@ import pytest
 from ngbrain.forward.transient.step_control import StepControl
 from ngbrain.scene import Scene
 from ngbrain.surgery.measures.observer import Observer
-from ngbrain.surgery.model import Model
+from ngbrain.surgery.model import RetractionModel
 from ngbrain.surgery.uncertainty.verification_runs import orders
 from ngbrain.threads import set_threads
 from ngbrain.units import mmHg
@@ -28,7 +28,7 @@ def opened(model, share):
 @pytest.mark.slow
 def test_corners_keep_their_volume_and_the_pressure_is_that_of_one_order_more():
     set_threads(1)
-    model = Model.of(Scene.shipped("idealised_fast"))
+    model = RetractionModel.of(Scene.shipped("idealised_fast"))
     ours, third_order = (mmHg(found["peak_pressure_mmHg"]) for found in orders(model))
     naive, collapsed = opened(model, 0.0)
     again, smallest = opened(model, 1.0)

@@ -10,14 +10,14 @@ from ngbrain.forward.transient.step_control import StepControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import HolzapfelGasserOgden, fibre
 from ngbrain.mesh import block
-from ngbrain.surgery.protocols import Drive, Protocol
+from ngbrain.surgery.protocols import Drive, ToolMotion
 
 FIBRES = {"across": (1, 0, 0), "oblique": (1, 2, 0.5)}
 
 
 def press(direction):
     """Newton iterations of each step while a plate goes 3 mm into 20 mm of tissue with k₁ ten times μ."""
-    drive = Drive(Protocol("press", (0.0, 4.0), (0.0, 3e-3)))
+    drive = Drive(ToolMotion("press", (0.0, 4.0), (0.0, 3e-3)))
     contact = Contact("top", lambda x: 0.02 - drive.parameter - x[2], 1e8, 2e-5)
     law = HolzapfelGasserOgden(500.0, 5e3, 5.0, 0.05, direction)
     body = Problem(

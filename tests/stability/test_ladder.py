@@ -6,7 +6,7 @@ import pytest
 from ngbrain.ladder.adaptivity import SHARE, chosen
 from ngbrain.ladder.axes import axes_of, cheapest, richest
 from ngbrain.ladder.estimates import relative
-from ngbrain.ladder.models.bodies import Bench, solve
+from ngbrain.ladder.models.bodies import ModelHierarchy, solve
 from ngbrain.ladder.models.geometry import Meshes
 from ngbrain.ladder.search import climb
 from ngbrain.ladder.solutions import Keeper
@@ -26,7 +26,7 @@ def test_a_linear_model_that_serves_palpation_fails_a_deep_press(mm, cheap_enoug
         displacement_bcs=(DisplacementBC(boundary="bottom"), DisplacementBC(boundary="top", value=(0, 0, mm / 1000))),
         quantities=(Quantity(name="force", boundary="top", tolerance=TOLERANCE),),
     )
-    keeper, axes = Keeper(Bench(scene)), axes_of(scene, BOUNDS)
+    keeper, axes = Keeper(ModelHierarchy(scene)), axes_of(scene, BOUNDS)
     rich = keeper({**richest(axes), "space": "solid"}).answers
     naive = keeper({**richest(axes), "strain": "linear"}).answers
     found = climb(scene, BOUNDS, keeper=keeper)
@@ -49,7 +49,10 @@ def test_nine_elements_that_the_question_chooses_are_worth_more_than_nine_at_ran
         displacement_bcs=given,
         quantities=(Quantity(name="force", boundary="plate"),),
     )
-    bench, model = Bench(scene), {**cheapest(axes_of(scene)), "space": "solid", "order": "2", "extent": "whole"}
+    bench, model = (
+        ModelHierarchy(scene),
+        {**cheapest(axes_of(scene)), "space": "solid", "order": "2", "extent": "whole"},
+    )
     coarse, part, whole = (solve(bench, {**model, "mesh": level}) for level in ("0", "0+", "1"))
     marked = chosen(bench.left_out("whole", False, 0), SHARE[3])
     meshes = Meshes(plate, 0.02)

@@ -12,14 +12,14 @@ from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import Ogden
 from ngbrain.mesh import block
 from ngbrain.solvers.newton import Newton
-from ngbrain.surgery.protocols import Drive, Protocol
+from ngbrain.surgery.protocols import Drive, ToolMotion
 
 DEPTH = 7e-3
 
 
 def pressed():
     """A body of 20 mm and the drive of a plate that goes 7 mm into it in a second."""
-    drive = Drive(Protocol("press", (0.0, 1.0), (0.0, DEPTH)))
+    drive = Drive(ToolMotion("press", (0.0, 1.0), (0.0, DEPTH)))
     contact = Contact("top", lambda x: 0.02 - drive.parameter - x[2], 1e8, 2e-5)
     return Problem(
         block((0.02,) * 3, 0.01),

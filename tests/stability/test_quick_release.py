@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ngbrain.scene import Protocol, Scene
-from ngbrain.surgery.model import Model
+from ngbrain.surgery.model import RetractionModel
 from ngbrain.surgery.protocol_run import ProtocolRun
 from ngbrain.threads import set_threads
 
@@ -32,7 +32,7 @@ def test_the_work_of_a_quick_release_is_in_balance():
         tools=(replace(scene.tool, travel=2e-3),),
         time=replace(scene.time, ramp=2.0, end=24.0),
     )
-    model = Model.of(scene)
+    model = RetractionModel.of(scene)
     naive = lost(model, replace(model.control(), way=np.inf))
     ours = lost(model, model.control())
     print(naive, ours)

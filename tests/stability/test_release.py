@@ -12,9 +12,9 @@ from ngbrain.forward.transient.step_control import StepControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import Branch, NeoHooke, Viscous
 from ngbrain.mesh import block
-from ngbrain.surgery.protocols import Drive, Protocol
+from ngbrain.surgery.protocols import Drive, ToolMotion
 
-PRESS_AND_LEAVE = Protocol("press", (0.0, 4.0, 40.0, 44.0), (0.0, 2e-3, 2e-3, 0.0))
+PRESS_AND_LEAVE = ToolMotion("press", (0.0, 4.0, 40.0, 44.0), (0.0, 2e-3, 2e-3, 0.0))
 LAW = Viscous(NeoHooke(300.0), (Branch(NeoHooke(1200.0), 10.0),))
 
 

@@ -16,9 +16,9 @@ from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import NeoHooke, Prony
 from ngbrain.mesh import block
 from ngbrain.solvers.newton import Newton
-from ngbrain.surgery.protocols import Drive, Protocol
+from ngbrain.surgery.protocols import Drive, ToolMotion
 
-HOLD = Protocol("hold", (0.0, 4.0, 20.0), (0.0, 2e-3, 2e-3))
+HOLD = ToolMotion("hold", (0.0, 4.0, 20.0), (0.0, 2e-3, 2e-3))
 START, TAU = np.array([1000.0, 0.6, 8.0]), np.array([0.0, 0.0, 1.0])
 CONTROL = ErrorControl(2e-3, touch=0.5)
 

@@ -16,7 +16,7 @@ from ngbrain.materials.families import Piecewise, law_after, shear_modulus
 from ngbrain.mesh import block
 from ngbrain.scene import Protocol, Scene, Time, Tissue
 from ngbrain.surgery.answers import answer
-from ngbrain.surgery.model import Model
+from ngbrain.surgery.model import RetractionModel
 from ngbrain.surgery.protocol_run import ProtocolRun
 from ngbrain.units import mmHg
 
@@ -46,7 +46,7 @@ def scene_of(grey, white="griffiths2024:white_matter", **more):
 
 
 def model_of(scene, border=0.4, cells=1):
-    made = Model(scene, Bar(border), block((SIZE,) * 3, SIZE / cells), None, {})
+    made = RetractionModel(scene, Bar(border), block((SIZE,) * 3, SIZE / cells), None, {})
     made._divide()
     return made
 
@@ -110,7 +110,7 @@ def test_elements_have_the_laws_of_the_tissues_in_them():
     kinds = {name: type(material.viscous.equilibrium) for name, material in materials.items()}
     assert kinds == {"tissue": Piecewise, "tissue.1": Demiray, "tissue.2": Ogden}
     assert (len(materials["tissue"].viscous.flowing), len(materials["tissue.1"].viscous.flowing)) == (2, 0)
-    whole = Model(scene, made.head, block((SIZE,) * 3, SIZE / 4), None, {})
+    whole = RetractionModel(scene, made.head, block((SIZE,) * 3, SIZE / 4), None, {})
     forces = []
     for each in (made, whole):
         body = Problem(each.mesh, each.materials(), {"bottom": 0}, element=f"P{ORDER}/P{ORDER - 1}", history=True)
@@ -228,7 +228,7 @@ def short():
         protocols=(Protocol(kind="continuous"),),
         time=Time(ramp=2.0, end=6.0, max_step_contact=1.0, max_step_hold=10.0, step_tolerance=0.05),
     )
-    return Model.of(scene)
+    return RetractionModel.of(scene)
 
 
 @pytest.mark.slow

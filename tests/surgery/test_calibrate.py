@@ -12,7 +12,7 @@ from ngbrain.materials import Ogden, constants
 from ngbrain.materials.families import stiffen
 from ngbrain.scene import Protocol, Scene
 from ngbrain.surgery.calibrate import Retracted, Seen, calibrate
-from ngbrain.surgery.model import Model
+from ngbrain.surgery.model import RetractionModel
 
 TIMES = np.array([2.0, 6.0])
 TRUTH = {"cortex": 1.5, "white": 0.7}
@@ -31,7 +31,7 @@ def operation(**blade):
 
 @pytest.fixture(scope="module")
 def model():
-    return Model.of(operation())
+    return RetractionModel.of(operation())
 
 
 @pytest.fixture(scope="module")
@@ -96,7 +96,7 @@ def test_finer_elements_move_the_factors_and_widen_the_intervals(model, landmark
     """
     scene = model.scene
     sizes = {name: getattr(scene.mesh, name) / 2 for name in ("wall", "craniotomy", "largest")}
-    fine = Model.of(replace(scene, mesh=replace(scene.mesh, **sizes)), model.head)
+    fine = RetractionModel.of(replace(scene, mesh=replace(scene.mesh, **sizes)), model.head)
     data = seen(Retracted(fine, landmarks, TIMES, list(TRUTH)), landmarks, 0.01)
     naive, got = (calibrate(model, data, list(TRUTH), finer=finer) for finer in (False, True))
     assert naive.moved is None

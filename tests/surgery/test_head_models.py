@@ -19,7 +19,7 @@ from ngbrain.mesh import Sizes
 from ngbrain.mesh.tet_mesh import centres
 from ngbrain.scene import Scene
 from ngbrain.surgery.head_models import Scanned, head_of, likewise
-from ngbrain.surgery.model import Model
+from ngbrain.surgery.model import RetractionModel
 from ngbrain.surgery.protocol_run import ProtocolRun
 
 
@@ -32,7 +32,7 @@ def cache(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def model(cache):
-    return Model.of(Scene.shipped("demo_fast"))
+    return RetractionModel.of(Scene.shipped("demo_fast"))
 
 
 def volume_ml(mesh, region):
@@ -142,7 +142,7 @@ def test_the_cleft_goes_along_with_a_head_that_nods(model, tmp_path):
 @pytest.mark.parametrize("regrid", [slanted, thick])
 def test_a_copy_on_another_grid_gives_the_same_model(model, regrid, tmp_path):
     file = written(tmp_path / "copy.nii.gz", regrid(model.head.scan.volume))
-    copy = Model.of(replace(model.scene, geometry=replace(model.scene.geometry, kind="scan", image=file)))
+    copy = RetractionModel.of(replace(model.scene, geometry=replace(model.scene.geometry, kind="scan", image=file)))
     one, other = model.head.describe(model.mesh), copy.head.describe(copy.mesh)
     print(one, other)
     assert other["label_brain_ml"] == pytest.approx(one["label_brain_ml"], rel=5e-3)

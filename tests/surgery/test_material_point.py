@@ -14,9 +14,9 @@ from ngbrain.forward.transient.step_control import ErrorControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import Branch, NeoHooke, Viscous, constants, lab
 from ngbrain.mesh import block
-from ngbrain.surgery.material_point import Column, Course, dose_left
+from ngbrain.surgery.material_point import Column, LoadingHistory, dose_left
 from ngbrain.surgery.measures.injury import dose
-from ngbrain.surgery.protocols import Drive, Protocol, continuous, intermittent
+from ngbrain.surgery.protocols import Drive, ToolMotion, continuous, intermittent
 from ngbrain.units import to_minutes, to_mmHg
 
 pytestmark = pytest.mark.filterwarnings("ignore::ngbrain.errors.RangeWarning")
@@ -45,7 +45,9 @@ def relative_dose(t, stress):
 def test_strain_that_is_put_back_has_the_known_doses(region, one, many):
     """The strain goes back to zero in ten seconds, the last time too, whether the tissue would or not; pull is not counted."""
     entry = constants(f"griffiths2024:{region}")
-    put_back = Protocol("put back", tuple(np.cumsum([0, *[10, 300, 10, 300] * 6])), (0, *[OPENING, OPENING, 0, 0] * 6))
+    put_back = ToolMotion(
+        "put back", tuple(np.cumsum([0, *[10, 300, 10, 300] * 6])), (0, *[OPENING, OPENING, 0, 0] * 6)
+    )
     for protocol, wanted in ((ONE, one), (put_back, many)):
         t = np.unique(np.concatenate([np.arange(0, protocol.times[-1], 0.1), protocol.times]))
         strain = 1e-7 * np.maximum(np.interp(t, protocol.times, protocol.advance), 0) / OPENING
@@ -178,7 +180,7 @@ def on_a_block(protocol, entry, size=0.02):
     transient = TimeStepper(body, drive, ErrorControl(1e-2, touch=0.05), 1e-3)
     transient.run(lambda b, at, record: rows.append((at.t, max(force(b), 0.0))))
     t, f = np.array(rows).T
-    return Course(t, np.zeros_like(t), f, protocol.times)
+    return LoadingHistory(t, np.zeros_like(t), f, protocol.times)
 
 
 @pytest.mark.slow

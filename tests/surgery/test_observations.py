@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ngbrain.errors import InputError
-from ngbrain.surgery.observations import Seen
+from ngbrain.surgery.observations import Observations
 
 HEAD = "t_s,x_mm,y_mm,z_mm,ux_mm,uy_mm,uz_mm\n"
 
@@ -17,7 +17,7 @@ def written(path, text):
 def test_landmarks_and_forces_at_times_of_their_own(tmp_path):
     moved = written(tmp_path / "l.csv", HEAD + "5,10,20,30,1,0,-0.5\n2, 1, 2, 3, .1, , .3\n5,1,2,3,0.2,0.1,nan\n\n")
     pushed = written(tmp_path / "f.csv", "force_N, t_s\n0.3,5\n0.2,8\n")
-    seen = Seen.read(moved, pushed, 0.2, 0.01)
+    seen = Observations.read(moved, pushed, 0.2, 0.01)
     assert seen.times.tolist() == [2, 5, 8] and seen.sigma == (2e-4, 0.01)
     assert seen.landmarks.tolist() == [[1e-3, 2e-3, 3e-3], [0.01, 0.02, 0.03]]
     expected = np.full((3, 2, 3), np.nan)
@@ -28,10 +28,10 @@ def test_landmarks_and_forces_at_times_of_their_own(tmp_path):
 
 def test_one_table_is_enough(tmp_path):
     pushed = written(tmp_path / "f.csv", "\ufefft_s,force_N\n1,0.3\n")
-    only = Seen.read(None, pushed, sigma_N=0.02)
+    only = Observations.read(None, pushed, sigma_N=0.02)
     assert only.data.shape == (1, 1) and only.landmarks.shape == (0, 3)
     moved = written(tmp_path / "l.csv", HEAD + "5,10,20,30,1,0,-0.5\n")
-    seen = Seen.read(moved, None)
+    seen = Observations.read(moved, None)
     assert np.isnan(seen.force).all() and seen.data.shape == (1, 4)
 
 
@@ -62,10 +62,10 @@ def test_one_table_is_enough(tmp_path):
 def test_tables_without_sense_are_refused(tmp_path, text, said):
     path = written(tmp_path / "l.csv", text)
     if said == "nothing":  # a short line: what is not there was not measured
-        assert np.isnan(Seen.read(path, None).displacements).tolist() == [[[False, True, True]]]
+        assert np.isnan(Observations.read(path, None).displacements).tolist() == [[[False, True, True]]]
         return
     with pytest.raises(InputError, match=said) as error:
-        Seen.read(path, None)
+        Observations.read(path, None)
     assert str(path) in str(error.value)
 
 
@@ -75,14 +75,14 @@ def test_tables_as_spreadsheets_write_them(tmp_path, encoding):
     path = tmp_path / "f.csv"
     for text in ("t_s,force_N\r\n60,0.35\r\n", "t_s;force_N\r\n60;0,35\r\n", "t_s\tforce_N\r\n60\t0.35\r\n"):
         path.write_bytes(text.encode(encoding))
-        assert Seen.read(None, path).force.tolist() == [0.35]
+        assert Observations.read(None, path).force.tolist() == [0.35]
 
 
 def test_another_encoding_is_said(tmp_path):
     path = tmp_path / "f.csv"
     path.write_bytes("t_s,force_N,größe\n1,2,3\n".encode("latin-1"))
     with pytest.raises(InputError, match="not UTF-8 in line 1; wanted: text saved as UTF-8"):
-        Seen.read(None, path)
+        Observations.read(None, path)
 
 
 @pytest.mark.parametrize(
@@ -91,5 +91,5 @@ def test_another_encoding_is_said(tmp_path):
 )
 def test_measurements_in_arrays_are_looked_at_too(times, sigma):
     n = len(times)
-    with pytest.raises(InputError, match="Seen"):
-        Seen(np.array(times), np.zeros((1, 3)), np.zeros((n, 1, 3)), np.zeros(n), sigma)
+    with pytest.raises(InputError, match="Observations"):
+        Observations(np.array(times), np.zeros((1, 3)), np.zeros((n, 1, 3)), np.zeros(n), sigma)

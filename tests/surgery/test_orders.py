@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from ngbrain.scene import Scene
-from ngbrain.surgery.model import Model
+from ngbrain.surgery.model import RetractionModel
 from ngbrain.surgery.uncertainty import verification_runs
 
 pytest.importorskip("nibabel")
@@ -19,7 +19,7 @@ class Stopped(Exception):  # noqa: N818
 def test_stopped_after_three_steps_it_goes_on_there(tmp_path, monkeypatch):
     scene = Scene.shipped("idealised_fast")
     coarse = replace(scene.mesh, wall=5e-3, craniotomy=12e-3, largest=30e-3)
-    model = Model.of(replace(scene, mesh=coarse, tools=(replace(scene.tool, travel=1e-3),)))
+    model = RetractionModel.of(replace(scene, mesh=coarse, tools=(replace(scene.tool, travel=1e-3),)))
     path, save, saved = tmp_path / "state.npz", verification_runs.save_state, []
 
     def once(where, state):

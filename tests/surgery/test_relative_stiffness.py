@@ -17,7 +17,7 @@ from ngbrain.mesh import block  # noqa: E402
 from ngbrain.scene import Geometry, Scene, Tissue  # noqa: E402
 from ngbrain.surgery import relative_stiffness  # noqa: E402
 from ngbrain.surgery.head_models import _stiffness  # noqa: E402
-from ngbrain.surgery.model import Model  # noqa: E402
+from ngbrain.surgery.model import RetractionModel  # noqa: E402
 
 SIDE, BORDER = 0.02, 0.4
 MODULI = {"grey": 500.0, "white": 900.0}
@@ -45,15 +45,15 @@ def stiffening(factor: float = 1.0, jump: float = 3.0) -> Volume:
     return Volume(factor * 2500 * (1 + z / SIDE) * np.where(x < BORDER * SIDE, jump, 1), PLACE.copy())
 
 
-def model_of(stiffness: Volume | None) -> Model:
+def model_of(stiffness: Volume | None) -> RetractionModel:
     tissues = tuple(Tissue(region=name, mu=(mu,)) for name, mu in MODULI.items())
     mesh = block((SIDE,) * 3, SIDE / 5)
     mesh.ngmesh.SetMaterial(1, "bar")
     mesh = ngs.Mesh(mesh.ngmesh)
-    return Model(replace(Scene.shipped("idealised_fast"), tissues=tissues), Bar(stiffness), mesh, None, {})
+    return RetractionModel(replace(Scene.shipped("idealised_fast"), tissues=tissues), Bar(stiffness), mesh, None, {})
 
 
-def moduli(model: Model) -> tuple[np.ndarray, np.ndarray]:
+def moduli(model: RetractionModel) -> tuple[np.ndarray, np.ndarray]:
     """Shear moduli at the quadrature points, and where these are."""
     space, points = quadrature_points(model.mesh, model.scene.mesh.order - 1)
     found = ngs.GridFunction(space)

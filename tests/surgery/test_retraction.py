@@ -10,9 +10,9 @@ import pytest
 from ngbrain.errors import InputError
 from ngbrain.scene import Protocol, Scene
 from ngbrain.surgery import retraction
-from ngbrain.surgery.model import Model
+from ngbrain.surgery.model import RetractionModel
 from ngbrain.surgery.protocol_run import ProtocolRun, due, table
-from ngbrain.surgery.protocols import Protocol as Program
+from ngbrain.surgery.protocols import ToolMotion as Program
 from ngbrain.threads import set_threads
 
 
@@ -22,7 +22,7 @@ def test_protocols_named_like_checks_keep_their_results():
     kinds = ({"kind": "continuous"}, {"kind": "staged", "stages": 2, "rest": 20.0})
     protocols = tuple(Protocol(name=name, **kind) for name, kind in zip(names, kinds, strict=True))
     scene = replace(scene, protocols=protocols)
-    tasks = [task.name for task in retraction._tasks(Model(scene, None, None, None, None), None, False)]
+    tasks = [task.name for task in retraction._tasks(RetractionModel(scene, None, None, None, None), None, False)]
     assert len(set(tasks)) == len(tasks) == len(names) + retraction.CHECKS and set(names) < set(tasks)
     for task in set(tasks) - set(names):
         with pytest.raises(InputError, match=r"protocol\.name"):
@@ -30,7 +30,7 @@ def test_protocols_named_like_checks_keep_their_results():
 
 
 def test_protocols_that_begin_alike_share_the_beginning():
-    tasks = retraction._tasks(Model(Scene.shipped("idealised_fast"), None, None, None, None), None, False)
+    tasks = retraction._tasks(RetractionModel(Scene.shipped("idealised_fast"), None, None, None, None), None, False)
     beginning = tasks[0].name
     (lead, follow), (staged,) = (
         [task for task in tasks if task.name in names] for names in (("continuous", "intermittent"), ("staged",))
@@ -119,7 +119,7 @@ def test_left_out_checks_are_said_to_be_not_computed(staged_run, tmp_path):
 
 
 def test_checks_come_after_the_protocols_or_not_at_all():
-    model = Model(Scene.shipped("idealised_fast"), None, None, None, None)
+    model = RetractionModel(Scene.shipped("idealised_fast"), None, None, None, None)
     names = [task.name for task in retraction._tasks(model, None, False)][1:]
     assert names[:3] == ["intermittent", "staged", "continuous"] and len(names) == 3 + retraction.CHECKS
     assert [task.name for task in retraction._tasks(model, None, False, checks=False)][1:] == names[:3]
@@ -136,7 +136,7 @@ def test_forces_share_no_beginning_with_ways():
     continuous, time = scene.protocols[0], scene.time
     same = {"times": (0.0, time.ramp, time.end), "force_gf": (0.0, 30.0, 30.0)}
     protocols = (continuous, Protocol(kind="force", force_gf=30.0), Protocol(kind="force", name="same", **same))
-    tasks = retraction._tasks(Model(replace(scene, protocols=protocols), None, None, None, None), None, False)
+    tasks = retraction._tasks(RetractionModel(replace(scene, protocols=protocols), None, None, None, None), None, False)
     begun = {task.name: task.needs for task in tasks if task.name in ("continuous", "force", "same")}
     assert not begun["continuous"] and begun["force"] == begun["same"] != []
 
@@ -152,7 +152,7 @@ def test_a_shared_beginning_changes_no_bit(tmp_path):
         tools=(replace(scene.tool, travel=1e-3),),
         time=replace(scene.time, ramp=2.0, end=30.0),
     )
-    model = Model.of(scene)
+    model = RetractionModel.of(scene)
     first, second = (model.program(scene, asked) for asked in scene.protocols)
     quiet = {"callback": lambda *_: None}
     begun = retraction._begin(model, second, tmp_path, False, **quiet)

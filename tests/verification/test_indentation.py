@@ -17,7 +17,7 @@ from ngbrain.forward.transient.step_control import StepControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import NeoHooke, Prony
 from ngbrain.mesh import block
-from ngbrain.surgery.protocols import Drive, Protocol
+from ngbrain.surgery.protocols import Drive, ToolMotion
 
 SIZE, DEPTH, RAMP = 0.02, 2e-5, 4.0
 """A thousandth of the block, so that its answer is linear."""
@@ -44,7 +44,7 @@ def punch(x, advance):
 
 def pressed(law, shape, times, advance):
     """Time and force of each step."""
-    drive = Drive(Protocol("press", times, advance))
+    drive = Drive(ToolMotion("press", times, advance))
     contact = Contact("top", lambda x: shape(x, drive.parameter), **HARD)
     body = Problem(
         block((SIZE,) * 3, 0.01),
@@ -81,7 +81,7 @@ def test_a_sphere_on_a_half_space():
         face.name = "top" if face.center.z > -1e-9 and max(abs(face.center.x), abs(face.center.y)) < 1e-9 else "far"
     solid.solids[0].mat("tissue")
     mesh = ngs.Mesh(occ.OCCGeometry(solid).GenerateMesh(maxh=0.06, grading=0.6))
-    drive = Drive(Protocol("press", (0.0, 1.0, 2.0), (0.0, 4e-5, 8e-5)))
+    drive = Drive(ToolMotion("press", (0.0, 1.0, 2.0), (0.0, 4e-5, 8e-5)))
 
     def sphere(x):
         z = x[2] - R + drive.parameter

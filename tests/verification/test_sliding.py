@@ -15,7 +15,7 @@ from ngbrain.forward.transient.step_control import StepControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import NeoHooke
 from ngbrain.mesh import block
-from ngbrain.surgery.protocols import Drive, Protocol
+from ngbrain.surgery.protocols import Drive, ToolMotion
 
 MU, BULK, SIDE, SHORT = 1e3, 1e4, 0.02, 0.9
 SIDES = ("left", "right", "front", "back")
@@ -38,7 +38,7 @@ def stress(wide):
 
 def pressed(walls, share=0.0):
     """A block on some sliding walls, under a plate that presses it to 0.9 of its height: plate and body."""
-    drive, mesh = Drive(Protocol("press", (0.0, 1.0), (0.0, SIDE * (1 - SHORT)))), block((SIDE,) * 3, SIDE / 2)
+    drive, mesh = Drive(ToolMotion("press", (0.0, 1.0), (0.0, SIDE * (1 - SHORT)))), block((SIDE,) * 3, SIDE / 2)
     plate = Contact("top", lambda x: SIDE - drive.parameter - x[2], 1e10, 1e-7, share)
     sliding = [Sliding.on(mesh, wall, 1e7 * MU) for wall in walls]
     body = Problem(mesh, {"tissue": Material(NeoHooke(MU), BULK)}, {}, contacts=[plate, *sliding], element="P2/P1")
@@ -107,7 +107,7 @@ def test_halves_that_meet_bear_what_a_whole_does(closing):
     """Pressed together by the gap and two tenths of a half: each is as short as the one block above, if they see each other."""
     gap = 2e-3
     way, mesh = gap + 2 * SIDE * (1 - SHORT), halves(gap)
-    drive = Drive(Protocol("press", (0.0, 1.0), (0.0, way)))
+    drive = Drive(ToolMotion("press", (0.0, 1.0), (0.0, way)))
     plate = Contact("top", lambda x: 2 * SIDE + gap - drive.parameter - x[2], 1e10, 1e-7)
     walls = [Sliding.on(mesh, wall, 1e7 * MU) for wall in ("bottom", "left", "front")]
     thread = Sliding.on(mesh, "roof", 100.0)  # a weak spring, which what floats hangs on

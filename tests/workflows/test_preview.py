@@ -16,7 +16,7 @@ from ngbrain.cli import main
 from ngbrain.errors import InputError
 from ngbrain.report.pages.preview import KINDS, TOOL
 from ngbrain.scene import (
-    Cleft,
+    CleftSpec,
     Contact,
     DisplacementBC,
     Geometry,
@@ -120,7 +120,7 @@ def test_where_large_elements_cannot_be_made_its_own_are_drawn(tmp_path):
         geometry=Geometry(kind="idealised"),
         mesh=MeshSize(wall=4e-3, craniotomy=10e-3, largest=30e-3),
         tissues=[Tissue(region=".*", mu=1000.0)],
-        cleft=Cleft(target=(0.018, 0, 0.022), gap=6e-3, width=14e-3),
+        cleft=CleftSpec(target=(0.018, 0, 0.022), gap=6e-3, width=14e-3),
     )
     text = preview(scene, tmp_path).read_text()
     assert "The mesh is drawn in large elements" not in text and "blade" in text

@@ -32,14 +32,14 @@ from ngbrain.ladder.levels import MeshLevel, Model, OrderLevel, TimeLevel
 from ngbrain.ladder.models import motions
 from ngbrain.ladder.models.contacts import touch, way
 from ngbrain.ladder.models.geometry import CUT, Meshes, near
-from ngbrain.ladder.models.motions import Course
+from ngbrain.ladder.models.motions import PrescribedMotion
 from ngbrain.ladder.models.property_maps import fibres, median, over, read
 from ngbrain.ladder.models.section import not_in_section
 from ngbrain.ladder.models.waves import shaken
 from ngbrain.ladder.quantities import (
     Asked,
+    BodyState,
     Question,
-    State,
     along,
     answer,
     check_questions,
@@ -67,7 +67,7 @@ FIRM = 3e3
 """Stiffness of a rigid face, in moduli over its size: its pressure is about twice the way it pushes, likewise."""
 
 
-class Bench:
+class ModelHierarchy:
     """A scene's meshes, kept, and its bodies for any model."""
 
     def __init__(self, scene: Scene, questions: Sequence[Question] = ()) -> None:
@@ -80,7 +80,7 @@ class Bench:
         self._meshes = {"whole": Meshes(scene.geometry, size)} | ({"near": Meshes(part, size)} if part else {})
         self._cut = dict[tuple[str, bool, int], ngs.Mesh]()
         self._maps = dict[str, Volume]()
-        self._courses = WeakKeyDictionary[Problem, Course]()
+        self._courses = WeakKeyDictionary[Problem, PrescribedMotion]()
 
     def mesh(self, model: Model) -> ngs.Mesh:
         """The model's mesh. Raises `InputError` for the section of a scene that does not lie in it."""
@@ -104,7 +104,7 @@ class Bench:
         body, rich = (self.static({**model, "order": order}, self.time("end")) for order in ("1", "2"))
         return shares(self.state(model, body, linear_state(body)), rich, self.questions)
 
-    def solve(self, model: Model, near: Mapping[str, State] | None = None) -> Solution:
+    def solve(self, model: Model, near: Mapping[str, BodyState] | None = None) -> Solution:
         """See `solve`."""
         return solve(self, model, near)
 
@@ -202,12 +202,12 @@ class Bench:
         """The body with its memory or its mass, with moduli as they are at t where it has no memory but its time relaxes."""
         return self._driven(model, t, lambda moment: (moment, min(moment / self.scene.time.ramp, 1.0)))
 
-    def course(self, body: Problem) -> Course:
+    def course(self, body: Problem) -> PrescribedMotion:
         """What is prescribed of one of its bodies, from moment to moment; of those at rest, of times in proportion to the load."""
         return self._courses[body]
 
     def _driven(self, model: Model, t: float, moment: Callable[[float], tuple[float, float]]) -> Problem:
-        course = Course(moment, model.get("space") == "plane")
+        course = PrescribedMotion(moment, model.get("space") == "plane")
         body = Problem(*self._parts(model, self._law(model, t), course), element=form_of(model))
         self._courses[body] = course
         return course.drive(body)
@@ -223,10 +223,10 @@ class Bench:
         }
         return laws[level]
 
-    def state(self, model: Model, body: Problem, x: Array) -> State:
+    def state(self, model: Model, body: Problem, x: Array) -> BodyState:
         """What is asked of a body that stands for the model."""
         linear = model["strain"] == "linear"
-        return State(body, x, SMALL if linear else 1.0, linear, self.thickness_of(model))
+        return BodyState(body, x, SMALL if linear else 1.0, linear, self.thickness_of(model))
 
     def thickness_of(self, model: Model) -> float:
         """Of a section (m), as thick as what bears its load; 1 of a body in space."""
@@ -241,7 +241,7 @@ class Bench:
         return time.ramp if when == "ramp" else time.end
 
     def _parts(
-        self, model: Model, law: Callable[[Viscous, Value], Law | Viscous], course: Course
+        self, model: Model, law: Callable[[Viscous, Value], Law | Viscous], course: PrescribedMotion
     ) -> tuple[ngs.Mesh, dict[str, Material], dict[str, Support], list[Load | Inertia], list[Contact | Friction]]:
         mesh, scene = self.mesh(model), self.scene
         plane, names = mesh.dim == 2, set(mesh.GetBoundaries())
@@ -318,16 +318,16 @@ class Solution:
     """
 
     answers: Array
-    states: dict[str, State]
+    states: dict[str, BodyState]
     ndof: int
     cost_s: float
     doubts: tuple[str, ...] = ()
     scales: Array | float = 0.0
 
 
-def solve(bench: Bench, model: Model, near: Mapping[str, State] | None = None) -> Solution:
+def solve(bench: ModelHierarchy, model: Model, near: Mapping[str, BodyState] | None = None) -> Solution:
     """The model's answers, from states near its own if they are known. Raises `SolverError` where it has none."""
-    begun, states, scales = time.process_time(), dict[str, State](), np.zeros(len(bench.questions))
+    begun, states, scales = time.process_time(), dict[str, BodyState](), np.zeros(len(bench.questions))
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         if bench.scene.time.frequency is not None:
@@ -350,13 +350,13 @@ def solve(bench: Bench, model: Model, near: Mapping[str, State] | None = None) -
     return Solution(answers, states, ndof, time.process_time() - begun, doubts, scales)
 
 
-def answers_of(questions: Sequence[Asked], states: Mapping[str, State]) -> Array:
+def answers_of(questions: Sequence[Asked], states: Mapping[str, BodyState]) -> Array:
     """Of all questions."""
     return np.array([answer(quantity, states[quantity.when]) for quantity in questions])
 
 
-def _at_rest(bench: Bench, model: Model, near: Mapping[str, State]) -> dict[str, State]:
-    found: dict[str, State] = {}
+def _at_rest(bench: ModelHierarchy, model: Model, near: Mapping[str, BodyState]) -> dict[str, BodyState]:
+    found: dict[str, BodyState] = {}
     alike = model.get("time", "instantaneous") == "instantaneous" and not bench.scene.is_timed
     for when in dict.fromkeys(quantity.when for quantity in bench.questions):
         if found and alike:
@@ -383,7 +383,7 @@ def linear_state(body: Problem) -> Array:
     return lifted - step(body.residual(lifted)[0])
 
 
-def _through_time(bench: Bench, model: Model) -> tuple[Array, Array, int]:
+def _through_time(bench: ModelHierarchy, model: Model) -> tuple[Array, Array, int]:
     """Answers and their scales are found on the way, as the body does not keep its past."""
     scene = bench.scene
     size = SMALL if model["strain"] == "linear" else 1.0
@@ -411,7 +411,7 @@ def _through_time(bench: Bench, model: Model) -> tuple[Array, Array, int]:
     return answers, scales, ndof
 
 
-def _times(bench: Bench, model: Model, last: float) -> Array:
+def _times(bench: ModelHierarchy, model: Model, last: float) -> Array:
     """Steps up to a time (s), even ones while loads grow."""
     ramp = bench.scene.time.ramp
     hold, moving = last - ramp, model.get("inertia") == "all"

@@ -11,7 +11,7 @@ from ngsolve import CoefficientFunction
 
 from ngbrain.forward.contact.friction import Friction
 from ngbrain.forward.contact.rigid import Contact
-from ngbrain.ladder.models.motions import FIELDS, GOLDEN, Course
+from ngbrain.ladder.models.motions import FIELDS, GOLDEN, PrescribedMotion
 from ngbrain.scene.contacts import Contact as Body
 
 STIFF, SOFT, MADE_UP, SLIP = 600.0, 0.001, 0.995, 0.01
@@ -32,7 +32,7 @@ def way(body: Body, until: float, side: float) -> float:
     return far or STANDING * side
 
 
-def touch(body: Body, course: Course, modulus: float, far: float, rubs: bool) -> list[Contact | Friction]:
+def touch(body: Body, course: PrescribedMotion, modulus: float, far: float, rubs: bool) -> list[Contact | Friction]:
     """The contact, and its friction; `modulus` (Pa) of the tissue, `far` as `way` says."""
     parameter = course.time if body.is_timed else course.growth
 

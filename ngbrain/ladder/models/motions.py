@@ -40,7 +40,7 @@ MOST = 5000
 """Steps of time that a course may need."""
 
 
-class Course:
+class PrescribedMotion:
     """How what is prescribed of a body goes, a `Motion`.
 
     moment  what the controller goes by, such as a load factor ↦ time (s), and the part of their size that loads have then

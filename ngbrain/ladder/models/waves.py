@@ -13,7 +13,7 @@ from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.forward.observables.percentiles import weighted_percentile
 from ngbrain.ladder.levels import Model
-from ngbrain.ladder.models.motions import Course
+from ngbrain.ladder.models.motions import PrescribedMotion
 from ngbrain.ladder.quantities import along, point_in, within
 from ngbrain.materials import Shearing
 from ngbrain.materials.base import Value
@@ -61,7 +61,7 @@ def shaken(
     given = [g for g in scene.displacement_bcs if any(re.fullmatch(g.boundary, name) for name in mesh.GetBoundaries())]
     held = {axis: "|".join(g.boundary for g in given if axis in g.components) for axis in "xyz"}
     names = dict(zip("xy", "xz", strict=True)) if plane else dict(zip("xyz", "xyz", strict=True))
-    course = Course(lambda _: (0.0, 1.0), plane)
+    course = PrescribedMotion(lambda _: (0.0, 1.0), plane)
     body = Harmonic(
         mesh,
         Shearing(G),
@@ -81,7 +81,7 @@ def shaken(
     return np.array([_amplitude(quantity, body, gfu, thickness) for quantity in scene.quantities]), body.fes.ndof
 
 
-def _moved(course: Course, bc: DisplacementBC) -> tuple[Any, ...]:
+def _moved(course: PrescribedMotion, bc: DisplacementBC) -> tuple[Any, ...]:
     """Amplitude (m); 0 of what is free, which is not looked at."""
     parts: Any = course.support(bc)
     return tuple(0.0 if part is None else part for part in parts)

@@ -23,7 +23,7 @@ from ngbrain.forward.observables.wall import (
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.virtual_work import Seen
 from ngbrain.scene.operation import FACED
-from ngbrain.surgery.measures.sampling import Part, tissue_percentiles
+from ngbrain.surgery.measures.sampling import TissuePart, tissue_percentiles
 from ngbrain.surgery.tools import RigidTool, patch
 
 PATCH_MARGIN = 1e-3
@@ -33,7 +33,7 @@ CENTRE = FACED / 2
 
 
 @dataclass(frozen=True)
-class Row:
+class StepRecord:
     """One line of a run's record; SI units."""
 
     t: float
@@ -57,7 +57,7 @@ class Row:
 
 
 class Observer:
-    """Evaluates a `Row` of what blades do to walls, its `retraction_observables` in one pass over each, and holds the running work.
+    """Evaluates a `StepRecord` of what blades do to walls, its `retraction_observables` in one pass over each, and holds the running work.
 
     Of several blades area is the sum, pressures are of all their patches together, opening and advance the sum of their ways,
     force and net reaction the mean.
@@ -74,7 +74,7 @@ class Observer:
 
     def __init__(self, body: Problem, blades: Mapping[str, RigidTool], fixed: str) -> None:
         self.body, self.asked = body, retraction_observables(body, blades)
-        """Columns of a `Row` that are of any problem with these contacts, as `Observable`s by name."""
+        """Columns of a `StepRecord` that are of any problem with these contacts, as `Observable`s by name."""
         contacts, reaction = _under(body, blades), self.asked["net_reaction"]
         driving = DrivingForce([Patch(each) for each in contacts.values()])
         on_walls = {name: each for name, each in self.asked.items() if each is not reaction} | {"driving": driving}
@@ -91,7 +91,7 @@ class Observer:
         self._advance = self._driving = 0.0
         self.blade_work = self.tissue_work = self.tissue_work_size = self.friction_work = 0.0
 
-    def __call__(self, t: float, advance: float, min_det: float) -> Row:
+    def __call__(self, t: float, advance: float, min_det: float) -> StepRecord:
         """The body as it stands at time t with the blades at `advance` (m)."""
         seen = dict(zip(self._names, self._pass().tolist(), strict=True))
         tissue, contact = self.body.tissue_forces(), self.body.contact_forces()
@@ -100,7 +100,7 @@ class Observer:
         supports = float(self._push[self._on_fixed] @ (tissue + contact)[self._on_fixed])
         left = abs(supports - self._push @ contact)
         self._add_work(tissue, driving, advance)
-        return Row(
+        return StepRecord(
             t=t,
             advance=advance,
             net_reaction=float(self._reaction.value(tissue)[0]),
@@ -137,9 +137,9 @@ class Observer:
 
 
 def retraction_observables(
-    body: Problem, blades: Mapping[str, RigidTool], parts: Mapping[str, Part] | None = None
+    body: Problem, blades: Mapping[str, RigidTool], parts: Mapping[str, TissuePart] | None = None
 ) -> dict[str, Observable]:
-    """What is asked of a body that blades press, by column of a `Row`: as data of a run's model, or a ladder's question.
+    """What is asked of a body that blades press, by column of a `StepRecord`: as data of a run's model, or a ladder's question.
 
     Parameters
     ----------

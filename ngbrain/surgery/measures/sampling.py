@@ -37,7 +37,7 @@ UNKNOWN = (0.0, math.inf)
 
 
 @dataclass(frozen=True)
-class Part:
+class TissuePart:
     """Tissue of one name.
 
     where     1 where it is and 0 elsewhere, a CoefficientFunction over the mesh
@@ -56,7 +56,7 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Spread:
+class MeasureStatistics:
     """A measure near the site at one time t (s): volume-weighted percentiles and its `largest_mean` over `AMOUNT`."""
 
     t: float
@@ -78,11 +78,11 @@ class Sites:
     near: np.ndarray
     names: tuple[str, ...]
 
-    def spread(self, t: float, values: np.ndarray) -> Spread:
+    def spread(self, t: float, values: np.ndarray) -> MeasureStatistics:
         """Of values at the points near the site."""
         volume = self.volume[self.near]
         p50, p95, p99 = (weighted_percentile(values, volume, percent) for percent in BANDS)
-        return Spread(t, p50, p95, p99, largest_mean(values, volume, AMOUNT))
+        return MeasureStatistics(t, p50, p95, p99, largest_mean(values, volume, AMOUNT))
 
     def ml(self, mask: np.ndarray) -> dict[str, float]:
         """Name → unloaded volume (ml) of the tissue where a mask of all points holds."""
@@ -90,10 +90,10 @@ class Sites:
         return dict(zip(self.names, to_ml(sums).tolist(), strict=True))
 
 
-def tissue_percentiles(cleft: Cleft, parts: Mapping[str, Part]) -> dict[str, StrainPercentile]:
+def tissue_percentiles(cleft: Cleft, parts: Mapping[str, TissuePart]) -> dict[str, StrainPercentile]:
     """The percentiles of strain near the site as observables, with gradients: by key, such as mps_p95 or oss_p50.
 
-    They are those of `Spread`, smoothed over `BANDS` of the volume and at points of their own: `raw` is without.
+    They are those of `MeasureStatistics`, smoothed over `BANDS` of the volume and at points of their own: `raw` is without.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def tissue_percentiles(cleft: Cleft, parts: Mapping[str, Part]) -> dict[str, Str
     --------
     >>> out, across = np.array([0.0, 0, 1]), np.array([1.0, 0, 0])
     >>> cleft = Cleft(np.zeros(3), out, across, 30e-3, 4e-3, 12e-3)
-    >>> list(tissue_percentiles(cleft, {"white": Part(ngs.CF(1.0), UNKNOWN, 1e3)}))[:3]
+    >>> list(tissue_percentiles(cleft, {"white": TissuePart(ngs.CF(1.0), UNKNOWN, 1e3)}))[:3]
     ['mps_p50', 'mps_p95', 'mps_p99']
     """
     a, b, c = coordinates(cleft, ngs.CF((ngs.x, ngs.y, ngs.z)))
@@ -158,10 +158,10 @@ def largest_mean(values: np.ndarray, volumes: np.ndarray, amount: float) -> floa
 class Sampler:
     """Reads strain, stress and rate of deformation off a body at its own quadrature points in tissue.
 
-    parts    name → `Part`; what none of them is of is not sampled
+    parts    name → `TissuePart`; what none of them is of is not sampled
     """
 
-    def __init__(self, body: Problem, cleft: Cleft, parts: dict[str, Part]) -> None:
+    def __init__(self, body: Problem, cleft: Cleft, parts: dict[str, TissuePart]) -> None:
         self.body = body
         rule = body.history.rules[ngs.TET]
         points = body.mesh.MapToAllElements({ngs.TET: rule}, ngs.VOL)
@@ -181,21 +181,21 @@ class Sampler:
         """Take rates from the body as it stands on, at time t (s)."""
         self._before = t, self._deformation()[self.sites.near]
 
-    def __call__(self, t: float) -> Sample:
+    def __call__(self, t: float) -> TissueSample:
         """The body as it stands at time t (s), after `Problem.tissue_forces`."""
         F, near = self._deformation(), self.sites.near
         before, self._before = self._before, (t, F[near])
         rate = stretching_rate(before[1], F[near], t - before[0]) if t > before[0] else np.zeros(len(near))
         stress = von_mises(F[near], self.body.tissue_stress()[self._tissue[near]])
         strain = Strain(np.sqrt(np.linalg.eigvalsh(np.einsum("nki,nkj->nij", F, F))))
-        return Sample(t, self.sites, strain, strain.beyond(*self._fitted), stress, rate)
+        return TissueSample(t, self.sites, strain, strain.beyond(*self._fitted), stress, rate)
 
     def _deformation(self) -> np.ndarray:
         return np.asarray(self._F(self._points)).reshape(-1, 3, 3)
 
 
 @dataclass(frozen=True)
-class Sample:
+class TissueSample:
     """Tissue at one time.
 
     strain              at all points; beyond: where it leaves what its own law was fitted to
@@ -209,7 +209,7 @@ class Sample:
     von_mises: np.ndarray
     rate: np.ndarray
 
-    def spreads(self) -> dict[str, Spread]:
+    def spreads(self) -> dict[str, MeasureStatistics]:
         """Of every measure, by name."""
         near = self.sites.near
         measures = {

@@ -35,7 +35,7 @@ PAIRS = [(i, j) for i in range(3) for j in range(i, 3)]
 
 
 @dataclass(frozen=True, eq=False)
-class Grid:
+class DistanceGrid:
     """Signed distances on a grid, in the tool's own axes, with a cubic spline through them.
 
     low, high   corners (m)
@@ -47,7 +47,7 @@ class Grid:
     spline: np.ndarray
 
     @classmethod
-    def of(cls, surface: SurfaceMesh) -> Grid:
+    def of(cls, surface: SurfaceMesh) -> DistanceGrid:
         """Around a surface."""
         low = surface.points.min(axis=0) - AROUND
         n = np.ceil((surface.points.max(axis=0) + AROUND - low) / STEP).astype(int) + 1
@@ -59,10 +59,10 @@ class Grid:
         spline = ndimage.spline_filter(distance, order=3, mode="mirror")
         return cls(low, low + STEP * (np.array(shape) - 1), np.pad(spline, 1, mode="reflect"))
 
-    def moved(self, x: float) -> Grid:
+    def moved(self, x: float) -> DistanceGrid:
         """By so much (m) along the first axis: a spline bulges a little beyond a flat face with edges."""
         by = np.array([x, 0.0, 0.0])
-        return Grid(self.low + by, self.high + by, self.spline)
+        return DistanceGrid(self.low + by, self.high + by, self.spline)
 
     def at(self, points: np.ndarray) -> np.ndarray:
         """At points (n, 3) m: where they are inside of the grid (3), distance, slopes, curvatures there, (13, n).
@@ -90,7 +90,7 @@ class Grid:
         return np.asarray(found[3] + np.einsum("in,in->n", found[4:7], np.transpose(points) - found[:3]))
 
 
-class LookedUp:
+class GridDistance:
     """x ↦ the distance to a tool that has gone some way, at points of a wall that a problem has it follow."""
 
     def __init__(self, tool: ClosedSurface, advance: CoefficientFunction) -> None:
@@ -164,7 +164,7 @@ class ClosedSurface(RigidTool):
     width: float
     tip: float
     depth: float
-    grid: Grid
+    grid: DistanceGrid
     height: float
 
     @classmethod
@@ -179,7 +179,7 @@ class ClosedSurface(RigidTool):
             if size > most + LOOSE:
                 raise InputError("tool.file", f"{name}, {1e3 * size:.3g} mm", f"at most {1e3 * most:.3g}: {said}")
         origin = np.array([high[0], (low[1] + high[1]) / 2, low[2]])
-        grid = Grid.of(SurfaceMesh(surface.points - origin, surface.triangles))
+        grid = DistanceGrid.of(SurfaceMesh(surface.points - origin, surface.triangles))
         face = np.stack(
             np.meshgrid(
                 0.0, *(np.arange(a, b, STEP / 3) for a, b in ((-width / 2, width / 2), (0, height))), indexing="ij"
@@ -190,7 +190,7 @@ class ClosedSurface(RigidTool):
 
     def distance(self, advance: CoefficientFunction) -> Signed:
         """Looked up; a problem says where its points stand (`Contact.follow`)."""
-        return LookedUp(self, advance)
+        return GridDistance(self, advance)
 
     def signed(self, advance: float, at: np.ndarray) -> np.ndarray:
         """By the grid."""

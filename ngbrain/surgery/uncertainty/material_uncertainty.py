@@ -13,7 +13,7 @@ from ngbrain.materials.families import law_after, shear_modulus
 from ngbrain.materials.viscous import viscous
 from ngbrain.scene import Tissue
 from ngbrain.surgery.answers import Answer, Runs
-from ngbrain.surgery.model import Model
+from ngbrain.surgery.model import RetractionModel
 from ngbrain.surgery.uncertainty.error_budget import Errors
 from ngbrain.units import to_mmHg
 
@@ -146,14 +146,14 @@ def _after(law: Viscous, ramp: float) -> float:
     return float(shear_modulus(law_after(law, ramp)))
 
 
-def near_site(model: Model, runs: Runs) -> Comparable:
+def near_site(model: RetractionModel, runs: Runs) -> Comparable:
     """`comparable` for the tissue of which most is near the site of some runs."""
     near = next(iter(runs.values())).peak.near
     name = max(near, key=lambda each: near[each])
     return comparable(name, model.tissue(name), model.scene.time.ramp)
 
 
-def material_band(model: Model, runs: Runs, miller: Answer | None, errors: Errors) -> dict[str, Any]:
+def material_band(model: RetractionModel, runs: Runs, miller: Answer | None, errors: Errors) -> dict[str, Any]:
     """Peak pressure as given, with Miller's exponent, and as stiff as others have found brain; how much is extrapolated.
 
     On a given way of the blade, without inertia, all pressures are proportional to the moduli if those keep their ratios

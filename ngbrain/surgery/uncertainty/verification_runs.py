@@ -25,7 +25,7 @@ from ngbrain.scene import MeshSize
 from ngbrain.solvers.newton import Newton
 from ngbrain.solvers.record import NewtonRecord
 from ngbrain.surgery.answers import Answer, answer
-from ngbrain.surgery.model import Model
+from ngbrain.surgery.model import RetractionModel
 from ngbrain.surgery.protocol_run import ProtocolRun
 
 Point = tuple[float, np.ndarray]
@@ -53,14 +53,14 @@ HALVINGS = 3
 """How often an increment of the richer solution may be cut."""
 
 
-def half_steps(model: Model, folder: Path | None, resume: bool, callback: Tell) -> Pair:
+def half_steps(model: RetractionModel, folder: Path | None, resume: bool, callback: Tell) -> Pair:
     """On a coarse mesh, at the scene's time step and at half of it; the first is None if the model's mesh is no finer."""
     coarse, control = _coarse(model), model.control()
     whole = None if coarse is model else _held(coarse, WHOLE, folder, resume, _muted(callback, HALF), control)
     return whole, _held(coarse, HALF, folder, resume, callback, control.halved())
 
 
-def other_elements(model: Model, folder: Path | None, resume: bool, callback: Tell) -> Pair:
+def other_elements(model: RetractionModel, folder: Path | None, resume: bool, callback: Tell) -> Pair:
     """On the scene's mesh, unless one of its protocols is that hold, and on one of other elements, see `OTHER`."""
     mesh = model.scene.mesh
     factor = OTHER if mesh.wall < COARSE["wall"] else 1 / OTHER
@@ -70,29 +70,29 @@ def other_elements(model: Model, folder: Path | None, resume: bool, callback: Te
     return own, _held(_meshed(model, other), MESH, folder, resume, callback)
 
 
-def miller(model: Model, folder: Path | None, resume: bool, callback: Tell) -> Answer:
+def miller(model: RetractionModel, folder: Path | None, resume: bool, callback: Tell) -> Answer:
     """With Ogden's law of exponent -4.7 in all tissue that stiffens, and the same moduli and times."""
     tissues = tuple(tissue.with_alpha(MILLER_ALPHA) for tissue in model.scene.tissues)
     return _held(replace(model, scene=replace(model.scene, tissues=tissues)), MILLER, folder, resume, callback)
 
 
-def _coarse(model: Model) -> Model:
+def _coarse(model: RetractionModel) -> RetractionModel:
     """The same scene on a mesh that errors are affordable on."""
     scene = model.scene
     mesh = replace(scene.mesh, **{k: max(v, getattr(scene.mesh, k)) for k, v in COARSE.items()})
     return model if mesh == scene.mesh else _meshed(model, mesh)
 
 
-def _meshed(model: Model, mesh: MeshSize) -> Model:
+def _meshed(model: RetractionModel, mesh: MeshSize) -> RetractionModel:
     """The same scene on another mesh. Where there is none a check is missing, not the whole result: raises `SolverError`."""
     try:
-        return Model.of(replace(model.scene, mesh=mesh), model.head)
+        return RetractionModel.of(replace(model.scene, mesh=mesh), model.head)
     except InputError as error:
         raise SolverError(f"no mesh for a check: {error}") from error
 
 
 def _held(
-    model: Model, name: str, folder: Path | None, resume: bool, callback: Tell, control: Control | None = None
+    model: RetractionModel, name: str, folder: Path | None, resume: bool, callback: Tell, control: Control | None = None
 ) -> Answer:
     run = ProtocolRun(model, model.hold(name), folder, resume, control=control).go(callback)
     return answer(run.result(), model.scene.patient)
@@ -103,7 +103,7 @@ def _muted(callback: Tell, name: str) -> Tell:
     return lambda _, t, __: callback(name, t, 0.0)
 
 
-def one_order_more(model: Model, folder: Path | None, resume: bool, callback: Tell) -> Pair:
+def one_order_more(model: RetractionModel, folder: Path | None, resume: bool, callback: Tell) -> Pair:
     """`orders`, kept in a file and taken from there on resume."""
     path, scene = None if folder is None else folder / f"{ORDER}.json", model.scene.to_dict()
     if resume and path is not None and path.exists():
@@ -119,7 +119,7 @@ def one_order_more(model: Model, folder: Path | None, resume: bool, callback: Te
     return found
 
 
-def orders(model: Model, path: Path | None = None, resume: bool = False) -> tuple[Answer, Answer]:
+def orders(model: RetractionModel, path: Path | None = None, resume: bool = False) -> tuple[Answer, Answer]:
     """At full opening, and nothing after it, on a coarse mesh: at the scene's order and one more.
 
     Elastic: the law that one step of the ramp's length from rest amounts to, so that the way there does not matter. One

@@ -15,7 +15,7 @@ from ngbrain.forward.transient.step_control import ErrorControl, StepControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import Branch, NeoHooke, Prony, Viscous, lab
 from ngbrain.mesh import block
-from ngbrain.surgery.protocols import Drive, Protocol
+from ngbrain.surgery.protocols import Drive, ToolMotion
 
 SIZE, AWAY, NUDGE = 0.02, -1e-3, 1e-5
 MU, G, TAU = 1000.0, 0.6, 8.0
@@ -114,7 +114,7 @@ def test_it_is_the_way_that_a_plate_driven_along_it_needs_the_force_for(relaxing
 
     forced.run(keep, until)
     times, ways = zip(*rows, strict=True)
-    drive = Drive(Protocol("found", times, ways))
+    drive = Drive(ToolMotion("found", times, ways))
     plate = Contact("top", lambda x: SIZE - drive.parameter - x[2], 1e8, 2e-5, 0.98)
     body = Problem(
         block((SIZE,) * 3, SIZE),

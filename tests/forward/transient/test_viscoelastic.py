@@ -14,7 +14,7 @@ from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.time_stepper import run_load_history
 from ngbrain.materials import Maxwell, NeoHooke, Ogden, Prony, Viscous
 from ngbrain.mesh import block
-from ngbrain.surgery.protocols import Drive, Protocol
+from ngbrain.surgery.protocols import Drive, ToolMotion
 
 SIDE, MU, G, TAU = 0.02, 1e3, 0.6, 2.0
 STIFF = 1e3
@@ -95,7 +95,7 @@ def test_a_body_of_contacts_bears_loads_as_this_one_does():
     point, share = mesh(0.013, 0.01, 0.012), lambda t: min(t / 4, 1.0)
     tight = newton_for(one, rtol=1e-11, xtol=1e-11)
     wanted = run_load_history(one, grid, [share(t) for t in grid], lambda t: one.u(point), tight)
-    drive = Drive(Protocol("hold", (0.0, 4.0, 40.0), (0.0, 1.0, 1.0)))
+    drive = Drive(ToolMotion("hold", (0.0, 4.0, 40.0), (0.0, 1.0, 1.0)))
     a = drive.parameter
     plate = Spring("top", 1e10, (4e-4 * a, 0.0, -2e-3 * a))
     loads = [Traction("right", (900.0 * a, 0.0, 0.0)), Weight((0.0, -9e3 * a, 0.0)), plate]

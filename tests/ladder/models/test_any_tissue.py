@@ -9,7 +9,7 @@ from ngbrain import ladder
 from ngbrain.image.read.nifti import write_nifti
 from ngbrain.image.read.volume import Volume
 from ngbrain.ladder.axes import axes_of, cheapest
-from ngbrain.ladder.models.bodies import Bench, _times, solve
+from ngbrain.ladder.models.bodies import ModelHierarchy, _times, solve
 from ngbrain.ladder.models.waves import modulus
 from ngbrain.materials import CATALOGUE, constants, fourier, lab
 from ngbrain.scene import DisplacementBC, Geometry, Gravity, MeshSize, Quantity, Scene, Time, Tissue
@@ -53,7 +53,7 @@ def model_of(scene, **levels):
 )
 def test_a_bar_has_the_stress_of_its_law(name, stretch):
     scene = stretched(name, stretch)
-    found = solve(Bench(scene), model_of(scene, strain="finite", pressure="unknown")).answers[0]
+    found = solve(ModelHierarchy(scene), model_of(scene, strain="finite", pressure="unknown")).answers[0]
     wanted = float(lab.stress(constants(name).law(), "uniaxial", stretch)) * AREA
     print(name, found / wanted - 1)
     assert found == pytest.approx(wanted, rel=1e-3)
@@ -66,7 +66,7 @@ def test_a_bar_has_the_stress_of_its_law(name, stretch):
 def test_a_bar_relaxes_as_its_law(name, level):
     asks = (replace(FORCE, when="ramp"), FORCE)
     scene = stretched(name, 0.93, time=Time(ramp=2.0, end=20.0), quantities=asks)
-    bench, model = Bench(scene), model_of(scene, strain="finite", pressure="unknown", time=level)
+    bench, model = ModelHierarchy(scene), model_of(scene, strain="finite", pressure="unknown", time=level)
     found = solve(bench, model).answers
     times = _times(bench, model, 20.0)
     stress = lab.history(constants(name).law(), "uniaxial", times, 1 - 0.07 * np.minimum(times / 2.0, 1.0))
@@ -79,7 +79,7 @@ def test_a_bar_relaxes_as_its_law(name, level):
 def test_a_bar_of_anything_has_its_small_strain_force(name):
     """E ε A with Young's modulus E of μ₀ and of the bulk modulus that is the source's or assumed."""
     scene = stretched(name, 0.999, tissues=(Tissue(material=name),))
-    found = solve(Bench(scene), model_of(scene)).answers[0]
+    found = solve(ModelHierarchy(scene), model_of(scene)).answers[0]
     entry = constants(name)
     nu, mu = entry.poisson, entry.initial_modulus
     K = entry.bulk or (2 * mu * (1 + nu) / (3 * (1 - 2 * nu)) if nu else 1000 * mu)
@@ -107,7 +107,7 @@ def test_fibres_of_a_map_are_those_of_one_direction(tmp_path):
             tissue = Tissue(material="budday2017:cortex", poissons_ratio=KEPT, fibre_stiffness=3e3, **way)
             scene = stretched("budday2017:cortex", 1.08, tissues=(tissue,))
             model = model_of(scene, strain="finite", pressure="unknown", fibres="all")
-            found[name, kind] = solve(Bench(scene), model).answers[0]
+            found[name, kind] = solve(ModelHierarchy(scene), model).answers[0]
             assert "space" not in axes_of(scene) or kind == "one" or axes_of(scene)["space"].levels == ("solid",)
     # k₁ E exp(k₂ E²) 2λ of nominal stress beside the law's, E = λ² - 1
     E = 1.08**2 - 1

@@ -10,7 +10,7 @@ from scipy.integrate import quad
 from ngbrain.errors import InputError
 from ngbrain.forward.observables.percentiles import weighted_percentile
 from ngbrain.ladder.axes import axes_of, cheapest
-from ngbrain.ladder.models.bodies import Bench, _times, relaxed_law, solve
+from ngbrain.ladder.models.bodies import ModelHierarchy, _times, relaxed_law, solve
 from ngbrain.ladder.models.geometry import Meshes
 from ngbrain.ladder.models.waves import modulus
 from ngbrain.materials import RelaxingOgden
@@ -56,21 +56,23 @@ def model(scene: Scene, **levels: str) -> dict[str, str]:
 def test_a_bar_has_its_force_its_width_and_its_strain() -> None:
     scene = pressed()
     strain = DOWN / 0.04
-    found = solve(Bench(scene), model(scene, space="solid")).answers
+    found = solve(ModelHierarchy(scene), model(scene, space="solid")).answers
     youngs = 2 * MU * (1 + NU)
     assert found == pytest.approx([-youngs * strain * 0.02 * 0.03, NU * strain * 0.02, NU * strain], rel=1e-3)
 
 
 def test_a_section_is_as_thick_as_the_block() -> None:
     scene = pressed()
-    found = solve(Bench(scene), model(scene)).answers
+    found = solve(ModelHierarchy(scene), model(scene)).answers
     youngs = 2 * MU * (1 + NU) / (1 - NU**2)
     assert found[0] == pytest.approx(-youngs * DOWN / 0.04 * 0.02 * 0.03, rel=1e-3)
 
 
 def test_finite_strain_measures_green_lagrange() -> None:
     scene = pressed(ASKS[2], far=-8e-3)  # pulled to 1.2 times its height
-    small, large = (solve(Bench(scene), model(scene, space="solid", strain=s)).answers[0] for s in ("linear", "finite"))
+    small, large = (
+        solve(ModelHierarchy(scene), model(scene, space="solid", strain=s)).answers[0] for s in ("linear", "finite")
+    )
     assert small == pytest.approx(0.2, rel=1e-4)
     assert large == pytest.approx((1.2**2 - 1) / 2, rel=1e-4)
 
@@ -105,7 +107,7 @@ def test_bodies_with_a_memory_relax_as_the_closed_form_says(level: str) -> None:
         time=Time(ramp=1.0, end=4.0),
         displacement_bcs=confined,
     )
-    bench = Bench(scene)
+    bench = ModelHierarchy(scene)
     elastic = solve(bench, model(scene, time="relaxed")).answers
     remembered = solve(bench, model(scene, time=level)).answers
     assert remembered == pytest.approx(elastic, rel=2e-3)
@@ -119,17 +121,19 @@ def test_weight_and_pull_are_dead_loads() -> None:
     pulled = replace(
         scene, displacement_bcs=held, tractions=(Traction(boundary="top", value=(0, 0, 50.0)),), quantities=reaction
     )
-    assert solve(Bench(pulled), model(pulled, space="solid")).answers[0] == pytest.approx(-50 * 0.02 * 0.03, rel=1e-4)
+    assert solve(ModelHierarchy(pulled), model(pulled, space="solid")).answers[0] == pytest.approx(
+        -50 * 0.02 * 0.03, rel=1e-4
+    )
     heavy = replace(scene, displacement_bcs=held, gravity=Gravity(acceleration=(0, 0, -9.81)), quantities=reaction)
     weight = 1040 * 9.81 * 0.02 * 0.03 * 0.04
-    assert solve(Bench(heavy), model(heavy, space="solid")).answers[0] == pytest.approx(weight, rel=1e-4)
+    assert solve(ModelHierarchy(heavy), model(heavy, space="solid")).answers[0] == pytest.approx(weight, rel=1e-4)
 
 
 def test_waves_without_inertia_and_loss_are_statics() -> None:
     scene = pressed()
     wave = replace(scene, time=Time(frequency=50.0))
-    still = solve(Bench(scene), model(scene, space="solid")).answers
-    found = solve(Bench(wave), model(wave, space="solid")).answers
+    still = solve(ModelHierarchy(scene), model(scene, space="solid")).answers
+    found = solve(ModelHierarchy(wave), model(wave, space="solid")).answers
     assert found[:2] == pytest.approx(np.abs(still[:2]), rel=1e-3)
     assert found[2] == pytest.approx(
         DOWN / 0.04, rel=1e-3
@@ -151,7 +155,7 @@ def test_a_shear_wave_has_its_amplitude() -> None:
         time=Time(frequency=40.0),
         quantities=(quantity,),
     )
-    found = solve(Bench(wave), model(wave, order="3", mesh="1", inertia="all", loss="all")).answers[0]
+    found = solve(ModelHierarchy(wave), model(wave, order="3", mesh="1", inertia="all", loss="all")).answers[0]
     k = 2 * np.pi * 40 * np.sqrt(1040 / (3e3 * (1 + 0.3j)))
     assert found == pytest.approx(1e-4 / abs(np.cos(k * 0.06)), rel=2e-3)
 
@@ -161,13 +165,13 @@ def test_what_touches_lets_a_bar_widen() -> None:
     scene = pressed(ASKS[0], displacement_bcs=(*FREE, face))
     free = -2 * MU * (1 + NU) * DOWN / 0.04 * 0.02 * 0.03
     touched, tied = (
-        solve(Bench(scene), model(scene, space="solid", order="2", contact=level)).answers[0]
+        solve(ModelHierarchy(scene), model(scene, space="solid", order="2", contact=level)).answers[0]
         for level in ("all", "none")
     )
     assert touched == pytest.approx(free, rel=3e-3) and tied < 1.03 * free
     with pytest.raises(InputError, match="into the body"):
         up = replace(scene, displacement_bcs=(*FREE, replace(face, value=(0, 0, DOWN))))
-        solve(Bench(up), model(up, contact="all"))
+        solve(ModelHierarchy(up), model(up, contact="all"))
 
 
 @pytest.mark.parametrize("level", ["instantaneous", "flowing"])
@@ -190,17 +194,17 @@ def test_a_column_that_is_moved_at_once_pulls_by_its_impedance(level: str) -> No
         quantities=asks,
     )
     moving = model(scene, order="2", mesh="1", space="solid", inertia="all", time=level)
-    pull, push = solve(Bench(scene), moving).answers
+    pull, push = solve(ModelHierarchy(scene), moving).answers
     impedance = np.sqrt(1040 * 1e3) * 4e-4
     assert pull == pytest.approx(impedance * 1e-4 / course.ramp, rel=0.03)
     assert push == pytest.approx(-2 * impedance * 1e-4 / course.ramp, rel=0.15)  # it is held, and the wave is back
-    still = solve(Bench(scene), {**moving, "inertia": "none", "time": "instantaneous"}).answers
+    still = solve(ModelHierarchy(scene), {**moving, "inertia": "none", "time": "instantaneous"}).answers
     assert np.abs(still).max() < 1e-6 * pull
 
 
 def test_with_mass_steps_are_as_short_as_waves_need_and_then_grow() -> None:
     scene = pressed(time=Time(ramp=0.02, end=2.0))
-    bench = Bench(scene)
+    bench = ModelHierarchy(scene)
     times, plain = _times(bench, model(scene, inertia="all"), 2.0), _times(bench, model(scene), 2.0)
     steps = np.diff(times)
     assert times[0] == 0 and times[-1] == pytest.approx(2.0) and 0.02 in times and len(plain) < len(times) < 60
@@ -251,7 +255,7 @@ def test_percentiles_count_volumes() -> None:
 def test_what_is_not_there_is_named(change: dict, said: str) -> None:
     scene = replace(pressed(), **change)
     with pytest.raises(InputError, match=said):
-        solve(Bench(scene), model(scene, space="solid"))
+        solve(ModelHierarchy(scene), model(scene, space="solid"))
 
 
 def test_a_region_of_interest_is_held_where_it_is_cut() -> None:
@@ -264,7 +268,7 @@ def test_a_region_of_interest_is_held_where_it_is_cut() -> None:
         displacement_bcs=supports,
         quantities=(Quantity(name="force", boundary="plate"),),
     )
-    bench = Bench(scene)
+    bench = ModelHierarchy(scene)
     part, whole = (model(scene, extent=level, order="2") for level in ("near", "whole"))
     (a,), (b,) = (solve(bench, each).answers for each in (part, whole))
     assert np.ptp([v.point[0] for v in bench.mesh(part).vertices]) == pytest.approx(0.024)
@@ -282,11 +286,13 @@ def test_a_mesh_of_ones_own_is_taken_from_its_file(tmp_path) -> None:
     asks = (ASKS[0], Quantity(name="displacement", point=(0.02, 0.01, 0.04), direction=(1, 0, 0)))
     scene = pressed(*asks, geometry=piece)
     assert not {"space", "extent"} & set(axes_of(scene))
-    bench, youngs, strain = Bench(scene), 2 * MU * (1 + NU), DOWN / 0.04
+    bench, youngs, strain = ModelHierarchy(scene), 2 * MU * (1 + NU), DOWN / 0.04
     found = solve(bench, model(scene, mesh="1")).answers
     assert found == pytest.approx([-youngs * strain * 0.02 * 0.03, NU * strain * 0.02], rel=1e-3)
     assert bench.mesh({"mesh": "1"}).ne == 8 * bench.mesh({"mesh": "0"}).ne
     with pytest.raises(InputError, match="file"):
-        solve(Bench(replace(scene, geometry=Geometry(unit="m", kind="mesh", file="missing.vol"))), model(scene))
+        solve(
+            ModelHierarchy(replace(scene, geometry=Geometry(unit="m", kind="mesh", file="missing.vol"))), model(scene)
+        )
     with pytest.raises(InputError, match="file"):
         replace(scene, geometry=Geometry(unit="m", kind="mesh"))

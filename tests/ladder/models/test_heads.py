@@ -10,7 +10,7 @@ from ngbrain.image import mni152
 from ngbrain.image.labelling import tissues
 from ngbrain.image.segment.tissue_classes import GREY, VENTRICLE, WHITE
 from ngbrain.ladder.axes import axes_of
-from ngbrain.ladder.models.bodies import Bench
+from ngbrain.ladder.models.bodies import ModelHierarchy
 from ngbrain.scene import DisplacementBC, Geometry, Quantity, Scene, Tissue
 
 A = 1e-3 * np.array([[1, 2, -1], [0, -2, 3], [2, 1, 1]])
@@ -29,7 +29,7 @@ def test_a_head_takes_the_map_of_its_skull() -> None:
         quantities=[Quantity(name="displacement", point=place, direction=(1, 0, 0)) for place in PLACES],
     )
     assert "space" not in axes_of(scene) and "extent" not in axes_of(scene)
-    bench = Bench(scene)
+    bench = ModelHierarchy(scene)
     model = {"strain": "linear", "pressure": "none", "order": "1", "mesh": "0"}
     assert bench.solve(model).answers == pytest.approx([A[0] @ place for place in PLACES], rel=1e-5)
     mesh, labels = bench.mesh(model), tissues(mni152()).volume

@@ -9,7 +9,7 @@ import pytest
 from ngbrain.errors import InputError
 from ngbrain.ladder import search
 from ngbrain.ladder.axes import axes_of
-from ngbrain.ladder.models.bodies import Bench
+from ngbrain.ladder.models.bodies import ModelHierarchy
 from ngbrain.ladder.models.motions import pace
 from ngbrain.ladder.models.section import not_in_section
 from ngbrain.scene import Contact, DisplacementBC, Geometry, MeshSize, Pressure, Quantity, Scene, Time, Tissue, Traction
@@ -33,7 +33,7 @@ def scene(*bcs, tissue=None, **more):
 
 
 def answers(made, **levels):
-    return Bench(made).solve({**PLAIN, **levels}).answers
+    return ModelHierarchy(made).solve({**PLAIN, **levels}).answers
 
 
 def sheared(value, tissue=None, **more):
@@ -137,7 +137,7 @@ def test_the_ladder_sees_that_a_twist_is_finite(shaft):
     made = scene(FOOT, turned, tissue=Tissue(mu=1000.0, bulk_to_shear_ratio=1e4), geometry=shaft, quantities=(along,))
     found = search(made, {"mesh": "0"}).chosen
     timed = replace(made, displacement_bcs=(FOOT, replace(turned, rotation="12*t")))
-    assert Bench(timed).solve(found.model).answers == pytest.approx(found.answers, rel=1e-6)
+    assert ModelHierarchy(timed).solve(found.model).answers == pytest.approx(found.answers, rel=1e-6)
     assert found.model["strain"] == "finite" and found.model["pressure"] == "unknown"
     assert found.answers[0] == pytest.approx(-np.pi / 4 * 1000 * np.radians(60) ** 2 * 0.01**2, rel=0.1)
 
@@ -261,7 +261,7 @@ def test_a_wave_has_amplitudes_of_place():
     speed, k = 1.0, 100.0
     made = scene(moved, tissue=Tissue(mu=1000.0, poissons_ratio=0.3, density=1000.0), time=Time(frequency=k * speed / (2 * np.pi)),
                  quantities=asked)  # fmt: skip
-    found = Bench(made).solve({"inertia": "all", "order": "4", "mesh": "0", "space": "solid"}).answers[0]
+    found = ModelHierarchy(made).solve({"inertia": "all", "order": "4", "mesh": "0", "space": "solid"}).answers[0]
     assert found == pytest.approx(1e-4 * np.cos(1.0), rel=1e-3)
 
 

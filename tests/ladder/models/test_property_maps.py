@@ -12,7 +12,7 @@ from ngbrain.image.read.nifti import write_nifti  # noqa: E402
 from ngbrain.image.read.volume import Volume  # noqa: E402
 from ngbrain.ladder.axes import axes_of, cheapest  # noqa: E402
 from ngbrain.ladder.estimates import relative  # noqa: E402
-from ngbrain.ladder.models.bodies import Bench, solve  # noqa: E402
+from ngbrain.ladder.models.bodies import ModelHierarchy, solve  # noqa: E402
 from ngbrain.ladder.models.geometry import Meshes  # noqa: E402
 from ngbrain.ladder.models.property_maps import over, read  # noqa: E402
 from ngbrain.ladder.search import climb, estimate  # noqa: E402
@@ -65,7 +65,7 @@ def levels(scene: Scene, **of: str) -> dict[str, str]:
 def test_a_bar_that_stiffens_has_its_force(stiffening) -> None:
     """F = A d / ∫ dz/2μ(z) with the map, and with its median 2 · 1.5 kPa · A d / L without."""
     scene = pulled(stiffening)
-    area, bench = SIDE**2, Bench(scene)
+    area, bench = SIDE**2, ModelHierarchy(scene)
     mapped, plain = (solve(bench, levels(scene, tissue=level)).answers[0] for level in ("map", "each"))
     assert mapped == pytest.approx(area * FAR * 2000 / (LENGTH * np.log(2)), rel=2e-3)
     assert plain == pytest.approx(area * FAR * 3000 / LENGTH, rel=1e-3)
@@ -76,7 +76,7 @@ def test_a_bar_that_stiffens_has_its_force(stiffening) -> None:
 def test_a_map_is_taken_where_it_is_worth_it_and_foretold(stiffening) -> None:
     scene = pulled(stiffening)
     assert axes_of(scene)["tissue"].levels == ("each", "map")
-    keeper, model = Keeper(Bench(scene)), levels(scene, order="2")
+    keeper, model = Keeper(ModelHierarchy(scene)), levels(scene, order="2")
     found = estimate(keeper, model, axes_of(scene)["tissue"])
     true = relative(keeper(model).answers, keeper({**model, "tissue": "map"}).answers)
     assert found.change == pytest.approx(true, rel=1e-3) and true[0] == pytest.approx(2 / (3 * np.log(2)) - 1, rel=0.1)
@@ -90,7 +90,7 @@ def test_several_tissues_have_all_three_levels(stiffening) -> None:
     scene = replace(pulled(stiffening), geometry=piece)
     scene = replace(scene, tissues=tuple(replace(scene.tissues[0], region=name) for name in ("tissue", "lesion")))
     assert axes_of(scene)["tissue"].levels == ("one", "each", "map")
-    bench = Bench(scene)
+    bench = ModelHierarchy(scene)
     assert bench.factor("lesion", {"tissue": "each"}) == pytest.approx(1750, rel=0.02)
     assert bench.factor("lesion", {"tissue": "one"}) == bench.factor("tissue", {"tissue": "each"}) < 1600
     assert axes_of(scene, {"tissue": "each"})["tissue"].levels == ("one", "each")
@@ -102,7 +102,7 @@ def test_a_wave_feels_it(stiffening) -> None:
     given += (DisplacementBC(boundary="top", value=(FAR, 0, 0)),)
     quantity = Quantity(name="displacement", point=(0, 0, LENGTH / 2), direction=(1, 0, 0))
     scene = replace(pulled(stiffening), displacement_bcs=given, quantities=(quantity,), time=Time(frequency=1.0))
-    found = solve(Bench(scene), levels(scene, tissue="map", inertia="none")).answers[0]
+    found = solve(ModelHierarchy(scene), levels(scene, tissue="map", inertia="none")).answers[0]
     assert found == pytest.approx(FAR * np.log(1.5) / np.log(2), rel=2e-3)
 
 
@@ -115,7 +115,9 @@ def test_moduli_and_viscosities_are_in_proportion_to_it(level, tmp_path) -> None
     scene = replace(pulled("none.nii"), time=course, tissues=(tissue,))
     mapped = replace(scene, tissues=(replace(tissue, shear_modulus_map=str(tmp_path / "twice.nii")),))
     plain, twice = (
-        solve(Bench(each), levels(each, order="1", space="plane", time=level, strain="finite", **of)).answers[0]
+        solve(ModelHierarchy(each), levels(each, order="1", space="plane", time=level, strain="finite", **of)).answers[
+            0
+        ]
         for each, of in ((scene, {}), (mapped, {"tissue": "map"}))
     )
     assert twice == pytest.approx(2 * plain, rel=1e-9)
@@ -142,6 +144,6 @@ def test_maps_that_will_not_do(made, said, tmp_path) -> None:
     write_nifti(tmp_path / "map.nii", made)
     scene = pulled(str(tmp_path / "map.nii"))
     with pytest.raises(InputError, match=said):
-        solve(Bench(scene), levels(scene, tissue="map"))
+        solve(ModelHierarchy(scene), levels(scene, tissue="map"))
     with pytest.raises(InputError, match=r"\.nii"):
         Tissue.read({"mu_Pa": [1.0], "shear_modulus_map": "map.png"})

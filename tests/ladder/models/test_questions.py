@@ -12,8 +12,8 @@ from ngbrain.forward.observables import Displacements, Force, Functional, Observ
 from ngbrain.forward.observables.base import Linear
 from ngbrain.ladder import Question
 from ngbrain.ladder.axes import axes_of, cheapest
-from ngbrain.ladder.models.bodies import SMALL, Bench, linear_state, solve
-from ngbrain.ladder.quantities import State, answer, slope
+from ngbrain.ladder.models.bodies import SMALL, ModelHierarchy, linear_state, solve
+from ngbrain.ladder.quantities import BodyState, answer, slope
 from ngbrain.report.pages.ladder import answers
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Time, Tissue
 from ngbrain.scene.quantities import OF_BODIES, OF_OPERATIONS
@@ -64,16 +64,16 @@ def test_units_of_a_scenes_quantities_are_those_of_what_they_are():
 
 def test_what_is_not_linear_counts_linearly_where_strains_are_small(rng):
     """A volume is V + V'u of small strains; its slope is that of the answer."""
-    volume, bench = Question(region_volume()), Bench(SCENE, [Question(region_volume())])
+    volume, bench = Question(region_volume()), ModelHierarchy(SCENE, [Question(region_volume())])
     model = {**cheapest(axes_of(SCENE, questions=[volume])), "order": "2"}
     body = bench.static(model, 1.0)
-    state = State(body, linear_state(body), SMALL, True)
+    state = BodyState(body, linear_state(body), SMALL, True)
     rest = 0.04 * 0.04 * 0.02
     found = answer(volume, state)
     assert 0 < rest - found < 0.02 * 0.02 * 1e-3  # less than what the plate sweeps: it bulges
     assert found == pytest.approx(rest + answer(Question(SWELLING), state), rel=1e-6)
     change = 1e-3 * state.x * (body.weights > 0) * rng.uniform(0.5, 1.5, len(state.x))
-    after = answer(volume, State(body, state.x + change, SMALL, True))
+    after = answer(volume, BodyState(body, state.x + change, SMALL, True))
     assert slope(volume, state) @ change == pytest.approx(after - found, rel=1e-3)
 
 
@@ -93,7 +93,7 @@ def test_forces_of_finite_strain_and_through_time():
     axes = axes_of(relaxing, questions=[own])
     assert "space" not in axes and "extent" not in axes
     for levels in ({"strain": "finite"}, {"time": "prony"}):
-        bench = Bench(relaxing, [own])
+        bench = ModelHierarchy(relaxing, [own])
         asked, mine = solve(bench, {**cheapest(axes), **levels}).answers
         assert mine == pytest.approx(asked) and asked < 0, levels
 
@@ -103,8 +103,8 @@ def test_what_is_no_question_is_refused():
         lambda: Question("force"),
         lambda: Question(region_volume(), tolerance=2.0),
         lambda: Question(region_volume(), when="later"),
-        lambda: Bench(SCENE, [Question(region_volume()), Question(region_volume())]),
-        lambda: Bench(SCENE, [Question(Force("plate"))]).solve({**cheapest(axes_of(SCENE)), "space": "solid"}),
+        lambda: ModelHierarchy(SCENE, [Question(region_volume()), Question(region_volume())]),
+        lambda: ModelHierarchy(SCENE, [Question(Force("plate"))]).solve({**cheapest(axes_of(SCENE)), "space": "solid"}),
         lambda: ladder.solve(SCENE, model={"space": "plane"}, questions=[Question(region_volume())]),
     ):
         with pytest.raises(InputError, match=r"question|Question|space"):
@@ -118,5 +118,5 @@ def test_what_is_no_question_is_refused():
         quantities=SCENE.quantities,
     )
     with pytest.raises(InputError, match="shaken"):
-        Bench(wave, [Question(region_volume())])
+        ModelHierarchy(wave, [Question(region_volume())])
     assert np.isfinite(Question(region_volume()).tolerance)

@@ -13,7 +13,7 @@ pytest.importorskip("nibabel")
 from ngbrain.image.read.nifti import write_nifti
 from ngbrain.image.read.volume import Volume
 from ngbrain.ladder.axes import axes_of, cheapest
-from ngbrain.ladder.models.bodies import Bench
+from ngbrain.ladder.models.bodies import ModelHierarchy
 from ngbrain.scene import DisplacementBC, Geometry, Gravity, MeshSize, Quantity, Scene, Time, Tissue, Traction
 
 TURNS = [
@@ -101,7 +101,7 @@ def turned(body, R, folder):
 
 def answers(scene, **levels):
     model = cheapest(axes_of(scene)) | levels
-    return Bench(scene).solve(model).answers
+    return ModelHierarchy(scene).solve(model).answers
 
 
 RUNGS = {

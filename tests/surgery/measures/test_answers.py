@@ -13,9 +13,9 @@ from ngbrain.mesh import Cleft
 from ngbrain.result import Status
 from ngbrain.scene import Patient, Protocol, Scene, Tissue
 from ngbrain.surgery.answers import DENSITY, answer, comparison, left_out, stiffer
-from ngbrain.surgery.measures.observer import Row
-from ngbrain.surgery.measures.sampling import Part, Spread
-from ngbrain.surgery.model import Model
+from ngbrain.surgery.measures.observer import StepRecord
+from ngbrain.surgery.measures.sampling import MeasureStatistics, TissuePart
+from ngbrain.surgery.model import RetractionModel
 from ngbrain.surgery.protocol_run import Peak, ProtocolResult
 from ngbrain.surgery.uncertainty.material_uncertainty import comparable, material_band
 from ngbrain.units import mmHg
@@ -23,8 +23,8 @@ from ngbrain.units import mmHg
 T = np.array([0.0, 10.0, 1000.0])
 PEAK = Peak(
     t=10.0,
-    mps=Spread(10.0, 0.01, 0.07, 0.12, 0.21),
-    oss=Spread(10.0, 0.02, 0.12, 0.17, 0.22),
+    mps=MeasureStatistics(10.0, 0.01, 0.07, 0.12, 0.21),
+    oss=MeasureStatistics(10.0, 0.02, 0.12, 0.17, 0.22),
     volume_mps_above={"0.14": {"grey": 0.2, "white": 0.3}, "0.18": {"grey": 0.05, "white": 0.0}},
     beyond_fit={"grey": 1.0, "white": 3.0},
     creased={"grey": 0.25, "white": 0.5},
@@ -32,11 +32,14 @@ PEAK = Peak(
     near={"grey": 10.0, "white": 30.0},
     volume={"window": 0.0},
 )
-LARGEST = {"von_mises": Spread(10.0, 30.0, 400.0, 1100.0, 2200.0), "rate": Spread(5.0, 0.002, 0.007, 0.011, 0.018)}
+LARGEST = {
+    "von_mises": MeasureStatistics(10.0, 30.0, 400.0, 1100.0, 2200.0),
+    "rate": MeasureStatistics(5.0, 0.002, 0.007, 0.011, 0.018),
+}
 
 
 def run(pressure_mmHg, way=5e-3):  # noqa: N803
-    rows = {name: np.zeros(len(T)) for name in Row.__annotations__}
+    rows = {name: np.zeros(len(T)) for name in StepRecord.__annotations__}
     rows["advance"] = way * (T > 0)
     rows |= {"t": T, "pressure": mmHg(np.array(pressure_mmHg)), "centre_pressure": mmHg(np.array([0.0, 12.0, 5.0]))}
     return ProtocolResult(rows, tuple(T), PEAK, LARGEST, 990.0, 2, 0, 5, 3, status=Status.CONVERGED)
@@ -102,7 +105,7 @@ def test_without_a_patient_no_perfusion():
 
 
 def band(**errors):
-    parts = {"grey": Part(ngs.CF(1), (0.9, 1.1), 2400.0), "white": Part(ngs.CF(1), (0.7, 1.2), 1200.0)}
+    parts = {"grey": TissuePart(ngs.CF(1), (0.9, 1.1), 2400.0), "white": TissuePart(ngs.CF(1), (0.7, 1.2), 1200.0)}
     white = Tissue(region="white", material="griffiths2024:white_matter")
     model = Namespace(
         parts=lambda: parts, scene=Scene.shipped("idealised_fast"), tissue=lambda name: {"white": white}[name]
@@ -177,10 +180,12 @@ def made(ramp, *more, friction=0.0):
         tools=(replace(scene.tool, travel=5e-3, friction=friction),),
         time=replace(scene.time, ramp=ramp, end=100.0),
     )
-    parts = {"soft": Part(None, (0.9, 1.1), 4 * DENSITY), "stiff": Part(None, (0.9, 1.1), 25 * DENSITY)}
+    parts = {"soft": TissuePart(None, (0.9, 1.1), 4 * DENSITY), "stiff": TissuePart(None, (0.9, 1.1), 25 * DENSITY)}
     cleft = Cleft(np.zeros(3), *axes, 0.03, 4e-3, 0.012)
     head = Namespace(left_out="sulci")
-    return Namespace(scene=scene, head=head, mesh=mesh, cleft=cleft, program=Model.program, parts=lambda: parts)
+    return Namespace(
+        scene=scene, head=head, mesh=mesh, cleft=cleft, program=RetractionModel.program, parts=lambda: parts
+    )
 
 
 def inertia(ramp, *more, **runs):

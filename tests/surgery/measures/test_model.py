@@ -15,13 +15,13 @@ from ngbrain.scene import Protocol as SceneProtocol
 from ngbrain.scene import Scene, Tissue
 from ngbrain.surgery import model as surgery_model
 from ngbrain.surgery.measures.observer import Observer
-from ngbrain.surgery.model import FURTHEST, Model
+from ngbrain.surgery.model import FURTHEST, RetractionModel
 from ngbrain.surgery.protocol_run import ProtocolRun, table
-from ngbrain.surgery.protocols import Protocol
+from ngbrain.surgery.protocols import ToolMotion
 from ngbrain.threads import set_threads
 from ngbrain.units import gf
 
-PUSH = Protocol("push and let go", (0.0, 2.0, 6.0, 8.0), (0.0, 1e-3, 1e-3, -1e-3))
+PUSH = ToolMotion("push and let go", (0.0, 2.0, 6.0, 8.0), (0.0, 1e-3, 1e-3, -1e-3))
 
 
 @pytest.mark.slow
@@ -29,7 +29,7 @@ def test_doubling_every_modulus_doubles_every_force():
     set_threads(1)
     scene = Scene.shipped("idealised_fast")
     twice = replace(scene, tissues=tuple(tissue.scaled(2.0) for tissue in scene.tissues))
-    model = Model.of(scene)
+    model = RetractionModel.of(scene)
     soft, stiff = (table(ProtocolRun(replace(model, scene=s), PUSH, None).go().rows) for s in (scene, twice))
     assert soft["force"].max() > 0.1
     assert stiff["force"] == pytest.approx(2 * soft["force"], rel=1e-6, abs=1e-6 * soft["force"].max())
@@ -71,7 +71,7 @@ def test_a_blade_of_30_gf_opens_the_cleft_and_creeps(tmp_path, friction):
         tools=(replace(scene.tool, friction=friction),),
         time=replace(scene.time, ramp=2.0, end=8.0),
     )
-    model = Model.of(scene)
+    model = RetractionModel.of(scene)
     program = model.program(scene, scene.protocols[0])
     whole = ProtocolRun(model, program, None).go()
     rows = table(whole.rows)
@@ -94,7 +94,7 @@ def test_a_force_beyond_the_opening_is_one_error():
     scene = Scene.shipped("idealised_fast")
     tool, shared = replace(scene.tool, travel=1e-3), replace(scene.time, ramp=2.0, end=8.0)
     scene = replace(scene, tools=(tool,), time=shared, protocols=(SceneProtocol(kind="force", force_gf=50.0),))
-    model = Model.of(scene)
+    model = RetractionModel.of(scene)
     with pytest.raises(ContactError, match="beyond the limit of 1 mm"):
         ProtocolRun(model, model.program(scene, scene.protocols[0]), None).go()
 
@@ -113,7 +113,7 @@ def opened_elastic(opening, friction=0.0):
     scene = Scene.shipped("idealised_fast")
     scene = replace(scene, tools=(replace(scene.tool, travel=opening),))
     scene = replace(scene, tools=(replace(scene.tool, friction=friction),))
-    model = Model.of(scene)
+    model = RetractionModel.of(scene)
     ramp = model.ramp("open")
     run = model.run(ramp, StepControl(scene.time.ramp / 10, first=0.05), model.elastic(scene.time.ramp))
     observe, rows = Observer(run.problem, model.blades, model.held), []
@@ -129,11 +129,11 @@ def test_the_scene_chooses_the_steps():
     way = FURTHEST * scene.tool.travel
     assert way == pytest.approx(1.25e-3, rel=2e-6) and way > 1.25e-3
     scene = replace(scene, time=replace(scene.time, max_step_contact=2.0, max_step_hold=0.1, step_tolerance=1e-3))
-    assert Model.control(Namespace(scene=scene)) == ErrorControl(
+    assert RetractionModel.control(Namespace(scene=scene)) == ErrorControl(
         1e-3, touch=0.1, longest=0.1, shortest=1e-3, pushing=2.0, way=way
     )
     scene = replace(scene, time=replace(scene.time, max_step_contact=2.0, max_step_hold=100.0, step_tolerance=0.01))
-    assert Model.control(Namespace(scene=scene)) == ErrorControl(
+    assert RetractionModel.control(Namespace(scene=scene)) == ErrorControl(
         0.01, touch=0.2, longest=100.0, shortest=2e-3, pushing=2.0, way=way
     )
 
@@ -151,7 +151,7 @@ def test_parts_are_tissues_by_name_without_the_ventricles():
         Tissue(region="white", mu=700.0),
         Tissue(region="ventricle.*", mu=50.0),
     )
-    parts = Model(replace(Scene.shipped("idealised_fast"), tissues=tissues), head, mesh, None, None).parts()
+    parts = RetractionModel(replace(Scene.shipped("idealised_fast"), tissues=tissues), head, mesh, None, None).parts()
     assert [(name, part.fitted, part.modulus) for name, part in parts.items()] == [
         ("grey", (0.9, 1.1), 2380.0),
         ("white", (0.0, math.inf), 700.0),

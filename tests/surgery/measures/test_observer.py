@@ -19,8 +19,8 @@ from ngbrain.mesh import Cleft, block
 from ngbrain.scene import Scene
 from ngbrain.scene.operation import FACED
 from ngbrain.surgery.measures.observer import CENTRE, PATCH_MARGIN, Observer, retraction_observables
-from ngbrain.surgery.model import Model
-from ngbrain.surgery.protocols import Protocol
+from ngbrain.surgery.model import RetractionModel
+from ngbrain.surgery.protocols import ToolMotion
 from ngbrain.surgery.tools import Spatula, Tube
 
 SIZE = (0.02, 0.04, 0.01)
@@ -155,8 +155,8 @@ def test_pressures_of_a_retraction_are_data_of_a_model():
     """By how stiff the cortex is, which a blade opens and holds: rate 2, and twice as stiff means more under the blade."""
     scene = Scene.shipped("idealised_fast")
     mesh = replace(scene.mesh, wall=8e-3, craniotomy=20e-3, largest=45e-3)
-    model = Model.of(replace(scene, mesh=mesh, tools=(replace(scene.tool, travel=1e-3),)))
-    factor, press = ngs.Parameter(1.0), Protocol("press", (0.0, 1.0, 2.0), (0.0, 5e-4, 5e-4))
+    model = RetractionModel.of(replace(scene, mesh=mesh, tools=(replace(scene.tool, travel=1e-3),)))
+    factor, press = ngs.Parameter(1.0), ToolMotion("press", (0.0, 1.0, 2.0), (0.0, 5e-4, 5e-4))
     run = model.run(press, materials=model.scaled({"cortex": factor}))
     asked = retraction_observables(run.problem, model.blades)
     seen = [asked[name] for name in ("pressure", "tip_pressure", "force", "net_reaction")]

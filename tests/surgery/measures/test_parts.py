@@ -9,7 +9,7 @@ from ngbrain.adjoint.time_curve import TimeCurve
 from ngbrain.errors import InputError
 from ngbrain.mesh import Cleft
 from ngbrain.surgery.measures.injury import Strain, dose
-from ngbrain.surgery.protocols import CLEAR, Protocol, continuous, intermittent, staged
+from ngbrain.surgery.protocols import CLEAR, ToolMotion, continuous, intermittent, staged
 from ngbrain.surgery.tools import Spatula, Tube
 
 CLEFT = Cleft(np.zeros(3), np.array([0, 0, 1.0]), np.array([1.0, 0, 0]), 30e-3, 4e-3, 12e-3)
@@ -79,9 +79,9 @@ def test_continuous_and_staged_end_alike():
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: Protocol("p", (0.0, 1.0), (0.0,)),
-        lambda: Protocol("p", (0.0, 1.0, 1.0), (0.0, 1.0, 2.0)),
-        lambda: Protocol("p", (1.0, 2.0), (0.0, 1.0)),
+        lambda: ToolMotion("p", (0.0, 1.0), (0.0,)),
+        lambda: ToolMotion("p", (0.0, 1.0, 1.0), (0.0, 1.0, 2.0)),
+        lambda: ToolMotion("p", (1.0, 2.0), (0.0, 1.0)),
         lambda: intermittent(5e-3, 10.0, 300.0, 100.0, 5.0),
         lambda: intermittent(5e-3, 10.0, 180.0, 100.0, 80.0),
     ],

@@ -13,9 +13,9 @@ from ngbrain.surgery.measures.sampling import (
     AMOUNT,
     BANDS,
     NEIGHBOURHOOD,
-    Part,
     Sampler,
     Sites,
+    TissuePart,
     largest_mean,
     tissue_percentiles,
 )
@@ -23,7 +23,7 @@ from ngbrain.surgery.protocol_run import Peak
 
 SIDE = 0.02
 CLEFT = Cleft(np.zeros(3), np.array([0, 0, 1.0]), np.array([1.0, 0, 0]), 30e-3, 4e-3, 12e-3)
-EVERYWHERE = {"tissue": Part(ngs.CF(1.0), (0.9, 1.1), 1e3)}
+EVERYWHERE = {"tissue": TissuePart(ngs.CF(1.0), (0.9, 1.1), 1e3)}
 
 
 def body_of(law=None):
@@ -115,8 +115,10 @@ def test_a_restart_has_the_rate_of_a_run():
 def test_each_region_is_held_to_the_range_of_its_own_law():
     body = body_of()
     left = ngs.IfPos(SIDE / 4 - ngs.x, 1.0, 0.0)
-    narrow, wide = Part(left, (0.92, 1.08), 1e3), Part(1.0 - left, (0.88, 1.12), 1e3)
-    sampler = Sampler(body, CLEFT, {"narrow": narrow, "wide": wide, "elsewhere": Part(ngs.CF(0.0), (1.0, 1.0), 1e3)})
+    narrow, wide = TissuePart(left, (0.92, 1.08), 1e3), TissuePart(1.0 - left, (0.88, 1.12), 1e3)
+    sampler = Sampler(
+        body, CLEFT, {"narrow": narrow, "wide": wide, "elsewhere": TissuePart(ngs.CF(0.0), (1.0, 1.0), 1e3)}
+    )
     deform(body, uniaxial(1.1))
     body.tissue_forces()
     sample, ml = sampler(1.0), 1e6 * SIDE**3
@@ -137,7 +139,7 @@ def test_tissue_is_counted_that_is_compressed_so_far_that_surfaces_fold(stretch,
 
 def test_what_no_part_is_of_is_not_sampled():
     body = body_of()
-    half = Sampler(body, CLEFT, {"left": Part(ngs.IfPos(SIDE / 2 - ngs.x, 1.0, 0.0), (0.9, 1.1), 1e3)})
+    half = Sampler(body, CLEFT, {"left": TissuePart(ngs.IfPos(SIDE / 2 - ngs.x, 1.0, 0.0), (0.9, 1.1), 1e3)})
     assert np.sum(half.sites.volume) == pytest.approx(SIDE**3 / 2, rel=0.3)
     assert half(0.0).strain.stretch.shape == (len(half.sites.volume), 3)
 
@@ -158,8 +160,8 @@ def test_percentiles_near_the_site_are_observables_with_gradients():
     body = Problem(mesh, {".*": Material(NeoHooke(700.0), 1e5)}, {"left": 0}, element="P2/P1", history=True)
     cleft = Cleft(np.array([0.0, 0.025, 0.025]), np.array([1.0, 0, 0]), np.array([0, 0, 1.0]), 20e-3, 4e-3, 12e-3)
     parts = {
-        "low": Part(ngs.IfPos(0.03 - ngs.y, 1.0, 0.0), (0.0, 9.0), 1e3),
-        "high": Part(ngs.CF(0.0), (0.0, 9.0), 1e3),
+        "low": TissuePart(ngs.IfPos(0.03 - ngs.y, 1.0, 0.0), (0.0, 9.0), 1e3),
+        "high": TissuePart(ngs.CF(0.0), (0.0, 9.0), 1e3),
     }
     shape = ngs.CF((ngs.x * ngs.y, ngs.x * ngs.z - ngs.x * ngs.x, ngs.x * (0.05 - ngs.y))) * 4
     body.u.Set(shape)

@@ -18,9 +18,9 @@ from ngbrain.inverse.optimise.quasi_newton import l_bfgs
 from ngbrain.inverse.optimise.regularisation_weight import Given
 from ngbrain.materials import Maxwell, NeoHooke, Prony, Viscous
 from ngbrain.mesh import block
-from ngbrain.surgery.protocols import Drive, Protocol
+from ngbrain.surgery.protocols import Drive, ToolMotion
 
-RAMP = Protocol("ramp", (0.0, 1.0, 61.0), (0.0, 2e-3, 2e-3))
+RAMP = ToolMotion("ramp", (0.0, 1.0, 61.0), (0.0, 2e-3, 2e-3))
 TIMES = np.concatenate([np.linspace(0.25, 1, 4), 1 + np.geomspace(0.2, 60, 20)])
 PRONY = {"mu": 900.0, "fast": 0.35, "tau_fast": 1.5, "slow": 0.3, "tau_slow": 20.0}
 
