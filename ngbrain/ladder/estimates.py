@@ -28,7 +28,7 @@ Array = np.ndarray
 Solved = Callable[[Model], Solution]
 """Gives a model's solution, kept from before or made now."""
 Estimator = Callable[[Any, Model, Model, Solved], "Estimate"]
-"""Of a step from a model to a richer one, on a `ModelHierarchy` or, for those that only ask for solutions, anything that has some."""
+"""Estimates a step from a model to a richer one; the first argument is a `ModelHierarchy`, or any other `Solver` of models."""
 TRUSTED = 0.3
 """Length of the second step, over the first, up to which the first order is believed."""
 SOLVED = "solved"

@@ -24,7 +24,7 @@ Result = TypeVar("Result")
 
 
 class Solving(Protocol):
-    """What a keeper asks for models' solutions, such as a `ModelHierarchy`; made of what it says, so that other processes make it too."""
+    """Interface of what solves models, such as `ModelHierarchy`; `made_of` are the arguments to rebuild it in another process."""
 
     made_of: tuple[Any, ...]
 

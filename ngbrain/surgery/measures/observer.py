@@ -57,7 +57,7 @@ class StepRecord:
 
 
 class Observer:
-    """Evaluates a `StepRecord` of what blades do to walls, its `retraction_observables` in one pass over each, and holds the running work.
+    """Evaluates the `StepRecord` of a step: `retraction_observables` in one pass over each wall, and the accumulated work.
 
     Of several blades area is the sum, pressures are of all their patches together, opening and advance the sum of their ways,
     force and net reaction the mean.
