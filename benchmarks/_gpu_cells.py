@@ -247,11 +247,11 @@ def cholesky_on_device(system: System) -> Record:
 def cudss(system: System) -> Record:
     """LDLᵀ by cuDSS, of the complex symmetric matrix where there is one."""
     matrix, b, free = system.complex or (system.matrix, system.b, system.free)
-    from ngbrain.solvers.device import OnGpu
+    from ngbrain.solvers.device import CudssFactor
 
     need_cudss()
     begun = time.perf_counter()
-    factor = OnGpu(matrix, free)
+    factor = CudssFactor(matrix, free)
     ready = time.perf_counter()
     x = b.CreateVector()
     x.FV().NumPy()[:] = factor.solve(np.array(b.FV().NumPy()))

@@ -23,8 +23,8 @@ from _ball_waves import BallInBlock
 
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.forward.harmonic.problem import Harmonic
-from ngbrain.forward.sensitivity.harmonic.slopes import Slope
-from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, Linearised
+from ngbrain.forward.sensitivity.harmonic.slopes import FieldGradient
+from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, WaveLinearisation
 from ngbrain.inverse.data.quality import noise_of
 from ngbrain.inverse.objective.misfit import LeastSquares
 from ngbrain.inverse.objective.parameters import Fields
@@ -97,7 +97,7 @@ def timed(device: Device, clock: Clock) -> Device:
 def assembly(clock: Clock) -> Iterator[None]:
     """Count what is assembled inside."""
     with ExitStack() as stack:
-        for owner, name in ((Harmonic, "factorised"), (Linearised, "_sensitivity"), (Slope, "__call__")):
+        for owner, name in ((Harmonic, "factorised"), (WaveLinearisation, "_sensitivity"), (FieldGradient, "__call__")):
             stack.enter_context(patch.object(owner, name, clock.counting("assembly", getattr(owner, name))))
         yield
 

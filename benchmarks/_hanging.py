@@ -14,7 +14,7 @@ from ngbrain.forward.common.loads import Weight
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables import Displacements
 from ngbrain.forward.sensitivity.reference_shape import Positions
-from ngbrain.forward.sensitivity.static_model import Case, Nodes, StaticModel
+from ngbrain.forward.sensitivity.static_model import LoadCase, NodePositions, StaticModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.inverse.objective.misfit import LeastSquares
 from ngbrain.inverse.objective.parameters import Fields, Scaled, Unknown
@@ -67,10 +67,10 @@ class Hanging:
         self._free = np.tile(self.square[:, 1] < SIDE * (1 - 1e-9), 2)
 
     def _model(self, mesh: ngs.Mesh, form: str) -> Positions:
-        nodes = Nodes(mesh)
+        nodes = NodePositions(mesh)
         tissue = {".*": Material(NeoHooke(600.0), 3e4)}
         body = Problem(mesh, tissue, {"top": 0}, [Weight((0, -9810.0))], element=form)
-        model = StaticModel([Case(body, [Displacements(self.square)])], {"nodes": nodes}, steps=4)
+        model = StaticModel([LoadCase(body, [Displacements(self.square)])], {"nodes": nodes}, steps=4)
         return Positions(model, "nodes", self.square)
 
     def error(self, shape: Array) -> float:
@@ -101,7 +101,7 @@ class Hanging:
         inner, nodes = self.model.model, self.model.model.parts["nodes"]
         basis = sp.eye_array(inner.size, format="csr")[:, np.flatnonzero(self._free)]
         fields = Fields(np.zeros(inner.size), inner.blocks, {"nodes": Unknown(0.0, Scaled(SIDE), basis)})
-        assert isinstance(nodes, Nodes)
+        assert isinstance(nodes, NodePositions)
         smoothed = smooth(nodes.shift.space, 0.0).matrix(np.zeros(inner.size))
         drawn = Quadratic(sp.csr_array(basis.T @ smoothed @ basis), fields.start)
         misfit = LeastSquares(self.seen.ravel(), np.full(self.seen.size, self.sigma))

@@ -23,7 +23,7 @@ from _front import figure
 
 from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.harmonic.wave import Wave
-from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, Linearised, WaveModel
+from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, WaveLinearisation, WaveModel
 from ngbrain.materials import Shearing, TransverselyIsotropic
 from ngbrain.mesh.geometry.structured import boxes, rectangles
 
@@ -69,7 +69,7 @@ def least(run: Callable[[], object], times: int) -> float:
     return min(spent)
 
 
-def off(of: WaveModel, there: Linearised, wanted: np.ndarray) -> float:
+def off(of: WaveModel, there: WaveLinearisation, wanted: np.ndarray) -> float:
     """Of the gradient of ½ |d - d0|² from a central difference, along all fields at random."""
     theta, fields = of.theta, slice(0, of.blocks[BOUNDARY].start)
     direction = np.zeros(of.size)
@@ -92,7 +92,7 @@ def measured(fields: str, form: str, n: int, loads: str, times: int, dim: int = 
         least(lambda: there.gradient(w), 2 * times),
         least(lambda: there._adjoints(w, "adjoint"), 2 * times),
     )
-    around = least(lambda: Linearised(of, there.factors, there.waves).vjp(w), times)
+    around = least(lambda: WaveLinearisation(of, there.factors, there.waves).vjp(w), times)
     own = {"case": "plane" if dim == 2 else "space", "fields": fields, "form": form, "loads": loads}
     more = {"order": of.body.form.order, "ndof": of.body.fes.ndof, "waves_s": waves, "converged": True, "reason": ""}
     error, unknowns = off(of, there, wanted), of.blocks[BOUNDARY].start

@@ -31,7 +31,7 @@ from ngsolve.meshes import MakeStructured3DMesh
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables import Displacements
 from ngbrain.forward.sensitivity import tangent_inverse as implicit_solve
-from ngbrain.forward.sensitivity.static_model import Case, Equilibria, StaticModel
+from ngbrain.forward.sensitivity.static_model import LoadCase, StaticLinearisation, StaticModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import LinearElastic, NeoHooke
 
@@ -66,7 +66,7 @@ def model(case: str, form: str, n: int) -> StaticModel:
     body = Problem(mesh, {".*": material(mu)}, {"bottom": 0, "top": moved}, element=form)
     line = (np.arange(8) + 0.5) / 8 * SIDE
     points = np.stack(np.meshgrid(line, line, line), axis=-1).reshape(-1, 3)
-    return StaticModel([Case(body, [Displacements(points)])], {"mu": mu})
+    return StaticModel([LoadCase(body, [Displacements(points)])], {"mu": mu})
 
 
 def least(run: Callable[[], object], times: int) -> tuple[float, object]:
@@ -91,7 +91,7 @@ def measured(case: str, form: str, n: int, times: int) -> Iterator[Record]:
     of = model(case, form, n)
     theta, each = of.theta, of.equilibria[0]
 
-    def equilibrium() -> Equilibria:
+    def equilibrium() -> StaticLinearisation:
         of.forget()
         return of.at(theta)
 
@@ -102,7 +102,9 @@ def measured(case: str, form: str, n: int, times: int) -> Iterator[Record]:
     ways = {OLD: few} if case == LINEAR else {OLD: few, NEW: 0}
     for method, allowed in ways.items():
         implicit_solve.FEW = allowed
-        gradient, slope = least(lambda: Equilibria(of, theta, there.states).gradient(there.data - wanted), times)
+        gradient, slope = least(
+            lambda: StaticLinearisation(of, theta, there.states).gradient(there.data - wanted), times
+        )
         implicit_solve.FEW = few
         yield {
             "method": method,

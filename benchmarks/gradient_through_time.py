@@ -27,7 +27,7 @@ from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.friction import Friction
 from ngbrain.forward.contact.rigid import Contact
 from ngbrain.forward.observables import Displacements, Force
-from ngbrain.forward.sensitivity.transient.run_model import Replayed, RunModel
+from ngbrain.forward.sensitivity.transient.run_model import RunLinearisation, RunModel
 from ngbrain.forward.sensitivity.transient.step import Parameter
 from ngbrain.forward.solid.inertia import Inertia
 from ngbrain.forward.solid.problem import Problem
@@ -195,7 +195,7 @@ def twice(of: RunModel, w: np.ndarray) -> tuple[float, float]:
     return spent, float(np.linalg.norm((found - wanted) * theta) / np.linalg.norm(wanted * theta))
 
 
-def off(of: RunModel, there: Replayed, w: np.ndarray, slope: np.ndarray) -> float:
+def off(of: RunModel, there: RunLinearisation, w: np.ndarray, slope: np.ndarray) -> float:
     """Of the gradient from a central difference."""
     theta, direction = of.theta, along(of)
     up, down = (float(np.sum(w * of.at(theta + s * STEP * direction).data)) for s in (1, -1))

@@ -28,7 +28,7 @@ from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables import Displacements, Force
-from ngbrain.forward.sensitivity.static_model import Case, StaticModel
+from ngbrain.forward.sensitivity.static_model import LoadCase, StaticModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.inverse.objective.misfit import LeastSquares
 from ngbrain.inverse.objective.parameters import Fields, Unknown
@@ -78,7 +78,7 @@ class Block:
         made = {".*": Material(NeoHooke(mu), BULK)}
         bodies = [Problem(mesh, made, supports, element=form) for supports in self.loads]
         return StaticModel(
-            [Case(body, [Displacements(self.grid), Force("top")]) for body in bodies], parameters, steps=2
+            [LoadCase(body, [Displacements(self.grid), Force("top")]) for body in bodies], parameters, steps=2
         )
 
     def simulated(self) -> np.ndarray:

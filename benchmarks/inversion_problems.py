@@ -40,7 +40,7 @@ from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import ConvergenceError
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables import Displacements, Force
-from ngbrain.forward.sensitivity.static_model import Case, StaticModel
+from ngbrain.forward.sensitivity.static_model import LoadCase, StaticModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.inverse.objective.misfit import LeastSquares
 from ngbrain.inverse.objective.parameters import Bounded, Fields, Scaled, Unknown
@@ -131,7 +131,7 @@ class Loaded:
         """Under some of the loads."""
         seen = [Displacements(lattice(self.points, self.dim)), Force("top")]
         bodies = [Problem(mesh, {".*": material}, {"bottom": 0, "top": self.loads[n]}, element=form) for n in names]
-        return StaticModel([Case(body, seen) for body in bodies], of, steps=2)
+        return StaticModel([LoadCase(body, seen) for body in bodies], of, steps=2)
 
     def measured(
         self, mesh: ngs.Mesh, material: Material, seed: int = 0, noise: float = NOISE

@@ -30,7 +30,7 @@ from ngbrain.errors import InputError, SolverError
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.rigid import Contact
 from ngbrain.forward.observables import Displacements, Force
-from ngbrain.forward.sensitivity.static_model import Case, StaticModel
+from ngbrain.forward.sensitivity.static_model import LoadCase, StaticModel
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.inverse.objective.misfit import LeastSquares
@@ -66,7 +66,7 @@ def large_strain() -> tuple[StaticModel, dict[str, Unknown]]:
     cases = []
     for top in ((0.0, -0.15 * SIDE), (0.2 * SIDE, 0.0)):
         body = Problem(mesh, {".*": Material(Ogden(mu, alpha), 5e4)}, {"bottom": 0, "top": top}, element="P2/P1")
-        cases.append(Case(body, [Displacements(points), Force("top")]))
+        cases.append(LoadCase(body, [Displacements(points), Force("top")]))
     unknowns = {"mu": Unknown(mu.vec.FV().NumPy().copy(), Log()), "alpha": Unknown(ALPHA, Scaled(-ALPHA))}
     return StaticModel(cases, {"mu": mu, "alpha": alpha}), unknowns
 

@@ -31,8 +31,8 @@ from ngbrain.forward.contact.friction import Friction
 from ngbrain.forward.contact.rigid import Closing, Contact
 from ngbrain.forward.contact.rigid import Sliding as Film
 from ngbrain.forward.observables import Force, Functional
-from ngbrain.forward.sensitivity.parameter_blocks import Held, Nodes
-from ngbrain.forward.sensitivity.static_model import Case, StaticModel
+from ngbrain.forward.sensitivity.parameter_blocks import NodePositions, PrescribedDisplacement
+from ngbrain.forward.sensitivity.static_model import LoadCase, StaticModel
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.inertia import Inertia
 from ngbrain.forward.solid.problem import Problem
@@ -78,7 +78,7 @@ class Scene:
             self.parameter = ngs.GridFunction(ngs.H1(self.of.mesh, order=1))
             self.parameter.Set(ROWS[term, what] * (1 + 10 * ngs.x))
         if term == "mesh":
-            self.parameter = Nodes(self.of.mesh)
+            self.parameter = NodePositions(self.of.mesh)
         self.motion: Any = self.plate
 
     def of_term(self, term: str, what: str, value: float) -> Any:
@@ -161,7 +161,7 @@ class Scene:
     def models(self) -> Any:
         """The model whose derivatives are asked."""
         problem = self.problem()
-        block = Held(problem, "bottom") if self.term == "supports" else self.parameter
+        block = PrescribedDisplacement(problem, "bottom") if self.term == "supports" else self.parameter
         foot = "foot" if self.of.growth else "bottom"
         asked = [BENT] if self.term == "mesh" and self.running else [Force(foot), BENT]
         if self.term == "mesh":
@@ -169,7 +169,7 @@ class Scene:
         if self.running:
             return RunModel(problem, self.motion, GRID, {self.what: block}, asked)
         self.motion.set(1.0)
-        return StaticModel([Case(problem, asked)], {self.what: block})
+        return StaticModel([LoadCase(problem, asked)], {self.what: block})
 
 
 def attempt(kind: str, term: str, what: str, column: str) -> str:

@@ -10,7 +10,7 @@ from statics import square
 from ngbrain.adjoint.check import dot, taylor
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables import Displacements, Force, Functional
-from ngbrain.forward.sensitivity.static_model import Case, StaticModel
+from ngbrain.forward.sensitivity.static_model import LoadCase, StaticModel
 from ngbrain.forward.solid.advance import newton_for
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import (
@@ -126,7 +126,7 @@ def model(law=NeoHooke, kind="field", form="P2", mesh=None):
     bulk = parameter("bulk", 4e3 if "/" not in str(form) else 5e4)
     down = {"bottom": 0, "top": (0.006, *[0.002] * (mesh.dim - 2), -0.012)}
     body = Problem(mesh, {".*": Material(LAWS[law](parameter), bulk)}, down, element=form)
-    return StaticModel([Case(body, seen(mesh.dim))], parameters, tight(body))
+    return StaticModel([LoadCase(body, seen(mesh.dim))], parameters, tight(body))
 
 
 def tight(body):

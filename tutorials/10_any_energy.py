@@ -25,7 +25,7 @@ from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.rigid import Contact
 from ngbrain.forward.observables import Displacements, Force, Observable, StrainPercentile
 from ngbrain.forward.observables.base import Linear
-from ngbrain.forward.sensitivity.static_model import Case, StaticModel
+from ngbrain.forward.sensitivity.static_model import LoadCase, StaticModel
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.statics.load_path import LoadPath
@@ -79,7 +79,7 @@ coarse = MakeStructured2DMesh(quads=False, nx=n, ny=n, mapping=lambda x, y: (0.1
 
 def seen(bodies, parameters):
     """Displacements at the points and the force on the plate, of both loads."""
-    return StaticModel([Case(body, [Displacements(points), Force("top")]) for body in bodies], parameters)
+    return StaticModel([LoadCase(body, [Displacements(points), Force("top")]) for body in bodies], parameters)
 
 
 mu, k = ngs.GridFunction(ngs.H1(coarse, order=1)), ngs.Parameter(0.5)
@@ -263,7 +263,7 @@ print(f"the plain percentile is {strain.on(body).raw:.4g}")
 # The same objects are data: k from these three numbers of both loads, pressed and sheared, with 1 % of noise, drawn anew each time.
 
 # %%
-six = StaticModel([Case(each, asked) for each in bodies], {"k": k})
+six = StaticModel([LoadCase(each, asked) for each in bodies], {"k": k})
 numbers = six.at(six.theta).data
 held, draws = 0, 10 if FAST else 20
 for _ in range(draws):

@@ -18,7 +18,7 @@ import numpy as np
 
 import ngbrain
 from ngbrain import ladder
-from ngbrain.forward import Case, Material, Problem, StaticModel
+from ngbrain.forward import LoadCase, Material, Problem, StaticModel
 from ngbrain.forward.observables import Displacements, Force, Observable
 from ngbrain.forward.observables.base import Linear
 from ngbrain.inverse.fitting.estimate import recover
@@ -177,7 +177,7 @@ mesh = ladder.ModelHierarchy(asked).mesh({"space": "solid", "mesh": "0"})
 held = {"bottom": 0, "plate": (0, 0, -WAY)}
 body = Problem(mesh, {".*": Material(NeoHooke(mu), bulk)}, held, element="P2")
 model = StaticModel(
-    [Case(body, [Force("plate", (0, 0, -1)), Bulging(0.02, WAY), Bulging(0.03, WAY)])], {"mu": mu, "bulk": bulk}
+    [LoadCase(body, [Force("plate", (0, 0, -1)), Bulging(0.02, WAY), Bulging(0.03, WAY)])], {"mu": mu, "bulk": bulk}
 )
 seen, rng = model.at(model.theta).data, np.random.default_rng(3)
 inside, draws = 0, 20

@@ -6,7 +6,7 @@ What it is made of: `Material` by region; supports by boundary; loads (`Traction
 `RigidBody`, `CavityPressure`, `CavityVolume`) and `Inertia`; contacts (`Contact`, `Friction`, `Sliding`, `Closing`,
 `GivenForce`); in space or in `PlaneStrain` and `Axisymmetric`. Linear waves at one frequency: `Harmonic`; on a deformed body
 `Harmonic.about`. What is asked of a state: `ngbrain.forward.observables`. Models that are differentiated by parameters:
-`StaticModel` of equilibria (`Case`), `RunModel` of runs, `WaveModel` of waves.
+`StaticModel` of equilibria (`LoadCase`), `RunModel` of runs, `WaveModel` of waves.
 """
 
 from importlib import import_module
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from ngbrain.forward.harmonic.problem import Harmonic
     from ngbrain.forward.harmonic.wave import Wave
     from ngbrain.forward.sensitivity.harmonic.wave_model import WaveModel
-    from ngbrain.forward.sensitivity.static_model import Case, StaticModel
+    from ngbrain.forward.sensitivity.static_model import LoadCase, StaticModel
     from ngbrain.forward.sensitivity.transient.run_model import RunModel
     from ngbrain.forward.solid.advance import LoadHistory, LoadProgram, advance, newton_for
     from ngbrain.forward.solid.inertia import GeneralizedAlpha, Inertia
@@ -47,7 +47,7 @@ _HOME = {
     "contact.friction": ("Friction",),
     "harmonic.problem": ("Harmonic",),
     "harmonic.wave": ("Absorbing", "Wave"),
-    "sensitivity.static_model": ("Case", "StaticModel"),
+    "sensitivity.static_model": ("LoadCase", "StaticModel"),
     "solid.inertia": ("GeneralizedAlpha", "Inertia"),
     "common.kinematics": ("AntiPlane", "Axisymmetric", "PlaneStrain"),
     "statics.load_path": ("LoadPath",),
@@ -69,7 +69,6 @@ __all__ = [
     "Absorbing",
     "AntiPlane",
     "Axisymmetric",
-    "Case",
     "CavityPressure",
     "CavityVolume",
     "Closing",
@@ -81,6 +80,7 @@ __all__ = [
     "GivenSteps",
     "Harmonic",
     "Inertia",
+    "LoadCase",
     "LoadHistory",
     "LoadPath",
     "LoadProgram",

@@ -94,7 +94,7 @@ class Device:
             raise SolverError(f"{what} cannot be factorised: {error}") from error
 
 
-class OnProcessor:
+class CpuFactor:
     """One of NGSolve's inverses, by its name."""
 
     def __init__(self, matrix: ngs.BaseMatrix, free: ngs.BitArray | None, kind: str) -> None:
@@ -115,7 +115,7 @@ class OnProcessor:
         return np.array(self._out.FV().NumPy())
 
 
-class OnGpu:
+class CudssFactor:
     """Factor by cuDSS in the GPU's memory, of the lower half of a symmetric matrix; a general one keeps both halves.
 
     Right-hand sides and solutions are copied there and back. Raises `MissingExtra`, and what nvmath raises.
@@ -148,7 +148,7 @@ class OnGpu:
         return x
 
 
-class OnNgsolve:
+class NgsolveFactor:
     """Factor on the processor, solved with by NGSolve's device operators: on its GPU, or on its host reference device.
 
     That is as slow as it is exact: it plays a GPU. Of a complex A = R + iS the factor is that of the real
@@ -200,10 +200,10 @@ def _try(device: Device) -> None:
         raise InputError("device", repr(device.name), f"a GPU that {by} solves on ({found}), or 'cpu'")
 
 
-CPU = Device("cpu", partial(OnProcessor, kind="sparsecholesky"))
-PIVOTED = Device("cpu, with pivots", partial(OnProcessor, kind="umfpack"))
+CPU = Device("cpu", partial(CpuFactor, kind="sparsecholesky"))
+PIVOTED = Device("cpu, with pivots", partial(CpuFactor, kind="umfpack"))
 """Where a factor that chooses no pivots, or few, leaves too much."""
 CROSSING = 21_000
 """Complex unknowns from which on a GPU (H200) factorises and solves waves faster than 16 threads: `benchmarks/gpu.py`."""
 AUTO = Device("auto", CPU.make)
-DEVICES = {"auto": AUTO, "cpu": CPU, "cuda": Device("cuda", OnGpu), "ngsolve": Device("ngsolve", OnNgsolve)}
+DEVICES = {"auto": AUTO, "cpu": CPU, "cuda": Device("cuda", CudssFactor), "ngsolve": Device("ngsolve", NgsolveFactor)}

@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from ngbrain.errors import Breakdown, MissingExtra, require
 from ngbrain.result import Status
 from ngbrain.solvers.condensed import Array, Condensed, Core
-from ngbrain.solvers.device import Device, OnGpu
+from ngbrain.solvers.device import CudssFactor, Device
 from ngbrain.solvers.matrices import to_scipy
 
 NAMES = ("sparsecholesky", "umfpack", "pardiso", "mumps", "cudss")
@@ -92,7 +92,7 @@ def _mumps(condensed: Condensed) -> Core:
 
 def _cudss(condensed: Condensed) -> Core:
     form = condensed.form
-    return OnGpu(condensed.matrix, form.space.FreeDofs(form.condense), _symmetric(condensed)).solve
+    return CudssFactor(condensed.matrix, form.space.FreeDofs(form.condense), _symmetric(condensed)).solve
 
 
 def _symmetric(condensed: Condensed) -> bool:

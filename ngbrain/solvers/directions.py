@@ -13,7 +13,7 @@ KEPT = 150
 """Directions: each as long as a vector of unknowns, twice."""
 
 
-class Directions:
+class QuasiNewtonPreconditioner:
     """The latest directions s and their images G s, as BFGS corrections of a preconditioner for G + R.
 
     most   how many are kept
@@ -22,7 +22,7 @@ class Directions:
     whenever the one it corrects is, and maps (G + R) s to s for the last s.
     Source: Morales and Nocedal 2000, 10.1137/S1052623497327854.
 
-    >>> found = Directions()
+    >>> found = QuasiNewtonPreconditioner()
     >>> found.add(np.array([1.0, 0.0]), np.array([4.0, 0.0]))
     >>> found.corrected(lambda r: r, lambda s: 0 * s)(np.array([4.0, 3.0])).tolist()
     [1.0, 3.0]

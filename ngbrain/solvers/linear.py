@@ -81,7 +81,7 @@ def choose(
 
 
 @dataclass
-class Direct:
+class DirectSolver:
     """Solves with a factor; without the form (which may have been assembled again since), `core` is still good."""
 
     condensed: Condensed
@@ -94,7 +94,7 @@ class Direct:
 
 
 @dataclass
-class Iterative:
+class KrylovSolver:
     """Solves to `rtol` in at most `most` iterations, or raises FloatingPointError; `iterations` of the last solve."""
 
     name: str
@@ -118,7 +118,7 @@ class Iterative:
 
 
 @dataclass
-class Reused:
+class ReusedFactorSolver:
     """Solves with a form's matrix by GMRES around an older factor; what it found first is kept for who asks again."""
 
     condensed: Condensed
@@ -166,13 +166,13 @@ def prepare(name: str, form: ngs.BilinearForm, modulus: ngs.CoefficientFunction 
 
         def factorised() -> Solve:
             condensed = Condensed(form)
-            return Direct(condensed, direct.factorise(name, condensed))
+            return DirectSolver(condensed, direct.factorise(name, condensed))
 
         return factorised
     block = _block(name, form, modulus)
 
     def iterative() -> Solve:
-        return Iterative(name, Condensed(form), block())
+        return KrylovSolver(name, Condensed(form), block())
 
     return iterative
 
@@ -183,9 +183,9 @@ def reused(form: ngs.BilinearForm, kept: Solve, r: Array, rtol: float = 1e-2, mo
     Later right-hand sides are solved as well as `most` iterations can. Errors are measured as the old factor sees them,
     M₀⁻¹(r - Mx), each field by its own size, so that forces beside volumes do not matter.
     """
-    if not isinstance(kept, Direct):
+    if not isinstance(kept, DirectSolver):
         return None
-    solve = Reused(Condensed(form), kept.core, rtol, most)
+    solve = ReusedFactorSolver(Condensed(form), kept.core, rtol, most)
     solve(r)
     return solve if solve.left <= rtol else None
 

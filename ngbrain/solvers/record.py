@@ -12,14 +12,14 @@ from ngbrain.result import Result
 
 
 @dataclass
-class Work:
+class SolverWork:
     """Counts of the expensive operations, added up over a run."""
 
     residuals: int = 0
     factorisations: int = 0
     solves: int = 0
 
-    def __iadd__(self, other: Work) -> Work:
+    def __iadd__(self, other: SolverWork) -> SolverWork:
         self.residuals += other.residuals
         self.factorisations += other.factorisations
         self.solves += other.solves
@@ -36,7 +36,7 @@ class NewtonRecord(Result):
 
     iterations: int = 0
     min_det_F: float = float("nan")  # noqa: N815
-    work: Work = field(default_factory=Work)
+    work: SolverWork = field(default_factory=SolverWork)
 
     def plot(self) -> Any:
         """Residuals of the iterations."""
@@ -77,7 +77,7 @@ class PathRecord(Result):
     factor: float = 0.0
     cuts: list[str] = field(default_factory=list)
     tried: int = 0
-    work: Work = field(default_factory=Work)
+    work: SolverWork = field(default_factory=SolverWork)
     seconds: dict[str, float] = field(default_factory=dict)
     ndof: int = 0
     element: str = ""
@@ -126,12 +126,12 @@ class Clock:
     def __init__(self) -> None:
         self.seconds: dict[str, float] = defaultdict(float)
 
-    def __call__(self, phase: str) -> Phase:
+    def __call__(self, phase: str) -> SolveStage:
         """Count what is done inside."""
-        return Phase(self.seconds, phase)
+        return SolveStage(self.seconds, phase)
 
 
-class Phase:
+class SolveStage:
     """One of a `Clock`: a context, made lean, for a run of a small body enters thousands."""
 
     __slots__ = ("_name", "_seconds", "_start")

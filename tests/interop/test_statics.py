@@ -12,7 +12,7 @@ from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import SolverError
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables import Force
-from ngbrain.forward.sensitivity.static_model import Case, Held, StaticModel
+from ngbrain.forward.sensitivity.static_model import LoadCase, PrescribedDisplacement, StaticModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.interop import jax as to_jax
 from ngbrain.interop import torch as to_torch
@@ -92,7 +92,7 @@ def pressed():
         {"bottom": 0, "top": (0, -0.35 * SIDE)},
         element="P2/P1",
     )
-    of = StaticModel([Case(body, [Force("top")])], {"top": Held(body, "top")}, tight(body))
+    of = StaticModel([LoadCase(body, [Force("top")])], {"top": PrescribedDisplacement(body, "top")}, tight(body))
     truth = of.theta
     data = of.at(truth).data
     part = sp.csr_array((truth / 0.35)[:, None])

@@ -8,7 +8,7 @@ from differentiable import MODULUS, SIDE
 
 from ngbrain.adjoint.check import taylor
 from ngbrain.errors import ConvergenceError, InputError, MissingExtra
-from ngbrain.forward.sensitivity.harmonic.wave_model import Linearised
+from ngbrain.forward.sensitivity.harmonic.wave_model import WaveLinearisation
 from ngbrain.interop.torch import function
 
 SIZE = 1e3
@@ -158,7 +158,7 @@ def test_second_derivatives_of_an_objective(torch, inversion, rng):
 
 
 def test_second_derivatives_are_refused_where_there_are_none(torch, monkeypatch, waves):
-    monkeypatch.delattr(Linearised, "hvp")
+    monkeypatch.delattr(WaveLinearisation, "hvp")
     x = torch.tensor(waves.theta, requires_grad=True)
     (slope,) = torch.autograd.grad(function(waves)(x).abs().sum(), x, create_graph=True)
     with pytest.raises(InputError, match="second derivatives"):

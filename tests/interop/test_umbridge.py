@@ -11,7 +11,7 @@ import pytest
 
 from ngbrain.adjoint.check import taylor
 from ngbrain.errors import MissingExtra
-from ngbrain.forward.sensitivity.harmonic.wave_model import Linearised
+from ngbrain.forward.sensitivity.harmonic.wave_model import WaveLinearisation
 from ngbrain.interop.umbridge import BEYOND, model
 
 HERE = Path(__file__).parent
@@ -72,7 +72,7 @@ def test_objective(umbridge, url, risky, rng):
 
 def test_what_has_no_second_derivatives(umbridge, waves, inversion, monkeypatch, rng):
     """Data have no Hessian then, J that of Gauss and Newton."""
-    monkeypatch.delattr(Linearised, "hvp")
+    monkeypatch.delattr(WaveLinearisation, "hvp")
     assert not model(waves, waves.theta).supports_apply_hessian()
     x, dx = inversion.unknowns.start, rng.normal(size=inversion.unknowns.start.size)
     served = model(inversion, x)

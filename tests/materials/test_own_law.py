@@ -11,7 +11,7 @@ from statics import square
 import ngbrain
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables import Displacements, Force
-from ngbrain.forward.sensitivity.static_model import Case, StaticModel
+from ngbrain.forward.sensitivity.static_model import LoadCase, StaticModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.inverse.fitting.estimate import recover
 from ngbrain.materials import lab
@@ -81,7 +81,7 @@ def test_in_an_inversion(rng):
     def seen(mesh, form, law, parameters):
         loads = [{"bottom": 0, "top": (0.0, -0.2 * SIDE)}, {"bottom": 0, "top": (0.3 * SIDE, 0.0)}]
         bodies = [Problem(mesh, {".*": Material(law, 5e4)}, supports, element=form) for supports in loads]
-        return StaticModel([Case(body, [Displacements(points), Force("top")]) for body in bodies], parameters)
+        return StaticModel([LoadCase(body, [Displacements(points), Force("top")]) for body in bodies], parameters)
 
     truth = 600.0 + 3e4 * ngs.x
     fine = seen(square(12, size=SIDE), "P3/P2", LopezPamies(truth, ngs.CF(9.0)), {"none": ngs.Parameter(0.0)})

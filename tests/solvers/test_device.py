@@ -20,10 +20,10 @@ from ngbrain.io.waves import WaveData
 from ngbrain.mesh import block
 from ngbrain.mesh.geometry.structured import rectangles
 from ngbrain.solvers import device as device_module
-from ngbrain.solvers.device import CPU, Device, OnGpu, OnNgsolve
+from ngbrain.solvers.device import CPU, CudssFactor, Device, NgsolveFactor
 from ngbrain.solvers.linear import prepare
 
-HOST = Device("host", OnNgsolve)
+HOST = Device("host", NgsolveFactor)
 
 
 def small(device=CPU):
@@ -89,8 +89,8 @@ def test_the_reference_device_is_no_gpu(monkeypatch):
 
 def test_half_of_a_matrix_that_is_not_symmetric_would_be_another(cudss):
     matrix = ngs.la.SparseMatrixd.CreateFromCOO([0, 0, 1], [0, 1, 1], [2.0, 4.0, 1.0], 2, 2)
-    assert OnGpu(matrix, None, symmetric=False).solve(np.array([6.0, 1.0])) == pytest.approx([1, 1])
-    assert OnGpu(matrix, None).solve(np.array([6.0, 1.0])) == pytest.approx([3, 1])
+    assert CudssFactor(matrix, None, symmetric=False).solve(np.array([6.0, 1.0])) == pytest.approx([1, 1])
+    assert CudssFactor(matrix, None).solve(np.array([6.0, 1.0])) == pytest.approx([3, 1])
 
 
 def test_waves_and_their_derivatives(cudss, rng):

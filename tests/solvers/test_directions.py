@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ngbrain.solvers.directions import Directions
+from ngbrain.solvers.directions import QuasiNewtonPreconditioner
 from ngbrain.solvers.krylov import truncated_cg
 
 N = 40
@@ -21,7 +21,7 @@ def plain(r):
 
 
 def learnt(G, R, b, most=N):
-    found = Directions()
+    found = QuasiNewtonPreconditioner()
     truncated_cg(lambda s: (G + R) @ s, plain, b, 1e-10, most, lambda s, image: found.add(s, image - R @ s))
     return found
 
@@ -50,18 +50,18 @@ def test_symmetric_positive_definite_and_exact_for_the_last(matrices, rng):
 
 
 def test_no_more_are_kept_than_asked_for_and_they_come_back(rng):
-    found = Directions(3)
+    found = QuasiNewtonPreconditioner(3)
     for s in rng.normal(size=(5, N)):
         found.add(s, 2 * s)
     assert found.arrays.shape == (3, 2, N)
-    again = Directions(3)
+    again = QuasiNewtonPreconditioner(3)
     again.arrays = found.arrays
     r = rng.normal(size=N)
     assert np.array_equal(again.corrected(plain, plain)(r), found.corrected(plain, plain)(r))
 
 
 def test_a_direction_of_no_length_teaches_nothing():
-    found = Directions()
+    found = QuasiNewtonPreconditioner()
     found.add(np.zeros(N), np.zeros(N))
     assert len(found.arrays) == 0
     assert found.corrected(plain, plain) is plain

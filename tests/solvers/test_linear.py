@@ -9,7 +9,7 @@ from ngsolve.meshes import MakeStructured2DMesh
 from ngbrain.errors import InputError, MissingExtra
 from ngbrain.mesh import block
 from ngbrain.solvers import direct, krylov
-from ngbrain.solvers.linear import Direct, Reused, choose, prepare, reused
+from ngbrain.solvers.linear import DirectSolver, ReusedFactorSolver, choose, prepare, reused
 from ngbrain.solvers.multigrid import Patches
 
 SIDE = 0.02
@@ -243,7 +243,7 @@ def test_an_older_factor_solves_with_the_new_matrix_if_that_is_near(kind, conden
 def test_only_a_factor_is_reused(cube):
     form = elastic("displacement", cube, 50)
     _, kept = solution("cg-amg", form)
-    assert not isinstance(kept, Direct) and reused(form, kept, gravity(form)) is None
+    assert not isinstance(kept, DirectSolver) and reused(form, kept, gravity(form)) is None
 
 
 @pytest.mark.parametrize(
@@ -281,7 +281,7 @@ def test_fields_of_an_older_factors_solution_weigh_alike(kind, cube):
     kept, r = make(), gravity(form)
     assemble(0.002)
     solve, seen = reused(form, kept, r, 1e-8, 80), []
-    again = Reused(solve.condensed, lambda b: seen.append(solve.old(b)) or seen[-1], 1e-8, 80)
+    again = ReusedFactorSolver(solve.condensed, lambda b: seen.append(solve.old(b)) or seen[-1], 1e-8, 80)
     again(r)
     held = [field for field in solve.condensed.fields if not solve.condensed.free[field].any()]  # condensed out
     assert len(held) < len(solve.condensed.fields)

@@ -13,7 +13,7 @@ from ngbrain.forward.common.loads import Traction, Weight
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity import tangent_inverse as implicit_solve
-from ngbrain.forward.sensitivity.static_model import Case, Equilibria, StaticModel
+from ngbrain.forward.sensitivity.static_model import LoadCase, StaticLinearisation, StaticModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.inverse.objective.misfit import LeastSquares
 from ngbrain.inverse.objective.parameters import Fields, Scaled, Unknown
@@ -65,7 +65,7 @@ def heavy():
     mu = ngs.Parameter(1e3)
     supports = {"bottom": 0, "left|right": (0, None)}
     body = Problem(MESH, {".*": Material(NeoHooke(mu), 5 * mu)}, supports, [Weight((0, -3e4))], element="P2")
-    return StaticModel([Case(body, [SEEN])], {"mu": mu}), body, mu
+    return StaticModel([LoadCase(body, [SEEN])], {"mu": mu}), body, mu
 
 
 def test_naive_newton_converges_to_folded_tissue():
@@ -142,7 +142,7 @@ def exponential():
     body = Problem(
         MESH, {".*": Material(Demiray(500.0, b), 2e4)}, {"bottom": 0}, [Traction("top", (0, 400.0))], element="P2/P1"
     )
-    return StaticModel([Case(body, [SEEN])], {"b": b}), body, b
+    return StaticModel([LoadCase(body, [SEEN])], {"b": b}), body, b
 
 
 def test_naive_newton_breaks_down_where_the_energy_overflows():
@@ -180,7 +180,7 @@ def below_a_plate():
     mu = ngs.Parameter(1e3)
     loads = [Plate(0.105, 1e9), Traction("top", (0, 300.0))]
     body = Problem(MESH, {".*": Material(NeoHooke(mu), 2e4)}, {"bottom": 0}, loads, element="P2/P1")
-    return StaticModel([Case(body, [SEEN])], {"mu": mu}, tight(body)), body
+    return StaticModel([LoadCase(body, [SEEN])], {"mu": mu}, tight(body)), body
 
 
 def touching(body):
@@ -269,7 +269,7 @@ def pressed():
     supports = {"bottom": (None, 0), "left": (0, None), "top": (None, -0.015)}
     law = HolzapfelGasserOgden(mu, k1, 5.0, 0.0, (0, 1, 0))
     body = Problem(MESH, {".*": Material(law, 2e4)}, supports, element="P2/P1")
-    return StaticModel([Case(body, [SEEN, Force("top")])], {"mu": mu, "k1": k1})
+    return StaticModel([LoadCase(body, [SEEN, Force("top")])], {"mu": mu, "k1": k1})
 
 
 def test_what_has_no_influence_is_told_and_not_moved():
@@ -298,7 +298,7 @@ def turned():
     fibre = ngs.CF((ngs.cos(angle), ngs.sin(angle), 0))
     law = HolzapfelGasserOgden(500.0, 2e3, 5.0, 0.0, fibre)
     body = Problem(MESH, {".*": Material(law, 2e4)}, {"bottom": 0, "top": (0, 0.012)}, element="P2/P1")
-    return StaticModel([Case(body, [SEEN, Force("top")])], {"angle": angle})
+    return StaticModel([LoadCase(body, [SEEN, Force("top")])], {"angle": angle})
 
 
 def from_degrees(model, truth, degrees):
@@ -329,7 +329,7 @@ def test_one_start_of_unloaded_fibres_stands_still_and_several_do_not():
 def sheared():
     mu = field(mesh := cube(2), 1e3)
     body = Problem(mesh, {".*": Material(NeoHooke(mu), 5e3)}, {"bottom": 0, "top": (0.01, 0, -0.015)}, element="P2")
-    return StaticModel([Case(body, [Displacements([[0.03, 0.04, 0.06], [0.06, 0.05, 0.03]])])], {"mu": mu}), body
+    return StaticModel([LoadCase(body, [Displacements([[0.03, 0.04, 0.06], [0.06, 0.05, 0.03]])])], {"mu": mu}), body
 
 
 def test_the_last_factor_of_newtons_method_alone_is_not_the_adjoints(monkeypatch):
@@ -342,7 +342,7 @@ def test_the_last_factor_of_newtons_method_alone_is_not_the_adjoints(monkeypatch
     naive = each.by_theta()
     off = np.linalg.norm(naive - right) / np.linalg.norm(right)
     monkeypatch.setattr(implicit_solve, "FEW", 0)
-    exact = Equilibria(model, there.theta, there.states).gradient(w)
+    exact = StaticLinearisation(model, there.theta, there.states).gradient(w)
     ours = np.linalg.norm(exact - right) / np.linalg.norm(right)
     print(off, ours)
     assert off > 0.1 and 0 < ours < 1e-9

@@ -11,7 +11,7 @@ from statics import SIDE, cube, square
 from ngbrain.forward.common.loads import Traction, Weight
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables import Force, Functional
-from ngbrain.forward.sensitivity.static_model import Case, Held, StaticModel
+from ngbrain.forward.sensitivity.static_model import LoadCase, PrescribedDisplacement, StaticModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import NeoHooke, Ogden, density
 from ngbrain.materials.base import Deformation
@@ -25,8 +25,8 @@ def test_an_ogden_bar(stretch):
     mu, alpha = ngs.Parameter(1e3), ngs.Parameter(-5.0)
     moved = ROLLERS | {"top": (None, None, (stretch - 1) * SIDE)}
     body = Problem(cube(1), {".*": Material(Ogden(mu, alpha), inf)}, moved, element="P2/P1")
-    top = Held(body, "top")
-    model = StaticModel([Case(body, [Force("top")])], {"mu": mu, "alpha": alpha, "top": top}, tight(body))
+    top = PrescribedDisplacement(body, "top")
+    model = StaticModel([LoadCase(body, [Force("top")])], {"mu": mu, "alpha": alpha, "top": top}, tight(body))
     there = model.at(model.theta)
 
     m, a, x, ln, area = 1e3, -5.0, stretch, log(stretch), SIDE**2
@@ -62,7 +62,7 @@ def test_of_the_whole_potential_only_the_explicit_part_is_left(rng):
     def potential(at):
         return stored(at) + loads[0].energy(at) + loads[1].energy(at)
 
-    model = StaticModel([Case(body, [Functional(potential)])], {"mu": mu, "pull": pull}, tight(body))
+    model = StaticModel([LoadCase(body, [Functional(potential)])], {"mu": mu, "pull": pull}, tight(body))
     there = model.at(model.theta)
     assert there.data == pytest.approx([body.energy], rel=1e-12)
     gradient = there.gradient(np.ones(1))

@@ -11,7 +11,7 @@ from ngbrain.forward.common.material import Material
 from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.forward.sensitivity.harmonic.wave_model import WaveModel
-from ngbrain.forward.sensitivity.static_model import Held
+from ngbrain.forward.sensitivity.static_model import PrescribedDisplacement
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import MooneyRivlin, NeoHooke, Ogden
 
@@ -40,7 +40,7 @@ def stretched(law, stretch, loss=ETA, frequency=FREQUENCY):
     across = [Wave(frequency, {"back": (0, 1e-6, 0)})]
     points = np.array([(x, 0.4 * WIDTH, 0.7 * WIDTH) for x in PLACES])
     held = {"x": ".*", "y": "back|front", "z": ".*"}
-    parameters = {"mu": mu, "front": Held(body, "front")}
+    parameters = {"mu": mu, "front": PrescribedDisplacement(body, "front")}
     return WaveModel(Harmonic.about(body, across, loss=loss, density=RHO, held=held), parameters, points)
 
 

@@ -14,7 +14,7 @@ from scipy.sparse.linalg import LinearOperator, eigs
 
 from ngbrain.errors import InputError, SolverError
 from ngbrain.forward.common.solve_counts import Solves
-from ngbrain.solvers.device import PIVOTED, Device, Factor, OnProcessor
+from ngbrain.solvers.device import PIVOTED, CpuFactor, Device, Factor
 from ngbrain.solvers.matrices import rows, to_scipy
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ class Factorised:
         self.solves.count(purpose)
         factor = self._factors[omega]
         if transposed and not self.body.symmetric:
-            assert isinstance(factor, OnProcessor)
+            assert isinstance(factor, CpuFactor)
             return factor.transposed(b)
         return factor.solve(b)
 

@@ -14,7 +14,7 @@ from ngbrain.errors import InputError
 from ngbrain.forward.common.loads import Load
 from ngbrain.forward.contact.force_control import GivenForce
 from ngbrain.forward.contact.rigid import Closing, Contact, Touch
-from ngbrain.forward.sensitivity.parameter_blocks import Block, Scalar
+from ngbrain.forward.sensitivity.parameter_blocks import ParameterBlock, Scalar
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.virtual_work import Motion, StateView, Terms, acting, by, derived, vector
 
@@ -31,7 +31,7 @@ class ContactForms:
     def __init__(
         self,
         body: Problem,
-        parts: Mapping[str, Block],
+        parts: Mapping[str, ParameterBlock],
         loads: Sequence[Load] | None = None,
         contacts: Sequence[Touch] | None = None,
     ) -> None:

@@ -29,7 +29,7 @@ def places(sizes: Sequence[int]) -> list[slice]:
     return [slice(end - size, end) for size, end in zip(sizes, accumulate(sizes), strict=True)]
 
 
-class Block(Protocol):
+class ParameterBlock(Protocol):
     """One of them, part of energies and observations.
 
     `along(parts)` are the parts' derivatives along the direction last set by `turn`.
@@ -129,7 +129,7 @@ class Scalar:
         return lambda: sp.csr_array(column()[:, None])
 
 
-class Held:
+class PrescribedDisplacement:
     """Displacements (m) that are prescribed on a boundary of one body, at t = 1: all of its unknowns there that are held.
 
     Raises `InputError` where nothing is held.
@@ -168,7 +168,7 @@ class Held:
         return lambda: sp.csr_array((space.ndof, self.size))
 
 
-class Nodes:
+class NodePositions:
     """Shifts (m) of a mesh's nodes, a vector for each vertex by components, with which whatever is in its elements goes along.
 
     So do points where displacements are seen, and fields; what supports prescribe stays as it is. There are no
@@ -251,10 +251,10 @@ def _columns(space: ngs.FESpace, along: ngs.FESpace, parts: Terms) -> Callable[[
     return assembled
 
 
-Parameter: TypeAlias = ngs.GridFunction | ngs.Parameter | Held | Nodes
+Parameter: TypeAlias = ngs.GridFunction | ngs.Parameter | PrescribedDisplacement | NodePositions
 
 
-def block(name: str, of: Parameter) -> Block:
+def block(name: str, of: Parameter) -> ParameterBlock:
     """The block that a GridFunction, a `Parameter` or another block is; `InputError` for anything else."""
     if isinstance(of, ngs.GridFunction):
         if of.space.is_complex:
@@ -262,7 +262,7 @@ def block(name: str, of: Parameter) -> Block:
         return Field(of)
     if isinstance(of, ngs.Parameter):
         return Scalar(of)
-    if not isinstance(of, (Held, Nodes)):
-        wanted = "a GridFunction, a Parameter, Held(body, boundary) or Nodes(mesh)"
+    if not isinstance(of, (PrescribedDisplacement, NodePositions)):
+        wanted = "a GridFunction, a Parameter, PrescribedDisplacement(body, boundary) or NodePositions(mesh)"
         raise InputError(f"parameters.{name}", type(of).__name__, wanted)
     return of

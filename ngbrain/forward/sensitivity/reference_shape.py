@@ -8,8 +8,8 @@ import scipy.sparse as sp
 
 from ngbrain.errors import InputError
 from ngbrain.forward.common.interpolation import evaluation
-from ngbrain.forward.sensitivity.parameter_blocks import Nodes
-from ngbrain.forward.sensitivity.static_model import Equilibria, StaticModel
+from ngbrain.forward.sensitivity.parameter_blocks import NodePositions
+from ngbrain.forward.sensitivity.static_model import StaticLinearisation, StaticModel
 
 Array = np.ndarray
 
@@ -18,12 +18,12 @@ class Positions:
     """From θ to x = X + s(X) + u(X): positions (m) under loads of points X of the mesh as it was made, s its nodes' shift.
 
     model   of bodies on one mesh, of which nothing but `Displacements(points)` is seen, in each case
-    nodes   the name of its parameter `Nodes`
+    nodes   the name of its parameter `NodePositions`
     points  X (n, 2 or 3) m; all components of the first point first, as there
 
     Raises `InputError` where the model has no such parameter or sees something else.
 
-    >>> from ngbrain.forward.sensitivity.static_model import Case
+    >>> from ngbrain.forward.sensitivity.static_model import LoadCase
     >>> from ngbrain.forward.common.loads import Weight
     >>> from ngbrain.forward.common.material import Material
     >>> from ngbrain.forward.observables import Displacements
@@ -31,9 +31,9 @@ class Positions:
     >>> from ngbrain.materials import NeoHooke
     >>> from ngbrain.mesh.geometry.structured import rectangles
     >>> mesh = rectangles(np.linspace(0, 0.1, 3), np.linspace(0, 0.1, 3))
-    >>> nodes, seen = Nodes(mesh), [[0.05, 0.0]]
+    >>> nodes, seen = NodePositions(mesh), [[0.05, 0.0]]
     >>> body = Problem(mesh, {".*": Material(NeoHooke(1e3), 1e4)}, {"top": 0}, [Weight((0, -1e3))], element="P2")
-    >>> model = Positions(StaticModel([Case(body, [Displacements(seen)])], {"nodes": nodes}), "nodes", seen)
+    >>> model = Positions(StaticModel([LoadCase(body, [Displacements(seen)])], {"nodes": nodes}), "nodes", seen)
     >>> hanging = model.at(np.zeros(nodes.size)).data
     >>> bool(abs(hanging[0] - 0.05) < 1e-9 and -0.01 < hanging[1] < 0)
     True
@@ -41,8 +41,8 @@ class Positions:
 
     def __init__(self, model: StaticModel, nodes: str, points: Array) -> None:
         part, points = model.parts.get(nodes), np.asarray(points, float)
-        if not isinstance(part, Nodes):
-            raise InputError("nodes", repr(nodes), "the name of a parameter Nodes(mesh)")
+        if not isinstance(part, NodePositions):
+            raise InputError("nodes", repr(nodes), "the name of a parameter NodePositions(mesh)")
         n, dim = points.shape
         if any(each.size != n * dim or not each.linear for each in model.equilibria):
             raise InputError("model", "other observations", f"Displacements of the {n} points alone, in each case")
@@ -55,15 +55,15 @@ class Positions:
         self.shifts = sp.csr_array(shifted @ chosen)
         """∂s/∂θ at the points of all cases."""
 
-    def at(self, theta: Array) -> Placed:
+    def at(self, theta: Array) -> PositionsLinearisation:
         """Positions at θ, and their derivatives."""
-        return Placed(self, self.model.at(theta))
+        return PositionsLinearisation(self, self.model.at(theta))
 
 
-class Placed:
-    """Positions at one θ; as `Equilibria`."""
+class PositionsLinearisation:
+    """Positions at one θ; as `StaticLinearisation`."""
 
-    def __init__(self, of: Positions, there: Equilibria) -> None:
+    def __init__(self, of: Positions, there: StaticLinearisation) -> None:
         self._shifts, self._there = of.shifts, there
         self.data = np.tile(of.points.ravel(), len(there.states)) + self._shifts @ there.theta + there.data
 

@@ -17,14 +17,14 @@ import scipy.sparse as sp
 
 from ngbrain.errors import InputError, gave_up
 from ngbrain.forward.observables.base import Observable
-from ngbrain.forward.sensitivity.parameter_blocks import Block, Nodes, places
+from ngbrain.forward.sensitivity.parameter_blocks import NodePositions, ParameterBlock, places
 from ngbrain.forward.solid.advance import newton_for
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.virtual_work import Motion, Terms, Work, slope, vector
 from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.solvers.linear import Solve
 from ngbrain.solvers.newton import Newton
-from ngbrain.solvers.record import Work as Done
+from ngbrain.solvers.record import SolverWork
 
 Array = np.ndarray
 RTOL, XTOL = 1e-10, 1e-9
@@ -36,7 +36,7 @@ FACTORISATIONS = 5
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class LoadCase:
     """A body under its loads, and what is seen of it."""
 
     body: Problem
@@ -51,7 +51,7 @@ class Equilibrium:
     steps    load steps from rest
     """
 
-    def __init__(self, case: Case, blocks: Mapping[str, Block], newton: Newton | None, steps: int) -> None:
+    def __init__(self, case: LoadCase, blocks: Mapping[str, ParameterBlock], newton: Newton | None, steps: int) -> None:
         self.body, self.blocks, self.steps = case.body, blocks, steps
         self.newton = newton or newton_for(self.body, rtol=RTOL, xtol=XTOL)
         self.seen = [observation.on(self.body) for observation in case.observations]
@@ -60,12 +60,14 @@ class Equilibrium:
         self.linear = all(seen.matrix is not None for seen in self.seen)
         """Whether all data are B u."""
         for seen in self.seen:
-            if not (seen.symbolic and seen.shaped) and any(isinstance(block, Nodes) for block in blocks.values()):
+            if not (seen.symbolic and seen.shaped) and any(
+                isinstance(block, NodePositions) for block in blocks.values()
+            ):
                 raise InputError("parameters", "nodes", f"others, for a {type(seen).__name__.lower()}")
         self.adjoint, self.change = ngs.GridFunction(self.body.fes), ngs.GridFunction(self.body.fes)
         self.inverse: Solve | None = None
         """The last factor, which Newton's method begins with."""
-        self.work = Done()
+        self.work = SolverWork()
         self._work, self._now = Work(self.body), self.body.gfu
         self._trial, self._test = self.body.fes.TnT()
 
@@ -159,7 +161,7 @@ class Equilibrium:
             seen.aim(np.array(self.change.vec.FV().NumPy()), self._change)
         by_state, by_theta = (of() for of in self._turned_slopes)
         for block in self.blocks.values():
-            if isinstance(block, Nodes):
+            if isinstance(block, NodePositions):
                 moved = block.change(lambda: np.concatenate([self.by_state(), self.by_theta()]), self._softest)
                 by_state, by_theta = by_state + moved[: len(by_state)], by_theta + moved[len(by_state) :]
         return by_state, by_theta
@@ -193,7 +195,7 @@ class Equilibrium:
         return [block.columns(self.body.fes, parts) for block in self.blocks.values()]
 
     def _along_blocks(self, parts: Terms) -> Terms:
-        return [term for b in self.blocks.values() if not isinstance(b, Nodes) for term in b.along(parts)]
+        return [term for b in self.blocks.values() if not isinstance(b, NodePositions) for term in b.along(parts)]
 
     def _slopes(self, parts: Terms) -> Callable[[], Array]:
         slopes = [block.gradient(parts, self.body.mesh) for block in self.blocks.values()]

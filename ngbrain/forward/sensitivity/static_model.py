@@ -4,7 +4,7 @@ Equilibrium R(u; θ) = 0 with u = g on the boundary, data d = B(u, θ):
 
     J δθ = B_u δu + B_θ δθ ,   K δu = -R_θ δθ - K δg        one solve for each body
     Jᵀ w:  Kᵀ λ = B_uᵀ w ,     -R_θᵀ λ + B_θᵀ w             one solve for each body
-    (w·d)'' δθ:                two solves more, `Equilibria.hvp`
+    (w·d)'' δθ:                two solves more, `StaticLinearisation.hvp`
 
 R, K, R_θ and all second derivatives come from the energies of materials and loads by symbols, see `virtual_work`; second ones by
 node positions from differences of first ones, see `differences`.
@@ -22,14 +22,21 @@ import scipy.sparse as sp
 
 from ngbrain.errors import ConvergenceError, InputError, shaped
 from ngbrain.forward.common.solve_counts import Solves
-from ngbrain.forward.sensitivity.parameter_blocks import Block, Held, Nodes, Parameter, block, places
-from ngbrain.forward.sensitivity.static_equilibrium import Case, Equilibrium
-from ngbrain.forward.sensitivity.tangent_inverse import Inverses
+from ngbrain.forward.sensitivity.parameter_blocks import (
+    NodePositions,
+    Parameter,
+    ParameterBlock,
+    PrescribedDisplacement,
+    block,
+    places,
+)
+from ngbrain.forward.sensitivity.static_equilibrium import Equilibrium, LoadCase
+from ngbrain.forward.sensitivity.tangent_inverse import TangentInverse
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.virtual_work import Term
 from ngbrain.solvers.newton import Newton
 
-__all__ = ["Case", "Equilibria", "Held", "Nodes", "StaticModel"]
+__all__ = ["LoadCase", "NodePositions", "PrescribedDisplacement", "StaticLinearisation", "StaticModel"]
 
 Array = np.ndarray
 
@@ -39,7 +46,8 @@ class StaticModel:
 
     cases       bodies under their loads, which share parameters, each with its observations
     parameters  name → what is θ, one after the other: a GridFunction (all its unknowns) or a `Parameter` that materials or
-                loads are made of, `Held(body, boundary)`, what is prescribed there, or `Nodes(mesh)`, where its nodes are
+                loads are made of, `PrescribedDisplacement(body, boundary)`, what is prescribed there, or
+                `NodePositions(mesh)`, where its nodes are
     newton      settings; by default so tight that derivatives are exact to ten digits
     steps       load steps from rest, which the first equilibrium and one that is lost begin with
 
@@ -54,7 +62,7 @@ class StaticModel:
     >>> cube = block((0.1, 0.1, 0.1), 0.1)
     >>> mu = ngs.GridFunction(ngs.L2(cube, order=0)); mu.Set(1e3)
     >>> body = Problem(cube, {".*": Material(NeoHooke(mu), 5e3)}, {"bottom": 0, "top": (0, 0, -0.01)}, element="P2")
-    >>> model = StaticModel([Case(body, [Displacements([[0.05, 0.05, 0.05]]), Force("top")])], {"mu": mu})
+    >>> model = StaticModel([LoadCase(body, [Displacements([[0.05, 0.05, 0.05]]), Force("top")])], {"mu": mu})
     >>> there = model.at(model.theta)
     >>> len(there.data), len(there.gradient(there.data)) == cube.ne
     (6, True)
@@ -62,7 +70,7 @@ class StaticModel:
 
     def __init__(
         self,
-        cases: Sequence[Case],
+        cases: Sequence[LoadCase],
         parameters: Mapping[str, Parameter],
         newton: Newton | None = None,
         steps: int = 1,
@@ -74,22 +82,22 @@ class StaticModel:
         self.blocks, self.size = dict(zip(self.parts, places(sizes), strict=True)), sum(sizes)
         for name, part in self.parts.items():
             for case in cases:
-                if not isinstance(part, Nodes):
+                if not isinstance(part, NodePositions):
                     _check_supports(name, part, case.body)
         self.equilibria = [Equilibrium(case, self.parts, newton, steps) for case in cases]
         self.slices = places([each.size for each in self.equilibria])
         self.observed = places([seen.size for each in self.equilibria for seen in each.seen])
         """Where each observation is in the data."""
         self.solves = Solves()
-        self._now: Equilibria | None = None
-        self._last: Equilibria | None = None
+        self._now: StaticLinearisation | None = None
+        self._last: StaticLinearisation | None = None
 
     @property
     def theta(self) -> Array:
         """θ as the bodies have it now."""
         return np.concatenate([part.value for part in self.parts.values()])
 
-    def at(self, theta: Array) -> Equilibria:
+    def at(self, theta: Array) -> StaticLinearisation:
         """Equilibria at θ, and their derivatives."""
         theta = np.array(theta, float)
         if theta.shape != (self.size,):
@@ -111,7 +119,7 @@ class StaticModel:
             finally:
                 self.solves.factorisations += each.work.factorisations - done
         self.solves.count("forward", len(states))
-        self._now = self._last = Equilibria(self, theta, states)
+        self._now = self._last = StaticLinearisation(self, theta, states)
         return self._now
 
     def forget(self) -> None:
@@ -125,7 +133,7 @@ class StaticModel:
         for name, part in self.parts.items():
             part.put(theta[self.blocks[name]])
 
-    def bring(self, there: Equilibria) -> None:
+    def bring(self, there: StaticLinearisation) -> None:
         """Back to equilibria of before, if others were looked for since."""
         if self._now is there:
             return
@@ -143,8 +151,8 @@ class StaticModel:
         return [[data[of][s] for s in each.slices] for of, each in zip(self.slices, self.equilibria, strict=True)]
 
 
-class Equilibria:
-    """Equilibria at one θ: `data` (m,), all cases one after the other, and the products of J, Jᵀ and the second derivatives.
+class StaticLinearisation:
+    """StaticLinearisation at one θ: `data` (m,), all cases one after the other, products of J, Jᵀ and second derivatives.
 
     states  all unknowns of each body
     """
@@ -152,7 +160,7 @@ class Equilibria:
     def __init__(self, model: StaticModel, theta: Array, states: list[Array]) -> None:
         self.model, self.theta, self.states = model, theta, states
         self.data = np.concatenate([each.values() for each in model.equilibria])
-        self._inverses: dict[int, Inverses] = {}
+        self._inverses: dict[int, TangentInverse] = {}
         self._adjoints: tuple[Array, list[Array]] | None = None
 
     def jvp(self, direction: Array) -> Array:
@@ -244,10 +252,10 @@ class Equilibria:
         self.model.bring(self)
         return range(len(self.states))
 
-    def _inverse(self, k: int) -> Inverses:
+    def _inverse(self, k: int) -> TangentInverse:
         if k not in self._inverses:
             each = self.model.equilibria[k]
-            self._inverses[k] = Inverses(each.body, self.model.solves, each.quadratic)
+            self._inverses[k] = TangentInverse(each.body, self.model.solves, each.quadratic)
         return self._inverses[k]
 
     def _along(self, k: int, direction: Array) -> Array:
@@ -303,10 +311,14 @@ class Equilibria:
         each.weigh(np.zeros(each.size) if w is None else w[self.model.slices[k]])
         _put(each.adjoint, 0.0 if adjoint is None else adjoint)
 
-    def _held(self, k: int) -> list[tuple[Held, slice]]:
+    def _held(self, k: int) -> list[tuple[PrescribedDisplacement, slice]]:
         body = self.model.equilibria[k].body
         parts = self.model.parts.items()
-        return [(part, self.model.blocks[name]) for name, part in parts if isinstance(part, Held) and part.body is body]
+        return [
+            (part, self.model.blocks[name])
+            for name, part in parts
+            if isinstance(part, PrescribedDisplacement) and part.body is body
+        ]
 
     def _add_held(self, k: int, total: Array, left: Callable[[], Array]) -> None:
         """What is left of ∂L/∂u at unknowns that are held."""
@@ -320,10 +332,10 @@ def _put(gfu: ngs.GridFunction, values: Array | float) -> None:
     gfu.vec.FV().NumPy()[:] = values
 
 
-def _check_supports(name: str, part: Block, body: Problem) -> None:
+def _check_supports(name: str, part: ParameterBlock, body: Problem) -> None:
     """Supports are interpolated once: what they are made of is no parameter."""
     for pattern, components in body.supports.values.items():
         made = [Term(ngs.CF(value), ngs.ds) for value in components if value is not None]
         if part.along(made):
-            wanted = f"Held(body, {pattern!r}), what is prescribed there, as a parameter of its own"
+            wanted = f"PrescribedDisplacement(body, {pattern!r}), what is prescribed there, as a parameter of its own"
             raise InputError(f"parameters.{name}", f"part of the support of {pattern!r}", wanted)

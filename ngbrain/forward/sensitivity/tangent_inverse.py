@@ -13,7 +13,7 @@ from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.solvers import linear
 from ngbrain.solvers.condensed import free as free_of
-from ngbrain.solvers.linear import Direct, Iterative, Solve
+from ngbrain.solvers.linear import DirectSolver, KrylovSolver, Solve
 
 Array = np.ndarray
 TIGHT = 1e-11
@@ -24,7 +24,7 @@ of them, and the iterations each may take. (14 739 displacements: 6 to 11 of the
 there are more than 20.)"""
 
 
-class Inverses:
+class TangentInverse:
     """Of the tangent at a body's state; of use as long as the body's form is assembled there. Factors are counted in `solves`.
 
     quadratic  whether the tangent is the same at all states: what Newton's method has of it serves
@@ -63,9 +63,9 @@ class Inverses:
     def _refined(self) -> Solve:
         """To the last digits: a factor without pivots, or with a pressure, leaves some of them to one refinement."""
         solve = self.factor = self.factor or self._made()
-        if isinstance(solve, Iterative):
+        if isinstance(solve, KrylovSolver):
             return replace(solve, rtol=TIGHT)
-        if not isinstance(solve, Direct):
+        if not isinstance(solve, DirectSolver):
             return solve
         condensed, core = solve.condensed, solve.core
 

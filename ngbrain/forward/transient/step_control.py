@@ -10,7 +10,7 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.solvers.record import Work
+from ngbrain.solvers.record import SolverWork
 
 ORDER = 2
 """Of the history's steps."""
@@ -41,7 +41,7 @@ class Progress:
     newton: int = 0
     factor: float = 1.0
     largest: float = 0.0
-    work: Work = field(default_factory=Work)
+    work: SolverWork = field(default_factory=SolverWork)
 
 
 class Control(Protocol):

@@ -19,7 +19,7 @@ from ngbrain.forward.solid.tangent import Solve
 from ngbrain.forward.transient.step_control import Control, GivenSteps, Progress
 from ngbrain.result import Status
 from ngbrain.solvers.newton import Newton
-from ngbrain.solvers.record import NewtonRecord, Work
+from ngbrain.solvers.record import NewtonRecord, SolverWork
 
 Array = np.ndarray
 PROBE = 1e-3
@@ -279,7 +279,7 @@ class TimeStepper:
             self.program.set(self._now)
             self.newton.inverse = make(factor["x"])
         self._factored = list(saved["factors"])
-        self.progress = Progress(**{**saved["progress"], "work": Work(**saved["progress"]["work"])})
+        self.progress = Progress(**{**saved["progress"], "work": SolverWork(**saved["progress"]["work"])})
         self.follow, self.drift = np.array(saved["follow"]), np.array(saved["drift"])
         self.newton.largest = saved["largest"]
         self.program.set(self.progress.t)

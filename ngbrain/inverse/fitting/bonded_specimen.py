@@ -19,7 +19,7 @@ import numpy as np
 from ngbrain.errors import InputError
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables import Force
-from ngbrain.forward.sensitivity.static_model import Case, Equilibria, StaticModel
+from ngbrain.forward.sensitivity.static_model import LoadCase, StaticLinearisation, StaticModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.materials.base import Law
@@ -158,12 +158,12 @@ class Blocks(CurveFit):
         material = Material(self.law(**self.parameters), self._plates._bulk(law))
         tests = [self._plates._tests(curve.mode, curve.stretches, material) for curve in self.curves]
         seen = [Force("top", motions=(MOTIONS[curve.mode],)) for curve in self.curves]
-        cases = [Case(body, [force]) for (bodies, _), force in zip(tests, seen, strict=True) for body in bodies]
+        cases = [LoadCase(body, [force]) for (bodies, _), force in zip(tests, seen, strict=True) for body in bodies]
         self.model = StaticModel(cases, self.parameters)
         self._matrices = [matrix for _, matrix in tests]
         ends = np.cumsum([0, *(matrix.shape[1] for matrix in self._matrices)])
         self._places = [slice(int(a), int(b)) for a, b in pairwise(ends)]
-        self._last: Equilibria | None = None
+        self._last: StaticLinearisation | None = None
 
     def stresses(self, values: Mapping[str, float]) -> list[Array]:
         """Nominal stress (Pa) along each curve."""
@@ -175,7 +175,7 @@ class Blocks(CurveFit):
         there = self._at(x)
         return np.array([self.scaled(self._along(there.jvp(unit))) for unit in np.eye(len(x))]).T
 
-    def _at(self, x: Array) -> Equilibria:
+    def _at(self, x: Array) -> StaticLinearisation:
         if self._last is None or not np.array_equal(self._last.theta, x):
             self._last = self.model.at(x)
         return self._last

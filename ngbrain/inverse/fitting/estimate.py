@@ -127,7 +127,7 @@ def recover(
     is not among `unknowns`; `ConvergenceError` where no step lowers the misfit; what the model raises at its start.
 
     >>> import ngsolve as ngs
-    >>> from ngbrain.forward.sensitivity.static_model import Case
+    >>> from ngbrain.forward.sensitivity.static_model import LoadCase
     >>> from ngbrain.forward.common.material import Material
     >>> from ngbrain.forward.observables import Force
     >>> from ngbrain.forward.solid.problem import Problem
@@ -135,7 +135,7 @@ def recover(
     >>> from ngbrain.mesh import block
     >>> mu = ngs.Parameter(1e3)
     >>> body = Problem(block(), {".*": Material(NeoHooke(mu), 1e4)}, {"bottom": 0, "top": (0, 0, -4e-3)}, element="P2")
-    >>> model = StaticModel([Case(body, [Force("top")])], {"mu": mu})
+    >>> model = StaticModel([LoadCase(body, [Force("top")])], {"mu": mu})
     >>> force = model.at(model.theta).data
     >>> mu.Set(500.0)
     >>> round(recover(model, force, 0.01).values["mu"], -1), round(mu.Get(), -1)

@@ -17,7 +17,7 @@ import scipy.sparse as sp
 from ngbrain.adjoint.reduced import Point, Reduced
 from ngbrain.errors import ConvergenceError, InputError, SolverError
 from ngbrain.forward.common.interpolation import evaluation
-from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, Linearised, WaveModel
+from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, WaveLinearisation, WaveModel
 from ngbrain.inverse.objective.parameters import Fields
 from ngbrain.inverse.optimise.kkt import Optimality
 from ngbrain.inverse.optimise.regularisation_weight import Determined, Level, Policy
@@ -116,11 +116,11 @@ class GaussNewton:
         """Where one that is long writes down how far it is."""
 
     @staticmethod
-    def _state(point: Point) -> Linearised:
-        assert isinstance(point.state, Linearised)
+    def _state(point: Point) -> WaveLinearisation:
+        assert isinstance(point.state, WaveLinearisation)
         return point.state
 
-    def _step(self, x: Array, state: Linearised, balance: Array | None) -> tuple[Determined, Array, Array]:
+    def _step(self, x: Array, state: WaveLinearisation, balance: Array | None) -> tuple[Determined, Array, Array]:
         reduced, width = self.reduced, self._width
         jacobian = reduced.unknowns.jacobian(x)[: self.model.blocks[BOUNDARY].start, :width]
         regular = reduced.regular_matrix(x)[:width, :width]

@@ -21,7 +21,7 @@ from ngbrain.adjoint.reduced import Point, Reduced
 from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError
 from ngbrain.forward.harmonic.problem import Harmonic
-from ngbrain.forward.sensitivity.harmonic.wave_model import Linearised
+from ngbrain.forward.sensitivity.harmonic.wave_model import WaveLinearisation
 from ngbrain.inverse.optimise.fingerprint import differing, identity
 from ngbrain.inverse.optimise.gauss_newton import ROUNDS, FoundWaves, GaussNewton
 from ngbrain.inverse.optimise.normal_equations import FORCING, MOST, Normal
@@ -30,7 +30,7 @@ from ngbrain.inverse.optimise.regularisation_weight import Evidence, Level, Poli
 from ngbrain.inverse.optimise.result import Found, Iteration
 from ngbrain.reading import read_npz
 from ngbrain.result import Status
-from ngbrain.solvers.directions import Directions
+from ngbrain.solvers.directions import QuasiNewtonPreconditioner
 
 Array = np.ndarray
 STILL, ALIKE = 5e-3, 1.5
@@ -69,7 +69,7 @@ class Iterative(GaussNewton):
         super().__init__(reduced, policy or Evidence(), callback, seed)
         self.forcing, self.most, self.callback = forcing, most, callback
         self.checkpoint = None if checkpoint is None else Path(checkpoint)
-        self.directions, self.extensions = Directions(), Extensions()
+        self.directions, self.extensions = QuasiNewtonPreconditioner(), Extensions()
         self.iterations: list[int] = []
         """Of conjugate gradients, for each solve: steps and probes in turn."""
         self.arrived: Found | None = None
@@ -107,7 +107,7 @@ class Iterative(GaussNewton):
             x, waves, done, own = saved, on_the_way, _history(notes["done"]), notes["own"]
         return self._down(self.approach(x, waves, approach, done, own), rounds, [])
 
-    def _step(self, x: Array, state: Linearised, balance: Array | None) -> tuple[Normal, Array, Array]:
+    def _step(self, x: Array, state: WaveLinearisation, balance: Array | None) -> tuple[Normal, Array, Array]:
         point = Point(self.reduced, x, state)
         normal = Normal(point, self.iterations, self.forcing, self.most, self.directions, self.extensions)
         return normal, normal.solve(-normal.gradient()), np.zeros_like(state.waves)
@@ -128,7 +128,7 @@ class Iterative(GaussNewton):
             state = self.model.around(self.unknowns.theta(x), waves)
             balance = [self.model.body.pushed(k) - state.factors.apply(k, u) for k, u in enumerate(waves)]
             moved = np.array([state.factors.solve(k, b) for k, b in enumerate(balance)])
-            own = Linearised(self.model, state.factors, waves + moved)  # of waves that fit the fields
+            own = WaveLinearisation(self.model, state.factors, waves + moved)  # of waves that fit the fields
             misfit = self.misfit.value(own.data)
             if misfit > before / SLOW:
                 point = Point(self.reduced, x, own)

@@ -20,7 +20,7 @@ import scipy.sparse as sp
 
 from ngbrain.errors import SolverError
 from ngbrain.forward.sensitivity.harmonic.at_rest import FieldSensitivity
-from ngbrain.forward.sensitivity.harmonic.wave_model import Linearised
+from ngbrain.forward.sensitivity.harmonic.wave_model import WaveLinearisation
 from ngbrain.inverse.optimise.gauss_newton_hessian import Metric
 from ngbrain.solvers.matrices import to_ngsolve
 
@@ -55,7 +55,7 @@ class Optimality:
 
     def __init__(
         self,
-        state: Linearised,
+        state: WaveLinearisation,
         jacobian: sp.csr_array,
         regular: sp.csr_array,
         weight: Array,

@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from ngbrain.adjoint.reduced import Point
 from ngbrain.errors import SolverError
 from ngbrain.inverse.optimise.preconditioners import Extensions, by_blocks, factorised, preconditioners
-from ngbrain.solvers.directions import Directions
+from ngbrain.solvers.directions import QuasiNewtonPreconditioner
 from ngbrain.solvers.krylov import truncated_cg
 
 Array = np.ndarray
@@ -45,11 +45,11 @@ class Normal:
         counted: list[int] | None = None,
         forcing: float = FORCING,
         most: int = MOST,
-        directions: Directions | None = None,
+        directions: QuasiNewtonPreconditioner | None = None,
         extensions: Extensions | None = None,
     ) -> None:
         self.point, self.forcing, self.most = point, forcing, most
-        self.directions = Directions() if directions is None else directions
+        self.directions = QuasiNewtonPreconditioner() if directions is None else directions
         self.iterations: list[int] = [] if counted is None else counted
         self._drawn: tuple[float, dict[str, float]] | None = None
         self._regular = point.reduced.regular_matrix(point.x)

@@ -24,7 +24,7 @@ from ngbrain.errors import SolverError
 from ngbrain.forward.common.interpolation import evaluation
 from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.harmonic.stiffness import definite, elastic, element_means, law_of, shear_stiffness, unit
-from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, Linearised, WaveModel
+from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, WaveLinearisation, WaveModel
 from ngbrain.solvers.matrices import to_scipy
 
 Array = np.ndarray
@@ -51,7 +51,7 @@ class Extensions:
     def __init__(self) -> None:
         self._made: Apply | None = None
 
-    def of(self, state: Linearised, weight: Array) -> list[Apply]:
+    def of(self, state: WaveLinearisation, weight: Array) -> list[Apply]:
         """For each load about the inverse of the block, for real or imaginary parts of held displacements (m)."""
         known = weight.mean(axis=1)
         sizes = [float(np.exp(np.log(each[each > 0]).mean())) for each in known]
@@ -120,7 +120,7 @@ def regulariser_alone(point: Point) -> dict[str, Apply]:
 
 
 def _of_field(
-    state: Linearised, name: str, density: list[ngs.GridFunction], inner: sp.csr_array, regular: sp.csr_array
+    state: WaveLinearisation, name: str, density: list[ngs.GridFunction], inner: sp.csr_array, regular: sp.csr_array
 ) -> Apply:
     model, body = state.model, state.model.body
     space = model.fields[name].space

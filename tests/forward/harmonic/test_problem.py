@@ -14,7 +14,7 @@ from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.harmonic.wave import Absorbing, Wave
 from ngbrain.materials import NeoHooke, Shearing, TransverselyIsotropic
 from ngbrain.mesh.geometry.structured import rectangles
-from ngbrain.solvers.device import Device, OnProcessor
+from ngbrain.solvers.device import CpuFactor, Device
 
 LAW, PUSHED = Shearing(2000 + 800j), Wave(50.0, {"top": (1e-3, 0)})
 
@@ -76,7 +76,7 @@ def test_parts_of_their_own_are_the_number():
     assert parts == pytest.approx(number, rel=1e-12) == regions and np.abs(number).max() > 1e-3
 
 
-class Thrice(OnProcessor):
+class Thrice(CpuFactor):
     def solve(self, b):
         return 3 * super().solve(b)
 

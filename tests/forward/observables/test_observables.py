@@ -39,8 +39,8 @@ from ngbrain.forward.observables import (
 from ngbrain.forward.observables.base import Linear
 from ngbrain.forward.observables.percentiles import Percentile
 from ngbrain.forward.observables.ratio import Quotient
-from ngbrain.forward.sensitivity.parameter_blocks import Nodes
-from ngbrain.forward.sensitivity.static_model import Case, StaticModel
+from ngbrain.forward.sensitivity.parameter_blocks import NodePositions
+from ngbrain.forward.sensitivity.static_model import LoadCase, StaticModel
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.advance import newton_for
 from ngbrain.forward.solid.problem import Problem
@@ -373,7 +373,7 @@ def test_data_of_an_equilibrium(rng):
         element="P2",
     )
     tight = newton_for(body, rtol=1e-12, xtol=1e-12)
-    model = StaticModel([Case(body, [*SMOOTH, STRAIN, STRESS])], {"mu": mu, "push": push}, tight)
+    model = StaticModel([LoadCase(body, [*SMOOTH, STRAIN, STRESS])], {"mu": mu, "push": push}, tight)
     start, there = model.theta.copy(), model.at(model.theta)
     w = weights(there.data[None], rng)[0]
     for name, direction in directions(model, rng):
@@ -399,7 +399,7 @@ def test_second_derivatives_of_all_kinds_of_data_of_an_equilibrium(rng):
     energy = Ratio(StrainEnergy(), region_volume(), "mean energy")
     small = StrainPercentile(50, band=0.3, measure="small", factor=3.0)
     asked = [SWELLING, TipDrop(), STRAIN, STRESS, small, energy]
-    model = StaticModel([Case(body, asked)], p, newton_for(body, rtol=1e-12, xtol=1e-12))
+    model = StaticModel([LoadCase(body, asked)], p, newton_for(body, rtol=1e-12, xtol=1e-12))
     percentiles = [seen for seen in model.equilibria[0].seen if isinstance(seen, Percentile)]
     start, there = model.theta.copy(), model.at(model.theta)
     w = weights(there.data[None], rng)[0]
@@ -432,7 +432,7 @@ def test_second_derivatives_of_all_kinds_of_data_of_an_equilibrium(rng):
 def test_a_quotient_whose_slopes_stay_has_no_second_derivatives(rng, monkeypatch):
     monkeypatch.setattr(Quotient, "bent", lambda self, state, *along: [])
     body, p = stretched()
-    model = StaticModel([Case(body, [Ratio(StrainEnergy(), region_volume())])], p)
+    model = StaticModel([LoadCase(body, [Ratio(StrainEnergy(), region_volume())])], p)
     start, w = model.theta.copy(), np.ones(1)
     found = model.at(start).hvp(w, start) * start
     rates = taylor(lambda t: model.at(t).gradient(w) * start, lambda d: found, start, start, first=2e-2)
@@ -535,7 +535,7 @@ def test_bad_input():
         with pytest.raises(InputError):
             StrainPercentile(**wrong)
     mesh = block((SIDE,) * 3, SIDE)
-    nodes = Nodes(mesh)
+    nodes = NodePositions(mesh)
     body = Problem(mesh, {".*": Material(NeoHooke(1e3), 5e3)}, {"bottom": 0, "top": (0, 0, -1e-3)}, element="P1")
     with pytest.raises(InputError, match="nodes"):
-        StaticModel([Case(body, [StrainPercentile(50)])], {"nodes": nodes})
+        StaticModel([LoadCase(body, [StrainPercentile(50)])], {"nodes": nodes})

@@ -7,7 +7,7 @@ from statics import cube, square
 
 from ngbrain.forward.common.loads import Pressure, RigidFace, Traction, Weight
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.sensitivity.static_model import Case, StaticModel
+from ngbrain.forward.sensitivity.static_model import LoadCase, StaticModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import LinearElastic
 
@@ -20,7 +20,7 @@ def linear(where, loads=(), bulk=0.0):
     fields = {"mu": field(mesh, 1e3), "lam": field(mesh, 4e3)}
     down = {"bottom": 0, "top": (0.006, *[0.002] * (mesh.dim - 2), -0.012)}
     body = Problem(mesh, {".*": Material(LinearElastic(fields["mu"], fields["lam"]), bulk)}, down, loads, element="P2")
-    return StaticModel([Case(body, seen(mesh.dim))], fields, tight(body))
+    return StaticModel([LoadCase(body, seen(mesh.dim))], fields, tight(body))
 
 
 def assemblies(of, monkeypatch):

@@ -11,7 +11,7 @@ from ngbrain.forward.common.loads import Weight
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity.reference_shape import Positions
-from ngbrain.forward.sensitivity.static_model import Case, Nodes, StaticModel
+from ngbrain.forward.sensitivity.static_model import LoadCase, NodePositions, StaticModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import NeoHooke
 
@@ -20,13 +20,13 @@ SEEN = np.array([[0.02, 0.05], [0.05, 0.0], [0.08, 0.07]])
 
 def hung(*seen):
     mesh = square(2, size=SIDE)
-    nodes = Nodes(mesh)
+    nodes = NodePositions(mesh)
     bodies = [
         Problem(mesh, {".*": Material(NeoHooke(1e3), 5e3)}, {"top": 0}, [Weight((0, w))], element="P2")
         for w in (-3e3, 2e3)
     ]
     return StaticModel(
-        [Case(body, seen or [Displacements(SEEN)]) for body in bodies], {"nodes": nodes}, tight(bodies[0])
+        [LoadCase(body, seen or [Displacements(SEEN)]) for body in bodies], {"nodes": nodes}, tight(bodies[0])
     )
 
 
@@ -52,7 +52,7 @@ def test_derivatives(rng):
 
 
 def test_bad_input():
-    with pytest.raises(InputError, match=r"nodes is 'mu'; wanted: the name of a parameter Nodes\(mesh\)"):
+    with pytest.raises(InputError, match=r"nodes is 'mu'; wanted: the name of a parameter NodePositions\(mesh\)"):
         Positions(hung(), "mu", SEEN)
     for seen in ([Displacements(SEEN), Force("top")], [Displacements(SEEN[:2])]):
         with pytest.raises(InputError, match="other observations; wanted: Displacements of the 3 points alone"):

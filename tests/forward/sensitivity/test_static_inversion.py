@@ -9,7 +9,7 @@ from statics import square
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables import Displacements, Force
-from ngbrain.forward.sensitivity.static_model import Case, StaticModel
+from ngbrain.forward.sensitivity.static_model import LoadCase, StaticModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.inverse.objective.misfit import LeastSquares
 from ngbrain.inverse.objective.parameters import Fields, Log, Scaled, Unknown
@@ -29,7 +29,7 @@ POINTS = np.stack(np.meshgrid(LINE, LINE), axis=-1).reshape(-1, 2)
 def model(mesh, form, law, parameters):
     """Both loads; displacements at 64 points and the force on the plate."""
     bodies = [Problem(mesh, {".*": Material(law, 5e4)}, supports, element=form) for supports in LOADS]
-    return StaticModel([Case(body, [Displacements(POINTS), Force("top")]) for body in bodies], parameters, steps=2)
+    return StaticModel([LoadCase(body, [Displacements(POINTS), Force("top")]) for body in bodies], parameters, steps=2)
 
 
 def measured(law):

@@ -15,7 +15,13 @@ from ngbrain.forward.common.loads import CavityPressure, CavityVolume, Pressure,
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity.static_equilibrium import Equilibrium
-from ngbrain.forward.sensitivity.static_model import Case, Equilibria, Held, Nodes, StaticModel
+from ngbrain.forward.sensitivity.static_model import (
+    LoadCase,
+    NodePositions,
+    PrescribedDisplacement,
+    StaticLinearisation,
+    StaticModel,
+)
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import NeoHooke, Ogden
 
@@ -26,8 +32,8 @@ CORNER = {"left": (0, None), "bottom": (None, 0)}
 
 def scene(loads, parameters, supports=None, form="P2/P1", of=SOFT, observations=None, **options):
     body = Problem(MESH, {".*": Material(of, 5e4)}, supports or {"bottom": 0}, loads, element=form, **options)
-    held = {name: Held(body, name) for name in parameters if name in PRESSED}
-    return StaticModel([Case(body, observations or seen())], parameters | held, tight(body))
+    held = {name: PrescribedDisplacement(body, name) for name in parameters if name in PRESSED}
+    return StaticModel([LoadCase(body, observations or seen())], parameters | held, tight(body))
 
 
 def number(value):
@@ -147,8 +153,8 @@ def two():
     tissue = {".*": Material(NeoHooke(mu), 5e4)}
     pressed = Problem(MESH, tissue, PRESSED, element="P2/P1")
     pulled = Problem(MESH, tissue, {"left": 0}, [Traction("right", ngs.CF((pull, 0)))], element="P2/P1")
-    cases = [Case(pressed, seen()), Case(pulled, [Force("left"), Displacements([[0.09, 0.04]])])]
-    return StaticModel(cases, {"mu": mu, "pull": pull, "top": Held(pressed, "top")}, tight(pressed))
+    cases = [LoadCase(pressed, seen()), LoadCase(pulled, [Force("left"), Displacements([[0.09, 0.04]])])]
+    return StaticModel(cases, {"mu": mu, "pull": pull, "top": PrescribedDisplacement(pressed, "top")}, tight(pressed))
 
 
 def test_two_bodies_share_their_parameters(rng):
@@ -170,7 +176,7 @@ def test_observations_are_what_they_say():
     wanted = ngs.Integrate((J - 1) ** 2 * ngs.InnerProduct(body.u, body.u), body.mesh, order=4)
     assert swelling == pytest.approx([wanted], rel=1e-3)
     twist = Force("top", motions=[ngs.CF((-ngs.y, ngs.x))])
-    mine = StaticModel([Case(body, [twist])], {"none": number(0.0)})
+    mine = StaticModel([LoadCase(body, [twist])], {"none": number(0.0)})
     assert mine.at(mine.theta).data == pytest.approx([body.conjugate(ngs.CF((-ngs.y, ngs.x)), "top")])
 
 
@@ -180,12 +186,12 @@ def test_observations_are_what_they_say():
 def shaped(dim, form):
     """Tissue whose nodes are unknown beside its stiffness, under loads of all kinds."""
     mesh = square(2, size=SIDE) if dim == 2 else cube(1, size=SIDE)
-    nodes, mu = Nodes(mesh), field(mesh, 1e3)
+    nodes, mu = NodePositions(mesh), field(mesh, 1e3)
     nodes.put(2e-3 * np.random.default_rng(4).uniform(-1, 1, nodes.size))
     still = (0.0,) * (dim - 2)
     loads = [Pressure("right", 40.0), Traction("top", (20.0, *still, 5.0)), Weight((0.0, *still, -3e3 * ngs.x))]
     body = Problem(mesh, {".*": Material(NeoHooke(mu), 5e3)}, {"bottom": 0}, loads, element=form)
-    return StaticModel([Case(body, seen(dim))], {"nodes": nodes, "mu": mu}, tight(body))
+    return StaticModel([LoadCase(body, seen(dim))], {"nodes": nodes, "mu": mu}, tight(body))
 
 
 @pytest.mark.parametrize(("dim", "form"), [(2, "P2"), (2, "P2/P1"), (3, "P2")])
@@ -206,7 +212,7 @@ def test_nodes_that_turn_an_element_are_refused():
         of.at(theta * np.where(np.arange(of.size) < 18, 100.0, 1.0))
     assert of.at(theta).data == pytest.approx(there.data, rel=1e-9)
     with pytest.raises(InputError, match="mesh is deformed already"):
-        Nodes(of.parts["nodes"].mesh)
+        NodePositions(of.parts["nodes"].mesh)
 
 
 # What is refused.
@@ -216,25 +222,28 @@ def test_bad_input():
     mesh = square(2, size=SIDE)
     mu = field(mesh, 1e3)
     body = Problem(mesh, {".*": Material(NeoHooke(mu), 5e3)}, PRESSED, element="P2")
-    case = Case(body, [Force("top")])
+    case = LoadCase(body, [Force("top")])
     with pytest.raises(InputError, match=r"parameters\.mu is complex; wanted: a real field"):
         StaticModel([case], {"mu": ngs.GridFunction(ngs.H1(mesh, complex=True))})
-    with pytest.raises(InputError, match=r"parameters\.mu is float; wanted: a GridFunction, a Parameter, Held"):
+    with pytest.raises(
+        InputError, match=r"parameters\.mu is float; wanted: a GridFunction, a Parameter, PrescribedDisplacement"
+    ):
         StaticModel([case], {"mu": 3.0})
     with pytest.raises(InputError, match="boundary is 'top'; wanted: one with a component that is held"):
-        Held(Problem(MESH, {".*": Material(SOFT, 5e3)}, {"bottom": 0}, element="P2"), "top")
+        PrescribedDisplacement(Problem(MESH, {".*": Material(SOFT, 5e3)}, {"bottom": 0}, element="P2"), "top")
     with pytest.raises(InputError, match="boundary"):
-        Held(body, "nowhere")
+        PrescribedDisplacement(body, "nowhere")
     with pytest.raises(InputError, match=r"theta is of shape \(3,\); wanted: 9 numbers"):
         StaticModel([case], {"mu": mu}).at(np.ones(3))
     with pytest.raises(InputError, match="1 of 1 outside"):
-        StaticModel([Case(body, [Displacements([[1.0, 1.0]])])], {"mu": mu})
+        StaticModel([LoadCase(body, [Displacements([[1.0, 1.0]])])], {"mu": mu})
     depth = number(0.01)
     moved = Problem(mesh, {".*": Material(NeoHooke(mu), 5e3)}, {"bottom": 0, "top": (0, -depth)}, element="P2")
     with pytest.raises(
-        InputError, match=r"parameters.depth is part of the support of 'top'; wanted: Held\(body, 'top'\)"
+        InputError,
+        match=r"parameters.depth is part of the support of 'top'; wanted: PrescribedDisplacement\(body, 'top'\)",
     ):
-        StaticModel([Case(moved, [Force("top")])], {"depth": depth})
+        StaticModel([LoadCase(moved, [Force("top")])], {"depth": depth})
 
 
 def test_a_step_too_far_is_a_solver_error_and_the_model_lives_on(rng):
@@ -266,18 +275,18 @@ def test_far_parameters_are_reached_by_steps_between(monkeypatch):
 
 
 def stale_factor(patch):
-    solved = Equilibria._solved
+    solved = StaticLinearisation._solved
 
     def wrong(self, w):
         self._inverses[0] = self.model.at(1.05 * self.theta)._inverse(0)
         self._inverses[0].solve(self.states[0])
         return solved(self, w)
 
-    patch.setattr(Equilibria, "_solved", wrong)
+    patch.setattr(StaticLinearisation, "_solved", wrong)
 
 
 def prescribed_forgotten(patch):
-    patch.setattr(Equilibria, "_add_held", lambda self, k, total, left: None)
+    patch.setattr(StaticLinearisation, "_add_held", lambda self, k, total, left: None)
 
 
 def coarser_gradient(patch):
@@ -293,8 +302,8 @@ def coarser_gradient(patch):
 
 
 def reversed_sign(patch):
-    solved = Equilibria._solved
-    patch.setattr(Equilibria, "_solved", lambda self, w: [-adjoint for adjoint in solved(self, w)])
+    solved = StaticLinearisation._solved
+    patch.setattr(StaticLinearisation, "_solved", lambda self, w: [-adjoint for adjoint in solved(self, w)])
 
 
 def observation_forgotten(patch):
@@ -309,7 +318,9 @@ def observation_forgotten(patch):
 
 
 def not_transposed(patch):
-    patch.setattr("ngbrain.forward.sensitivity.tangent_inverse.Inverses.transposed", lambda self, r: self.solve(r))
+    patch.setattr(
+        "ngbrain.forward.sensitivity.tangent_inverse.TangentInverse.transposed", lambda self, r: self.solve(r)
+    )
 
 
 BUGS = {
@@ -354,10 +365,10 @@ def test_laws_and_cases_without_sense_are_refused():
     mu = ngs.Parameter(1e3)
     body = made(NeoHooke(mu))
     with pytest.raises(InputError, match="cases is nothing that is seen"):
-        StaticModel([Case(body, [])], {"mu": mu})
+        StaticModel([LoadCase(body, [])], {"mu": mu})
     with pytest.raises(InputError, match=r"points is of shape \(1, 3\); wanted: \(n, 2\)"):
-        StaticModel([Case(body, [Displacements(np.ones((1, 3)))])], {"mu": mu})
-    there = StaticModel([Case(body, [Force("bottom")])], {"mu": mu}).at(np.array([1e3]))
+        StaticModel([LoadCase(body, [Displacements(np.ones((1, 3)))])], {"mu": mu})
+    there = StaticModel([LoadCase(body, [Force("bottom")])], {"mu": mu}).at(np.array([1e3]))
     for product in (there.gradient, there.vjp):
         with pytest.raises(InputError, match=r"w is of shape \(3,\); wanted: \(2,\)"):
             product(np.ones(3))
@@ -379,7 +390,7 @@ def test_laws_keep_their_parameters_where_they_like(kind):
     slopes = []
     for law in (Closed(), NeoHooke(whole)):
         body = Problem(mesh, {".*": Material(law, 4e3)}, {"bottom": 0, "top": (0.006, -0.012)}, element="P2")
-        of = StaticModel([Case(body, [Force("top")])], {"mu": mu}, tight(body))
+        of = StaticModel([LoadCase(body, [Force("top")])], {"mu": mu}, tight(body))
         slopes.append((body.ratio, of.at(of.theta).gradient(np.ones(2))))
     assert slopes[0][0] == pytest.approx(slopes[1][0], rel=1e-12) and slopes[0][0] < 5
     assert slopes[0][1] == pytest.approx(slopes[1][1], rel=1e-9)

@@ -10,7 +10,7 @@ from ngbrain import materials
 from ngbrain.adjoint.check import dot, taylor
 from ngbrain.forward.common.elements import ElementPair
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.sensitivity.static_model import Case, Equilibria, StaticModel
+from ngbrain.forward.sensitivity.static_model import LoadCase, StaticLinearisation, StaticModel
 from ngbrain.forward.solid.advance import newton_for
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.inverse.objective.misfit import LeastSquares
@@ -63,7 +63,7 @@ def test_fields_of_any_space(space, rng):
     if mu.space.ndof > 1:
         mu.Set(1e3 * (1 + 4 * ngs.x))
     body = Problem(mesh, {".*": Material(NeoHooke(mu), 5e4)}, {"bottom": 0, "top": (0.006, -0.012)}, element="P2/P1")
-    verify(StaticModel([Case(body, seen())], {"mu": mu}, tight(body)), rng)
+    verify(StaticModel([LoadCase(body, seen())], {"mu": mu}, tight(body)), rng)
 
 
 def test_a_field_of_fibres_and_one_in_a_gradient(rng):
@@ -73,7 +73,7 @@ def test_a_field_of_fibres_and_one_in_a_gradient(rng):
     both = [ngs.CF((fibre[0], fibre[1], 0.1)), ngs.CF((ngs.Grad(height)[1], 10.0, 3.0))]
     law = HolzapfelGasserOgden(700.0, 900.0, 4.0, 0.05, both)
     body = Problem(mesh, {".*": Material(law, 4e3)}, {"bottom": 0, "top": (0.006, 0.012)}, element="P2")
-    verify(StaticModel([Case(body, seen())], {"fibre": fibre, "height": height}, tight(body)), rng)
+    verify(StaticModel([LoadCase(body, seen())], {"fibre": fibre, "height": height}, tight(body)), rng)
 
 
 def test_condensed_pressures_of_a_stiff_bulk_leave_their_digits(rng):
@@ -81,7 +81,7 @@ def test_condensed_pressures_of_a_stiff_bulk_leave_their_digits(rng):
     mesh = square(3, size=SIDE)
     mu = field(mesh, 1e3)
     body = Problem(mesh, {".*": Material(NeoHooke(mu), 9e8)}, {"bottom": 0, "top": (0.006, -0.004)}, element="P4/L2(2)")
-    of = StaticModel([Case(body, seen())], {"mu": mu}, newton_for(body, rtol=1e-11, xtol=1e-9))
+    of = StaticModel([LoadCase(body, seen())], {"mu": mu}, newton_for(body, rtol=1e-11, xtol=1e-9))
     there, each = of.at(of.theta), of.equilibria[0]
     b = rng.normal(size=body.fes.ndof) * body.is_u * (body.weights > 0)
     each.change.vec.FV().NumPy()[:] = there._inverse(0).solve(b)
@@ -98,7 +98,7 @@ def test_other_solvers_give_the_same_gradient(solver, rng):
         body = Problem(
             mesh, {".*": Material(NeoHooke(mu), 4e3)}, {"bottom": 0, "top": (0, 0, -0.012)}, element="P2", solver=chosen
         )
-        of = StaticModel([Case(body, seen(3))], {"mu": mu})
+        of = StaticModel([LoadCase(body, seen(3))], {"mu": mu})
         gradients.append(of.at(of.theta).gradient(np.ones(10)))
     assert gradients[1] == pytest.approx(gradients[0], abs=1e-10 * np.abs(gradients[0]).max())
 
@@ -112,7 +112,7 @@ def test_a_factor_that_fails_is_made_with_pivots(monkeypatch, rng):
         raise FloatingPointError("no pivots")
 
     monkeypatch.setattr(of.equilibria[0].body, "new_factor", fails)
-    again = Equilibria(of, there.theta, there.states)
+    again = StaticLinearisation(of, there.theta, there.states)
     assert again.gradient(w) == pytest.approx(wanted, rel=1e-9, abs=1e-12 * np.abs(wanted).max())
 
 

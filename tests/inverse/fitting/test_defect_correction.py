@@ -10,7 +10,7 @@ from netgen.occ import Glue, OCCGeometry, Rectangle, Y
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables import Displacements, Force
-from ngbrain.forward.sensitivity.static_equilibrium import Case
+from ngbrain.forward.sensitivity.static_equilibrium import LoadCase
 from ngbrain.forward.sensitivity.static_model import StaticModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.inverse.fitting.defect_correction import corrected
@@ -43,7 +43,7 @@ def model(maxh):
     factors = {name: ngs.Parameter(1.0) for name in TRUTH}
     tissues = {name: Material(NeoHooke(MU * factor), 20 * MU) for name, factor in factors.items()}
     body = Problem(mesh(maxh), tissues, {"bottom": 0, "pressed": (0, -0.001)}, element="P1")
-    return StaticModel([Case(body, [Displacements(POINTS), Force("pressed", (0, 1))])], factors)
+    return StaticModel([LoadCase(body, [Displacements(POINTS), Force("pressed", (0, 1))])], factors)
 
 
 def found(of, data, sigma):

@@ -11,7 +11,7 @@ from statics import square
 from ngbrain.errors import InputError
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables import Displacements, Force, Functional
-from ngbrain.forward.sensitivity.static_model import Case, StaticModel
+from ngbrain.forward.sensitivity.static_model import LoadCase, StaticModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.inverse.fitting.estimate import recover
 from ngbrain.inverse.objective.parameters import Log, Scaled, Unknown
@@ -26,7 +26,7 @@ POINTS = np.stack(np.meshgrid(LINE, LINE), axis=-1).reshape(-1, 2)
 def seen(mesh, form, law, parameters):
     """Both loads; displacements at 64 points and the force on the plate."""
     bodies = [Problem(mesh, {".*": Material(law, 5e4)}, supports, element=form) for supports in LOADS]
-    return StaticModel([Case(body, [Displacements(POINTS), Force("top")]) for body in bodies], parameters)
+    return StaticModel([LoadCase(body, [Displacements(POINTS), Force("top")]) for body in bodies], parameters)
 
 
 def measured(law, noise, rng):
@@ -102,7 +102,7 @@ def test_as_many_numbers_as_data_leave_nothing_to_judge_the_misfit_by():
     tissue = {".*": Material(NeoHooke(mu), bulk)}
     body = Problem(block(), tissue, {"bottom": 0, "top": (0, 0, -4e-3)}, element="P2")
     swelling = Functional(lambda at: (ngs.Det(at.F) - 1) * at.inside(".*"), name="swelling", unit="m³")
-    model = StaticModel([Case(body, [Force("top", (0, 0, 1)), swelling])], {"mu": mu, "bulk": bulk})
+    model = StaticModel([LoadCase(body, [Force("top", (0, 0, 1)), swelling])], {"mu": mu, "bulk": bulk})
     data = model.at(model.theta).data
     mu.Set(500.0)
     bulk.Set(5e3)

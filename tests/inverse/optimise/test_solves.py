@@ -16,7 +16,7 @@ from ngbrain.inverse.problem.discretisation import in_elements
 from ngbrain.inverse.uncertainty.credible_maps import uncertainty
 from ngbrain.io.waves import WaveData
 from ngbrain.materials import Shearing
-from ngbrain.solvers.device import OnProcessor
+from ngbrain.solvers.device import CpuFactor
 
 
 class Asked:
@@ -28,7 +28,7 @@ class Asked:
 @pytest.fixture
 def asked(monkeypatch):
     """Counted at the factors themselves, whoever calls them."""
-    count, make, solve = Asked(), OnProcessor.__init__, OnProcessor.solve
+    count, make, solve = Asked(), CpuFactor.__init__, CpuFactor.solve
 
     def making(self, *arguments, **options):
         count.made += 1
@@ -38,8 +38,8 @@ def asked(monkeypatch):
         count.solved += 1
         return solve(self, b)
 
-    monkeypatch.setattr(OnProcessor, "__init__", making)
-    monkeypatch.setattr(OnProcessor, "solve", solving)
+    monkeypatch.setattr(CpuFactor, "__init__", making)
+    monkeypatch.setattr(CpuFactor, "solve", solving)
     return count
 
 

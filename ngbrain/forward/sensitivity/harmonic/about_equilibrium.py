@@ -18,7 +18,7 @@ from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.observables.points import Unknowns
 from ngbrain.forward.sensitivity.harmonic.state_work import StateWork
 from ngbrain.forward.sensitivity.parameter_blocks import Parameter
-from ngbrain.forward.sensitivity.static_model import Case, Equilibria, StaticModel
+from ngbrain.forward.sensitivity.static_model import LoadCase, StaticLinearisation, StaticModel
 from ngbrain.solvers.newton import Newton
 
 Array = np.ndarray
@@ -34,7 +34,7 @@ class AboutEquilibrium:
         state = body.state
         assert isinstance(state, AboutState)
         self.body = body
-        self.static = StaticModel([Case(state.body, [Unknowns()])], parameters, newton, steps)
+        self.static = StaticModel([LoadCase(state.body, [Unknowns()])], parameters, newton, steps)
         self.solves = self.static.solves
         self.sizes = {name: part.size for name, part in self.static.parts.items()}
         self.work = StateWork(state, self.static.parts.values())
@@ -56,7 +56,7 @@ class AboutEquilibrium:
 class StateSensitivity:
     """See `Sensitivity`."""
 
-    def __init__(self, medium: AboutEquilibrium, there: Equilibria, waves: Array) -> None:
+    def __init__(self, medium: AboutEquilibrium, there: StaticLinearisation, waves: Array) -> None:
         self._medium, self._there, self._waves = medium, there, waves
         self._omegas = [wave.omega for wave in medium.body.waves]
         self._direction = np.zeros(0)

@@ -14,8 +14,8 @@ from ngbrain.errors import InputError
 from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.forward.harmonic.integrands import complexified
 from ngbrain.forward.harmonic.problem import Harmonic
-from ngbrain.forward.sensitivity.harmonic.hessian import Turned
-from ngbrain.forward.sensitivity.harmonic.slopes import Pair, Slope, alike, along
+from ngbrain.forward.sensitivity.harmonic.hessian import MatrixDerivative
+from ngbrain.forward.sensitivity.harmonic.slopes import FieldGradient, Pair, alike, along
 from ngbrain.solvers.matrices import to_scipy
 
 Array = np.ndarray
@@ -36,7 +36,7 @@ class AtRest:
         self.body, self.solves = body, Solves()
         self.fields: dict[str, ngs.GridFunction] = dict(fields)
         self.sizes: dict[str, int] = {name: field.space.ndof for name, field in fields.items()}
-        self._slopes = dict[tuple[float, str], Slope]()
+        self._slopes = dict[tuple[float, str], FieldGradient]()
 
     @property
     def value(self) -> Array:
@@ -65,17 +65,17 @@ class AtRest:
         """Fields that need integrals of their own."""
         return [name for name, (first, _) in self.alike[omega].items() if name == first]
 
-    def gradient(self, omega: float, name: str) -> Slope:
+    def gradient(self, omega: float, name: str) -> FieldGradient:
         """How the matrices change with a field, between as many pairs of waves as there are of this frequency; kept."""
         if (omega, name) not in self._slopes:
             number = sum(wave.omega == omega for wave in self.body.waves)
-            self._slopes[omega, name] = Slope(self.body, omega, self.fields[name], number)
+            self._slopes[omega, name] = FieldGradient(self.body, omega, self.fields[name], number)
         return self._slopes[omega, name]
 
     @cached_property
-    def turn(self) -> Turned:
+    def turn(self) -> MatrixDerivative:
         """How the matrices change along a direction of the fields, for second derivatives."""
-        return Turned(self.body, self.fields)
+        return MatrixDerivative(self.body, self.fields)
 
 
 class FieldSensitivity:

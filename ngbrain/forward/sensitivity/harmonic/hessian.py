@@ -15,12 +15,12 @@ from ngsolve import CoefficientFunction
 
 from ngbrain.forward.harmonic.integrands import Change, vanishes
 from ngbrain.forward.harmonic.problem import Harmonic
-from ngbrain.forward.sensitivity.harmonic.slopes import Pair, Slope, along
+from ngbrain.forward.sensitivity.harmonic.slopes import FieldGradient, Pair, along
 
 Array = np.ndarray
 
 
-class Turned:
+class MatrixDerivative:
     """A' of a body, and the slopes of A', along the direction that was last given to `aim`. Forms are made once."""
 
     def __init__(self, body: Harmonic, fields: Mapping[str, ngs.GridFunction]) -> None:
@@ -32,7 +32,7 @@ class Turned:
         for omega in {wave.omega for wave in body.waves}:
             work = body.terms(omega, self._wave, test, self._turn)
             self._products[omega] = None if work is None else ngs.LinearForm(work)
-        self._slopes: dict[tuple[float, str], Slope] = {}
+        self._slopes: dict[tuple[float, str], FieldGradient] = {}
 
     def aim(self, direction: Sequence[Array]) -> None:
         """A change of each field."""
@@ -51,7 +51,7 @@ class Turned:
     def gradient(self, omega: float, name: str, pairs: Sequence[Pair]) -> Array:
         """Σ vᵀ (∂A/∂θ_i)' u of pairs u, v, for each unknown of a field."""
         if (omega, name) not in self._slopes:
-            self._slopes[omega, name] = Slope(self._body, omega, self._fields[name], len(pairs), self._turn)
+            self._slopes[omega, name] = FieldGradient(self._body, omega, self._fields[name], len(pairs), self._turn)
         return self._slopes[omega, name](pairs)
 
 

@@ -24,7 +24,7 @@ def along(field: ngs.GridFunction, direction: CoefficientFunction) -> Change:
     return lambda work: derivative(work, field, direction, "density or absorbing")
 
 
-class Slope:
+class FieldGradient:
     """Σ vᵀ (∂A/∂θ_i) u over so many pairs of waves u, v, for each unknown θ_i of a field: complex, by one linear form.
 
     The form is made once: compiled, at the fields' values when it is called. `turn` changes ∂A/∂θ_i, into its derivative say.
@@ -110,7 +110,7 @@ def _tried(body: Harmonic, fields: Mapping[str, ngs.GridFunction], omega: float)
                 field.vec.FV().NumPy()[:] = _changed(kept[name], rng)
             pair = _random(body, rng), _random(body, rng)
             for name, field in fields.items():
-                parts[name].append(Slope(body, omega, field, 1)([pair]))
+                parts[name].append(FieldGradient(body, omega, field, 1)([pair]))
     finally:
         for name, field in fields.items():
             field.vec.FV().NumPy()[:] = kept[name]

@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ngbrain.forward.harmonic.about_state import AboutState, derivative_by_state
-from ngbrain.forward.sensitivity.parameter_blocks import Block, Nodes
+from ngbrain.forward.sensitivity.parameter_blocks import NodePositions, ParameterBlock
 from ngbrain.forward.solid.virtual_work import Motion, Terms, slope, vector
 from ngbrain.solvers.matrices import to_scipy
 
@@ -29,7 +29,7 @@ class StateWork:
     the ways of both that `aim` was last given.
     """
 
-    def __init__(self, about: AboutState, blocks: Iterable[Block]) -> None:
+    def __init__(self, about: AboutState, blocks: Iterable[ParameterBlock]) -> None:
         self._about, self._body, self._blocks = about, about.body, list(blocks)
         fes = about.body.fes
         self._work, self._squared = about.work, ngs.Parameter(0.0)
@@ -75,7 +75,7 @@ class StateWork:
 
     def _and_nodes(self, found: Array, of: Callable[[], Array]) -> Array:
         """A change along all other ways, and that of what it is the change of along node positions'."""
-        return sum((block.change(of) for block in self._blocks if isinstance(block, Nodes)), found)
+        return sum((block.change(of) for block in self._blocks if isinstance(block, NodePositions)), found)
 
     def _summed(self, slopes: Slopes, omega: float, v: Array, adjoint: Array) -> tuple[Array, Array]:
         """Of Re λ · Re(A v) and -Im λ · Im(A v)."""
@@ -140,7 +140,10 @@ class StateWork:
 
     def _turn(self, state: Motion, pair: Pair) -> Terms:
         """The change of `_real` along the ways of the state and of θ."""
-        parts, others = self._real(state, pair), (block for block in self._blocks if not isinstance(block, Nodes))
+        parts, others = (
+            self._real(state, pair),
+            (block for block in self._blocks if not isinstance(block, NodePositions)),
+        )
         return self._real(state, pair, self._change) + [term for block in others for term in block.along(parts)]
 
     def _real(self, state: Motion, pair: Pair, *along: Motion) -> Terms:

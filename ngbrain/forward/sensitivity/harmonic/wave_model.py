@@ -103,18 +103,18 @@ class WaveModel:
         held = [g[self.driving] for g in self.body.prescribed]
         return np.concatenate([self.medium.value, *(part for g in held for part in (g.real, g.imag))])
 
-    def at(self, theta: Array) -> Linearised:
+    def at(self, theta: Array) -> WaveLinearisation:
         """Waves of θ, and their derivatives; the body keeps the values of the last call.
 
         Raises `SolverError` at a resonance without loss, and about a deformed body what `StaticModel` does.
         """
         factors = self._factorised(theta)
         waves = np.array([factors.driven(k, g) for k, g in enumerate(self.held(theta))])
-        return Linearised(self, factors, waves)
+        return WaveLinearisation(self, factors, waves)
 
-    def around(self, theta: Array, waves: Array) -> Linearised:
+    def around(self, theta: Array, waves: Array) -> WaveLinearisation:
         """Derivatives at θ and at any waves (loads, ndof), such as measured ones: no wave is solved for."""
-        return Linearised(self, self._factorised(theta), np.asarray(waves, complex))
+        return WaveLinearisation(self, self._factorised(theta), np.asarray(waves, complex))
 
     def _factorised(self, theta: Array) -> Factorised:
         if np.shape(theta) != (self.size,):
@@ -160,7 +160,7 @@ class WaveModel:
         return sp.csr_array(self._scalar.T)
 
 
-class Linearised:
+class WaveLinearisation:
     """Waves at one θ: `data` (waves, n, dim) in m, and the products of J and Jᵀ. At rest of use until the model moves on."""
 
     def __init__(self, model: WaveModel, factors: Factorised, waves: Array) -> None:

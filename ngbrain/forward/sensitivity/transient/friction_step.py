@@ -22,7 +22,7 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.forward.contact.friction import Rub, Slipping
-from ngbrain.forward.sensitivity.parameter_blocks import Block
+from ngbrain.forward.sensitivity.parameter_blocks import ParameterBlock
 from ngbrain.forward.sensitivity.transient.quadrature_blocks import values
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.virtual_work import Motion, Term, Terms, by, vector
@@ -30,7 +30,7 @@ from ngbrain.forward.solid.virtual_work import Motion, Term, Terms, by, vector
 Array = np.ndarray
 
 
-class CarriedSlopes(NamedTuple):
+class CarriedGradients(NamedTuple):
     """By the step's end (n,), by its start (n,), by what was carried there (size,), and by θ."""
 
     by_end: Array
@@ -60,7 +60,7 @@ class FrictionStep:
     felt = False
     """What is seen of forces is the tissue's: a motion of it does not take part in friction."""
 
-    def __init__(self, body: Problem, parts: Mapping[str, Block]) -> None:
+    def __init__(self, body: Problem, parts: Mapping[str, ParameterBlock]) -> None:
         self.body, self._parts, self._n = body, list(parts.values()), body.fes.ndof
         self._motion, self._moving, self._starting = (ngs.GridFunction(body.fes) for _ in range(3))
         self._x, self._y, self._s = (ngs.Parameter(0.0) for _ in range(3))
@@ -188,14 +188,14 @@ class FrictionStep:
 
     # Twice.
 
-    def turned(self, adjoint: Array, weights: Array) -> CarriedSlopes:
+    def turned(self, adjoint: Array, weights: Array) -> CarriedGradients:
         """The derivatives of ℓ', with λ, σ and M, along what was aimed at."""
         self._weigh(adjoint, weights)
         by_slip = np.concatenate(
             [rub.at_points(density) for rub, density in zip(self._rubs, self._turned_by_slip, strict=True)]
         )
         end, start, before, way, by_theta = self._turned_slopes
-        return CarriedSlopes(
+        return CarriedGradients(
             self._with_way(end, way),
             self._with_way(start, before),
             by_slip,

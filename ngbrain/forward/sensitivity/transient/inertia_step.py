@@ -12,8 +12,8 @@ from functools import cached_property
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.forward.sensitivity.parameter_blocks import Block
-from ngbrain.forward.sensitivity.transient.friction_step import CarriedSlopes
+from ngbrain.forward.sensitivity.parameter_blocks import ParameterBlock
+from ngbrain.forward.sensitivity.transient.friction_step import CarriedGradients
 from ngbrain.forward.sensitivity.transient.quadrature_blocks import values
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.virtual_work import Motion, Term, Terms, vector
@@ -30,7 +30,7 @@ class InertiaStep:
     felt = True
     """Supports feel the forces: a motion of what is seen takes part in them."""
 
-    def __init__(self, body: Problem, parts: Mapping[str, Block]) -> None:
+    def __init__(self, body: Problem, parts: Mapping[str, ParameterBlock]) -> None:
         assert body.inertia is not None
         self.body, self.inertia, self._parts = body, body.inertia, list(parts.values())
         self._motion, self._n = ngs.GridFunction(body.fes), int(np.sum(body.is_u))
@@ -106,12 +106,12 @@ class InertiaStep:
         self.changed(start, carried, theta)
         values(self._going)[:] = self._of_u(end) - self._changes[-1]
 
-    def turned(self, adjoint: Array, weights: Array) -> CarriedSlopes:
+    def turned(self, adjoint: Array, weights: Array) -> CarriedGradients:
         """Derivatives along what was aimed at of those by a step's end, its start, what was carried there, and θ."""
         values(self._motion)[:] = adjoint[: self.body.fes.ndof]
         by_end = self._heavier()[self.body.is_u]
         by_start, carried = self._back(-by_end, np.zeros(self.size))
-        return CarriedSlopes(
+        return CarriedGradients(
             self._spread(by_end), by_start, carried, np.concatenate([part() for part in self._turned_by_theta])
         )
 

@@ -55,7 +55,7 @@ def _series(x: CoefficientFunction, n: int) -> CoefficientFunction:
     return found
 
 
-class Spectrum:
+class SpectralDecomposition:
     """Logarithmic strains of a symmetric tensor A: their coordinates x in `PLANE`, and functions of A with its axes."""
 
     def __init__(self, A: CoefficientFunction) -> None:
@@ -79,7 +79,7 @@ def _still(made: CoefficientFunction, law: CoefficientFunction) -> CoefficientFu
     return made
 
 
-class Begun:
+class MaxwellStart:
     """G after half of a step's flow with the stress at its start, and κ: ten entries, `value`; the `strain` at its start.
 
     Parameters are in the variable `made` alone; `law` is what it is equal to, by parameters alone.
@@ -98,7 +98,7 @@ class Begun:
         settled: CoefficientFunction,
         moved: Moved = _still,
     ) -> None:
-        start = Spectrum(G.trans * shape * G)
+        start = SpectralDecomposition(G.trans * shape * G)
         law = _start(branch, ngs.CF((settled[2], settled[3])))
         made = moved(_start(branch, ngs.CF(tuple(start.x))), law).MakeVariable()
         slope, rest, eta = [made[0], made[1]], made[2], made[3]
@@ -116,10 +116,10 @@ def _start(branch: Maxwell, strain: CoefficientFunction) -> CoefficientFunction:
     return ngs.CF((law[1], law[2], initial_modulus(branch.law), branch.eta))
 
 
-class Ended:
-    """What a step ends with at a shape C̄: `energy`, and `G` (nine entries); `made`, `law` and `moved` as in `Begun`.
+class MaxwellEnd:
+    """What a step ends with at a shape C̄: `energy`, and `G` (nine entries); `made`, `law` and `moved` as in `MaxwellStart`.
 
-    half     ten entries of `Begun`
+    half     ten entries of `MaxwellStart`
     settled  see there
     """
 
@@ -132,7 +132,7 @@ class Ended:
         moved: Moved = _still,
     ) -> None:
         G = ngs.CF(tuple(half[i] for i in range(9)), dims=(3, 3))
-        kappa, end = half[9], Spectrum(G.trans * shape * G)
+        kappa, end = half[9], SpectralDecomposition(G.trans * shape * G)
         law = branch.slopes(ngs.CF((settled[0], settled[1])))
         made = moved(law, law).MakeVariable()
         W, first, second, a, b, c = (made[i] for i in range(6))

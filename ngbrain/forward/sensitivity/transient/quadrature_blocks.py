@@ -17,7 +17,7 @@ Expressions: TypeAlias = list[CoefficientFunction]
 Derivative: TypeAlias = Callable[[CoefficientFunction], CoefficientFunction]
 
 
-class Block:
+class QuadratureBlock:
     """Variables at quadrature points that go together: values, their change, and their weights; each (size, points).
 
     variable   the values, to be derived by
@@ -32,7 +32,7 @@ class Block:
 
 
 @dataclass(frozen=True)
-class Part:
+class QuadratureFunction:
     """A function of the variables and its derivatives by the parameters, or those of `made`, the only place that they are in.
 
     What has parameters in few places, and much else, is derived by them through these places alone.
@@ -58,13 +58,13 @@ class Part:
         change = reduce(add, (slope * way for slope, way in zip(self.slopes, ways, strict=True)))
         return moved + (change if self.made is None else times(self.value.Diff(self.made), change))
 
-    def then(self, operator: Derivative) -> Part:
+    def then(self, operator: Derivative) -> QuadratureFunction:
         """A linear operator of it that has no parameters."""
         slopes = self.slopes if self.made is not None else [operator(slope) for slope in self.slopes]
-        return Part(operator(self.value), slopes, self.made)
+        return QuadratureFunction(operator(self.value), slopes, self.made)
 
 
-def put(blocks: Iterable[Block], what: str, rows: Array) -> None:
+def put(blocks: Iterable[QuadratureBlock], what: str, rows: Array) -> None:
     """Set `value`, `change` or `weight` of some blocks, one after the other."""
     end = 0
     for block in blocks:
@@ -72,10 +72,10 @@ def put(blocks: Iterable[Block], what: str, rows: Array) -> None:
         end += block.size
 
 
-def weighed(blocks: Iterable[Block], functions: Iterable[Part]) -> list[Part]:
+def weighed(blocks: Iterable[QuadratureBlock], functions: Iterable[QuadratureFunction]) -> list[QuadratureFunction]:
     """Functions times the weights of their blocks."""
 
-    def by(block: Block) -> Derivative:
+    def by(block: QuadratureBlock) -> Derivative:
         return lambda function: ngs.InnerProduct(entries(block.weight), function)
 
     return [f.then(by(b)) for b, f in zip(blocks, functions, strict=True)]

@@ -32,7 +32,7 @@ SHORTEST = 1e-2
 
 
 @dataclass(frozen=True)
-class Step:
+class ReplayStep:
     """The n-th step: from a state at grid[n] to unknowns x at grid[n + 1]."""
 
     n: int
@@ -41,7 +41,7 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Kept:
+class RunCheckpoint:
     """Where a run stood at grid[n]: its state, and the unknowns a step before."""
 
     n: int
@@ -93,8 +93,8 @@ class Replay:
         self.solved = 0
         self._program = LoadProgram(body, motion, loads)
         self._program.set(0.0)
-        self.kept: list[Kept] = []
-        self._last: list[Step] = []
+        self.kept: list[RunCheckpoint] = []
+        self._last: list[ReplayStep] = []
         self._keeping, self._states, self._known = states, list[Array](), list[Array]()
 
     @property
@@ -102,7 +102,7 @@ class Replay:
         """How many histories are in memory."""
         return len(self.kept) + len(self._last)
 
-    def run(self, seen: Callable[[Step], None]) -> None:
+    def run(self, seen: Callable[[ReplayStep], None]) -> None:
         """From rest to the end; `seen` is called at the end of each step, before the history moves on."""
         self._program.set(0.0)  # where a tool of given force is at rest
         start = self.body.rest()
@@ -113,45 +113,47 @@ class Replay:
         if len(self._states) == len(self.grid) - 1:
             self._known = self._states
         self._states = []
-        here = Kept(0, start, start.x)
+        here = RunCheckpoint(0, start, start.x)
         while here.n < len(self.grid) - 1:
             self.kept.append(here)
             here = self._segment(here, seen)
 
-    def factor(self, step: Step) -> float:
+    def factor(self, step: ReplayStep) -> float:
         """Load factor at the end of a step."""
         return self._program.factor(self.grid[step.n + 1])
 
-    def forwards(self) -> Iterator[Step]:
+    def forwards(self) -> Iterator[ReplayStep]:
         """All steps, with the body at the end of each, its history not yet moved on."""
         for start in self.kept:
             for step in self._steps(start):
                 yield self.stand(step)
 
-    def backwards(self) -> Iterator[Step]:
+    def backwards(self) -> Iterator[ReplayStep]:
         """The same from the last one to the first."""
         for steps in self.segments():
             yield from map(self.stand, reversed(steps))
 
-    def segments(self) -> Iterator[list[Step]]:
+    def segments(self) -> Iterator[list[ReplayStep]]:
         """Steps from one kept history to the next, the last of them first."""
         return map(self._steps, reversed(self.kept))
 
-    def _steps(self, start: Kept) -> list[Step]:
+    def _steps(self, start: RunCheckpoint) -> list[ReplayStep]:
         if not self._last or self._last[0].n != start.n:
             self._segment(start, lambda step: None)
         return self._last
 
-    def _segment(self, start: Kept, seen: Callable[[Step], None]) -> Kept:
+    def _segment(self, start: RunCheckpoint, seen: Callable[[ReplayStep], None]) -> RunCheckpoint:
         """Steps from one kept to where the next is to be kept."""
-        steps, state, before = list[Step](), start.state, start.before
+        steps, state, before = list[ReplayStep](), start.state, start.before
         self._last = []
         for n in range(start.n, min(start.n + self.every, len(self.grid) - 1)):
             state, before = self._step(n, state, before, steps, seen), state.x
         self._last = steps
-        return Kept(steps[-1].n + 1, state, before)
+        return RunCheckpoint(steps[-1].n + 1, state, before)
 
-    def _step(self, n: int, start: State, before: Array, steps: list[Step], seen: Callable[[Step], None]) -> State:
+    def _step(
+        self, n: int, start: State, before: Array, steps: list[ReplayStep], seen: Callable[[ReplayStep], None]
+    ) -> State:
         end = np.empty(0)
 
         def solve() -> tuple[Array, NewtonRecord]:
@@ -161,7 +163,7 @@ class Replay:
 
         def look(record: NewtonRecord) -> None:
             self._flow(end)
-            steps.append(Step(n, start, end))
+            steps.append(ReplayStep(n, start, end))
             seen(steps[-1])
 
         dt = self.grid[n + 1] - self.grid[n]
@@ -251,7 +253,7 @@ class Replay:
             x, record = self._newton.solve(self._system, x)
         return x, record
 
-    def stand(self, step: Step) -> Step:
+    def stand(self, step: ReplayStep) -> ReplayStep:
         """Go to the end of a step, with the internal variables not yet moved on."""
         body = self.body
         self._program.set(self.grid[step.n])

@@ -11,8 +11,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from ngbrain.errors import ConvergenceError, InputError, shaped
-from ngbrain.forward.sensitivity.parameter_blocks import Held
-from ngbrain.forward.sensitivity.transient.replay import Step
+from ngbrain.forward.sensitivity.parameter_blocks import PrescribedDisplacement
+from ngbrain.forward.sensitivity.transient.replay import ReplayStep
 from ngbrain.forward.sensitivity.transient.tangents import EXACT, FINER
 from ngbrain.forward.solid.tangent import Solve
 
@@ -25,7 +25,7 @@ TOGETHER = 40
 
 
 @dataclass
-class Left:
+class CarriedState:
     """Of what a step leaves: changes of it, or how what is to come changes with it.
 
     end, history, carried   unknowns, tissue's history, and what else is remembered
@@ -36,20 +36,20 @@ class Left:
     carried: list[Array]
 
     @classmethod
-    def nothing(cls, model: RunModel) -> Left:
+    def nothing(cls, model: RunModel) -> CarriedState:
         """Before the first step, or after the last one."""
         history = np.zeros((model.forms.size, len(model.forms.quadrature)))
         return cls(np.zeros(model.n), history, [np.zeros(each.size) for each in model.carried])
 
 
-class Replayed:
+class RunLinearisation:
     """The run at one θ: `data` (times, numbers), and the products of J and Jᵀ. It is of use until the model moves on."""
 
     def __init__(self, model: RunModel) -> None:
         self.model = model
         self.data = np.zeros((len(model.times), model.seen.size))
 
-        def seen(step: Step) -> None:
+        def seen(step: ReplayStep) -> None:
             if step.n in model.row:
                 self.data[model.row[step.n]] = model.seen.value()
 
@@ -79,7 +79,7 @@ class Replayed:
         shaped("w", np.shape(w), self.data.shape)
         if "jacobian" in vars(self):
             return np.asarray(np.tensordot(self.jacobian, w, 2))
-        later, total = Left.nothing(self.model), np.zeros(self.model.size)
+        later, total = CarriedState.nothing(self.model), np.zeros(self.model.size)
         for step in self.model.replay.backwards():
             adjoint, motion, shown = self._adjoint(step, w, later)
             later, by_theta = self._back(step, adjoint, motion, later)
@@ -95,7 +95,12 @@ class Replayed:
             raise InputError(f"parameters.{name}", "nodes", "others, for second derivatives")
         shaped("w", np.shape(w), self.data.shape)
         model, curved = self.model, self.model.curvature
-        total, later, turned, n = np.zeros(model.size), Left.nothing(model), Left.nothing(model), model.body.fes.ndof
+        total, later, turned, n = (
+            np.zeros(model.size),
+            CarriedState.nothing(model),
+            CarriedState.nothing(model),
+            model.body.fes.ndof,
+        )
         for step, x, before in self._changes_back(direction):
             adjoint, motion, _ = self._adjoint(step, w, later, FINER)
             theta = model.split(direction) | ({} if len(x) == n else {model.way: x[n:]})
@@ -103,7 +108,7 @@ class Replayed:
             curved.aim(x, before.history, theta)
             bent = curved(adjoint, (adjoint + motion)[:n], later.history)
             forces, slopes = np.append(bent.by_state, bent.by_theta[model.size :]), bent.by_theta[: model.size]
-            rest = Left(np.zeros(model.n), bent.by_history, [])
+            rest = CarriedState(np.zeros(model.n), bent.by_history, [])
             for each, carried, weights in zip(model.carried, before.carried, later.carried, strict=True):
                 each.aim(x, before.end, carried, list(theta.values()))
                 of = each.turned(adjoint + motion if each.felt else adjoint, weights)
@@ -120,7 +125,9 @@ class Replayed:
             total += slopes + more
         return total
 
-    def _adjoint(self, step: Step, w: Array, later: Left, exact: float = EXACT) -> tuple[Array, Array, Array]:
+    def _adjoint(
+        self, step: ReplayStep, w: Array, later: CarriedState, exact: float = EXACT
+    ) -> tuple[Array, Array, Array]:
         """λ and Zᵀw of a step at whose end the body stands, and ∂(w · data)/∂θ there but for what the tissue's forces have."""
         model = self.model
         self._begin(step, 1, exact)
@@ -137,7 +144,7 @@ class Replayed:
         adjoint = -model.tangents.transposed(b)
         return adjoint, motion, shown + self._by_held(step, b, adjoint)
 
-    def _by_held(self, step: Step, b: Array, adjoint: Array) -> Array:
+    def _by_held(self, step: ReplayStep, b: Array, adjoint: Array) -> Array:
         """What is left, at unknowns that are held, of what an adjoint takes away at all others (size,)."""
         found = np.zeros(self.model.size)
         if self.model.held:
@@ -146,46 +153,53 @@ class Replayed:
                 found[where] = left[part.places]
         return found
 
-    def _remembered(self, later: Left) -> Array:
+    def _remembered(self, later: CarriedState) -> Array:
         """How what is to come changes with where a step ends."""
         model, found = self.model, later.end.copy()
         found[: model.body.fes.ndof] += model.forms.remembered(later.history)
         return found + sum((each.remembered(of) for each, of in zip(model.carried, later.carried, strict=True)), 0.0)
 
-    def _back(self, step: Step, adjoint: Array, motion: Array, later: Left) -> tuple[Left, Array]:
+    def _back(self, step: ReplayStep, adjoint: Array, motion: Array, later: CarriedState) -> tuple[CarriedState, Array]:
         """How what is to come changes with what a step starts from, and with θ, with λ and Zᵀw."""
         model, n = self.model, self.model.body.fes.ndof
         moved = (adjoint + motion)[:n]
         shifts = {name: shapes.slopes(moved, later.history) for name, shapes in model.shapes.items()}
         history, slopes = model.forms.back(moved, later.history)
-        slopes |= shifts | {name: part.value * 0 for name, part in model.parts.items() if isinstance(part, Held)}
+        slopes |= shifts | {
+            name: part.value * 0 for name, part in model.parts.items() if isinstance(part, PrescribedDisplacement)
+        }
         model.contacts.weigh(adjoint)
         total = np.concatenate([slopes[name] for name in model.parts]) + model.contacts.slopes()[: model.size]
-        before = Left(np.zeros(model.n), history, [])
+        before = CarriedState(np.zeros(model.n), history, [])
         for each, weights in zip(model.carried, later.carried, strict=True):
             by_start, carried, by_theta = each.back(adjoint + motion if each.felt else adjoint, weights)
             before.end, total = before.end + by_start, total + by_theta[: model.size]
             before.carried.append(carried)
         return before, total - sum(adjoint[n:]) * model.asked(step)
 
-    def _row(self, step: Step, w: Array) -> Array:
+    def _row(self, step: ReplayStep, w: Array) -> Array:
         """Weights of what is seen at the end of a step."""
         return np.asarray(w[self.model.row[step.n]] if step.n in self.model.row else np.zeros(w.shape[1]))
 
-    def _changes_back(self, direction: Array) -> Iterator[tuple[Step, Array, Left]]:
+    def _changes_back(self, direction: Array) -> Iterator[tuple[ReplayStep, Array, CarriedState]]:
         """Of all steps, from the last one back, where the body stands: changes of their ends, and of what they start from.
 
         Histories' changes are kept as these are, all others at every step.
         """
         model, replay, forms = self.model, self.model.replay, self.model.forms
-        before, theta, kept, changes = Left.nothing(model), model.split(direction), dict[int, Array](), list[Left]()
+        before, theta, kept, changes = (
+            CarriedState.nothing(model),
+            model.split(direction),
+            dict[int, Array](),
+            list[CarriedState](),
+        )
         history = before.history
         for step in replay.forwards():
             if step.n % replay.every == 0:
                 kept[step.n] = before.history
             before, _ = self._ahead(step, self._begin(step, 1, FINER), self._columns(step), direction, before)
-            changes.append(Left(before.end, np.empty(0), before.carried))
-        at_rest = Left.nothing(model)
+            changes.append(CarriedState(before.end, np.empty(0), before.carried))
+        at_rest = CarriedState.nothing(model)
         for steps in replay.segments():
             histories = [kept[steps[0].n]]
             for step in map(replay.stand, steps[:-1]):
@@ -194,13 +208,13 @@ class Replayed:
                 histories.append(forms.moved(changes[step.n].end[: model.body.fes.ndof]))
             for step, history in zip(map(replay.stand, reversed(steps)), reversed(histories), strict=True):
                 last = changes[step.n - 1] if step.n else at_rest
-                yield step, changes[step.n].end, Left(last.end, history, last.carried)
+                yield step, changes[step.n].end, CarriedState(last.end, history, last.carried)
 
     def _pushed(self, directions: Array) -> Array:
         """J times each of some directions, with one factor of each step."""
         model, n = self.model, self.model.body.fes.ndof
         data = np.zeros((len(directions), *self.data.shape))
-        before = [Left.nothing(model) for _ in directions]
+        before = [CarriedState.nothing(model) for _ in directions]
         for step in model.replay.forwards():
             solve, columns = self._begin(step, len(directions)), self._columns(step)
             seen = model.row.get(step.n)
@@ -213,8 +227,8 @@ class Replayed:
         return data
 
     def _ahead(
-        self, step: Step, solve: Solve, columns: sp.csr_array, direction: Array, before: Left
-    ) -> tuple[Left, Array]:
+        self, step: ReplayStep, solve: Solve, columns: sp.csr_array, direction: Array, before: CarriedState
+    ) -> tuple[CarriedState, Array]:
         """What a step leaves of changes of what it starts from and of θ, and how forces that are felt change (ndof,)."""
         model, theta, n = self.model, self.model.split(direction), self.model.body.fes.ndof
         r, outer = np.zeros(model.n), columns @ direction
@@ -233,9 +247,9 @@ class Replayed:
         history = model.forms.moved(x[:n])
         for name, shapes in model.shapes.items():
             history += shapes.moved(theta[name])
-        return Left(x, history, [each.moved(x) for each in model.carried]), r[:n]
+        return CarriedState(x, history, [each.moved(x) for each in model.carried]), r[:n]
 
-    def _columns(self, step: Step) -> sp.csr_array:
+    def _columns(self, step: ReplayStep) -> sp.csr_array:
         """How what contacts and loads exert changes with θ, and what a tool feels beyond what is asked for."""
         model = self.model
         columns = model.contacts.columns()[:, : model.size]
@@ -244,11 +258,11 @@ class Replayed:
         felt = model.contacts.felt_by_theta()[: model.size] - model.asked(step)
         return sp.csr_array(sp.vstack([columns, sp.csr_array(felt[None])]))
 
-    def _begin(self, step: Step, sides: int, exact: float = EXACT) -> Solve:
+    def _begin(self, step: ReplayStep, sides: int, exact: float = EXACT) -> Solve:
         """Forms and tangent of a step at whose end the body stands."""
         self._set(step)
         return self.model.tangents.here(sides, exact)
 
-    def _set(self, step: Step) -> None:
+    def _set(self, step: ReplayStep) -> None:
         grid = self.model.replay.grid
         self.model.forms.begin(step.start.internal, grid[step.n + 1] - grid[step.n])

@@ -27,15 +27,22 @@ from ngbrain.errors import ConvergenceError, InputError
 from ngbrain.forward.contact.motion import Motion
 from ngbrain.forward.observables.base import Observable
 from ngbrain.forward.sensitivity.contact_work import ContactForms
-from ngbrain.forward.sensitivity.parameter_blocks import Block, Held, Nodes, Scalar, block, places
+from ngbrain.forward.sensitivity.parameter_blocks import (
+    NodePositions,
+    ParameterBlock,
+    PrescribedDisplacement,
+    Scalar,
+    block,
+    places,
+)
 from ngbrain.forward.sensitivity.transient.friction_step import FrictionStep
 from ngbrain.forward.sensitivity.transient.inertia_step import InertiaStep
-from ngbrain.forward.sensitivity.transient.replay import TIGHT, Replay, Step
-from ngbrain.forward.sensitivity.transient.replayed import Replayed
+from ngbrain.forward.sensitivity.transient.replay import TIGHT, Replay, ReplayStep
+from ngbrain.forward.sensitivity.transient.replayed import RunLinearisation
 from ngbrain.forward.sensitivity.transient.run_observables import RunObservables
 from ngbrain.forward.sensitivity.transient.step import Parameter, StepForms
-from ngbrain.forward.sensitivity.transient.step_hessian import StepCurvature
-from ngbrain.forward.sensitivity.transient.step_shape import StepShapes
+from ngbrain.forward.sensitivity.transient.step_hessian import StepHessian
+from ngbrain.forward.sensitivity.transient.step_shape import StepShapeDerivatives
 from ngbrain.forward.sensitivity.transient.tangents import BorderedTangents, PivotedTangents, Tangents, TangentSystem
 from ngbrain.forward.solid.advance import LoadHistory
 from ngbrain.forward.solid.problem import Problem
@@ -52,8 +59,8 @@ class RunModel:
     motion      of its rigid bodies and of what its loads are made of
     grid        times (s) from 0 on at which steps end, such as `replay.times_of` an adaptive run finds
     parameters  name → GridFunction or Parameter that materials, rigid bodies and loads are made of, such as a factor of a
-                blade's way, `Held(body, boundary)`, what is prescribed there at load factor 1, or `Nodes(mesh)`, where the
-                mesh's nodes are; their values one after the other are θ
+                blade's way, `PrescribedDisplacement(body, boundary)`, what is prescribed there at load factor 1, or
+                `NodePositions(mesh)`, where the mesh's nodes are; their values one after the other are θ
     observables  what is seen, see `ngbrain.forward.observables`
     times       (s) when; steps end there too. None: at the end of every step
     newton, every, states, loads   see `Replay`
@@ -86,7 +93,7 @@ class RunModel:
         body: Problem,
         motion: Motion,
         grid: Sequence[float] | Array,
-        parameters: Mapping[str, Parameter | Held | Nodes],
+        parameters: Mapping[str, Parameter | PrescribedDisplacement | NodePositions],
         observables: Sequence[Observable],
         times: Sequence[float] | Array | None = None,
         newton: Newton = TIGHT,
@@ -104,10 +111,14 @@ class RunModel:
         if not observables:
             raise InputError("observables", "none", "one or more: what is seen of a run")
         self.body, self.parameters, self.times = body, dict(parameters), times
-        values = {name: of for name, of in self.parameters.items() if not isinstance(of, (Held, Nodes))}
+        values = {
+            name: of
+            for name, of in self.parameters.items()
+            if not isinstance(of, (PrescribedDisplacement, NodePositions))
+        }
         self.forms = StepForms(body, values)
-        nodes = [(name, of) for name, of in self.parameters.items() if isinstance(of, Nodes)]
-        self.shapes = {name: StepShapes(self.forms, of) for name, of in nodes}
+        nodes = [(name, of) for name, of in self.parameters.items() if isinstance(of, NodePositions)]
+        self.shapes = {name: StepShapeDerivatives(self.forms, of) for name, of in nodes}
         if (own := getattr(motion, "parameter", None)) is not None:
             for name, parameter in self.parameters.items():
                 if parameter is own:
@@ -115,11 +126,13 @@ class RunModel:
         self.parts = {name: block(name, of) for name, of in self.parameters.items()}
         sizes = [part.size for part in self.parts.values()]
         self.blocks, self.size = dict(zip(self.parts, places(sizes), strict=True)), sum(sizes)
-        made_of: dict[str, Block] = dict(self.parts)
+        made_of: dict[str, ParameterBlock] = dict(self.parts)
         if body.tool is not None:
             self._check_tool(grid)
             made_of[self.way] = Scalar(body.tool.given.parameter)
-        self.held = [(of, self.blocks[name]) for name, of in self.parameters.items() if isinstance(of, Held)]
+        self.held = [
+            (of, self.blocks[name]) for name, of in self.parameters.items() if isinstance(of, PrescribedDisplacement)
+        ]
         self.n = len(body.x)
         """Unknowns of the body, the way of a tool of given force among them."""
         self._made_of, self.contacts = made_of, ContactForms(body, made_of)
@@ -148,11 +161,11 @@ class RunModel:
         return np.concatenate([part.value for part in self.parts.values()])
 
     @cached_property
-    def curvature(self) -> StepCurvature:
+    def curvature(self) -> StepHessian:
         """What second derivatives need; made when first asked for."""
-        return StepCurvature(self.forms, self._made_of, self.contacts, self.seen)
+        return StepHessian(self.forms, self._made_of, self.contacts, self.seen)
 
-    def at(self, theta: Array) -> Replayed:
+    def at(self, theta: Array) -> RunLinearisation:
         """The run at θ, and its derivatives; the parameters keep the values of the last call."""
         if np.shape(theta) != (self.size,):
             raise InputError("theta", f"of shape {np.shape(theta)}", f"{self.size} numbers")
@@ -164,13 +177,13 @@ class RunModel:
             self.forms.measure()
         if self.body.inertia is not None:
             self.body.inertia.weigh()
-        return Replayed(self)
+        return RunLinearisation(self)
 
     def split(self, theta: Array) -> dict[str, Array]:
         """θ, or a change of it, by parameter."""
         return {name: theta[block] for name, block in self.blocks.items()}
 
-    def asked(self, step: Step) -> Array:
+    def asked(self, step: ReplayStep) -> Array:
         """How the force that a tool is asked for at the end of a step changes with θ (size,)."""
         found, tool = np.zeros(self.size), self.body.tool
         if tool is not None:

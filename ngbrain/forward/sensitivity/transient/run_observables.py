@@ -15,7 +15,7 @@ from ngbrain.errors import InputError
 from ngbrain.forward.observables.base import Along, Observable, Observed
 from ngbrain.forward.observables.force import Reaction
 from ngbrain.forward.sensitivity.contact_work import ContactForms
-from ngbrain.forward.sensitivity.parameter_blocks import Block, Nodes, places
+from ngbrain.forward.sensitivity.parameter_blocks import NodePositions, ParameterBlock, places
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.virtual_work import Motion, Terms
 
@@ -35,7 +35,7 @@ class RunObservables:
         Z; rows of what is no force are zero.
     """
 
-    def __init__(self, body: Problem, observables: Sequence[Observable], parts: Mapping[str, Block]) -> None:
+    def __init__(self, body: Problem, observables: Sequence[Observable], parts: Mapping[str, ParameterBlock]) -> None:
         self.body, self.each = body, [observable.on(body) for observable in observables]
         self.slices = places([of.size for of in self.each])
         self.size = sum(of.size for of in self.each)
@@ -97,7 +97,7 @@ class RunObservables:
 class _Outer:
     """What one observable has beside the tissue's forces."""
 
-    def __init__(self, observed: Observed, parts: Mapping[str, Block]) -> None:
+    def __init__(self, observed: Observed, parts: Mapping[str, ParameterBlock]) -> None:
         self._observed, body = observed, observed.problem
         self._forms: ContactForms | None = None
         self._slopes: list[Callable[[], Array]] = []
@@ -108,7 +108,7 @@ class _Outer:
             if loads or contacts:
                 self._forms = ContactForms(body, parts, loads, contacts)
             return
-        shapes = any(isinstance(part, Nodes) for part in parts.values())
+        shapes = any(isinstance(part, NodePositions) for part in parts.values())
         if shapes and not (observed.symbolic and observed.shaped):
             raise InputError("parameters", "nodes", f"others, for {type(observed).__name__.lower()}s of a run")
         if observed.symbolic:

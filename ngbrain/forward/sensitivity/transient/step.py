@@ -25,8 +25,15 @@ from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.sensitivity.transient.maxwell_step import Begun, Ended, Moved, step_factors
-from ngbrain.forward.sensitivity.transient.quadrature_blocks import Block, Expressions, Part, put, values, weighed
+from ngbrain.forward.sensitivity.transient.maxwell_step import MaxwellEnd, MaxwellStart, Moved, step_factors
+from ngbrain.forward.sensitivity.transient.quadrature_blocks import (
+    Expressions,
+    QuadratureBlock,
+    QuadratureFunction,
+    put,
+    values,
+    weighed,
+)
 from ngbrain.forward.solid.internal_forces import Density, Forces
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials.base import Deformation, density
@@ -36,7 +43,7 @@ from ngbrain.tensors import of_six, six
 Array = np.ndarray
 Parameter: TypeAlias = ngs.GridFunction | ngs.Parameter
 """A scalar real GridFunction or an `ngs.Parameter` that materials are made of."""
-Seen: TypeAlias = Callable[[Block], CoefficientFunction]
+Seen: TypeAlias = Callable[[QuadratureBlock], CoefficientFunction]
 STILL, MOVED = attrgetter("variable"), attrgetter("moved")
 """Blocks as what adjoints derive by, and as what changes along a direction."""
 
@@ -55,9 +62,13 @@ class StepForms:
         self.points, self.dt = history.points, ngs.Parameter(1.0)
         flows = range(len(history.flows.flows))
         self._s = ngs.Parameter(0.0)
-        self._pairs = [(Block(space, 6, self._s), Block(space, 6, self._s)) for _ in range(history.n_branches)]
-        self._strain = [Block(space, 6, self._s)] if flows else []
-        self._G, self._half, self._settled = ([Block(space, size, self._s) for _ in flows] for size in (9, 10, 5))
+        self._pairs = [
+            (QuadratureBlock(space, 6, self._s), QuadratureBlock(space, 6, self._s)) for _ in range(history.n_branches)
+        ]
+        self._strain = [QuadratureBlock(space, 6, self._s)] if flows else []
+        self._G, self._half, self._settled = (
+            [QuadratureBlock(space, size, self._s) for _ in flows] for size in (9, 10, 5)
+        )
         self.blocks = [block for pair in self._pairs for block in pair] + self._strain + self._G
         self.size = sum(block.size for block in self.blocks)
         self.strains = slice(12 * len(self._pairs), self.size)
@@ -190,8 +201,8 @@ class StepForms:
         ways = zip(self.slopes(function), self._directions.values(), strict=True)
         return reduce(add, (slope * way for slope, way in ways), 0.0 * function)
 
-    def _nothing(self, size: int) -> Part:
-        return Part(ngs.CF((0.0,) * size), [ngs.CF((0.0,) * size)] * len(self.parameters))
+    def _nothing(self, size: int) -> QuadratureFunction:
+        return QuadratureFunction(ngs.CF((0.0,) * size), [ngs.CF((0.0,) * size)] * len(self.parameters))
 
     def _ways(self, seen: Seen) -> tuple[Moved, ...]:
         """What moves the parameters of a flow with s, if anything is moved."""
@@ -201,7 +212,9 @@ class StepForms:
         """With s times the law's change along the parameters' directions."""
         return made + self._s * self.along(law)
 
-    def energies(self, material: Material, at: Deformation, p: CoefficientFunction, seen: Seen) -> list[Part]:
+    def energies(
+        self, material: Material, at: Deformation, p: CoefficientFunction, seen: Seen
+    ) -> list[QuadratureFunction]:
         """W, as `Tissue` has it."""
         law = material.viscous
         factors = [step_factors(self.dt, branch.tau) for branch in law.hereditary]
@@ -209,29 +222,32 @@ class StepForms:
         for (e, beta), (stress, over) in zip(factors, self._pairs, strict=False):
             energy += 0.5 * ngs.InnerProduct(of_six(e * seen(over) - beta * seen(stress)), at.shape)
         flows = (self._of(ended.energy, ended, seen) for ended in self._ended(material, at.shape, seen))
-        return [Part(energy, self.slopes(energy)), *flows]
+        return [QuadratureFunction(energy, self.slopes(energy)), *flows]
 
-    def _ended(self, material: Material, shape: CoefficientFunction, seen: Seen) -> list[Ended]:
+    def _ended(self, material: Material, shape: CoefficientFunction, seen: Seen) -> list[MaxwellEnd]:
         parts = zip(material.viscous.flowing, self._half, self._settled, strict=False)
         return [
-            Ended(branch, shape, seen(half), settled.variable, *self._ways(seen)) for branch, half, settled in parts
+            MaxwellEnd(branch, shape, seen(half), settled.variable, *self._ways(seen))
+            for branch, half, settled in parts
         ]
 
-    def _of(self, value: CoefficientFunction, flow: Begun | Ended, seen: Seen) -> Part:
+    def _of(self, value: CoefficientFunction, flow: MaxwellStart | MaxwellEnd, seen: Seen) -> QuadratureFunction:
         """What a flow gives; moved, its parameters go with s."""
-        return Part(value) if seen is MOVED else Part(value, self.slopes(flow.law), flow.made)
+        return (
+            QuadratureFunction(value) if seen is MOVED else QuadratureFunction(value, self.slopes(flow.law), flow.made)
+        )
 
-    def updates(self, material: Material, shape: CoefficientFunction, seen: Seen) -> list[Part]:
+    def updates(self, material: Material, shape: CoefficientFunction, seen: Seen) -> list[QuadratureFunction]:
         """U at a C̄, block by block; branches that a region has not stay at rest."""
-        found, C = list[Part](), shape.MakeVariable()
+        found, C = list[QuadratureFunction](), shape.MakeVariable()
         for branch, (stress, over) in zip(material.viscous.hereditary, self._pairs, strict=False):
             W = density(branch.law, Deformation.of_stretch(C))
-            new = Part(six(overstress(W, C)), [six(overstress(slope, C)) for slope in self.slopes(W)])
+            new = QuadratureFunction(six(overstress(W, C)), [six(overstress(slope, C)) for slope in self.slopes(W)])
             factors = ngs.CF(step_factors(self.dt, branch.tau))
             made = ngs.CF((factors, new.value)).MakeVariable()
             both = zip(self.slopes(factors), new.slopes, strict=True)
             moved = made[0] * seen(over) + made[1] * (ngs.CF(tuple(made[i] for i in range(2, 8))) - seen(stress))
-            found += [new, Part(moved, [ngs.CF(slopes) for slopes in both], made)]
+            found += [new, QuadratureFunction(moved, [ngs.CF(slopes) for slopes in both], made)]
         found += [self._nothing(6)] * (2 * len(self._pairs) - len(found))
         if self._strain:
             flowed = [self._of(ended.G, ended, seen) for ended in self._ended(material, shape, seen)]
@@ -239,23 +255,23 @@ class StepForms:
             found += [strain, *flowed, *[self._nothing(9)] * (len(self._G) - len(flowed))]
         return found
 
-    def begun(self, material: Material, seen: Seen) -> list[Begun]:
+    def begun(self, material: Material, seen: Seen) -> list[MaxwellStart]:
         """How the Maxwell branches begin."""
-        found = list[Begun]()
+        found = list[MaxwellStart]()
         for branch, G, settled in zip(material.viscous.flowing, self._G, self._settled, strict=False):
             nine, strain = seen(G), of_six(seen(self._strain[0]))
             three = ngs.CF(tuple(nine[i] for i in range(9)), dims=(3, 3))
-            found.append(Begun(branch, self.dt, strain, three, settled.variable, *self._ways(seen)))
+            found.append(MaxwellStart(branch, self.dt, strain, three, settled.variable, *self._ways(seen)))
         return found
 
-    def _inner(self, material: Material, seen: Seen) -> list[Part]:
+    def _inner(self, material: Material, seen: Seen) -> list[QuadratureFunction]:
         """P, block by block."""
         found = [self._of(begun.value, begun, seen) for begun in self.begun(material, seen)]
         return found + [self._nothing(10)] * (len(self._half) - len(found))
 
     # Derivatives: along changes by a number that moves all, for one along a change has no memory of what its parts share.
 
-    def _along(self, part: Part) -> CoefficientFunction:
+    def _along(self, part: QuadratureFunction) -> CoefficientFunction:
         """Change of a function with all that is moved."""
         return part.along(self._s, list(self._directions.values()))
 
@@ -269,7 +285,7 @@ class StepForms:
             0 * (at.J if p is None else p),
         )
 
-    def _derived(self, parts: Sequence[Part], blocks: Sequence[Block]) -> CoefficientFunction:
+    def _derived(self, parts: Sequence[QuadratureFunction], blocks: Sequence[QuadratureBlock]) -> CoefficientFunction:
         """Derivatives of the sum of some parts by blocks and by θ."""
         found = [[*(part.value.Diff(b.variable) for b in blocks), *part.by_theta] for part in parts]
         return ngs.CF((0.0, *(reduce(add, of) for of in zip(*found, strict=True)))).Compile()

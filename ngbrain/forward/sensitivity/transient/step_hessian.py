@@ -20,31 +20,37 @@ import numpy as np
 from ngbrain.errors import InputError
 from ngbrain.forward.contact.rigid import Closing
 from ngbrain.forward.sensitivity.contact_work import ContactForms
-from ngbrain.forward.sensitivity.parameter_blocks import Block
+from ngbrain.forward.sensitivity.parameter_blocks import ParameterBlock
 from ngbrain.forward.sensitivity.transient.quadrature_blocks import values
 from ngbrain.forward.sensitivity.transient.run_observables import RunObservables
 from ngbrain.forward.sensitivity.transient.step import StepForms
-from ngbrain.forward.sensitivity.transient.step_turned import Shifted, Symbols, TissueSlopes
+from ngbrain.forward.sensitivity.transient.step_turned import (
+    DifferenceTissueHessian,
+    SymbolicTissueHessian,
+    TissueGradients,
+)
 from ngbrain.forward.solid.virtual_work import Motion, Terms, vector
 
 Array = np.ndarray
 
 
-class StepCurvature:
+class StepHessian:
     """Second derivatives of the steps of some `forms`, with parameters as `parts`; where `forms.begin` was called.
 
     Raises `InputError` for walls that close on each other.
     """
 
     def __init__(
-        self, forms: StepForms, parts: Mapping[str, Block], contacts: ContactForms, seen: RunObservables
+        self, forms: StepForms, parts: Mapping[str, ParameterBlock], contacts: ContactForms, seen: RunObservables
     ) -> None:
         self._parts, self._contacts, self._seen, body = list(parts.values()), contacts, seen, forms.body
         self._mesh = body.mesh
         if any(isinstance(contact, Closing) for contact in body.contacts):
             raise InputError("body", "with walls that close on each other", "without, for second derivatives in time")
         of_tissue = {name: parts[name] for name in forms.parameters}
-        self._tissues = Shifted(forms, of_tissue) if body.history.flows else Symbols(forms)
+        self._tissues = (
+            DifferenceTissueHessian(forms, of_tissue) if body.history.flows else SymbolicTissueHessian(forms)
+        )
         self._way = ngs.GridFunction(body.fes)
         touched = self._touched()
         self._by_state = vector(body.fes, self._touched(body.fes.TestFunction()))
@@ -58,13 +64,13 @@ class StepCurvature:
             part.turn(way)
         self._seen.aim(np.array(values(self._way)), self._change)
 
-    def __call__(self, adjoint: Array, motion: Array, weights: Array) -> TissueSlopes:
+    def __call__(self, adjoint: Array, motion: Array, weights: Array) -> TissueGradients:
         """ℓ' by x, h and θ, with λ, λ + Zᵀw and Λ."""
         self._contacts.weigh(adjoint)
         by_state, by_history, by_theta = self._tissues(motion, weights)
         of_contacts = np.concatenate([slope() for slope in self._by_theta])
         of_contacts[: len(by_theta)] += by_theta
-        return TissueSlopes(by_state + self._by_state(), by_history, of_contacts)
+        return TissueGradients(by_state + self._by_state(), by_history, of_contacts)
 
     def _touched(self, *tested: Motion) -> Terms:
         """The part of ℓ' that contacts and what is seen have, or its derivative along a motion that is tested."""

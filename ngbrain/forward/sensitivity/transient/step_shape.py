@@ -19,8 +19,8 @@ from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.sensitivity.parameter_blocks import Nodes
-from ngbrain.forward.sensitivity.transient.quadrature_blocks import Part, put, values, weighed
+from ngbrain.forward.sensitivity.parameter_blocks import NodePositions
+from ngbrain.forward.sensitivity.transient.quadrature_blocks import QuadratureFunction, put, values, weighed
 from ngbrain.forward.sensitivity.transient.step import STILL, StepForms
 from ngbrain.forward.solid.virtual_work import Motion, Term, Terms, vector
 from ngbrain.materials.base import Deformation
@@ -30,10 +30,10 @@ Array = np.ndarray
 PLACE = (ngs.x, ngs.y, ngs.z)
 
 
-class StepShapes:
+class StepShapeDerivatives:
     """Derivatives of the steps of some `forms` by `nodes`, where `forms.begin` was called."""
 
-    def __init__(self, forms: StepForms, nodes: Nodes) -> None:
+    def __init__(self, forms: StepForms, nodes: NodePositions) -> None:
         self._forms, self._n, self._r, body = forms, ngs.Parameter(0.0), ngs.Parameter(0.0), forms.body
         if body.mesh.dim != 3 or body.p is None:
             wanted = "a body in space with pressures, for derivatives of a run by node positions"
@@ -87,7 +87,7 @@ class StepShapes:
         return [self._along(part.value, way) for part in updates]
 
     def _weighed(self, material: Material, way: CoefficientFunction) -> CoefficientFunction:
-        blocks, parts = self._forms.blocks, map(Part, self._ends(material, way))
+        blocks, parts = self._forms.blocks, map(QuadratureFunction, self._ends(material, way))
         return reduce(add, (part.value for part in weighed(blocks, parts)), ngs.CF(0.0))
 
     def _along(self, function: CoefficientFunction, way: CoefficientFunction) -> CoefficientFunction:

@@ -4,9 +4,9 @@ With ℓ of `step_forms`,
 
     ℓ' = d/ds ( W'(x + s δx; h + s δh, θ + s δθ)[μ] + Λ · U(x + s δx, h + s δh; θ + s δθ) )
 
-by x, h and θ, where `forms.begin` was called. `Symbols` moves fields by numbers and derives by these, see `implicit_work`. A
-Maxwell branch's step is a minimum of its own: by symbols a product takes hundreds of gradients, so `Shifted` goes a little way
-to both sides, lets the branches flow there and takes differences of ℓ's first derivatives, which are exact.
+by x, h and θ, where `forms.begin` was called. `SymbolicTissueHessian` moves fields by numbers and derives by these.
+A Maxwell branch's step is a minimum of its own: by symbols a product takes hundreds of gradients, so `DifferenceTissueHessian` goes
+a little way to both sides, lets the branches flow there and takes differences of ℓ's first derivatives, which are exact.
 """
 
 from __future__ import annotations
@@ -22,9 +22,8 @@ from ngsolve import CoefficientFunction
 
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.sensitivity.differences import change
-from ngbrain.forward.sensitivity.parameter_blocks import Block
-from ngbrain.forward.sensitivity.transient.quadrature_blocks import Block as Variables
-from ngbrain.forward.sensitivity.transient.quadrature_blocks import entries, put, values, weighed
+from ngbrain.forward.sensitivity.parameter_blocks import ParameterBlock
+from ngbrain.forward.sensitivity.transient.quadrature_blocks import QuadratureBlock, entries, put, values, weighed
 from ngbrain.forward.sensitivity.transient.step import STILL, StepForms
 from ngbrain.forward.solid.internal_forces import Density
 from ngbrain.materials.base import Deformation
@@ -33,7 +32,7 @@ Array = np.ndarray
 NONE = np.zeros(0)
 
 
-class TissueSlopes(NamedTuple):
+class TissueGradients(NamedTuple):
     """By x (ndof,), by h, a density at the points, and by θ, one part after the other."""
 
     by_state: Array
@@ -41,7 +40,7 @@ class TissueSlopes(NamedTuple):
     by_theta: Array
 
 
-class Symbols:
+class SymbolicTissueHessian:
     """ℓ' of hereditary branches."""
 
     def __init__(self, forms: StepForms) -> None:
@@ -57,12 +56,12 @@ class Symbols:
         values(self._way)[:] = state[: self._forms.body.fes.ndof]
         self._forms.aim(history, theta)
 
-    def __call__(self, motion: Array, weights: Array) -> TissueSlopes:
+    def __call__(self, motion: Array, weights: Array) -> TissueGradients:
         """ℓ' by all, with μ and Λ."""
         values(self._motion)[:] = motion
         put(self._forms.blocks, "weight", weights)
         by_history, by_theta = np.split(self._forms.points(self._back)[1:], [self._forms.size])
-        return TissueSlopes(
+        return TissueGradients(
             self._by_state(), by_history, np.concatenate([NONE, *self._forms.gathered(by_theta).values()])
         )
 
@@ -97,14 +96,14 @@ class Symbols:
         kept = (part.value for part in weighed(forms.blocks, updates))
         return reduce(add, (part.value for part in energies)), reduce(add, kept, ngs.CF(0.0))
 
-    def _seen(self, block: Variables) -> CoefficientFunction:
+    def _seen(self, block: QuadratureBlock) -> CoefficientFunction:
         return block.variable + self._s * entries(block.change)
 
 
-class Shifted:
+class DifferenceTissueHessian:
     """ℓ' of any branches."""
 
-    def __init__(self, forms: StepForms, parts: Mapping[str, Block]) -> None:
+    def __init__(self, forms: StepForms, parts: Mapping[str, ParameterBlock]) -> None:
         self._forms, self._parts, body = forms, parts, forms.body
         self._motion, self._way, self._r = ngs.GridFunction(body.fes), ngs.GridFunction(body.fes), ngs.Parameter(0.0)
         densities = {p: self._density(m) for p, m in body.materials.items()}
@@ -124,7 +123,7 @@ class Shifted:
         ]
         self._size = max(float(np.max(np.abs(step), initial=0.0)) for step in steps)
 
-    def __call__(self, motion: Array, weights: Array) -> TissueSlopes:
+    def __call__(self, motion: Array, weights: Array) -> TissueGradients:
         """ℓ' by all, with μ and Λ."""
         forms, body, theta = self._forms, self._forms.body, {n: part.value for n, part in self._parts.items()}
         values(self._motion)[:] = motion
@@ -152,7 +151,7 @@ class Shifted:
         found = change(slopes, self._size)
         stand(0.0)
         by_state, by_history, by_theta = np.split(found, np.cumsum([body.fes.ndof, history.size]))
-        return TissueSlopes(by_state, by_history.reshape(history.shape), by_theta)
+        return TissueGradients(by_state, by_history.reshape(history.shape), by_theta)
 
     def _relative(self, name: str, way: Array) -> Array:
         return way / (np.max(np.abs(self._parts[name].value)) or 1.0)

@@ -18,7 +18,7 @@ from ngbrain.forward.contact.rigid import Contact
 from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, WaveModel
-from ngbrain.forward.sensitivity.static_model import Held, Nodes
+from ngbrain.forward.sensitivity.static_model import NodePositions, PrescribedDisplacement
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.inverse.objective.misfit import LeastSquares
@@ -50,7 +50,7 @@ def waves(dim=2):
 def model(law=ogden, form="P2/P1", load=Traction, mesh=None, held=None, nodes=False):
     """A square (or another mesh) pressed, sheared and loaded: all that it is made of are fields but for some numbers."""
     mesh = mesh or square(2, size=SIDE)
-    parameters = {"nodes": Nodes(mesh)} if nodes else {}
+    parameters = {"nodes": NodePositions(mesh)} if nodes else {}
 
     def parameter(name, value):
         number = name.startswith(("alpha", "k2", "load"))
@@ -61,7 +61,7 @@ def model(law=ogden, form="P2/P1", load=Traction, mesh=None, held=None, nodes=Fa
     pushed, down = parameter("load", 150.0), (0.006, *[0.002] * (mesh.dim - 2), -0.012)
     acting = load("right", pushed if load is Pressure else (pushed, *[0.5 * pushed] * (mesh.dim - 1)))
     body = Problem(mesh, {".*": Material(law(parameter), bulk)}, {"bottom": 0, "top": down}, [acting], element=form)
-    parameters["top"] = Held(body, "top")
+    parameters["top"] = PrescribedDisplacement(body, "top")
     loss, rho = parameter("loss", 0.2), parameter("rho", 1e3)
     about = Harmonic.about(body, waves(mesh.dim), loss=loss, density=rho, held=held)
     return WaveModel(about, parameters, POINTS[:, : mesh.dim], tight(body))

@@ -14,7 +14,7 @@ from ngbrain.forward.harmonic.factors import Factorised
 from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.harmonic.wave import Absorbing
 from ngbrain.forward.sensitivity.harmonic import wave_model as sensitivity
-from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, Linearised, WaveModel
+from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, WaveLinearisation, WaveModel
 from ngbrain.materials import Shearing
 
 
@@ -104,13 +104,13 @@ def test_solves_are_counted(rng):
 
 
 def conjugated(patch):
-    back = Linearised._adjoints
-    patch.setattr(Linearised, "_adjoints", lambda self, w, purpose: back(self, np.conj(w), purpose))
+    back = WaveLinearisation._adjoints
+    patch.setattr(WaveLinearisation, "_adjoints", lambda self, w, purpose: back(self, np.conj(w), purpose))
 
 
 def reversed_sign(patch):
-    gradient = Linearised.gradient
-    patch.setattr(Linearised, "gradient", lambda self, w: -gradient(self, w))
+    gradient = WaveLinearisation.gradient
+    patch.setattr(WaveLinearisation, "gradient", lambda self, w: -gradient(self, w))
 
 
 def without_mass(patch):
@@ -121,7 +121,7 @@ def without_mass(patch):
 
 def coarser_gradient(patch):
     """By the rule before the right one: no bug where that is exact, as for linear moduli of isotropic tissue."""
-    gradient = Linearised.gradient
+    gradient = WaveLinearisation.gradient
 
     def wrong(self, w):
         body = self.model.body
@@ -130,11 +130,11 @@ def coarser_gradient(patch):
         body.rules = right
         return found
 
-    patch.setattr(Linearised, "gradient", wrong)
+    patch.setattr(WaveLinearisation, "gradient", wrong)
 
 
 def stale_factor(patch):
-    gradient = Linearised.gradient
+    gradient = WaveLinearisation.gradient
 
     def wrong(self, w):
         fields = self.model.fields.values()
@@ -145,17 +145,17 @@ def stale_factor(patch):
             each.vec.data /= 1.05
         return gradient(self, w)
 
-    patch.setattr(Linearised, "gradient", wrong)
+    patch.setattr(WaveLinearisation, "gradient", wrong)
 
 
 def boundary_twice(patch):
-    once = Linearised._of_boundary
-    patch.setattr(Linearised, "_of_boundary", lambda self, adjoints: np.concatenate([2 * once(self, adjoints)]))
+    once = WaveLinearisation._of_boundary
+    patch.setattr(WaveLinearisation, "_of_boundary", lambda self, adjoints: np.concatenate([2 * once(self, adjoints)]))
 
 
 def boundary_forgotten(patch):
-    once = Linearised._of_boundary
-    patch.setattr(Linearised, "_of_boundary", lambda self, adjoints: 0 * once(self, adjoints))
+    once = WaveLinearisation._of_boundary
+    patch.setattr(WaveLinearisation, "_of_boundary", lambda self, adjoints: 0 * once(self, adjoints))
 
 
 def _waves(u):

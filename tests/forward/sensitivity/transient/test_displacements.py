@@ -12,8 +12,8 @@ from ngbrain.forward.contact.force_control import GivenForce
 from ngbrain.forward.contact.friction import Friction
 from ngbrain.forward.contact.rigid import Contact
 from ngbrain.forward.observables import Force
-from ngbrain.forward.sensitivity.parameter_blocks import Held
-from ngbrain.forward.sensitivity.transient.replayed import Replayed
+from ngbrain.forward.sensitivity.parameter_blocks import PrescribedDisplacement
+from ngbrain.forward.sensitivity.transient.replayed import RunLinearisation
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.advance import LoadHistory
 from ngbrain.forward.solid.inertia import Inertia
@@ -40,7 +40,7 @@ def pushed(what):
     contacts += [motion] if what == "given force" else []
     supports = {"bottom": 0, "left": (-2e-4 * (1 + ngs.y / SIDE), None)}
     body = Problem(mesh, {".*": Material(law_of("Prony", p), 2e4)}, supports, loads, contacts, element="P2/P1")
-    used = {"mu": p["mu"], "tau": p["tau"], "left": Held(body, "left")}
+    used = {"mu": p["mu"], "tau": p["tau"], "left": PrescribedDisplacement(body, "left")}
     return RunModel(body, motion, GRID, used, [Force("bottom"), BENT], loads=FACTORS)
 
 
@@ -64,7 +64,7 @@ def test_a_run_is_that_of_a_load_history():
 
 
 def test_what_adjoints_take_away_elsewhere_is_what_is_left_there(rng, monkeypatch):
-    monkeypatch.setattr(Replayed, "_by_held", lambda self, step, b, adjoint: np.zeros(self.model.size))
+    monkeypatch.setattr(RunLinearisation, "_by_held", lambda self, step, b, adjoint: np.zeros(self.model.size))
     of = pushed("alone")
     of.at(of.theta)
     rates, *_ = checked(of, rng, 1e-3)

@@ -11,7 +11,7 @@ from ngbrain.forward.observables import Force
 from ngbrain.forward.sensitivity.contact_work import ContactForms
 from ngbrain.forward.sensitivity.transient.friction_step import FrictionStep
 from ngbrain.forward.sensitivity.transient.replay import times_of
-from ngbrain.forward.sensitivity.transient.replayed import Replayed
+from ngbrain.forward.sensitivity.transient.replayed import RunLinearisation
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.transient.step_control import StepControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
@@ -103,13 +103,13 @@ def test_a_bug_lowers_the_rate(bug, monkeypatch, rng):
 
 
 def test_a_way_that_stays_lowers_that_of_second_derivatives(monkeypatch, rng):
-    changes = Replayed._changes_back
+    changes = RunLinearisation._changes_back
 
     def still(self, direction):
         for step, x, before in changes(self, direction):
             yield step, np.append(x[:-1], 0.0), before
 
-    monkeypatch.setattr(Replayed, "_changes_back", still)
+    monkeypatch.setattr(RunLinearisation, "_changes_back", still)
     _, twice, _, _ = checked(forced(), rng)
     assert np.all(twice < 1.3), twice
 

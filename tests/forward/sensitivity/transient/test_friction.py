@@ -7,7 +7,7 @@ from rubbing import VALUES, Sliding, model
 from ngbrain.adjoint.check import taylor
 from ngbrain.errors import InputError
 from ngbrain.forward.observables import Force
-from ngbrain.forward.sensitivity.parameter_blocks import Nodes
+from ngbrain.forward.sensitivity.parameter_blocks import NodePositions
 from ngbrain.forward.sensitivity.transient.friction_step import FrictionStep
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 
@@ -154,6 +154,6 @@ def test_a_slip_that_stays_lowers_their_rate(rng, monkeypatch):
 def test_what_is_not_derived_is_refused():
     with pytest.raises(InputError, match=r"nodes; wanted: others, of a body that rubs or has mass"):
         solid = model(GRID, kind="space", n=1)
-        RunModel(solid.body, solid.replay.motion, GRID, {"nodes": Nodes(solid.body.mesh)}, [Force("top")])
+        RunModel(solid.body, solid.replay.motion, GRID, {"nodes": NodePositions(solid.body.mesh)}, [Force("top")])
     with pytest.raises(InputError, match=r"shares no node with 'top', which rubs"):
         model(GRID, kind="axisymmetric", seen=[Force("left")])

@@ -11,7 +11,7 @@ from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.rigid import Closing
 from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.observables.force import Reaction
-from ngbrain.forward.sensitivity.static_model import Nodes
+from ngbrain.forward.sensitivity.static_model import NodePositions
 from ngbrain.forward.sensitivity.transient import maxwell_step as flow_forms
 from ngbrain.forward.sensitivity.transient import replayed as through_time
 from ngbrain.forward.sensitivity.transient import step as step_forms
@@ -20,7 +20,7 @@ from ngbrain.forward.sensitivity.transient import tangents
 from ngbrain.forward.sensitivity.transient.replay import Replay, times_of
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.sensitivity.transient.step import StepForms
-from ngbrain.forward.sensitivity.transient.step_turned import Shifted
+from ngbrain.forward.sensitivity.transient.step_turned import DifferenceTissueHessian
 from ngbrain.forward.sensitivity.transient.tangents import FEW, MOST, Tangents
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.step_control import StepControl
@@ -141,7 +141,7 @@ SHAPED = {"graded": graded, "layers": KINDS["layers"], "touched": KINDS["touched
 def test_where_nodes_are(kind, rng):
     """J and Jᵀ by shifts of some micrometres, far less than contact is soft over, of inner nodes and those that are held."""
     mesh, materials, parameters, protocol, contacts = SHAPED[kind]()
-    nodes, drive = Nodes(mesh), Drive(protocol)
+    nodes, drive = NodePositions(mesh), Drive(protocol)
     try:
         body = Problem(mesh, materials, {"bottom": 0}, contacts=contacts(drive), element="P2/P1")
         of = RunModel(body, drive, SHORT, parameters | {"nodes": nodes}, SEEN)
@@ -195,7 +195,9 @@ def test_second_derivatives_by_differences_are_those_by_symbols(monkeypatch, rng
     w, way = weights(there.data, rng), 0.05 * of.theta
     by_symbols = there.hvp(w, way)
     other = model("Prony")
-    monkeypatch.setattr(step_curvature, "Symbols", lambda forms: Shifted(forms, other.parts))
+    monkeypatch.setattr(
+        step_curvature, "SymbolicTissueHessian", lambda forms: DifferenceTissueHessian(forms, other.parts)
+    )
     by_differences = other.at(of.theta).hvp(w, way)
     assert by_differences == pytest.approx(by_symbols, rel=1e-9, abs=1e-10 * np.abs(by_symbols).max())
 
