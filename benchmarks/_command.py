@@ -102,7 +102,7 @@ def sweep(
     return list(parallel.run(tasks, executor, finished=lambda _, found: finished(found)).values())
 
 
-def _case(function: Callable[..., Any], arguments: tuple[Any, ...], *, callback: parallel.Tell) -> Any:
+def _case(function: Callable[..., Any], arguments: tuple[Any, ...], *, callback: parallel.Callback) -> Any:
     ngs.ngsglobals.msg_level = 0
     return function(*arguments)
 

@@ -18,7 +18,7 @@ from ngbrain.image.labelling import tissues
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.inverse.data import stiffness_maps
 from ngbrain.inverse.data.stiffness_maps import StiffnessMap, read_stiffness
-from ngbrain.io.cache import kept
+from ngbrain.io.cache import load_or_compute
 from ngbrain.io.waves import WaveData
 from ngbrain.materials import Shearing
 from ngbrain.mesh.geometry.sizing import Graded
@@ -113,7 +113,7 @@ def waves_of_head(size: float, form: str, spacing: float, maps: tuple[str, str] 
         volumes = (subject.measured.stiffness, subject.measured.damping_ratio)
         body_of += [*(volume.digest() for volume in volumes), STIFFER, DETAIL, VOXEL, SEED, EDGE]
     made_from = [subject.labels.volume.digest(), size, form, spacing, body_of, FREQUENCY, HINGE, NODDING, SIDEWAYS]
-    made = kept("head-waves", made_from, (harmonic, points, stiffness_maps), make)
+    made = load_or_compute("head-waves", made_from, (harmonic, points, stiffness_maps), make)
     return _on_grid(subject, made["points"], made["displacement"], spacing)
 
 

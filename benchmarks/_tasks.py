@@ -38,17 +38,17 @@ def several(kind: str, count: int) -> list[parallel.Task]:
     return [parallel.Task(f"{kind} {i}", timed, (kind, i)) for i in range(count)]
 
 
-def nothing(number: int, *, callback: parallel.Tell) -> int:
+def nothing(number: int, *, callback: parallel.Callback) -> int:
     """What it is given."""
     return number
 
 
-def imported(*, callback: parallel.Tell) -> None:
+def imported(*, callback: parallel.Callback) -> None:
     """Long enough for every worker to get one."""
     time.sleep(1.0)
 
 
-def timed(kind: str, seed: int, *, callback: parallel.Tell) -> Found:
+def timed(kind: str, seed: int, *, callback: parallel.Callback) -> Found:
     """A task of a kind."""
     quiet()
     begun = time.process_time()

@@ -71,10 +71,10 @@ def numbers(name: str, values: Any, shape: tuple[int | None, ...], wanted: str =
     return found.astype(float)
 
 
-def several(name: str, values: Any, least: int = 1) -> Sequence[Any]:
+def check_sequence(name: str, values: Any, least: int = 1) -> Sequence[Any]:
     """A sequence of at least so many; `InputError` for anything else.
 
-    >>> several("tau", None)
+    >>> check_sequence("tau", None)
     Traceback (most recent call last):
     ngbrain.errors.InputError: tau is None; wanted: a list of one value or more
     """
@@ -86,10 +86,10 @@ def several(name: str, values: Any, least: int = 1) -> Sequence[Any]:
     return found
 
 
-def of_type(name: str, value: Any, kind: type) -> None:
+def check_type(name: str, value: Any, kind: type) -> None:
     """`InputError` unless a value is of a type.
 
-    >>> of_type("mesh", None, dict)
+    >>> check_type("mesh", None, dict)
     Traceback (most recent call last):
     ngbrain.errors.InputError: mesh is None; wanted: a dict
     """

@@ -42,10 +42,10 @@ class InputError(NgbrainError, ValueError):
 
 
 @contextmanager
-def naming(file: str | Path) -> Iterator[None]:
+def file_context(file: str | Path) -> Iterator[None]:
     """What is refused in here names the file, also by what does not know it: values are passed about without their source.
 
-    >>> with naming("t1.nii"):
+    >>> with file_context("t1.nii"):
     ...     raise InputError("image", "empty", "a T1")
     Traceback (most recent call last):
     ngbrain.errors.InputError: t1.nii: image is empty; wanted: a T1
@@ -56,10 +56,10 @@ def naming(file: str | Path) -> Iterator[None]:
         raise InputError(error.field, error.value, error.wanted, error.file or file) from None
 
 
-def shaped(name: str, found: tuple[int, ...], wanted: tuple[int, ...]) -> None:
+def check_shape(name: str, found: tuple[int, ...], wanted: tuple[int, ...]) -> None:
     """`InputError` where an array has another shape than is wanted.
 
-    >>> shaped("w", (3,), (4, 1))
+    >>> check_shape("w", (3,), (4, 1))
     Traceback (most recent call last):
     ngbrain.errors.InputError: w is of shape (3,); wanted: (4, 1)
     """
@@ -95,10 +95,10 @@ class InvertedElementError(SolverError):
     """A state with det F <= 0 at some quadrature point was met and could not be avoided."""
 
 
-def gave_up(message: str, status: Status, result: Result | None = None) -> SolverError:
+def solver_error(message: str, status: Status, result: Result | None = None) -> SolverError:
     """The error to raise for how a computation ended, with what was done.
 
-    >>> gave_up("it folds", Status.INVERTED)
+    >>> solver_error("it folds", Status.INVERTED)
     InvertedElementError('it folds')
     """
     types = {Status.INVERTED: InvertedElementError, Status.PENETRATION: ContactError}

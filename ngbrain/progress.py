@@ -51,7 +51,7 @@ def notebook() -> Show | None:
     return show
 
 
-def first(*what: Any) -> str:
+def first_message(*what: Any) -> str:
     """The first thing that is told, in its own words."""
     return str(what[0])
 
@@ -69,7 +69,7 @@ class Progress:
         What is under way before anything is told.
     """
 
-    def __init__(self, show: Show | None = None, words: Words = first, text: str = "at work") -> None:
+    def __init__(self, show: Show | None = None, words: Words = first_message, text: str = "at work") -> None:
         self.text = text
         self._show, self._words, self._over = show, words, threading.Event()
         self._started = time.monotonic()
@@ -136,14 +136,14 @@ class RunProgress:
         return f"[{bar}] {100 * done / self.total:3.0f} %  {left}  {under_way}"
 
 
-def logged(*_: Any) -> None:
+def log_progress(*_: Any) -> None:
     """What `callback` is by default in functions that are `reporting`: what they tell is logged, and shown in a notebook."""
 
 
 def reporting(
-    words: Callable[[Mapping[str, Any]], Words] = lambda _: first,
+    words: Callable[[Mapping[str, Any]], Words] = lambda _: first_message,
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Of a function whose argument `callback` is `logged` by default; `words` makes the words for its arguments, by name."""
+    """Of a function whose argument `callback` is `log_progress` by default; `words` makes the words for its arguments, by name."""
 
     def of(function: Callable[P, R]) -> Callable[P, R]:
         signature = inspect.signature(function)
@@ -152,7 +152,7 @@ def reporting(
         def report(*args: P.args, **kwargs: P.kwargs) -> R:
             given = signature.bind(*args, **kwargs)
             given.apply_defaults()
-            if given.arguments["callback"] is not logged:
+            if given.arguments["callback"] is not log_progress:
                 return function(*args, **kwargs)
             with Progress(notebook(), words(given.arguments), f"{function.__name__}: at work") as progress:
                 given.arguments["callback"] = progress.callback

@@ -175,10 +175,10 @@ def read_npz(path: str | os.PathLike[str], what: str, most: int = MOST) -> dict[
         What `read_bytes` refuses; the archive is damaged, unpacks to more than `most` bytes, or holds Python objects.
     """
     check_regular(path, what, most)
-    return arrays_of(Path(path).read_bytes(), what, path, most)
+    return npz_arrays(Path(path).read_bytes(), what, path, most)
 
 
-def arrays_of(raw: bytes, what: str, path: str | os.PathLike[str], most: int = MOST) -> dict[str, np.ndarray]:
+def npz_arrays(raw: bytes, what: str, path: str | os.PathLike[str], most: int = MOST) -> dict[str, np.ndarray]:
     """The same of an archive in memory; `path` is for messages."""
     path = Path(path)
     if not raw.startswith(b"PK"):
@@ -217,7 +217,7 @@ def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, what: str, path: P
         return np.asarray(np.lib.format.read_array(stream, allow_pickle=False, max_header_size=_HEADER))
 
 
-def unzipped(raw: bytes, what: str, path: str | os.PathLike[str], most: int = MOST) -> bytes:
+def unzip(raw: bytes, what: str, path: str | os.PathLike[str], most: int = MOST) -> bytes:
     """The one file in a ZIP archive, without those that macOS adds; `InputError` where it is damaged, too large or not one."""
     path = Path(path)
     try:
@@ -234,7 +234,7 @@ def unzipped(raw: bytes, what: str, path: str | os.PathLike[str], most: int = MO
         raise InputError(what, f"unreadable ({type(error).__name__}: {error})", "a whole archive", path) from error
 
 
-def gunzipped(raw: bytes, what: str, path: str | os.PathLike[str], most: int = MOST) -> bytearray:
+def gunzip(raw: bytes, what: str, path: str | os.PathLike[str], most: int = MOST) -> bytearray:
     """What gzip has packed, its checksums looked at; `InputError` where it is damaged or unpacks to more than `most` bytes."""
     path, size = Path(path), 0
     for piece in _pieces(raw, what, path):  # counted before anything is kept
@@ -287,7 +287,7 @@ def hdf5(path: str | os.PathLike[str], what: str, most: int = MOST, whole: bool 
     path = Path(path)
     check_regular(path, what, most)
     if not whole:
-        tried(path, what, __name__, "_read_hdf5")
+        check_in_subprocess(path, what, __name__, "_read_hdf5")
     try:
         file = h5py.File(path, "r")
     except (OSError, RuntimeError) as error:
@@ -324,7 +324,7 @@ def check_contained(file: h5py.File, what: str, path: Path, most: int = MOST) ->
                 _bounded(size, what, most, path, "one that unpacks to")
 
 
-def tried(path: Path, what: str, module: str, function: str) -> None:
+def check_in_subprocess(path: Path, what: str, module: str, function: str) -> None:
     """Read a file in a process that may crash or spin without harm.
 
     Parameters

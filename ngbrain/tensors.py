@@ -43,7 +43,7 @@ def right_cauchy_green(F: CoefficientFunction) -> CoefficientFunction:
     return F.trans * F
 
 
-def volume_free(C: CoefficientFunction) -> CoefficientFunction:
+def isochoric_factor(C: CoefficientFunction) -> CoefficientFunction:
     """(det C)^(-1/3), the factor that makes C isochoric.
 
     By exp and log: NGSolve derives powers with a broken exponent entry by entry, which takes ten times as long.
@@ -53,16 +53,16 @@ def volume_free(C: CoefficientFunction) -> CoefficientFunction:
 
 def isochoric(C: CoefficientFunction) -> CoefficientFunction:
     """C̄ = (det C)^(-1/3) C, which has determinant one."""
-    return volume_free(C) * C
+    return isochoric_factor(C) * C
 
 
-def six(A: CoefficientFunction) -> CoefficientFunction:
+def to_voigt(A: CoefficientFunction) -> CoefficientFunction:
     """The six entries of a symmetric tensor: xx, yy, zz, yz, xz, xy."""
     return ngs.CF((A[0, 0], A[1, 1], A[2, 2], A[1, 2], A[0, 2], A[0, 1]))
 
 
-def of_six(entries: CoefficientFunction) -> CoefficientFunction:
-    """The symmetric tensor with these `six` entries."""
+def from_voigt(entries: CoefficientFunction) -> CoefficientFunction:
+    """The symmetric tensor with these `to_voigt` entries."""
     xx, yy, zz, yz, xz, xy = (entries[i] for i in range(6))
     return ngs.CF((xx, xy, xz, xy, yy, yz, xz, yz, zz), dims=(3, 3))
 

@@ -29,7 +29,7 @@ def interrupted(*, callback):
 def outlives(seconds, *, callback):
     """Threads at first, and when there has been time for the other tasks to end."""
     seen = []
-    with parallel.helped(callback) as told:
+    with parallel.share_threads(callback) as told:
         for wait in (0.0, seconds):
             time.sleep(wait)
             told("still here")

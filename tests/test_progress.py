@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from ngbrain.progress import Progress, RunProgress, logged, notebook, reporting, terminal
+from ngbrain.progress import Progress, RunProgress, log_progress, notebook, reporting, terminal
 
 
 class Clock:
@@ -121,7 +121,7 @@ def test_what_was_done_before_is_not_counted_as_speed(clock):
 
 
 @reporting(lambda given: lambda name, rest: f"{name}, {given['rounds'] - rest} of {given['rounds']}")
-def work(rounds, callback=logged):
+def work(rounds, callback=log_progress):
     """Work long."""
     for i in range(rounds):
         callback("round", rounds - i - 1)
@@ -131,7 +131,7 @@ def work(rounds, callback=logged):
 def test_a_function_that_reports_by_itself(caplog, monkeypatch):
     kept = []
     monkeypatch.setattr(Progress, "__exit__", lambda self, *_: kept.append(self.text) or self._over.set())
-    assert work(3) is not logged and kept == ["round, 3 of 3"] and work.__doc__ == "Work long."
+    assert work(3) is not log_progress and kept == ["round, 3 of 3"] and work.__doc__ == "Work long."
     told = []
     assert work(rounds=2, callback=lambda *what: told.append(what)) and told == [("round", 1), ("round", 0)]
     assert len(kept) == 1
@@ -148,7 +148,9 @@ def test_functions_of_the_library_report():
         solve, model_selection.solve, retraction.solve, calibrate.calibrate, invert.invert, invert_3d.invert_in_space,
         subzones.invert_by_subzones, estimate.recover,
     ):  # fmt: skip
-        assert inspect.signature(function).parameters["callback"].default is logged and hasattr(function, "__wrapped__")
+        assert inspect.signature(function).parameters["callback"].default is log_progress and hasattr(
+            function, "__wrapped__"
+        )
 
 
 HALF_MINUTES = """

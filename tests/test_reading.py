@@ -16,7 +16,7 @@ import pytest
 from ngbrain.errors import InputError
 from ngbrain.image.read.volume import read_scan
 from ngbrain.io.waves import read_waves
-from ngbrain.reading import gunzipped, hdf5, read_bytes, read_json, read_npz, read_text
+from ngbrain.reading import gunzip, hdf5, read_bytes, read_json, read_npz, read_text
 
 
 class Runs:
@@ -65,17 +65,17 @@ def test_files_are_bounded_in_size(tmp_path):
 
 def test_what_gzip_has_packed_is_bounded_and_checked():
     packed = gzip.compress(bytes(1000)) + gzip.compress(b"more")
-    assert gunzipped(packed, "data", "x", 1004) == bytes(1000) + b"more"
-    assert gunzipped(packed + bytes(64), "data", "x") == bytes(1000) + b"more"  # padded, as tapes are
+    assert gunzip(packed, "data", "x", 1004) == bytes(1000) + b"more"
+    assert gunzip(packed + bytes(64), "data", "x") == bytes(1000) + b"more"  # padded, as tapes are
     for bad, said in (
         (packed[:-9], "ends early"),
         (packed[:-5] + b"\1" + packed[-4:], "unreadable"),
         (packed + b"!", "something else"),
     ):
         with pytest.raises(InputError, match=said):
-            gunzipped(bad, "data", "x")
+            gunzip(bad, "data", "x")
     with pytest.raises(InputError, match="at most 1,003 bytes"):
-        gunzipped(packed, "data", "x", 1003)
+        gunzip(packed, "data", "x", 1003)
 
 
 def test_a_bomb_takes_little_memory(tmp_path):

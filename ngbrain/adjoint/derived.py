@@ -14,7 +14,7 @@ import numpy as np
 
 from ngbrain.adjoint.reduced import Model
 from ngbrain.adjoint.time_curve import Interpolation, TimeCurve
-from ngbrain.errors import InputError, shaped
+from ngbrain.errors import InputError, check_shape
 from ngbrain.materials.base import checked
 
 Array = np.ndarray
@@ -135,7 +135,7 @@ class OverTime(DerivedQuantity):
 
     def curves(self, data: Array) -> list[TimeCurve]:
         """Of each column."""
-        shaped("data", np.shape(data), (len(self.times), np.shape(data)[-1]))
+        check_shape("data", np.shape(data), (len(self.times), np.shape(data)[-1]))
         times, rest = np.concatenate([[0.0], self.times]), np.zeros((1, data.shape[1]))
         return [TimeCurve(times, each, self.events, self.interpolation) for each in np.vstack([rest, data]).T]
 
@@ -146,7 +146,7 @@ class OverTime(DerivedQuantity):
 
     def sides(self, data: Array) -> tuple[Array, Array]:
         """Data at the beginning and the end of each interval."""
-        shaped("data", np.shape(data), (len(self.times), np.shape(data)[-1]))
+        check_shape("data", np.shape(data), (len(self.times), np.shape(data)[-1]))
         return np.concatenate([np.zeros((1, data.shape[1])), data[:-1]]), data
 
     @abstractmethod
@@ -317,5 +317,5 @@ class DerivedState:
         return np.asarray(self.inner.hvp(self._back(w), direction) + self.inner.vjp(bent))
 
     def _back(self, w: Array) -> Array:
-        shaped("w", np.shape(w), self.data.shape)
+        check_shape("w", np.shape(w), self.data.shape)
         return self.quantity.vjp(self.inner.data, w)

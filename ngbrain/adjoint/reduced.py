@@ -16,7 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 import scipy.sparse as sp
 
-from ngbrain.errors import InputError, shaped
+from ngbrain.errors import InputError, check_shape
 
 Array = np.ndarray
 
@@ -125,7 +125,7 @@ class Reduced:
 
     def at(self, x: Array) -> Point:
         """J at x: one forward solve for each load."""
-        shaped("x", np.shape(x), self.unknowns.start.shape)
+        check_shape("x", np.shape(x), self.unknowns.start.shape)
         return Point(self, np.array(x, float), self.model.at(self.unknowns.theta(x)))
 
     def value(self, x: Array) -> float:

@@ -15,7 +15,7 @@ import numpy as np
 from ngbrain.cli import EXIT_SOLVER
 from ngbrain.cli.predict import runtime_version, start_of
 from ngbrain.cli.words import conclude
-from ngbrain.errors import InputError, SolverError, require
+from ngbrain.errors import InputError, SolverError, file_context, require
 from ngbrain.inverse.data.outliers import cleaned
 from ngbrain.inverse.data.quality import where_strained
 from ngbrain.inverse.data.time_convention import check_passive
@@ -30,9 +30,8 @@ from ngbrain.inverse.uncertainty.credible_maps import expected_seconds, products
 from ngbrain.io import write_json
 from ngbrain.io.versions import versions
 from ngbrain.io.waves import WaveData, read_waves
-from ngbrain.io.waves.files import in_file
 from ngbrain.io.waves.grid import hull
-from ngbrain.parallel import AnyExecutor, Tell, open_executor
+from ngbrain.parallel import AnyExecutor, Callback, open_executor
 from ngbrain.progress import LOG, Progress, terminal
 from ngbrain.report.pages import parameters
 from ngbrain.solvers.device import Device
@@ -69,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
     started, rounds = time.monotonic(), list[Iteration]()
     data = _checked(arguments)
     folder: Path = arguments.output
-    with Progress(terminal(arguments.quiet)) as line, threads(arguments.threads), in_file(arguments.data):
+    with Progress(terminal(arguments.quiet)) as line, threads(arguments.threads), file_context(arguments.data):
 
         def callback(iteration: Iteration) -> None:
             rounds.append(iteration)
@@ -129,7 +128,7 @@ def _usable(data: WaveData, arguments: argparse.Namespace) -> tuple[WaveData, li
     return data, notes
 
 
-def _at_once(data: WaveData, arguments: argparse.Namespace, callback: Tell, executor: AnyExecutor) -> Inversion:
+def _at_once(data: WaveData, arguments: argparse.Namespace, callback: Callback, executor: AnyExecutor) -> Inversion:
     chosen = arguments.discretisation
     started = start_of(data) if arguments.start else None
     inversion = invert(
@@ -154,7 +153,7 @@ def _at_once(data: WaveData, arguments: argparse.Namespace, callback: Tell, exec
     return inversion
 
 
-def _in_zones(data: WaveData, arguments: argparse.Namespace, callback: Tell, executor: AnyExecutor) -> Inversion:
+def _in_zones(data: WaveData, arguments: argparse.Namespace, callback: Callback, executor: AnyExecutor) -> Inversion:
     kept = arguments.output / "zones"
     inversion = invert_by_subzones(
         data,

@@ -12,13 +12,12 @@ import numpy as np
 
 from ngbrain.cli import EXIT_SOLVER
 from ngbrain.cli.words import conclude
-from ngbrain.errors import require
+from ngbrain.errors import file_context, require
 from ngbrain.inverse.data.direct_inversion import uniform_shear
 from ngbrain.inverse.data.time_convention import check_passive
 from ngbrain.inverse.elastography.derived_maps import FOLLOWING, answers, by_label, derived
 from ngbrain.io.versions import versions
 from ngbrain.io.waves import WaveData, read_waves
-from ngbrain.io.waves.files import in_file
 from ngbrain.progress import LOG, Progress, terminal
 from ngbrain.report.pages import parameters, prediction
 from ngbrain.surrogate.prediction.predict import Prediction, predict
@@ -39,7 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
     for package in ("matplotlib", "jinja2"):
         require(package, "report")
     folder: Path = arguments.output
-    with Progress(terminal(arguments.quiet)) as line, threads(arguments.threads), in_file(arguments.data):
+    with Progress(terminal(arguments.quiet)) as line, threads(arguments.threads), file_context(arguments.data):
         line.callback("reading")
         data = read_waves(arguments.data)
         data = data.conjugated() if arguments.conjugate else data

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ngbrain.errors import InputError, naming
+from ngbrain.errors import InputError, file_context
 from ngbrain.image.preprocess import bias_field, brain, check_brain, contrast, mni_landmarks, registration, skull_strip
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.read.label_schemes import TISSUES
@@ -21,7 +21,7 @@ from ngbrain.image.structures import atlas, midsurface
 from ngbrain.image.structures import structures as structures_module
 from ngbrain.image.structures.midsurface import MidSurface
 from ngbrain.image.structures.structures import NAMES, Structures, on_black, structures
-from ngbrain.io.cache import Arrays, kept
+from ngbrain.io.cache import Arrays, load_or_compute
 from ngbrain.look import slices
 from ngbrain.result import Result, Status
 
@@ -88,7 +88,7 @@ def tissues(scan: Scan) -> Segmentation:
     Raises `InputError` for a scan that is no T1 of a whole head or brain. Warns (`TissueWarning`, and in the result's `warnings`)
     where grey and white matter differ too little to be told apart, and of volumes that people hardly have.
     """
-    with naming(scan.source):  # the file, which a picture and a mask do not know
+    with file_context(scan.source):  # the file, which a picture and a mask do not know
         return _looked_at(*_tissues(_brain(scan)))
 
 
@@ -97,7 +97,7 @@ def grey_white_contrast(scan: Scan) -> float:
 
     Segments the scan, unless `tissues` has; raises as that does.
     """
-    with naming(scan.source):
+    with file_context(scan.source):
         return _tissues(_brain(scan))[1]
 
 
@@ -119,7 +119,7 @@ def template_place(scan: Scan) -> np.ndarray:
     InputError
         It is no T1 of a whole head or brain.
     """
-    with naming(scan.source):
+    with file_context(scan.source):
         of = _brain(scan)
         return _place(of, _even(of)).affine
 
@@ -132,7 +132,7 @@ def structured(scan: Scan) -> Structures:
     >>> structured(mni152()).labels.regions[:4]
     ('csf', 'ventricles', 'grey_left', 'grey_right')
     """
-    with naming(scan.source):
+    with file_context(scan.source):
         return _structured(_brain(scan))
 
 
@@ -153,7 +153,9 @@ def by_atlas(scan: Scan, labels: LabelMap, template: Scan) -> LabelMap:
 
     names = {str(number): name for number, name in labels.names.items()}
     made_from = [head.digest(), drawn.digest(), labels.volume.digest(), names]
-    found = LabelMap(Volume(kept("atlas", made_from, (atlas, registration), make)["labels"], head.affine), labels.names)
+    found = LabelMap(
+        Volume(load_or_compute("atlas", made_from, (atlas, registration), make)["labels"], head.affine), labels.names
+    )
     if not found.regions:
         raise InputError("atlas", f"beside the brain of {template.source}", "labels in the space of the template")
     return found
@@ -161,7 +163,7 @@ def by_atlas(scan: Scan, labels: LabelMap, template: Scan) -> LabelMap:
 
 def _on_black(scan: Scan) -> Volume:
     """The picture of the brain, 0 around it."""
-    with naming(scan.source):
+    with file_context(scan.source):
         found = _brain(scan)
     return Volume(np.where(found.mask, found.picture.data, 0), found.picture.affine)
 
@@ -193,14 +195,16 @@ def _brain(scan: Scan) -> _Brain:
         mask, place = brain.brain_and_place(scan)
         return {"mask": mask, "place": place.affine}
 
-    found = kept("brain", made_from, made_by, make)
+    found = load_or_compute("brain", made_from, made_by, make)
     voxel = float(np.cbrt(abs(np.linalg.det(scan.file_affine[:3, :3]))))
     return _Brain(lifted(scan, found["mask"]), found["mask"], found["place"], voxel)
 
 
 def _even(of: _Brain) -> Volume:
     """The picture without the coil's field."""
-    arrays = kept("even", of.seen, (bias_field,), lambda: {"t1": bias_field.unbiased(of.picture, of.mask).data})
+    arrays = load_or_compute(
+        "even", of.seen, (bias_field,), lambda: {"t1": bias_field.unbiased(of.picture, of.mask).data}
+    )
     return Volume(arrays["t1"], of.picture.affine)
 
 
@@ -211,7 +215,7 @@ def _place(of: _Brain, even: Volume) -> registration.Alignment:
         found = registration.align(on_black(even, of.mask), mni152().volume, of.place)
         return {"affine": found.affine, "likeness": np.array(found.likeness)}
 
-    found = kept("place", [*of.seen, of.place.tolist()], (registration, bias_field), make)
+    found = load_or_compute("place", [*of.seen, of.place.tolist()], (registration, bias_field), make)
     return registration.Alignment(found["affine"], float(found["likeness"]))
 
 
@@ -224,7 +228,7 @@ def _tissues(of: _Brain) -> tuple[Volume, float]:
         return {"labels": found.volume.data, "contrast": np.array(found.contrast)}
 
     made_by = (tissue_classes, topology, ventricles, mni_landmarks, contrast, registration, bias_field)
-    found = kept("labels", [*of.seen, of.place.tolist(), of.voxel], made_by, make)
+    found = load_or_compute("labels", [*of.seen, of.place.tolist(), of.voxel], made_by, make)
     return Volume(found["labels"], of.picture.affine), float(found["contrast"])
 
 
@@ -258,6 +262,6 @@ def _structured(of: _Brain) -> Structures:
         }
 
     modules = (structures_module, mni_landmarks, midsurface, registration, bias_field)
-    found = kept("structures", [*of.seen, of.place.tolist(), labels.digest()], modules, make)
+    found = load_or_compute("structures", [*of.seen, of.place.tolist(), labels.digest()], modules, make)
     names, affine = LabelMap(Volume(found["labels"], labels.affine), NAMES), labels.affine
     return Structures(names, Volume(found["parts"], affine), found["affine"], MidSurface(found["offset"]))

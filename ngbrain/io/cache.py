@@ -38,7 +38,7 @@ def cache_folder() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ngbrain"
 
 
-def kept(stage: str, made_from: Any, modules: Iterable[ModuleType], make: Callable[[], Arrays]) -> Arrays:
+def load_or_compute(stage: str, made_from: Any, modules: Iterable[ModuleType], make: Callable[[], Arrays]) -> Arrays:
     """The arrays that `make` gives, from the cache if they were made before; a damaged or changed file is made again.
 
     The file's name depends on the source of every module of this package that the module of `make` imports, directly or through

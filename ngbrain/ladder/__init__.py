@@ -24,7 +24,7 @@ from ngbrain.ladder.models.bodies import ModelHierarchy
 from ngbrain.ladder.quantities import Asked, Question
 from ngbrain.ladder.search import Climb, Rung, climb, stand
 from ngbrain.ladder.summary import AskedFor, described
-from ngbrain.progress import logged, reporting
+from ngbrain.progress import log_progress, reporting
 from ngbrain.result import Status
 from ngbrain.scene import Scene
 from ngbrain.scene.result import SceneResult
@@ -41,7 +41,7 @@ def solve(
     model: Model | None = None,
     richest: Model | None = None,
     threads: int = 1,
-    callback: Callable[[Rung], None] = logged,
+    callback: Callable[[Rung], None] = log_progress,
     executor: parallel.AnyExecutor = None,
     questions: Sequence[Question] = (),
     checkpoint: Callable[[dict[str, Any]], None] | None = None,

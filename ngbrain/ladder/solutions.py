@@ -127,7 +127,7 @@ def _key(model: Model) -> Key:
     return tuple(sorted(model.items()))
 
 
-def _solve(kind: Callable[..., Solving], made_of: bytes, model: Model, *, callback: parallel.Tell) -> Solution:
+def _solve(kind: Callable[..., Solving], made_of: bytes, model: Model, *, callback: parallel.Callback) -> Solution:
     return _bench(kind, made_of).solve(model)
 
 

@@ -13,7 +13,7 @@ import ngsolve as ngs
 import numpy as np
 from ngsolve import CoefficientFunction
 
-from ngbrain.arguments import several
+from ngbrain.arguments import check_sequence
 from ngbrain.errors import InputError
 from ngbrain.materials.base import Composite, Deformation, OfWholeStretch, Value, checked, positive
 
@@ -67,7 +67,7 @@ class HolzapfelGasserOgden(Composite):
     def _families(self) -> list[CoefficientFunction]:
         fibre, name = self.fibre, "HolzapfelGasserOgden.fibre"
         if not isinstance(fibre, CoefficientFunction):
-            several(name, fibre)
+            check_sequence(name, fibre)
         if isinstance(fibre, CoefficientFunction) or all(_is_component(entry) for entry in fibre):
             return [structural(fibre, name)]
         return [structural(one, name) for one in fibre]

@@ -32,12 +32,12 @@ from ngsolve import CoefficientFunction
 from ngbrain.errors import InputError
 from ngbrain.materials.base import Law, Value, density_of_logs, positive
 from ngbrain.materials.points import EVERYWHERE, Points, initial_modulus, isotropic, number, varies
-from ngbrain.tensors import of_six, principal_values, six
+from ngbrain.tensors import from_voigt, principal_values, to_voigt
 
 PLANE = np.array([[1, -1, 0], [1, 1, -2]]) / np.sqrt([[2], [6]])
 """Two unit vectors that span the traceless strains; a strain's coordinates are PLANE @ (e₁, e₂, e₃)."""
 ENTRIES = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
-"""Of a symmetric tensor, in the order of `six`."""
+"""Of a symmetric tensor, in the order of `to_voigt`."""
 REST = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 HALF = np.array([[1.0], [1.0], [1.0], [0.5], [0.5], [0.5]])
 """From a derivative by the six entries to that by a tensor, which has each shear twice."""
@@ -86,7 +86,7 @@ class Maxwell:
 
         C holds its values at `points`: one history after the other.
         """
-        histories = points(six(C)).reshape(6, -1, len(times))
+        histories = points(to_voigt(C)).reshape(6, -1, len(times))
         flow = Flow(Points.line(histories.shape[1]), self.slopes, number(self.eta))
         answer = np.empty((*histories.shape[1:], 3, 3))
         before = np.outer(REST, np.ones(histories.shape[1]))
@@ -106,7 +106,7 @@ class Flow:
     slopes   elastic strain → `Maxwell.slopes` there
     eta      η (n,) in Pa s, 0 where there is no such branch
 
-    Shapes C̄ are arrays of their `six` entries (6, n). `energy` (n,) is the least W + κ|x - e|² at the shapes of the last
+    Shapes C̄ are arrays of their `to_voigt` entries (6, n). `energy` (n,) is the least W + κ|x - e|² at the shapes of the last
     `relax`, `stress` 2 ∂/∂C̄ of it (6, n), in Pa; both for a given step, so that they are a potential and its derivative.
     """
 
@@ -120,7 +120,7 @@ class Flow:
         self.rest(eta)
         self._pulled = points.field(np.outer(REST, np.ones(n)))
         a = ngs.CF(tuple(self._pulled[i] for i in range(6))).MakeVariable()
-        stretches = principal_values(of_six(a))
+        stretches = principal_values(from_voigt(a))
         logs = [ngs.log(value) / 2 for value in stretches]
         x = ngs.CF(tuple(sum(float(row[i]) * logs[i] for i in range(3)) for row in PLANE))
         by_a = x.Diff(a)
@@ -301,12 +301,12 @@ class Flows:
         index = np.zeros((6, 6), int)
         index[UPPER] = index.T[UPPER] = np.arange(13, 34)
         D = ngs.CF(tuple(self._energy[int(i)] for i in index.ravel()), dims=(6, 6))
-        d = six(C) - here
+        d = to_voigt(C) - here
         return self._energy[6] + ngs.InnerProduct(slope + D * d / 2, d)
 
     def work(self, C: CoefficientFunction) -> CoefficientFunction:
         """½ S:C̄: what has the slope of `energy` at the present state, for forces alone."""
-        return 0.5 * ngs.InnerProduct(of_six(self._stress), C)
+        return 0.5 * ngs.InnerProduct(from_voigt(self._stress), C)
 
     def begin(self, dt: float, shapes: np.ndarray) -> None:
         """Start a step of `dt` seconds at these shapes."""
@@ -349,7 +349,7 @@ class Flows:
 
 
 def tensors(entries: np.ndarray) -> np.ndarray:
-    """Symmetric tensors (n, 3, 3) from their `six` entries (6, n)."""
+    """Symmetric tensors (n, 3, 3) from their `to_voigt` entries (6, n)."""
     return np.moveaxis(entries[np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])], 2, 0)
 
 

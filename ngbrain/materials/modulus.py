@@ -22,7 +22,7 @@ import ngsolve as ngs
 import numpy as np
 from ngsolve import CoefficientFunction
 
-from ngbrain.arguments import several
+from ngbrain.arguments import check_sequence
 from ngbrain.errors import InputError
 from ngbrain.materials.base import Law, Value, checked, positive
 from ngbrain.materials.points import initial_modulus
@@ -241,7 +241,7 @@ class PronySeries(Modulus):
 
     def __post_init__(self) -> None:
         positive(self.mu, "PronySeries.mu")
-        several("PronySeries.g", self.g, 0), several("PronySeries.tau", self.tau, 0)
+        check_sequence("PronySeries.g", self.g, 0), check_sequence("PronySeries.tau", self.tau, 0)
         if len(self.g) != len(self.tau):
             raise InputError("PronySeries.tau", f"{len(self.tau)} values", f"as many as g has: {len(self.g)}")
         for g, tau in zip(self.g, self.tau, strict=True):

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from ngsolve import CoefficientFunction
 
-from ngbrain.arguments import several
+from ngbrain.arguments import check_sequence
 from ngbrain.errors import InputError
 from ngbrain.materials.base import Deformation, Law, Scaled, Sum, Value, checked, density, positive
 from ngbrain.materials.flow import Maxwell
@@ -125,7 +125,7 @@ def Prony(law: Law, g: Sequence[Value], tau: Sequence[Value]) -> Viscous:  # noq
     >>> len(Prony(NeoHooke(842.0), g=[0.45, 0.365], tau=[0.5, 50.0]).branches)
     2
     """
-    g, tau = several("Prony.g", g), several("Prony.tau", tau)
+    g, tau = check_sequence("Prony.g", g), check_sequence("Prony.tau", tau)
     if len(g) != len(tau):
         raise InputError("Prony.tau", f"{len(tau)} values", f"as many as g has: {len(g)}")
     for value in g:

@@ -1,9 +1,21 @@
-"""Independent tasks on any executor of the `concurrent.futures` interface; results do not depend on which.
+"""Independent tasks on any executor with the `concurrent.futures` interface; the results do not depend on which.
 
-`run` is the one driver: a `Task` has a name, results come back by name. `ProcessExecutor` computes in processes of this machine,
-`DaskExecutor`, `MpiExecutor` and `SlurmExecutor` on others; `open_executor` makes the one that a command line names.
-`predicted_memory` says what a task will take, `helped` lets one use threads that are left over, `TaskLost` is what ends it with its
-process.
+`run` is the one driver: a `Task` has a name, and results come back by name. `ProcessExecutor` uses processes of this machine,
+`DaskExecutor`, `MpiExecutor` and `SlurmExecutor` those of a cluster; `open_executor` opens the one named on a command line.
+`predicted_memory` estimates the memory of a task, `share_threads` lets a task use idle threads, and `TaskLost` is raised when a
+task dies with its process.
+
+- `dask_cluster`: A Dask cluster as an executor.
+- `driver`: Run tasks through an executor.
+- `executors`: Executors by their command-line name.
+- `kernel`: Memory limits and out-of-memory kills reported by the operating system.
+- `memory`: Predicted peak memory of a task.
+- `mpi_job`: Ranks of an MPI job as an executor.
+- `processes`: Processes of this machine as an executor.
+- `remote`: Work on remote workers, and the check of their versions.
+- `slurm_jobs`: Slurm jobs as an executor.
+- `tasks`: Tasks, their callback, and the error of a lost task.
+- `worker`: Main loop of a process of `ProcessExecutor`.
 """
 
 from ngbrain.parallel.dask_cluster import DaskExecutor
@@ -13,20 +25,20 @@ from ngbrain.parallel.memory import memory_table, predicted_memory
 from ngbrain.parallel.mpi_job import MpiExecutor
 from ngbrain.parallel.processes import ProcessExecutor
 from ngbrain.parallel.slurm_jobs import SlurmExecutor
-from ngbrain.parallel.tasks import AnyExecutor, Task, TaskLost, Tell, helped
+from ngbrain.parallel.tasks import AnyExecutor, Callback, Task, TaskLost, share_threads
 
 __all__ = [
     "AnyExecutor",
+    "Callback",
     "DaskExecutor",
     "MpiExecutor",
     "ProcessExecutor",
     "SlurmExecutor",
     "Task",
     "TaskLost",
-    "Tell",
-    "helped",
     "memory_table",
     "open_executor",
     "predicted_memory",
     "run",
+    "share_threads",
 ]

@@ -11,11 +11,11 @@ from contextlib import nullcontext, suppress
 from typing import Any, Literal
 
 from ngbrain.errors import InputError, SolverError
-from ngbrain.parallel.executors import adapted, room
+from ngbrain.parallel.executors import as_executor, task_memory
 from ngbrain.parallel.kernel import GIB, machine_memory
 from ngbrain.parallel.processes import Job, NotSent, ProcessExecutor
 from ngbrain.parallel.remote import OtherVersions, compute, identity
-from ngbrain.parallel.tasks import AnyExecutor, Store, Task, TaskLost, Tell
+from ngbrain.parallel.tasks import AnyExecutor, Callback, Store, Task, TaskLost
 from ngbrain.progress import LOG
 from ngbrain.threads import threads
 
@@ -28,7 +28,7 @@ def run(
     tasks: Sequence[Task | tuple[Any, ...]],
     executor: AnyExecutor = None,
     *,
-    callback: Tell | None = None,
+    callback: Callback | None = None,
     finished: Finished | None = None,
     on_error: Literal["raise", "return"] = "raise",
     store: Store | None = None,
@@ -71,16 +71,16 @@ def run(
 
     Examples
     --------
-    >>> def double(x, *, tell):
+    >>> def double(x, *, callback):
     ...     return 2 * x
     >>> run([Task("one", double, (1,)), Task("two", double, (2,))])
     {'one': 2, 'two': 4}
     """
     if isinstance(executor, int) and executor < 1:
         raise InputError("executor", executor, "a number of processes from 1 on")
-    asked, executor = executor, adapted(executor)
+    asked, executor = executor, as_executor(executor)
     plan = _Plan([Task(*task) for task in tasks], finished or (lambda *_: None), on_error == "return", store)
-    plan.refuse(machine_memory() if executor is None or isinstance(executor, int) else room(executor))
+    plan.refuse(machine_memory() if executor is None or isinstance(executor, int) else task_memory(executor))
     callback = callback or (lambda *_: None)
     own = ProcessExecutor(executor) if isinstance(executor, int) and executor > 1 else None
     given = own or (None if isinstance(executor, int) else executor)
@@ -116,12 +116,12 @@ class _Plan:
                 raise InputError(f"what {task.name} needs", repr(missing[0]), "the name of a task before it")
             before.add(task.name)
 
-    def refuse(self, room: float | None) -> None:
+    def refuse(self, available: float | None) -> None:
         """Tasks that take more than so many bytes."""
         for task in list(self.waiting):
-            if room is not None and task.memory > room:
+            if available is not None and task.memory > available:
                 self.waiting.remove(task)
-                found, wanted = (f"{number / GIB:.1f} GiB" for number in (task.memory, room))
+                found, wanted = (f"{number / GIB:.1f} GiB" for number in (task.memory, available))
                 self.fail(
                     task.name, InputError(f"memory of {task.name}", found, f"at most {wanted}, which its worker has")
                 )
@@ -176,7 +176,7 @@ class _Plan:
         return {name: self.ended[name] for name in self.tasks}
 
 
-def _here(plan: _Plan, callback: Tell, share: int = 1) -> None:
+def _here(plan: _Plan, callback: Callback, share: int = 1) -> None:
     def told(*what: Any) -> int:
         _heed()
         callback(*what)
@@ -192,7 +192,7 @@ def _here(plan: _Plan, callback: Tell, share: int = 1) -> None:
                 plan.end(task.name, result)
 
 
-def _through(executor: Executor, plan: _Plan, callback: Tell) -> None:
+def _through(executor: Executor, plan: _Plan, callback: Callback) -> None:
     inbox = queue.SimpleQueue[tuple[str, str, Any]]()
     under_way: dict[str, Future[Any]] = {}
     alone, tried = deque[Task](), set[str]()

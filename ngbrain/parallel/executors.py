@@ -10,9 +10,9 @@ from typing import Any
 from ngbrain.errors import InputError
 from ngbrain.parallel.dask_cluster import DaskExecutor, connect
 from ngbrain.parallel.kernel import machine_memory
-from ngbrain.parallel.mpi_job import MpiExecutor, ranks
+from ngbrain.parallel.mpi_job import MpiExecutor, rank_count
 from ngbrain.parallel.processes import ProcessExecutor
-from ngbrain.parallel.slurm_jobs import SlurmExecutor, slurm
+from ngbrain.parallel.slurm_jobs import SlurmExecutor, open_slurm
 
 FORMS = "N | dask:ADDRESS | mpi[:N] | slurm[:time_min=M,mem_gb=G,partition=P,account=A,at_once=N]"
 
@@ -53,16 +53,16 @@ def open_executor(spec: str | int | None) -> Iterator[Executor | None]:
         with connect(rest) as client, DaskExecutor(client) as cluster:
             yield cluster
     elif kind == "mpi" and (not rest or (rest.isdigit() and int(rest) > 0)):
-        with MpiExecutor(int(rest or ranks())) as job:
+        with MpiExecutor(int(rest or rank_count())) as job:
             yield job
     elif kind == "slurm":
-        with slurm(rest) as jobs:
+        with open_slurm(rest) as jobs:
             yield jobs
     else:
         raise InputError("executor", repr(spec), FORMS)
 
 
-def adapted(executor: Any) -> Any:
+def as_executor(executor: Any) -> Any:
     """A Dask client or an executor of submitit behind the interface of `concurrent.futures`; others as they are."""
     if hasattr(executor, "get_executor") and hasattr(executor, "scheduler_info"):
         return DaskExecutor(executor)
@@ -71,6 +71,6 @@ def adapted(executor: Any) -> Any:
     return executor
 
 
-def room(executor: Executor) -> float | None:
+def task_memory(executor: Executor) -> float | None:
     """Bytes that a task can have where it is computed; None where that is not known."""
     return getattr(executor, "memory", machine_memory())

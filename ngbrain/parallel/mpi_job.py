@@ -175,7 +175,7 @@ class MpiExecutor(Executor):
                     sys.stderr.write(line)
 
 
-def ranks() -> int:
+def rank_count() -> int:
     """How many ranks there is room for: what Slurm gave, or a core each."""
     return int(os.environ.get("SLURM_NTASKS", 0)) or os.cpu_count() or 1
 

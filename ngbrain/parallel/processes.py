@@ -22,7 +22,7 @@ from typing import Any
 
 from ngbrain.errors import InputError, SolverError
 from ngbrain.parallel.kernel import machine_memory, memory_kills
-from ngbrain.parallel.tasks import TaskLost, Tell
+from ngbrain.parallel.tasks import Callback, TaskLost
 from ngbrain.parallel.worker import START
 
 PATIENCE = 5.0
@@ -68,7 +68,7 @@ class ProcessExecutor(Executor):
         return self._add(Job(None, (fn, args, kwargs)))
 
     def submit_task(
-        self, name: str, function: Callable[..., Any], args: tuple[Any, ...], callback: Tell, memory: float = 0.0
+        self, name: str, function: Callable[..., Any], args: tuple[Any, ...], callback: Callback, memory: float = 0.0
     ) -> Job:
         """A call as `function(*args, callback=...)`; `callback` is called here, in another thread, with what it tells.
 
@@ -158,7 +158,7 @@ class Job(Future[Any]):
     """The future of a call, which can be ended while it is computed."""
 
     def __init__(
-        self, name: str | None, call: tuple[Any, ...], callback: Tell | None = None, memory: float = 0.0
+        self, name: str | None, call: tuple[Any, ...], callback: Callback | None = None, memory: float = 0.0
     ) -> None:
         super().__init__()
         self.name, self.call, self.callback, self.memory = name, call, callback or (lambda *_: None), memory

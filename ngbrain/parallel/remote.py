@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ngbrain.errors import InputError
-from ngbrain.parallel.tasks import portable
+from ngbrain.parallel.tasks import picklable_error
 from ngbrain.threads import threads
 
 _PACKAGES = ("ngbrain", "ngsolve", "netgen-mesher", "numpy", "scipy")
@@ -66,7 +66,7 @@ def compute(name: str, function: Callable[..., Any], args: tuple[Any, ...], thei
         try:
             return function(*args, callback=lambda *_: 1)
         except Exception as error:
-            raise portable(error, name) from None
+            raise picklable_error(error, name) from None
 
 
 def call_name(fn: Callable[..., Any], args: tuple[Any, ...]) -> str:

@@ -119,7 +119,7 @@ def _settle(job: Any, name: str, future: Future[Any]) -> None:
     future.set_result(what) if well else future.set_exception(what)
 
 
-def slurm(options: str) -> SlurmExecutor:
+def open_slurm(options: str) -> SlurmExecutor:
     """Of the options of a command line, such as "time_min=120,mem_gb=16,partition=long,at_once=100".
 
     Raises

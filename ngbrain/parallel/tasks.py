@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, Protocol
 from ngbrain.errors import SolverError
 from ngbrain.threads import threads
 
-Tell = Callable[..., Any]
+Callback = Callable[..., Any]
 """Called with how far a task is, in words of its own. The one that a task is given returns how many threads it may use from now on.
 """
 AnyExecutor = int | Executor | None
@@ -27,7 +27,7 @@ class Task(NamedTuple):
     name : str
         Names the result, and the task in messages.
     function : callable
-        Called as `function(*args, *results, tell=tell)`. Of a module, so that other processes find it.
+        Called as `function(*args, *results, callback=callback)`. Of a module, so that other processes find it.
     args : tuple
     needs : sequence of str
         Names of tasks whose results it is called with; it begins when they have ended.
@@ -72,7 +72,7 @@ class TaskLost(SolverError):
         return type(self), (str(self), self.memory)
 
 
-def portable(error: Exception, task: str) -> Exception:
+def picklable_error(error: Exception, task: str) -> Exception:
     """An exception that can be raised in another process, and says there where it came from."""
     if isinstance(error, MemoryError):
         return TaskLost(f"{task}: out of memory; fewer at once take less", memory=True)
@@ -85,7 +85,7 @@ def portable(error: Exception, task: str) -> Exception:
 
 
 @contextmanager
-def helped(callback: Tell) -> Iterator[Tell]:
+def share_threads(callback: Callback) -> Iterator[Callback]:
     """Within a task: use its share of the threads, more once fewer tasks than threads are left; noticed when it tells.
 
     NGSolve's task manager then adds up in another order, so that results differ by round-off from those of one thread. Only a

@@ -16,7 +16,7 @@ from contextlib import suppress
 from types import ModuleType
 from typing import Any
 
-from ngbrain.parallel.tasks import portable
+from ngbrain.parallel.tasks import picklable_error
 from ngbrain.threads import set_threads
 
 START = "import sys; sys.path[:] = sys.argv[1:]; from ngbrain.parallel.worker import work; work()"
@@ -63,7 +63,7 @@ def work() -> None:
             told = {} if name is None else {"callback": callback}
             say("computed", function(*args, **kwargs, **told))
         except Exception as error:
-            say("raised", portable(error, name or getattr(function, "__name__", "task")))
+            say("raised", picklable_error(error, name or getattr(function, "__name__", "task")))
         del function, args, kwargs, sent
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import MISSING, dataclass
 from typing import TYPE_CHECKING
 
-from ngbrain.schema.document import Section, choice, number, path, whole
+from ngbrain.schema.document import Section, choice, integer, number, path
 
 if TYPE_CHECKING:
     from ngbrain.scene import Scene
@@ -129,7 +129,7 @@ class MeshSize(Section):
     largest: float = number("max_size_mm", 24e-3, least=0.5)
     wall: float = number("wall_size_mm", 3e-3, least=0.2)
     craniotomy: float = number("craniotomy_size_mm", 8e-3, least=0.5)
-    order: int = whole("order", 2, 2, 4)
+    order: int = integer("order", 2, 2, 4)
 
     def _check(self, path: str, scene: Scene) -> None:
         if scene.cleft is None:

@@ -8,7 +8,7 @@ from dataclasses import MISSING, dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, ClassVar
 
-from ngbrain.schema.document import Section, choice, entries, number, text, whole
+from ngbrain.schema.document import Section, choice, entries, integer, number, text
 
 if TYPE_CHECKING:
     from ngbrain.scene import Scene
@@ -109,7 +109,7 @@ class Protocol(Section):
     name: str = text("name", "", NAME, re.compile(r"\w[\w .+-]{0,49}").fullmatch)
     hold: float = number("hold_s", None)
     rest: float = number("rest_s", None)
-    stages: int = whole("stages", None, 2, MOST)
+    stages: int = integer("stages", None, 2, MOST)
     times: tuple[float, ...] = number("times_s", None, least=0.0, size=0)
     travel: tuple[float, ...] = number("travel_mm", None, signed=True, size=0)
     force_gf: tuple[float, ...] = number("force_gf", None, least=0.0, size=0)

@@ -14,7 +14,7 @@ from ngbrain.materials.fibre import Fibre
 from ngbrain.materials.named import NamedBranch, NamedLaw, from_folder
 from ngbrain.materials.registry import REGISTRY
 from ngbrain.materials.viscous import viscous
-from ngbrain.schema.document import Section, choice, converted, named, number, path, pattern
+from ngbrain.schema.document import Section, choice, choice_or_table, custom_table, number, path, pattern
 
 if TYPE_CHECKING:
     from ngbrain.scene import Scene
@@ -91,7 +91,7 @@ class Tissue(Section):
     """
 
     region: str = pattern("region", ".*")
-    material: str | NamedLaw | None = named(
+    material: str | NamedLaw | None = choice_or_table(
         "material",
         CATALOGUE,
         NamedLaw.read,
@@ -106,7 +106,7 @@ class Tissue(Section):
     tau: tuple[float, ...] | None = number("tau_s", None, size=0)
     prony_g: tuple[float, ...] | None = number("prony_g", None, size=0)
     prony_tau: tuple[float, ...] | None = number("prony_tau_s", None, size=0)
-    maxwell: tuple[NamedBranch, ...] | None = converted(
+    maxwell: tuple[NamedBranch, ...] | None = custom_table(
         "maxwell",
         NamedBranch.read,
         LAWS,

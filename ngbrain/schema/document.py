@@ -1,6 +1,6 @@
 """How a field stands in TOML: under which key, in which unit, and what is accepted.
 
-A part of a scene is a frozen dataclass on `Section` whose fields are made by `number`, `whole`, `text`, `choice`, `pattern`
+A part of a scene is a frozen dataclass on `Section` whose fields are made by `number`, `integer`, `text`, `choice`, `pattern`
 and `table`. Each says once how it stands in TOML (its `Entry`); reading, writing, checking and messages follow from that.
 A file goes `read_toml` → `Section.read` → `Entry.read` to SI units, and back `Entry.show` → `Section.to_dict` → `to_toml`.
 
@@ -135,7 +135,7 @@ def formula(key: str, default: Any, names: tuple[str, ...], about: str, size: in
     return _field(Entry(key, wanted, accept, per_si, size, convert=convert, kind=kind), default)
 
 
-def whole(key: str, default: Any, low: int, high: int) -> Any:
+def integer(key: str, default: Any, low: int, high: int) -> Any:
     """A whole number from `low` to `high`."""
     wanted = f"a whole number from {low} to {high}"
     kind = {"type": "integer", "minimum": low, "maximum": high}
@@ -160,7 +160,7 @@ def choice(key: str, default: Any, choices: Collection[str], hint: Callable[[str
     return _field(replace(entry, kind={"enum": list(choices)}), default)
 
 
-def named(
+def choice_or_table(
     key: str,
     names: Collection[str],
     read: Callable[[Mapping[str, Any], str], Any],
@@ -181,7 +181,7 @@ def named(
     return _field(Entry(key, wanted, fits, hint=hint, convert=convert, relocate=relocate, kind=schema), None)
 
 
-def converted(
+def custom_table(
     key: str,
     read: Callable[[Mapping[str, Any], str], Any],
     kind: Mapping[str, Any],

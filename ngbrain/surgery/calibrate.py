@@ -35,7 +35,7 @@ from ngbrain.inverse.optimise.regularisation_weight import Given, Level, Policy
 from ngbrain.inverse.optimise.result import Found, Iteration, plotted
 from ngbrain.inverse.uncertainty.interval import LEVEL, Band
 from ngbrain.inverse.uncertainty.posterior import Posterior
-from ngbrain.progress import logged, reporting
+from ngbrain.progress import log_progress, reporting
 from ngbrain.result import Result
 from ngbrain.scene import Scene, Tissue
 from ngbrain.surgery.model import WALLS, RetractionModel
@@ -142,7 +142,7 @@ def calibrate(
     spread: float = SPREAD,
     level: float = LEVEL,
     start: Mapping[str, float] | None = None,
-    callback: Callable[[Iteration, dict[str, float]], None] = logged,
+    callback: Callable[[Iteration, dict[str, float]], None] = log_progress,
     search: Search = levenberg_marquardt,
     finer: bool = True,
 ) -> Calibrated:

@@ -18,7 +18,7 @@ from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.read.label_schemes import TISSUES
 from ngbrain.image.read.property_maps import read_map
 from ngbrain.image.segment.tissue_classes import NAMES, VENTRICLE, WHITE
-from ngbrain.io.cache import Arrays, kept
+from ngbrain.io.cache import Arrays, load_or_compute
 from ngbrain.mesh import Cleft, Elements, Sizes, idealised_head, smallest_angles, tet_mesh
 from ngbrain.mesh.geometry import cleft_walls, level_set, primitives
 from ngbrain.mesh.routes import cleft_head
@@ -127,7 +127,7 @@ class Scanned:
         def make() -> Arrays:
             return cleft_head.head(self.outlines, cleft, craniotomy, sizes).elements.arrays()
 
-        return Elements.from_arrays(kept("mesh", made_from, modules, make)).mesh()
+        return Elements.from_arrays(load_or_compute("mesh", made_from, modules, make)).mesh()
 
     def mixtures(self, mesh: ngs.Mesh, order: int) -> dict[str, dict[str, Any]]:
         """Grey and white matter as the nearest voxel has it; what is neither, sulcal fluid above all, is grey."""

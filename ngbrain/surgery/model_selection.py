@@ -29,7 +29,7 @@ from ngbrain.ladder.quantities import BodyState
 from ngbrain.ladder.search import Rung, ascend, stay
 from ngbrain.ladder.solutions import Keeper
 from ngbrain.materials.families import NEO_HOOKE, is_neo_hooke
-from ngbrain.progress import logged, reporting
+from ngbrain.progress import log_progress, reporting
 from ngbrain.scene import Scene, Tissue
 from ngbrain.scene.result import SceneResult
 from ngbrain.surgery import answers
@@ -94,7 +94,7 @@ def solve(
     model: Model | None = None,
     richest: Model | None = None,
     threads: int = 1,
-    callback: Callable[[Rung], None] = logged,
+    callback: Callable[[Rung], None] = log_progress,
     executor: parallel.AnyExecutor = None,
     checkpoint: Callable[[dict[str, Any]], None] | None = None,
 ) -> SceneResult:

@@ -19,7 +19,7 @@ from ngbrain.forward.transient.step_control import Control, Progress
 from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.io import Checkpoint, Frame, QuadraticGrid, load, save
 from ngbrain.look import curves
-from ngbrain.parallel import Tell
+from ngbrain.parallel import Callback
 from ngbrain.result import Result, Status
 from ngbrain.solvers.record import NewtonRecord
 from ngbrain.surgery.measures.injury import MPS_THRESHOLDS
@@ -182,7 +182,7 @@ class ProtocolRun:
                 self.transient.problem, self.transient.progress, NewtonRecord(status=Status.CONVERGED, min_det_F=1.0)
             )
 
-    def go(self, callback: Tell | None = None, until: float = float("inf")) -> ProtocolRun:
+    def go(self, callback: Callback | None = None, until: float = float("inf")) -> ProtocolRun:
         """Run to the end (or to `until`, s); raises what `TimeStepper.run` raises, with the last good step saved."""
         end = self.protocol.times[-1]
 

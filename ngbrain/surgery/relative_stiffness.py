@@ -12,7 +12,7 @@ from typing import Any
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.errors import naming
+from ngbrain.errors import file_context
 from ngbrain.forward.common.interpolation import quadrature_field, quadrature_points
 from ngbrain.image.read.property_maps import measured, sampled
 from ngbrain.image.read.volume import Volume
@@ -68,7 +68,7 @@ def _over(
             weights[name] = weights.get(name, 0.0) + volumes * one.vec.FV().NumPy()
     counted = np.sum(list(weights.values()), axis=0) > 0
     known = np.ones(len(points), bool)
-    with naming("body.shear_modulus_map"):
+    with file_context("body.shear_modulus_map"):
         known[counted] = measured(volume, points[counted])
     values = sampled(volume, points)
     return {

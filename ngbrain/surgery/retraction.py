@@ -15,8 +15,8 @@ from ngbrain import parallel
 from ngbrain.atomic import atomic_write
 from ngbrain.errors import SolverError
 from ngbrain.io import versions, write_json
-from ngbrain.parallel import ProcessExecutor, Task, Tell, helped, predicted_memory
-from ngbrain.progress import RunProgress, logged, reporting
+from ngbrain.parallel import Callback, ProcessExecutor, Task, predicted_memory, share_threads
+from ngbrain.progress import RunProgress, log_progress, reporting
 from ngbrain.result import Status
 from ngbrain.scene import Scene
 from ngbrain.scene.result import SceneResult
@@ -41,7 +41,7 @@ from ngbrain.surgery.uncertainty.verification_runs import (
     other_elements,
 )
 
-_CHECKS: dict[str, Callable[[RetractionModel, Path | None, bool, Tell], Any]] = {
+_CHECKS: dict[str, Callable[[RetractionModel, Path | None, bool, Callback], Any]] = {
     ORDER: one_order_more,
     MESH: other_elements,
     HALF: half_steps,
@@ -63,7 +63,7 @@ def solve(
     folder: str | Path | None = None,
     threads: int = 1,
     resume: bool = False,
-    callback: Tell = logged,
+    callback: Callback = log_progress,
     checks: bool = True,
     checkpoint: Callable[[dict[str, Any]], None] | None = None,
     executor: parallel.AnyExecutor = None,
@@ -221,13 +221,18 @@ def _tasks(model: RetractionModel, folder: Path | None, resume: bool, checks: bo
 
 
 def _begin(
-    model: RetractionModel, program: ToolMotion | ForceProtocol, folder: Path | None, resume: bool, *, callback: Tell
+    model: RetractionModel,
+    program: ToolMotion | ForceProtocol,
+    folder: Path | None,
+    resume: bool,
+    *,
+    callback: Callback,
 ) -> Snapshot | None:
     """How a run stands after its first piece, None if it is past that: several protocols go on from there."""
     run = ProtocolRun(model, program, folder, resume)
     if run.transient.progress.t > program.times[1]:
         return None
-    with helped(callback) as told:
+    with share_threads(callback) as told:
         return run.go(told, program.times[1]).snapshot()
 
 
@@ -238,19 +243,19 @@ def _go(
     resume: bool,
     start: Snapshot | None = None,
     *,
-    callback: Tell,
+    callback: Callback,
 ) -> ProtocolResult:
     """A run, from where it stands after the piece that it shares with others."""
-    with helped(callback) as told:
+    with share_threads(callback) as told:
         return ProtocolRun(model, program, folder, resume, start).go(told).result()
 
 
-def _check(model: RetractionModel, name: str, folder: Path | None, resume: bool, callback: Tell) -> Any:
+def _check(model: RetractionModel, name: str, folder: Path | None, resume: bool, callback: Callback) -> Any:
     if folder is not None:
         folder = folder / "checks"
         folder.mkdir(exist_ok=True)
     try:
-        with helped(callback) as told:
+        with share_threads(callback) as told:
             value = _CHECKS[name](model, folder, resume, lambda _, t, share: told(_CHECK + name, t, share))
     except SolverError:  # what a check could not compute is reported as missing; the protocols' answers stand
         value = None

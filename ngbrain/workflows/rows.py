@@ -20,7 +20,7 @@ from ngbrain.cli.options.common import parser
 from ngbrain.errors import InputError, SolverError
 from ngbrain.io.cache import code_digest
 from ngbrain.io.json_file import write_json
-from ngbrain.parallel import TaskLost, Tell
+from ngbrain.parallel import Callback, TaskLost
 from ngbrain.reading import read_json
 from ngbrain.workflows.listing import CohortCase
 
@@ -84,7 +84,7 @@ def digest_case(case: CohortCase) -> str:
     return hashlib.sha256(json.dumps(made_from).encode()).hexdigest()
 
 
-def run_row(case: CohortCase, folder: str, digest: str, *, callback: Tell) -> Record:
+def run_row(case: CohortCase, folder: str, digest: str, *, callback: Callback) -> Record:
     """Compute a row in its folder; what an earlier run with the same digest has left there is gone on with.
 
     Parameters

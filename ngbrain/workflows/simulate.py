@@ -10,7 +10,7 @@ from ngbrain import ladder, parallel
 from ngbrain.errors import InputError
 from ngbrain.ladder import Question, axes
 from ngbrain.ladder.levels import Model
-from ngbrain.progress import logged
+from ngbrain.progress import log_progress
 from ngbrain.scene import Scene
 from ngbrain.scene.result import SceneResult
 from ngbrain.surgery import model_selection, retraction
@@ -29,7 +29,7 @@ def simulate(
     threads: int = 1,
     resume: bool = False,
     checks: bool = True,
-    callback: Callback = logged,
+    callback: Callback = log_progress,
     checkpoint: Callable[[dict[str, Any]], None] | None = None,
     executor: parallel.AnyExecutor = None,
     questions: Sequence[Question] = (),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import ngbrain
-from ngbrain.io.cache import _DIGEST, cache_folder, kept, sources
+from ngbrain.io.cache import _DIGEST, cache_folder, load_or_compute, sources
 
 PACKAGE = Path(ngbrain.__file__).parent
 
@@ -63,8 +63,8 @@ def test_the_folder_is_the_users(monkeypatch, tmp_path):
 
 def test_made_once_and_the_same_bits_again(folder, module):
     make = Maker()
-    first = kept("mesh", {"size": 2e-3}, [module], make)
-    again = kept("mesh", {"size": 2e-3}, [module], make)
+    first = load_or_compute("mesh", {"size": 2e-3}, [module], make)
+    again = load_or_compute("mesh", {"size": 2e-3}, [module], make)
     assert make.calls == 1 and same(first, again)
     (file,) = folder.iterdir()  # and no temporary one
     assert file.name.startswith("mesh-") and file.suffix == ".npz"
@@ -72,26 +72,26 @@ def test_made_once_and_the_same_bits_again(folder, module):
 
 def test_the_order_of_keys_does_not_matter(folder, module):
     make = Maker()
-    kept("mesh", {"a": 1, "b": 2}, [module], make)
-    kept("mesh", {"b": 2, "a": 1}, [module], make)
+    load_or_compute("mesh", {"a": 1, "b": 2}, [module], make)
+    load_or_compute("mesh", {"b": 2, "a": 1}, [module], make)
     assert make.calls == 1
 
 
 def test_made_again_from_anything_else(folder, module):
     make = Maker()
-    kept("mesh", {"size": 2e-3}, [module], make)
-    kept("mesh", {"size": 2e-3 + 1e-18}, [module], make)
-    kept("labels", {"size": 2e-3}, [module], make)
+    load_or_compute("mesh", {"size": 2e-3}, [module], make)
+    load_or_compute("mesh", {"size": 2e-3 + 1e-18}, [module], make)
+    load_or_compute("labels", {"size": 2e-3}, [module], make)
     with open(module.__file__, "a") as source:
         source.write("two = 2\n")
-    kept("mesh", {"size": 2e-3}, [module], make)
+    load_or_compute("mesh", {"size": 2e-3}, [module], make)
     assert make.calls == 4 and len(list(folder.iterdir())) == 4
 
 
 def test_an_entry_that_was_changed_is_made_again(folder, module):
     """Its points doubled, as whole an archive as before."""
     make = Maker()
-    first = kept("mesh", 1, [module], make)
+    first = load_or_compute("mesh", 1, [module], make)
     (file,) = folder.iterdir()
     with np.load(file) as found:
         np.savez(
@@ -101,7 +101,7 @@ def test_an_entry_that_was_changed_is_made_again(folder, module):
             },
             **{_DIGEST: found[_DIGEST]},
         )
-    assert same(kept("mesh", 1, [module], make), first) and make.calls == 2
+    assert same(load_or_compute("mesh", 1, [module], make), first) and make.calls == 2
 
 
 def test_the_key_is_made_of_all_code_that_makes_an_entry():
@@ -154,12 +154,12 @@ def flipped(good):
 )
 def test_a_damaged_file_is_made_again(folder, module, damage):
     make = Maker()
-    first = kept("mesh", 1, [module], make)
+    first = load_or_compute("mesh", 1, [module], make)
     (file,) = folder.iterdir()
     good = file.read_bytes()
     file.write_bytes(damage(good))
-    assert same(kept("mesh", 1, [module], make), first) and make.calls == 2
-    assert same(kept("mesh", 1, [module], make), first) and make.calls == 2  # and kept
+    assert same(load_or_compute("mesh", 1, [module], make), first) and make.calls == 2
+    assert same(load_or_compute("mesh", 1, [module], make), first) and make.calls == 2  # and kept
     assert list(folder.iterdir()) == [file]
 
 
@@ -169,7 +169,7 @@ def test_without_a_folder_to_write_to_the_arrays_still_come(tmp_path, module, mo
     make = Maker()
     for place in (blocked, blocked / "below"):
         monkeypatch.setenv("NGBRAIN_CACHE", str(place))
-        assert same(kept("mesh", 1, [module], make), make())
+        assert same(load_or_compute("mesh", 1, [module], make), make())
     assert blocked.read_text() == "not a folder"
 
 
@@ -180,7 +180,7 @@ def test_without_room_no_temporary_file_is_left(folder, module, monkeypatch):
 
     monkeypatch.setattr(np, "savez", full)
     make = Maker()
-    assert same(kept("mesh", 1, [module], make), make())
+    assert same(load_or_compute("mesh", 1, [module], make), make())
     assert list(folder.iterdir()) == []
 
 
@@ -189,5 +189,5 @@ def test_what_fails_to_be_made_is_not_kept(folder, module):
         raise RuntimeError("no mesh")
 
     with pytest.raises(RuntimeError, match="no mesh"):
-        kept("mesh", 1, [module], fail)
+        load_or_compute("mesh", 1, [module], fail)
     assert not folder.exists()

@@ -13,13 +13,13 @@ from ngbrain.schema.document import (
     brief,
     choice,
     entries,
+    integer,
     number,
     pattern,
     read_toml,
     table,
     text,
     to_toml,
-    whole,
 )
 
 
@@ -32,7 +32,7 @@ class Sail(Section):
 @dataclass(frozen=True, kw_only=True)
 class Boat(Section):
     name: str = text("name", "Argo", "one word", str.isalpha)
-    crew: int = whole("crew", 1, 1, 8)
+    crew: int = integer("crew", 1, 1, 8)
     draught: float | None = number("draught_mm", None, least=100.0)
     ports: str = pattern("ports", ".*")
     sails: tuple[Sail, ...] = table(Sail, size=0)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import ngsolve as ngs
 
-from ngbrain.arguments import of_type
+from ngbrain.arguments import check_type
 from ngbrain.errors import InputError, nearest
 from ngbrain.forward.common.material import Material
 from ngbrain.schema.patterns import MOST, REPEATS, ways
@@ -14,11 +14,11 @@ from ngbrain.schema.patterns import MOST, REPEATS, ways
 
 def check_types(mesh: ngs.Mesh, materials: Mapping[str, Material], supports: Mapping[str, object]) -> None:
     """Raise `InputError` unless a body's arguments are a mesh, materials by pattern and supports by pattern."""
-    of_type("mesh", mesh, ngs.Mesh)
-    of_type("materials", materials, Mapping)
-    of_type("supports", supports, Mapping)
+    check_type("mesh", mesh, ngs.Mesh)
+    check_type("materials", materials, Mapping)
+    check_type("supports", supports, Mapping)
     for pattern, material in materials.items():
-        of_type(f"materials[{pattern!r}]", material, Material)
+        check_type(f"materials[{pattern!r}]", material, Material)
 
 
 def check_regions(mesh: ngs.Mesh, patterns: Iterable[str], kind: str = "tissue") -> None:

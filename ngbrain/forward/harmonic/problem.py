@@ -394,6 +394,6 @@ def _amplitudes(body: Harmonic) -> list[Array]:
 
 
 def _solved(
-    mesh: ngs.Mesh, law: LawOfFrequency, waves: Sequence[Wave], how: Mapping[str, Any], *, callback: parallel.Tell
+    mesh: ngs.Mesh, law: LawOfFrequency, waves: Sequence[Wave], how: Mapping[str, Any], *, callback: parallel.Callback
 ) -> list[Array]:
     return _amplitudes(Harmonic(mesh, law, waves, **how))

@@ -15,7 +15,7 @@ import ngsolve as ngs
 import numpy as np
 import scipy.sparse as sp
 
-from ngbrain.errors import InputError, gave_up
+from ngbrain.errors import InputError, solver_error
 from ngbrain.forward.observables.base import Observable
 from ngbrain.forward.sensitivity.parameter_blocks import NodePositions, ParameterBlock, places
 from ngbrain.forward.solid.advance import newton_for
@@ -91,7 +91,7 @@ class Equilibrium:
         self.inverse = newton.inverse
         if not record.converged:
             said = f"no equilibrium: {record.reason}; try parameters nearer to the last that had one"
-            raise gave_up(said, record.status, record)
+            raise solver_error(said, record.status, record)
         return reached
 
     def _along(self, put: Callable[[float], None], x: Array) -> Array | None:

@@ -20,7 +20,7 @@ import ngsolve as ngs
 import numpy as np
 import scipy.sparse as sp
 
-from ngbrain.errors import ConvergenceError, InputError, shaped
+from ngbrain.errors import ConvergenceError, InputError, check_shape
 from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.forward.sensitivity.parameter_blocks import (
     NodePositions,
@@ -177,7 +177,7 @@ class StaticLinearisation:
     def vjp(self, w: Array) -> Array:
         """Jᵀ w, by the matrices that `jvp` uses."""
         total = np.zeros(self.model.size)
-        shaped("w", np.shape(w), self.data.shape)
+        check_shape("w", np.shape(w), self.data.shape)
         for k in self._cases():
             by_state, by_theta = self.observed[k]
             part = w[self.model.slices[k]]
@@ -271,7 +271,7 @@ class StaticLinearisation:
 
     def _solved(self, w: Array) -> list[Array]:
         """Adjoints of weights of the data; those of the last ones are kept."""
-        shaped("w", np.shape(w), self.data.shape)
+        check_shape("w", np.shape(w), self.data.shape)
         if self._adjoints is None or not np.array_equal(self._adjoints[0], w):
             found = []
             for k in self._cases():

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.arguments import of_type
+from ngbrain.arguments import check_type
 from ngbrain.forward.common.dirichlet import Support, Supports
 from ngbrain.forward.common.element_choice import automatic
 from ngbrain.forward.common.elements import ElementPair, check_elements
@@ -78,7 +78,7 @@ class Discretisation:
         self._lengths = self.is_u | (bool(rigid) & (part == 1 + self.layout.pressure))
 
     def _named(self, element: str) -> ElementPair:
-        of_type("element", element, str)
+        check_type("element", element, str)
         named = ElementPair.named(element)
         named.check(self.mesh)
         return named

@@ -13,7 +13,7 @@ from ngbrain.forward.common.kinematics import Solid
 from ngbrain.forward.common.unknowns import Layout
 from ngbrain.materials.base import Deformation
 from ngbrain.materials.points import Points
-from ngbrain.tensors import isochoric, right_cauchy_green, volume_free
+from ngbrain.tensors import isochoric, isochoric_factor, right_cauchy_green
 
 Density = Callable[[Deformation, CoefficientFunction | None], CoefficientFunction]
 """Energy density (Pa) of a state and the pressure p, if there is one."""
@@ -34,7 +34,7 @@ def stresses(
     moving, J, pressure = F().MakeVariable(), ngs.Det(F()).MakeVariable(), p if p is None else p.MakeVariable()
     whole, gradient = right_cauchy_green(F()).MakeVariable(), F().MakeVariable()
     energy = density(Deformation(shape, whole, J, gradient), pressure)
-    S, scale = energy.Diff(shape), volume_free(C)
+    S, scale = energy.Diff(shape), isochoric_factor(C)
     by_C = scale * S + ngs.InnerProduct(S, C) * scale.Diff(C) + energy.Diff(whole)
     P = F() * (by_C + by_C.trans) + energy.Diff(J) * ngs.Det(moving).Diff(moving) + energy.Diff(gradient)
     return (P.Reshape((9,)) if pressure is None else ngs.CF((P.Reshape((9,)), energy.Diff(pressure)))).Compile()

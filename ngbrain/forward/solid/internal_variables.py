@@ -13,7 +13,7 @@ from ngsolve.comp import IntegrationRuleSpace
 from ngbrain.materials import Flow, Flows, Viscous, step_factors
 from ngbrain.materials.base import Value
 from ngbrain.materials.points import Points
-from ngbrain.tensors import of_six, six
+from ngbrain.tensors import from_voigt, to_voigt
 
 REST = 1e30
 """Relaxation time (s) that stands for 'does not relax', where a region has fewer branches than another."""
@@ -26,7 +26,7 @@ class History:
     regions    region pattern → `Viscous`
     order      order of the quadrature-point space (order 1: the 4-point rule on tetrahedra)
 
-    Tensors are kept by their `six` entries: `stress` S̄_k and `overstress` H_k (branches, 6, points) in Pa, `strain` C̄.
+    Tensors are kept by their `to_voigt` entries: `stress` S̄_k and `overstress` H_k (branches, 6, points) in Pa, `strain` C̄.
     """
 
     def __init__(self, mesh: ngs.Mesh, regions: dict[str, Viscous], order: int) -> None:
@@ -42,7 +42,7 @@ class History:
         self.flows = Flows(self.points, [self._flow(k) for k in range(most)])
         self.rest()
         self._stress_cf: list[CoefficientFunction] = []
-        self._shape_cf: CoefficientFunction = six(ngs.Id(3))
+        self._shape_cf: CoefficientFunction = to_voigt(ngs.Id(3))
         self.dt = 0.0
 
     def rest(self) -> None:
@@ -87,14 +87,14 @@ class History:
         return self._pulled(region, C) + (self.flows.work(C) if region.flowing else 0.0)
 
     def _pulled(self, region: Viscous, C: CoefficientFunction) -> CoefficientFunction:
-        return 0.5 * ngs.InnerProduct(of_six(self.pull), C) if region.hereditary else ngs.CF(0.0)
+        return 0.5 * ngs.InnerProduct(from_voigt(self.pull), C) if region.hereditary else ngs.CF(0.0)
 
     def follow(self, C: CoefficientFunction) -> None:
         """Set the isochoric C̄ (of the current state) that `relax` and `finish` evaluate the branches at."""
-        self._stress_cf, self._shape_cf = [], six(C).Compile()
+        self._stress_cf, self._shape_cf = [], to_voigt(C).Compile()
         for k in range(self.n_branches):
             by_region = {
-                name: six(r.hereditary[k].stress(C)).Compile()
+                name: to_voigt(r.hereditary[k].stress(C)).Compile()
                 for name, r in self.regions.items()
                 if len(r.hereditary) > k
             }

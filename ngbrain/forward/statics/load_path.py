@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ngbrain.errors import CollapseWarning, InputError, SolverError, StabilityWarning, gave_up
+from ngbrain.errors import CollapseWarning, InputError, SolverError, StabilityWarning, solver_error
 from ngbrain.forward.common.element_choice import COMPRESSIBLE
 from ngbrain.forward.common.rigid_motions import check_held
 from ngbrain.forward.common.state import State
@@ -197,4 +197,4 @@ class LoadPath:
 
     def _error(self, record: PathRecord) -> SolverError:
         advice = f"try a finer or graded mesh, another element than {self.problem.element}, or a smaller load"
-        return gave_up(f"{record.reason}; {advice}", record.status, record)
+        return solver_error(f"{record.reason}; {advice}", record.status, record)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ngbrain.errors import Breakdown, ContactError, InputError, gave_up
+from ngbrain.errors import Breakdown, ContactError, InputError, solver_error
 from ngbrain.forward.common.rigid_motions import check_held
 from ngbrain.forward.common.state import State
 from ngbrain.forward.contact.force_control import DrivenTool, GivenForce
@@ -292,7 +292,7 @@ def _forced(motion: Motion | None) -> bool:
 
 def _error(failed: Breakdown, record: NewtonRecord, t: float, dt: float) -> Exception:
     advice = "try a finer mesh where it fails, a slower motion or a smaller one"
-    return gave_up(
+    return solver_error(
         f"the time step of {dt:.2g} s at t = {t:.3f} s still fails: {failed}; {advice}", failed.status, record
     )
 

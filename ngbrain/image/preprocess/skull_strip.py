@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from ngbrain.errors import InputError, naming, require
+from ngbrain.errors import InputError, file_context, require
 from ngbrain.image.preprocess.bias_field import unbiased
 from ngbrain.image.preprocess.contrast import TISSUES, contrast
 from ngbrain.image.preprocess.registration import ALIKE, Alignment, align, thinned
@@ -79,7 +79,7 @@ def placed(scan: Scan) -> Alignment:
             contrast than that of a T1, in which white matter is brightest.
         MissingExtra: nilearn is not installed.
     """
-    with naming(scan.source):
+    with file_context(scan.source):
         found = align(scan.volume, mni152().volume)
         if found.likeness < ALIKE:
             what = f"a picture that is not like a brain (correlation with the MNI152 template {found.likeness:.2f}"

@@ -14,7 +14,7 @@ from scipy import ndimage
 
 from ngbrain.errors import InputError, require
 from ngbrain.image.read.dicom import is_dicom, read_series
-from ngbrain.reading import check_regular, gunzipped, read_bytes, unzipped
+from ngbrain.reading import check_regular, gunzip, read_bytes, unzip
 
 _GRID = 1e-3  # m
 _MOST_VOXELS = 512**3
@@ -283,9 +283,9 @@ def _parsed(path: Path) -> Any:
     nibabel = require("nibabel", "mri")
     raw = read_bytes(path, "image")
     if raw[:4] == b"PK\3\4":
-        raw = unzipped(raw, "image", path)
+        raw = unzip(raw, "image", path)
     if raw[:2] == b"\x1f\x8b":
-        raw = bytes(gunzipped(raw, "image", path))
+        raw = bytes(gunzip(raw, "image", path))
     if raw[344:348] == b"n+1\0":
         kind = nibabel.Nifti1Image
     elif raw[4:8] == b"n+2\0":

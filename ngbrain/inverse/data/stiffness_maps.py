@@ -13,7 +13,7 @@ from pathlib import Path
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.errors import InputError, naming
+from ngbrain.errors import InputError, file_context
 from ngbrain.forward.common.interpolation import quadrature_field, quadrature_points
 from ngbrain.image.read.property_maps import measured, read_map, sampled
 from ngbrain.image.read.volume import Volume
@@ -125,13 +125,13 @@ def read_stiffness(
     if unit is not None and unit not in UNITS:
         raise InputError("unit", repr(unit), "Pa or kPa")
     ratio = read_map(damping_ratio, "damping ratios")
-    with naming(Path(damping_ratio)):
+    with file_context(Path(damping_ratio)):
         middle = float(np.nanmedian(ratio.data))
         if not DAMPING_RATIO[0] <= middle <= DAMPING_RATIO[1]:
             wanted = "ratios, {:g} to {:g} in tissue: are stiffness and damping ratio swapped?".format(*DAMPING_RATIO)
             raise InputError("damping_ratio", f"{middle:.4g} in the median", wanted)
     mu = read_map(stiffness, "shear stiffness")
-    with naming(Path(stiffness)):
+    with file_context(Path(stiffness)):
         if mu.data.shape != ratio.data.shape or not np.allclose(mu.affine, ratio.affine, atol=1e-6):
             raise InputError("stiffness", f"on other voxels than {damping_ratio}", "two maps on the same voxels")
         middle = float(np.nanmedian(mu.data))

@@ -13,7 +13,7 @@ from ngbrain.inverse.elastography.invert import invert
 from ngbrain.inverse.elastography.result import Inversion
 from ngbrain.inverse.optimise.result import Iteration
 from ngbrain.io.waves import WaveData
-from ngbrain.progress import logged, reporting
+from ngbrain.progress import log_progress, reporting
 
 
 @reporting()
@@ -21,7 +21,7 @@ def invert_each_frequency(
     data: WaveData,
     *,
     executor: parallel.AnyExecutor = None,
-    callback: Callable[[Iteration], None] = logged,
+    callback: Callable[[Iteration], None] = log_progress,
     **how: Any,
 ) -> dict[float, Inversion]:
     """Property maps of wave data, frequency by frequency, in the plane or in space.
@@ -49,7 +49,7 @@ def invert_each_frequency(
     return dict(zip(np.unique(data.frequency).tolist(), found, strict=True))
 
 
-def _inverted(name: str, one: WaveData, how: dict[str, Any], *, callback: parallel.Tell) -> Inversion:
+def _inverted(name: str, one: WaveData, how: dict[str, Any], *, callback: parallel.Callback) -> Inversion:
     """Without the experiment that it ended with, which is made for one process."""
     found = invert(
         one, callback=lambda iteration: callback(replace(iteration, phase=f"{name}, {iteration.phase}")), **how

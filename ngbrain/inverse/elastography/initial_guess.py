@@ -39,7 +39,7 @@ def side_by_side(
     experiment: Experiment,
     ways: Mapping[str, tuple[Callable[..., Any], tuple[Any, ...]]],
     executor: parallel.AnyExecutor = None,
-    callback: parallel.Tell | None = None,
+    callback: parallel.Callback | None = None,
     memory: float = 0.0,
 ) -> list[Any]:
     """What ways through an experiment find, name → (function, arguments); each is called with the experiment in front and
@@ -63,7 +63,7 @@ def side_by_side(
 
 
 def _gone(
-    experiment: Experiment, function: Callable[..., Any], args: tuple[Any, ...], *, callback: parallel.Tell
+    experiment: Experiment, function: Callable[..., Any], args: tuple[Any, ...], *, callback: parallel.Callback
 ) -> tuple[Any, Solves]:
     return function(experiment, *args, callback=callback), experiment.model.solves
 

@@ -45,7 +45,7 @@ from ngbrain.inverse.problem.properties import EXPONENT, exponent, unknowns_of
 from ngbrain.inverse.problem.property_fields import composed
 from ngbrain.inverse.problem.wave_problem import Experiment
 from ngbrain.io.waves import WaveData
-from ngbrain.progress import logged, reporting
+from ngbrain.progress import log_progress, reporting
 from ngbrain.result import Status
 from ngbrain.solvers.device import Device
 
@@ -98,7 +98,7 @@ def invert(
     dispersion: str = "auto",
     drop_outliers: bool = True,
     device: str = "cpu",
-    callback: Callable[[Iteration], None] = logged,
+    callback: Callable[[Iteration], None] = log_progress,
     executor: parallel.AnyExecutor = None,
 ) -> Inversion:
     """Property maps of wave data in the plane; those in space go to `invert_in_space`, which chooses starts and weights itself.

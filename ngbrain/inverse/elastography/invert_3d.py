@@ -36,7 +36,7 @@ from ngbrain.inverse.problem.properties import unknowns_of
 from ngbrain.inverse.problem.property_fields import composed, elements_in_space
 from ngbrain.inverse.problem.wave_problem import Experiment
 from ngbrain.io.waves import WaveData
-from ngbrain.progress import logged, reporting
+from ngbrain.progress import log_progress, reporting
 from ngbrain.solvers.device import Device
 
 Array = np.ndarray
@@ -66,7 +66,7 @@ def invert_in_space(
     checkpoint: str | os.PathLike[str] | None = None,
     drop_outliers: bool = True,
     device: str = "cpu",
-    callback: Callable[[Iteration], None] = logged,
+    callback: Callable[[Iteration], None] = log_progress,
     executor: parallel.AnyExecutor = None,
 ) -> Inversion:
     """Property maps of wave data in space.

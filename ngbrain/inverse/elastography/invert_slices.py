@@ -82,7 +82,7 @@ def slices_of(data: WaveData, axis: int) -> list[tuple[Array, WaveData]]:
     return found
 
 
-def _of_slice(invert: Callable[..., Inversion], one: WaveData, *, callback: parallel.Tell) -> Inversion:
+def _of_slice(invert: Callable[..., Inversion], one: WaveData, *, callback: parallel.Callback) -> Inversion:
     """Without the experiment that it ended with, which cannot be sent."""
     return replace(invert(one, callback=callback), end=None)
 
@@ -92,7 +92,7 @@ def invert_slices(
     axis: int,
     invert: Callable[..., Inversion],
     executor: parallel.AnyExecutor = None,
-    callback: parallel.Tell | None = None,
+    callback: parallel.Callback | None = None,
 ) -> Inversion:
     """Property maps of a slab, slice by slice; `invert` is what is done with each, called with it and `callback`.
 

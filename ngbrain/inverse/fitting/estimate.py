@@ -24,7 +24,7 @@ from ngbrain.inverse.objective.regularisation import smooth
 from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
 from ngbrain.inverse.optimise.result import Iteration, plotted
 from ngbrain.inverse.uncertainty.posterior import Posterior
-from ngbrain.progress import logged, reporting
+from ngbrain.progress import log_progress, reporting
 from ngbrain.result import Result
 
 Array = np.ndarray
@@ -114,7 +114,7 @@ def recover(
     *,
     unknowns: Mapping[str, Unknown] | None = None,
     regulariser: Holds = smooth,
-    callback: Callable[[Iteration], None] = logged,
+    callback: Callable[[Iteration], None] = log_progress,
 ) -> Recovered:
     """Parameters of a model such that its data are the measured ones, from the values that they have now.
 

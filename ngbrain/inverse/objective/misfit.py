@@ -7,7 +7,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ngbrain.errors import InputError, nearest, shaped
+from ngbrain.errors import InputError, check_shape, nearest
 
 Array = np.ndarray
 REAL_MEDIAN = 0.454936423
@@ -39,7 +39,7 @@ class LeastSquares:
 
     def residual(self, data: Array) -> Array:
         """(d - m)/σ, 0 where nothing is measured; `InputError` for data of another shape."""
-        shaped("measured", self.measured.shape, np.shape(data))
+        check_shape("measured", self.measured.shape, np.shape(data))
         return np.where(self.known, (data - self.measured) / self.sigma, 0)
 
     def value(self, data: Array) -> float:

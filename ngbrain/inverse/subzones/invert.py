@@ -41,7 +41,7 @@ from ngbrain.inverse.subzones.partition import FEWEST, cut, part
 from ngbrain.inverse.subzones.roughness import Rough
 from ngbrain.inverse.subzones.zone_result import Answer, told
 from ngbrain.io.waves import WaveData
-from ngbrain.progress import logged, reporting
+from ngbrain.progress import log_progress, reporting
 
 Array = np.ndarray
 SIDE, OVERLAP = 1.7, 0.6
@@ -64,7 +64,7 @@ def invert_by_subzones(
     passes: int = 1,
     rounds: int = ROUNDS,
     checkpoint: str | os.PathLike[str] | None = None,
-    callback: Callable[[Iteration], None] = logged,
+    callback: Callable[[Iteration], None] = log_progress,
 ) -> Inversion:
     """Property maps of wave data in space, zone by zone.
 
@@ -176,7 +176,7 @@ class Common:
             raise SolverError(f"{name}: {said}") from error
 
 
-def _alone(name: str, data: WaveSubset, cells: Lattice, common: Common, *, callback: parallel.Tell) -> Answer:
+def _alone(name: str, data: WaveSubset, cells: Lattice, common: Common, *, callback: parallel.Callback) -> Answer:
     def invert(checkpoint: Path | None) -> Answer:
         found = invert_in_space(
             data,
@@ -201,7 +201,7 @@ def _among(
     before: Answer,
     common: Common,
     *,
-    callback: parallel.Tell,
+    callback: parallel.Callback,
 ) -> Answer:
     def invert(checkpoint: Path | None) -> Answer:
         solves = Solves()
@@ -241,11 +241,11 @@ def _around(last: Together, points: Array, share: Array, own: WaveSubset, chosen
     )
 
 
-def _named(name: str, callback: parallel.Tell) -> Callable[[Iteration], None]:
+def _named(name: str, callback: parallel.Callback) -> Callable[[Iteration], None]:
     return lambda iteration: callback(replace(iteration, phase=name))
 
 
-def _hearing(callback: Callable[[Iteration], None]) -> parallel.Tell:
+def _hearing(callback: Callable[[Iteration], None]) -> parallel.Callback:
     return lambda iteration: callback(iteration)
 
 

@@ -341,7 +341,7 @@ class Posterior:
         return (self._held >= block.start) & (self._held < block.stop)
 
 
-def _called(function: Callable[[Array], float | Array], theta: Array, *, callback: parallel.Tell) -> float | Array:
+def _called(function: Callable[[Array], float | Array], theta: Array, *, callback: parallel.Callback) -> float | Array:
     return function(theta)
 
 

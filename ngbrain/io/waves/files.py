@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ import h5py
 import numpy as np
 
 from ngbrain.atomic import atomic_write
-from ngbrain.errors import InputError, NgbrainError
+from ngbrain.errors import InputError, NgbrainError, file_context
 from ngbrain.image.read.nifti import NIFTI
 from ngbrain.io.hdf5 import hdf5_image
 from ngbrain.io.waves.data import TRUTHS, WaveData, even
@@ -71,7 +70,7 @@ def read_waves(path: str | os.PathLike[str]) -> WaveData:
     ngbrain.errors.InputError: waves.dcm: data is a .dcm file; wanted: wave data: .npz, .h5, .hdf5, .mat, .nii or .nii.gz
     """
     path = Path(path)
-    with in_file(path):
+    with file_context(path):
         keys = _kind(path)[0](path)
         for key in keys:
             slip = get_close_matches(key, _KEYS, n=1, cutoff=_ALIKE)
@@ -97,19 +96,8 @@ def write_waves(path: str | os.PathLike[str], data: WaveData) -> None:
     array([50.])
     """
     path = Path(path)
-    with in_file(path):
+    with file_context(path):
         _kind(path)[1](path, data)
-
-
-@contextmanager
-def in_file(path: Path) -> Iterator[None]:
-    """Errors of the fields name the file too."""
-    try:
-        yield
-    except InputError as error:
-        if error.file:
-            raise
-        raise InputError(error.field, error.value, error.wanted, path) from error
 
 
 def to_keys(data: WaveData) -> dict[str, Any]:

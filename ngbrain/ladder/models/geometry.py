@@ -22,7 +22,7 @@ from ngbrain.mesh.geometry.sizing import Graded
 from ngbrain.mesh.routes.registry import meshed
 from ngbrain.mesh.surface.head_outlines import BRAIN
 from ngbrain.mesh.tet_mesh import centres
-from ngbrain.reading import check_regular, tried
+from ngbrain.reading import check_in_subprocess, check_regular
 from ngbrain.scene import Geometry
 from ngbrain.units import LARGEST_BODY
 
@@ -140,7 +140,7 @@ def _read(geometry: Geometry) -> meshing.Mesh:
     """The mesh of a file; `InputError` for one that is none in space."""
     file = Path(str(geometry.file))
     check_regular(file, "geometry.file")
-    tried(file, "geometry.file", __name__, "read_netgen")  # Netgen crashes on half a file
+    check_in_subprocess(file, "geometry.file", __name__, "read_netgen")  # Netgen crashes on half a file
     try:
         mesh = read_netgen(str(file))
     except Exception as error:

@@ -15,7 +15,7 @@ from ngbrain.materials.lab.specimen import STATIONARY, Specimen, named, placed, 
 from ngbrain.materials.modulus import PronySeries
 from ngbrain.materials.points import Points, initial_modulus, number
 from ngbrain.materials.viscous import Viscous, step_factors
-from ngbrain.tensors import six
+from ngbrain.tensors import to_voigt
 
 RAMP_STEPS = 200
 
@@ -213,7 +213,7 @@ class _March:
         self.specimen = Specimen(energy, test, count, named(material))
         C = self.specimen.C
         self._stress = [branch.stress(C).Compile() for branch in hereditary]
-        self._shape = six(C).Compile()
+        self._shape = to_voigt(C).Compile()
         self._before = np.outer(REST, np.ones(count))
         self._S = self._H = np.zeros((len(hereditary), 9, count))
         self._factors = np.zeros((len(hereditary), 1, 1)), np.ones((len(hereditary), 1, 1))

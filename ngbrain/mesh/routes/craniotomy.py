@@ -11,7 +11,7 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.image.read.label_map import LabelMap
-from ngbrain.io.cache import kept
+from ngbrain.io.cache import load_or_compute
 from ngbrain.mesh import tet_mesh
 from ngbrain.mesh.geometry import cleft as cleft_module
 from ngbrain.mesh.geometry import cleft_walls
@@ -128,7 +128,7 @@ def opened(labels: LabelMap, opening: Opening, route: str, near: float, far: flo
         done = cleft_head.head(outlines(labels), cleft, opening.craniotomy, Sizes(near, far, far))
         return LabelMesh(done.elements, repairs=done.repairs).arrays()
 
-    return left, LabelMesh.from_arrays(kept("opened", [*made_from, version("netgen-mesher")], modules, make))
+    return left, LabelMesh.from_arrays(load_or_compute("opened", [*made_from, version("netgen-mesher")], modules, make))
 
 
 def carved(labels: LabelMap, cleft: Cleft) -> LabelMap:

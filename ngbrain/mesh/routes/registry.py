@@ -15,7 +15,7 @@ import numpy as np
 from ngbrain.errors import InputError, nearest
 from ngbrain.image.read import label_map, volume
 from ngbrain.image.read.label_map import LabelMap
-from ngbrain.io.cache import kept
+from ngbrain.io.cache import load_or_compute
 from ngbrain.mesh import tet_mesh
 from ngbrain.mesh.geometry import level_set, sizing
 from ngbrain.mesh.geometry.sizing import Along, Graded, Sizes
@@ -162,7 +162,7 @@ def meshed_by(labels: LabelMap, route: str = "hull", size: Graded | Along | None
     made_from = [route, labels.volume.digest(), cut, names, told(size), version("netgen-mesher")]
     modules = (label_map, volume, tet_mesh, sizing, *way.modules)
 
-    return LabelMesh.from_arrays(kept("meshed", made_from, modules, lambda: way.make(labels, size).arrays()))
+    return LabelMesh.from_arrays(load_or_compute("meshed", made_from, modules, lambda: way.make(labels, size).arrays()))
 
 
 def told(size: Graded | Along) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.io import write_json
 from ngbrain.io.state import load_state, save_state
 from ngbrain.mesh.tet_mesh import centres
-from ngbrain.parallel import Tell
+from ngbrain.parallel import Callback
 from ngbrain.reading import read_json
 from ngbrain.scene import MeshSize
 from ngbrain.solvers.newton import Newton
@@ -53,14 +53,14 @@ HALVINGS = 3
 """How often an increment of the richer solution may be cut."""
 
 
-def half_steps(model: RetractionModel, folder: Path | None, resume: bool, callback: Tell) -> Pair:
+def half_steps(model: RetractionModel, folder: Path | None, resume: bool, callback: Callback) -> Pair:
     """On a coarse mesh, at the scene's time step and at half of it; the first is None if the model's mesh is no finer."""
     coarse, control = _coarse(model), model.control()
     whole = None if coarse is model else _held(coarse, WHOLE, folder, resume, _muted(callback, HALF), control)
     return whole, _held(coarse, HALF, folder, resume, callback, control.halved())
 
 
-def other_elements(model: RetractionModel, folder: Path | None, resume: bool, callback: Tell) -> Pair:
+def other_elements(model: RetractionModel, folder: Path | None, resume: bool, callback: Callback) -> Pair:
     """On the scene's mesh, unless one of its protocols is that hold, and on one of other elements, see `OTHER`."""
     mesh = model.scene.mesh
     factor = OTHER if mesh.wall < COARSE["wall"] else 1 / OTHER
@@ -70,7 +70,7 @@ def other_elements(model: RetractionModel, folder: Path | None, resume: bool, ca
     return own, _held(_meshed(model, other), MESH, folder, resume, callback)
 
 
-def miller(model: RetractionModel, folder: Path | None, resume: bool, callback: Tell) -> Answer:
+def miller(model: RetractionModel, folder: Path | None, resume: bool, callback: Callback) -> Answer:
     """With Ogden's law of exponent -4.7 in all tissue that stiffens, and the same moduli and times."""
     tissues = tuple(tissue.with_alpha(MILLER_ALPHA) for tissue in model.scene.tissues)
     return _held(replace(model, scene=replace(model.scene, tissues=tissues)), MILLER, folder, resume, callback)
@@ -92,18 +92,23 @@ def _meshed(model: RetractionModel, mesh: MeshSize) -> RetractionModel:
 
 
 def _held(
-    model: RetractionModel, name: str, folder: Path | None, resume: bool, callback: Tell, control: Control | None = None
+    model: RetractionModel,
+    name: str,
+    folder: Path | None,
+    resume: bool,
+    callback: Callback,
+    control: Control | None = None,
 ) -> Answer:
     run = ProtocolRun(model, model.hold(name), folder, resume, control=control).go(callback)
     return answer(run.result(), model.scene.patient)
 
 
-def _muted(callback: Tell, name: str) -> Tell:
+def _muted(callback: Callback, name: str) -> Callback:
     """Tells time but no share done, for what precedes a check."""
     return lambda _, t, __: callback(name, t, 0.0)
 
 
-def one_order_more(model: RetractionModel, folder: Path | None, resume: bool, callback: Tell) -> Pair:
+def one_order_more(model: RetractionModel, folder: Path | None, resume: bool, callback: Callback) -> Pair:
     """`orders`, kept in a file and taken from there on resume."""
     path, scene = None if folder is None else folder / f"{ORDER}.json", model.scene.to_dict()
     if resume and path is not None and path.exists():

@@ -27,7 +27,7 @@ from scipy.ndimage import map_coordinates
 
 from ngbrain import parallel
 from ngbrain.atomic import atomic_write
-from ngbrain.errors import InputError, naming, nearest
+from ngbrain.errors import InputError, file_context, nearest
 from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.io.finished import FinishedWork
@@ -35,7 +35,7 @@ from ngbrain.io.hdf5 import hdf5_image
 from ngbrain.io.versions import versions
 from ngbrain.materials import Shearing
 from ngbrain.mesh.geometry.structured import rectangles
-from ngbrain.progress import logged, reporting
+from ngbrain.progress import log_progress, reporting
 from ngbrain.reading import hdf5
 from ngbrain.surrogate.data.random_fields import FAMILIES, family
 
@@ -162,7 +162,7 @@ def generate(
     seed: int = 0,
     across: int = 51,
     executor: parallel.AnyExecutor = None,
-    callback: parallel.Tell = logged,
+    callback: parallel.Callback = log_progress,
 ) -> None:
     """Compute samples of each family (name → how many) and write them to an HDF5 file, whole or not at all.
 
@@ -198,7 +198,7 @@ def generate(
 
 
 def _block(
-    modality: str, name: str, seed: int, split: str, ids: Sequence[int], across: int, callback: parallel.Tell
+    modality: str, name: str, seed: int, split: str, ids: Sequence[int], across: int, callback: parallel.Callback
 ) -> dict[str, Array]:
     rows = [sample(modality, name, seed, split, index, across) for index in ids]
     callback(name, ids[-1], 1.0)
@@ -234,7 +234,7 @@ class DataSet:
     @staticmethod
     def read(path: Path) -> DataSet:
         """From a file; `InputError` where it is none of `generate`'s, or not what was written."""
-        with naming(path):
+        with file_context(path):
             try:
                 with hdf5(path, "file") as file:
                     columns: dict[str, Any] = {key: file[key][:] for key in COLUMNS}

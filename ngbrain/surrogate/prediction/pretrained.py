@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ngbrain.errors import InputError, naming, require
+from ngbrain.errors import InputError, file_context, require
 from ngbrain.reading import read_bytes, read_json
 from ngbrain.schema.document import brief
 from ngbrain.surrogate.operator.encoding import MODALITIES, Modality, modality
@@ -38,7 +38,7 @@ class Card:
     @staticmethod
     def read(path: Path) -> Card:
         """`InputError` where it is missing or no card."""
-        with naming(path):
+        with file_context(path):
             told = read_json(path, "card")
             if not isinstance(told, dict) or told.get("modality") not in MODALITIES:
                 raise InputError("card", "of no modality", f"`modality`, one of {', '.join(MODALITIES)}")

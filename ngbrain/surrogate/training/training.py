@@ -26,7 +26,7 @@ from torch import nn
 from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError, nearest
 from ngbrain.io.json_file import write_json
-from ngbrain.progress import logged, reporting
+from ngbrain.progress import log_progress, reporting
 from ngbrain.surrogate.data.dataset import DENSITY, DataSet
 from ngbrain.surrogate.operator.encoding import NOISE, Modality, errors, modality, spoilt
 from ngbrain.surrogate.operator.symmetries import turned
@@ -136,7 +136,7 @@ def train(
     validation: DataSet,
     folder: Path,
     settings: Settings = Settings(),
-    callback: Callable[[dict[str, float]], None] = logged,
+    callback: Callable[[dict[str, float]], None] = log_progress,
     start: Path | None = None,
 ) -> Surrogate:
     """Train an operator, made by its numbers of channels in and out; go on where a checkpoint in the folder ends.

@@ -5,7 +5,7 @@ import ngsolve as ngs
 import numpy as np
 import pytest
 
-from ngbrain.errors import Breakdown, ConvergenceError, InputError, InvertedElementError, SolverError, gave_up
+from ngbrain.errors import Breakdown, ConvergenceError, InputError, InvertedElementError, SolverError, solver_error
 from ngbrain.forward.common.loads import Spring, Traction
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.solid.problem import Problem
@@ -101,8 +101,10 @@ def test_an_oblique_axis_is_given_by_its_direction():
 
 
 def test_kinds_of_failure():
-    error = gave_up("the last trial is upside down", Status.INVERTED)
-    assert isinstance(error, InvertedElementError) and isinstance(gave_up("inverted", Status.STALLED), ConvergenceError)
+    error = solver_error("the last trial is upside down", Status.INVERTED)
+    assert isinstance(error, InvertedElementError) and isinstance(
+        solver_error("inverted", Status.STALLED), ConvergenceError
+    )
     assert issubclass(Breakdown, SolverError) and issubclass(Breakdown, FloatingPointError)
 
     class Folded:

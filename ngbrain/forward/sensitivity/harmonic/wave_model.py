@@ -19,7 +19,7 @@ import ngsolve as ngs
 import numpy as np
 import scipy.sparse as sp
 
-from ngbrain.errors import ConvergenceError, InputError, shaped
+from ngbrain.errors import ConvergenceError, InputError, check_shape
 from ngbrain.forward.common.interpolation import evaluation
 from ngbrain.forward.harmonic.factors import Factorised
 from ngbrain.forward.harmonic.problem import Harmonic
@@ -220,7 +220,7 @@ class WaveLinearisation:
 
     def _adjoints(self, w: Array, purpose: str) -> list[tuple[Array, Array]]:
         """For each wave λ and what is left of Bᵀ w̄ at the driven unknowns."""
-        shaped("w", np.shape(w), self.data.shape)
+        check_shape("w", np.shape(w), self.data.shape)
         found, driving = [], self.model.driving
         for k, part in enumerate(np.conj(w)):
             if not part.any():

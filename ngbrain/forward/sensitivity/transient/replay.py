@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ngbrain.errors import InputError, gave_up
+from ngbrain.errors import InputError, solver_error
 from ngbrain.forward.common.state import State
 from ngbrain.forward.contact.motion import Motion
 from ngbrain.forward.solid.advance import LoadHistory, LoadProgram, advance
@@ -172,7 +172,7 @@ class Replay:
             said = (
                 f"the step from {self.grid[n]:.3g} to {self.grid[n + 1]:.3g} s of a recorded run fails: {made.failure}"
             )
-            raise gave_up(said, made.failure.status, made.record)
+            raise solver_error(said, made.failure.status, made.record)
         if self.body.tool is not None and self.body.tool.given.held is not None:
             end = made.state.x  # the tool has come back to where it is just clear
         return replace(made.state, t=self.grid[n + 1], x=end)  # one array, whoever keeps it

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from ngbrain.errors import ConvergenceError, InputError, shaped
+from ngbrain.errors import ConvergenceError, InputError, check_shape
 from ngbrain.forward.sensitivity.parameter_blocks import PrescribedDisplacement
 from ngbrain.forward.sensitivity.transient.replay import ReplayStep
 from ngbrain.forward.sensitivity.transient.tangents import EXACT, FINER
@@ -76,7 +76,7 @@ class RunLinearisation:
 
     def gradient(self, w: Array) -> Array:
         """Jᵀ w: a solve for each step, or nothing where J's columns are at hand."""
-        shaped("w", np.shape(w), self.data.shape)
+        check_shape("w", np.shape(w), self.data.shape)
         if "jacobian" in vars(self):
             return np.asarray(np.tensordot(self.jacobian, w, 2))
         later, total = CarriedState.nothing(self.model), np.zeros(self.model.size)
@@ -93,7 +93,7 @@ class RunLinearisation:
         """
         for name in self.model.shapes:
             raise InputError(f"parameters.{name}", "nodes", "others, for second derivatives")
-        shaped("w", np.shape(w), self.data.shape)
+        check_shape("w", np.shape(w), self.data.shape)
         model, curved = self.model, self.model.curvature
         total, later, turned, n = (
             np.zeros(model.size),

@@ -38,7 +38,7 @@ from ngbrain.forward.solid.internal_forces import Density, Forces
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials.base import Deformation, density
 from ngbrain.materials.viscous import overstress
-from ngbrain.tensors import of_six, six
+from ngbrain.tensors import from_voigt, to_voigt
 
 Array = np.ndarray
 Parameter: TypeAlias = ngs.GridFunction | ngs.Parameter
@@ -220,7 +220,7 @@ class StepForms:
         factors = [step_factors(self.dt, branch.tau) for branch in law.hereditary]
         energy = law.density(at, [beta for _, beta in factors]) + material.of_volume(at.J, p)
         for (e, beta), (stress, over) in zip(factors, self._pairs, strict=False):
-            energy += 0.5 * ngs.InnerProduct(of_six(e * seen(over) - beta * seen(stress)), at.shape)
+            energy += 0.5 * ngs.InnerProduct(from_voigt(e * seen(over) - beta * seen(stress)), at.shape)
         flows = (self._of(ended.energy, ended, seen) for ended in self._ended(material, at.shape, seen))
         return [QuadratureFunction(energy, self.slopes(energy)), *flows]
 
@@ -242,7 +242,9 @@ class StepForms:
         found, C = list[QuadratureFunction](), shape.MakeVariable()
         for branch, (stress, over) in zip(material.viscous.hereditary, self._pairs, strict=False):
             W = density(branch.law, Deformation.of_stretch(C))
-            new = QuadratureFunction(six(overstress(W, C)), [six(overstress(slope, C)) for slope in self.slopes(W)])
+            new = QuadratureFunction(
+                to_voigt(overstress(W, C)), [to_voigt(overstress(slope, C)) for slope in self.slopes(W)]
+            )
             factors = ngs.CF(step_factors(self.dt, branch.tau))
             made = ngs.CF((factors, new.value)).MakeVariable()
             both = zip(self.slopes(factors), new.slopes, strict=True)
@@ -251,7 +253,7 @@ class StepForms:
         found += [self._nothing(6)] * (2 * len(self._pairs) - len(found))
         if self._strain:
             flowed = [self._of(ended.G, ended, seen) for ended in self._ended(material, shape, seen)]
-            strain = replace(self._nothing(6), value=six(shape))
+            strain = replace(self._nothing(6), value=to_voigt(shape))
             found += [strain, *flowed, *[self._nothing(9)] * (len(self._G) - len(flowed))]
         return found
 
@@ -259,7 +261,7 @@ class StepForms:
         """How the Maxwell branches begin."""
         found = list[MaxwellStart]()
         for branch, G, settled in zip(material.viscous.flowing, self._G, self._settled, strict=False):
-            nine, strain = seen(G), of_six(seen(self._strain[0]))
+            nine, strain = seen(G), from_voigt(seen(self._strain[0]))
             three = ngs.CF(tuple(nine[i] for i in range(9)), dims=(3, 3))
             found.append(MaxwellStart(branch, self.dt, strain, three, settled.variable, *self._ways(seen)))
         return found
