@@ -58,7 +58,7 @@ class Hanging:
         self.square = vertices(meshed(cells))
         self.mesh, simulation = meshed(cells), meshed(fine)
         known, nodes = self._model(simulation, "P3/P2"), vertices(simulation)
-        seen = known.at((bulged(*nodes.T) - nodes).T.ravel()).data.reshape(-1, 2)
+        seen = known.evaluate((bulged(*nodes.T) - nodes).T.ravel()).data.reshape(-1, 2)
         self.truth = bulged(*self.square.T)
         self.moved = rms(seen - self.truth)
         self.sigma = noise * self.moved / np.sqrt(2)
@@ -79,7 +79,7 @@ class Hanging:
 
     def loaded(self, shape: Array) -> Array:
         """Where its vertices hang."""
-        return self.model.at(np.where(self._free, (shape - self.square).T.ravel(), 0.0)).data.reshape(-1, 2)
+        return self.model.evaluate(np.where(self._free, (shape - self.square).T.ravel(), 0.0)).data.reshape(-1, 2)
 
     def taken_back(self) -> Array:
         """The seen shape less what its weight would move it."""

@@ -75,7 +75,7 @@ def off(of: WaveModel, there: WaveLinearisation, wanted: np.ndarray) -> float:
     direction = np.zeros(of.size)
     direction[fields] = theta[fields] * np.random.default_rng(2).normal(size=fields.stop)
     mine = there.gradient(there.data - wanted) @ direction
-    up, down = (0.5 * np.sum(np.abs(of.at(theta + s * STEP * direction).data - wanted) ** 2) for s in (1, -1))
+    up, down = (0.5 * np.sum(np.abs(of.evaluate(theta + s * STEP * direction).data - wanted) ** 2) for s in (1, -1))
     return float(abs((up - down) / (2 * STEP) / mine - 1))
 
 
@@ -83,8 +83,8 @@ def measured(fields: str, form: str, n: int, loads: str, times: int, dim: int = 
     """Ours and its peers."""
     of = model(fields, form, n, loads, dim)
     theta = of.theta
-    waves = least(lambda: of.at(theta), times)
-    there = of.at(theta)
+    waves = least(lambda: of.evaluate(theta), times)
+    there = of.evaluate(theta)
     wanted = there.data * (1.1 + 0.2j)
     w = there.data - wanted
     there.gradient(w)  # which fields go together is tried once for all inversions

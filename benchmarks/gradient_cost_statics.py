@@ -82,7 +82,7 @@ def least(run: Callable[[], object], times: int) -> tuple[float, object]:
 def off(of: StaticModel, theta: np.ndarray, wanted: np.ndarray, slope: np.ndarray) -> float:
     """Of the gradient of ½ |d - wanted|² from a central difference along a random direction."""
     direction = theta * np.random.default_rng(2).normal(size=of.size)
-    up, down = (0.5 * np.sum((of.at(theta + s * STEP * direction).data - wanted) ** 2) for s in (1, -1))
+    up, down = (0.5 * np.sum((of.evaluate(theta + s * STEP * direction).data - wanted) ** 2) for s in (1, -1))
     return float(abs((up - down) / (2 * STEP) / (slope @ direction) - 1))
 
 
@@ -93,7 +93,7 @@ def measured(case: str, form: str, n: int, times: int) -> Iterator[Record]:
 
     def equilibrium() -> StaticLinearisation:
         of.forget()
-        return of.at(theta)
+        return of.evaluate(theta)
 
     forward, there = least(equilibrium, times)
     factors, wanted = each.work.factorisations // times, 1.1 * there.data

@@ -116,7 +116,7 @@ def cost(
         tissue, p = LAWS[law](mesh)
         of = pressed(law, mesh, {"tissue": Material(tissue, 1e6)}, p, times, **OURS[method])
         theta, begun = of.theta, time.process_time()
-        there = of.at(theta)
+        there = of.evaluate(theta)
         run, w = time.process_time() - begun, 1 / np.abs(there.data).max(axis=0)
         w = np.broadcast_to(w, there.data.shape)
         largest = [held_mb(of)]
@@ -184,13 +184,13 @@ def along(of: RunModel) -> np.ndarray:
 def twice(of: RunModel, w: np.ndarray) -> tuple[float, float]:
     """CPU time (s) of a product with second derivatives, and how far it is from a central difference of gradients."""
     theta, direction = of.theta, along(of)
-    there = of.at(theta)
+    there = of.evaluate(theta)
     _ = of.curvature  # made once
     begun = time.process_time()
     found = there.hvp(w, direction)
     spent = time.process_time() - begun
-    up, down = (of.at(theta + s * STEP * direction).gradient(w) for s in (1, -1))
-    of.at(theta)
+    up, down = (of.evaluate(theta + s * STEP * direction).gradient(w) for s in (1, -1))
+    of.evaluate(theta)
     wanted = (up - down) / (2 * STEP)
     return spent, float(np.linalg.norm((found - wanted) * theta) / np.linalg.norm(wanted * theta))
 
@@ -198,7 +198,7 @@ def twice(of: RunModel, w: np.ndarray) -> tuple[float, float]:
 def off(of: RunModel, there: RunLinearisation, w: np.ndarray, slope: np.ndarray) -> float:
     """Of the gradient from a central difference."""
     theta, direction = of.theta, along(of)
-    up, down = (float(np.sum(w * of.at(theta + s * STEP * direction).data)) for s in (1, -1))
+    up, down = (float(np.sum(w * of.evaluate(theta + s * STEP * direction).data)) for s in (1, -1))
     return float(abs((up - down) / (2 * STEP) / (slope @ direction) - 1))
 
 

@@ -86,7 +86,7 @@ class Block:
         mesh = ngs.Mesh(self._geometry().GenerateMesh(maxh=self.fine))
         mu = mesh.MaterialCF({"ball": STIFF}, default=SOFT)
         model = self.model(mesh, mu, "P3/P2", {"none": ngs.Parameter(0.0)})
-        return model.at(model.theta).data
+        return model.evaluate(model.theta).data
 
     def measured(self, noise: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
         """Noisy data and σ: a part of the rms displacement of each load, and of each force's size."""
@@ -130,7 +130,7 @@ def inverted(block: Block, method: str, noise: float) -> Record:
     mu.vec[:] = START
     model = block.model(mesh, mu, "P2/P1", {"mu": mu})
     begun = time.process_time()
-    model.at(model.theta)
+    model.evaluate(model.theta)
     forward = time.process_time() - begun
     data, sigma = block.measured(noise)
     fields = Fields(model.theta, model.blocks, {"mu": Unknown(START)})

@@ -88,7 +88,7 @@ def resting(model: StaticModel) -> float:
     """CPU time (s) of all of a model's equilibria from rest."""
     model.forget()
     begun = time.process_time()
-    model.at(model.theta)
+    model.evaluate(model.theta)
     return time.process_time() - begun
 
 
@@ -139,7 +139,7 @@ class Loaded:
         """Load → its noisy data."""
         model = self.model(mesh, material, list(self.loads), "P3/P2", {"none": ngs.Parameter(0.0)})
         random, found = np.random.default_rng(seed), {}
-        for name, (moved, force) in zip(self.loads, model.split(model.at(model.theta).data), strict=True):
+        for name, (moved, force) in zip(self.loads, model.split(model.evaluate(model.theta).data), strict=True):
             sizes = rms(moved.reshape(-1, self.dim)), np.linalg.norm(force)
             sigma = noise * np.repeat(sizes, (len(moved), len(force)))
             data = np.concatenate([moved, force])
@@ -179,7 +179,7 @@ def ogden(
     reduced = Reduced(model, together([data[n] for n in names]), fields, drawn, dict.fromkeys(of, 10.0))
     found = SEARCHES[method](reduced, fields.start, EvidenceOfNoise(), rounds=rounds)
     made = record("Ogden", method, found, model, begun)
-    point = reduced.at(found.x)
+    point = reduced.evaluate(found.x)
     posterior = Posterior(point)
     errors = {"error_mu": off(mu, MU, mesh), "error_alpha": off(alpha, ALPHA, mesh)}
     left = {f"left_{name}": value for name, value in posterior.left.items()}

@@ -175,7 +175,7 @@ def rms(data: np.ndarray) -> float:
 
 def mismatch(of: RunModel, truth: Numbers, data: np.ndarray) -> Record:
     """At the truth, without noise."""
-    found = of.at(np.array(list(truth.values()))).data
+    found = of.evaluate(np.array(list(truth.values()))).data
     pairs = [(found[:, part], data[:, part]) for part in of.observed]
     best = [np.sum(a * b) / np.sum(a * a) for a, b in pairs]
     return {
@@ -197,12 +197,12 @@ def searches(name: str, grid: Grid, data: np.ndarray, noise: float, seed: int, o
     problem = PROBLEMS[name]
     of = model(problem, problem.start, grid)
     begun = time.process_time()
-    of.at(of.theta)
+    of.evaluate(of.theta)
     run = time.process_time() - begun
     common = {"problem": name, "grid": grid.name, "noise": noise, "seed": seed, "order": grid.order}
     common |= {"ndof": of.body.fes.ndof, "tetrahedra": of.body.mesh.ne, "steps": len(of.replay.grid) - 1, "run_s": run}
     common |= mismatch(of, problem.truth, data)
-    of.at(np.array(list(problem.start.values())))
+    of.evaluate(np.array(list(problem.start.values())))
     measured = noisy(of, data, noise, seed)
     unknowns = {key: Unknown(problem.start[key], transform) for key, transform in problem.transforms.items()}
 
@@ -245,7 +245,7 @@ def measure(quick: bool) -> list[Record]:
 def solved(name: str, finest: Grid, seeds: Mapping[tuple[Grid, float], int]) -> list[Record]:
     """One problem, with so many seeds for each mesh and noise; by all optimisers on the coarse mesh."""
     exact = model(PROBLEMS[name], PROBLEMS[name].truth, finest)
-    data, records = exact.at(exact.theta).data, []
+    data, records = exact.evaluate(exact.theta).data, []
     for (grid, noise), number in seeds.items():
         for seed in range(number):
             others = grid == COARSE and noise == NOISE[0] and seed == 0

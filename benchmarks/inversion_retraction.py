@@ -68,7 +68,7 @@ def observed(name: str, model: RetractionModel, stages: tuple[float, ...] = STAG
     """Without noise."""
     points = landmarks(model)
     retracted = Retracted(model, points, np.array(stages), list(TRUTH[name]))
-    data = retracted.run.at(np.array(list(TRUTH[name].values()))).data
+    data = retracted.run.evaluate(np.array(list(TRUTH[name].values()))).data
     moved, force = data[:, :-1].reshape(len(stages), -1, 3), data[:, -1]
     return Seen(np.array(stages), points, moved, force, (1e-6, 1e-6))
 
@@ -88,7 +88,7 @@ def record(
     """One search, by the method's own or another."""
     retracted = Retracted(model, seen.landmarks, seen.times, list(TRUTH[name]))
     first = time.process_time()
-    retracted.run.at(retracted.run.theta)
+    retracted.run.evaluate(retracted.run.theta)
     run, begun = time.process_time() - first, time.process_time()
     got: Calibrated = calibrate(
         model, noisy(seen, noise), list(TRUTH[name]), search=search or OPTIMISERS[method], finer=False
@@ -121,7 +121,7 @@ def held(
     retracted: Retracted, seen: Seen, noise: float, factors: np.ndarray, truth: dict[str, float]
 ) -> dict[str, int]:
     """Of each tissue, how many draws of noise have an interval that holds the truth, to first order around the factors found."""
-    state = retracted.run.at(factors)
+    state = retracted.run.evaluate(factors)
     sigma = np.append(np.full(seen.data.shape[1] - 1, noisy(seen, noise).sigma[0]), noisy(seen, noise).sigma[1])
     slopes = np.array(
         [state.jvp(factor * one) / sigma for factor, one in zip(factors, np.eye(len(factors)), strict=True)]

@@ -145,7 +145,7 @@ class Against:
         for field, _, at, values in fields_at(self.experiment, {"storage": np.log(storage), "loss": np.log(loss)}):
             block = self.unknowns.blocks[field.name]
             x[block] = fitted(at, values, gradients(self.experiment.space, self.unknowns.start[block]), x[block])
-        factors, columns = model.at(self.unknowns.theta(x)).factors, []
+        factors, columns = model.evaluate(self.unknowns.theta(x)).factors, []
         for driven in model.driving:
             held = np.zeros(self.experiment.body.fes.ndof, complex)
             held[driven] = 1

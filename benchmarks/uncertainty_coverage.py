@@ -92,7 +92,7 @@ def record(method: str, noise: float, number: int) -> Record:
         reduced = problem(measured.inversion(prior, WEIGHT))
         found = GaussNewton(reduced, policy()).descend(reduced.unknowns.start)
         arrived = time.process_time()
-        posterior = Posterior(reduced.at(found.x))
+        posterior = Posterior(reduced.evaluate(found.x))
         for name in FIELDS:
             deviation = posterior.deviation(name)
             off = np.log(measured.truth[name]) - found.x[posterior.blocks[name]]

@@ -120,7 +120,7 @@ def records(case: str, noise: float, number: int) -> Iterator[Record]:
                 random.normal(size=block_.stop - block_.start)
             )
             truth[block_] += drawn
-        data = model.at(fields.theta(truth)).data
+        data = model.evaluate(fields.theta(truth)).data
         sigma = np.empty(data.shape)
         for where in model.observed:
             sigma[..., where] = noise * np.sqrt(np.mean(data[..., where] ** 2))
@@ -128,7 +128,7 @@ def records(case: str, noise: float, number: int) -> Iterator[Record]:
         reduced = Reduced(model, misfit, fields, held, dict.fromkeys(held, WEIGHT))
         try:
             found = levenberg_marquardt(reduced, begun_at, Given())
-            posterior = Posterior(reduced.at(found.x), least=0.0)
+            posterior = Posterior(reduced.evaluate(found.x), least=0.0)
         except (InputError, SolverError):  # data of this noise leave a number open, which is said
             refused += 1
             continue

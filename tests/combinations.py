@@ -240,7 +240,7 @@ def drive(problem: Problem, controller: str, tool: Tool, given: GivenForce | Non
         wall = "bottom" if "bottom" in problem.mesh.GetBoundaries() else "foot"
         seen = [Force(wall, up(last + 1, 1.0))]
         of = RunModel(problem, given or tool, times, {"none": ngs.Parameter(0.0)}, seen)
-        there = of.at(of.theta)
+        there = of.evaluate(of.theta)
         assert np.all(np.isfinite(there.gradient(np.ones_like(there.data))))
 
 

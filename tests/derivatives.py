@@ -194,16 +194,19 @@ def attempt(kind: str, term: str, what: str, column: str) -> str:
 def rates_of(model: Any, twice: bool) -> np.ndarray:
     """Of what is left of a derivative over a grid of steps; 2 where nothing is."""
     rng, start = np.random.default_rng(5), model.theta.copy()
-    there = model.at(start)
+    there = model.evaluate(start)
     largest = np.concatenate([np.full(at.stop - at.start, np.abs(there.data[..., at]).max()) for at in model.observed])
     w = rng.uniform(0.5, 1, size=there.data.shape) / largest
     way = np.abs(start).max() or 5e-4  # of nodes a part of an element
     direction = way * rng.uniform(0.3, 1, size=len(start))
     if twice:
-        slope, found = lambda t: model.at(t).gradient(w) * way, there.hvp(w, direction) * way
+        slope, found = lambda t: model.evaluate(t).gradient(w) * way, there.hvp(w, direction) * way
         size = np.linalg.norm(there.gradient(w) * way)
     else:
-        slope, found = lambda t: np.array([np.sum(w * model.at(t).data)]), np.array([there.gradient(w) @ direction])
+        slope, found = (
+            lambda t: np.array([np.sum(w * model.evaluate(t).data)]),
+            np.array([there.gradient(w) @ direction]),
+        )
         size = 1.0
     first, steps = slope(start), FIRST * 0.5 ** np.arange(RATES + 1)
     left = np.array([np.linalg.norm(slope(start + h * direction) - first - h * found) for h in steps])

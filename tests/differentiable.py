@@ -38,7 +38,7 @@ class Exponential:
         self.A = random.uniform(0.1, 1.0, size=(size + 2, size))
         self.cap, self.solved, self.failed = cap, 0, 0
 
-    def at(self, theta):
+    def evaluate(self, theta):
         if np.max(theta) > self.cap:
             self.failed += 1
             raise ConvergenceError("the load cannot be carried")
@@ -66,5 +66,5 @@ def reduced_of(model, start):
     """Its data at θ = 0.3 with weak ridges: the minimum is close to where it has no solution."""
     truth = np.full(model.A.shape[1], 0.3)
     fields = Fields(truth, {"theta": slice(0, len(truth))}, {"theta": Unknown(start, Scaled())})
-    misfit = LeastSquares(model.at(truth).data, 0.05)
+    misfit = LeastSquares(model.evaluate(truth).data, 0.05)
     return Reduced(model, misfit, fields, {"theta": ridge(truth)}, {"theta": 1.0})

@@ -27,7 +27,7 @@ def settled(weight=5.0, noise=0.02, nodes=7, seed=0):
 
 def descended(reduced):
     """The minimum of J, at the weights as they are."""
-    return reduced.at(GaussNewton(reduced, Given()).descend(reduced.unknowns.start).x)
+    return reduced.evaluate(GaussNewton(reduced, Given()).descend(reduced.unknowns.start).x)
 
 
 def boundary_as_measured(inversion):

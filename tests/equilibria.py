@@ -165,12 +165,12 @@ def pulled_both_ways(of, there, w):
 def verify(of, rng, first=1e-2):
     """J has rates of 2 along each block, Jᵀ by matrices is its transpose and the same as by forms."""
     theta = of.theta
-    there = of.at(theta)
+    there = of.evaluate(theta)
     w = weights(there, rng)
     pulled = pulled_both_ways(of, there, w)
     sizes = unit(there)
     for name, direction in directions(of, rng):
         change = there.jvp(direction)
         assert dot(change, pulled, direction, w) < 1e-10, name
-        rates = taylor(lambda t: of.at(t).data / sizes, lambda _: change / sizes, theta, direction, 2, first)  # noqa: B023
+        rates = taylor(lambda t: of.evaluate(t).data / sizes, lambda _: change / sizes, theta, direction, 2, first)  # noqa: B023
         assert np.all((rates > 1.9) & (rates < 2.1)), (name, rates)

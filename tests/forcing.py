@@ -87,10 +87,10 @@ def inflated(kind, element="P2/P1", law="Prony", rubs=False, cavity=True):
 
 def weighed(of, rng):
     """Of all data, those of an observable over its largest; and their sum at any θ."""
-    data = of.at(of.theta).data
+    data = of.evaluate(of.theta).data
     largest = np.concatenate([np.full(at.stop - at.start, np.abs(data[:, at]).max()) for at in of.observed])
     w = rng.normal(size=data.shape) / largest
-    return w, lambda theta: float(np.sum(w * of.at(theta).data))
+    return w, lambda theta: float(np.sum(w * of.evaluate(theta).data))
 
 
 def checked(of, rng, first=5e-3):
@@ -98,13 +98,13 @@ def checked(of, rng, first=5e-3):
     start = of.theta.copy()
     w, value = weighed(of, rng)
     a, b = start * rng.uniform(0.3, 1, (2, of.size)) * rng.choice([-1, 1], (2, of.size))
-    there = of.at(start)
+    there = of.evaluate(start)
     gradient = there.gradient(w)
     apart = abs(np.sum(w * there._pushed(a[None])[0]) / (gradient @ a) - 1)
     along_a, along_b = there.hvp(w, a), there.hvp(w, b)
     uneven = abs(along_a @ b - along_b @ a) / (np.abs(along_a * b).sum() + np.abs(along_b * a).sum())
     rates = taylor(value, gradient, start, a, first=first, steps=2)
     twice = taylor(
-        lambda t: of.at(t).gradient(w) * start, lambda d: of.at(start).hvp(w, d) * start, start, a, first=first, steps=2
+        lambda t: of.evaluate(t).gradient(w) * start, lambda d: of.evaluate(start).hvp(w, d) * start, start, a, first=first, steps=2
     )  # fmt: skip
     return rates, twice, apart, uneven

@@ -44,7 +44,7 @@ def scatter(data, noise, seed=0):
 def one_modulus(loss, start, nodes=17):
     """ln of the modulus of the whole square, all edges held at what is measured with 1 % noise; J, and waves to start from."""
     true = square(nodes, "Q1", loss)
-    sigma, measured = scatter(true.at(true.theta).data, 0.01)
+    sigma, measured = scatter(true.evaluate(true.theta).data, 0.01)
     model = square(nodes, "Q1", loss, held=".*")
     theta, u = model.theta, measured[0].T.ravel()
     held = u[model.driving]
@@ -59,7 +59,7 @@ def one_modulus(loss, start, nodes=17):
 def two_moduli(bulk_over_shear, nodes=13):
     """Shear and bulk modulus at every node, at their truth, of nearly incompressible tissue."""
     model = square(nodes, "Q2/L2(1)", 0.2, bulk_over_shear)
-    data = model.at(model.theta).data
+    data = model.evaluate(model.theta).data
     fields = Fields(
         model.theta, model.blocks, {"storage": Unknown(MODULUS), "bulk": Unknown(bulk_over_shear * MODULUS)}
     )

@@ -117,7 +117,7 @@ def test_a_known_truth_comes_back_from_tables(tmp_path):
     scene = operation()
     model = RetractionModel.of(scene)
     points = model.cleft.target + np.array([[x, y, z] for x in (-12, 14) for y in (-8, 9) for z in (-6, 7)]) / 1000
-    data = Retracted(model, points, np.array(TIMES), list(TRUTH)).run.at(np.array(list(TRUTH.values()))).data
+    data = Retracted(model, points, np.array(TIMES), list(TRUTH)).run.evaluate(np.array(list(TRUTH.values()))).data
     lines = ["t_s,x_mm,y_mm,z_mm,ux_mm,uy_mm,uz_mm"]
     for point, moved in zip(points, data[0, :-1].reshape(-1, 3), strict=True):
         lines.append(",".join(f"{value!r}" for value in (TIMES[0], *map(float, 1e3 * point), *map(float, 1e3 * moved))))

@@ -147,7 +147,7 @@ loss.Set(800.0)
 body = Harmonic(mesh, Shearing(storage + 1j * loss), waves, bulk=2e9, form="P3/P2", held="bottom")
 points = np.column_stack([g.ravel() for g in np.meshgrid(*[np.linspace(0.01, 0.11, 21)] * 2)])
 model = WaveModel(body, {"storage": storage, "loss": loss}, points)
-at = model.at(model.theta)
+at = model.evaluate(model.theta)
 stiffer = np.zeros(model.size)
 stiffer[model.blocks["storage"]] = 20.0  # 1 % more everywhere
 print(f"1 % stiffer moves the data by {100 * np.linalg.norm(at.jvp(stiffer)) / np.linalg.norm(at.data):.2f} %")

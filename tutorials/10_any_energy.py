@@ -85,9 +85,9 @@ def seen(bodies, parameters):
 mu, k = ngs.GridFunction(ngs.H1(coarse, order=1)), ngs.Parameter(0.5)
 mu.Set(1000 + 500 * ngs.sin(50 * ngs.x))
 model = seen(pressed(coarse, Quartic(mu, k)), {"mu": mu, "k": k})
-theta, w = model.theta, rng.normal(size=len(model.at(model.theta).data))
+theta, w = model.theta, rng.normal(size=len(model.evaluate(model.theta).data))
 direction = theta * rng.normal(size=model.size)
-rates = taylor(lambda x: float(w @ model.at(x).data), model.at(theta).gradient(w), theta, 5 * direction)
+rates = taylor(lambda x: float(w @ model.evaluate(x).data), model.evaluate(theta).gradient(w), theta, 5 * direction)
 print(f"{model.size} parameters, one adjoint solve for each load; the remainder falls with the rates {rates.round(3)}")
 
 # %% [markdown]
@@ -101,7 +101,7 @@ print(f"{model.size} parameters, one adjoint solve for each load; the remainder 
 finer = MakeStructured2DMesh(quads=False, nx=9, ny=9, mapping=lambda x, y: (0.1 * x, 0.1 * y))
 rising = 800 + 4000 * ngs.x
 exact = seen(pressed(finer, Quartic(rising, ngs.CF(0.8)), "P3/P2"), {"none": ngs.Parameter(0.0)})
-data = exact.at(exact.theta).data
+data = exact.evaluate(exact.theta).data
 for where in exact.observed:
     data[where] += 0.01 * np.sqrt(np.mean(data[where] ** 2)) * rng.normal(size=where.stop - where.start)
 mu.Set(1500.0)
@@ -126,7 +126,7 @@ def simulated():
     fine = ngs.Mesh(occ.OCCGeometry(occ.Glue([whole - disc, disc]), dim=2).GenerateMesh(maxh=0.012 if FAST else 0.008))
     truth = fine.MaterialCF({"disc": 3000.0}, default=1000.0)
     model = seen(pressed(fine, NeoHooke(truth), "P3/P2"), {"none": ngs.Parameter(0.0)})
-    return model.at(model.theta).data
+    return model.evaluate(model.theta).data
 
 
 clean = simulated()
@@ -212,7 +212,7 @@ def relaxing(values):
     return RunModel(body, drive, [0.0, *times], parameters, [Force("top", (0, 0, 1))])
 
 
-curve = (run := relaxing(relaxes)).at(run.theta).data
+curve = (run := relaxing(relaxes)).evaluate(run.theta).data
 spread = 0.01 * np.abs(curve).max()
 curve = curve + spread * rng.normal(size=curve.shape)
 run = relaxing({"mu": 2000.0, "g": 0.2, "tau": 10.0})  # started far off
@@ -224,7 +224,7 @@ for name, value in relaxes.items():
 
 figure, axes = plt.subplots(figsize=(5.5, 3.2), layout="constrained")
 axes.errorbar(times, -1e3 * curve.ravel(), 1e3 * spread, fmt="k.", label="data, with a noise of 1 %")
-axes.plot(times, -1e3 * run.at(run.theta).data.ravel(), label="the model found")
+axes.plot(times, -1e3 * run.evaluate(run.theta).data.ravel(), label="the model found")
 axes.set(xlabel="time (s)", ylabel="force of the plate (mN)", ylim=(0, None))
 axes.legend(frameon=False)
 plt.show()
@@ -264,7 +264,7 @@ print(f"the plain percentile is {strain.on(body).raw:.4g}")
 
 # %%
 six = StaticModel([LoadCase(each, asked) for each in bodies], {"k": k})
-numbers = six.at(six.theta).data
+numbers = six.evaluate(six.theta).data
 held, draws = 0, 10 if FAST else 20
 for _ in range(draws):
     k.Set(0.4)

@@ -179,7 +179,7 @@ body = Problem(mesh, {".*": Material(NeoHooke(mu), bulk)}, held, element="P2")
 model = StaticModel(
     [LoadCase(body, [Force("plate", (0, 0, -1)), Bulging(0.02, WAY), Bulging(0.03, WAY)])], {"mu": mu, "bulk": bulk}
 )
-seen, rng = model.at(model.theta).data, np.random.default_rng(3)
+seen, rng = model.evaluate(model.theta).data, np.random.default_rng(3)
 inside, draws = 0, 20
 for _ in range(draws):
     mu.Set(500.0)

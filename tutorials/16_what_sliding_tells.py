@@ -73,7 +73,7 @@ def run(values, cells, element, steps, seen):
 truth = {"mu": 1000.0, "g": 0.5, "tau": 3.0, "friction": 0.1}
 finer = np.unique(np.concatenate([np.linspace(a, b, 5) for a, b in pairwise(STEPS)]))
 real = run(truth, 6, "P3/P2", finer, [Force("top")])
-exact = real.at(real.theta).data
+exact = real.evaluate(real.theta).data
 noise = 0.01 * np.sqrt(np.mean(exact**2, axis=0)) * np.ones_like(exact)
 
 # %% [markdown]
@@ -85,11 +85,11 @@ noise = 0.01 * np.sqrt(np.mean(exact**2, axis=0)) * np.ones_like(exact)
 guess = {"mu": 2000.0, "g": 0.3, "tau": 8.0, "friction": 0.3}
 model = run(guess, 3, "P2/P1", STEPS, [Force("top")])
 theta, w = model.theta, 1 / noise
-gradient = model.at(theta).gradient(w)
+gradient = model.evaluate(theta).gradient(w)
 for name, place in model.blocks.items():
     direction = np.zeros(model.size)
     direction[place] = theta[place]
-    rates = taylor(lambda x: float(np.sum(w * model.at(x).data)), gradient, theta, direction, first=2e-3, steps=2)
+    rates = taylor(lambda x: float(np.sum(w * model.evaluate(x).data)), gradient, theta, direction, first=2e-3, steps=2)
     print(f"{name:>8}: rates {rates.round(2)}")
 
 # %% [markdown]
@@ -113,7 +113,7 @@ print(alone)
 
 # %%
 figure, axes = plt.subplots(1, 2, figsize=(9, 3.2), layout="constrained")
-found = both.problem.at(both.x).state.data
+found = both.problem.evaluate(both.x).state.data
 for axis, i, name in ((axes[0], 1, "normal"), (axes[1], 0, "tangential")):
     axis.errorbar(TIMES, np.abs(measured[:, i]), noise[:, i], fmt="k.", label="data, with a noise of 1 %")
     axis.plot(TIMES, np.abs(found[:, i]), label="the model found")

@@ -279,7 +279,7 @@ class Derived:
     >>> storage = ngs.GridFunction(ngs.H1(mesh, order=1)); storage.Set(2000.0)
     >>> body = Harmonic(mesh, Shearing(storage * (1 + 0.2j)), [Wave(50.0, {"top": (1e-3, 0)})], bulk=1e5, form="P2")
     >>> waves = WaveModel(body, {"storage": storage}, np.array([[0.03, 0.05]]))
-    >>> there = Derived(waves, Amplitude()).at(waves.theta)
+    >>> there = Derived(waves, Amplitude()).evaluate(waves.theta)
     >>> there.data.shape, there.gradient(there.data).shape == waves.theta.shape
     ((1, 1, 2), True)
     """
@@ -287,9 +287,9 @@ class Derived:
     def __init__(self, model: Model, quantity: DerivedQuantity) -> None:
         self.model, self.quantity = model, quantity
 
-    def at(self, theta: Array) -> DerivedState:
+    def evaluate(self, theta: Array) -> DerivedState:
         """Its state at θ; raises what the model raises."""
-        return DerivedState(self.quantity, self.model.at(theta))
+        return DerivedState(self.quantity, self.model.evaluate(theta))
 
 
 class DerivedState:

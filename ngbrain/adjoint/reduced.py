@@ -41,7 +41,7 @@ class State(Protocol):
 class Model(Protocol):
     """From a vector θ to data."""
 
-    def at(self, theta: Array) -> Any:
+    def evaluate(self, theta: Array) -> Any:
         """Its `State` at θ."""
 
 
@@ -123,14 +123,14 @@ class Reduced:
         self.model, self.misfit, self.unknowns = model, misfit, unknowns
         self.regularisers, self.weights = dict(regularisers), dict(weights)
 
-    def at(self, x: Array) -> Point:
+    def evaluate(self, x: Array) -> Point:
         """J at x: one forward solve for each load."""
         check_shape("x", np.shape(x), self.unknowns.start.shape)
-        return Point(self, np.array(x, float), self.model.at(self.unknowns.theta(x)))
+        return Point(self, np.array(x, float), self.model.evaluate(self.unknowns.theta(x)))
 
     def value(self, x: Array) -> float:
         """J(x)."""
-        return self.at(x).value
+        return self.evaluate(x).value
 
     def regular(self, x: Array) -> float:
         """Σ α R."""
@@ -193,7 +193,8 @@ class Point:
 
         >>> from ngbrain.inverse.phantoms.benchmark import Phantom
         >>> inversion = Phantom.named("CV-G", 5).measured(0.02).inversion()
-        >>> point, (a, b) = inversion.reduced.at(inversion.start), np.random.default_rng(0).normal(size=(2, len(inversion.start)))
+        >>> point, rng = inversion.reduced.evaluate(inversion.start), np.random.default_rng(0)
+        >>> a, b = rng.normal(size=(2, len(inversion.start)))
         >>> bool(abs(a @ point.hessian(b) - b @ point.hessian(a)) < 1e-9 * abs(a @ point.hessian(b)))
         True
         """

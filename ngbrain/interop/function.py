@@ -51,22 +51,22 @@ class DataFunction:
 
     def value(self, x: Array) -> Array:
         """d."""
-        with self._kept.at(x) as state:
+        with self._kept.evaluate(x) as state:
             return np.array(state.data)
 
     def jvp(self, x: Array, direction: Array) -> Array:
         """J δθ."""
-        with self._kept.at(x) as state:
+        with self._kept.evaluate(x) as state:
             return state.jvp(direction)
 
     def vjp(self, x: Array, w: Array) -> Array:
         """Re(Jᵀ w̄)."""
-        with self._kept.at(x) as state:
+        with self._kept.evaluate(x) as state:
             return state.gradient(w)
 
     def hvp(self, x: Array, w: Array, direction: Array) -> Array:
         """(Re Σ w̄ d)'' δθ."""
-        with self._kept.at(x) as state:
+        with self._kept.evaluate(x) as state:
             if not hasattr(state, "hvp"):
                 raise InputError("model", type(self._kept.model).__name__, "one with second derivatives: `State.hvp`")
             return state.hvp(w, direction)
@@ -94,7 +94,7 @@ class ObjectiveFunction:
             theta = self.reduced.unknowns.theta(x)
         if not np.all(np.isfinite(theta)):
             raise SolverError("θ(x) is not finite: a step too far")
-        with self._kept.at(theta) as state:
+        with self._kept.evaluate(theta) as state:
             known = self._point
             if (
                 known is None
@@ -146,13 +146,13 @@ class Kept:
         self._state: State | None = None
 
     @contextmanager
-    def at(self, theta: Array) -> Iterator[State]:
+    def evaluate(self, theta: Array) -> Iterator[State]:
         """The State at θ, solved for unless it is the last one."""
         with self._lock:
             known = np.array_equal(theta, self._theta) and np.array_equal(self._now(), self._left)
             if self._state is None or not known:
                 self._state = None
-                self._state, self._theta = self.model.at(theta), np.array(theta)
+                self._state, self._theta = self.model.evaluate(theta), np.array(theta)
                 self._left = np.array(self._now())
             yield self._state
 

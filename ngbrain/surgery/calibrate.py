@@ -182,7 +182,7 @@ def calibrate(
     first = np.log([(start or {}).get(name, 1.0) for name in retracted.factors])
     found = search(Reduced(run, seen.misfit(), fields, held, weights), first, Given(), told)
     missed = math.sqrt(max(1.0, found.level.ratio))
-    point = Reduced(run, seen.misfit(missed), fields, held, weights).at(found.x)
+    point = Reduced(run, seen.misfit(missed), fields, held, weights).evaluate(found.x)
     posterior = Posterior(point, least=0.0)
     moved, fitted, notes = np.zeros(len(found.x)), point.state.data, list[str]()
     if finer:
@@ -222,7 +222,7 @@ def _finer(model: RetractionModel, retracted: Retracted, point: Point, posterior
         retracted.protocol,
         retracted.grid,
     )
-    return corrected(point, posterior, other.run.at(point.reduced.unknowns.theta(point.x)).data)
+    return corrected(point, posterior, other.run.evaluate(point.reduced.unknowns.theta(point.x)).data)
 
 
 def _stiff(tissue: Tissue, factor: float) -> Tissue:

@@ -35,20 +35,20 @@ def pressed():
 
 
 def check(of, theta, direction, rng, first=0.01, second=True):
-    there = of.at(theta)
+    there = of.evaluate(theta)
     w = rng.normal(size=there.data.shape) / np.abs(there.data).max(axis=0)
     if np.iscomplexobj(there.inner.data):  # by symmetry some hardly move, where neither has a slope
         size = np.abs(there.inner.data)
         w = np.where(size > 0.05 * size.max(), rng.normal(size=size.shape), 0.0)
     assert dot(there.jvp, there.vjp(w), direction, w) < 1e-9
     assert there.gradient(w) == pytest.approx(there.vjp(w), rel=1e-7, abs=1e-9 * np.abs(there.vjp(w)).max())
-    rates = taylor(lambda t: float(np.sum(w * of.at(t).data)), there.gradient(w), theta, direction, 3, first)
+    rates = taylor(lambda t: float(np.sum(w * of.evaluate(t).data)), there.gradient(w), theta, direction, 3, first)
     assert np.all(np.abs(rates - 2) < 0.15), rates
     if second:
         size = np.concatenate([np.full(p.stop - p.start, np.abs(theta[p]).max()) for p in of.model.blocks.values()])
-        there = of.at(theta)
+        there = of.evaluate(theta)
         rates = taylor(
-            lambda t: of.at(t).gradient(w) * size, lambda d: there.hvp(w, d) * size, theta, direction, 3, first
+            lambda t: of.evaluate(t).gradient(w) * size, lambda d: there.hvp(w, d) * size, theta, direction, 3, first
         )
         assert np.all(np.abs(rates - 2) < 0.15), rates
 
@@ -59,7 +59,7 @@ def test_amplitude_and_phase_of_waves(quantity, rng):
     theta = model.theta
     direction = theta * rng.uniform(-1, 1, len(theta))
     check(Derived(model, quantity), theta, direction, rng, first=0.02)
-    data = model.at(theta).data
+    data = model.evaluate(theta).data
     assert quantity.value(data) == pytest.approx({"amplitude": np.abs, "phase": np.angle}[quantity.name](data))
 
 
@@ -67,12 +67,12 @@ def test_dose_and_time_above_of_a_run(rng):
     model = pressed()
     theta = model.theta
     direction = theta * np.array([1.0, -0.4])
-    pressure = model.at(theta).data[:, 0]
+    pressure = model.evaluate(theta).data[:, 0]
     check(Derived(model, Dose(model.times)), theta, direction, rng, second=False)
     above = TimeAbove(model.times, 0.8 * pressure.max(), 0.1 * pressure.max())
     check(Derived(model, above), theta, direction, rng, second=False)
     with pytest.raises(InputError, match="second derivatives"):
-        Derived(model, above).at(theta).hvp(np.ones(2), direction)
+        Derived(model, above).evaluate(theta).hvp(np.ones(2), direction)
 
 
 def test_dose_and_time_above_of_the_cubic_of_a_report(rng):
@@ -80,7 +80,7 @@ def test_dose_and_time_above_of_the_cubic_of_a_report(rng):
     model = pressed()
     theta = model.theta
     direction, cubic = theta * np.array([1.0, -0.4]), (Interpolation.MONOTONE_CUBIC, [0.0, 2.0, 8.0])
-    data = model.at(theta).data
+    data = model.evaluate(theta).data
     dose, peak = Dose(model.times, *cubic), data[:, 0].max()
     check(Derived(model, dose), theta, direction, rng, second=False)
     check(Derived(model, TimeAbove(model.times, 0.8 * peak, 0.1 * peak, *cubic)), theta, direction, rng, second=False)
@@ -128,7 +128,7 @@ def test_a_modulus_from_a_dose():
     model = pressed()
     theta = model.theta
     dose = Derived(model, Dose(model.times))
-    wanted = dose.at(theta * [1.5, 1.0]).data
+    wanted = dose.evaluate(theta * [1.5, 1.0]).data
     unknowns = Fields(theta, model.blocks, {"mu": Unknown(theta[model.blocks["mu"]], Log())})
     reduced = Reduced(dose, LeastSquares(wanted, 0.01 * wanted), unknowns, {}, {})
     found = levenberg_marquardt(reduced, unknowns.start)

@@ -59,9 +59,9 @@ class Remembered:
     def __init__(self, model):
         self.model, self.known = model, {}
 
-    def at(self, theta):
+    def evaluate(self, theta):
         if (key := theta.tobytes()) not in self.known:
-            self.known[key] = self.model.at(theta).data
+            self.known[key] = self.model.evaluate(theta).data
         return Known(self.model, theta, self.known[key])
 
 
@@ -72,7 +72,7 @@ class Known:
         self.model, self.theta, self.data = model, theta, data
 
     def gradient(self, w):
-        return self.model.at(self.theta).gradient(w)
+        return self.model.evaluate(self.theta).gradient(w)
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -80,7 +80,7 @@ def test_gradient(name, rng):
     model = MODELS[name]()
     fields = unknowns_of(model)
     x = fields.start + 0.1 * rng.normal(size=len(fields.start))
-    seen, truth = Remembered(model), model.at(fields.theta(fields.start)).data
+    seen, truth = Remembered(model), model.evaluate(fields.theta(fields.start)).data
     sigma = NOISE * np.sqrt(np.mean(np.abs(truth) ** 2, axis=1, keepdims=True))
     measured = truth + sigma * (rng.normal(size=truth.shape) + 1j * rng.normal(size=truth.shape))
     directions = {b: np.zeros(len(x)) for b in fields.blocks}
@@ -90,7 +90,7 @@ def test_gradient(name, rng):
         drawn = {b: made(f.space, fields.start[fields.blocks[b]], model.points) for b, f in model.fields.items()}
         for misfit, weighed in MISFITS.items():
             reduced = Reduced(seen, weighed(measured, sigma), fields, drawn, dict.fromkeys(drawn, 1.0))
-            gradient = reduced.at(x).gradient()
+            gradient = reduced.evaluate(x).gradient()
             for b, dx in directions.items():
                 rates = taylor(reduced.value, gradient, x, dx, steps=2, first=2e-4)
                 assert np.all(np.abs(rates - 2) < 0.1), (b, misfit, regulariser, rates)

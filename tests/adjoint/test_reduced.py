@@ -54,7 +54,7 @@ def test_gradient(misfit, regulariser, transform, rng):
     x, dx = somewhere(reduced, rng)
     # Huber's second derivative jumps at the threshold: smaller steps cross it at fewer points.
     first = 1e-3 if misfit == "huber" else 1e-2
-    assert np.all(np.abs(rates(reduced, reduced.at(x).gradient(), x, dx, first) - 2) < 0.1)
+    assert np.all(np.abs(rates(reduced, reduced.evaluate(x).gradient(), x, dx, first) - 2) < 0.1)
 
 
 @pytest.mark.parametrize(("misfit", "regulariser", "transform"), list(product(MISFITS, REGULARISERS, TRANSFORMS)))
@@ -62,17 +62,17 @@ def test_the_whole_hessian(misfit, regulariser, transform, rng):
     """Symmetric, and the gradient's derivative, far from where the data fit."""
     reduced = problem(misfit, regulariser, transform)
     x, a = somewhere(reduced, rng)
-    b, point = rng.normal(size=len(x)), reduced.at(x)
+    b, point = rng.normal(size=len(x)), reduced.evaluate(x)
     along_a, along_b = point.hessian(a), point.hessian(b)
     assert abs(b @ along_a - a @ along_b) < 1e-10 * np.abs(b * along_a).sum()
     first = 1e-4 if misfit == "huber" else 1e-2  # no residual may cross the threshold
-    rates = taylor(lambda x: reduced.at(x).gradient(), lambda d: reduced.at(x).hessian(d), x, a, 2, first)
+    rates = taylor(lambda x: reduced.evaluate(x).gradient(), lambda d: reduced.evaluate(x).hessian(d), x, a, 2, first)
     assert np.all((rates > 1.9) & (rates < 2.1)), rates
 
 
 def test_a_model_without_second_derivatives_is_refused():
     reduced = problem()
-    point = reduced.at(reduced.unknowns.start)
+    point = reduced.evaluate(reduced.unknowns.start)
     point.state = SimpleNamespace(data=point.state.data)
     with pytest.raises(InputError, match=r"hvp\(w, direction\)"):
         point.hessian(point.x)
@@ -81,7 +81,7 @@ def test_a_model_without_second_derivatives_is_refused():
 def test_product_is_symmetric_and_positive(rng):
     reduced = problem("huber", "total variation")
     x, a = somewhere(reduced, rng)
-    b, point = rng.normal(size=len(x)), reduced.at(x)
+    b, point = rng.normal(size=len(x)), reduced.evaluate(x)
     assert dot(point.product, point.product, a, b) < 1e-11
     assert a @ point.product(a) > 0
 
@@ -92,17 +92,17 @@ def test_product_is_the_hessian_where_the_data_fit(rng):
     truth = {name: Unknown(value) for name, value in clean.truth.items()}
     x = Fields(reduced.model.theta, reduced.model.blocks, truth).start
     dx = rng.normal(size=len(x))
-    point = reduced.at(x)
+    point = reduced.evaluate(x)
     product_of, gradient = point.product(dx), point.gradient()
     h = 1e-5
-    change = (reduced.at(x + h * dx).gradient() - reduced.at(x - h * dx).gradient()) / (2 * h)
+    change = (reduced.evaluate(x + h * dx).gradient() - reduced.evaluate(x - h * dx).gradient()) / (2 * h)
     assert np.linalg.norm(product_of - change) < 1e-5 * np.linalg.norm(change) and len(gradient) == len(x)
 
 
 def test_dropped_factor_of_the_logarithm_is_seen(rng):
     reduced = problem()
     x, dx = somewhere(reduced, rng)
-    point = reduced.at(x)
+    point = reduced.evaluate(x)
     plain = point.gradient()
     slope = np.exp(x[: reduced.unknowns.blocks["boundary"].start])
     wrong = plain.copy()
@@ -115,10 +115,10 @@ def test_dropped_factor_of_the_logarithm_is_seen(rng):
 def test_stale_factor_is_seen(rng):
     reduced = problem()
     x, dx = somewhere(reduced, rng)
-    point = reduced.at(x)
-    old = reduced.at(x + 0.2).state.factors
-    assert np.all(np.abs(rates(reduced, reduced.at(x).gradient(), x, dx) - 2) < 0.1)
-    point = reduced.at(x)
+    point = reduced.evaluate(x)
+    old = reduced.evaluate(x + 0.2).state.factors
+    assert np.all(np.abs(rates(reduced, reduced.evaluate(x).gradient(), x, dx) - 2) < 0.1)
+    point = reduced.evaluate(x)
     point.state.factors = old
     assert rates(reduced, point.gradient(), x, dx)[-1] < 1.3
 
@@ -126,7 +126,7 @@ def test_stale_factor_is_seen(rng):
 def test_conjugated_residual_is_seen(rng):
     reduced = problem()
     x, dx = somewhere(reduced, rng)
-    point = reduced.at(x)
+    point = reduced.evaluate(x)
     wrong = point.state.gradient(np.conj(reduced.misfit.gradient(point.state.data)))
     assert rates(reduced, point.jacobian.T @ wrong + reduced.regular_gradient(x), x, dx)[-1] < 1.3
 
@@ -134,7 +134,7 @@ def test_conjugated_residual_is_seen(rng):
 def test_boundary_counted_twice_is_seen(rng):
     reduced = problem()
     x, dx = somewhere(reduced, rng)
-    wrong = reduced.at(x).gradient()
+    wrong = reduced.evaluate(x).gradient()
     wrong[reduced.unknowns.blocks["boundary"]] *= 2
     assert rates(reduced, wrong, x, dx)[-1] < 1.3
 
@@ -158,4 +158,4 @@ def test_regularisers_without_a_block_or_a_weight_are_refused():
     with pytest.raises(InputError, match=r"weights\.storage is missing"):
         Reduced(of.model, of.misfit, of.unknowns, {"storage": ridge(np.zeros(2))}, {})
     with pytest.raises(InputError, match=r"x is of shape \(3,\)"):
-        of.at(np.zeros(3))
+        of.evaluate(np.zeros(3))

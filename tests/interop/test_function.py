@@ -65,15 +65,15 @@ def test_earlier_theta_is_solved_again(waves, around, of_two):
     theta, w = around(waves, f.value(waves.theta))
     f.value(theta)
     other.value(1.3 * theta)
-    same(f.vjp(theta, w), fresh().at(theta).gradient(w))
+    same(f.vjp(theta, w), fresh().evaluate(theta).gradient(w))
 
 
 def test_model_asked_by_others_is_asked_again(waves, around):
     f = function(waves)
     theta, w = around(waves, f.value(waves.theta))
     f.value(theta)
-    waves.at(1.3 * theta)
-    same(f.vjp(theta, w), fresh().at(theta).gradient(w))
+    waves.evaluate(1.3 * theta)
+    same(f.vjp(theta, w), fresh().evaluate(theta).gradient(w))
 
 
 def test_failed_solve_leaves_nothing_behind(real):
@@ -89,7 +89,7 @@ def test_failed_solve_leaves_nothing_behind(real):
 class Moving:
     """Each State reads θ where the model has it now, and takes its time."""
 
-    def at(self, theta):
+    def evaluate(self, theta):
         self.now = np.array(theta)
         time.sleep(0.002)
         return self
@@ -120,7 +120,7 @@ def test_threads_get_their_own_answers():
 
 def test_objective_is_that_of_the_reduced(inversion, rng):
     x = inversion.unknowns.start + 0.1 * rng.normal(size=inversion.unknowns.start.size)
-    f, point, dx = function(inversion), inversion.at(x), rng.normal(size=x.size)
+    f, point, dx = function(inversion), inversion.evaluate(x), rng.normal(size=x.size)
     value, gradient, product = point.value, point.gradient(), point.product(dx)
     same(f.value(x), value)
     same(f.vjp(x, 2.0), 2 * gradient)
@@ -134,14 +134,14 @@ def test_second_derivatives(real, waves, inversion, rng):
     assert np.all(np.abs(rates - 2) < 0.1)
     J, x = function(inversion), inversion.unknowns.start + 0.1
     dx = rng.normal(size=x.size)
-    same(J.hvp(x, 2.0, dx), 2 * inversion.at(x).hessian(dx))
+    same(J.hvp(x, 2.0, dx), 2 * inversion.evaluate(x).hessian(dx))
     f, theta = function(waves), waves.theta
     w, dx = rng.normal(size=f.value(theta).shape) + 0j, theta * rng.normal(size=theta.size)
-    same(f.hvp(theta, w, dx), waves.at(theta).hvp(w, dx))
+    same(f.hvp(theta, w, dx), waves.evaluate(theta).hvp(w, dx))
 
 
 def test_second_derivatives_are_refused_where_there_are_none():
-    flat = SimpleNamespace(at=lambda theta: SimpleNamespace(data=theta))
+    flat = SimpleNamespace(evaluate=lambda theta: SimpleNamespace(data=theta))
     with pytest.raises(InputError, match="second derivatives"):
         function(flat).hvp(np.ones(1), np.ones(1), np.ones(1))
 
@@ -153,7 +153,7 @@ def test_objective_follows_the_weights(inversion):
     regular = inversion.regular(x)
     inversion.weights = {name: 3 * weight for name, weight in inversion.weights.items()}
     assert float(f.value(x)) - before == pytest.approx(2 * regular, abs=1e-12 * before) and regular > 1e-8 * before
-    same(f.vjp(x, 1.0), inversion.at(x).gradient())
+    same(f.vjp(x, 1.0), inversion.evaluate(x).gradient())
 
 
 def test_unknown_that_only_a_regulariser_sees(real):

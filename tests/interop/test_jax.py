@@ -27,8 +27,8 @@ def scaled(jax, waves):
 
 @pytest.mark.parametrize("compiled", [False, True], ids=["plain", "jit"])
 def test_value_and_gradient_are_the_states(jax, waves, around, compiled):
-    theta, w = around(waves, waves.at(waves.theta).data)
-    state = waves.at(theta)
+    theta, w = around(waves, waves.evaluate(waves.theta).data)
+    state = waves.evaluate(theta)
     data, gradient = state.data, state.gradient(w)
     f = function(waves, waves.theta)
 
@@ -69,8 +69,8 @@ def test_real_data(jax, real, rng):
 
 
 def test_vmap(jax, waves, around):
-    thetas = np.array([around(waves, waves.at(waves.theta).data)[0] for _ in range(3)])
-    states = [(s.data, s.gradient(2 * s.data)) for s in map(waves.at, thetas)]
+    thetas = np.array([around(waves, waves.evaluate(waves.theta).data)[0] for _ in range(3)])
+    states = [(s.data, s.gradient(2 * s.data)) for s in map(waves.evaluate, thetas)]
     f = function(waves, waves.theta)
 
     def loss(x):
@@ -86,7 +86,7 @@ def test_vmap(jax, waves, around):
 def test_objective(jax, inversion, rng):
     start = inversion.unknowns.start
     x = start + 0.1 * rng.normal(size=start.size)
-    point = inversion.at(x)
+    point = inversion.evaluate(x)
     value, gradient = point.value, point.gradient()
     J = function(inversion, start)
     found, slope = jax.jit(jax.value_and_grad(lambda x: 3 * J(x)))(x)

@@ -23,7 +23,7 @@ def run():
 def right(run, rng):
     """θ, data there, weights and the gradient."""
     theta = run.theta
-    there = run.at(theta)
+    there = run.evaluate(theta)
     w = weights(there.data, rng)
     return theta, there.data, w, there.gradient(w)
 
@@ -51,5 +51,5 @@ def test_umbridge(umbridge, run, right):
     assert served.get_output_sizes() == [data.size] and served.supports_apply_hessian()
     same(served([theta.tolist()])[0], data.ravel())
     same(served.gradient(0, 0, [theta.tolist()], w.ravel().tolist()), gradient)
-    second = run.at(theta).hvp(w, theta)
+    second = run.evaluate(theta).hvp(w, theta)
     same(served.apply_hessian(0, 0, 0, [theta.tolist()], w.ravel().tolist(), theta.tolist()), second)

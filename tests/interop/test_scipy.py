@@ -20,7 +20,7 @@ def least(reduced, method, **options):
 
 def test_it_is_the_reduced(inversion, rng):
     J, x = Objective(inversion), inversion.unknowns.start + 0.1 * rng.normal(size=inversion.unknowns.start.size)
-    point, p = inversion.at(x), rng.normal(size=x.size)
+    point, p = inversion.evaluate(x), rng.normal(size=x.size)
     assert J.fun(x) == pytest.approx(point.value, rel=1e-12)
     for found, wanted in ((J.jac(x), point.gradient()), (J.hessp(x, p), point.product(p))):
         np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())

@@ -35,7 +35,7 @@ def tissue():
 @pytest.fixture(scope="module")
 def units(tissue):
     """θ, and the data there: what both are measured in."""
-    return tissue.theta, np.abs(tissue.at(tissue.theta).data)
+    return tissue.theta, np.abs(tissue.evaluate(tissue.theta).data)
 
 
 def test_rates_of_both_orders(tissue, units, rng):
@@ -76,7 +76,7 @@ def test_umbridge(umbridge, tissue, units, rng):
     theta, unit = units
     served = to_umbridge.model(tissue, theta)
     w, v = rng.normal(size=len(unit)) / unit, theta * rng.normal(size=len(theta))
-    there = tissue.at(theta)
+    there = tissue.evaluate(theta)
     gradient, second = there.gradient(w), there.hvp(w, v)
     assert served.supports_apply_hessian()
     assert served.gradient(0, 0, [theta.tolist()], w.tolist()) == pytest.approx(gradient, rel=1e-9)
@@ -94,7 +94,7 @@ def pressed():
     )
     of = StaticModel([LoadCase(body, [Force("top")])], {"top": PrescribedDisplacement(body, "top")}, tight(body))
     truth = of.theta
-    data = of.at(truth).data
+    data = of.evaluate(truth).data
     part = sp.csr_array((truth / 0.35)[:, None])
     fields = Fields(truth, of.blocks, {"top": Unknown(0.01, Scaled(), part)})
     misfit = LeastSquares(data, 0.01 * np.abs(data).max())
@@ -121,7 +121,7 @@ def test_huge_value_for_a_fold_is_taken_for_convergence(pressed):
 
     def naive(x):
         try:
-            point = pressed.at(x)
+            point = pressed.evaluate(x)
         except SolverError:
             return 1e30, np.zeros_like(x)
         return point.value, point.gradient()

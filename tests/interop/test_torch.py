@@ -27,8 +27,8 @@ def scaled(torch, waves):
 
 
 def test_value_and_gradient_are_the_states(torch, waves, around):
-    theta, w = around(waves, waves.at(waves.theta).data)
-    state = waves.at(theta)
+    theta, w = around(waves, waves.evaluate(waves.theta).data)
+    state = waves.evaluate(theta)
     data, gradient = state.data, state.gradient(w)
     x = torch.tensor(theta, requires_grad=True)
     y = function(waves)(x)
@@ -68,10 +68,10 @@ def test_real_data(torch, real, rng):
 
 def test_sum_over_many_theta(torch, waves, around):
     """Backward comes to the first θ last, when the model has long moved on."""
-    thetas = [around(waves, waves.at(waves.theta).data)[0] for _ in range(3)]
+    thetas = [around(waves, waves.evaluate(waves.theta).data)[0] for _ in range(3)]
     truth = []
     for theta in thetas:
-        state = waves.at(theta)
+        state = waves.evaluate(theta)
         truth.append(state.gradient(2 * state.data))
     x, f = torch.tensor(np.array(thetas), requires_grad=True), function(waves)
     torch.stack([f(each) for each in x]).abs().square().sum().backward()
@@ -80,7 +80,7 @@ def test_sum_over_many_theta(torch, waves, around):
 
 def test_objective(torch, inversion, rng):
     start = inversion.unknowns.start + 0.1 * rng.normal(size=inversion.unknowns.start.size)
-    point = inversion.at(start)
+    point = inversion.evaluate(start)
     value, gradient = point.value, point.gradient()
     x = torch.tensor(start, requires_grad=True)
     J = function(inversion)(x)
@@ -136,8 +136,8 @@ def test_other_devices_are_refused(torch, real):
 
 
 def test_functional_gradient(torch, waves, around):
-    theta, _ = around(waves, waves.at(waves.theta).data)
-    state = waves.at(theta)
+    theta, _ = around(waves, waves.evaluate(waves.theta).data)
+    state = waves.evaluate(theta)
     gradient = state.gradient(2 * state.data)
     f = function(waves)
     same(torch.func.grad(lambda x: f(x).abs().square().sum())(torch.tensor(theta)).numpy(), gradient)
@@ -154,7 +154,7 @@ def test_second_derivatives_of_an_objective(torch, inversion, rng):
     x, v = torch.tensor(start, requires_grad=True), rng.normal(size=start.size)
     (slope,) = torch.autograd.grad(function(inversion)(x), x, create_graph=True)
     (slope @ torch.from_numpy(v)).backward()
-    same(x.grad.numpy(), inversion.at(start).hessian(v))
+    same(x.grad.numpy(), inversion.evaluate(start).hessian(v))
 
 
 def test_second_derivatives_are_refused_where_there_are_none(torch, monkeypatch, waves):

@@ -50,8 +50,8 @@ def same(a, b):
 def test_round_trip(umbridge, url, waves, around, rng):
     """Value, gradient and product of the Jacobian come back as the State has them, to the last digits of their text."""
     client = umbridge.HTTPModel(url, "waves")
-    theta, w = around(waves, waves.at(waves.theta).data)
-    state, dx = waves.at(theta), theta * rng.normal(size=theta.size)
+    theta, w = around(waves, waves.evaluate(waves.theta).data)
+    state, dx = waves.evaluate(theta), theta * rng.normal(size=theta.size)
     x = [theta.tolist()]
     assert client.get_input_sizes() == [waves.size] and client.get_output_sizes() == [2 * state.data.size]
     same(client(x)[0], numbers(state.data))
@@ -62,7 +62,7 @@ def test_round_trip(umbridge, url, waves, around, rng):
 
 def test_objective(umbridge, url, risky, rng):
     client, x, dx = umbridge.HTTPModel(url, "objective"), risky.unknowns.start, rng.normal(size=8)
-    point = risky.at(x)
+    point = risky.evaluate(x)
     assert client.get_output_sizes() == [1]
     assert client([x.tolist()]) == [[point.value]]
     same(client.gradient(0, 0, [x.tolist()], [2.0]), 2 * point.gradient())
@@ -76,12 +76,12 @@ def test_what_has_no_second_derivatives(umbridge, waves, inversion, monkeypatch,
     assert not model(waves, waves.theta).supports_apply_hessian()
     x, dx = inversion.unknowns.start, rng.normal(size=inversion.unknowns.start.size)
     served = model(inversion, x)
-    same(served.apply_hessian(0, 0, 0, [x.tolist()], [2.0], dx.tolist()), 2 * inversion.at(x).product(dx))
+    same(served.apply_hessian(0, 0, 0, [x.tolist()], [2.0], dx.tolist()), 2 * inversion.evaluate(x).product(dx))
 
 
 def test_rates(umbridge, url, waves, around, rng):
     client = umbridge.HTTPModel(url, "waves")
-    theta, w = around(waves, waves.at(waves.theta).data)
+    theta, w = around(waves, waves.evaluate(waves.theta).data)
     sens, dx = numbers(w), theta * rng.normal(size=theta.size)
     slope = np.array(client.gradient(0, 0, [theta.tolist()], sens.tolist()))
     rates = taylor(lambda x: float(sens @ client([x.tolist()])[0]), slope, theta, dx, first=1e-3)
@@ -98,7 +98,7 @@ def test_data_without_solution_are_an_error_that_the_client_tells(umbridge, url,
     client = umbridge.HTTPModel(url, "real")
     with pytest.raises(Exception, match="of type ConvergenceError: the load cannot be carried"):
         client([[1.0] * 8])
-    same(client([[0.1] * 8])[0], real.at(np.full(8, 0.1)).data)
+    same(client([[0.1] * 8])[0], real.evaluate(np.full(8, 0.1)).data)
 
 
 def test_missing_package_is_named(monkeypatch, real):

@@ -85,7 +85,7 @@ def test_in_an_inversion(rng):
 
     truth = 600.0 + 3e4 * ngs.x
     fine = seen(square(12, size=SIDE), "P3/P2", LopezPamies(truth, ngs.CF(9.0)), {"none": ngs.Parameter(0.0)})
-    data = fine.at(fine.theta).data
+    data = fine.evaluate(fine.theta).data
     for where in fine.observed:
         data[where] += 0.005 * np.sqrt(np.mean(data[where] ** 2)) * rng.normal(size=where.stop - where.start)
     mesh = square(8, size=SIDE)

@@ -67,7 +67,7 @@ def test_one_matrix_on_the_host_reference_device(number, rng):
 
 
 def test_waves_and_their_gradient_on_the_host_reference_device(rng):
-    states = [small(device).reduced.at(small().start).state for device in (CPU, HOST)]
+    states = [small(device).reduced.evaluate(small().start).state for device in (CPU, HOST)]
     there, here = states
     assert near(here.data, there.data) and not here.factors.refactored
     w = rng.normal(size=there.data.shape)
@@ -94,7 +94,7 @@ def test_half_of_a_matrix_that_is_not_symmetric_would_be_another(cudss):
 
 
 def test_waves_and_their_derivatives(cudss, rng):
-    states = [small(device).reduced.at(small().start).state for device in (CPU, Device.named("cuda"))]
+    states = [small(device).reduced.evaluate(small().start).state for device in (CPU, Device.named("cuda"))]
     there, here = states
     assert near(here.data, there.data) and cudss.solves > 1
     w, direction = rng.normal(size=there.data.shape), rng.normal(size=there.model.size)
@@ -140,8 +140,8 @@ def test_from_one_call(dim, cudss):
 def test_what_the_gpu_leaves_is_solved_with_pivots(cudss, monkeypatch):
     inversion = small(Device.named("cuda"))
     monkeypatch.setattr(cudss, "solve", lambda self: np.zeros_like(self._b))
-    state = inversion.reduced.at(inversion.start).state
-    assert near(state.data, small().reduced.at(inversion.start).state.data)
+    state = inversion.reduced.evaluate(inversion.start).state
+    assert near(state.data, small().reduced.evaluate(inversion.start).state.data)
     assert state.factors.refactored == {wave.omega for wave in inversion.model.body.waves}
 
 

@@ -34,7 +34,7 @@ def normal():
     blocks = {name: block for name, block in unknowns.blocks.items() if name != BOUNDARY}
     prior = {name: smooth(experiment.space, unknowns.start[block]) for name, block in blocks.items()}
     reduced = Reduced(experiment.model, misfit, unknowns, prior, dict.fromkeys(prior, 0.05 * misfit.count))
-    return Normal(reduced.at(unknowns.start), forcing=1e-9, most=MOST)
+    return Normal(reduced.evaluate(unknowns.start), forcing=1e-9, most=MOST)
 
 
 def local(normal):

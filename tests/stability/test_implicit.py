@@ -34,9 +34,9 @@ class Counted:
     def __init__(self, model):
         self.model, self.failed = model, []
 
-    def at(self, theta):
+    def evaluate(self, theta):
         try:
-            return self.model.at(theta)
+            return self.model.evaluate(theta)
         except SolverError:
             self.failed.append(float(theta[0]))
             raise
@@ -70,17 +70,17 @@ def heavy():
 
 def test_naive_newton_converges_to_folded_tissue():
     model, body, mu = heavy()
-    model.at([5e3])
+    model.evaluate([5e3])
     mu.Set(92.0)
     assert plain_newton(body) and body.min_det(body.x) < -1
-    model.at([92.0])
+    model.evaluate([92.0])
     assert body.min_det(body.x) > 0.1
 
 
 @pytest.mark.parametrize("optimiser", OPTIMISERS, ids=lambda o: o.__name__)
 def test_ours_turns_back(optimiser):
     model, _, _ = heavy()
-    truth = model.at([1e3]).data
+    truth = model.evaluate([1e3]).data
     reduced, counted = problem(model, truth, 8e3)
     found = optimiser(reduced, reduced.unknowns.start, Given())
     print(optimiser.__name__, found.x, counted.failed)
@@ -91,7 +91,7 @@ def test_ours_turns_back(optimiser):
 class Unsteady:
     """Data are θ itself; beyond 2 there is an equilibrium, but its tangent is singular."""
 
-    def at(self, theta):
+    def evaluate(self, theta):
         self.data = theta
         return self
 
@@ -117,7 +117,7 @@ class Lost(Unsteady):
 
     left = 2
 
-    def at(self, theta):
+    def evaluate(self, theta):
         self.left -= 1
         if self.left < 0:
             raise SolverError("no equilibrium")
@@ -147,7 +147,7 @@ def exponential():
 
 def test_naive_newton_breaks_down_where_the_energy_overflows():
     model, body, b = exponential()
-    model.at([1.0])
+    model.evaluate([1.0])
     b.Set(3e4)
     with np.errstate(all="ignore"):
         try:
@@ -156,14 +156,14 @@ def test_naive_newton_breaks_down_where_the_energy_overflows():
             converged = False
     assert not converged
     with pytest.raises(ConvergenceError):
-        model.at([3e4])
-    assert np.all(np.isfinite(model.at([5.0]).data))
+        model.evaluate([3e4])
+    assert np.all(np.isfinite(model.evaluate([5.0]).data))
 
 
 @pytest.mark.parametrize("optimiser", OPTIMISERS, ids=lambda o: o.__name__)
 def test_ours_finds_the_exponent_from_a_five_hundredth(optimiser):
     model, _, _ = exponential()
-    truth = model.at([5.0]).data
+    truth = model.evaluate([5.0]).data
     reduced, counted = problem(model, truth, 0.01)
     found = optimiser(reduced, reduced.unknowns.start, Given())
     print(optimiser.__name__, np.exp(found.x), counted.failed)
@@ -194,7 +194,7 @@ def full_steps(reduced, path):
     x = reduced.unknowns.start
     for _ in range(8):
         path.append(float(np.exp(x[0])))
-        point = reduced.at(x)
+        point = reduced.evaluate(x)
         x = x - point.gradient() / point.product(np.ones(1))
     return path
 
@@ -206,9 +206,9 @@ SWITCHES = [(1e3, 3e3, 1), (1e4, 2.5e3, 0)]
 @pytest.mark.parametrize(("start", "truth", "touches"), SWITCHES)
 def test_naive_full_steps_across_a_contacts_switch(start, truth, touches):
     model, body = below_a_plate()
-    reduced, _ = problem(model, model.at([truth]).data, start)
+    reduced, _ = problem(model, model.evaluate([truth]).data, start)
     assert touching(body) == 0
-    model.at([start])
+    model.evaluate([start])
     assert touching(body) == touches
     path = []
     with pytest.raises(SolverError):
@@ -219,22 +219,22 @@ def test_naive_full_steps_across_a_contacts_switch(start, truth, touches):
 
 def test_naive_full_steps_arrive_where_the_contact_does_not_switch():
     model, _ = below_a_plate()
-    reduced, _ = problem(model, model.at([3e3]).data, 6e3)
+    reduced, _ = problem(model, model.evaluate([3e3]).data, 6e3)
     assert full_steps(reduced, [])[-1] == pytest.approx(3e3, rel=1e-4)
 
 
 @pytest.mark.parametrize(("start", "truth", "touches"), SWITCHES)
 def test_ours_crosses_it(start, truth, touches):
     model, body = below_a_plate()
-    reduced, counted = problem(model, model.at([truth]).data, start)
-    contact, at = [], counted.at
+    reduced, counted = problem(model, model.evaluate([truth]).data, start)
+    contact, at = [], counted.evaluate
 
     def watched(theta):
         state = at(theta)
         contact.append(touching(body))
         return state
 
-    counted.at = watched
+    counted.evaluate = watched
     found = levenberg_marquardt(reduced, reduced.unknowns.start, Given())
     print(found.x, contact, len(found.history))
     assert np.exp(found.x) == pytest.approx([truth], rel=1e-4) and found.converged
@@ -246,7 +246,7 @@ def test_ours_crosses_it(start, truth, touches):
 def test_ours_crosses_it_from_a_fifth(optimiser):
     """Where trials fail, too; bounded steps go nowhere near the moduli with which they would."""
     model, _ = below_a_plate()
-    reduced, counted = problem(model, model.at([3e3]).data, 600.0)
+    reduced, counted = problem(model, model.evaluate([3e3]).data, 600.0)
     found = optimiser(reduced, reduced.unknowns.start, Given())
     print(optimiser.__name__, np.exp(found.x), counted.failed)
     assert np.exp(found.x) == pytest.approx([3e3], rel=1e-4)
@@ -256,9 +256,9 @@ def test_ours_crosses_it_from_a_fifth(optimiser):
 def test_an_absurd_step_leaves_nothing_behind():
     """The tangent of 1e170 Pa, kept, would give corrections whose squares are nothing."""
     model, _ = below_a_plate()
-    wanted = model.at([1e4]).data
-    model.at([1e170])
-    assert model.at([1e4]).data == pytest.approx(wanted, rel=1e-9)
+    wanted = model.evaluate([1e4]).data
+    model.evaluate([1e170])
+    assert model.evaluate([1e4]).data == pytest.approx(wanted, rel=1e-9)
 
 
 # Fibres that are pressed bear nothing: data of pressed tissue know nothing of them.
@@ -274,7 +274,7 @@ def pressed():
 
 def test_what_has_no_influence_is_told_and_not_moved():
     model = pressed()
-    there = model.at(model.theta)
+    there = model.evaluate(model.theta)
     assert there.influence() == {"mu": 1.0, "k1": 0.0}
     fields = Fields(model.theta, model.blocks, {"mu": Unknown(2e3), "k1": Unknown(1e3)})
     misfit = LeastSquares(there.data, 0.01 * np.abs(there.data).max())
@@ -313,8 +313,8 @@ def from_degrees(model, truth, degrees):
 
 def test_one_start_of_unloaded_fibres_stands_still_and_several_do_not():
     model = turned()
-    truth = model.at(model.theta).data
-    assert model.at([0.0]).influence() == {"angle": 0.0}
+    truth = model.evaluate(model.theta).data
+    assert model.evaluate([0.0]).influence() == {"angle": 0.0}
     ends = {degrees: from_degrees(model, truth, degrees) for degrees in range(0, 180, 30)}
     print(ends)
     assert ends[0][0] == pytest.approx(0, abs=1e-6)
@@ -334,7 +334,7 @@ def sheared():
 
 def test_the_last_factor_of_newtons_method_alone_is_not_the_adjoints(monkeypatch):
     model, body = sheared()
-    there = model.at(model.theta)
+    there = model.evaluate(model.theta)
     w, each = np.ones(6), model.equilibria[0]
     right = there.gradient(w)
     each.weigh(np.zeros(each.size))
@@ -350,7 +350,7 @@ def test_the_last_factor_of_newtons_method_alone_is_not_the_adjoints(monkeypatch
 
 def test_quadrature_of_the_parameters_own_order_is_not_the_energys():
     model, body = sheared()
-    there = model.at(model.theta)
+    there = model.evaluate(model.theta)
     right, each, mu = there.gradient(np.ones(6)), model.equilibria[0], model.parts["mu"].gfu
     naive = ngs.LinearForm(mu.space)
     for part in each.functional(body.gfu):

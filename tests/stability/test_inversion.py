@@ -83,13 +83,13 @@ def test_naive_moduli_turn_negative():
 
 def test_moduli_never_turn_negative():
     inversion = Phantom.named("CV-B", 21).measured().inversion()
-    lowest, at = [], inversion.reduced.model.at
+    lowest, at = [], inversion.reduced.model.evaluate
 
     def watched(theta):
         lowest.append(theta[: inversion.model.blocks["boundary"].start].min())
         return at(theta)
 
-    inversion.reduced.model.at = watched
+    inversion.reduced.model.evaluate = watched
     GaussNewton(inversion.reduced).descend(inversion.start, rounds=6)
     assert len(lowest) > 3 and min(lowest) > 0
 
@@ -130,7 +130,7 @@ def test_weight_that_follows_the_data(spot):
 
 def determined(reduced):
     x = reduced.unknowns.start
-    curvature = Curvature(reduced.at(x), Metric.of(reduced.at(x)))
+    curvature = Curvature(reduced.evaluate(x), Metric.of(reduced.evaluate(x)))
     blocks = reduced.unknowns.blocks
     regular = {name: reduced.weights[name] * r.matrix(x[blocks[name]]) for name, r in reduced.regularisers.items()}
     directions = {name: np.zeros(len(x)) for name in blocks}
@@ -158,7 +158,7 @@ def test_level_of_moduli_at_rest_is_open_where_only_displacements_drive(frequenc
     reduced, x = inversion.reduced, inversion.start
     level = np.zeros(len(x))
     level[: reduced.unknowns.blocks["boundary"].start] = 1
-    assert low <= Curvature(reduced.at(x), Metric.of(reduced.at(x))).share(level) <= high
+    assert low <= Curvature(reduced.evaluate(x), Metric.of(reduced.evaluate(x))).share(level) <= high
 
 
 def test_inverse_crime_is_told():

@@ -51,7 +51,7 @@ def model_of(n):
 
 def fitted(truth):
     model, numbers = model_of(len(truth))
-    data = model.at(np.array(truth)).data * (1 + 0.01 * np.random.default_rng(1).normal(size=5))
+    data = model.evaluate(np.array(truth)).data * (1 + 0.01 * np.random.default_rng(1).normal(size=5))
     model.forget()
     for number, value in zip(numbers.values(), START, strict=False):
         number.Set(value)

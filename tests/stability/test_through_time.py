@@ -56,13 +56,13 @@ def replayed(grid, newton=TIGHT):
 
 
 def slope_of(of):
-    return of.at(START).gradient(np.ones((1, 1)))
+    return of.evaluate(START).gradient(np.ones((1, 1)))
 
 
 def test_on_one_grid_the_gradient_has_its_rate():
     of = replayed(stepped(START)[0])
     slope = slope_of(of)
-    found = rates(lambda x: float(of.at(x).data[0, 0]), slope)
+    found = rates(lambda x: float(of.evaluate(x).data[0, 0]), slope)
     print(found)
     assert np.all((found > 1.9) & (found < 2.1))
 
@@ -73,7 +73,7 @@ def test_loose_steps_spoil_it():
     assert slope == pytest.approx(
         slope_of(replayed(of.replay.grid)), rel=1e-4
     )  # the gradient is right, what it is of is rough
-    found = rates(lambda x: float(of.at(x).data[0, 0]), slope)
+    found = rates(lambda x: float(of.evaluate(x).data[0, 0]), slope)
     print(found)
     assert np.min(found) < 1.3
 
@@ -99,8 +99,8 @@ def test_where_a_step_more_is_taken_there_is_no_gradient():
         low, high = (middle, high) if len(run(middle)[0]) == more else (low, middle)
     (grid, before), (_, after) = run(low), run(high)
     of = replayed(grid)
-    forces = [float(of.at(np.where(TAU > 0, tau, START)).data[0, 0]) for tau in (low, high)]
-    slope = of.at(np.where(TAU > 0, low, START)).gradient(np.ones((1, 1)))[2]
+    forces = [float(of.evaluate(np.where(TAU > 0, tau, START)).data[0, 0]) for tau in (low, high)]
+    slope = of.evaluate(np.where(TAU > 0, low, START)).gradient(np.ones((1, 1)))[2]
     free, held = (after - before) / (high - low) / slope, (forces[1] - forces[0]) / (high - low) / slope
     print(low, free, held)
     assert abs(held - 1) < 1e-3 and abs(free - 1) > 0.5

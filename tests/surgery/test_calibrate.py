@@ -46,7 +46,7 @@ def retracted(model, landmarks):
 
 
 def seen(retracted, landmarks, noise, force=True):
-    data = retracted.run.at(np.array(list(TRUTH.values()))).data
+    data = retracted.run.evaluate(np.array(list(TRUTH.values()))).data
     moved, pushed = data[:, :-1].reshape(2, -1, 3), data[:, -1]
     sigma = noise * float(np.sqrt(np.mean(moved**2))), noise * float(np.abs(pushed).max())
     random = np.random.default_rng(2)
@@ -66,10 +66,12 @@ def test_constants_times_a_factor_relax_as_quickly():
 @pytest.mark.slow
 def test_the_force_and_the_landmarks_have_their_derivatives(retracted):
     at, along = np.array([1.2, 0.9]), np.array([0.5, -0.7])
-    scale = np.abs(retracted.run.at(at).data).max(axis=0)
-    there = retracted.run.at(at)
+    scale = np.abs(retracted.run.evaluate(at).data).max(axis=0)
+    there = retracted.run.evaluate(at)
     change = there.jvp(along) / scale
-    rates = check.taylor(lambda x: retracted.run.at(x).data / scale, lambda dx: change, at, along, steps=2, first=0.1)
+    rates = check.taylor(
+        lambda x: retracted.run.evaluate(x).data / scale, lambda dx: change, at, along, steps=2, first=0.1
+    )
     assert np.all(np.abs(rates - 2) < 0.15), rates
 
 

@@ -27,7 +27,7 @@ def test_an_ogden_bar(stretch):
     body = Problem(cube(1), {".*": Material(Ogden(mu, alpha), inf)}, moved, element="P2/P1")
     top = PrescribedDisplacement(body, "top")
     model = StaticModel([LoadCase(body, [Force("top")])], {"mu": mu, "alpha": alpha, "top": top}, tight(body))
-    there = model.at(model.theta)
+    there = model.evaluate(model.theta)
 
     m, a, x, ln, area = 1e3, -5.0, stretch, log(stretch), SIDE**2
     powers, slopes = x ** (a - 1) - x ** (-a / 2 - 1), ln * (x ** (a - 1) + x ** (-a / 2 - 1) / 2)
@@ -63,7 +63,7 @@ def test_of_the_whole_potential_only_the_explicit_part_is_left(rng):
         return stored(at) + loads[0].energy(at) + loads[1].energy(at)
 
     model = StaticModel([LoadCase(body, [Functional(potential)])], {"mu": mu, "pull": pull}, tight(body))
-    there = model.at(model.theta)
+    there = model.evaluate(model.theta)
     assert there.data == pytest.approx([body.energy], rel=1e-12)
     gradient = there.gradient(np.ones(1))
     per_mu = density(NeoHooke(1.0), Deformation.of(body.kinematics.gradient(body.u, ngs.Grad(body.u))))

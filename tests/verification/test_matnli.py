@@ -134,7 +134,7 @@ class Grid:
     def data(self, held, driven):
         """Displacements (nodes, 2) in mm of the truth."""
         model = self.model(self.case.truth(self.x, self.y), [Wave(self.case.frequency, driven)], held)
-        return model.at(model.theta).data[0] / MM
+        return model.evaluate(model.theta).data[0] / MM
 
     def misfit(self, measured):
         """Φ (mm²) at the start and its gradient by the fields, per MPa or per scaled unit."""
@@ -146,7 +146,7 @@ class Grid:
         for k, u in enumerate(measured):
             there = (u.T.ravel() * MM)[model.driving]
             block[k] = there.real, there.imag
-        at = model.at(theta)
+        at = model.evaluate(theta)
         left = at.data / MM - measured
         gradient = at.gradient(left)[: model.blocks[BOUNDARY].start].reshape(len(case.start), -1) / MM
         unit = [u * s for u, s in zip(UNITS[3], SCALED, strict=True)] if len(case.start) == 3 else [MPA] * len(gradient)

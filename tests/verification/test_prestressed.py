@@ -55,7 +55,7 @@ def standing(modulus, stretch):
 def test_waves_along_the_axis(law, stretch):
     made, modulus = LAWS[law]
     model = stretched(made, stretch)
-    found = model.at(model.theta).data[0]
+    found = model.evaluate(model.theta).data[0]
     wanted = standing(modulus(stretch), stretch)
     assert np.abs(found[:, 1] - wanted).max() < 1e-3 * np.abs(wanted).max()
     assert np.abs(found[:, [0, 2]]).max() < 1e-6 * np.abs(wanted).max()
@@ -67,7 +67,7 @@ def test_resonances_of_a_stretched_bar(law, stretch):
     made, modulus = LAWS[law]
     first = np.pi / (stretch * LENGTH) * np.sqrt(modulus(stretch) / RHO)
     model = stretched(made, stretch, loss=0.0, frequency=0.9 * first / (2 * np.pi))
-    assert model.at(model.theta).factors.detuning(0) == pytest.approx(1 / 0.9 - 1, abs=2e-4)
+    assert model.evaluate(model.theta).factors.detuning(0) == pytest.approx(1 / 0.9 - 1, abs=2e-4)
 
 
 @pytest.mark.parametrize("stretch", [0.8, 1.2])
@@ -75,7 +75,7 @@ def test_how_they_change(stretch):
     """With μ, and with the stretch, which they know of through the equilibrium alone."""
     made, modulus = LAWS["Mooney-Rivlin"]
     model, h = stretched(made, stretch), 1e-5
-    there = model.at(model.theta)
+    there = model.evaluate(model.theta)
     by_mu, by_stretch = np.zeros((2, model.size))
     by_mu[model.blocks["mu"]] = MU
     by_stretch[model.blocks["front"]] = model.theta[model.blocks["front"]] / (stretch - 1)

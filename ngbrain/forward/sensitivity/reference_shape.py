@@ -34,7 +34,7 @@ class Positions:
     >>> nodes, seen = NodePositions(mesh), [[0.05, 0.0]]
     >>> body = Problem(mesh, {".*": Material(NeoHooke(1e3), 1e4)}, {"top": 0}, [Weight((0, -1e3))], element="P2")
     >>> model = Positions(StaticModel([LoadCase(body, [Displacements(seen)])], {"nodes": nodes}), "nodes", seen)
-    >>> hanging = model.at(np.zeros(nodes.size)).data
+    >>> hanging = model.evaluate(np.zeros(nodes.size)).data
     >>> bool(abs(hanging[0] - 0.05) < 1e-9 and -0.01 < hanging[1] < 0)
     True
     """
@@ -55,9 +55,9 @@ class Positions:
         self.shifts = sp.csr_array(shifted @ chosen)
         """∂s/∂θ at the points of all cases."""
 
-    def at(self, theta: Array) -> PositionsLinearisation:
+    def evaluate(self, theta: Array) -> PositionsLinearisation:
         """Positions at θ, and their derivatives."""
-        return PositionsLinearisation(self, self.model.at(theta))
+        return PositionsLinearisation(self, self.model.evaluate(theta))
 
 
 class PositionsLinearisation:

@@ -63,7 +63,7 @@ class StaticModel:
     >>> mu = ngs.GridFunction(ngs.L2(cube, order=0)); mu.Set(1e3)
     >>> body = Problem(cube, {".*": Material(NeoHooke(mu), 5e3)}, {"bottom": 0, "top": (0, 0, -0.01)}, element="P2")
     >>> model = StaticModel([LoadCase(body, [Displacements([[0.05, 0.05, 0.05]]), Force("top")])], {"mu": mu})
-    >>> there = model.at(model.theta)
+    >>> there = model.evaluate(model.theta)
     >>> len(there.data), len(there.gradient(there.data)) == cube.ne
     (6, True)
     """
@@ -97,7 +97,7 @@ class StaticModel:
         """θ as the bodies have it now."""
         return np.concatenate([part.value for part in self.parts.values()])
 
-    def at(self, theta: Array) -> StaticLinearisation:
+    def evaluate(self, theta: Array) -> StaticLinearisation:
         """Equilibria at θ, and their derivatives."""
         theta = np.array(theta, float)
         if theta.shape != (self.size,):

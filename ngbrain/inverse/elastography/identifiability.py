@@ -34,10 +34,10 @@ def bulk_effect(experiment: Experiment, theta: Array, noise: Relative) -> float:
     theta   of `experiment.model`
     noise   relative, as `noise_of` takes it
     """
-    before = experiment.model.at(theta).data
+    before = experiment.model.evaluate(theta).data
     try:
         experiment.squeeze.Set(1 + STIFFER)
-        moved = experiment.model.at(theta).data - before
+        moved = experiment.model.evaluate(theta).data - before
     finally:
         experiment.squeeze.Set(1.0)
     sigma = noise_of(experiment.data, noise, experiment.inside)

@@ -323,7 +323,7 @@ class _Search:
 
     def descend(self, problem: Reduced, start: Found) -> Found:
         """Down in J from a start, or the start itself where nothing is lower or it is `ASTRAY`."""
-        point = problem.at(start.x)
+        point = problem.evaluate(start.x)
         level = Level(self.misfit.squares(point.state.data), start.level.expected)
         if level.ratio < ASTRAY:
             try:
@@ -363,7 +363,7 @@ class _Search:
         """With misfit and J as `judge` has them."""
         if found is None:
             return None
-        point = judge.at(found.x)
+        point = judge.evaluate(found.x)
         end = Level(self.misfit.squares(point.state.data), found.level.expected)
         return replace(found, objective=point.value, level=end)
 

@@ -210,7 +210,7 @@ def _judged(judge: Reduced, found: Found | None) -> Found | None:
     """With misfit and J as `judge` has them."""
     if found is None:
         return None
-    point, misfit = judge.at(found.x), judge.misfit
+    point, misfit = judge.evaluate(found.x), judge.misfit
     assert isinstance(misfit, LeastSquares)
     return replace(found, objective=point.value, level=Level(misfit.squares(point.state.data), found.level.expected))
 

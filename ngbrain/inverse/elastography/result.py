@@ -249,7 +249,7 @@ def concluded(
     data, unknowns = experiment.data, problem.unknowns
     assert isinstance(unknowns, Fields)
     predicted = np.full(data.displacement.shape, np.nan, complex)
-    state = experiment.model.at(unknowns.theta(best.x))
+    state = experiment.model.evaluate(unknowns.theta(best.x))
     predicted[:, experiment.inside] = state.data
     mesh, determined = experiment.body.mesh, best.history[-1].determined
     strain, free = strain_of(data, noise), free_part(mesh)

@@ -177,7 +177,7 @@ class Blocks(CurveFit):
 
     def _at(self, x: Array) -> StaticLinearisation:
         if self._last is None or not np.array_equal(self._last.theta, x):
-            self._last = self.model.at(x)
+            self._last = self.model.evaluate(x)
         return self._last
 
     def _along(self, forces: Array) -> list[Array]:

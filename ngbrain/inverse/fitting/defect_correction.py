@@ -41,7 +41,7 @@ def corrected(point: Point, posterior: Posterior, better: Array) -> tuple[Array,
     --------
     >>> from ngbrain.inverse.phantoms.benchmark import Phantom
     >>> inversion = Phantom.named("CV-G", 5).measured(0.02).inversion()
-    >>> point = inversion.reduced.at(inversion.start)
+    >>> point = inversion.reduced.evaluate(inversion.start)
     >>> moved, _ = corrected(point, Posterior(point), point.state.data)
     >>> float(np.abs(moved).max())
     0.0

@@ -67,7 +67,7 @@ class Recovered(Result):
     @cached_property
     def posterior(self) -> Posterior:
         """Error bars: `recovered.posterior.band("mu")`. Raises `InputError` where data leave a number open."""
-        return Posterior(self.problem.at(self.x))
+        return Posterior(self.problem.evaluate(self.x))
 
     @cached_property
     def undetermined(self) -> dict[str, str]:
@@ -118,7 +118,7 @@ def recover(
 ) -> Recovered:
     """Parameters of a model such that its data are the measured ones, from the values that they have now.
 
-    measured     as `model.at(θ).data`; NaN where nothing was measured
+    measured     as `model.evaluate(θ).data`; NaN where nothing was measured
     noise        relative, of the rms of each observation; or standard deviations, shaped as the data
     unknowns     name → `Unknown`, where a start or a change of variable is not as usual
     regulariser  of fields, from their space and where they start: one of `regularise`
@@ -136,7 +136,7 @@ def recover(
     >>> mu = ngs.Parameter(1e3)
     >>> body = Problem(block(), {".*": Material(NeoHooke(mu), 1e4)}, {"bottom": 0, "top": (0, 0, -4e-3)}, element="P2")
     >>> model = StaticModel([LoadCase(body, [Force("top")])], {"mu": mu})
-    >>> force = model.at(model.theta).data
+    >>> force = model.evaluate(model.theta).data
     >>> mu.Set(500.0)
     >>> round(recover(model, force, 0.01).values["mu"], -1), round(mu.Get(), -1)
     (1000.0, 1000.0)
@@ -155,7 +155,7 @@ def recover(
     held = {name: regulariser(space, fields.start[fields.blocks[name]]) for name, space in spaces.items()}
     problem = Reduced(model, misfit, fields, held, dict.fromkeys(held, FIRST * misfit.count))
     found = levenberg_marquardt(problem, fields.start, callback=callback)
-    problem.at(found.x)  # the parameters have what was found
+    problem.evaluate(found.x)  # the parameters have what was found
     values = {name: v if name in spaces else float(v[0]) for name, v in fields.values(found.x).items()}
     return Recovered(values, found.level.ratio, problem, found.x, status=found.status, history=found.history)
 

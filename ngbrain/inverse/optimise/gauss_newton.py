@@ -86,7 +86,7 @@ class GaussNewton:
 
     def descend(self, x: Array, rounds: int = 4 * ROUNDS) -> FoundWaves:
         """From fields down to a minimum of J, at weights that settle with it."""
-        return self._down(self.reduced.at(x), rounds, [])
+        return self._down(self.reduced.evaluate(x), rounds, [])
 
     def _down(self, point: Point, rounds: int, history: list[Iteration], settled: bool = False) -> FoundWaves:
         stuck = False
@@ -145,7 +145,7 @@ class GaussNewton:
         while step >= SHORTEST:
             x, _ = self._moved(point.x, step * dx, self._state(point).waves + step * du)
             try:
-                tried = self.reduced.at(x)
+                tried = self.reduced.evaluate(x)
             except SolverError:
                 tried = None
             if tried is not None and tried.value <= point.value * (1 + 1e-9):

@@ -92,7 +92,7 @@ class Iterative(GaussNewton):
             raise InputError("checkpoint", f"{self.checkpoint}, on the way from measured waves", "one of a descent")
         history = _history(notes["history"])
         self._ledger.begun -= history[-1].cpu_s
-        return self._down(self.reduced.at(x), rounds - len(history), history, notes["settled"])
+        return self._down(self.reduced.evaluate(x), rounds - len(history), history, notes["settled"])
 
     def from_measured(self, x: Array, waves: Array, approach: int, rounds: int) -> FoundWaves:
         """`approach` in so many rounds at most, then `descend`; from the checkpoint, if there is one, on either way.
@@ -146,7 +146,7 @@ class Iterative(GaussNewton):
             history.append(Iteration("waves", squares, self.misfit.count, weights, change, step, cpu_s))
             self.callback(history[-1])
             self._save(x, {"done": [asdict(entry) for entry in history], "own": misfit}, waves)
-        point = point or self.reduced.at(x)
+        point = point or self.reduced.evaluate(x)
         level, weights = Level(self.misfit.squares(point.state.data), self.misfit.count), dict(self.reduced.weights)
         self.arrived = Found(point.x, point.value, level, weights, self.misfit.count, history=history)
         return point

@@ -65,7 +65,7 @@ def levenberg_marquardt(
     """
     ledger = Ledger(reduced, policy, callback, seed)
     history: list[Iteration] = []
-    point, settled, stuck, longest = reduced.at(x), False, False, SHORT
+    point, settled, stuck, longest = reduced.evaluate(x), False, False, SHORT
     metric = Metric.of(point)
     damping = first if first is not None else LIGHT if metric.loose.any() else FIRST
     for step_number in range(rounds):
@@ -166,6 +166,6 @@ class Dense(Curvature):
 
 def _tried(reduced: Reduced, x: Array) -> Point | None:
     try:
-        return reduced.at(x)
+        return reduced.evaluate(x)
     except SolverError:
         return None

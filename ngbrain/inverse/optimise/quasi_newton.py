@@ -54,7 +54,7 @@ def bfgs(
 
     >>> from ngbrain.inverse.phantoms.benchmark import Phantom
     >>> inversion = Phantom.named("CV-G", 9).measured(0.01).inversion()
-    >>> before = 2 * inversion.reduced.at(inversion.start).misfit
+    >>> before = 2 * inversion.reduced.evaluate(inversion.start).misfit
     >>> bfgs(inversion.reduced, inversion.start).level.misfit < 0.01 * before
     True
     """
@@ -113,7 +113,7 @@ class _Way:
 
     def __init__(self, reduced: Reduced, x: Array, gain: float) -> None:
         self.reduced, self.origin, self.gain = reduced, x, gain
-        self._at, self._point = np.zeros(len(x)), reduced.at(x)
+        self._at, self._point = np.zeros(len(x)), reduced.evaluate(x)
         self.metric = Metric.of(self._point)
         self._slope: Array | None = None
         self._solved: tuple[Array, float, Array]
@@ -121,7 +121,7 @@ class _Way:
     def point(self, xi: Array) -> Point:
         """At ξ; the model is asked anew if it was elsewhere meanwhile."""
         if not np.array_equal(xi, self._at):
-            self._point = self.reduced.at(self.origin + self.metric.back(xi))
+            self._point = self.reduced.evaluate(self.origin + self.metric.back(xi))
             self._at, self._slope = np.array(xi), None
         return self._point
 
@@ -170,7 +170,7 @@ class _Rounds:
             if not history and not np.any(moved):
                 raise ConvergenceError("no step lowers the objective from where it starts: try another start")
             x = x + moved
-            point = self.reduced.at(x)
+            point = self.reduced.evaluate(x)
             curvature = Curvature(point, Metric.of(point))
             settled = self.ledger.enter(
                 self.phase, x, point.state.data, curvature, moved, point.value / before, history

@@ -265,7 +265,7 @@ class Measured:
         def value(x: Array) -> tuple[float, Array]:
             theta[: where.start] = unit * x
             try:
-                state = model.at(theta)
+                state = model.evaluate(theta)
             except SolverError:
                 return np.inf, np.zeros_like(x)
             off = state.data - self.displacement

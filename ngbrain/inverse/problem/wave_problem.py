@@ -157,7 +157,7 @@ class Experiment:
             field = truth if self.elements.nodal else fitted(quantity.transform.inverse(truth))
             for name in self._parts(quantity):
                 theta[self.model.blocks[name]] = field
-        return self.model.at(theta).data
+        return self.model.evaluate(theta).data
 
     def _value(self, quantity: Quantity) -> CoefficientFunction:
         parts = {name: self._fields[name] for name in self._parts(quantity)}

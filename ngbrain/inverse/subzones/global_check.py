@@ -64,8 +64,8 @@ def level_as_one_body(
     misfit = LeastSquares(data.displacement[:, experiment.inside], sigma)
     reduced = Reduced(experiment.model, misfit, Fields(theta, blocks, {BOUNDARY: driven}), {}, {})
     with solves.spent_on("checks"):
-        point = reduced.at(reduced.unknowns.start)
+        point = reduced.evaluate(reduced.unknowns.start)
         normal = Normal(point)
         step = normal.solve(-normal.gradient(), PROBED, MOST_PROBED)
         expected = misfit.count - normal.determined(np.random.default_rng(0))
-        return Level(2 * reduced.at(point.x + step).misfit, expected)
+        return Level(2 * reduced.evaluate(point.x + step).misfit, expected)

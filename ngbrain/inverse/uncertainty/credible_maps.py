@@ -136,7 +136,7 @@ class Uncertainty:
         determined = moved.determined
         if min(determined.values()) < FEW:  # uniform around a mean that would count as known
             return self
-        data = experiment.model.at(unknowns.theta(moved.x)).data
+        data = experiment.model.evaluate(unknowns.theta(moved.x)).data
         before, misfit = found.chosen_row, problem.misfit.squares(data)
         if misfit > LOOSE * max(before.misfit, before.expected):
             return self
@@ -302,4 +302,4 @@ def _ended(found: Inversion) -> Point:
         raise InputError("found", "an inversion of zones or slices", "one of a single body")
     problem = found.end.problem
     same = Reduced(problem.model, problem.misfit, problem.unknowns, problem.regularisers, found.weights)
-    return same.at(found.end.x)
+    return same.evaluate(found.end.x)

@@ -75,7 +75,7 @@ class Posterior:
 
     >>> from ngbrain.inverse.phantoms.benchmark import Phantom
     >>> inversion = Phantom.named("CV-G", 5).measured(0.01).inversion()
-    >>> posterior = Posterior(inversion.reduced.at(inversion.start))
+    >>> posterior = Posterior(inversion.reduced.evaluate(inversion.start))
     >>> band = posterior.band("storage")
     >>> bool(np.all((0 < band.low) & (band.low < band.value) & (band.value < band.high)))
     True

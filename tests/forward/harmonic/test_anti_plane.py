@@ -84,22 +84,22 @@ def model(mesh, translation=False):
 @pytest.mark.parametrize("translation", [False, True])
 def test_derivatives_by_taylor_and_transpose(rng, translation):
     of = model(square(3, SIDE), translation)
-    theta, shape = of.theta, of.at(of.theta).data.shape
+    theta, shape = of.theta, of.evaluate(of.theta).data.shape
     assert shape == (2, 3, 1)
-    target = of.at(theta).data + 1e-3 * (rng.normal(size=shape) + 1j * rng.normal(size=shape))
-    there = of.at(theta)
+    target = of.evaluate(theta).data + 1e-3 * (rng.normal(size=shape) + 1j * rng.normal(size=shape))
+    there = of.evaluate(theta)
     slope = there.gradient(there.data - target)
     assert np.allclose(slope, there.vjp(there.data - target), rtol=1e-9, atol=1e-12 * np.abs(slope).max())
 
     def value(x):
-        return float(0.5 * np.sum(np.abs(of.at(x).data - target) ** 2))
+        return float(0.5 * np.sum(np.abs(of.evaluate(x).data - target) ** 2))
 
     for block in of.blocks.values():
         direction = np.zeros(of.size)
         direction[block] = rng.normal(size=block.stop - block.start) * max(np.abs(theta[block]).max(), 1e-4)
         rates = taylor(value, slope, theta, direction, first=2e-3)
         assert np.all((rates > 1.9) & (rates < 2.1)), rates
-        there, w = of.at(theta), rng.normal(size=shape) + 1j * rng.normal(size=shape)
+        there, w = of.evaluate(theta), rng.normal(size=shape) + 1j * rng.normal(size=shape)
         assert dot(there.jvp, there.vjp(w), direction, w) < 1e-10
 
 

@@ -374,12 +374,12 @@ def test_data_of_an_equilibrium(rng):
     )
     tight = newton_for(body, rtol=1e-12, xtol=1e-12)
     model = StaticModel([LoadCase(body, [*SMOOTH, STRAIN, STRESS])], {"mu": mu, "push": push}, tight)
-    start, there = model.theta.copy(), model.at(model.theta)
+    start, there = model.theta.copy(), model.evaluate(model.theta)
     w = weights(there.data[None], rng)[0]
     for name, direction in directions(model, rng):
-        gradient = model.at(start).gradient(w)
-        rates = taylor(lambda t: float(w @ model.at(t).data), gradient, start, direction, first=1e-3)
-        there = model.at(start)
+        gradient = model.evaluate(start).gradient(w)
+        rates = taylor(lambda t: float(w @ model.evaluate(t).data), gradient, start, direction, first=1e-3)
+        there = model.evaluate(start)
         assert rates[0] == pytest.approx(2, abs=0.1), (name, rates)
         assert dot(there.jvp, there.vjp, direction, w) < 1e-9
         assert there.vjp(w) == pytest.approx(gradient, rel=1e-8)
@@ -401,7 +401,7 @@ def test_second_derivatives_of_all_kinds_of_data_of_an_equilibrium(rng):
     asked = [SWELLING, TipDrop(), STRAIN, STRESS, small, energy]
     model = StaticModel([LoadCase(body, asked)], p, newton_for(body, rtol=1e-12, xtol=1e-12))
     percentiles = [seen for seen in model.equilibria[0].seen if isinstance(seen, Percentile)]
-    start, there = model.theta.copy(), model.at(model.theta)
+    start, there = model.theta.copy(), model.evaluate(model.theta)
     w = weights(there.data[None], rng)[0]
     direction = start * rng.uniform(0.5, 1, 2)
 
@@ -409,17 +409,17 @@ def test_second_derivatives_of_all_kinds_of_data_of_an_equilibrium(rng):
         return [np.argsort(seen.values()).tolist() for seen in percentiles]
 
     first, ranks = 2e-2, ranked()
-    while any((model.at(start + s * direction), ranked())[1] != ranks for s in (first, -first)):
+    while any((model.evaluate(start + s * direction), ranked())[1] != ranks for s in (first, -first)):
         first /= 2
     assert first > 1e-5
     for observed, where in zip(asked, model.observed, strict=True):
         own = np.zeros_like(w)
         own[where] = w[where]
-        there = model.at(start)
+        there = model.evaluate(start)
         found = there.hvp(own, direction) * start
 
         def slope(theta, own=own):
-            return model.at(theta).gradient(own) * start
+            return model.evaluate(theta).gradient(own) * start
 
         if observed in (STRAIN, STRESS, small):
             ends = [slope(start + s * direction) for s in (first, -first)]
@@ -434,8 +434,8 @@ def test_a_quotient_whose_slopes_stay_has_no_second_derivatives(rng, monkeypatch
     body, p = stretched()
     model = StaticModel([LoadCase(body, [Ratio(StrainEnergy(), region_volume())])], p)
     start, w = model.theta.copy(), np.ones(1)
-    found = model.at(start).hvp(w, start) * start
-    rates = taylor(lambda t: model.at(t).gradient(w) * start, lambda d: found, start, start, first=2e-2)
+    found = model.evaluate(start).hvp(w, start) * start
+    rates = taylor(lambda t: model.evaluate(t).gradient(w) * start, lambda d: found, start, start, first=2e-2)
     assert rates[-1] < 1.3, rates
 
 
@@ -446,15 +446,15 @@ def test_the_pressure_of_a_plate_in_a_run_by_what_it_is_made_of(rng):
     walls = acts(drive)
     body = Problem(mesh, materials, {"bottom": 0}, contacts=walls, element="P2/P1")
     model = RunModel(body, drive, GRID, parameters, [patch_pressure(walls[0])])
-    start, there = model.theta.copy(), model.at(model.theta)
+    start, there = model.theta.copy(), model.evaluate(model.theta)
     w = weights(there.data, rng)
     gradient = there.gradient(w)
     for name, direction in directions(model, rng):
-        rates = taylor(lambda t: float(np.sum(w * model.at(t).data)), gradient, start, direction, first=0.02)
+        rates = taylor(lambda t: float(np.sum(w * model.evaluate(t).data)), gradient, start, direction, first=0.02)
         assert rates[1] == pytest.approx(2, abs=0.15), (name, rates)
-        assert np.sum(w * model.at(start).jvp(direction)) == pytest.approx(gradient @ direction, rel=1e-6), name
-    found = model.at(start).hvp(w, start) * start
-    rates = taylor(lambda t: model.at(t).gradient(w) * start, lambda d: found, start, start, first=1e-3)
+        assert np.sum(w * model.evaluate(start).jvp(direction)) == pytest.approx(gradient @ direction, rel=1e-6), name
+    found = model.evaluate(start).hvp(w, start) * start
+    rates = taylor(lambda t: model.evaluate(t).gradient(w) * start, lambda d: found, start, start, first=1e-3)
     assert rates[0] == pytest.approx(2, abs=0.1), rates
 
 
@@ -472,28 +472,28 @@ def run_of(kind, asked, grid=GRID):
 def test_data_of_a_run(kind, rng):
     """Integrals and forces at the ends of steps, with loads elsewhere on nodes that are shared."""
     model = run_of(kind, SMOOTH)
-    start, there = model.theta.copy(), model.at(model.theta)
+    start, there = model.theta.copy(), model.evaluate(model.theta)
     w = weights(there.data, rng)
     gradient = there.gradient(w)
     for name, direction in directions(model, rng):
-        rates = taylor(lambda t: float(np.sum(w * model.at(t).data)), gradient, start, direction, first=0.05)
+        rates = taylor(lambda t: float(np.sum(w * model.evaluate(t).data)), gradient, start, direction, first=0.05)
         assert rates[2] == pytest.approx(2, abs=0.1), (name, rates)
-        there = model.at(start)
+        there = model.evaluate(start)
         assert np.sum(w * there.jvp(direction)) == pytest.approx(gradient @ direction, rel=1e-7)
 
 
 def test_a_percentile_of_a_run(rng):
     """Against differences: its ranks change along the way."""
     model = run_of(loaded, [STRAIN])
-    start, there = model.theta.copy(), model.at(model.theta)
+    start, there = model.theta.copy(), model.evaluate(model.theta)
     w = weights(there.data, rng)
     gradient = there.gradient(w)
     for name, direction in directions(model, rng):
-        ends = [float(np.sum(w * model.at(start + s * direction).data)) for s in (-1e-3, 1e-3)]
+        ends = [float(np.sum(w * model.evaluate(start + s * direction).data)) for s in (-1e-3, 1e-3)]
         assert (ends[1] - ends[0]) / 2e-3 == pytest.approx(gradient @ direction, rel=5e-3), name
     found, ends = (
-        model.at(start).hvp(w, direction),
-        [model.at(start + s * direction).gradient(w) for s in (1e-6, -1e-6)],
+        model.evaluate(start).hvp(w, direction),
+        [model.evaluate(start + s * direction).gradient(w) for s in (1e-6, -1e-6)],
     )
     assert found * start == pytest.approx(
         (ends[0] - ends[1]) / 2e-6 * start, rel=1e-3, abs=1e-3 * np.abs(found * start).max()
@@ -502,10 +502,10 @@ def test_a_percentile_of_a_run(rng):
 
 def test_second_derivatives_of_integrals_of_a_run(rng):
     model = run_of(loaded, [SWELLING, Force("bottom")], GRID[:4])
-    start, there = model.theta.copy(), model.at(model.theta)
+    start, there = model.theta.copy(), model.evaluate(model.theta)
     w = weights(there.data, rng)
     direction = sum(way for _, way in directions(model, rng))
-    second, gradient = there.hvp(w, direction), lambda t: model.at(t).gradient(w)
+    second, gradient = there.hvp(w, direction), lambda t: model.evaluate(t).gradient(w)
     rates = taylor(gradient, lambda way: second, start, direction, first=0.01)
     assert rates[-1] == pytest.approx(2, abs=0.1), rates
 

@@ -45,7 +45,7 @@ def test_derivatives_are_right_and_take_no_tangent(where, rng, monkeypatch):
     dim = 2 if where == "plane" else 3
     of = linear(where, [Weight((0, -9810.0, 0)[:dim]), Traction("right", (20.0, 0, 0)[:dim])])
     assert of.equilibria[0].quadratic
-    there = of.at(of.theta)
+    there = of.evaluate(of.theta)
     made, count = of.solves.factorisations, assemblies(of, monkeypatch)
     w = weights(there, rng)
     there.gradient(w), there.jvp(of.theta), there.vjp(w)
@@ -57,12 +57,12 @@ def test_other_parameters_have_a_tangent_of_their_own(rng):
     """Along a path Newton's method begins with the factor of before; and a state of before has one that has gone."""
     of = linear("space")
     theta = of.theta
-    first = of.at(theta)
+    first = of.evaluate(theta)
     w = weights(first, rng)
     moved = theta * rng.uniform(0.7, 1.4, len(theta))
-    second = of.at(moved)
+    second = of.evaluate(moved)
     for there, at in ((second, moved), (first, theta)):
-        wanted = linear("space").at(at).gradient(w)
+        wanted = linear("space").evaluate(at).gradient(w)
         assert there.gradient(w) == pytest.approx(wanted, rel=1e-9, abs=1e-9 * np.abs(wanted).max())
 
 

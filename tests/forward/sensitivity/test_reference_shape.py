@@ -34,7 +34,7 @@ def test_points_without_their_displacement_move_with_the_nodes():
     model = Positions(hung(), "nodes", SEEN)
     aside = np.zeros(model.model.size)
     aside[: len(aside) // 2] = 3e-3  # all nodes, to the right
-    unloaded = model.at(aside).data - model.model.at(aside).data
+    unloaded = model.evaluate(aside).data - model.model.evaluate(aside).data
     assert unloaded.reshape(2, -1, 2) == pytest.approx(np.array([SEEN + np.array([3e-3, 0])] * 2), rel=1e-12)
 
 
@@ -42,12 +42,12 @@ def test_derivatives(rng):
     model = Positions(hung(), "nodes", SEEN)
     theta = 2e-3 * rng.uniform(-1, 1, model.model.size)
     direction = 2e-3 * rng.uniform(-1, 1, model.model.size)
-    there = model.at(theta)
+    there = model.evaluate(theta)
     w = rng.normal(size=len(there.data))
     up = there.gradient(w)
     assert there.vjp(w) == pytest.approx(up, rel=1e-8, abs=1e-10 * np.abs(up).max())
     assert dot(there.jvp, up, direction, w) < 1e-9
-    rates = taylor(lambda x: float(w @ model.at(x).data), up, theta, direction)
+    rates = taylor(lambda x: float(w @ model.evaluate(x).data), up, theta, direction)
     assert rates == pytest.approx(2, abs=0.1)
 
 

@@ -35,7 +35,7 @@ def model(mesh, form, law, parameters):
 def measured(law):
     """Noisy data and their σ: a part of the rms displacement, and of the force."""
     fine = model(square(14, size=SIDE), "P3/P2", law, {"none": ngs.Parameter(0.0)})
-    data, sigma = fine.at(fine.theta).data, []
+    data, sigma = fine.evaluate(fine.theta).data, []
     for moved, force in fine.split(data):
         sigma += [np.full(len(moved), NOISE * np.sqrt(2 * np.mean(moved**2)))]
         sigma += [np.full(2, NOISE * np.linalg.norm(force))]

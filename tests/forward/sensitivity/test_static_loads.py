@@ -137,13 +137,13 @@ def test_second_derivatives(make, rng):
 
 def bend(of, share, rng):
     """Second derivatives are symmetric, and those of the gradient, along ways of a share of θ's size."""
-    theta, there = of.theta, of.at(of.theta)
+    theta, there = of.theta, of.evaluate(of.theta)
     w = weights(there, rng)
     size = np.concatenate([np.full(b.stop - b.start, np.abs(theta[b]).max() or 1e-2) for b in of.blocks.values()])
     a, b = share * size * rng.uniform(-1, 1, (2, of.size))
     along_a, along_b = there.hvp(w, a), there.hvp(w, b)
     assert dot(along_a, along_b, a, b) < 1e-10
-    rates = taylor(lambda t: of.at(t).gradient(w) * size, lambda d: there.hvp(w, d) * size, theta, a, 2)
+    rates = taylor(lambda t: of.evaluate(t).gradient(w) * size, lambda d: there.hvp(w, d) * size, theta, a, 2)
     assert np.all((rates > 1.9) & (rates < 2.1)), rates
 
 
@@ -160,7 +160,7 @@ def two():
 def test_two_bodies_share_their_parameters(rng):
     of = two()
     verify(of, rng)
-    first, second = of.split(of.at(of.theta).data)
+    first, second = of.split(of.evaluate(of.theta).data)
     assert [len(part) for part in first + second] == [4, 2, 1, 2, 2]
     assert second[0] == pytest.approx([-7.0, 0.0], abs=1e-7)
 
@@ -168,7 +168,7 @@ def test_two_bodies_share_their_parameters(rng):
 def test_observations_are_what_they_say():
     of = model(NeoHooke, form="P2/P1")
     body = of.equilibria[0].body
-    ((u, force, swelling),) = of.split(of.at(of.theta).data)
+    ((u, force, swelling),) = of.split(of.evaluate(of.theta).data)
     points = SIDE * np.array([[0.31, 0.52], [0.7, 0.83]])
     assert u.reshape(2, 2) == pytest.approx(np.array([body.u(body.mesh(*point)) for point in points]))
     assert force == pytest.approx(body.force("bottom")) and force[1] > 0
@@ -177,7 +177,7 @@ def test_observations_are_what_they_say():
     assert swelling == pytest.approx([wanted], rel=1e-3)
     twist = Force("top", motions=[ngs.CF((-ngs.y, ngs.x))])
     mine = StaticModel([LoadCase(body, [twist])], {"none": number(0.0)})
-    assert mine.at(mine.theta).data == pytest.approx([body.conjugate(ngs.CF((-ngs.y, ngs.x)), "top")])
+    assert mine.evaluate(mine.theta).data == pytest.approx([body.conjugate(ngs.CF((-ngs.y, ngs.x)), "top")])
 
 
 # Where nodes are.
@@ -207,10 +207,10 @@ def test_second_derivatives_by_nodes(dim, form, rng):
 def test_nodes_that_turn_an_element_are_refused():
     of = shaped(2, "P2")
     theta = of.theta
-    there = of.at(theta)
+    there = of.evaluate(theta)
     with pytest.raises(InvertedElementError, match="inside out"):
-        of.at(theta * np.where(np.arange(of.size) < 18, 100.0, 1.0))
-    assert of.at(theta).data == pytest.approx(there.data, rel=1e-9)
+        of.evaluate(theta * np.where(np.arange(of.size) < 18, 100.0, 1.0))
+    assert of.evaluate(theta).data == pytest.approx(there.data, rel=1e-9)
     with pytest.raises(InputError, match="mesh is deformed already"):
         NodePositions(of.parts["nodes"].mesh)
 
@@ -234,7 +234,7 @@ def test_bad_input():
     with pytest.raises(InputError, match="boundary"):
         PrescribedDisplacement(body, "nowhere")
     with pytest.raises(InputError, match=r"theta is of shape \(3,\); wanted: 9 numbers"):
-        StaticModel([case], {"mu": mu}).at(np.ones(3))
+        StaticModel([case], {"mu": mu}).evaluate(np.ones(3))
     with pytest.raises(InputError, match="1 of 1 outside"):
         StaticModel([LoadCase(body, [Displacements([[1.0, 1.0]])])], {"mu": mu})
     depth = number(0.01)
@@ -249,15 +249,15 @@ def test_bad_input():
 def test_a_step_too_far_is_a_solver_error_and_the_model_lives_on(rng):
     of = driven()
     theta = of.theta
-    before = of.at(theta)
+    before = of.evaluate(theta)
     w = weights(before, rng)
     wanted, through = before.gradient(w), theta.copy()
     through[of.blocks["top"]] *= 10  # the top below the bottom
     for far in (np.full(of.size, np.nan), np.full(of.size, np.inf), through):
         with pytest.raises(SolverError):
-            of.at(far)
+            of.evaluate(far)
     assert before.gradient(w) == pytest.approx(wanted, rel=1e-9, abs=1e-9 * np.abs(wanted).max())
-    assert of.at(theta).data == pytest.approx(before.data, rel=1e-9)
+    assert of.evaluate(theta).data == pytest.approx(before.data, rel=1e-9)
 
 
 def test_far_parameters_are_reached_by_steps_between(monkeypatch):
@@ -265,10 +265,10 @@ def test_far_parameters_are_reached_by_steps_between(monkeypatch):
     along = Equilibrium._along
     monkeypatch.setattr(Equilibrium, "_along", lambda self, put, x: along(self, lambda s: (tried.append(s), put(s)), x))
     theta = of.theta
-    of.at(theta)
-    far = of.at(4.5 * theta)
+    of.evaluate(theta)
+    far = of.evaluate(4.5 * theta)
     assert len(tried) > 2 and tried[-1] == 1
-    assert far.data == pytest.approx(driven().at(4.5 * theta).data, rel=1e-8, abs=1e-10)
+    assert far.data == pytest.approx(driven().evaluate(4.5 * theta).data, rel=1e-8, abs=1e-10)
 
 
 # Each bug is one that can be met; rates of a right derivative are above 1.9.
@@ -278,7 +278,7 @@ def stale_factor(patch):
     solved = StaticLinearisation._solved
 
     def wrong(self, w):
-        self._inverses[0] = self.model.at(1.05 * self.theta)._inverse(0)
+        self._inverses[0] = self.model.evaluate(1.05 * self.theta)._inverse(0)
         self._inverses[0].solve(self.states[0])
         return solved(self, w)
 
@@ -340,10 +340,10 @@ def test_a_bug_lowers_the_rate(bug, monkeypatch, rng):
     def rates():
         of = make()
         theta = of.theta
-        there = of.at(theta)
+        there = of.evaluate(theta)
         random = np.random.default_rng(1)
         w, direction = weights(there, random), dict(directions(of, random))[block]
-        return taylor(lambda t: float(w @ of.at(t).data), there.gradient(w), theta, direction, steps=7)
+        return taylor(lambda t: float(w @ of.evaluate(t).data), there.gradient(w), theta, direction, steps=7)
 
     assert rates()[-1] > 1.9
     bug(monkeypatch)
@@ -368,7 +368,7 @@ def test_laws_and_cases_without_sense_are_refused():
         StaticModel([LoadCase(body, [])], {"mu": mu})
     with pytest.raises(InputError, match=r"points is of shape \(1, 3\); wanted: \(n, 2\)"):
         StaticModel([LoadCase(body, [Displacements(np.ones((1, 3)))])], {"mu": mu})
-    there = StaticModel([LoadCase(body, [Force("bottom")])], {"mu": mu}).at(np.array([1e3]))
+    there = StaticModel([LoadCase(body, [Force("bottom")])], {"mu": mu}).evaluate(np.array([1e3]))
     for product in (there.gradient, there.vjp):
         with pytest.raises(InputError, match=r"w is of shape \(3,\); wanted: \(2,\)"):
             product(np.ones(3))
@@ -391,6 +391,6 @@ def test_laws_keep_their_parameters_where_they_like(kind):
     for law in (Closed(), NeoHooke(whole)):
         body = Problem(mesh, {".*": Material(law, 4e3)}, {"bottom": 0, "top": (0.006, -0.012)}, element="P2")
         of = StaticModel([LoadCase(body, [Force("top")])], {"mu": mu}, tight(body))
-        slopes.append((body.ratio, of.at(of.theta).gradient(np.ones(2))))
+        slopes.append((body.ratio, of.evaluate(of.theta).gradient(np.ones(2))))
     assert slopes[0][0] == pytest.approx(slopes[1][0], rel=1e-12) and slopes[0][0] < 5
     assert slopes[0][1] == pytest.approx(slopes[1][1], rel=1e-9)

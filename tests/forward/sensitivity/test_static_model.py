@@ -82,7 +82,7 @@ def test_condensed_pressures_of_a_stiff_bulk_leave_their_digits(rng):
     mu = field(mesh, 1e3)
     body = Problem(mesh, {".*": Material(NeoHooke(mu), 9e8)}, {"bottom": 0, "top": (0.006, -0.004)}, element="P4/L2(2)")
     of = StaticModel([LoadCase(body, seen())], {"mu": mu}, newton_for(body, rtol=1e-11, xtol=1e-9))
-    there, each = of.at(of.theta), of.equilibria[0]
+    there, each = of.evaluate(of.theta), of.equilibria[0]
     b = rng.normal(size=body.fes.ndof) * body.is_u * (body.weights > 0)
     each.change.vec.FV().NumPy()[:] = there._inverse(0).solve(b)
     left = each.stretched() * (body.weights > 0) - b
@@ -99,13 +99,13 @@ def test_other_solvers_give_the_same_gradient(solver, rng):
             mesh, {".*": Material(NeoHooke(mu), 4e3)}, {"bottom": 0, "top": (0, 0, -0.012)}, element="P2", solver=chosen
         )
         of = StaticModel([LoadCase(body, seen(3))], {"mu": mu})
-        gradients.append(of.at(of.theta).gradient(np.ones(10)))
+        gradients.append(of.evaluate(of.theta).gradient(np.ones(10)))
     assert gradients[1] == pytest.approx(gradients[0], abs=1e-10 * np.abs(gradients[0]).max())
 
 
 def test_a_factor_that_fails_is_made_with_pivots(monkeypatch, rng):
     of = model(NeoHooke, form="P2/P1")
-    there, w = of.at(of.theta), np.ones(7)
+    there, w = of.evaluate(of.theta), np.ones(7)
     wanted = there.gradient(w)
 
     def fails():
@@ -125,11 +125,11 @@ def test_second_derivatives(law, form, rng):
     """They are symmetric, and those of the gradient."""
     of = model(law, "field" if form == "P2" and law is not Ogden else "number", form)
     theta = of.theta
-    there = of.at(theta)
+    there = of.evaluate(theta)
     w, (a, b) = weights(there, rng), (theta * rng.uniform(-1, 1, (2, of.size)))
     along_a, along_b = there.hvp(w, a), there.hvp(w, b)
     assert dot(along_a, along_b, a, b) < 1e-10
-    rates = taylor(lambda t: of.at(t).gradient(w) * theta, lambda d: there.hvp(w, d) * theta, theta, a, 2)
+    rates = taylor(lambda t: of.evaluate(t).gradient(w) * theta, lambda d: there.hvp(w, d) * theta, theta, a, 2)
     assert np.all((rates > 1.9) & (rates < 2.1)), rates
 
 
@@ -137,7 +137,7 @@ def test_the_whole_hessian_of_a_misfit(rng):
     """JᵀWJ and the second derivatives weighted by the misfit's slope, together: symmetric, and the gradient's derivative."""
     of = model(Ogden, "number", "P2/P1")
     theta = of.theta
-    there = of.at(theta)
+    there = of.evaluate(theta)
     misfit = LeastSquares(1.3 * there.data, 0.1 * unit(there))
 
     def hessian(direction):
@@ -145,7 +145,7 @@ def test_the_whole_hessian_of_a_misfit(rng):
         return there.vjp(bent) + there.hvp(misfit.gradient(there.data), direction)
 
     def gradient(t):
-        now = of.at(t)
+        now = of.evaluate(t)
         return now.gradient(misfit.gradient(now.data)) * theta
 
     a, b = theta * rng.uniform(-1, 1, (2, of.size))
@@ -162,10 +162,10 @@ def test_a_state_of_before_keeps_its_derivatives(rng):
     for form in ("P2/P1", ElementPair(2, 0, False)):
         of = model(Demiray, "field", form)
         theta, direction = of.theta, dict(directions(of, rng))["mu"]
-        first = of.at(theta)
+        first = of.evaluate(theta)
         w = weights(first, rng)
         wanted = first.gradient(w), first.jvp(direction), first.hvp(w, direction)
-        fresh, second = of.at(theta), of.at(1.1 * theta)
+        fresh, second = of.evaluate(theta), of.evaluate(1.1 * theta)
         second.gradient(w)
         for there in (first, fresh):
             found = there.gradient(w), there.jvp(direction), there.hvp(w, direction)
@@ -176,16 +176,16 @@ def test_a_state_of_before_keeps_its_derivatives(rng):
 
 def test_a_path_of_its_own_leads_to_the_same_equilibrium():
     of, theta = model(Ogden, "field", "P2/P1"), model(Ogden).theta
-    of.at(theta)
+    of.evaluate(theta)
     rng = np.random.default_rng(3)
     moved = theta * rng.uniform(0.5, 2.0, len(theta))
-    straight = model(Ogden, "field", "P2/P1").at(moved).data
-    assert of.at(moved).data == pytest.approx(straight, abs=1e-9 * np.abs(unit(of.at(moved))).max())
+    straight = model(Ogden, "field", "P2/P1").evaluate(moved).data
+    assert of.evaluate(moved).data == pytest.approx(straight, abs=1e-9 * np.abs(unit(of.evaluate(moved))).max())
 
 
 def test_solves_are_counted(rng):
     of = model(NeoHooke)
-    there = of.at(of.theta)
+    there = of.evaluate(of.theta)
     made, w = of.solves.factorisations, weights(there, rng)
     assert made >= 1 and of.solves.forward == 1
     there.gradient(w)

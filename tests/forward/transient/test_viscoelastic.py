@@ -101,7 +101,7 @@ def test_a_body_of_contacts_bears_loads_as_this_one_does():
     loads = [Traction("right", (900.0 * a, 0.0, 0.0)), Weight((0.0, -9e3 * a, 0.0)), plate]
     other = Problem(mesh, {"tissue": tissue}, {"bottom": 0}, loads, element="P2/P1")
     of = RunModel(other, drive, grid, {"none": ngs.Parameter(0.0)}, [Displacements([[0.013, 0.01, 0.012]])])
-    assert of.at(of.theta).data == pytest.approx(np.array(wanted), abs=1e-5 * np.abs(wanted).max())
+    assert of.evaluate(of.theta).data == pytest.approx(np.array(wanted), abs=1e-5 * np.abs(wanted).max())
 
 
 def test_loads_on_what_is_not_there_are_refused():

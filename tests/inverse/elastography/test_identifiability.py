@@ -31,10 +31,10 @@ def effect(bulk_over_shear, noise=0.02):
     experiment = Experiment(data, in_elements(data))
     unknowns = experiment.unknowns(np.ones(1))
     theta = unknowns.theta(unknowns.start)
-    before = experiment.model.at(theta).data
+    before = experiment.model.evaluate(theta).data
     found = bulk_effect(experiment, theta, noise)
     np.testing.assert_allclose(
-        experiment.model.at(theta).data, before, atol=1e-12 * np.abs(before).max()
+        experiment.model.evaluate(theta).data, before, atol=1e-12 * np.abs(before).max()
     )  # it is put back
     return found
 

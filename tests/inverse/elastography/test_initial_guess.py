@@ -102,5 +102,5 @@ def test_an_experiment_arrives_in_another_process_as_it_is(data):
     arrived = pickle.loads(pickle.dumps(sent))
     np.testing.assert_array_equal(arrived.waves, sent.waves)
     theta = sent.unknowns(np.ones(1)).theta(sent.unknowns(np.ones(1)).start)
-    np.testing.assert_array_equal(arrived.model.at(theta).data, sent.model.at(theta).data)
+    np.testing.assert_array_equal(arrived.model.evaluate(theta).data, sent.model.evaluate(theta).data)
     assert list(arrived.model.blocks) == list(sent.model.blocks)

@@ -50,20 +50,20 @@ def found(of, data, sigma):
     fields = Fields(of.theta, of.blocks, {name: Unknown(1.0, Log()) for name in TRUTH})
     held = {name: ridge(fields.start[place]) for name, place in fields.blocks.items()}
     reduced = Reduced(of, LeastSquares(data, sigma), fields, held, dict.fromkeys(held, 1 / math.log(3) ** 2))
-    return reduced.at(levenberg_marquardt(reduced, fields.start, Given(), lambda _: None).x)
+    return reduced.evaluate(levenberg_marquardt(reduced, fields.start, Given(), lambda _: None).x)
 
 
 @pytest.mark.parametrize("size", [0.005, 0.0035])
 def test_half_of_what_elements_are_wrong_by_is_taken_off(size):
     """Naive: the inversion's own elements, whose error is many times the noise's; the step leaves six tenths at most."""
     truth = np.array(list(TRUTH.values()))
-    data = model(0.0006).at(truth).data
+    data = model(0.0006).evaluate(truth).data
     sigma = NOISE * np.abs(data)
     data = data + sigma * np.random.default_rng(1).normal(size=len(data))
     coarse = model(size)
     point = found(coarse, data, sigma)
     naive = point.x - np.log(truth)
-    finer = model(size / math.sqrt(2)).at(np.exp(point.x)).data
+    finer = model(size / math.sqrt(2)).evaluate(np.exp(point.x)).data
     moved, fitted = corrected(point, Posterior(point, least=0), finer)
     left = naive + moved
     print(size, naive, left)

@@ -32,7 +32,7 @@ def seen(mesh, form, law, parameters):
 def measured(law, noise, rng):
     """From a finer mesh of another order, with noise of each observation's rms."""
     fine = seen(square(12, size=SIDE), "P3/P2", law, {"none": ngs.Parameter(0.0)})
-    data = fine.at(fine.theta).data
+    data = fine.evaluate(fine.theta).data
     sigma = np.concatenate([np.full(s.stop - s.start, noise * np.sqrt(np.mean(data[s] ** 2))) for s in fine.observed])
     return data + sigma * rng.normal(size=len(data))
 
@@ -57,7 +57,7 @@ def test_a_users_own_law_by_one_call(rng):
 def test_numbers_of_a_run_from_its_force():
     of = run(grid=GRID)
     truth = of.theta
-    data = of.at(truth).data
+    data = of.evaluate(truth).data
     for parameter in of.parameters.values():
         parameter.Set(1.3 * parameter.Get())
     sigma = np.broadcast_to(0.01 * np.abs(data).max(axis=0), data.shape)
@@ -82,7 +82,7 @@ def test_what_is_given_is_taken(rng):
 def test_what_cannot_be_meant_is_refused():
     mu, alpha = ngs.Parameter(1e3), ngs.Parameter(0.0)
     of = seen(square(1, size=SIDE), "P2", Ogden(mu, -3.0 + alpha), {"mu": mu, "alpha": alpha})
-    data = of.at(of.theta).data
+    data = of.evaluate(of.theta).data
     with pytest.raises(InputError, match=r"parameters\.alpha is nothing where the search begins"):
         recover(of, data, 0.01)
     with pytest.raises(InputError, match=r"unknowns is 'my'; wanted: .*mu"):
@@ -103,7 +103,7 @@ def test_as_many_numbers_as_data_leave_nothing_to_judge_the_misfit_by():
     body = Problem(block(), tissue, {"bottom": 0, "top": (0, 0, -4e-3)}, element="P2")
     swelling = Functional(lambda at: (ngs.Det(at.F) - 1) * at.inside(".*"), name="swelling", unit="m³")
     model = StaticModel([LoadCase(body, [Force("top", (0, 0, 1)), swelling])], {"mu": mu, "bulk": bulk})
-    data = model.at(model.theta).data
+    data = model.evaluate(model.theta).data
     mu.Set(500.0)
     bulk.Set(5e3)
     found = recover(model, data, 0.01 * np.abs(data))

@@ -31,7 +31,7 @@ def run(values, n, element, steps, seen):
 def exact():
     finer = np.unique(np.concatenate([np.linspace(a, b, 5) for a, b in pairwise(STEPS)]))
     of = run(TRUTH, 6, "P3/P2", finer, BOTH)
-    return of.at(of.theta).data
+    return of.evaluate(of.theta).data
 
 
 def recovered(seed, seen=BOTH):

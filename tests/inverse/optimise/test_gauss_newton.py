@@ -82,8 +82,8 @@ def test_ends_at_a_minimum():
     """The gradient vanishes there, and none of ten random steps goes down."""
     inversion = small()
     found = uniform(inversion, policy=Given())
-    gradient, random = inversion.reduced.at(found.x).gradient(), np.random.default_rng(0)
-    start = np.linalg.norm(inversion.reduced.at(inversion.start).gradient())
+    gradient, random = inversion.reduced.evaluate(found.x).gradient(), np.random.default_rng(0)
+    start = np.linalg.norm(inversion.reduced.evaluate(inversion.start).gradient())
     assert found.converged and np.linalg.norm(gradient) < 1e-3 * start
     assert found.objective == pytest.approx(inversion.reduced.value(found.x), rel=1e-9)
     steps = 0.01 * random.normal(size=(10, len(found.x)))
@@ -126,7 +126,7 @@ def test_round_off_at_nodes_counts_as_not_seen():
 
 def test_where_waves_have_no_solution_a_step_is_halved():
     inversion = small()
-    start, at, refused = inversion.start, inversion.reduced.at, []
+    start, at, refused = inversion.start, inversion.reduced.evaluate, []
     fields = slice(0, inversion.reduced.unknowns.blocks["boundary"].start)
 
     def narrow(x):
@@ -135,7 +135,7 @@ def test_where_waves_have_no_solution_a_step_is_halved():
             raise SolverError("singular")
         return at(x)
 
-    inversion.reduced.at = narrow
+    inversion.reduced.evaluate = narrow
     found = GaussNewton(inversion.reduced, Given()).descend(start, rounds=1)
     assert refused and 0.025 <= np.abs(found.x - start)[fields].max() <= 0.05
     assert found.history[0].step == pytest.approx(0.5 ** len(refused), rel=1e-9)
@@ -143,17 +143,17 @@ def test_where_waves_have_no_solution_a_step_is_halved():
 
 def test_an_end_says_whether_steps_or_rounds_ran_out():
     inversion, told = small(), []
-    at = inversion.reduced.at
+    at = inversion.reduced.evaluate
 
     def once(x):
         if told:
             raise SolverError("singular")
         return at(x)
 
-    inversion.reduced.at = once
+    inversion.reduced.evaluate = once
     stuck = GaussNewton(inversion.reduced, Given(), told.append).descend(inversion.start)
     assert stuck.status is Status.STALLED and len(stuck.history) == 1
-    inversion.reduced.at = at
+    inversion.reduced.evaluate = at
     stopped = GaussNewton(inversion.reduced, Given()).descend(inversion.start, rounds=1)
     assert stopped.status is Status.STOPPED
     for end, why in ((stuck, "no step lowered the objective any more"), (stopped, "more may change the maps")):

@@ -78,7 +78,7 @@ def test_labels_keep_a_jump():
 @pytest.mark.parametrize("boundary", [False, True])
 def test_preconditioner_is_symmetric_positive_definite(boundary, rng):
     reduced, search = problem(weight=1e-2, boundary=boundary)
-    apply = by_blocks(preconditioners(reduced.at(search.start), Extensions()), reduced)
+    apply = by_blocks(preconditioners(reduced.evaluate(search.start), Extensions()), reduced)
     for _ in range(4):
         a, b = rng.normal(size=(2, len(search.start)))
         assert a @ apply(b) == pytest.approx(
@@ -89,7 +89,7 @@ def test_preconditioner_is_symmetric_positive_definite(boundary, rng):
 
 def test_preconditioner_beats_the_regulariser():
     reduced, search = problem(weight=1e-2)
-    point = reduced.at(search.start)
+    point = reduced.evaluate(search.start)
     ours, alone = by_blocks(preconditioners(point, Extensions()), reduced), by_blocks(regulariser_alone(point), reduced)
     enough = 0.998 * lowered(point, ours, 150)  # negative
     assert lowered(point, ours, 18) < enough < lowered(point, alone, 36)  # half as many iterations
@@ -98,7 +98,7 @@ def test_preconditioner_beats_the_regulariser():
 def test_directions_are_remembered():
     """A second solve around the same point with another right-hand side is shorter by what the first has learnt."""
     reduced, search = problem(weight=1e-2)
-    normal = Normal(reduced.at(search.start), forcing=0.03)
+    normal = Normal(reduced.evaluate(search.start), forcing=0.03)
     b = -normal.gradient()
     normal.solve(b)
     normal.solve(1.1 * b)
@@ -121,7 +121,7 @@ def test_likely_fields_are_as_the_regulariser_says(held, rng):
 def columns(weight, boundary):
     """A point, how many of its storage moduli data determine, by all columns of H⁻¹, and the moduli's part of the regulariser."""
     reduced, search = problem(weight=weight, boundary=boundary)
-    point = reduced.at(search.start)
+    point = reduced.evaluate(search.start)
     block, regular = search.blocks["storage tissue"], reduced.regular_matrix(search.start)
     solver, trace = Normal(point, forcing=1e-4, most=400), 0.0
     for i in range(block.start, block.stop):
@@ -146,7 +146,7 @@ def test_what_data_determine(boundary):
 
 def test_preconditioner_of_a_transversely_isotropic_law():
     reduced, search = problem(law=lambda mu: TransverselyIsotropic(mu, 0.5, 0.5, (1, 0, 0)))
-    point = reduced.at(search.start)
+    point = reduced.evaluate(search.start)
     normal = Normal(point, forcing=0.1, most=100)
     normal.solve(-normal.gradient())
     assert normal.iterations[0] < 40
@@ -154,7 +154,7 @@ def test_preconditioner_of_a_transversely_isotropic_law():
 
 def test_what_is_determined_is_drawn_once():
     reduced, search = problem()
-    normal = Normal(reduced.at(search.start), most=5)
+    normal = Normal(reduced.evaluate(search.start), most=5)
     whole, regular = normal.determined(np.random.default_rng(0)), reduced.regularisers
     first = normal.determined_of(search.blocks, regular, np.random.default_rng(1))
     assert normal.determined_of(search.blocks, regular, np.random.default_rng(2)) == first
@@ -212,6 +212,6 @@ def test_boundary_that_is_off_is_put_right():
     x = search.start.copy()
     block = search.blocks[BOUNDARY]
     x[block] += np.random.default_rng(0).normal(size=block.stop - block.start)
-    before = reduced.at(x).misfit
+    before = reduced.evaluate(x).misfit
     found = Iterative(reduced, Given(), most=20).descend(x, 2)
     assert found.level.misfit / 2 < 0.5 * before

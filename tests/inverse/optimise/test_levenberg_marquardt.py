@@ -34,7 +34,7 @@ def test_the_same_minimum_as_gauss_newton(dense):
 
 def test_matrix_and_traces_are_those_of_the_products():
     inversion = small()
-    point = inversion.reduced.at(inversion.start)
+    point = inversion.reduced.evaluate(inversion.start)
     metric = Metric.of(point)
     dense, free = Dense(point, metric), Curvature(point, metric)
     x = np.random.default_rng(0).normal(size=len(inversion.start))
@@ -58,7 +58,7 @@ def test_damping_gets_through_where_full_steps_do_not():
 
 def test_nowhere_to_go_from_where_the_data_fit():
     inversion = small()
-    inversion.reduced.misfit.measured = inversion.reduced.at(inversion.start).state.data
+    inversion.reduced.misfit.measured = inversion.reduced.evaluate(inversion.start).state.data
     try:
         found = levenberg_marquardt(inversion.reduced, inversion.start, Given())
     except ConvergenceError:
@@ -79,9 +79,13 @@ def test_what_nothing_holds_at_a_trial_is_not_counted():
         return SimpleNamespace(data=theta[:1], jvp=lambda d: d[:1], vjp=None, gradient=lambda w: np.array([w[0], 0.0]))
 
     reduced = Reduced(
-        SimpleNamespace(at=known), LeastSquares(np.zeros(1), 1.0), fields, {"a": ridge(fields.start[:1])}, {"a": 1.0}
+        SimpleNamespace(evaluate=known),
+        LeastSquares(np.zeros(1), 1.0),
+        fields,
+        {"a": ridge(fields.start[:1])},
+        {"a": 1.0},
     )
-    dense = Dense(reduced.at(fields.start), Metric(sp.csr_array(np.eye(2))))
+    dense = Dense(reduced.evaluate(fields.start), Metric(sp.csr_array(np.eye(2))))
     assert dense.matrix == pytest.approx(np.diag([2.0, 0.0]))
     assert dense.determined(None) == pytest.approx(0.5)
     assert dense.determined_of(fields.blocks, {"a": sp.csr_array([[1.0]])}, None) == pytest.approx({"a": 0.5})
@@ -92,7 +96,7 @@ class Blind:
 
     calls = 0
 
-    def at(self, theta):
+    def evaluate(self, theta):
         self.calls += 1
         self.data = np.array([1 - 1e-13 * self.calls])
         return self
@@ -114,13 +118,13 @@ def test_no_step_changes_an_unknown_beyond_what_can_be_foretold():
     """A start far off and hardly a regulariser: steps without bound would take logarithms to where nothing is seen any more."""
     inversion = small(weight=1e-5, start={"storage": 2e3, "loss": 2e3})
     seen = []
-    at = inversion.reduced.at
+    at = inversion.reduced.evaluate
 
     def watched(x):
         seen.append(x.copy())
         return at(x)
 
-    inversion.reduced.at = watched
+    inversion.reduced.evaluate = watched
     levenberg_marquardt(inversion.reduced, inversion.start, Given(), rounds=6)
     assert (
         max(np.abs(np.diff(seen, axis=0)).max(axis=1)) <= 2 * LONGEST

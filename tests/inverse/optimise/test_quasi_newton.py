@@ -88,7 +88,7 @@ def test_weights_follow_the_data():
 @pytest.mark.one_thread
 def test_nowhere_to_go_from_the_minimum_of_nothing():
     inversion = small()
-    inversion.reduced.misfit.measured = inversion.reduced.at(inversion.start).state.data
+    inversion.reduced.misfit.measured = inversion.reduced.evaluate(inversion.start).state.data
     with pytest.raises(ConvergenceError, match="no step"):
         l_bfgs(inversion.reduced, inversion.start)
 
@@ -103,7 +103,7 @@ def test_a_misfit_without_a_level_is_refused():
 def test_traces_by_conjugate_gradients():
     inversion = small()
     reduced, x = inversion.reduced, inversion.start
-    curvature = Curvature(reduced.at(x), Metric.of(reduced.at(x)))
+    curvature = Curvature(reduced.evaluate(x), Metric.of(reduced.evaluate(x)))
     H = np.array([curvature.apply(e) for e in np.eye(len(x))])
     exact = len(x) - np.trace(reduced.regular_matrix(x) @ np.linalg.inv(H))
     random = np.random.default_rng(0)

@@ -83,7 +83,7 @@ def by_descent():
 def by_products():
     inversion = Phantom.named("CV-G", 7).measured(0.02).inversion()
     found = levenberg_marquardt(inversion.reduced, inversion.start, dense=0, rounds=2)
-    state, before = inversion.reduced.at(found.x).state, inversion.model.solves.incremental
+    state, before = inversion.reduced.evaluate(found.x).state, inversion.model.solves.incremental
     state.hvp(state.data, np.ones(inversion.model.size))
     assert inversion.model.solves.incremental == before + 2
     return inversion.model.solves

@@ -36,7 +36,7 @@ def test_several_frequencies_are_those_of_one_each():
     assert several.displacement == pytest.approx(np.concatenate(each), rel=1e-12)
     assert several.data().frequency.tolist() == [30.0, 30.0, 50.0, 50.0]
     inversion = several.inversion(start=several.truth)
-    assert np.abs(inversion.reduced.at(inversion.start).state.data - several.displacement).max() < 1e-9
+    assert np.abs(inversion.reduced.evaluate(inversion.start).state.data - several.displacement).max() < 1e-9
 
 
 def test_noise_is_as_large_as_stated():
@@ -50,7 +50,7 @@ def test_noise_is_as_large_as_stated():
 def test_published_inversion_starts_as_published_and_its_misfit_falls():
     start = Phantom.named("CV-G").measured()
     inversion = start.inversion()
-    misfit = 5e5 * np.sum(np.abs(inversion.reduced.at(inversion.start).state.data - start.displacement) ** 2)
+    misfit = 5e5 * np.sum(np.abs(inversion.reduced.evaluate(inversion.start).state.data - start.displacement) ** 2)
     assert misfit == pytest.approx(25.99276698574, rel=1e-6)
     falls = [iterate.misfit for iterate in islice(Phantom.named("CV-G", 9).measured().as_published(), 10)]
     assert np.all(np.diff(falls) < 0)

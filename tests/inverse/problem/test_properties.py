@@ -55,7 +55,7 @@ def test_gradient_of_polar_unknowns(body, rng):
     reduced = Reduced(experiment.model, LeastSquares(experiment.measured, sigma), unknowns, {}, {})
     x = unknowns.start + 0.1 * rng.normal(size=len(unknowns.start))
     dx = rng.normal(size=len(x))
-    rates = taylor(reduced.value, reduced.at(x).gradient(), x, dx, steps=3, first=1e-2)
+    rates = taylor(reduced.value, reduced.evaluate(x).gradient(), x, dx, steps=3, first=1e-2)
     assert np.all(np.abs(rates - 2) < 0.1)
 
 

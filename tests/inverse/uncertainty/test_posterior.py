@@ -34,7 +34,7 @@ class Linear:
     def __init__(self, matrix):
         self.matrix = matrix
 
-    def at(self, theta):
+    def evaluate(self, theta):
         A = self.matrix
         return SimpleNamespace(data=A @ theta, jvp=lambda v: A @ v, vjp=lambda w: A.T @ w, gradient=lambda w: A.T @ w)
 
@@ -61,7 +61,7 @@ def linear(names="abc", rng=None):
 
 
 def at_start(reduced, least=0.0):
-    return Posterior(reduced.at(reduced.unknowns.start), least)
+    return Posterior(reduced.evaluate(reduced.unknowns.start), least)
 
 
 @pytest.mark.parametrize("names", ["abc", "ab", "ac", "c"])
@@ -90,7 +90,7 @@ def test_the_same_data_under_other_regularisers(names):
     """In closed form: the mean and the covariance of data and of the other assumption, from the minimum under the first one."""
     reduced, H = linear(names)
     start = reduced.unknowns.start
-    x = start - np.linalg.solve(H, reduced.at(start).gradient())
+    x = start - np.linalg.solve(H, reduced.evaluate(start).gradient())
     rng = np.random.default_rng(5)
     others, weights = {}, {"a": 0.7, "b": 3.0}
     own, other, pull = (np.zeros_like(H), np.zeros_like(H), np.zeros(len(H)))
@@ -102,7 +102,7 @@ def test_the_same_data_under_other_regularisers(names):
         other[block, block] = weights[name] * others[name].matrix(x[block]).toarray()
         pull[block] = other[block, block] @ others[name].reference
     data = H - own
-    moved = Posterior(reduced.at(x), least=0.0).under(others, weights)
+    moved = Posterior(reduced.evaluate(x), least=0.0).under(others, weights)
     C = np.linalg.inv(data + other)
     assert moved.x == pytest.approx(C @ (H @ x + pull), rel=1e-8, abs=1e-8)
     assert moved.variance(np.eye(len(C))) == pytest.approx(np.diag(C), rel=1e-8)
@@ -211,7 +211,7 @@ def test_bad_input():
 def test_waves_and_their_boundary():
     """All of H, boundary included, whose displacements no regulariser holds."""
     inversion = Phantom.named("CV-G", 5).measured(0.01).inversion()
-    point = inversion.reduced.at(inversion.start)
+    point = inversion.reduced.evaluate(inversion.start)
     H = np.array([point.product(e) for e in np.eye(len(point.x))])
     C = np.linalg.inv((H + H.T) / 2)
     posterior = Posterior(point, least=0)
@@ -252,14 +252,14 @@ def test_mean_of_a_label_by_its_slope_and_by_draws():
 def pressed(measured):
     """Shear and bulk modulus of a pressed square, known from what is measured of it with 1 % noise, and nothing assumed."""
     body = model(NeoHooke, "number")
-    data = body.at(body.theta).data
+    data = body.evaluate(body.theta).data
     fields = Fields(body.theta, body.blocks, {"mu": Unknown(1e3), "bulk": Unknown(4e3)})
     return Reduced(body, LeastSquares(np.where(measured, data, np.nan), 0.01 * np.abs(data)), fields, {}, {})
 
 
 def test_moduli_of_a_body_in_equilibrium():
     reduced = pressed(np.ones(7, bool))
-    point = reduced.at(reduced.unknowns.start)
+    point = reduced.evaluate(reduced.unknowns.start)
     J = np.array([point.state.jvp(e) for e in np.diag(reduced.model.theta)]).T / (0.01 * point.state.data)[:, None]
     exact, posterior = np.sqrt(np.diag(np.linalg.inv(J.T @ J))), Posterior(point)
     for name, where in reduced.model.blocks.items():
@@ -277,7 +277,7 @@ def test_displacements_alone_do_not_tell_moduli():
 def two_halves():
     """Log moduli of two halves, one of them seen through little, the drive known."""
     true = square(9, "Q1", 0.1)
-    noise, measured = scatter(true.at(true.theta).data, 0.1)
+    noise, measured = scatter(true.evaluate(true.theta).data, 0.1)
     model = square(9, "Q1", 0.1)
     height = np.array([v.point[1] for v in model.body.mesh.vertices])
     basis = sp.csr_array(np.stack([height < 0.03, height >= 0.03], axis=1).astype(float))
@@ -289,7 +289,7 @@ def test_two_moduli_against_the_exact_posterior():
     """Deviations and ends of a non-linear problem with two unknowns against J on a grid."""
     reduced = two_halves()
     found = GaussNewton(reduced, Given()).descend(reduced.unknowns.start)
-    posterior = Posterior(reduced.at(found.x))
+    posterior = Posterior(reduced.evaluate(found.x))
     sigma = posterior.deviation("storage")
     t = np.linspace(-4.5, 4.5, 23)
     values = np.array([[reduced.value(found.x + sigma * [a, b]) for b in t] for a in t])
@@ -318,7 +318,7 @@ def test_waves_against_sampling():
     root = np.linalg.cholesky((C + C.T) / 2)
 
     def energy(white):
-        there = reduced.at(point.x + root @ white)
+        there = reduced.evaluate(point.x + root @ white)
         return there.value, root.T @ there.gradient()
 
     random, number, begun = np.random.default_rng(0), 2500, 50

@@ -162,11 +162,11 @@ def test_pressures_of_a_retraction_are_data_of_a_model():
     seen = [asked[name] for name in ("pressure", "tip_pressure", "force", "net_reaction")]
     of = RunModel(run.problem, run.motion, [0.0, 0.05, 0.3, 1.0, 2.0], {"cortex": factor}, seen, [1.0, 2.0])
     theta = of.theta
-    there = of.at(theta)
+    there = of.evaluate(theta)
     rows = there.data
     assert rows[:, 2] == pytest.approx(rows[:, 3], rel=1e-6)  # the blade's force and the tissue's, which balance
     w = np.array([[0.3], [1.0]]) / np.abs(rows).max(axis=0)
     gradient = there.gradient(w)
     assert np.all(there.jvp(np.ones(1)) > 0) and np.sum(w * there.jvp(np.ones(1))) == pytest.approx(gradient[0])
-    rates = taylor(lambda at: float(np.sum(w * of.at(at).data)), gradient, theta, np.ones(1), 3, 0.04)
+    rates = taylor(lambda at: float(np.sum(w * of.evaluate(at).data)), gradient, theta, np.ones(1), 3, 0.04)
     assert rates == pytest.approx(2, abs=0.1), rates

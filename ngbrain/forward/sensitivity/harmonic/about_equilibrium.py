@@ -46,7 +46,7 @@ class AboutEquilibrium:
 
     def put(self, values: Array) -> None:
         """Set them, and find the equilibrium."""
-        self._there = self.static.at(values)
+        self._there = self.static.evaluate(values)
 
     def sensitivity(self, waves: Array) -> StateSensitivity:
         """At the equilibrium that was found last; it stays of use when others are."""

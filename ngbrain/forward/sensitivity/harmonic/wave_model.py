@@ -64,7 +64,7 @@ class WaveModel:
     >>> storage = ngs.GridFunction(ngs.H1(mesh, order=1)); storage.Set(2000.0)
     >>> body = Harmonic(mesh, Shearing(storage * (1 + 0.2j)), [Wave(50.0, {"top": (1e-3, 0)})], bulk=1e5, form="P2")
     >>> model = WaveModel(body, {"storage": storage}, np.array([[0.05, 0.05]]))
-    >>> model.at(model.theta).data.shape
+    >>> model.evaluate(model.theta).data.shape
     (1, 1, 2)
     """
 
@@ -103,7 +103,7 @@ class WaveModel:
         held = [g[self.driving] for g in self.body.prescribed]
         return np.concatenate([self.medium.value, *(part for g in held for part in (g.real, g.imag))])
 
-    def at(self, theta: Array) -> WaveLinearisation:
+    def evaluate(self, theta: Array) -> WaveLinearisation:
         """Waves of θ, and their derivatives; the body keeps the values of the last call.
 
         Raises `SolverError` at a resonance without loss, and about a deformed body what `StaticModel` does.

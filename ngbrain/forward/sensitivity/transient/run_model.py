@@ -80,7 +80,7 @@ class RunModel:
     >>> cube = block((0.02, 0.02, 0.02), 0.02)
     >>> body = Problem(cube, {"tissue": tissue}, {"bottom": 0}, contacts=[plate], element="P2/P1")
     >>> model = RunModel(body, drive, [0.0, 1.0, 2.0, 8.0], {"g": g, "tau": tau}, [Force("top", (0, 0, 1))])
-    >>> there = model.at(model.theta)
+    >>> there = model.evaluate(model.theta)
     >>> there.data.shape, there.gradient(there.data).shape
     ((3, 1), (2,))
     """
@@ -165,7 +165,7 @@ class RunModel:
         """What second derivatives need; made when first asked for."""
         return StepHessian(self.forms, self._made_of, self.contacts, self.seen)
 
-    def at(self, theta: Array) -> RunLinearisation:
+    def evaluate(self, theta: Array) -> RunLinearisation:
         """The run at θ, and its derivatives; the parameters keep the values of the last call."""
         if np.shape(theta) != (self.size,):
             raise InputError("theta", f"of shape {np.shape(theta)}", f"{self.size} numbers")

@@ -81,17 +81,17 @@ def weights(there, rng):
 def verify(of, rng, names=None):
     """J has rates of 2 along each block, Jᵀ by matrices is its transpose and the same as by forms."""
     theta = of.theta
-    there = of.at(theta)
+    there = of.evaluate(theta)
     w = weights(there, rng)
     pulled = pulled_both_ways(of, there, w)
     for name, direction in directions(of, rng):
         change = there.jvp(direction)
         assert dot(change, pulled, direction, w) < 1e-10, name
         if name == BOUNDARY:  # waves are linear in it
-            moved = of.at(theta + direction).data - there.data
+            moved = of.evaluate(theta + direction).data - there.data
             assert moved == pytest.approx(change, abs=1e-9 * np.abs(change).max())
         elif names is None or name in names:
-            rates = taylor(lambda t: of.at(t).data, lambda _: change, theta, direction, 2)  # noqa: B023
+            rates = taylor(lambda t: of.evaluate(t).data, lambda _: change, theta, direction, 2)  # noqa: B023
             assert np.all((rates > 1.9) & (rates < 2.1)), (name, rates)
 
 
@@ -113,7 +113,7 @@ def test_a_pressure_that_follows(rng):
     """Its tangent is not symmetric where its rim is free, nor is the waves' matrix."""
     of = model(neo_hooke, load=Pressure, held="top")
     verify(of, rng, {"load", "mu"})
-    A = of.at(of.theta).factors.matrix(0)[~of.body.held][:, ~of.body.held]
+    A = of.evaluate(of.theta).factors.matrix(0)[~of.body.held][:, ~of.body.held]
     assert abs(A - A.T).max() > 1e-3 * abs(A).max()
 
 
@@ -121,12 +121,12 @@ def test_a_pressure_that_follows(rng):
 def test_where_nodes_are(form, rng):
     """Rates of 2 where nodes move by a twentieth of the side."""
     of = model(neo_hooke, form, nodes=True)
-    there, direction = of.at(of.theta), np.zeros(of.size)
+    there, direction = of.evaluate(of.theta), np.zeros(of.size)
     block, w = of.blocks["nodes"], weights(there, rng)
     direction[block] = SIDE / 20 * rng.normal(size=block.stop - block.start)
     change = there.jvp(direction)
     assert dot(change, pulled_both_ways(of, there, w), direction, w) < 1e-10
-    rates = taylor(lambda t: of.at(t).data, lambda _: change, of.theta, direction, 2)
+    rates = taylor(lambda t: of.evaluate(t).data, lambda _: change, of.theta, direction, 2)
     assert np.all((rates > 1.9) & (rates < 2.1)), rates
 
 
@@ -137,7 +137,7 @@ def test_space(rng):
 def test_waves_may_be_held_elsewhere(rng):
     """What stands still in equilibrium may swing, and the other way round."""
     of = model(neo_hooke, held={"x": "top|left", "y": "top"})
-    there, left, bottom = of.at(of.theta), SIDE * np.array([0.0, 0.4]), SIDE * np.array([0.4, 0.0])
+    there, left, bottom = of.evaluate(of.theta), SIDE * np.array([0.0, 0.4]), SIDE * np.array([0.4, 0.0])
     u, mesh = there.displacement(0), of.body.mesh
     across, along = map(abs, u(mesh(*left)))
     assert across < 1e-9 * along
@@ -175,7 +175,7 @@ def test_a_cavity_keeps_its_volume(rng):
     held = {"x": "top|right", "y": "bottom|right"}
     of = WaveModel(Harmonic.about(body, swinging, loss=0.1, held=held), {"mu": mu}, SIDE * np.array([[0.25, 0.25]]))
     verify(of, rng)
-    assert abs(of.at(of.theta).waves[0, -1]) > 0
+    assert abs(of.evaluate(of.theta).waves[0, -1]) > 0
 
 
 @pytest.mark.parametrize("form", ["P2", "P2/P1"])
@@ -195,14 +195,16 @@ def test_a_misfit_of_them(rng):
     """Its gradient has rates of 2, by the interface that optimisers know."""
     of = model(neo_hooke)
     theta = of.theta
-    data = 1.3 * of.at(theta).data
+    data = 1.3 * of.evaluate(theta).data
     unknowns = Fields(theta, of.blocks, {"mu": Unknown(theta[of.blocks["mu"]], Scaled())})
     reduced = Reduced(of, LeastSquares(data, 0.1 * np.abs(data).max()), unknowns, {}, {})
     x = unknowns.start
     direction = rng.uniform(-1, 1, len(x)) * np.abs(x).max()
-    rates = taylor(reduced.value, reduced.at(x).gradient(), x, direction, 2)
+    rates = taylor(reduced.value, reduced.evaluate(x).gradient(), x, direction, 2)
     assert np.all((rates > 1.9) & (rates < 2.1)), rates
-    rates = taylor(lambda x: reduced.at(x).gradient(), lambda d: reduced.at(x).hessian(d), x, 0.3 * direction, 2)
+    rates = taylor(
+        lambda x: reduced.evaluate(x).gradient(), lambda d: reduced.evaluate(x).hessian(d), x, 0.3 * direction, 2
+    )
     assert np.all((rates > 1.9) & (rates < 2.1)), rates
 
 
@@ -228,23 +230,23 @@ def test_second_derivatives_by_nodes(load, rng):
 
 def bend(of, rng):
     theta = of.theta
-    there = of.at(theta)
+    there = of.evaluate(theta)
     sizes = {name: np.abs(theta[b]).max() or 0.02 * SIDE for name, b in of.blocks.items()}
     w, size = weights(there, rng), np.concatenate([np.full(b.stop - b.start, sizes[n]) for n, b in of.blocks.items()])
     a, b = 0.3 * size * rng.uniform(-1, 1, (2, of.size))
     along_a, along_b = there.hvp(w, a), there.hvp(w, b)
     assert dot(along_a, along_b, a, b) < 1e-10
-    rates = taylor(lambda t: of.at(t).gradient(w) * size, lambda d: there.hvp(w, d) * size, theta, a, 2)
+    rates = taylor(lambda t: of.evaluate(t).gradient(w) * size, lambda d: there.hvp(w, d) * size, theta, a, 2)
     assert np.all((rates > 1.9) & (rates < 2.1)), rates
 
 
 def test_a_state_of_before_keeps_its_derivatives(rng):
     of = model(neo_hooke)
     theta = of.theta
-    first = of.at(theta)
+    first = of.evaluate(theta)
     w, direction = weights(first, rng), theta * rng.uniform(-1, 1, len(theta))
     wanted = first.gradient(w), first.jvp(direction)
-    fresh, second = of.at(theta), of.at(1.05 * theta)
+    fresh, second = of.evaluate(theta), of.evaluate(1.05 * theta)
     second.gradient(w)
     for found, was in zip((fresh.gradient(w), fresh.jvp(direction)), wanted, strict=True):
         assert found == pytest.approx(was, rel=1e-8, abs=1e-9 * np.abs(was).max())
@@ -252,7 +254,7 @@ def test_a_state_of_before_keeps_its_derivatives(rng):
 
 def test_solves_are_counted(rng):
     of = model(neo_hooke)
-    there = of.at(of.theta)
+    there = of.evaluate(of.theta)
     made, w = of.solves.factorisations, weights(there, rng)
     assert of.solves.forward == 3 and made >= 3  # one equilibrium and two waves
     there.gradient(w)
@@ -339,7 +341,7 @@ def test_at_rest_they_are_how_its_equilibrium_changes():
     body, parameters = pressed_by_a_plate()
     move = 1e-7
     of = WaveModel(Harmonic.about(body, [Wave(1e-3, {"bottom": (move, 0)})]), parameters, POINTS[:, :2], tight(body))
-    found = of.at(of.theta).data.real[0]
+    found = of.evaluate(of.theta).data.real[0]
     states = []
     for share in (0.0, 1e3):  # by as much more
         other, _ = pressed_by_a_plate()
@@ -353,5 +355,5 @@ def test_at_rest_they_are_how_its_equilibrium_changes():
     assert found == pytest.approx(wanted, abs=0.02 * np.abs(wanted).max())
     free, _ = pressed_by_a_plate(depth=-1e-3)  # a plate that does not touch lets all of it go along
     gone = WaveModel(Harmonic.about(free, [Wave(1e-3, {"bottom": (move, 0)})]), {"mu": parameters["mu"]}, POINTS[:, :2])
-    assert gone.at(gone.theta).data.real[0][:, 0] == pytest.approx(move, rel=1e-6)
+    assert gone.evaluate(gone.theta).data.real[0][:, 0] == pytest.approx(move, rel=1e-6)
     assert np.abs(found[:, 0] - move).max() > 0.1 * move

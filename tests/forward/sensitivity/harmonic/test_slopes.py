@@ -56,7 +56,7 @@ def test_a_field_that_nothing_is_made_of_has_no_slope():
     mesh = square(2, 0.04)
     of = fields(mesh, storage=2000.0, idle=1.0)
     model = WaveModel(body(mesh, Shearing(of["storage"] * (1 + 0.2j))), of, np.array([[0.01, 0.02]]))
-    there = model.at(model.theta)
+    there = model.evaluate(model.theta)
     slope = there.gradient(there.data)
     assert np.abs(slope[model.blocks["storage"]]).max() > 0 and not slope[model.blocks["idle"]].any()
     assert slope == pytest.approx(there.vjp(there.data), rel=1e-9, abs=1e-30)

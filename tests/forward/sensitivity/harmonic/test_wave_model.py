@@ -22,10 +22,10 @@ def misfit(of, weight):
     """½ Σ |d - d0|² with d0 far from the data, and its gradient."""
 
     def value(theta):
-        return float(0.5 * np.sum(np.abs(of.at(theta).data - weight) ** 2))
+        return float(0.5 * np.sum(np.abs(of.evaluate(theta).data - weight) ** 2))
 
     def gradient(theta):
-        there = of.at(theta)
+        there = of.evaluate(theta)
         return there.gradient(there.data - weight)
 
     return value, gradient
@@ -44,7 +44,7 @@ def test_rates_of_every_field(name, rng):
 @pytest.mark.parametrize("name", MODELS)
 def test_the_products_are_transposes_and_the_gradient_is_one(name, rng):
     of = MODELS[name]()
-    there, w = of.at(of.theta), wanted(of, rng)
+    there, w = of.evaluate(of.theta), wanted(of, rng)
     pulled, driven = there.vjp(w), there.gradient(w)
     scale = np.concatenate([np.full(b.stop - b.start, np.abs(pulled[b]).max()) for b in of.blocks.values()])
     assert np.abs((pulled - driven) / scale).max() < 1e-11
@@ -85,13 +85,13 @@ def test_fields_of_any_space(space, rng):
     _, direction = next(directions(of, rng))
     rates = taylor(value, gradient(of.theta), of.theta, direction, first=2e-3)
     assert np.all((rates > 1.9) & (rates < 2.1)), rates
-    there = of.at(of.theta)
+    there = of.evaluate(of.theta)
     assert there.vjp(weight) == pytest.approx(there.gradient(weight), rel=1e-9, abs=1e-16)
 
 
 def test_solves_are_counted(rng):
     of = model()
-    there, w = of.at(of.theta), wanted(of, rng)
+    there, w = of.evaluate(of.theta), wanted(of, rng)
     assert (of.solves.factorisations, of.solves.forward) == (2, 3)
     there.gradient(w)
     assert of.solves.adjoint == 3
@@ -195,7 +195,7 @@ def test_a_bug_lowers_the_rate(bug, kind, block, monkeypatch, rng):
 
 def test_a_matrix_that_is_not_transposed_fails_the_dot_test(monkeypatch, rng):
     of = model()
-    there, w = of.at(of.theta), wanted(of, rng)
+    there, w = of.evaluate(of.theta), wanted(of, rng)
     _, direction = next(directions(of, rng))
     wrong = [sp.csr_array(s.conj()) for s in there.sensitivity.matrices]
     monkeypatch.setattr(there.sensitivity, "matrices", wrong)
@@ -216,15 +216,15 @@ def test_bad_input():
         WaveModel(body, {"storage": ngs.GridFunction(ngs.H1(mesh, complex=True))}, np.array([[0.01, 0.01]]))
     of = WaveModel(body, {"storage": storage}, np.array([[0.01, 0.01]]))
     with pytest.raises(InputError, match="theta"):
-        of.at(np.ones(3))
+        of.evaluate(np.ones(3))
     with pytest.raises(ConvergenceError, match="a step too far"):
-        of.at(np.full(of.size, np.nan))
+        of.evaluate(np.full(of.size, np.nan))
     assert sensitivity.BOUNDARY in of.blocks
 
 
 def test_a_complex_constant_of_a_wall_is_told():
     """It waits until derivatives are asked for: waves themselves do not differentiate it."""
-    at = (made := model(absorbing=[Absorbing("left", ngs.CF(2000 + 700j), 1e4)])).at(made.theta)
+    at = (made := model(absorbing=[Absorbing("left", ngs.CF(2000 + 700j), 1e4)])).evaluate(made.theta)
     for product in (at.gradient, at.vjp):
         with pytest.raises(InputError, match="absorbing is made of a complex constant"):
             product(at.data)
@@ -235,19 +235,19 @@ def test_second_derivatives(name, rng):
     """Symmetric, and those of the gradient, along all fields and what drives the boundary together."""
     of = MODELS[name]()
     theta, w = of.theta, wanted(of, rng)
-    there = of.at(theta)
+    there = of.evaluate(theta)
     a, b = (sum(direction for _, direction in directions(of, rng)) for _ in range(2))
     along_a, along_b = there.hvp(w, a), there.hvp(w, b)
     assert abs(b @ along_a - a @ along_b) < 1e-10 * np.abs(b * along_a).sum()
     size = np.concatenate([np.full(p.stop - p.start, np.abs(theta[p]).max()) for p in of.blocks.values()])
-    rates = taylor(lambda t: of.at(t).gradient(w) * size, lambda d: there.hvp(w, d) * size, theta, a, 2, 5e-4)
+    rates = taylor(lambda t: of.evaluate(t).gradient(w) * size, lambda d: there.hvp(w, d) * size, theta, a, 2, 5e-4)
     assert np.all((rates > 1.9) & (rates < 2.1)), rates
 
 
 def test_what_drives_one_wave_costs_no_solve_of_the_others(rng):
     """As each displacement of the boundary does, whose columns error bars take one by one."""
     of = model()
-    there, before = of.at(of.theta), of.solves.incremental
+    there, before = of.evaluate(of.theta), of.solves.incremental
     direction = np.zeros(of.size)
     direction[of.blocks[BOUNDARY]][: 2 * len(of.driving)] = rng.normal(size=2 * len(of.driving))
     change = there.jvp(direction)

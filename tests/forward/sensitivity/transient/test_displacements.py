@@ -47,7 +47,7 @@ def pushed(what):
 @pytest.mark.parametrize("what", CASES)
 def test_rates_once_and_twice(what, rng):
     of = pushed(what)
-    of.at(of.theta)
+    of.evaluate(of.theta)
     rates, twice, apart, uneven = checked(of, rng, 1e-3)
     print(what, rates, twice, apart, uneven)
     assert rates[-1] == pytest.approx(2, abs=0.1) and twice[-1] == pytest.approx(2, abs=0.1)
@@ -59,13 +59,13 @@ def test_a_run_is_that_of_a_load_history():
     seen = Force("bottom").on(of.body)
     factors = [FACTORS.at(t) for t in GRID]
     rows = run_load_history(of.body, GRID, factors, lambda t: seen.value())
-    found = of.at(of.theta).data[:, :2]
+    found = of.evaluate(of.theta).data[:, :2]
     assert found == pytest.approx(np.array(rows), rel=1e-4, abs=1e-6) and np.abs(found).min(axis=0).max() > 1e-2
 
 
 def test_what_adjoints_take_away_elsewhere_is_what_is_left_there(rng, monkeypatch):
     monkeypatch.setattr(RunLinearisation, "_by_held", lambda self, step, b, adjoint: np.zeros(self.model.size))
     of = pushed("alone")
-    of.at(of.theta)
+    of.evaluate(of.theta)
     rates, *_ = checked(of, rng, 1e-3)
     assert rates[-1] < 1.3, rates

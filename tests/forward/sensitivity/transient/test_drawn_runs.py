@@ -101,29 +101,29 @@ def touching(of):
 def check(seed):
     of, made, sizes = drawn(seed)
     rng = np.random.default_rng(1000 + seed)
-    start, there = of.theta.copy(), of.at(of.theta)
+    start, there = of.theta.copy(), of.evaluate(of.theta)
     whole = np.concatenate([np.full(at.stop - at.start, np.abs(there.data[:, at]).max()) for at in of.observed])
     w = rng.normal(size=there.data.shape) / whole
     gradient, contact = there.gradient(w), touching(of)
 
     def value(theta):
-        return float(np.sum(w * of.at(theta).data))
+        return float(np.sum(w * of.evaluate(theta).data))
 
     direction = sizes * rng.uniform(-1, 1, size=len(sizes))
-    pushed = of.at(start).jvp(direction)
+    pushed = of.evaluate(start).jvp(direction)
     assert np.sum(w * pushed) == pytest.approx(gradient @ direction, rel=1e-6), made
     first = FIRST
     while first > NEAREST and any(
-        (of.at(start + s * direction), np.any(touching(of) != contact))[1] for s in (-first, first)
+        (of.evaluate(start + s * direction), np.any(touching(of) != contact))[1] for s in (-first, first)
     ):
         first /= 2
     if first > NEAREST:
-        there = of.at(start)
+        there = of.evaluate(start)
         twice, other = there.hvp(w, direction), sizes * rng.uniform(-1, 1, size=len(sizes))
         assert there.hvp(w, other) @ direction == pytest.approx(
             twice @ other, rel=1e-6, abs=1e-9 * np.abs(twice) @ sizes
         )
-        slope = lambda t: of.at(t).gradient(w) * sizes  # noqa: E731
+        slope = lambda t: of.evaluate(t).gradient(w) * sizes  # noqa: E731
         rates = taylor(value, gradient, start, direction, first=first, steps=2)
         again = taylor(slope, lambda d: twice * sizes, start, direction, first=first, steps=2)
         print(f"{seed}: {made}: {first:.0e}: rates {rates.round(2)} {again.round(2)}")

@@ -44,7 +44,7 @@ def test_rates_once_and_twice(case, rng):
 def test_the_plate_exerts_what_it_is_asked_for(case):
     """In the plane the force is the normal force, and friction's along where the plate goes aside by half of its way."""
     of = forced(seen=[Force("top")], **case)
-    there = of.at(of.theta)
+    there = of.evaluate(of.theta)
     across, down = there.jacobian[of.blocks["force"]][0].T
     times, parts = case.get("program", HELD)
     asked = np.interp(GRID[1:], times, parts)
@@ -63,14 +63,14 @@ def test_it_replays_what_time_stepping_does():
     stepper.step = lambda: (step(), rows.append(seen.value()))[0]
     grid = times_of(stepper)
     again = RunModel(of.body, of.replay.motion, grid, of.parameters, [Force("bottom")])
-    assert again.at(again.theta).data == pytest.approx(np.array(rows), rel=1e-4, abs=1e-5) and len(rows) > 4
+    assert again.evaluate(again.theta).data == pytest.approx(np.array(rows), rel=1e-4, abs=1e-5) and len(rows) > 4
 
 
 def test_steps_that_are_solved_again_give_the_same(rng):
     of, other = forced(program=AGAIN), forced(program=AGAIN)
     other.replay._keeping = False
     w, _ = weighed(of, rng)
-    assert other.at(of.theta).gradient(w) == pytest.approx(of.at(of.theta).gradient(w), rel=1e-6)
+    assert other.evaluate(of.theta).gradient(w) == pytest.approx(of.evaluate(of.theta).gradient(w), rel=1e-6)
 
 
 def free_border(patch):
@@ -98,7 +98,7 @@ def test_a_bug_lowers_the_rate(bug, monkeypatch, rng):
     of = forced(**BUGS[bug])
     start = of.theta.copy()
     w, value = weighed(of, rng)
-    rates = taylor(value, of.at(start).gradient(w), start, 0.7 * start, first=5e-3, steps=2)
+    rates = taylor(value, of.evaluate(start).gradient(w), start, 0.7 * start, first=5e-3, steps=2)
     assert np.all(rates < 1.3), rates
 
 

@@ -32,7 +32,7 @@ def made(case):
 def weighed(of, there, rng):
     """Weights of all that is not nothing, and their sum with the data at other parameters."""
     w = rng.normal(size=there.data.shape) / (np.abs(there.data).max(axis=0) + 1e-2 * np.abs(there.data).max())
-    return w, lambda theta: float(np.sum(w * of.at(theta).data))
+    return w, lambda theta: float(np.sum(w * of.evaluate(theta).data))
 
 
 def along(of, name):
@@ -45,12 +45,12 @@ def along(of, name):
 def test_gradients_are_those_of_differences(case, rng):
     """By every parameter; points that begin to slide between the ends of a difference bend it a little."""
     of = made(case)
-    start, there = of.theta.copy(), of.at(of.theta)
+    start, there = of.theta.copy(), of.evaluate(of.theta)
     w, value = weighed(of, there, rng)
     gradient, whole = there.gradient(w), np.abs(there.gradient(w) * start).max()
     for name in of.blocks:
         direction = along(of, name)
-        there = of.at(start)
+        there = of.evaluate(start)
         assert np.sum(w * there.jvp(direction)) == pytest.approx(gradient @ direction, rel=1e-7), name
         difference = (value(start + 1e-3 * direction) - value(start - 1e-3 * direction)) / 2e-3
         print(case, name, difference, gradient @ direction)
@@ -60,7 +60,7 @@ def test_gradients_are_those_of_differences(case, rng):
 @pytest.mark.parametrize("name", ["mu", "g", "tau", "friction", "penalty"])
 def test_rates(name, rng):
     of = made("plane strain")
-    start, there = of.theta.copy(), of.at(of.theta)
+    start, there = of.theta.copy(), of.evaluate(of.theta)
     w, value = weighed(of, there, rng)
     rates = taylor(value, there.gradient(w), start, along(of, name), first=2e-3, steps=3)
     print(name, rates)
@@ -70,7 +70,7 @@ def test_rates(name, rng):
 def test_full_slide_has_the_slope_of_coulombs_law():
     """F_t = μN: what friction changes in the tangential force, but for what it changes in the normal one, is N."""
     of = model(GRID, friction=0.05, seen=[Force("top")])
-    there = of.at(of.theta)
+    there = of.evaluate(of.theta)
     direction = np.zeros(of.size)
     direction[of.blocks["friction"]] = 1.0
     change = there.jvp(direction)
@@ -101,7 +101,7 @@ def kept_slip(patch):
 def test_a_bug_lowers_the_rate(bug, monkeypatch, rng):
     bug(monkeypatch)
     of = made("plane strain")
-    start, there = of.theta.copy(), of.at(of.theta)
+    start, there = of.theta.copy(), of.evaluate(of.theta)
     w, value = weighed(of, there, rng)
     rates = taylor(value, there.gradient(w), start, along(of, "mu"), first=2e-3, steps=3)
     assert rates[-1] < 1.3, rates
@@ -122,18 +122,19 @@ def test_a_run_replays_what_time_stepping_does():
     grid = times_of(stepper)
     again = model(grid, seen=[Force("top")])
     assert (
-        again.at(again.theta).data == pytest.approx(np.array(rows), rel=1e-4, abs=1e-5) and plate.events[-1] == grid[-1]
+        again.evaluate(again.theta).data == pytest.approx(np.array(rows), rel=1e-4, abs=1e-5)
+        and plate.events[-1] == grid[-1]
     )
 
 
 def twice(of, rng, first=2e-3):
     """Rates of second derivatives along all parameters, and how far these are from symmetric."""
-    start, there = of.theta.copy(), of.at(of.theta)
+    start, there = of.theta.copy(), of.evaluate(of.theta)
     w, _ = weighed(of, there, rng)
     a, b = start * rng.uniform(0.3, 1, (2, of.size)) * rng.choice([-1, 1], (2, of.size))
     along_a, along_b = there.hvp(w, a), there.hvp(w, b)
     uneven = abs(along_a @ b - along_b @ a) / (np.abs(along_a * b).sum() + np.abs(along_b * a).sum())
-    slope = lambda t: of.at(t).gradient(w) * start  # noqa: E731
+    slope = lambda t: of.evaluate(t).gradient(w) * start  # noqa: E731
     return taylor(slope, lambda d: along_a * start, start, a, first=first, steps=3), uneven
 
 

@@ -44,19 +44,19 @@ def struck(radius, law="Prony", field=False):
 )
 def test_gradients_are_those_of_differences(radius, law, field, rng):
     of = struck(radius, law, field)
-    start, there = of.theta.copy(), of.at(of.theta)
+    start, there = of.theta.copy(), of.evaluate(of.theta)
     largest = np.abs(there.data).max(axis=0)
     w = rng.normal(size=there.data.shape) / (largest + 1e-2 * largest.max())
     gradient = there.gradient(w)
     whole = np.abs(gradient * start).max()
 
     def value(theta):
-        return float(np.sum(w * of.at(theta).data))
+        return float(np.sum(w * of.evaluate(theta).data))
 
     for name, place in of.blocks.items():
         direction = np.zeros(of.size)
         direction[place] = start[place] * rng.uniform(0.5, 1, size=place.stop - place.start)
-        pushed = of.at(start).jvp(direction)
+        pushed = of.evaluate(start).jvp(direction)
         assert np.sum(w * pushed) == pytest.approx(gradient @ direction, rel=1e-6), name
         difference = (value(start + 1e-3 * direction) - value(start - 1e-3 * direction)) / 2e-3
         print(name, difference, gradient @ direction)
@@ -65,12 +65,14 @@ def test_gradients_are_those_of_differences(radius, law, field, rng):
 
 def rates_by_density(rng):
     of = struck(0.5)
-    start, there = of.theta.copy(), of.at(of.theta)
+    start, there = of.theta.copy(), of.evaluate(of.theta)
     largest = np.abs(there.data).max(axis=0)
     w = rng.normal(size=there.data.shape) / (largest + 1e-2 * largest.max())
     direction = np.zeros(of.size)
     direction[of.blocks["rho"]] = SIZES["rho"]
-    return taylor(lambda t: float(np.sum(w * of.at(t).data)), there.gradient(w), start, direction, first=1e-2, steps=3)
+    return taylor(
+        lambda t: float(np.sum(w * of.evaluate(t).data)), there.gradient(w), start, direction, first=1e-2, steps=3
+    )
 
 
 def test_rate_by_density(rng):
@@ -107,20 +109,20 @@ def test_a_rigid_body_goes_by_its_weight_over_its_mass():
             return 0.0
 
     of = RunModel(body, Loaded(), (0.0, 0.1, 0.3, 0.6, 1.0), {"force": force, "rho": rho}, seen, newton=settled)
-    J = of.at(of.theta).jacobian[:, :, 0]
-    assert J[0] * 50.0 == pytest.approx(of.at(of.theta).data[:, 0], rel=1e-8)
+    J = of.evaluate(of.theta).jacobian[:, :, 0]
+    assert J[0] * 50.0 == pytest.approx(of.evaluate(of.theta).data[:, 0], rel=1e-8)
     assert J[1] * 1e3 == pytest.approx(-J[0] * 50.0, rel=1e-8)
 
 
 def rates_twice(rng, **how):
     """Of second derivatives, along all parameters, and how far these are from symmetric."""
     of = struck(0.5, **how)
-    start, there = of.theta.copy(), of.at(of.theta)
+    start, there = of.theta.copy(), of.evaluate(of.theta)
     largest = np.abs(there.data).max(axis=0)
     w = rng.normal(size=there.data.shape) / (largest + 1e-2 * largest.max())
     a, b = start * rng.uniform(0.3, 1, (2, of.size))
     along_a, along_b = there.hvp(w, a), there.hvp(w, b)
-    slope = lambda t: of.at(t).gradient(w) * start  # noqa: E731
+    slope = lambda t: of.evaluate(t).gradient(w) * start  # noqa: E731
     rates = taylor(slope, lambda d: along_a * start, start, a, first=1e-3, steps=3)
     return rates, abs(along_a @ b - along_b @ a) / (np.abs(along_a * b).sum() + np.abs(along_b * a).sum())
 

@@ -60,7 +60,7 @@ def noisy(data, rng, level=0.01):
 def test_prony_terms_from_a_ramp_and_hold(rng):
     finer = np.unique(np.concatenate([TIMES, np.linspace(0, 1, 17)[1:], 1 + np.geomspace(0.05, 60, 61)]))
     truth = pressed(PRONY, finer)
-    measured, sigma = noisy(truth.at(truth.theta).data, rng)
+    measured, sigma = noisy(truth.evaluate(truth.theta).data, rng)
     starts = {"mu": 1500.0, "fast": 0.15, "tau_fast": 4.0, "slow": 0.15, "tau_slow": 50.0}
     found, values = inverted(pressed(starts), measured, sigma, starts, SHARES)
     assert found.converged and found.level.misfit < 3 * found.count
@@ -79,7 +79,7 @@ def test_a_spring_and_a_dashpot_from_a_ramp_and_hold(rng):
     few = TIMES[3::2]
     values = {"rest": 300.0, "spring": 700.0, "eta": 4000.0}
     truth = pressed(values, TIMES, law, few)
-    measured, sigma = noisy(truth.at(truth.theta).data, rng)
+    measured, sigma = noisy(truth.evaluate(truth.theta).data, rng)
     starts = {"rest": 800.0, "spring": 300.0, "eta": 1500.0}
     found, got = inverted(pressed(starts, few, law, few), measured, sigma, starts, {})
     off = [float(got[name][0] / values[name] - 1) for name in values]
@@ -99,7 +99,7 @@ def test_moduli_of_two_regions_from_landmarks_and_force(search, rng):
         return RunModel(body, drive, [0.0, 1.0, 2.5, 4.0, 9.0, 40.0], p, seen, times=[4.0, 40.0])
 
     truth = retracted(1200.0, 500.0)
-    data = truth.at(truth.theta).data
+    data = truth.evaluate(truth.theta).data
     sigma = np.append(np.full(24, 0.02 * np.sqrt(np.mean(data[:, :24] ** 2))), 0.01 * np.abs(data[:, 24]).max())
     measured = data + sigma * rng.normal(size=data.shape)
     starts = {"low": 500.0, "high": 1200.0}

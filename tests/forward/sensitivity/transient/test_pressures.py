@@ -42,9 +42,9 @@ def test_a_tangent_that_is_not_turned_lowers_the_rate(monkeypatch, rng):
     of = inflated("plane strain, triangles", cavity=False)
     start = of.theta.copy()
     start[of.blocks["push"]] = 200.0
-    of.at(start)
+    of.evaluate(start)
     w, value = weighed(of, rng)
-    rates = taylor(value, of.at(start).gradient(w), start, 0.7 * start, first=5e-3, steps=2)
+    rates = taylor(value, of.evaluate(start).gradient(w), start, 0.7 * start, first=5e-3, steps=2)
     assert np.all(rates < 1.3), rates
 
 
@@ -56,8 +56,8 @@ def test_a_little_pressure_pushes_as_a_traction_does():
     )  # fmt: skip
     seen = [Force("bottom"), Displacements([[SIDE, SIDE]])]
     of = RunModel(body, Sliding(0.0, 0.0), GRID, {"push": push}, seen)
-    slopes = of.at(of.theta).jacobian[0]
+    slopes = of.evaluate(of.theta).jacobian[0]
     assert slopes[:, 0] == pytest.approx(np.full(len(GRID) - 1, SIDE), rel=1e-9)
-    moved = of.at(np.array([1e-2])).data - of.at(np.array([-1e-2])).data
+    moved = of.evaluate(np.array([1e-2])).data - of.evaluate(np.array([-1e-2])).data
     assert slopes == pytest.approx(moved / 2e-2, rel=1e-6, abs=1e-9)
     assert BENT.value(body)[0] > 0

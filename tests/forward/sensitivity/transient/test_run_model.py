@@ -40,13 +40,13 @@ FIRST, SHORT = 4e-2, GRID[:4]
 )
 def test_rates_of_every_parameter(kind, rng):
     of = model(kind, SHORT if kind == "Maxwell" else GRID)
-    theta, there = of.theta, of.at(of.theta)
+    theta, there = of.theta, of.evaluate(of.theta)
     w = weights(there.data, rng)
     slope = there.gradient(w)
     for name, direction in directions(of, rng):
         # Far from round-off, near enough to be quadratic; where bodies stand counts almost linearly.
         first = FIRST if name in ("rise", "way") else min(FIRST, 0.1 * FIRST / abs(slope @ direction))
-        rates = taylor(lambda x: float(np.sum(w * of.at(x).data)), slope, theta, direction, steps=2, first=first)
+        rates = taylor(lambda x: float(np.sum(w * of.evaluate(x).data)), slope, theta, direction, steps=2, first=first)
         assert np.all((rates > 1.9) & (rates < 2.1)), (name, rates)
 
 
@@ -54,7 +54,7 @@ def test_rates_of_every_parameter(kind, rng):
 def test_the_products_are_transposes(kind, monkeypatch, rng):
     monkeypatch.setattr(through_time, "TOGETHER", 0)
     of = model(kind, SHORT if kind == "Maxwell" else GRID)
-    there = of.at(of.theta)
+    there = of.evaluate(of.theta)
     w = weights(there.data, rng)
     slope = there.gradient(w)
     direction = sum(part for _, part in directions(of, rng))
@@ -63,13 +63,13 @@ def test_the_products_are_transposes(kind, monkeypatch, rng):
 
 def test_fields_of_many_unknowns_are_pushed_one_by_one(monkeypatch, rng):
     of = model("layers")
-    there = of.at(of.theta)
+    there = of.evaluate(of.theta)
     direction = rng.normal(size=of.size) * of.theta
     together = there.jvp(direction)
     w = weights(there.data, rng)
     pulled = there.vjp(w)
     assert np.array_equal(there.gradient(w), pulled)  # its columns are at hand
-    there = of.at(of.theta)
+    there = of.evaluate(of.theta)
     assert pulled == pytest.approx(there.gradient(w), rel=1e-8, abs=1e-9 * np.abs(pulled).max())
     monkeypatch.setattr(through_time, "TOGETHER", 3)
     assert there.jvp(direction) == pytest.approx(together, rel=1e-9, abs=1e-10 * np.abs(together).max())
@@ -90,23 +90,23 @@ def test_data_are_those_of_the_stepping_that_was_recorded():
     grid = times_of(transient)
     body, drive, parameters = made()
     of = RunModel(body, drive, grid, parameters, [Force("top", (0, 0, 1))])
-    assert of.at(of.theta).data[:, 0] == pytest.approx(np.array(rows), rel=1e-5, abs=1e-9)
+    assert of.evaluate(of.theta).data[:, 0] == pytest.approx(np.array(rows), rel=1e-5, abs=1e-9)
     assert len(rows) == len(grid) - 1 > 8
 
 
 def test_a_force_is_what_the_plate_exerts_and_the_support_takes():
     of = model()
-    there = of.at(of.theta)
+    there = of.evaluate(of.theta)
     top, bottom = there.data[:, 0], there.data[:, 1]
     assert np.all(top < 0) and bottom == pytest.approx(-top, rel=1e-6)
     with_more_times = model(times=[3.0, 20.0, 40.0])
     assert with_more_times.replay.grid.tolist() == [*GRID[:3], 3.0, *GRID[3:5], 20.0, 40.0]
-    assert with_more_times.at(of.theta).data.shape == (3, 8)
+    assert with_more_times.evaluate(of.theta).data.shape == (3, 8)
 
 
 def test_points_are_where_they_go():
     of = model(grid=GRID[:3])
-    there = of.at(of.theta)
+    there = of.evaluate(of.theta)
     u = [of.body.u(of.body.mesh(*point)) for point in ((0.013, 0.01, 0.015), (0.005, 0.01, 0.01))]
     assert there.data[-1, 2:] == pytest.approx(np.ravel(u), rel=1e-12)
 
@@ -116,7 +116,7 @@ def test_old_factors_serve_several_steps(monkeypatch):
     for most in (MOST, 1):
         monkeypatch.setattr(tangents, "MOST", most)
         of = model(grid=grid)
-        there = of.at(of.theta)
+        there = of.evaluate(of.theta)
         found[most] = there.gradient(np.ones_like(there.data)), of.tangents.factorisations
         assert of.tangents.solves == 16
     (slope, few), (direct, all_of_them) = found.values()
@@ -145,13 +145,13 @@ def test_where_nodes_are(kind, rng):
     try:
         body = Problem(mesh, materials, {"bottom": 0}, contacts=contacts(drive), element="P2/P1")
         of = RunModel(body, drive, SHORT, parameters | {"nodes": nodes}, SEEN)
-        theta, there = of.theta, of.at(of.theta)
+        theta, there = of.theta, of.evaluate(of.theta)
         w, direction, shifts = weights(there.data, rng), np.zeros(of.size), of.blocks["nodes"]
         direction[shifts] = 5e-5 * rng.normal(size=shifts.stop - shifts.start)
         slope = there.gradient(w)
-        rates = taylor(lambda t: float(np.sum(w * of.at(t).data)), slope, theta, direction, steps=2, first=0.1)
+        rates = taylor(lambda t: float(np.sum(w * of.evaluate(t).data)), slope, theta, direction, steps=2, first=0.1)
         assert np.all((rates > 1.9) & (rates < 2.1)), rates
-        there, direction = of.at(theta + 4 * direction), direction + 0.1 * theta * rng.normal(size=of.size)
+        there, direction = of.evaluate(theta + 4 * direction), direction + 0.1 * theta * rng.normal(size=of.size)
         slope = there.gradient(w)
         assert dot(there.jvp, slope, direction, w) < 1e-8
         with pytest.raises(InputError, match=r"parameters\.nodes is nodes"):
@@ -169,14 +169,14 @@ def test_where_nodes_are(kind, rng):
 def test_second_derivatives(kind, rng):
     """They are symmetric, and those of the gradient."""
     of = model(kind, SHORT if kind in ("Maxwell", "flowing") else GRID)
-    theta, there = of.theta, of.at(of.theta)
+    theta, there = of.theta, of.evaluate(of.theta)
     w = weights(there.data, rng)
     size = np.concatenate([np.full(b.stop - b.start, theta[b].max()) for b in of.blocks.values()])
     much = 0.5 if kind == "elastic" else 0.05  # a modulus alone changes little but how far contact's penalty gives way
     a, b = much * size * rng.uniform(-1, 1, (2, of.size))
     along_a, along_b = there.hvp(w, a), there.hvp(w, b)
     assert dot(along_a, along_b, a, b) < 1e-10
-    rates = taylor(lambda t: of.at(t).gradient(w) * size, lambda d: there.hvp(w, d) * size, theta, a, 2)
+    rates = taylor(lambda t: of.evaluate(t).gradient(w) * size, lambda d: there.hvp(w, d) * size, theta, a, 2)
     assert np.all((rates > 1.9) & (rates < 2.1)), rates
 
 
@@ -184,21 +184,21 @@ def test_second_derivatives_where_few_histories_are_held():
     found = []
     for every in (1, 2, 5):
         of = model("layers", every=every)
-        found.append(of.at(of.theta).hvp(np.ones((5, 8)), of.theta))
+        found.append(of.evaluate(of.theta).hvp(np.ones((5, 8)), of.theta))
     for each in found[1:]:
         assert each == pytest.approx(found[0], rel=1e-9, abs=1e-12 * np.abs(found[0]).max())
 
 
 def test_second_derivatives_by_differences_are_those_by_symbols(monkeypatch, rng):
     of = model("Prony")
-    there = of.at(of.theta)
+    there = of.evaluate(of.theta)
     w, way = weights(there.data, rng), 0.05 * of.theta
     by_symbols = there.hvp(w, way)
     other = model("Prony")
     monkeypatch.setattr(
         step_curvature, "SymbolicTissueHessian", lambda forms: DifferenceTissueHessian(forms, other.parts)
     )
-    by_differences = other.at(of.theta).hvp(w, way)
+    by_differences = other.evaluate(of.theta).hvp(w, way)
     assert by_differences == pytest.approx(by_symbols, rel=1e-9, abs=1e-10 * np.abs(by_symbols).max())
 
 
@@ -210,7 +210,7 @@ def test_second_derivatives_that_are_not_there_are_refused():
         Problem(mesh, materials, {"bottom": 0}, contacts=walls, element="P2/P1"), drive, SHORT, parameters, SEEN
     )
     with pytest.raises(InputError, match="close on each other"):
-        of.at(of.theta).hvp(np.ones((3, 8)), of.theta)
+        of.evaluate(of.theta).hvp(np.ones((3, 8)), of.theta)
     walls[1] = Closing("left", "right", 1e8 * parameters["g"], 1e-5, reach=1e-3)
     with pytest.raises(InputError, match=r"Closing\.penalty is .*a number"):
         RunModel(
@@ -223,7 +223,7 @@ def test_second_derivatives_that_are_not_there_are_refused():
 
 def held_in_a_gradient(of, w):
     """The gradient, and the most histories held meanwhile."""
-    there, held = of.at(of.theta), [of.replay.held]
+    there, held = of.evaluate(of.theta), [of.replay.held]
     steps = of.replay.backwards
     of.replay.backwards = lambda: ((held.append(of.replay.held), step)[1] for step in steps())
     return there.gradient(w), max(held)
@@ -265,9 +265,9 @@ def test_a_run_nearby_starts_from_what_is_known(monkeypatch):
     counts, data = [], []
     for states in (True, False):
         of = model(states=states)
-        of.at(of.theta)
+        of.evaluate(of.theta)
         iterations.clear()
-        data.append(of.at(1.001 * of.theta).data)
+        data.append(of.evaluate(1.001 * of.theta).data)
         counts.append(sum(iterations))
     assert counts[0] < 0.5 * counts[1], counts
     assert data[0] == pytest.approx(data[1], rel=1e-7, abs=1e-10)
@@ -279,17 +279,17 @@ def test_a_run_nearby_starts_from_what_is_known(monkeypatch):
 def test_a_step_that_fails_is_an_error_that_searches_can_step_back_from():
     of = model(newton=Newton(rtol=1e-10, xtol=1e-10, max_iter=2))
     with pytest.raises(ConvergenceError, match="recorded run"):
-        of.at(of.theta)
+        of.evaluate(of.theta)
     of = model()
     theta = of.theta
     with pytest.raises(ConvergenceError):
-        of.at(np.array([-1000.0, 0.5, 3.0]))
-    assert np.isfinite(of.at(theta).data).all()
+        of.evaluate(np.array([-1000.0, 0.5, 3.0]))
+    assert np.isfinite(of.evaluate(theta).data).all()
 
 
 def test_part_of_the_way_is_gone_first_where_the_whole_is_too_far(monkeypatch):
     far = (0.0, 4.0, 40.0)
-    wanted = model(grid=far).at(model(grid=far).theta).data
+    wanted = model(grid=far).evaluate(model(grid=far).theta).data
     solve, asked = Newton.solve, []
 
     def shy(self, system, x):
@@ -301,7 +301,7 @@ def test_part_of_the_way_is_gone_first_where_the_whole_is_too_far(monkeypatch):
 
     monkeypatch.setattr(Newton, "solve", shy)
     of = model(grid=far)
-    assert of.at(of.theta).data == pytest.approx(wanted, rel=1e-6, abs=1e-9) and len(asked) > 4
+    assert of.evaluate(of.theta).data == pytest.approx(wanted, rel=1e-6, abs=1e-9) and len(asked) > 4
 
 
 def test_bad_input():
@@ -324,9 +324,9 @@ def test_bad_input():
         RunModel(body, drive, GRID, parameters, [Displacements([[1.0, 0.0, 0.0]])])
     of = RunModel(body, drive, GRID, parameters, [Force("top", (0, 0, 1))])
     with pytest.raises(InputError, match="theta"):
-        of.at(np.ones(2))
+        of.evaluate(np.ones(2))
     with pytest.raises(ConvergenceError, match="a step too far"):
-        of.at(np.array([1e3, np.inf, 1.0]))
+        of.evaluate(np.array([1e3, np.inf, 1.0]))
 
 
 # Each bug is one that was met; rates of a right gradient are above 1.9.
@@ -401,9 +401,9 @@ def test_a_bug_lowers_the_rate(bug, monkeypatch, rng):
     of = model(kind)
     theta = of.theta
     direction = dict(directions(of, np.random.default_rng(1)))[name]
-    w = weights(of.at(theta).data, rng)
-    slope = of.at(theta).gradient(w)
-    rates = taylor(lambda x: float(np.sum(w * of.at(x).data)), slope, theta, direction, steps=2, first=4e-4)
+    w = weights(of.evaluate(theta).data, rng)
+    slope = of.evaluate(theta).gradient(w)
+    rates = taylor(lambda x: float(np.sum(w * of.evaluate(x).data)), slope, theta, direction, steps=2, first=4e-4)
     assert np.all(rates < 1.3), rates
 
 
@@ -411,10 +411,10 @@ def test_a_bug_lowers_the_rate(bug, monkeypatch, rng):
 def test_without_bugs_the_same_has_its_rate(kind, rng):
     of = model(kind)
     theta = of.theta
-    w = weights(of.at(theta).data, rng)
-    slope = of.at(theta).gradient(w)
+    w = weights(of.evaluate(theta).data, rng)
+    slope = of.evaluate(theta).gradient(w)
     for _, direction in directions(of, np.random.default_rng(1)):
-        rates = taylor(lambda x: float(np.sum(w * of.at(x).data)), slope, theta, direction, steps=2, first=2e-2)
+        rates = taylor(lambda x: float(np.sum(w * of.evaluate(x).data)), slope, theta, direction, steps=2, first=2e-2)
         assert np.all((rates > 1.9) & (rates < 2.1)), rates
 
 
@@ -441,6 +441,6 @@ def test_nothing_that_is_seen_and_weights_of_another_shape_are_refused():
     of = model(grid=GRID[:3])
     with pytest.raises(InputError, match="observables is none"):
         RunModel(of.body, of.replay.motion, GRID, of.parameters, [])
-    there = of.at(of.theta)
+    there = of.evaluate(of.theta)
     with pytest.raises(InputError, match=r"w is of shape \(2,\)"):
         there.gradient(np.ones(2))
