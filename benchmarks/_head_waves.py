@@ -14,7 +14,7 @@ from ngbrain.forward.harmonic import problem as harmonic
 from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.image import mni152
-from ngbrain.image.labelling import tissues
+from ngbrain.image.labelling import label_tissues
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.inverse.data import stiffness_maps
 from ngbrain.inverse.data.stiffness_maps import StiffnessMap, read_stiffness
@@ -125,7 +125,7 @@ def _cube(size: float) -> ngs.Mesh:
 
 def head(maps: tuple[str, str] | None = None) -> Head:
     """The brain of MNI152, with the moduli of two files if there are some."""
-    return Head(tissues(mni152()).labels, read_stiffness(*maps) if maps else None)
+    return Head(label_tissues(mni152()).labels, read_stiffness(*maps) if maps else None)
 
 
 def _normal(voxel: Array) -> Array:

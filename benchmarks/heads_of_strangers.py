@@ -34,8 +34,8 @@ from _heads_page import filled
 
 from ngbrain.errors import InputError, require
 from ngbrain.image import read_scan
-from ngbrain.image.labelling import template_place, tissues
-from ngbrain.image.read.nifti import on_grid
+from ngbrain.image.labelling import label_tissues, template_affine
+from ngbrain.image.read.nifti import resample_labels
 from ngbrain.image.segment.tissue_classes import CSF, GREY, VENTRICLE, WHITE
 from ngbrain.io import write_json
 from ngbrain.scene import Scene
@@ -62,7 +62,7 @@ def anew(path: Path, wanted: list[str], keep: Path | None) -> Record:
             found |= measure(path)
         elif set(wanted) & set(ROUTES):
             with suppress(InputError):  # which the mesh will say
-                tissues(read_scan(path))
+                label_tissues(read_scan(path))
         found |= {route: meshed(path, route) for route in ROUTES if route in wanted}
     if DEMO in wanted:
         with tempfile.TemporaryDirectory() as cache:
@@ -80,7 +80,7 @@ def measure(path: Path) -> Record:
         found["voxel_mm"] = [round(1e3 * float(s), 2) for s in np.linalg.norm(scan.file_affine[:3, :3], axis=0)]
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            segmented = tissues(scan)
+            segmented = label_tissues(scan)
             labels, found["contrast"] = segmented.volume, round(segmented.contrast, 2)
         found["recognised"] = True
         found["warnings"] = sorted({str(each.message) for each in caught})
@@ -96,7 +96,7 @@ def measure(path: Path) -> Record:
         nibabel = require("nibabel", "mri")
         theirs = np.rint(np.asarray(nibabel.load(muse).dataobj)).astype(int)
         grey_values = np.asarray(nibabel.load(path).dataobj, float)
-        found |= overlaps(on_grid(labels, scan.file_affine, scan.file_shape).data, theirs, grey_values)
+        found |= overlaps(resample_labels(labels, scan.file_affine, scan.file_shape).data, theirs, grey_values)
     return found
 
 
@@ -169,7 +169,7 @@ def outcome(result: Record, path: Path) -> Record:
     """The main numbers of a demo's result; `place_off_mm` is how far the cleft's target lies, in the space of the template,
     from that of the demo on the template, by the affine registration of the brains."""
     head, model, geometry = result["head"], result["model"], result["geometry"]
-    there = np.linalg.solve(template_place(read_scan(path)), [*geometry["target_m"], 1.0])[:3]
+    there = np.linalg.solve(template_affine(read_scan(path)), [*geometry["target_m"], 1.0])[:3]
     wanted = np.array(Scene.shipped("demo_fast").cleft.target)
     volumes = head["label_volumes_ml"]
     return {

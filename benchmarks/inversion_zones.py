@@ -86,7 +86,7 @@ def zones(data: WaveData, rounds: int, size: float, whole: Maps) -> list[Record]
     lengths = {"size": size * WAVE, "overlap": OVERLAP / SIDE * size * WAVE}
     found = invert_by_subzones(data, noise=NOISE, **lengths, passes=PASSES, rounds=rounds)
     points = found.model["points_of_a_zone"]
-    side = max(points) ** (1 / 3) * data.apart / WAVE
+    side = max(points) ** (1 / 3) * data.point_spacing / WAVE
     common = {"method": "ngbrain:zones", "size": size, "side": side, "zones": found.model["zones"], "points": points}
     records = []
     for i, row in enumerate(found.rows):

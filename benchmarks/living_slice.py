@@ -162,7 +162,7 @@ class Against:
 
 def against(known: Slice, which: int, data: WaveData, storage: np.ndarray, loss: np.ndarray) -> Record:
     """What the authors' map times factors leaves, the least over tangents; and what our own map does."""
-    judge, grid = Against(data), data.structured
+    judge, grid = Against(data), data.grid
     assert grid is not None
     theirs = grid.flat(known.authors[..., which])
     theirs = np.where(data.mask & (theirs > 0), theirs, np.nan)
@@ -213,7 +213,7 @@ def record(known: Slice, chosen: list[int]) -> Record:
         result = json.loads((folder / "result.json").read_text())
         storage, loss = (np.load(folder / "maps.npz")[name] for name in ("storage", "loss"))
         data = read_waves(file)
-    grid = data.structured
+    grid = data.grid
     assert grid is not None
     ratio, rank = known.compared(grid.box(storage), chosen[0])
     found |= {"ratio": ratio, "rank": rank, "storage": float(np.nanmedian(storage)), "loss": float(np.nanmedian(loss))}

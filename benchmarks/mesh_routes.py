@@ -26,7 +26,7 @@ from ngbrain.forward.common.material import Material
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.image import mni152
-from ngbrain.image.labelling import tissues
+from ngbrain.image.labelling import label_tissues
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.materials import NeoHooke
 from ngbrain.mesh.geometry.sizing import Graded
@@ -56,7 +56,7 @@ def stiffness(mesh: ngs.Mesh, labels: LabelMap, factor: complex = 1.0) -> ngs.Co
     volume = labels.volume
     table = np.array([MU["grey"], *(MU[name] for name in labels.regions)])
     first, last = volume.to_world(np.array([[0, 0, 0], np.array(volume.data.shape) - 1]))
-    values = np.ascontiguousarray(factor * table[labels.numbered()].transpose(2, 1, 0))
+    values = np.ascontiguousarray(factor * table[labels.region_numbers()].transpose(2, 1, 0))
     field = ngs.VoxelCoefficient(tuple(first), tuple(last), values, linear=False)
     return mesh.MaterialCF({name: factor * mu for name, mu in MU.items()} | {"brain": field})
 
@@ -184,12 +184,12 @@ def records_of(
 
 def measure(quick: bool) -> list[dict]:
     """All records; `quick` stays under a minute."""
-    labels = tissues(mni152()).labels
+    labels = label_tissues(mni152()).labels
     brain = outlines(labels).brain
     middles = brain.outline().mean(axis=1)
     site = middles[np.linalg.norm(middles - SITE_FROM, axis=1).argmin()]
     inwards = -brain.normals(site[None])[0]
-    tissue = np.isin(labels.numbered(), [labels.regions.index(name) + 1 for name in ("grey", "white")])
+    tissue = np.isin(labels.region_numbers(), [labels.regions.index(name) + 1 for name in ("grey", "white")])
     grid = labels.volume.to_world(np.argwhere(tissue)[::601])
     points = grid[brain(grid) < -8e-3]
     place = (site, inwards / np.linalg.norm(inwards))

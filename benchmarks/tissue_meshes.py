@@ -22,7 +22,7 @@ from _command import main, sweep
 from ngbrain import parallel
 from ngbrain.errors import require
 from ngbrain.image import mni152
-from ngbrain.image.labelling import tissues
+from ngbrain.image.labelling import label_tissues
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.mesh.geometry.sizing import Graded
 from ngbrain.mesh.labels.indicators import Indicators
@@ -44,7 +44,7 @@ LOOK = {
 
 def voxels(labels: LabelMap, stride: int) -> Elements:
     """Every cube of `stride` voxels a side in six, of the commonest label in it."""
-    data = labels.numbered()
+    data = labels.region_numbers()
     shape = -(-np.array(data.shape) // stride)
     data = np.pad(data, [(0, n * stride - m) for n, m in zip(shape, data.shape, strict=True)])
     blocks = data.reshape(shape[0], stride, shape[1], stride, shape[2], stride)
@@ -110,7 +110,7 @@ def case(route: str, size: float | None) -> dict:
 
 @cache
 def _labels() -> LabelMap:
-    return tissues(mni152()).labels
+    return label_tissues(mni152()).labels
 
 
 def chart(records: list[dict], path: str) -> None:

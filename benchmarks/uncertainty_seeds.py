@@ -50,7 +50,7 @@ BULK, MODULUS = 3e4, (2400.0, 1000.0)
 def plane() -> tuple[WaveData, Discretisation]:
     """Every second point."""
     data = Phantom.named("CV-G").measured().data()
-    grid = data.structured
+    grid = data.grid
     assert grid is not None
     chosen = np.zeros(grid.shape, bool)
     chosen[::2, ::2] = True

@@ -26,7 +26,7 @@ import numpy as np
 from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError, MissingExtra, require
 from ngbrain.image.read.label_map import LabelMap
-from ngbrain.image.read.volume import Volume, upright
+from ngbrain.image.read.volume import Volume, reorient_to_ras
 from ngbrain.mesh.quality import Quality
 from ngbrain.mesh.tet_mesh import Elements
 from ngbrain.report.pages import anatomy
@@ -88,8 +88,8 @@ def slices(elements: Elements, labels: LabelMap, t1: Volume | None = None, at: P
 
     Raises `MissingExtra` without IPython or matplotlib; `InputError` for a point that is none.
     """
-    scan = None if t1 is None else upright(t1)
-    return _image(anatomy.slices(elements, labels.upright(), scan, _through(elements, at)))
+    scan = None if t1 is None else reorient_to_ras(t1)
+    return _image(anatomy.slices(elements, labels.resample_to_ras(), scan, _through(elements, at)))
 
 
 def surfaces(elements: Elements, at: Place | None = None) -> Any:

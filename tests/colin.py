@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from regridded import rotation
 
-from ngbrain.image import Scan, Volume, read_scan, straightened
+from ngbrain.image import Scan, Volume, read_scan, resample_to_ras
 
 HERE = Path(__file__).parent
 NAME = "shared/data/heads/colin27_t1.nii.gz"
@@ -40,7 +40,7 @@ def dice(a, b):
 def seen(data, affine):
     """A scan whose file has just these voxels."""
     volume = Volume(np.asarray(data, np.float32), affine)
-    return Scan(straightened(volume), affine, volume.data.shape, "case/t1.nii.gz")
+    return Scan(resample_to_ras(volume), affine, volume.data.shape, "case/t1.nii.gz")
 
 
 def tilted(volume, degrees, axis):

@@ -16,7 +16,7 @@ from scipy import ndimage
 from ngbrain.image.preprocess import mni_landmarks
 from ngbrain.image.preprocess.contrast import tissue_maps
 from ngbrain.image.read.label_map import LabelMap
-from ngbrain.image.read.volume import Scan, Volume, straightened
+from ngbrain.image.read.volume import Scan, Volume, resample_to_ras
 
 TISSUES = {1: "csf", 2: "grey", 3: "white", 4: "ventricle"}
 CSF, GREY, WHITE, VENTRICLE = TISSUES
@@ -43,7 +43,7 @@ class Individual:
 
     def scan(self, spacing=1e-3):
         """Its T1, as `read_scan` would give it, on voxels of 1 mm or others (m)."""
-        return Scan(straightened(self.stored, spacing), self.stored.affine, self.stored.data.shape, "individual")
+        return Scan(resample_to_ras(self.stored, spacing), self.stored.affine, self.stored.data.shape, "individual")
 
 
 def individual(seed, voxel=None, picture=True, **given):
@@ -135,7 +135,7 @@ def _bent(shape, affine, place, about, rng):
 def _shares(points, shape, sides, about, rng):
     """Shares (3, ...) of fluid, grey and white matter, and the voxels' places in the template (mm)."""
     flat = points.reshape(-1, 3)
-    fluid, grey, white = (each.at(flat).reshape(shape).astype(np.float32) for each in tissue_maps())
+    fluid, grey, white = (each.interpolate(flat).reshape(shape).astype(np.float32) for each in tissue_maps())
     inside = fluid + grey + white > 0.5
     fluid = fluid + 0.3 * _smooth(shape, sides, 5.0, rng) * fluid * (1 - fluid)  # rough walls
     drawn = np.stack([fluid, grey, white]).clip(0) ** 2  # sharper: averages are blurred

@@ -203,7 +203,7 @@ def test_waves_of_the_other_time_convention_are_refused_and_taken_where_that_is_
 
     monkeypatch.setattr("ngbrain.cli.invert.invert", caught)
     data = plane()
-    write_waves(tmp_path / "waves.npz", data.conjugated())
+    write_waves(tmp_path / "waves.npz", data.conjugate())
     status, _, errors = run(capsys, tmp_path / "waves.npz", "-o", tmp_path / "out", *ROUGH)
     assert status == 2 and len(errors) == 1 and "gain energy" in errors[0] and "--conjugate" in errors[0]
     status, _, _ = run(capsys, tmp_path / "waves.npz", "-o", tmp_path / "out", "--conjugate", *ROUGH)

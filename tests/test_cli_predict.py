@@ -65,7 +65,7 @@ def test_what_is_not_to_be_used_says_so_and_is_a_failure(tmp_path, capsys, quiet
 
 
 def test_waves_of_the_other_time_convention_are_refused(tmp_path, capsys):
-    write_waves(tmp_path / "waves.npz", Phantom.named("CV-G", 25).measured(0.01).data().conjugated())
+    write_waves(tmp_path / "waves.npz", Phantom.named("CV-G", 25).measured(0.01).data().conjugate())
     status, _, errors = run(capsys, tmp_path / "waves.npz", "-o", tmp_path / "out")
     assert status == 2 and "gain energy" in errors[-1] and "--conjugate" in errors[-1]
 

@@ -45,9 +45,9 @@ def test_waves_carry_noise_as_stated_and_their_truth():
     """At points of one line, second differences of smooth waves are small beside those of white noise at 2 %."""
     for name in WAVES:
         data = datasets.load_waves(name)
-        assert data.truth and data.noise and data.structured is not None
+        assert data.truth and data.noise and data.grid is not None
     plane = datasets.load_waves("waves_plane")
-    u = plane.structured.box(plane.displacement[0, :, 0] / plane.rms[0, 0, 0])
+    u = plane.grid.box(plane.displacement[0, :, 0] / plane.rms[0, 0, 0])
     left = u
     for _ in range(4):
         left = np.diff(left, axis=0)

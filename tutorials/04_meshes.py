@@ -23,7 +23,7 @@ from matplotlib.colors import to_rgb
 import ngbrain
 from ngbrain import viz
 from ngbrain.image import mni152
-from ngbrain.image.labelling import tissues
+from ngbrain.image.labelling import label_tissues
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.read.landmarks import landmarks
 from ngbrain.image.read.volume import Volume
@@ -110,7 +110,7 @@ print(
 # The template's labels by the route that is chosen for surgery, and where things are in it.
 
 # %%
-brain = tissues(mni152()).labels
+brain = label_tissues(mni152()).labels
 head = meshed(brain, "hull", Graded(9e-3, 9e-3) if FAST else None)
 print(len(head.tets), "tetrahedra", {name: round(ml, 1) for name, ml in volumes_ml(head).items()}, "ml")
 places = landmarks(brain)

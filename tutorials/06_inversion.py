@@ -174,7 +174,7 @@ print(*(note for note in lesion.warnings if "trend" in note or "factor" in note)
 panels = {"truth": np.real(data.truth["shear"]), "algebraic": algebraic["storage"], "inversion": found.maps["storage"]}
 figure, axes = plt.subplots(1, 3, figsize=(9, 3.1), layout="constrained")
 for ax, (name, values) in zip(axes, panels.items(), strict=True):
-    box = data.structured.box(1e-3 * values).T
+    box = data.grid.box(1e-3 * values).T
     image = ax.imshow(box, origin="lower", extent=[0, 1e3 * SIDE] * 2, vmin=2.5, vmax=6.5, cmap="viridis")
     ax.set(title=name, xlabel="x (mm)", ylabel="y (mm)" if name == "truth" else "")
 figure.colorbar(image, ax=axes, label="storage modulus G′ (kPa)", extend="both")

@@ -105,7 +105,7 @@ for name, (contrast, block, rms) in table.items():
 # %%
 figure, axes = plt.subplots(1, 4, figsize=(11, 3.1), layout="constrained")
 for ax, (name, modulus) in zip(axes, maps.items(), strict=True):
-    plane = data.structured.box(1e-3 * np.abs(modulus))[:, :, len(line) // 2].T
+    plane = data.grid.box(1e-3 * np.abs(modulus))[:, :, len(line) // 2].T
     image = ax.imshow(plane, origin="lower", extent=[0, 1e3 * SIDE] * 2, vmin=2, vmax=7, cmap="viridis")
     ax.set(title=name, xlabel="x (mm)", ylabel="y (mm)" if name == "truth" else "")
 figure.colorbar(image, ax=axes, label="|G*| (kPa)", extend="both")

@@ -42,7 +42,9 @@ def labelled(random: np.random.Generator, widened: float) -> nibabel.Nifti1Image
     away = places - [0, -12, 12]
     near = np.exp(-((away / [30, 50, 30]) ** 2).sum(axis=-1) / 2)
     there = places - widened * near[..., None] * away
-    shares = np.stack([each.at(1e-3 * there.reshape(-1, 3)).reshape(there.shape[:3]) for each in tissue_maps()])
+    shares = np.stack(
+        [each.interpolate(1e-3 * there.reshape(-1, 3)).reshape(there.shape[:3]) for each in tissue_maps()]
+    )
     labels = np.where(shares.sum(axis=0) > 0.5, 1 + shares.argmax(axis=0), 0).astype(np.int16)
     deep = (labels == 1) & ((((there - [0, -12, 12]) / [32, 48, 24]) ** 2).sum(axis=-1) < 1)
     pieces, _ = ndimage.label(deep)

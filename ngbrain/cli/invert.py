@@ -124,7 +124,7 @@ def _usable(data: WaveData, arguments: argparse.Namespace) -> tuple[WaveData, li
         strained = where_strained(data, arguments.noise, arguments.oss_snr)
         words = f"{int((data.mask & ~strained).sum())} of {int(data.mask.sum())} points are left out, around the part that is"
         notes.append(f"{words} strained by {arguments.oss_snr:g} times the noise or more (OSS-SNR)")
-        data = replace(data, mask=strained, dirichlet=hull(data.points, data.structured, strained))
+        data = replace(data, mask=strained, dirichlet=hull(data.points, data.grid, strained))
     return data, notes
 
 
@@ -190,7 +190,7 @@ def _checked(arguments: argparse.Namespace) -> WaveData:
                 raise InputError(option, given, f"{wanted[0] or 'left out'} with --subzones: zones have no other")
     Device.named(arguments.device)
     data = read_waves(arguments.data)
-    data = data.conjugated() if arguments.conjugate else data
+    data = data.conjugate() if arguments.conjugate else data
     if arguments.bars and moving_axis(data) is not None:
         raise InputError("--bars", "given", "one slice in a file of its own: slabs are inverted slice by slice")
     if data.affine is not None:

@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
     with Progress(terminal(arguments.quiet)) as line, threads(arguments.threads), file_context(arguments.data):
         line.callback("reading")
         data = read_waves(arguments.data)
-        data = data.conjugated() if arguments.conjugate else data
+        data = data.conjugate() if arguments.conjugate else data
         check_passive(data)
         if data.affine is not None:
             require("nibabel", "mri")

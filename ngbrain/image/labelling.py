@@ -16,11 +16,11 @@ from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.read.label_schemes import TISSUES
 from ngbrain.image.read.volume import Scan, Volume, mni152
 from ngbrain.image.segment import tissue_classes, topology, ventricles
-from ngbrain.image.segment.partial_volume import lifted
+from ngbrain.image.segment.partial_volume import correct_partial_volume
 from ngbrain.image.structures import atlas, midsurface
 from ngbrain.image.structures import structures as structures_module
 from ngbrain.image.structures.midsurface import MidSurface
-from ngbrain.image.structures.structures import NAMES, Structures, on_black, structures
+from ngbrain.image.structures.structures import NAMES, Structures, mask_background, segment_structures
 from ngbrain.io.cache import Arrays, load_or_compute
 from ngbrain.look import slices
 from ngbrain.result import Result, Status
@@ -81,7 +81,7 @@ class Segmentation(Result):
         return slices(self.volume.data, tissue_classes.NAMES)
 
 
-def tissues(scan: Scan) -> Segmentation:
+def label_tissues(scan: Scan) -> Segmentation:
     """Tissue of every voxel: stripped of its skull, freed of the coil's field and segmented
     (`ngbrain.image.segment.tissue_classes`).
 
@@ -95,13 +95,13 @@ def tissues(scan: Scan) -> Segmentation:
 def grey_white_contrast(scan: Scan) -> float:
     """From grey to white matter in standard deviations of one tissue's grey values; borders are guesses below LEAST_CONTRAST.
 
-    Segments the scan, unless `tissues` has; raises as that does.
+    Segments the scan, unless `label_tissues` has; raises as that does.
     """
     with file_context(scan.source):
         return _tissues(_brain(scan))[1]
 
 
-def template_place(scan: Scan) -> np.ndarray:
+def template_affine(scan: Scan) -> np.ndarray:
     """Where the MNI152 template lies in a head, by affine registration of the brains.
 
     Parameters
@@ -124,19 +124,18 @@ def template_place(scan: Scan) -> np.ndarray:
         return _place(of, _even(of)).affine
 
 
-def structured(scan: Scan) -> Structures:
-    """Tissues and structures of a scan: `tissues`, split by `ngbrain.image.structures.structures.structures`; raises what
-    they raise.
+def label_structures(scan: Scan) -> Structures:
+    """Segment the tissues and structures of a scan (`label_tissues`, then `segment_structures`); raises what they raise.
 
     >>> from ngbrain.image.read.volume import mni152
-    >>> structured(mni152()).labels.regions[:4]
+    >>> label_structures(mni152()).labels.regions[:4]
     ('csf', 'ventricles', 'grey_left', 'grey_right')
     """
     with file_context(scan.source):
         return _structured(_brain(scan))
 
 
-def by_atlas(scan: Scan, labels: LabelMap, template: Scan) -> LabelMap:
+def label_by_atlas(scan: Scan, labels: LabelMap, template: Scan) -> LabelMap:
     """Regions of a scan by an atlas: its template bent into the scan's brain takes the labels along
     (`ngbrain.image.structures.atlas`).
 
@@ -149,7 +148,7 @@ def by_atlas(scan: Scan, labels: LabelMap, template: Scan) -> LabelMap:
     head, drawn = _on_black(scan), _on_black(template)
 
     def make() -> Arrays:
-        return {"labels": atlas.transported(labels, drawn, head).volume.data}
+        return {"labels": atlas.propagate_labels(labels, drawn, head).volume.data}
 
     names = {str(number): name for number, name in labels.names.items()}
     made_from = [head.digest(), drawn.digest(), labels.volume.digest(), names]
@@ -192,18 +191,18 @@ def _brain(scan: Scan) -> _Brain:
     made_by = (registration, bias_field, brain, contrast, check_brain, mni_landmarks, skull_strip)
 
     def make() -> Arrays:
-        mask, place = brain.brain_and_place(scan)
+        mask, place = brain.find_brain_and_alignment(scan)
         return {"mask": mask, "place": place.affine}
 
     found = load_or_compute("brain", made_from, made_by, make)
     voxel = float(np.cbrt(abs(np.linalg.det(scan.file_affine[:3, :3]))))
-    return _Brain(lifted(scan, found["mask"]), found["mask"], found["place"], voxel)
+    return _Brain(correct_partial_volume(scan, found["mask"]), found["mask"], found["place"], voxel)
 
 
 def _even(of: _Brain) -> Volume:
     """The picture without the coil's field."""
     arrays = load_or_compute(
-        "even", of.seen, (bias_field,), lambda: {"t1": bias_field.unbiased(of.picture, of.mask).data}
+        "even", of.seen, (bias_field,), lambda: {"t1": bias_field.correct_bias_field(of.picture, of.mask).data}
     )
     return Volume(arrays["t1"], of.picture.affine)
 
@@ -212,7 +211,7 @@ def _place(of: _Brain, even: Volume) -> registration.Alignment:
     """Where the template lies in a brain."""
 
     def make() -> Arrays:
-        found = registration.align(on_black(even, of.mask), mni152().volume, of.place)
+        found = registration.align(mask_background(even, of.mask), mni152().volume, of.place)
         return {"affine": found.affine, "likeness": np.array(found.likeness)}
 
     found = load_or_compute("place", [*of.seen, of.place.tolist()], (registration, bias_field), make)
@@ -253,7 +252,7 @@ def _structured(of: _Brain) -> Structures:
 
     def make() -> Arrays:
         even = _even(of)
-        made = structures(even, labels, _place(of, even))
+        made = segment_structures(even, labels, _place(of, even))
         return {
             "labels": made.labels.volume.data,
             "parts": made.parts.data,

@@ -86,14 +86,14 @@ def code_digest(names: tuple[str, ...]) -> str:
 
 
 def _feed_sources(digest: Any, names: tuple[str, ...]) -> None:
-    for path in sources(names):
+    for path in source_files(names):
         digest.update(path.read_bytes())
 
 
-def sources(names: Iterable[str]) -> list[Path]:
+def source_files(names: Iterable[str]) -> list[Path]:
     """The files of modules and of every module of this package that they import, directly or through others, in order.
 
-    >>> [path.name for path in sources(["ngbrain.mesh.geometry.cleft"])]
+    >>> [path.name for path in source_files(["ngbrain.mesh.geometry.cleft"])]
     ['atomic.py', 'errors.py', 'cleft.py', 'result.py']
     """
     found, waiting = set[str](), list(names)

@@ -31,7 +31,7 @@ import numpy.typing as npt
 from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError
 from ngbrain.io.hdf5 import hdf5_image
-from ngbrain.io.mesh_arrays import mesh_of
+from ngbrain.io.mesh_arrays import build_mesh
 from ngbrain.io.nodes import QuadraticGrid
 from ngbrain.io.state import pack, read_array, unpack, write_array
 from ngbrain.reading import check_regular, hdf5
@@ -212,7 +212,7 @@ def _verify(path: Path) -> None:
 
 
 def _read_grid(path: Path, own: h5py.Group, vtk: h5py.Group) -> QuadraticGrid:
-    grid = QuadraticGrid(mesh_of({name: data[()] for name, data in own["mesh"].items()}))
+    grid = QuadraticGrid(build_mesh({name: data[()] for name, data in own["mesh"].items()}))
     points = vtk["Points"][()]
     same = np.array_equal(vtk["Connectivity"][()], grid.connectivity.ravel()) and points.shape == grid.points.shape
     if not same or not np.allclose(points, grid.points, rtol=0, atol=ROUNDING * np.abs(points).max(initial=0)):

@@ -36,7 +36,7 @@ def write_mesh(path: str | os.PathLike[str], elements: Elements) -> None:
     Traceback (most recent call last):
     ngbrain.errors.InputError: mesh file is 'head.stl'; wanted: .vtu, .vtk, .msh, .inp, .feb, .vol.gz, .vol
     """
-    path, suffix = Path(path), suffix_of(path)
+    path, suffix = Path(path), mesh_suffix(path)
     if not path.parent.is_dir():
         raise InputError("mesh file", str(path), "a file in a folder that exists")
     write: Callable[[Path, Elements], None] = _write_meshio
@@ -47,7 +47,7 @@ def write_mesh(path: str | os.PathLike[str], elements: Elements) -> None:
     atomic_write(path, lambda part: write(part, elements))
 
 
-def suffix_of(path: str | os.PathLike[str]) -> str:
+def mesh_suffix(path: str | os.PathLike[str]) -> str:
     """The known suffix that a path ends with."""
     name = Path(path).name.lower()
     for suffix in SUFFIXES:

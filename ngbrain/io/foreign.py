@@ -117,7 +117,7 @@ def read_mesh(path: str | os.PathLike[str], unit: str = "m") -> Elements:
     ngbrain.errors.InputError: head.msh: unit is 'inch'; wanted: m, cm, mm or um
     """
     path = Path(path)
-    scale = length(unit, path)
+    scale = unit_scale(unit, path)
     if not path.is_file():
         raise InputError("mesh file", "missing", "a file", path)
     if not is_mesh(path):
@@ -148,7 +148,7 @@ def read_mesh(path: str | os.PathLike[str], unit: str = "m") -> Elements:
     return _bounded(named_elements(points, tets, region, regions), np.unique(tets), flat)
 
 
-def length(unit: str, path: Path) -> float:
+def unit_scale(unit: str, path: Path) -> float:
     """What a unit of length is in m."""
     if unit not in UNITS_OF_LENGTH:
         *most, last = UNITS_OF_LENGTH

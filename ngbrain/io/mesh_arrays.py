@@ -62,7 +62,7 @@ def mesh_arrays(mesh: ng.Mesh) -> Arrays:
     }
 
 
-def mesh_of(arrays: Mapping[str, np.ndarray]) -> ng.Mesh:
+def build_mesh(arrays: Mapping[str, np.ndarray]) -> ng.Mesh:
     """The mesh that `mesh_arrays` took apart: the same points and numbering.
 
     Raises

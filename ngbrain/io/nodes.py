@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ngbrain.errors import InputError, nearest
-from ngbrain.io.mesh_arrays import mesh_arrays, mesh_of
+from ngbrain.io.mesh_arrays import build_mesh, mesh_arrays
 
 # Reference coordinates of NGSolve's tetrahedron: its vertices, then the midpoints of its edges in NGSolve's local order
 # 03 13 23 01 02 12.
@@ -61,7 +61,7 @@ class QuadraticGrid:
         topology = _topology(mesh)
         self.mesh = mesh
         self.arrays = mesh_arrays(mesh)
-        if not np.array_equal(topology, _topology(mesh_of(self.arrays))):
+        if not np.array_equal(topology, _topology(build_mesh(self.arrays))):
             wanted = "one whose numbering survives a file: mesh = mesh_of(mesh_arrays(mesh)) before any space"
             raise InputError("mesh", "refined or renumbered", wanted)
         self.region_names: tuple[str, ...] = tuple(mesh.GetMaterials())

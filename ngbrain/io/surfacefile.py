@@ -12,7 +12,7 @@ import numpy as np
 
 from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError, require
-from ngbrain.io.foreign import check_width, length
+from ngbrain.io.foreign import check_width, unit_scale
 from ngbrain.mesh.surface.triangle_mesh import SurfaceMesh
 
 _MESHIO: Mapping[str, Callable[[Path], meshio.Mesh]] = {
@@ -67,7 +67,7 @@ def read_surface(path: str | os.PathLike[str], unit: str = "mm") -> SurfaceMesh:
     path = Path(path)
     if not path.is_file():
         raise InputError("surface file", "missing", "a file", path)
-    scale = length(unit, path)
+    scale = unit_scale(unit, path)
     suffix = path.suffix.lower()
     try:
         if suffix in _MESHIO:

@@ -135,8 +135,8 @@ class MeshSize(Section):
         if scene.cleft is None:
             return
         self._need(
-            self.craniotomy >= self.wall, path, "craniotomy", f"at least {self.shown('wall'):g}, mesh.wall_size_mm"
+            self.craniotomy >= self.wall, path, "craniotomy", f"at least {self.toml_value('wall'):g}, mesh.wall_size_mm"
         )
-        wanted = f"at least {self.shown('craniotomy'):g}, mesh.craniotomy_size_mm"
+        wanted = f"at least {self.toml_value('craniotomy'):g}, mesh.craniotomy_size_mm"
         self._need(self.largest >= self.craniotomy, path, "largest", wanted)
         self._need(self.largest >= 2e-3, path, "largest", "at least 2")

@@ -106,7 +106,7 @@ class CleftSpec(Section):
             return head.cleft_to(slot.target + slot.opening / 2 * slot.across, approach=slot.out).depth
         except InputError:
             wanted = "so small that the walls begin in tissue, as cleft.target_mm does"
-            raise InputError("cleft.gap_mm", self.shown("gap"), wanted) from None
+            raise InputError("cleft.gap_mm", self.toml_value("gap"), wanted) from None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,36 +163,36 @@ class Tool(Section):
         )
         if self.kind == "surface":  # its sizes are the file's
             return
-        wanted = f"at most {cleft.shown('width'):g}, cleft.width_mm: not a tool wider than the cleft"
+        wanted = f"at most {cleft.toml_value('width'):g}, cleft.width_mm: not a tool wider than the cleft"
         self._need(self.width <= cleft.width, path, "width", wanted)
         if self.kind == "ball":
-            wanted = f"at most {cleft.shown('gap'):g}, cleft.gap_mm: not a ball that does not fit into the cleft"
+            wanted = f"at most {cleft.toml_value('gap'):g}, cleft.gap_mm: not a ball that does not fit into the cleft"
             self._need(self.width <= cleft.gap, path, "width", wanted)
             self._need(self.width >= NARROWEST, path, "width", f"at least {1e3 * NARROWEST:g}")
             for name in ("tip_width", "face_radius"):
                 self._need(getattr(self, name) is None, path, name, "this key left out: a ball has no face")
             return
-        wanted = f"at most {cleft.shown('gap'):g}, cleft.gap_mm: not a tool thicker than the cleft"
+        wanted = f"at most {cleft.toml_value('gap'):g}, cleft.gap_mm: not a tool thicker than the cleft"
         self._need(self.thickness <= cleft.gap, path, "thickness", wanted)
-        least = f"at least {1e3 * NARROWEST:g}, and twice tool.edge_radius_mm = {self.shown('edge_radius'):g}"
+        least = f"at least {1e3 * NARROWEST:g}, and twice tool.edge_radius_mm = {self.toml_value('edge_radius'):g}"
         self._need(self.width >= max(NARROWEST, 2 * self.edge_radius), path, "width", least)
         if self.kind == "tube":
             self._check_tube(path, scene)
             return
         fits = self.tip_width is None or max(NARROWEST, 2 * self.edge_radius) <= self.tip_width <= self.width
-        self._need(fits, path, "tip_width", f"{least}, and at most {self.shown('width'):g}, tool.width_mm")
+        self._need(fits, path, "tip_width", f"{least}, and at most {self.toml_value('width'):g}, tool.width_mm")
         tall = self.height is None or self.height >= max(FACED, 2 * self.edge_radius)
-        least = f"at least {1e3 * FACED:g}, and twice tool.edge_radius_mm = {self.shown('edge_radius'):g}"
+        least = f"at least {1e3 * FACED:g}, and twice tool.edge_radius_mm = {self.toml_value('edge_radius'):g}"
         self._need(tall, path, "height", least)
 
     def _check_tube(self, path: str, scene: Scene) -> None:
         for name in ("tip_width", "face_radius"):
             self._need(getattr(self, name) is None, path, name, "this key left out: a tube has no face")
         cleft = scene.operated
-        wanted = f"at most {cleft.shown('gap') / 2:g}, half of cleft.gap_mm: the tube's radius at first"
+        wanted = f"at most {cleft.toml_value('gap') / 2:g}, half of cleft.gap_mm: the tube's radius at first"
         self._need(self.edge_radius <= cleft.gap / 2, path, "edge_radius", wanted)
         widest = f"a spatula: a tube of {1e3 * (cleft.gap + self.travel):g} mm, cleft.gap_mm and tool.travel_mm"
-        wanted = f"{widest} together, does not fit into cleft.width_mm = {cleft.shown('width'):g}"
+        wanted = f"{widest} together, does not fit into cleft.width_mm = {cleft.toml_value('width'):g}"
         self._need(cleft.gap + self.travel <= cleft.width, path, "kind", wanted)
 
     def _check_wall(self, path: str, wall: float) -> None:

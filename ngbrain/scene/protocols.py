@@ -150,7 +150,7 @@ class Protocol(Section):
         self._need(0 < before < MOST and before * cycle + ramp < end, path, "hold", wanted)
         least = ramp * (1 + 2 * CLEAR / tool.travel)
         wanted = f"more than {least:g}, for the way back and forth"
-        wanted += f" at tool.travel_mm = {tool.shown('travel'):g} in time.ramp_s = {ramp:g}"
+        wanted += f" at tool.travel_mm = {tool.toml_value('travel'):g} in time.ramp_s = {ramp:g}"
         self._need(self.rest > least, path, "rest", wanted)
 
     def _check_staged(self, path: str, shared: Time) -> None:

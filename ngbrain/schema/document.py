@@ -242,7 +242,7 @@ class Section:
     def __post_init__(self) -> None:
         section = f"{self.key()}.".removeprefix("scene.")
         for f in fields(self):  # type: ignore[arg-type]
-            entry, shown = f.metadata["entry"], self.shown(f.name)
+            entry, shown = f.metadata["entry"], self.toml_value(f.name)
             if (shown is not None or f.default is not None) and not (shown == [] and f.default == ()):
                 object.__setattr__(self, f.name, entry.read(shown, section + entry.key))
 
@@ -264,10 +264,10 @@ class Section:
 
     def to_dict(self) -> dict[str, Any]:
         """In TOML's keys and units, fit for JSON, without tables in which nothing is given; `read` gives the same part back."""
-        values = {entry.key: self.shown(name) for name, entry in entries(self).items()}
+        values = {entry.key: self.toml_value(name) for name, entry in entries(self).items()}
         return {key: value for key, value in values.items() if value not in (None, {}, [])}
 
-    def shown(self, name: str) -> Any:
+    def toml_value(self, name: str) -> Any:
         """A field's value as TOML has it, in the unit of its key; None where it is not given."""
         return entries(self)[name].show(getattr(self, name))
 
@@ -276,7 +276,7 @@ class Section:
 
     def _need(self, ok: Any, path: str, name: str, wanted: str) -> None:
         if not ok:
-            raise InputError(f"{path}.{entries(self)[name].key}", brief(self.shown(name)), wanted)
+            raise InputError(f"{path}.{entries(self)[name].key}", brief(self.toml_value(name)), wanted)
 
 
 class Document(Section):

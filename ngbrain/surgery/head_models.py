@@ -13,7 +13,7 @@ import numpy as np
 
 from ngbrain.forward.common.interpolation import quadrature_field, quadrature_points
 from ngbrain.image import Scan, Volume, mni152, read_scan
-from ngbrain.image.labelling import template_place, tissues
+from ngbrain.image.labelling import label_tissues, template_affine
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.read.label_schemes import TISSUES
 from ngbrain.image.read.property_maps import read_map
@@ -98,8 +98,8 @@ class Scanned:
 
     @classmethod
     def of(cls, scan: Scan) -> Scanned:
-        """Of any T1 of a whole head or brain (see `tissues`); raises `InputError` for another picture."""
-        return cls(scan, tissues(scan).volume)
+        """Of any T1 of a whole head or brain (see `label_tissues`); raises `InputError` for another picture."""
+        return cls(scan, label_tissues(scan).volume)
 
     def point(self, voxel: Sequence[float]) -> np.ndarray:
         """The middle of a voxel of the file, counted from 0."""
@@ -132,7 +132,7 @@ class Scanned:
     def mixtures(self, mesh: ngs.Mesh, order: int) -> dict[str, dict[str, Any]]:
         """Grey and white matter as the nearest voxel has it; what is neither, sulcal fluid above all, is grey."""
         space, points = quadrature_points(mesh, order - 1)
-        found = self.labels.at(points, order=0)
+        found = self.labels.interpolate(points, order=0)
         white, grey = quadrature_field(space, found == WHITE), quadrature_field(space, found != WHITE)
         parts = {"brain": {"grey": grey, "white": white}, "ventricles": {"ventricles": 1.0}}
         return {name: parts[name.partition(PART)[0]] for name in mesh.GetMaterials()}
@@ -206,7 +206,7 @@ def _stiffness(geometry: Geometry, scan: Scan) -> Volume:
     found = read_map(str(geometry.stiffness_map), "shear moduli or shear stiffness")
     if geometry.kind == "mni152" or geometry.stiffness_map_space == "head":
         return found
-    return Volume(found.data, template_place(scan) @ found.affine)
+    return Volume(found.data, template_affine(scan) @ found.affine)
 
 
 def _corners(mesh: ngs.Mesh) -> np.ndarray:
@@ -219,6 +219,6 @@ def likewise(scene: Scene, image: str) -> Scene:
     cleft = scene.operated
     space = "mni152" if scene.geometry.stiffness_map else None
     geometry = replace(scene.geometry, kind="scan", image=image, stiffness_map_space=space)
-    target = template_place(read_scan(image)) @ [*(cleft.target or ()), 1.0]
+    target = template_affine(read_scan(image)) @ [*(cleft.target or ()), 1.0]
     title = scene.title.replace("the MNI152 average brain", Path(image).name)
     return replace(scene, title=title, geometry=geometry, cleft=replace(cleft, target=tuple(target[:3].tolist())))

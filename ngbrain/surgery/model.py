@@ -19,7 +19,7 @@ from ngbrain.forward.solid.advance import newton_for
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.step_control import Control, ErrorControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
-from ngbrain.image.read.fibre_directions import read_directions
+from ngbrain.image.read.fibre_directions import read_fibre_directions
 from ngbrain.image.read.property_maps import read_map
 from ngbrain.image.read.volume import Volume
 from ngbrain.ladder.models.property_maps import fibres
@@ -161,7 +161,7 @@ class RetractionModel:
         """A tissue's law with its fibres in some elements (a mask)."""
         if tissue.fibre_map is None:
             return tissue.with_fibres(tissue.law(), tissue.fibre or SOME_FIBRE)
-        directions = read_directions(tissue.fibre_map, str(tissue.fibre_map_convention))
+        directions = read_fibre_directions(tissue.fibre_map, str(tissue.fibre_map_convention))
         return tissue.with_fibres(tissue.law(), fibres(directions, self.mesh, where))
 
     def stiffness_map(self) -> dict[str, dict[str, float]]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from ngbrain.errors import file_context
 from ngbrain.forward.common.interpolation import quadrature_field, quadrature_points
-from ngbrain.image.read.property_maps import measured, sampled
+from ngbrain.image.read.property_maps import interpolate_map, measured_mask
 from ngbrain.image.read.volume import Volume
 
 Mixtures = Mapping[str, Mapping[str, Any]]
@@ -69,8 +69,8 @@ def _over(
     counted = np.sum(list(weights.values()), axis=0) > 0
     known = np.ones(len(points), bool)
     with file_context("body.shear_modulus_map"):
-        known[counted] = measured(volume, points[counted])
-    values = sampled(volume, points)
+        known[counted] = measured_mask(volume, points[counted])
+    values = interpolate_map(volume, points)
     return {
         name: (values / (values @ weight / weight.sum()), weight, known, values)
         for name, weight in weights.items()

@@ -13,15 +13,15 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import InputError, nearest
-from ngbrain.image.labelling import by_atlas, grey_white_contrast, structured, tissues
-from ngbrain.image.read.label_file import read_labels, read_named
+from ngbrain.image.labelling import grey_white_contrast, label_by_atlas, label_structures, label_tissues
+from ngbrain.image.read.label_file import read_labels, read_labels_with_notes
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.read.landmarks import landmarks
-from ngbrain.image.read.nifti import on_grid, write_nifti
+from ngbrain.image.read.nifti import resample_labels, write_nifti
 from ngbrain.image.read.volume import Scan, Volume, read_scan
-from ngbrain.image.segment.fluid import fluid_in_sulci, ventricles_in_fluid
-from ngbrain.image.segment.from_surfaces import enclosed
-from ngbrain.image.segment.topology import tidied
+from ngbrain.image.segment.fluid import label_sulcal_fluid, label_ventricles
+from ngbrain.image.segment.from_surfaces import labels_from_surfaces
+from ngbrain.image.segment.topology import clean_labels
 from ngbrain.io.surfacefile import read_surface
 from ngbrain.mesh import files
 from ngbrain.mesh.geometry.cleft import Cleft
@@ -89,9 +89,9 @@ class Subject:
 
     @classmethod
     def of_scan(cls, path: str | os.PathLike[str]) -> Subject:
-        """From a T1; raises what `read_scan` and `tissues` raise."""
+        """From a T1; raises what `read_scan` and `label_tissues` raise."""
         scan = read_scan(path)
-        return cls._of_scan(tissues(scan).labels, scan)
+        return cls._of_scan(label_tissues(scan).labels, scan)
 
     @classmethod
     def of_structures(cls, path: str | os.PathLike[str]) -> Subject:
@@ -101,10 +101,10 @@ class Subject:
         `.*_left` a side; the boundary under the tentorium is `(grey|white)_(left|right)_(grey|white)_cerebellum` where
         cerebrum and cerebellum touch. Falx and tentorium as surfaces: `ngbrain.image.structures.dura`.
 
-        Raises what `read_scan` and `structured` raise.
+        Raises what `read_scan` and `label_structures` raise.
         """
         scan = read_scan(path)
-        return cls._of_scan(structured(scan).labels, scan)
+        return cls._of_scan(label_structures(scan).labels, scan)
 
     @classmethod
     def of_atlas(
@@ -117,10 +117,10 @@ class Subject:
     ) -> Subject:
         """From a T1 and a map of labels of another head, laid into it by that head's own T1 (`ngbrain.image.structures.atlas`).
 
-        Raises what `read_scan`, `read_labels` and `by_atlas` raise.
+        Raises what `read_scan`, `read_labels` and `label_by_atlas` raise.
         """
         scan, labels = read_scan(path), read_labels(atlas, names, others)
-        moved = by_atlas(scan, labels, read_scan(template))
+        moved = label_by_atlas(scan, labels, read_scan(template))
         return cls(moved, scan.volume, scan.file_affine, scan.file_shape, scan.source)
 
     @classmethod
@@ -136,11 +136,11 @@ class Subject:
         fill   put fluid into sulci that have no label (`ngbrain.image.segment.fluid`); ventricles are told from other fluid
                in any case
         """
-        file, notes = read_named(path, names, others)
-        labels, ml = ventricles_in_fluid(file.boxed())
+        file, notes = read_labels_with_notes(path, names, others)
+        labels, ml = label_ventricles(file.crop())
         notes += (f"ventricles are the fluid that lies deep in white matter, {ml:.1f} ml",) if ml else ()
         if fill:
-            labels, ml = fluid_in_sulci(labels)
+            labels, ml = label_sulcal_fluid(labels)
             notes += (f"sulci without a label are filled with fluid, {ml:.1f} ml",) if ml else ()
         return cls._of(labels, file.volume, str(path), notes)
 
@@ -148,14 +148,15 @@ class Subject:
     def of_surfaces(
         cls, parts: Sequence[tuple[str, str | os.PathLike[str]]], unit: str = "mm", fill: bool = True
     ) -> Subject:
-        """From closed surfaces, named by what is inside, the outer ones first; raises what `read_surface` and `enclosed` raise.
+        """From closed surfaces, named by what is inside, the outer ones first; raises what `read_surface` and
+        `labels_from_surfaces` raise.
 
         They become a map of labels (`ngbrain.image.segment.from_surfaces`), which is written on its own voxels.
 
         unit   of lengths in files that do not say it; fill as of `of_labels`
         """
         surfaces = [(name, read_surface(path, unit)) for name, path in parts]
-        file = enclosed(surfaces)
+        file = labels_from_surfaces(surfaces)
         points = np.concatenate([surface.points for _, surface in surfaces])
         wide = " by ".join(f"{1e3 * side:.0f}" for side in np.ptp(points, axis=0))
         units = "mm" if unit == "mm" else f"{unit} (mm in GIfTI and FreeSurfer's files)"
@@ -164,7 +165,7 @@ class Subject:
             "surfaces enclose "
             + ", ".join(f"{1e6 * abs(surface.volume):.1f} ml ({name})" for name, surface in surfaces),
         )
-        labels, ml = fluid_in_sulci(file) if fill else (file, 0.0)
+        labels, ml = label_sulcal_fluid(file) if fill else (file, 0.0)
         notes += (f"sulci without a label are filled with fluid, {ml:.1f} ml",) if ml else ()
         return cls._of(labels, file.volume, ", ".join(str(path) for _, path in parts), notes)
 
@@ -215,7 +216,7 @@ def write_subject(
     if curve and opening:
         raise InputError("--curve", "given with --cut", "one of them: what is curved would leave the walls' planes")
     files.writable(path)  # before the work, not after it
-    clean, tidying = tidied(LabelMap(_numbered(subject.labels), dict(enumerate(subject.labels.regions, 1))))
+    clean, tidying = clean_labels(LabelMap(_numbered(subject.labels), dict(enumerate(subject.labels.regions, 1))))
     if not clean.regions:
         found = f"{np.count_nonzero(subject.labels.volume.data)} voxels in islands, which are left out"
         raise InputError("labels", found, "a head")
@@ -238,7 +239,7 @@ def write_subject(
         mesh = None
     files.write(path, made, route, mesh)
     labels = path.with_name(f"{stem}_labels.nii.gz")
-    write_nifti(labels, on_grid(_numbered(clean), subject.affine, subject.shape))
+    write_nifti(labels, resample_labels(_numbered(clean), subject.affine, subject.shape))
     surfaces = write_cortex(whole, subject.t1, path.parent, stem) if cortex else None
     points = landmarks(clean) | {name: np.array(point) for name, point in subject.named.items()}
     site = opening.target if opening else size.site
@@ -297,7 +298,7 @@ def _cut(cleft: Cleft, opening: Opening) -> dict[str, Any]:
 
 
 def _numbered(labels: LabelMap) -> Volume:
-    return Volume(labels.numbered(), labels.volume.affine)
+    return Volume(labels.region_numbers(), labels.volume.affine)
 
 
 def _within(made: Elements, labels: LabelMap) -> str:

@@ -81,13 +81,13 @@ def _body(scene: Scene) -> Drawing:
     for traction in scene.tractions:
         numbers = [each if isinstance(each, float) else math.nan for each in traction.value]
         way = None if np.isnan(numbers).any() else np.array(numbers)
-        words = f"{_listed(traction.shown('value'))} Pa"
+        words = f"{_listed(traction.toml_value('value'))} Pa"
         conditions.append(Condition("traction", words, _matching(traction.boundary, names), way))
     for pressure in scene.pressures:
-        words = f"{pressure.shown('value')} Pa, into the body"
+        words = f"{pressure.toml_value('value')} Pa, into the body"
         conditions.append(Condition("pressure", words, _matching(pressure.boundary, names)))
     for body in scene.contacts:
-        words = f"{body.shape} that goes {_listed(body.shown('travel'))} mm, friction {body.friction:g}"
+        words = f"{body.shape} that goes {_listed(body.toml_value('travel'))} mm, friction {body.friction:g}"
         conditions.append(Condition("contact", words, _matching(body.boundary, names)))
     solids = [_rigid(body, bench.longest, scene) for body in scene.contacts]
     points = [quantity.point for quantity in scene.quantities if quantity.point]
@@ -162,15 +162,15 @@ def _displacement(bc: DisplacementBC, names: Sequence[str], scene: Scene) -> Con
     mine = _matching(bc.boundary, names)
     along = "" if bc.components == "xyz" else f" along {', '.join(bc.components)}"
     if bc.rotation is not None:
-        about = f"({_listed(bc.axis or ())}) through ({_listed(bc.shown('centre') or (0, 0, 0))}) mm"
-        words = f"turned by {bc.shown('rotation')}° about {about}"
+        about = f"({_listed(bc.axis or ())}) through ({_listed(bc.toml_value('centre') or (0, 0, 0))}) mm"
+        words = f"turned by {bc.toml_value('rotation')}° about {about}"
         return Condition("turned", words, mine)
     if not any(bc.value):
         return Condition("held", f"held{along}", mine)
     way = bc.displacement([np.zeros(1)] * 3, scene.time.end, 1.0) if bc.is_even else None
     moved = None if way is None else np.array([float(each) for each in way])
     face = ", by a face along which it slides" if bc.contact == "frictionless" else ""
-    return Condition("moved", f"moved by {_listed(bc.shown('value'))} mm{along}{face}", mine, moved)
+    return Condition("moved", f"moved by {_listed(bc.toml_value('value'))} mm{along}{face}", mine, moved)
 
 
 def _rigid(body: Contact, long: float, scene: Scene) -> Solid:
@@ -227,9 +227,9 @@ def _tables(scene: Scene, mesh: ngs.Mesh, conditions: Sequence[Condition]) -> di
     if scene.is_operation:
         tool, cleft = scene.tool, scene.operated
         found["Operation"] = [
-            ("cleft", f"{cleft.shown('width'):g} mm wide, {cleft.shown('gap'):g} mm between its walls"),
-            ("craniotomy", f"{cleft.shown('craniotomy_diameter'):g} mm"),
-            ("tool", f"{tool.kind}, {tool.shown('width'):g} mm wide, goes {tool.shown('travel'):g} mm"),
+            ("cleft", f"{cleft.toml_value('width'):g} mm wide, {cleft.toml_value('gap'):g} mm between its walls"),
+            ("craniotomy", f"{cleft.toml_value('craniotomy_diameter'):g} mm"),
+            ("tool", f"{tool.kind}, {tool.toml_value('width'):g} mm wide, goes {tool.toml_value('travel'):g} mm"),
             *((f"protocol {each.name}", each.kind) for each in scene.protocols),
         ]
     time = scene.time

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import ngbrain
-from ngbrain.io.cache import _DIGEST, cache_folder, load_or_compute, sources
+from ngbrain.io.cache import _DIGEST, cache_folder, load_or_compute, source_files
 
 PACKAGE = Path(ngbrain.__file__).parent
 
@@ -107,7 +107,7 @@ def test_an_entry_that_was_changed_is_made_again(folder, module):
 def test_the_key_is_made_of_all_code_that_makes_an_entry():
     """The mesh of an operated head depends on `mesh/geometry/cleft.py`; nothing depends on what only looks at it."""
     for name in ("surgery/heads", "mesh/opening"):
-        found = {path.relative_to(PACKAGE).as_posix() for path in sources([f"ngbrain.{name.replace('/', '.')}"])}
+        found = {path.relative_to(PACKAGE).as_posix() for path in source_files([f"ngbrain.{name.replace('/', '.')}"])}
         assert {
             f"{name}.py",
             "mesh/geometry/cleft.py",
@@ -130,7 +130,7 @@ def test_imports_are_followed_however_they_are_written(tmp_path, monkeypatch):
         module = types.ModuleType(name.removesuffix(".py"))
         module.__file__ = str(tmp_path / name)
         monkeypatch.setitem(sys.modules, module.__name__, module)
-        found[name] = {path.name for path in sources([module.__name__])}
+        found[name] = {path.name for path in source_files([module.__name__])}
     assert {"one.py", "tensors.py", "units.py"} <= found["one.py"]
     assert {"two.py", "cleft.py", "errors.py"} <= found["two.py"]
     assert {"three.py", "cleft.py", "shapes.py"} <= found["three.py"]  # through the package, which hands it on

@@ -7,7 +7,7 @@ import pytest
 
 from ngbrain.errors import InputError
 from ngbrain.io import QuadraticGrid
-from ngbrain.io.mesh_arrays import mesh_arrays, mesh_of
+from ngbrain.io.mesh_arrays import build_mesh, mesh_arrays
 
 RADIUS = 0.05  # m
 # The vertices on either side of nodes 4..9 of VTK_QUADRATIC_TETRA.
@@ -145,7 +145,7 @@ def test_a_mesh_whose_numbering_would_be_lost_is_refused():
     mesh.Refine()
     with pytest.raises(InputError, match="refined"):
         QuadraticGrid(mesh)
-    assert QuadraticGrid(mesh_of(mesh_arrays(mesh))).mesh.ne == mesh.ne
+    assert QuadraticGrid(build_mesh(mesh_arrays(mesh))).mesh.ne == mesh.ne
 
 
 def test_a_mesh_curved_by_cubics_is_refused():

@@ -8,7 +8,7 @@ import pytest
 
 from ngbrain.errors import InputError
 from ngbrain.io.waves import read_waves
-from ngbrain.io.waves.samples import as_amplitudes
+from ngbrain.io.waves.samples import samples_to_amplitudes
 
 TIMES, SHAPE, H = 8, (20, 18), 2e-3
 TURN = np.exp(2j * np.pi * np.arange(TIMES) / TIMES)
@@ -133,7 +133,7 @@ def test_a_last_time_that_repeats_the_first_is_refused(times):
     motion = np.real(u[..., None] * np.exp(2j * np.pi * np.arange(times) / times))
     noise = 3e-8 * rng.normal(size=(1, 36, 2, times + 1))
     keys = {"points": points, "frequency": [50.0], "samples": motion + noise[..., 1:]}
-    assert as_amplitudes(keys)["displacement"] == pytest.approx(u, abs=2e-7)
+    assert samples_to_amplitudes(keys)["displacement"] == pytest.approx(u, abs=2e-7)
     keys["samples"] = np.concatenate([motion, motion[..., :1]], axis=-1) + noise
     with pytest.raises(InputError, match=f"samples is the same at the last time.*leave out the last of {times + 1}"):
-        as_amplitudes(keys)
+        samples_to_amplitudes(keys)

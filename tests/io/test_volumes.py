@@ -25,7 +25,7 @@ def same(data, u):
     for i, j, k in ((0, 0, 0), (4, 1, 2), (2, 3, 1)):
         (n,) = np.flatnonzero(np.abs(data.points - np.multiply((i, j, k), SPACING)).max(axis=1) < 1e-9)
         np.testing.assert_allclose(data.displacement[0, n], u[i, j, k], rtol=1e-12)
-    return data.loads == 1 and len(data.points) == 60 and data.structured is not None
+    return data.loads == 1 and len(data.points) == 60 and data.grid is not None
 
 
 def matlab_7_3(path, keys):
@@ -59,7 +59,7 @@ def test_matlab_files_on_voxels_in_other_units(version, tmp_path, rng):
     write(tmp_path / "waves.mat", keys)
     data = read_waves(tmp_path / "waves.mat")
     assert same(data, u) and data.frequency.tolist() == [50.0] and data.rheology == "viscoelastic"
-    np.testing.assert_array_equal(data.structured.box(data.mask), mask)
+    np.testing.assert_array_equal(data.grid.box(data.mask), mask)
 
 
 def test_archives_may_have_voxels_too(tmp_path, rng):

@@ -99,7 +99,7 @@ def test_an_image_in_two_parts_on_an_upright_slice(tmp_path):
     (tmp_path / "w_part-real.json").write_text(json.dumps(sidecar))
     found = read_waves(tmp_path / "w_part-real.nii.gz")
     assert np.allclose(found.points, grid(6, 5))
-    assert np.array_equal(found.structured.box(found.displacement[0]), (u[0] + 1j * u[1])[:, :, 0, 0])
+    assert np.array_equal(found.grid.box(found.displacement[0]), (u[0] + 1j * u[1])[:, :, 0, 0])
     assert found.affine == pytest.approx(np.diag([1e-3, 1e-3, 1e-3, 1]) @ affine)
 
 
@@ -181,16 +181,16 @@ def test_elements_need_their_grid(rng):
     ):
         with pytest.raises(InputError, match="element is q4; wanted: points on a plane grid"):
             replace(data, points=points)
-    assert replace(data, points=data.points[order], element=None).structured.axes.tolist() == [[0, 1], [1, 0]]
+    assert replace(data, points=data.points[order], element=None).grid.axes.tolist() == [[0, 1], [1, 0]]
 
 
 def test_grids_are_found_and_the_hull_follows_the_mask(rng):
     data = space()
-    found = data.structured
-    assert found.shape == (5, 4, 3) and found.spacing == pytest.approx(2e-3) and not found.along
+    found = data.grid
+    assert found.shape == (5, 4, 3) and found.spacing == pytest.approx(2e-3) and not found.is_axis_aligned
     assert np.allclose(found.points(), data.points) and data.dirichlet.sum() == 60 - 3 * 2 * 1
-    assert replace(data, points=data.points.astype(np.float32)).structured.shape == (5, 4, 3)
-    assert replace(data, points=data.points + 1e-5 * rng.normal(size=(60, 3))).structured is None
+    assert replace(data, points=data.points.astype(np.float32)).grid.shape == (5, 4, 3)
+    assert replace(data, points=data.points + 1e-5 * rng.normal(size=(60, 3))).grid is None
     assert np.array_equal(found.flat(found.box(data.points)), data.points)
     mask = found.flat(np.arange(5)[:, None, None] + np.zeros((5, 4, 3))) > 0
     inner = replace(data, mask=mask, dirichlet=None)
@@ -211,7 +211,7 @@ def test_the_hull_of_scattered_points_follows_a_dent(d, rng):
     ball = 0.045 - np.linalg.norm(points - 0.05, axis=1)
     beyond = np.maximum(0.05 - points, 0)
     depth = np.minimum(ball, np.linalg.norm(beyond, axis=1))
-    assert data.structured is None
+    assert data.grid is None
     assert depth[data.dirichlet].max() < 2.5 * 0.1 / side
     assert data.dirichlet[depth < 0.3 * 0.1 / side].mean() > (0.95 if d == 2 else 0.8)
 
@@ -385,7 +385,7 @@ def test_the_published_data_sets_are_read(name):
     if folder is None:
         pytest.skip(f"{MATNLI} is not here")
     data = read_waves(folder / f"{name}.npz")
-    assert data.structured.shape[0] in (51, 81, 101) and data.element in ("q4", "q4p0")
+    assert data.grid.shape[0] in (51, 81, 101) and data.element in ("q4", "q4p0")
     expected = {"ce_bimaterial": ["youngs"], "cv_gaussian": ["storage", "loss"], "ne_gaussian": ["youngs"]}
     assert list(data.truth_views) == expected.get(name, ["mu", "zeta", "phi"])
     if name == "ti_double":

@@ -197,7 +197,7 @@ def test_any_length_survives_the_way_to_millimetres_and_back(rng):
     for width in [*rng.uniform(1e-3, 1e-1, 2000), *(k * 1e-4 for k in range(20, 500)), math.pi * 1e-2]:
         blade = Tool(width=float(width), edge_radius=1e-3)
         assert blade.width == pytest.approx(width, rel=1e-15, abs=0)
-        assert Tool(width=blade.shown("width") / 1000).width == blade.width
+        assert Tool(width=blade.toml_value("width") / 1000).width == blade.width
 
 
 def test_what_is_written_is_what_was_read():

@@ -32,7 +32,7 @@ def noisy(ppw, sigma):
 
 def naive(data):
     """Modulus by least squares over all inner points, ∇²u by the 7-point formula."""
-    u = data.structured.box(data.displacement[0, :, 1])
+    u = data.grid.box(data.displacement[0, :, 1])
     middle = (slice(1, -1),) * 3
     laplacian = -6 * u[middle]
     for axis in range(3):

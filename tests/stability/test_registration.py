@@ -38,7 +38,7 @@ def head(template, truth):
     affine[:3, 3] = -STEP * np.array([32, 36, 54])
     points = (np.indices(shape).reshape(3, -1).T @ affine[:3, :3].T + affine[:3, 3]) @ np.linalg.inv(truth)[:3, :3].T
     points += np.linalg.inv(truth)[:3, 3]
-    brain = template.at(points).reshape(shape)
+    brain = template.interpolate(points).reshape(shape)
     away = 4 * ndimage.distance_transform_edt(brain < 0.15)
     scalp, (x, y, z) = (away > 9) & (away <= 17), 1e3 * points.T.reshape(3, *shape)
     neck = (np.hypot(x, y + 40) < 60) & (z < -60) & (away > 17)
@@ -56,7 +56,7 @@ def off(place, truth):
 
 def test_naive_registration_from_one_start_ends_elsewhere(head, template, truth):
     points = template.to_world(np.argwhere(ndimage.binary_dilation(template.data > 0.1, iterations=2)))[::8]
-    values = template.at(points)
+    values = template.interpolate(points)
     middle = points.mean(axis=0)
     bright = head.to_world(np.argwhere(head.data > head.data.mean()))
 
@@ -72,7 +72,7 @@ def test_naive_registration_from_one_start_ends_elsewhere(head, template, truth)
 
     def unlike(p):
         to = place(p)
-        seen = head.at(points @ to[:3, :3].T + to[:3, 3])
+        seen = head.interpolate(points @ to[:3, :3].T + to[:3, 3])
         seen = seen - seen.mean()
         return -float(seen @ (values - values.mean())) / (
             np.linalg.norm(seen) * np.linalg.norm(values - values.mean()) + 1e-9

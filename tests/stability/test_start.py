@@ -68,8 +68,8 @@ def grainy_slice(size, grain, frequencies=(30.0, 40.0, 50.0, 60.0)):
     ).with_noise(0.02, seed=0)
     rng, u = np.random.default_rng(1), data.displacement.copy()
     for load, rms in enumerate(data.rms[:, 0, 0]):
-        real, imag = (ndimage.gaussian_filter(rng.normal(size=data.structured.shape), grain) for _ in range(2))
-        error = data.structured.flat(real + 1j * imag)
+        real, imag = (ndimage.gaussian_filter(rng.normal(size=data.grid.shape), grain) for _ in range(2))
+        error = data.grid.flat(real + 1j * imag)
         u[load, :, 0] += size * rms * error / np.sqrt(np.mean(np.abs(error) ** 2))
     return replace(data, displacement=u)
 

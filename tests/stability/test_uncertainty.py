@@ -62,7 +62,7 @@ def test_boundary_that_may_be_anything_that_fits(noisy):
 def smooth_truth():
     """CV-G at every second point, inverted in other elements with H1: what 95 % intervals hold, by prior."""
     exact = Phantom.named("CV-G").measured().data()
-    grid = exact.structured
+    grid = exact.grid
     chosen = np.zeros(grid.shape, bool)
     chosen[::2, ::2] = True
     at = np.flatnonzero(grid.flat(chosen))

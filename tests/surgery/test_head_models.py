@@ -13,7 +13,7 @@ from ngbrain.errors import InputError
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.image import Volume
-from ngbrain.image.labelling import template_place
+from ngbrain.image.labelling import template_affine
 from ngbrain.image.segment.tissue_classes import WHITE
 from ngbrain.mesh import Sizes
 from ngbrain.mesh.tet_mesh import centres
@@ -48,7 +48,7 @@ def test_volumes_are_those_of_the_labels(model):
 
 
 def test_the_template_lies_in_itself(model):
-    place = template_place(model.head.scan)
+    place = template_affine(model.head.scan)
     corners = 0.08 * np.array(list(np.ndindex(2, 2, 2))) - [0.04, 0.06, 0.03]
     assert np.abs(corners @ place[:3, :3].T + place[:3, 3] - corners).max() < 1e-3
 

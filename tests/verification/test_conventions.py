@@ -16,7 +16,7 @@ from ngbrain.image.read.landmarks import landmarks
 from ngbrain.image.read.volume import Volume
 from ngbrain.inverse.data.time_convention import check_passive
 from ngbrain.io.waves import WaveData
-from ngbrain.io.waves.samples import as_amplitudes
+from ngbrain.io.waves.samples import samples_to_amplitudes
 from ngbrain.materials import (
     Demiray,
     Gent,
@@ -49,7 +49,7 @@ def waves(u):
 def sampled(times):
     """What a scan reads of the waves at these parts of a period."""
     samples = np.real(AMPLITUDE[None, ..., None] * np.exp(2j * np.pi * np.asarray(times)))
-    return as_amplitudes({"points": POINTS, "frequency": [60.0], "samples": samples})["displacement"][0]
+    return samples_to_amplitudes({"points": POINTS, "frequency": [60.0], "samples": samples})["displacement"][0]
 
 
 def test_the_time_sign_is_plus():

@@ -13,9 +13,9 @@ from phantoms import nested
 from ngbrain.cli.mesh import summary
 from ngbrain.errors import InputError
 from ngbrain.image import mni152
-from ngbrain.image.labelling import tissues
+from ngbrain.image.labelling import label_tissues
 from ngbrain.image.read.label_map import LabelMap
-from ngbrain.image.read.nifti import on_grid, write_nifti
+from ngbrain.image.read.nifti import resample_labels, write_nifti
 from ngbrain.image.read.volume import Volume
 from ngbrain.io import load
 from ngbrain.io.foreign import read_mesh
@@ -137,13 +137,15 @@ def test_islands_alone_are_no_head(tmp_path):
 def test_an_atlas_of_one_head_in_another(tmp_path):
     head = Subject.of_scan(colin27().source)
     data = np.ascontiguousarray(head.labels.volume.data.astype(np.uint8))
-    write_nifti(tmp_path / "atlas.nii.gz", on_grid(Volume(data, head.labels.volume.affine), head.affine, head.shape))
+    write_nifti(
+        tmp_path / "atlas.nii.gz", resample_labels(Volume(data, head.labels.volume.affine), head.affine, head.shape)
+    )
     scan = mni152()
     image = nibabel.Nifti1Image(scan.volume.data, np.diag([1e3, 1e3, 1e3, 1]) @ scan.volume.affine)
     image.header.set_xyzt_units("mm")
     nibabel.save(image, tmp_path / "t1.nii.gz")
     found = Subject.of_atlas(tmp_path / "t1.nii.gz", tmp_path / "atlas.nii.gz", colin27().source, "ngbrain").labels
-    truth = tissues(scan).volume.data
+    truth = label_tissues(scan).volume.data
     scores = [dice(found.volume.data == number, truth == number) for number in (2, 3, 4)]
     print(np.round(scores, 3))
     assert min(scores[:2]) > 0.78 and scores[2] > 0.86

@@ -1,7 +1,7 @@
 """From the phases of an MR scan to harmonic displacements, and how much strain and noise is in them.
 
-Phase φ(x, t) → `unwrapped_through_time` → `displacement` → `harmonic` → `without_rigid` → `strain_snr`. Arrays stand on the voxels
-of an image: its axes first, then whatever the function names.
+Phase φ(x, t) → `unwrap_phase_in_time` → `phase_to_displacement` → `first_harmonic` → `remove_rigid_motion` → `strain_snr`.
+The first axes of every array are those of the image; further axes are named by each function.
 """
 
 from __future__ import annotations
@@ -16,24 +16,24 @@ from scipy.sparse.linalg import LinearOperator, cg
 from scipy.special import ellipe
 
 from ngbrain.errors import InputError, require
-from ngbrain.image.preprocess.registration import largest, otsu
+from ngbrain.image.preprocess.registration import largest_component, otsu_threshold
 
 _GAUSS, _GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(5)
 
 
-def tissue(magnitude: np.ndarray) -> np.ndarray:
+def tissue_mask(magnitude: np.ndarray) -> np.ndarray:
     """A mask (nx, ny[, nz]) from the magnitude image of a scan: its largest piece that is not dark, holes filled.
 
     >>> ball = np.linalg.norm(np.indices((20, 20)) - 9.5, axis=0)
-    >>> found = tissue(np.select([ball < 2, ball < 7], [10.0, 300.0], 20.0))
+    >>> found = tissue_mask(np.select([ball < 2, ball < 7], [10.0, 300.0], 20.0))
     >>> bool((found == (ball < 7)).all())
     True
     """
     magnitude = np.asarray(magnitude, float)
-    return np.asarray(ndimage.binary_fill_holes(largest(magnitude > otsu(magnitude))))
+    return np.asarray(ndimage.binary_fill_holes(largest_component(magnitude > otsu_threshold(magnitude))))
 
 
-def unwrapped(phase: np.ndarray, mask: np.ndarray | None = None) -> np.ndarray:
+def unwrap_phase(phase: np.ndarray, mask: np.ndarray | None = None) -> np.ndarray:
     """Wrapped phases (rad) of an image with two or three axes without their jumps of 2π, by sorting on reliability.
 
     phase   (nx, ny[, nz]) rad, any range: taken modulo 2π
@@ -49,7 +49,7 @@ def unwrapped(phase: np.ndarray, mask: np.ndarray | None = None) -> np.ndarray:
         MissingExtra: scikit-image is not installed.
 
     >>> true = np.linspace(0, 20, 40)[:, None] * np.ones(5)
-    >>> found = unwrapped(np.angle(np.exp(1j * true)))
+    >>> found = unwrap_phase(np.angle(np.exp(1j * true)))
     >>> bool(np.ptp(found - true) < 1e-9)
     True
     """
@@ -59,8 +59,8 @@ def unwrapped(phase: np.ndarray, mask: np.ndarray | None = None) -> np.ndarray:
     return np.where(mask, np.ma.filled(restoration.unwrap_phase(np.ma.array(turned, mask=~mask), rng=0), 0.0), 0.0)
 
 
-def least_squares_unwrapped(phase: np.ndarray, mask: np.ndarray | None = None) -> np.ndarray:
-    """As `unwrapped`, and needs no package: the phase whose steps are nearest, in all, to the wrapped steps of the data.
+def unwrap_phase_least_squares(phase: np.ndarray, mask: np.ndarray | None = None) -> np.ndarray:
+    """As `unwrap_phase`, and needs no package: the phase whose steps are nearest, in all, to the wrapped steps of the data.
 
     Σ (Δφ - wrapped Δphase)² over all neighbours in the mask is made small by conjugate gradients, the cosine transform on the
     whole image as preconditioner; every value is then moved by the multiple of 2π that brings it nearest to φ. No single path
@@ -68,7 +68,7 @@ def least_squares_unwrapped(phase: np.ndarray, mask: np.ndarray | None = None) -
 
     Ghiglia & Romero 1994, doi:10.1364/JOSAA.11.000107.
 
-    Raises `InputError` as `unwrapped`.
+    Raises `InputError` as `unwrap_phase`.
     """
     phase, mask = _phase(phase, mask)
     phase = np.where(mask, phase, 0)
@@ -109,27 +109,27 @@ def least_squares_unwrapped(phase: np.ndarray, mask: np.ndarray | None = None) -
     return np.where(mask, phase + 2 * np.pi * np.round((off - level[pieces]) / (2 * np.pi)), 0)
 
 
-def unwrapped_through_time(phase: np.ndarray, mask: np.ndarray | None = None) -> np.ndarray:
+def unwrap_phase_in_time(phase: np.ndarray, mask: np.ndarray | None = None) -> np.ndarray:
     """Wrapped phases (rad) at times equally spaced over one period, without jumps in space and from time to time.
 
     phase   (nx, ny[, nz], N) rad
     mask    (nx, ny[, nz])
 
-    Each time is `unwrapped`; then each connected piece of it is moved by the multiple of 2π that brings most voxels within π of the
-    time before. One multiple of 2π for each piece, the same at all times, stays unknown: it is no part of a harmonic.
+    Each time is unwrapped by `unwrap_phase`; then each connected component is shifted by the multiple of 2π that
+    brings most voxels within π of the time before. One multiple of 2π for each piece, the same at all times, stays unknown: it is no part of a harmonic.
 
-    Raises `InputError` as `unwrapped`, and where the last time does not lead back to the first: phases that step by more than π
+    Raises `InputError` as `unwrap_phase`, and where the last time does not lead back to the first: phases that step by more than π
     from time to time.
 
     >>> x, y, t = np.arange(12)[:, None, None], np.arange(3)[:, None], np.arange(8)
     >>> true = 0.5 * x + y + 4 * np.sin(x / 2) * np.cos(2 * np.pi * t / 8)
-    >>> off = unwrapped_through_time(np.angle(np.exp(1j * true))) - true
+    >>> off = unwrap_phase_in_time(np.angle(np.exp(1j * true))) - true
     >>> bool(np.ptp(off) < 1e-9)
     True
     """
     phase = np.asarray(phase, float)
     mask = np.ones(phase.shape[:-1], bool) if mask is None else np.asarray(mask, bool)
-    found = np.stack([unwrapped(each, mask) for each in np.moveaxis(phase, -1, 0)], axis=-1)
+    found = np.stack([unwrap_phase(each, mask) for each in np.moveaxis(phase, -1, 0)], axis=-1)
     pieces, count = ndimage.label(mask)
     for number in range(1, count + 1):
         here = pieces == number
@@ -142,7 +142,7 @@ def unwrapped_through_time(phase: np.ndarray, mask: np.ndarray | None = None) ->
     return found
 
 
-def displacement(phase: np.ndarray, encoding: float | np.ndarray) -> np.ndarray:
+def phase_to_displacement(phase: np.ndarray, encoding: float | np.ndarray) -> np.ndarray:
     """Displacements (m) from unwrapped phases (rad) and the motion encoding (rad per m of displacement).
 
     Raises `InputError` unless the encoding is finite and not 0.
@@ -152,7 +152,7 @@ def displacement(phase: np.ndarray, encoding: float | np.ndarray) -> np.ndarray:
     return np.asarray(phase) / encoding
 
 
-def harmonic(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def first_harmonic(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The first harmonic u of samples s_j = Re(u e^{2πij/N}) + rest over one period, and the error of u.
 
     samples     (…, N), at N ≥ 3 equally spaced offsets t_j = jT/N
@@ -163,7 +163,7 @@ def harmonic(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     Raises `InputError` for less than 3 samples, or values that are not real.
 
     >>> t = 2 * np.pi * np.arange(8) / 8
-    >>> u, error = harmonic(0.5 + 3 * np.cos(t) - 4 * np.sin(t))
+    >>> u, error = first_harmonic(0.5 + 3 * np.cos(t) - 4 * np.sin(t))
     >>> complex(np.round(u, 12)), bool(error < 1e-12)
     ((3+4j), True)
     """
@@ -177,7 +177,7 @@ def harmonic(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return u, np.sqrt((left**2).sum(axis=-1) / max(n - 3, 1)) * (n > 3)
 
 
-def without_rigid(u: np.ndarray, points: np.ndarray, mask: np.ndarray | None = None) -> np.ndarray:
+def remove_rigid_motion(u: np.ndarray, points: np.ndarray, mask: np.ndarray | None = None) -> np.ndarray:
     """Displacements without their part that moves the head as a whole: u - (a + b × x), the nearest rigid motion.
 
     u       (n, d) complex or real, m
@@ -187,7 +187,7 @@ def without_rigid(u: np.ndarray, points: np.ndarray, mask: np.ndarray | None = N
     Raises `InputError` for other shapes, or too few points to tell.
 
     >>> x = np.random.default_rng(0).normal(size=(20, 2))
-    >>> bool(np.abs(without_rigid([1.0, 2j] + 3j * x[:, ::-1] * [-1, 1], x)).max() < 1e-12)
+    >>> bool(np.abs(remove_rigid_motion([1.0, 2j] + 3j * x[:, ::-1] * [-1, 1], x)).max() < 1e-12)
     True
     """
     u, points = np.asarray(u), np.asarray(points, float)

@@ -6,7 +6,7 @@
 - `check_brain`: Is a scan what it should be: one whole brain, taken out of its skull?.
 - `contrast`: Is a picture of a head a T1? Which of fluid, grey and white matter is dark in it, and which is bright.
 - `external_skull_strip`: Brain extraction by other programs, each an extra of its own: what may stand in for
-  `ngbrain.image.preprocess.skull_strip.strip`.
+  `ngbrain.image.preprocess.skull_strip.skull_strip`.
 - `mni_landmarks`: Where parts of the brain lie in the MNI152 template: a few lines, tubes and ellipsoids, as markers
   for a search.
 - `registration`: Affine registration of the template brain to a head, without a starting guess.

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import ndimage
 
 from ngbrain.errors import require
-from ngbrain.image.read.volume import Volume, border
+from ngbrain.image.read.volume import Volume, border_value
 
 _MEAN, _STEP = 4e-3, 6e-3  # m, over which grey values are averaged, and between the points on which the field is fitted
 _ROUNDS = (50, 50)  # with 1 and 2 spans of splines to a side; 4 (some 45 mm) take out anatomy
@@ -14,7 +14,7 @@ _LEAST = 0.025  # standard deviation of the field in white matter, below which i
 _BRIGHT = 0.65  # quantile of the grey values in a brain above which it is white matter
 
 
-def bias_field(volume: Volume, mask: np.ndarray) -> Volume:
+def estimate_bias_field(volume: Volume, mask: np.ndarray) -> Volume:
     """The smooth factor, float32 of mean 1 over `mask` (nx, ny, nz), by which the grey values there are too bright.
 
     N4: splines fitted again and again to what sharpening the histogram of log grey values moves (Tustison et al. 2010,
@@ -29,7 +29,7 @@ def bias_field(volume: Volume, mask: np.ndarray) -> Volume:
     >>> inside, white = np.linalg.norm(at, axis=0) < 30, np.linalg.norm(at, axis=0) < 24
     >>> true = 1 + 0.2 * np.sin(at[0] / 25)
     >>> scan = Volume((inside * (0.6 + 0.4 * white) * true).astype(np.float32), np.diag([1e-3, 1e-3, 1e-3, 1]))
-    >>> left = bias_field(scan, inside).data / true
+    >>> left = estimate_bias_field(scan, inside).data / true
     >>> bool(left[inside].std() / left[inside].mean() < 0.03 < true[inside].std())
     True
     """
@@ -61,22 +61,22 @@ def bias_field(volume: Volume, mask: np.ndarray) -> Volume:
     return Volume(whole.astype(np.float32), volume.affine)
 
 
-def unbiased(volume: Volume, mask: np.ndarray) -> Volume:
-    """The picture divided by its `bias_field`, or as it is where that field is next to flat: a picture of float32.
+def correct_bias_field(volume: Volume, mask: np.ndarray) -> Volume:
+    """The picture divided by its `estimate_bias_field`, or as it is where that field is next to flat: a picture of float32.
 
     Flat: over white matter, the brightest third of the mask, it varies by less than 2.5 % (standard deviation). What it
     would take out then is contrast of anatomy: 1.4 % of an average of many heads, in which fields cancel.
-    The zero of grey values, see `bias_field`, stays where it is, and so does an exactly constant background.
+    The zero of grey values, see `estimate_bias_field`, stays where it is, and so does an exactly constant background.
 
     Raises:
         MissingExtra: SimpleITK is not installed.
     """
-    field = bias_field(volume, mask).data
+    field = estimate_bias_field(volume, mask).data
     flat = volume.data / field
     white = mask & (flat >= np.quantile(flat[mask], _BRIGHT))
     if field[white].std() < _LEAST * field[white].mean():
         return volume
-    zero, (background, _) = _zero(volume, mask), border(volume)
+    zero, (background, _) = _zero(volume, mask), border_value(volume)
     data = np.where(volume.data == background, background, (volume.data - zero) / field + zero)
     return Volume(data.astype(np.float32), volume.affine)
 
@@ -84,7 +84,7 @@ def unbiased(volume: Volume, mask: np.ndarray) -> Volume:
 def _zero(volume: Volume, mask: np.ndarray) -> float:
     """The grey value of nothing."""
     dark, middle = np.quantile(volume.data[mask], [0.001, 0.5])
-    background, _ = border(volume)
+    background, _ = border_value(volume)
     return float(background) if background <= dark else float(dark - 0.25 * (middle - dark))
 
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ngbrain.image.preprocess.check_brain import check_whole, parted
+from ngbrain.image.preprocess.check_brain import check_whole, foreground_mask
 from ngbrain.image.preprocess.registration import Alignment
-from ngbrain.image.preprocess.skull_strip import placed
-from ngbrain.image.preprocess.skull_strip import strip as own
+from ngbrain.image.preprocess.skull_strip import align_template
+from ngbrain.image.preprocess.skull_strip import skull_strip as own
 from ngbrain.image.read.volume import Scan, Volume
 
 
@@ -18,8 +18,8 @@ def find_brain(scan: Scan, strip: Callable[[Scan], np.ndarray] | None = None) ->
     """The whole brain, sulci included, as a mask (nx, ny, nz) over `scan.volume`.
 
     In a brain-extracted scan (`check_extracted`) it is what differs from the background, if that is like the template's
-    brain (`ngbrain.image.preprocess.skull_strip.placed`): other contrasts and balls without a skull look whole as well. In
-    any other, `ngbrain.image.preprocess.skull_strip.strip` finds it, or what takes its place, such as those in
+    brain (`ngbrain.image.preprocess.skull_strip.align_template`): other contrasts and balls without a skull look whole as well. In
+    any other, `ngbrain.image.preprocess.skull_strip.skull_strip` finds it, or what takes its place, such as those in
     `ngbrain.image.preprocess.external_skull_strip`.
 
     Raises:
@@ -31,17 +31,19 @@ def find_brain(scan: Scan, strip: Callable[[Scan], np.ndarray] | None = None) ->
     >>> f"{find_brain(scan).sum() * scan.volume.voxel_volume * 1e3:.2f} litres"
     '1.89 litres'
     """
-    return brain_and_place(scan, strip)[0]
+    return find_brain_and_alignment(scan, strip)[0]
 
 
-def brain_and_place(scan: Scan, strip: Callable[[Scan], np.ndarray] | None = None) -> tuple[np.ndarray, Alignment]:
+def find_brain_and_alignment(
+    scan: Scan, strip: Callable[[Scan], np.ndarray] | None = None
+) -> tuple[np.ndarray, Alignment]:
     """What `find_brain` finds, and where the MNI152 template lies in the scan; raises as that does."""
-    mask, more = parted(scan)
-    place = placed(scan) if more and strip is None else None
+    mask, more = foreground_mask(scan)
+    place = align_template(scan) if more and strip is None else None
     if more:
         mask = strip(scan) if strip else own(scan, place)
     check_whole(scan, mask)
-    return mask, place or placed(replace(scan, volume=_on_dark(scan.volume, mask)))
+    return mask, place or align_template(replace(scan, volume=_on_dark(scan.volume, mask)))
 
 
 def _on_dark(volume: Volume, mask: np.ndarray) -> Volume:

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import ndimage
 
 from ngbrain.errors import InputError
-from ngbrain.image.read.volume import Scan, border
+from ngbrain.image.read.volume import Scan, border_value
 
 _WANTED = "a brain-extracted T1 (e.g. from HD-BET, SynthStrip or BET), exactly constant around the brain, of at most 2.2 litres"
 _MOST = 2.2  # litres
@@ -33,22 +33,22 @@ def check_extracted(scan: Scan) -> np.ndarray:
     >>> f"{check_extracted(scan).sum() * scan.volume.voxel_volume * 1e3:.2f} litres"
     '1.89 litres'
     """
-    mask, more = parted(scan)
+    mask, more = foreground_mask(scan)
     if more:
         raise InputError("image", more, _WANTED, scan.source)
     check_whole(scan, mask)
     return mask
 
 
-def parted(scan: Scan) -> tuple[np.ndarray, str]:
+def foreground_mask(scan: Scan) -> tuple[np.ndarray, str]:
     """What differs from the background (nx, ny, nz), and what in it shows that it is more than a brain: "" if nothing.
 
     >>> from ngbrain.image import mni152
-    >>> parted(mni152())[1]
+    >>> foreground_mask(mni152())[1]
     ''
     """
     volume = scan.volume
-    background, share = border(volume)
+    background, share = border_value(volume)
     other = volume.data != background
     if share < 0.5:
         of_border = f"its commonest value, {background:g}, has {100 * share:.0f} % of the border"

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import ndimage
 
 from ngbrain.image.preprocess import mni_landmarks
-from ngbrain.image.preprocess.registration import thinned
+from ngbrain.image.preprocess.registration import downsample
 from ngbrain.image.read.volume import Volume, mni152, template_map
 
 TISSUES = ("fluid", "grey", "white")
@@ -39,7 +39,7 @@ class Contrast:
     step: float
 
 
-def contrast(head: Volume, affine: np.ndarray) -> Contrast:
+def measure_contrast(head: Volume, affine: np.ndarray) -> Contrast:
     """Measure which tissue is how bright where the template's maps of tissues lie in a head.
 
     affine  (4, 4), takes points of the MNI152 template (m) to points of the head (m)
@@ -52,13 +52,13 @@ def contrast(head: Volume, affine: np.ndarray) -> Contrast:
         MissingExtra: nilearn is not installed.
 
     >>> scan = mni152()
-    >>> contrast(scan.volume, np.eye(4)).order
+    >>> measure_contrast(scan.volume, np.eye(4)).order
     ('fluid', 'grey', 'white')
-    >>> contrast(Volume(np.where(scan.volume.data > 0, 1 - scan.volume.data, 0), scan.volume.affine), np.eye(4)).order
+    >>> measure_contrast(Volume(np.where(scan.volume.data > 0, 1 - scan.volume.data, 0), scan.volume.affine), np.eye(4)).order
     ('white', 'grey', 'fluid')
     """
     brain, points, looked, share = _sampled()
-    values = thinned(head, _VOXEL).at(points @ affine[:3, :3].T + affine[:3, 3])
+    values = downsample(head, _VOXEL).interpolate(points @ affine[:3, :3].T + affine[:3, 3])
     values = _clipped(_normalised(_clipped(values), brain)[looked])
     starts = np.quantile(values, _QUANTILES)
     fits = [_fitted(values, share, starts[list(order)]) for order in permutations(_T1)]
@@ -110,9 +110,9 @@ def _sampled() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     deep = ndimage.distance_transform_edt(brain, sampling=_STEP * 1e3 * template.spacing)[brain] > _DEEP
     nuclei = np.min([nucleus.radius(there) for nucleus in mni_landmarks.NUCLEI.values()], axis=0)
     looked = deep & (there[:, 2] > mni_landmarks.tentorium(there)) & (nuclei > _OUTSIDE_NUCLEI)
-    maps = [thinned(each, _VOXEL) for each in tissue_maps()]
+    maps = [downsample(each, _VOXEL) for each in tissue_maps()]
     blurred = [Volume(ndimage.gaussian_filter(m.data, 1e-3 * _BLUR / m.spacing), m.affine) for m in maps]
-    share = np.array([each.at(points[looked]) for each in blurred]).clip(_FEW)
+    share = np.array([each.interpolate(points[looked]) for each in blurred]).clip(_FEW)
     return brain, points, looked, share / share.sum(axis=0)
 
 

@@ -1,4 +1,4 @@
-"""Brain extraction by other programs, each an extra of its own: what may stand in for `ngbrain.image.preprocess.skull_strip.strip`.
+"""Skull stripping by other programs, each an optional extra; alternatives to `ngbrain.image.preprocess.skull_strip`.
 
 >>> from ngbrain.image import find_brain, read_scan
 >>> mask = find_brain(read_scan("t1.nii.gz"), deepbet)  # doctest: +SKIP

@@ -81,10 +81,10 @@ def align(head: Volume, template: Volume, start: np.ndarray | None = None, far: 
     np.True_
     """
     _check_bright(head)
-    fine = thinned(head, _FINE)
-    coarse = normalised(thinned(fine, _COARSE))
-    fine = normalised(fine)
-    finest = normalised(thinned(head, _FINEST))
+    fine = downsample(head, _FINE)
+    coarse = normalise_locally(downsample(fine, _COARSE))
+    fine = normalise_locally(fine)
+    finest = normalise_locally(downsample(head, _FINEST))
     looks = _dressed(template)
     enough = _ENOUGH_BARE if (head.data == 0).mean() > _BARE else _ENOUGH
     if start is not None:
@@ -110,7 +110,9 @@ def correlation_inside(head: Volume, template: Volume, affine: np.ndarray) -> fl
         Volume(ndimage.gaussian_filter(each.data.astype(np.float32), _SMOOTH / each.spacing), each.affine)
         for each in (head, template)
     )
-    return float(np.corrcoef(theirs.at(points @ affine[:3, :3].T + affine[:3, 3]), ours.at(points))[0, 1])
+    return float(
+        np.corrcoef(theirs.interpolate(points @ affine[:3, :3].T + affine[:3, 3]), ours.interpolate(points))[0, 1]
+    )
 
 
 def _best(
@@ -293,8 +295,8 @@ _STRAINS = _strains()
 
 def _dressed(template: Volume) -> list[Volume]:
     """The template bare and with a scalp, normalised as heads are, on voxels of 4 mm; NaN where nothing is known."""
-    mask = thinned(Volume((template.data != 0).astype(np.float32), template.affine), _FINE)
-    thin = thinned(template, _FINE)
+    mask = downsample(Volume((template.data != 0).astype(np.float32), template.affine), _FINE)
+    thin = downsample(template, _FINE)
     width = int(np.ceil((_SCALP[1] + _LOCAL) / _FINE))
     affine = thin.affine.copy()
     affine[:3, 3] -= affine[:3, :3] @ np.full(3, width)
@@ -317,7 +319,7 @@ def _ends(look: Volume) -> tuple[np.ndarray, np.ndarray]:
     return known.min(axis=0), known.max(axis=0)
 
 
-def thinned(volume: Volume, step: float) -> Volume:
+def downsample(volume: Volume, step: float) -> Volume:
     """Means over blocks of voxels of about `step` (m) along each edge."""
     every = np.maximum(np.rint(step / volume.spacing).astype(int), 1)
     data = np.pad(volume.data, [(0, -size % n) for size, n in zip(volume.data.shape, every, strict=True)], mode="edge")
@@ -327,7 +329,7 @@ def thinned(volume: Volume, step: float) -> Volume:
     return Volume(data.reshape(blocks).mean(axis=(1, 3, 5), dtype=np.float32), affine)
 
 
-def normalised(head: Volume) -> Volume:
+def normalise_locally(head: Volume) -> Volume:
     """Grey values of a head less their mean over some 20 mm, divided by their spread there; fat is clipped before."""
     data = head.data - np.quantile(head.data, 0.02)
     bright = data[data > 0.1 * np.quantile(data, 0.98)]
@@ -344,8 +346,8 @@ def _standardised(picture: Volume) -> Volume:
 
 def _check_bright(head: Volume) -> None:
     """Refuse what is next to nothing but background."""
-    thin = thinned(head, _FINE / 2)
-    bright = largest(ndimage.binary_opening(thin.data > otsu(thin.data)))
+    thin = downsample(head, _FINE / 2)
+    bright = largest_component(ndimage.binary_opening(thin.data > otsu_threshold(thin.data)))
     litres = bright.sum() * thin.voxel_volume * 1e3
     if litres < _LEAST:
         raise InputError(
@@ -355,7 +357,7 @@ def _check_bright(head: Volume) -> None:
         )
 
 
-def otsu(data: np.ndarray) -> float:
+def otsu_threshold(data: np.ndarray) -> float:
     """The threshold between dark and bright that parts the grey values best (Otsu 1979, doi:10.1109/TSMC.1979.4310076)."""
     low, high = np.quantile(data, [0.001, 0.995])
     counts, edges = np.histogram(data.clip(low, high), 256)
@@ -367,7 +369,7 @@ def otsu(data: np.ndarray) -> float:
     return float(edges[1 + int(np.nanargmax(apart[:-1]))])
 
 
-def largest(mask: np.ndarray) -> np.ndarray:
+def largest_component(mask: np.ndarray) -> np.ndarray:
     """Its largest piece; pieces hang together by faces."""
     pieces, count = ndimage.label(mask)
     return pieces == np.bincount(pieces.ravel())[1:].argmax() + 1 if count else mask

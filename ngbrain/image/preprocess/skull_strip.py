@@ -6,9 +6,9 @@ import numpy as np
 from scipy import ndimage
 
 from ngbrain.errors import InputError, file_context, require
-from ngbrain.image.preprocess.bias_field import unbiased
-from ngbrain.image.preprocess.contrast import TISSUES, contrast
-from ngbrain.image.preprocess.registration import ALIKE, Alignment, align, thinned
+from ngbrain.image.preprocess.bias_field import correct_bias_field
+from ngbrain.image.preprocess.contrast import TISSUES, measure_contrast
+from ngbrain.image.preprocess.registration import ALIKE, Alignment, align, downsample
 from ngbrain.image.read.volume import Scan, Volume, mni152
 
 _WANTED = "a T1 of a whole head or brain"
@@ -29,12 +29,12 @@ _FOLD = 9.0  # mm: half the width of the widest sulcus that is filled
 _FILM = 1.5  # mm of fluid that goes with the brain
 
 
-def strip(scan: Scan, place: Alignment | None = None) -> np.ndarray:
+def skull_strip(scan: Scan, place: Alignment | None = None) -> np.ndarray:
     """The brain of a T1 with skull, fluid of the sulci included, as a mask (nx, ny, nz) over `scan.volume`.
 
-    place   of the template in it, if `placed` has found it before
+    place   of the template in it, if `align_template` has found it before
 
-    The MNI152 brain is laid into the head (`align`), and the field of the coil is taken out (`unbiased`). The template's
+    The MNI152 brain is laid into the head (`align`), and the field of the coil is taken out (`correct_bias_field`). The template's
     inside tells how bright fluid, grey and white matter are. What is brighter than half way from fluid to grey matter
     and not much brighter than white is tissue: the brain where it hangs on to the inside by bridges wider than 5 mm, so
     that eyes, muscle and marrow stay out, and within 9 mm of the template. In coarse voxels thin bone is as bright as
@@ -44,23 +44,23 @@ def strip(scan: Scan, place: Alignment | None = None) -> np.ndarray:
     of fluid around go with it. Nothing of this is learnt; the template is all that it knows.
 
     Raises:
-        InputError: as `placed` does.
+        InputError: as `align_template` does.
         MissingExtra: nilearn, SimpleITK or scikit-image is not installed.
 
     >>> rng = np.random.default_rng(1)
     >>> affine, noise = np.diag([4e-3, 4e-3, 4e-3, 1]), rng.random((50, 50, 50)).astype(np.float32)
-    >>> strip(Scan(Volume(noise, affine), affine, (50, 50, 50), "noise.nii"))
+    >>> skull_strip(Scan(Volume(noise, affine), affine, (50, 50, 50), "noise.nii"))
     Traceback (most recent call last):
     ngbrain.errors.InputError: noise.nii: image is a picture whose largest bright part has 0.00 litres; wanted: at least 0.5, ...
     """
-    template, found = mni152().volume, place or placed(scan)
-    head = thinned(scan.volume, _VOXEL)
+    template, found = mni152().volume, place or align_template(scan)
+    head = downsample(scan.volume, _VOXEL)
     to = np.linalg.inv(template.affine) @ np.linalg.inv(found.affine) @ head.affine
     whole = (template.data != 0).astype(np.float32)
     prior = ndimage.affine_transform(whole, to[:3, :3], to[:3, 3], head.data.shape, order=1) > 0.5
     there = ndimage.find_objects(prior.astype(np.uint8))[0]
     box = tuple(slice(max(part.start - _AROUND, 0), part.stop + _AROUND) for part in there)
-    even = unbiased(Volume(head.data[box], head.affine), prior[box])
+    even = correct_bias_field(Volume(head.data[box], head.affine), prior[box])
     mask = np.zeros_like(prior)
     mask[box] = _refined(even.data, prior[box], 1e3 * head.spacing)
     outside = _beyond(mask, 1e3 * head.spacing)
@@ -71,7 +71,7 @@ def strip(scan: Scan, place: Alignment | None = None) -> np.ndarray:
     return np.asarray(ndimage.binary_fill_holes(fine <= _FILM))
 
 
-def placed(scan: Scan) -> Alignment:
+def align_template(scan: Scan) -> Alignment:
     """Where the template's brain lies in a scan, with a skull or without.
 
     Raises:
@@ -84,7 +84,7 @@ def placed(scan: Scan) -> Alignment:
         if found.likeness < ALIKE:
             what = f"a picture that is not like a brain (correlation with the MNI152 template {found.likeness:.2f}"
             raise InputError("image", f"{what}, at least {ALIKE:g} needed{_turned(scan.volume)})", _WANTED)
-        seen = contrast(scan.volume, found.affine)
+        seen = measure_contrast(scan.volume, found.affine)
         if seen.order[2] != TISSUES[2]:  # fluid is darkest, but for the vessels in it after a contrast agent
             what = f"a picture in which {seen.order[2]} is brightest and {seen.order[0]} darkest"
             raise InputError("image", what.replace("grey", "grey matter").replace("white", "white matter"), _T1)

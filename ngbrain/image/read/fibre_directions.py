@@ -20,7 +20,7 @@ from scipy import ndimage
 
 from ngbrain.errors import InputError
 from ngbrain.image.read.property_maps import SIDES
-from ngbrain.image.read.volume import Volume, opened
+from ngbrain.image.read.volume import Volume, open_image
 
 CONVENTIONS = {
     "fsl": ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)),
@@ -33,11 +33,11 @@ TWO_AXES = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Directions:
+class FibreDirections:
     """Directions on voxels: data (nx, ny, nz, 3), unit vectors in the world's axes or 0 where none is known; affine to m.
 
-    >>> along = Directions(np.array([[[[1.0, 0, 0], [0, 0, 0], [-1.0, 0, 0]]]]), np.diag([1e-3, 1e-3, 1e-3, 1]))
-    >>> along.at(np.array([[0, 0, 0.4e-3], [0, 0, 1.6e-3]])).round(12).tolist()
+    >>> along = FibreDirections(np.array([[[[1.0, 0, 0], [0, 0, 0], [-1.0, 0, 0]]]]), np.diag([1e-3, 1e-3, 1e-3, 1]))
+    >>> along.interpolate(np.array([[0, 0, 0.4e-3], [0, 0, 1.6e-3]])).round(12).tolist()
     [[1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
     """
 
@@ -72,19 +72,19 @@ class Directions:
             ndimage.distance_transform_edt(~self.known, return_distances=False, return_indices=True, sampling=spacing)
         )
 
-    def at(self, points: np.ndarray) -> np.ndarray:
+    def interpolate(self, points: np.ndarray) -> np.ndarray:
         """Unit vectors (n, 3), up to sign, at points (n, 3) in m; where none is known, that of the nearest voxels that have one."""
-        return principal(self.tensors(points))
+        return principal_directions(self.tensors(points))
 
     def covers(self, points: np.ndarray) -> np.ndarray:
         """Which points (n, 3) lie in a voxel with a direction."""
-        return Volume(self.known.astype(np.float32), self.affine).at(points, order=0) > 0
+        return Volume(self.known.astype(np.float32), self.affine).interpolate(points, order=0) > 0
 
 
-def principal(tensors: np.ndarray) -> np.ndarray:
+def principal_directions(tensors: np.ndarray) -> np.ndarray:
     """Eigenvectors (…, 3) of the largest eigenvalues of symmetric tensors (…, 3, 3); the largest component is positive.
 
-    >>> principal(np.diag([1.0, 3.0, 2.0])).tolist()
+    >>> principal_directions(np.diag([1.0, 3.0, 2.0])).tolist()
     [0.0, 1.0, 0.0]
     """
     a = np.linalg.eigh(tensors)[1][..., -1]
@@ -92,7 +92,7 @@ def principal(tensors: np.ndarray) -> np.ndarray:
     return np.asarray(a * np.where(largest < 0, -1.0, 1.0))
 
 
-def read_directions(path: str | os.PathLike[str], convention: str) -> Directions:
+def read_fibre_directions(path: str | os.PathLike[str], convention: str) -> FibreDirections:
     """Read directions of fibres from a NIfTI file.
 
     Parameters
@@ -117,7 +117,7 @@ def read_directions(path: str | os.PathLike[str], convention: str) -> Directions
 
     Examples
     --------
-    >>> read_directions("scene.toml", "fsl")
+    >>> read_fibre_directions("scene.toml", "fsl")
     Traceback (most recent call last):
     ngbrain.errors.InputError: scene.toml: image is missing; wanted: one NIfTI or MGH file: .nii, .nii.gz, .mgh or .mgz
     """
@@ -128,8 +128,8 @@ def read_directions(path: str | os.PathLike[str], convention: str) -> Directions
 
 
 @lru_cache(maxsize=4)
-def _read(path: Path, convention: str, _stamp: int) -> Directions:
-    image, affine = opened(path, SIDES)
+def _read(path: Path, convention: str, _stamp: int) -> FibreDirections:
+    image, affine = open_image(path, SIDES)
     try:
         values = np.asarray(image.get_fdata(dtype=np.float64))
     except (OSError, EOFError, ValueError) as error:
@@ -146,7 +146,7 @@ def _read(path: Path, convention: str, _stamp: int) -> Directions:
     length = np.linalg.norm(own, axis=-1, keepdims=True)
     if not length.any():
         raise InputError("fibre_map", "without a direction", "vectors or tensors that are not all 0", path)
-    return Directions(own / np.where(length > 0, length, 1.0) @ turn.T, affine)
+    return FibreDirections(own / np.where(length > 0, length, 1.0) @ turn.T, affine)
 
 
 def _of_tensors(values: np.ndarray, count: tuple[int, ...], convention: str) -> np.ndarray:
@@ -163,7 +163,7 @@ def _of_tensors(values: np.ndarray, count: tuple[int, ...], convention: str) -> 
     found, own = np.zeros((*shape, 3)), tensors[tuple(known.T)]
     sizes = np.linalg.eigvalsh(own)
     sure = sizes[:, 2] - sizes[:, 1] > TWO_AXES * np.abs(sizes).max(axis=1, initial=0.0)
-    found[tuple(known[sure].T)] = principal(own[sure])
+    found[tuple(known[sure].T)] = principal_directions(own[sure])
     return found
 
 

@@ -11,8 +11,15 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.image.read.label_map import LabelMap
-from ngbrain.image.read.label_schemes import RECOGNISED, SCHEMES, choices, meaning, recognised, strangers
-from ngbrain.image.read.volume import Volume, background_filled, stored
+from ngbrain.image.read.label_schemes import (
+    RECOGNISED,
+    SCHEMES,
+    recognise_scheme,
+    region_name,
+    scheme_choices,
+    unknown_numbers,
+)
+from ngbrain.image.read.volume import Volume, fill_nan_background, open_volume
 
 _MOST = 255
 """Regions that a map may have."""
@@ -68,10 +75,10 @@ def read_labels(
     Traceback (most recent call last):
     ngbrain.errors.InputError: case.mgz: image is missing; wanted: one NIfTI or MGH file: .nii, .nii.gz, .mgh or .mgz
     """
-    return read_named(path, names, others)[0]
+    return read_labels_with_notes(path, names, others)[0]
 
 
-def read_named(
+def read_labels_with_notes(
     path: str | os.PathLike[str],
     names: str | Mapping[int, str] | None = None,
     others: Mapping[int, str] | None = None,
@@ -98,7 +105,7 @@ def read_named(
     if len(numbers) > _MOST and not isinstance(names, str):
         raise InputError("labels", f"{len(numbers)} different numbers", f"at most {_MOST} regions: is it a scan?", path)
     if isinstance(names, str):
-        names = {number: name for number in numbers if (name := meaning(number, names))}
+        names = {number: name for number in numbers if (name := region_name(number, names))}
     try:
         return LabelMap(Volume(data, affine), {**names, **others}), tuple(notes)
     except InputError as error:
@@ -107,7 +114,7 @@ def read_named(
 
 def _values(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """What is in a file, as scaled by its header, and where (4, 4)."""
-    file = stored(path)
+    file = open_volume(path)
     try:
         raw = np.asanyarray(file.image.dataobj).reshape(file.shape)
     except (OSError, EOFError, ValueError) as error:
@@ -115,7 +122,7 @@ def _values(path: Path) -> tuple[np.ndarray, np.ndarray]:
     if raw.dtype.kind not in "iufb":
         raise InputError("labels", f"made of {raw.dtype} numbers", "an integer for every voxel", path)
     if raw.dtype.kind == "f":
-        raw = background_filled(raw, 0.0)
+        raw = fill_nan_background(raw, 0.0)
     if bad := raw.size - int(np.isfinite(raw).sum()):
         raise InputError("labels", f"not a finite number in {bad} voxels", "a number for every voxel, 0 outside", path)
     return raw, file.affine
@@ -178,10 +185,10 @@ def _guessed(
     rest = numbers - set(others)
     if not rest:
         return {}, []
-    if known := recognised(rest):
+    if known := recognise_scheme(rest):
         return known[0], [f"numbers are taken for those of {known[1]}"]
     for scheme, needed, whose in RECOGNISED:
-        odd = strangers(rest, scheme)
+        odd = unknown_numbers(rest, scheme)
         if needed <= rest and len(odd) <= _STRANGE:
             found = f"numbered as by {whose}, but for {', '.join(map(str, odd))}"
             raise InputError("labels", found, f"names {scheme},{odd[0]}=NAME,… or a name for every number", path)
@@ -190,7 +197,9 @@ def _guessed(
         raise InputError("labels", found, "regions: is it a scan?", path)
     few = ", ".join(map(str, sorted(rest)[:5])) + (", …" if len(rest) > 5 else "")
     if max(rest) <= _TISSUES:
-        raise InputError("labels", f"numbered {few} without names", f"--names {choices(rest)}, or N=NAME,…", path)
+        raise InputError(
+            "labels", f"numbered {few} without names", f"--names {scheme_choices(rest)}, or N=NAME,…", path
+        )
     named = {number: f"label_{number}" for number in rest}
     return named, [f"numbers {few} have no names, so that no ventricles are known: --names gives them some"]
 

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import ndimage
 
 from ngbrain.errors import InputError
-from ngbrain.image.read.volume import Volume, upright
+from ngbrain.image.read.volume import Volume, reorient_to_ras
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class LabelMap:
         present = set(np.unique(self.volume.data).tolist()) - {0}
         return tuple(dict.fromkeys(name for number, name in sorted(self.names.items()) if number in present))
 
-    def numbered(self) -> np.ndarray:
+    def region_numbers(self) -> np.ndarray:
         """The voxels with regions numbered from 1 in the order of `regions`, uint8; 0 is outside, and more than half cut away."""
         table = np.zeros(int(self.volume.data.max()) + 1, np.uint8)
         place = {name: i for i, name in enumerate(self.regions, 1)}
@@ -56,14 +56,14 @@ class LabelMap:
     def volumes_ml(self) -> dict[str, float]:
         """Millilitres of each region."""
         left = None if self.cut is None else (1 - self.cut.astype(float)).ravel()
-        counts = np.bincount(replace(self, cut=None).numbered().ravel(), left, len(self.regions) + 1)[1:]
+        counts = np.bincount(replace(self, cut=None).region_numbers().ravel(), left, len(self.regions) + 1)[1:]
         return dict(zip(self.regions, (counts * self.volume.voxel_volume * 1e6).tolist(), strict=True))
 
-    def boxed(self, air: float = 8e-3) -> LabelMap:
+    def crop(self, air: float = 8e-3) -> LabelMap:
         """The voxels that have a label and `air` (m) around them: files hold up to four times as many as a head needs.
 
         >>> row = LabelMap(Volume(np.array([[[0, 0, 0, 1, 7, 0]]]), np.diag([1e-3, 1e-3, 1e-3, 1])), {1: "grey", 7: "white"})
-        >>> row.boxed(1e-3).volume.data.tolist(), row.boxed(1e-3).volume.affine[2, 3]
+        >>> row.crop(1e-3).volume.data.tolist(), row.crop(1e-3).volume.affine[2, 3]
         ([[[0, 1, 7, 0]]], np.float64(0.002))
         """
         boxes = ndimage.find_objects((self.volume.data != 0).astype(np.uint8))
@@ -78,17 +78,17 @@ class LabelMap:
         cut = None if self.cut is None else self.cut[box]
         return LabelMap(Volume(self.volume.data[box], affine), self.names, cut)
 
-    def upright(self, spacing: float = 1e-3) -> LabelMap:
+    def resample_to_ras(self, spacing: float = 1e-3) -> LabelMap:
         """The same head on cubic voxels of `spacing` (m) along right, front and up, regions numbered from 1.
 
         Flips and permutations of the axes leave the voxels as they are; else a voxel takes the region of the largest share
         around it, by linear interpolation of each region's share in a box of the new voxels' size.
 
         >>> two = LabelMap(Volume(np.array([[[0, 1, 1, 7]]]), np.diag([-1e-3, 1e-3, 1e-3, 1])), {1: "grey", 7: "white"})
-        >>> two.upright().volume.data.tolist()
+        >>> two.resample_to_ras().volume.data.tolist()
         [[[0, 1, 1, 2]]]
         """
-        turned = upright(Volume(self.numbered(), self.volume.affine))
+        turned = reorient_to_ras(Volume(self.region_numbers(), self.volume.affine))
         names = dict(enumerate(self.regions, 1))
         linear = turned.affine[:3, :3]
         if np.allclose(linear, spacing * np.eye(3), rtol=0, atol=1e-3 * spacing):

@@ -57,10 +57,10 @@ RECOGNISED = (
 mean something else in every program."""
 
 
-def meaning(number: int, scheme: str) -> str | None:
+def region_name(number: int, scheme: str) -> str | None:
     """The region of a number, None where the scheme has no such number.
 
-    >>> meaning(2035, "freesurfer"), meaning(4, "cat"), meaning(2, "muse")
+    >>> region_name(2035, "freesurfer"), region_name(4, "cat"), region_name(2, "muse")
     ('grey', 'white', None)
     """
     if SCHEMES[scheme] is FREESURFER:
@@ -70,29 +70,29 @@ def meaning(number: int, scheme: str) -> str | None:
     return SCHEMES[scheme].get(number)
 
 
-def recognised(numbers: set[int]) -> tuple[str, str] | None:
+def recognise_scheme(numbers: set[int]) -> tuple[str, str] | None:
     """The only scheme that a whole brain's numbers can be of, and whose it is in words; None where there is none.
 
-    >>> recognised({2, 41, 4, 43, 1035, 2035}), recognised({1, 2, 3})
+    >>> recognise_scheme({2, 41, 4, 43, 1035, 2035}), recognise_scheme({1, 2, 3})
     (('freesurfer', 'FreeSurfer, FastSurfer and SynthSeg'), None)
     """
     for scheme, needed, whose in RECOGNISED:
-        if needed <= numbers and not strangers(numbers, scheme):
+        if needed <= numbers and not unknown_numbers(numbers, scheme):
             return scheme, whose
     return None
 
 
-def strangers(numbers: set[int], scheme: str) -> list[int]:
+def unknown_numbers(numbers: set[int], scheme: str) -> list[int]:
     """Numbers that a scheme does not have."""
-    return sorted(number for number in numbers if meaning(number, scheme) is None)
+    return sorted(number for number in numbers if region_name(number, scheme) is None)
 
 
-def choices(numbers: set[int]) -> str:
+def scheme_choices(numbers: set[int]) -> str:
     """The schemes that numbers may be of, and what each number would mean; the others by name."""
     fitting: dict[str, list[str]] = {}
     for scheme in SCHEMES:
-        if not strangers(numbers, scheme) and scheme not in ("freesurfer", "synthseg", "muse"):
-            text = ", ".join(f"{number} {meaning(number, scheme)}" for number in sorted(numbers))
+        if not unknown_numbers(numbers, scheme) and scheme not in ("freesurfer", "synthseg", "muse"):
+            text = ", ".join(f"{number} {region_name(number, scheme)}" for number in sorted(numbers))
             fitting.setdefault(text, []).append(scheme)
     told = [f"{' or '.join(names)} ({text})" for text, names in fitting.items()]
     rest = [scheme for scheme in SCHEMES if scheme not in {name for names in fitting.values() for name in names}]

@@ -20,7 +20,7 @@ def landmarks(labels: LabelMap) -> dict[str, np.ndarray]:
     >>> landmarks(one)["right"].tolist(), landmarks(one)["centre of grey"].tolist()
     ([0.002, 0.0, 0.0], [0.001, 0.0, 0.0])
     """
-    numbered = labels.numbered()
+    numbered = labels.region_numbers()
     points = labels.volume.to_world(np.argwhere(numbered > 0))
     found = {"centre": points.mean(axis=0)}
     for axis, names in enumerate(_ENDS):

@@ -29,7 +29,7 @@ def write_nifti(path: str | os.PathLike[str], volume: Volume) -> None:
         MissingExtra: nibabel is not installed.
     """
     path = Path(path)
-    suffix_of(path)
+    nifti_suffix(path)
     nibabel = require("nibabel", "mri")
     affine = np.diag([1e3, 1e3, 1e3, 1]) @ volume.affine
     image = nibabel.Nifti1Image(volume.data, affine)
@@ -39,7 +39,7 @@ def write_nifti(path: str | os.PathLike[str], volume: Volume) -> None:
     atomic_write(path, lambda part: nibabel.save(image, part))
 
 
-def suffix_of(path: Path) -> str:
+def nifti_suffix(path: Path) -> str:
     """.nii or .nii.gz; raises `InputError` for another name."""
     for suffix in reversed(NIFTI):
         if path.name.endswith(suffix):
@@ -47,7 +47,7 @@ def suffix_of(path: Path) -> str:
     raise InputError("image file", repr(path.name), " or ".join(NIFTI))
 
 
-def on_grid(volume: Volume, affine: np.ndarray, shape: tuple[int, int, int]) -> Volume:
+def resample_labels(volume: Volume, affine: np.ndarray, shape: tuple[int, int, int]) -> Volume:
     """A map of labels on another grid, such as that of the file it was made from: the label of most of each voxel, 0 outside.
 
     The nearest label alone would move a map by up to half a voxel along each axis, as the voxels' middles of one grid lie
@@ -70,7 +70,7 @@ def on_grid(volume: Volume, affine: np.ndarray, shape: tuple[int, int, int]) -> 
     >>> box = Volume(np.arange(1, 9, dtype=np.uint8).reshape(2, 2, 2), np.diag([1e-3, 1e-3, 1e-3, 1]))
     >>> flipped = np.diag([-1e-3, 1e-3, 1e-3, 1])
     >>> flipped[0, 3] = 1e-3
-    >>> on_grid(box, flipped, (2, 2, 2)).data[:, 0, 0].tolist()
+    >>> resample_labels(box, flipped, (2, 2, 2)).data[:, 0, 0].tolist()
     [5, 1]
     """
     to = np.linalg.solve(volume.affine, affine)

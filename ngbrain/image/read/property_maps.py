@@ -9,7 +9,7 @@ import numpy as np
 from scipy import ndimage
 
 from ngbrain.errors import InputError
-from ngbrain.image.read.volume import Volume, opened
+from ngbrain.image.read.volume import Volume, open_image
 
 SIDES = (0.1e-3, 20e-3)
 """Of a voxel (m)."""
@@ -40,7 +40,7 @@ def read_map(path: str | os.PathLike[str], what: str) -> Volume:
         nibabel is not installed.
     """
     path = Path(path)
-    image, affine = opened(path, SIDES)
+    image, affine = open_image(path, SIDES)
     try:
         values = np.asarray(image.get_fdata(dtype=np.float64))
     except (OSError, EOFError, ValueError) as error:
@@ -55,10 +55,10 @@ def read_map(path: str | os.PathLike[str], what: str) -> Volume:
     return Volume(values, affine)
 
 
-def filled(volume: Volume) -> Volume:
+def fill_unmeasured(volume: Volume) -> Volume:
     """The map with the value of the nearest measured voxel where nothing was measured.
 
-    >>> filled(Volume(np.array([[[1.0, np.nan, np.nan, 4.0, np.nan]]]), np.eye(4))).data.ravel().tolist()
+    >>> fill_unmeasured(Volume(np.array([[[1.0, np.nan, np.nan, 4.0, np.nan]]]), np.eye(4))).data.ravel().tolist()
     [1.0, 1.0, 4.0, 4.0, 4.0]
     """
     unknown = np.isnan(volume.data)
@@ -68,7 +68,7 @@ def filled(volume: Volume) -> Volume:
     return Volume(volume.data[tuple(nearest)], volume.affine)
 
 
-def measured(volume: Volume, points: np.ndarray) -> np.ndarray:
+def measured_mask(volume: Volume, points: np.ndarray) -> np.ndarray:
     """Which points (n, 3) m lie in a voxel that was measured.
 
     Raises
@@ -79,22 +79,22 @@ def measured(volume: Volume, points: np.ndarray) -> np.ndarray:
     Examples
     --------
     >>> line = Volume(np.array([[[1.0, 2.0, np.nan]]]), np.diag([1e-3, 1e-3, 1e-3, 1]))
-    >>> measured(line, np.array([[0, 0, 0], [0, 0, 1.4e-3], [0, 0, 2e-3]])).tolist()
+    >>> measured_mask(line, np.array([[0, 0, 0], [0, 0, 1.4e-3], [0, 0, 2e-3]])).tolist()
     [True, True, False]
     """
-    known = Volume((~np.isnan(volume.data)).astype(np.float32), volume.affine).at(points, order=0) > 0
+    known = Volume((~np.isnan(volume.data)).astype(np.float32), volume.affine).interpolate(points, order=0) > 0
     if known.mean() < COVERED:
         found = f"without a value at {1 - known.mean():.0%} of the body"
         raise InputError("map", found, "one in the space of the body, measured over most of it")
     return np.asarray(known)
 
 
-def sampled(volume: Volume, points: np.ndarray) -> np.ndarray:
+def interpolate_map(volume: Volume, points: np.ndarray) -> np.ndarray:
     """Values (n,) at points (n, 3) m, linear between voxels; where nothing was measured, those of the nearest that was.
 
     >>> line = Volume(np.array([[[1.0, 2.0, np.nan]]]), np.diag([1e-3, 1e-3, 1e-3, 1]))
-    >>> sampled(line, np.array([[0, 0, 0.5e-3], [0, 0, 9e-3]])).tolist()
+    >>> interpolate_map(line, np.array([[0, 0, 0.5e-3], [0, 0, 9e-3]])).tolist()
     [1.5, 2.0]
     """
     last = np.array(volume.data.shape) - 1
-    return filled(volume).at(volume.to_world(np.clip(volume.to_voxels(points), 0, last)))
+    return fill_unmeasured(volume).interpolate(volume.to_world(np.clip(volume.to_voxels(points), 0, last)))

@@ -60,7 +60,7 @@ class Volume:
         """Points (n, 3) in m to voxel indices (n, 3), not rounded."""
         return np.linalg.solve(self.affine[:3, :3], (np.asarray(points) - self.affine[:3, 3]).T).T
 
-    def at(self, points: np.ndarray, order: int = 1, outside: float = 0.0) -> np.ndarray:
+    def interpolate(self, points: np.ndarray, order: int = 1, outside: float = 0.0) -> np.ndarray:
         """Values (n,) at points (n, 3) in m, by splines of `order` 0 to 5; beyond the picture they go to `outside`."""
         # "grid-constant": with "constant" a rounding error beyond the last voxel would be outside.
         where = self.to_voxels(points).T
@@ -91,7 +91,7 @@ class Scan:
 
 
 @dataclass(frozen=True, eq=False)
-class Stored:
+class ImageFile:
     """A picture as its file has it: nibabel's image, indices of the array to m (4, 4), the array's three sizes."""
 
     image: Any
@@ -99,15 +99,15 @@ class Stored:
     shape: tuple[int, int, int]
 
 
-def stored(path: str | os.PathLike[str]) -> Stored:
+def open_volume(path: str | os.PathLike[str]) -> ImageFile:
     """Open a NIfTI or MGH file and check its place and size, not its values; raises what `read_scan` does of these."""
     path = Path(path)
-    image, affine = opened(path)
-    return Stored(image, affine, _file_shape(image, path))
+    image, affine = open_image(path)
+    return ImageFile(image, affine, _file_shape(image, path))
 
 
-def opened(path: Path, sides: tuple[float, float] = _SIDES) -> tuple[Any, np.ndarray]:
-    """nibabel's image with any number of axes, voxels of `sides` (m), and its affine (4, 4) to m; else as `stored`."""
+def open_image(path: Path, sides: tuple[float, float] = _SIDES) -> tuple[Any, np.ndarray]:
+    """nibabel's image with any number of axes, voxels of `sides` (m), and its affine (4, 4) to m; else as `open_volume`."""
     image = _parsed(path)
     return image, _file_affine(image, path, sides)
 
@@ -129,14 +129,14 @@ def read_scan(path: str | os.PathLike[str]) -> Scan:
     Traceback (most recent call last):
     ngbrain.errors.InputError: case.toml: image is missing; wanted: one NIfTI or MGH file: .nii, .nii.gz, .mgh or .mgz
     """
-    path, file = Path(path), stored(path)
+    path, file = Path(path), open_volume(path)
     extent = np.linalg.norm(file.affine[:3, :3], axis=0) * file.shape
     if extent.min() < _LEAST:
         text = " x ".join(f"{1e3 * side:.0f}" for side in extent)
         raise InputError("image", f"{text} mm", "a whole head, at least 100 mm along each axis", path)
     data = _values(file.image, path).reshape(file.shape)
     try:
-        volume = straightened(Volume(data, file.affine))
+        volume = resample_to_ras(Volume(data, file.affine))
     except InputError as error:
         raise InputError(error.field, error.value, error.wanted, path) from None
     return Scan(volume, file.affine, file.shape, str(path))
@@ -190,15 +190,15 @@ def template_map(name: str) -> tuple[np.ndarray, np.ndarray]:
 def _mni152() -> Scan:
     data, affine = template_map("t1")
     name = "MNI152 T1 (average of 152 people, brain-extracted)"
-    return Scan(straightened(Volume(data, affine)), affine, data.shape, name)
+    return Scan(resample_to_ras(Volume(data, affine)), affine, data.shape, name)
 
 
-def straightened(volume: Volume, spacing: float = _GRID) -> Volume:
+def resample_to_ras(volume: Volume, spacing: float = _GRID) -> Volume:
     """The same picture with axes right, front, up and `spacing` (m) between the voxels.
 
     If flips and permutations of the axes can do it (to 1e-3 of `spacing`), the values stay as they are. Otherwise they
     are interpolated by cubic splines, after smoothing along axes finer than `spacing`, at whole multiples of `spacing`
-    in the world. What belongs to the background (`border`) stays exactly that, and no value leaves the old range.
+    in the world. What belongs to the background (`border_value`) stays exactly that, and no value leaves the old range.
     The affine is rounded to 1 µm, which makes copies of a picture that differ by flips the same.
 
     Raises:
@@ -206,10 +206,10 @@ def straightened(volume: Volume, spacing: float = _GRID) -> Volume:
         MissingExtra: nibabel is not installed.
 
     >>> image = Volume(np.eye(3, dtype=np.float32)[:, :, None] * np.ones(2, np.float32), np.diag([-1e-3, 1e-3, 1e-3, 1]))
-    >>> straightened(image).affine[:3, 3], straightened(image).data[:, :, 0].tolist()
+    >>> resample_to_ras(image).affine[:3, 3], resample_to_ras(image).data[:, :, 0].tolist()
     (array([-0.002, 0. , 0. ]), [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
     """
-    volume = upright(volume)
+    volume = reorient_to_ras(volume)
     linear = volume.affine[:3, :3]
     steps = np.diag(linear)
     if np.abs(linear - np.diag(steps)).max() <= 1e-6 * spacing and np.abs(steps - spacing).max() <= 1e-3 * spacing:
@@ -229,7 +229,7 @@ def straightened(volume: Volume, spacing: float = _GRID) -> Volume:
     if np.abs(turn - np.diag(np.diag(turn))).max() <= 1e-9:
         turn = np.diag(turn)  # so that splines' weights are found once for each axis
 
-    background, _ = border(volume)
+    background, _ = border_value(volume)
     # Zero around the picture: half way out of its last voxel the share of the picture falls below a half.
     picture = (volume.data != background).astype(np.float32)
     share = ndimage.affine_transform(picture, turn, offset, tuple(shape), order=1, mode="grid-constant")
@@ -245,10 +245,10 @@ def straightened(volume: Volume, spacing: float = _GRID) -> Volume:
     return Volume(values, affine)
 
 
-def border(volume: Volume) -> tuple[float, float]:
+def border_value(volume: Volume) -> tuple[float, float]:
     """The most common value on the six faces of the picture, and the share of their voxels that have exactly it.
 
-    >>> border(Volume(np.pad(np.ones((2, 2, 2)), 1), np.eye(4)))
+    >>> border_value(Volume(np.pad(np.ones((2, 2, 2)), 1), np.eye(4)))
     (0.0, 1.0)
     """
     faces = [volume.data.take(end, axis).ravel() for axis in range(3) for end in (0, -1)]
@@ -257,7 +257,7 @@ def border(volume: Volume) -> tuple[float, float]:
     return float(values[most]), float(counts[most] / counts.sum())
 
 
-def upright(volume: Volume) -> Volume:
+def reorient_to_ras(volume: Volume) -> Volume:
     """The same voxels with axes flipped and permuted so that they run, as nearly as can be, right, front and up."""
     orientations = require("nibabel.orientations", "mri")
     turn = orientations.io_orientation(volume.affine)
@@ -301,9 +301,9 @@ def _parsed(path: Path) -> Any:
         raise InputError("image", f"a file with a damaged header ({error})", "a sound one", path) from error
 
 
-def _file_affine(stored: Any, path: Path, sides: tuple[float, float]) -> np.ndarray:
-    """Indices of the stored array to m, (4, 4)."""
-    header = stored.header
+def _file_affine(image: Any, path: Path, sides: tuple[float, float]) -> np.ndarray:
+    """Indices of the image array to m, (4, 4)."""
+    header = image.header
     if "sform_code" not in header:  # MGH, in mm
         given, unit = header["goodRASFlag"] == 1, 1e-3
     else:
@@ -312,11 +312,11 @@ def _file_affine(stored: Any, path: Path, sides: tuple[float, float]) -> np.ndar
     if not given:  # nibabel would make one up
         raise InputError("image affine", "not given", "a sform or qform with a code above 0, or MGH's good RAS", path)
     _check_sides(header, path)
-    affine = np.diag([unit, unit, unit, 1.0]) @ stored.affine
+    affine = np.diag([unit, unit, unit, 1.0]) @ image.affine
     sizes = np.linalg.norm(affine[:3, :3], axis=0)
     # The determinant over the product of the sizes is 1 for right angles.
     if not np.isfinite(affine).all() or abs(np.linalg.det(affine[:3, :3])) <= 0.1 * sizes.prod():
-        raise InputError("image affine", stored.affine[:3].tolist(), "three independent axes, finite", path)
+        raise InputError("image affine", image.affine[:3].tolist(), "three independent axes, finite", path)
     if sizes.min() < sides[0] or sizes.max() > sides[1]:
         text = " x ".join(f"{1e3 * size:.4g}" for size in sizes)
         wanted = f"{1e3 * sides[0]:g} to {1e3 * sides[1]:g} mm along each side"
@@ -334,8 +334,8 @@ def _check_sides(header: Any, path: Path) -> None:
         raise InputError("image affine", found, "two that agree, or one with code 0", path)
 
 
-def _file_shape(stored: Any, path: Path) -> tuple[int, int, int]:
-    shape = tuple(int(n) for n in stored.shape)
+def _file_shape(image: Any, path: Path) -> tuple[int, int, int]:
+    shape = tuple(int(n) for n in image.shape)
     if 0 in shape or len(shape) < 3 or any(n > 1 for n in shape[3:]):
         raise InputError("image shape", shape, "three axes: one picture of one head", path)
     if np.prod(shape) > 4 * _MOST_VOXELS:
@@ -343,15 +343,15 @@ def _file_shape(stored: Any, path: Path) -> tuple[int, int, int]:
     return shape[0], shape[1], shape[2]
 
 
-def background_filled(data: np.ndarray, value: float) -> np.ndarray:
+def fill_nan_background(data: np.ndarray, value: float) -> np.ndarray:
     """Where NaN stands around what was measured, as software writes it that leaves the outside out, another value.
 
     NaN that does not reach the border of the box stays.
 
-    >>> background_filled(np.array([[np.nan, 1.0, np.nan, 2.0, np.nan]] * 3).T, 0.0)[:, 0].tolist()
+    >>> fill_nan_background(np.array([[np.nan, 1.0, np.nan, 2.0, np.nan]] * 3).T, 0.0)[:, 0].tolist()
     [0.0, 1.0, 0.0, 2.0, 0.0]
     >>> inner = np.ones((3, 3)); inner[1, 1] = np.nan
-    >>> int(np.isnan(background_filled(inner, 0.0)).sum())
+    >>> int(np.isnan(fill_nan_background(inner, 0.0)).sum())
     1
     """
     unknown = np.isnan(data)
@@ -361,18 +361,18 @@ def background_filled(data: np.ndarray, value: float) -> np.ndarray:
     return np.where(unknown & ~enclosed, data.dtype.type(value), data)
 
 
-def _values(stored: Any, path: Path) -> np.ndarray:
+def _values(image: Any, path: Path) -> np.ndarray:
     """The numbers of the picture, scaled as the header says, float32."""
-    dtype = stored.get_data_dtype()
+    dtype = image.get_data_dtype()
     if dtype.fields or dtype.kind not in "iuf":
         kind = "colours" if dtype.fields else f"{dtype} numbers"
         raise InputError("image", f"made of {kind}", "grey values", path)
     try:
         with np.errstate(all="ignore"):  # what float32 cannot hold is found below
-            data = stored.get_fdata(dtype=np.float32, caching="unchanged")
+            data = image.get_fdata(dtype=np.float32, caching="unchanged")
     except (OSError, EOFError, ValueError, MemoryError) as error:
         raise InputError("image", f"cut short ({error})", "a whole NIfTI file", path) from error
-    data = background_filled(data, float(np.nanmin(data, initial=np.inf)))
+    data = fill_nan_background(data, float(np.nanmin(data, initial=np.inf)))
     bad = data.size - int(np.isfinite(data).sum())
     if bad:
         raise InputError("image", f"not a finite number in {bad} voxels", "finite values", path)
@@ -381,7 +381,7 @@ def _values(stored: Any, path: Path) -> np.ndarray:
         few = np.unique(data)
     if len(few) == 1:
         raise InputError("image", f"{few[0]:g} everywhere", "a T1 scan", path)
-    is_labels = "intent_code" in stored.header and int(stored.header["intent_code"]) == 1002
+    is_labels = "intent_code" in image.header and int(image.header["intent_code"]) == 1002
     if len(few) < 16 or is_labels:
         wanted = "a T1 scan, its grey values; labels go with --labels"
         raise InputError("image", f"a map of labels ({len(few)} values or more)", wanted, path)

@@ -8,9 +8,9 @@ from scipy import ndimage
 from ngbrain.errors import InputError
 from ngbrain.image.preprocess.registration import ALIKE, align
 from ngbrain.image.read.label_map import LabelMap
-from ngbrain.image.read.nifti import on_grid
+from ngbrain.image.read.nifti import resample_labels
 from ngbrain.image.read.volume import Volume, mni152
-from ngbrain.image.segment.ventricles import find_ventricles, from_ventricles
+from ngbrain.image.segment.ventricles import find_ventricles, ventricle_distance
 
 FLUID, VENTRICLES, GREY, WHITE = "csf", "ventricles", "grey", "white"
 REACH = 7.5e-3
@@ -21,7 +21,7 @@ _BRIGHT = {FLUID: 0.1, GREY: 0.6, WHITE: 1.0}
 _FLUIDS = (FLUID, VENTRICLES, "fluid")
 
 
-def fluid_in_sulci(labels: LabelMap) -> tuple[LabelMap, float]:
+def label_sulcal_fluid(labels: LabelMap) -> tuple[LabelMap, float]:
     """The map with `csf` in empty places between the folds, and how much was added (ml).
 
     Places without a label up to the hull (the closing by a ball of 7.5 mm) are filled where most of the labels beside them are
@@ -44,7 +44,7 @@ def fluid_in_sulci(labels: LabelMap) -> tuple[LabelMap, float]:
     >>> data[4:16, 4:16, 4:16] = 3
     >>> data[9:11, 4:16, 10:16] = 0  # 2 by 12 by 6 mm
     >>> labels = LabelMap(Volume(data, np.diag([1e-3, 1e-3, 1e-3, 1])), {3: "grey"})
-    >>> filled, ml = fluid_in_sulci(labels)
+    >>> filled, ml = label_sulcal_fluid(labels)
     >>> filled.regions, round(ml, 2)
     (('grey', 'csf'), 0.14)
     """
@@ -70,7 +70,7 @@ def fluid_in_sulci(labels: LabelMap) -> tuple[LabelMap, float]:
     return found, float(filled.sum()) * labels.volume.voxel_volume * 1e6
 
 
-def ventricles_in_fluid(labels: LabelMap) -> tuple[LabelMap, float]:
+def label_ventricles(labels: LabelMap) -> tuple[LabelMap, float]:
     """The map with the lateral ventricles apart from other fluid, and their volume (ml).
 
     They are found by place and by the white matter around them (`ngbrain.image.segment.ventricles`), as tissue maps of SPM,
@@ -91,7 +91,7 @@ def ventricles_in_fluid(labels: LabelMap) -> tuple[LabelMap, float]:
     """
     if VENTRICLES in labels.regions or not set(_BRIGHT) <= set(labels.regions):
         return labels, 0.0
-    upright = labels.upright()
+    upright = labels.resample_to_ras()
     data, place = np.pad(upright.volume.data, 1), upright.volume.affine.copy()
     place[:3, 3] -= place[:3, :3].sum(axis=1)
     tissue = {name: data == upright.regions.index(name) + 1 for name in _BRIGHT}
@@ -102,12 +102,12 @@ def ventricles_in_fluid(labels: LabelMap) -> tuple[LabelMap, float]:
         return labels, 0.0
     if template.likeness < ALIKE:
         return labels, 0.0
-    near = from_ventricles(place, template.affine, data.shape)
+    near = ventricle_distance(place, template.affine, data.shape)
     found = Volume(find_ventricles(data > 0, tissue[FLUID], tissue[WHITE], near).astype(np.uint8), place)
     old = labels.volume
     own = [number for number, name in labels.names.items() if name == FLUID]
     shape = (old.data.shape[0], old.data.shape[1], old.data.shape[2])
-    inside = (on_grid(found, old.affine, shape).data > 0) & np.isin(old.data, own)
+    inside = (resample_labels(found, old.affine, shape).data > 0) & np.isin(old.data, own)
     if not inside.any():
         return labels, 0.0
     number = max(int(old.data.max()), *labels.names) + 1

@@ -19,7 +19,7 @@ _ASIDE = np.array([0.318310e-3, 0.271828e-3])
 """Part of a voxel that rays run beside the voxels' middles, so that they meet no corner of a surface drawn on a grid."""
 
 
-def enclosed(surfaces: Iterable[tuple[str, SurfaceMesh]]) -> LabelMap:
+def labels_from_surfaces(surfaces: Iterable[tuple[str, SurfaceMesh]]) -> LabelMap:
     """Voxels by the last surface that they are inside: outer ones come first, and surfaces of one name make one region.
 
     Inside is what an odd number of triangles is above: a surface may have cavities, and may be turned inside out.
@@ -39,7 +39,7 @@ def enclosed(surfaces: Iterable[tuple[str, SurfaceMesh]]) -> LabelMap:
     >>> corners = 1e-3 * np.array([[i, j, k] for i in (0, 60) for j in (0, 60) for k in (0, 60)])
     >>> faces = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4],
     ...          [1, 5, 7], [1, 7, 3]]
-    >>> labels = enclosed([("brain", SurfaceMesh(corners, np.array(faces)))])
+    >>> labels = labels_from_surfaces([("brain", SurfaceMesh(corners, np.array(faces)))])
     >>> labels.regions, round(labels.volumes_ml()["brain"])
     (('brain',), 216)
     """

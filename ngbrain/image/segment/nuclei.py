@@ -12,7 +12,7 @@ _EDGE = 0.7  # mm, over which grey values are smoothed for their edges
 _WITHIN = np.array([[-45.0, -60.0, -45.0], [45.0, 60.0, 45.0]])  # mm of the template, around all nuclei
 
 
-def nuclei(grey: np.ndarray, matter: np.ndarray, to: np.ndarray, size: np.ndarray) -> np.ndarray:
+def segment_nuclei(grey: np.ndarray, matter: np.ndarray, to: np.ndarray, size: np.ndarray) -> np.ndarray:
     """The four nuclei of both sides.
 
     They are as bright as white matter or nearly so, so that grey values alone call them white. Floods from their middles,

@@ -12,7 +12,7 @@ _REACH = 1.5  # of the voxel's longest edge: how deep the rim is
 _FLUID = 0.01  # quantile of the grey values deeper in: about the middle of the fluid in the ventricles
 
 
-def lifted(scan: Scan, mask: np.ndarray) -> Volume:
+def correct_partial_volume(scan: Scan, mask: np.ndarray) -> Volume:
     """The picture with a rim of the brain, `mask` (nx, ny, nz), nowhere darker than fluid; as it is if voxels are small.
 
     Voxels of 3 mm, half brain and half background, are darker than any fluid, and many: a mixture of tissues fitted to
@@ -22,7 +22,7 @@ def lifted(scan: Scan, mask: np.ndarray) -> Volume:
     >>> affine = np.diag([1e-3, 1e-3, 1e-3, 1])
     >>> picture = Volume(np.select([ball < 8, ball < 20, ball < 22], [40, 90, 10]).astype(np.float32), affine)
     >>> coarse = Scan(picture, affine * 3, (17, 17, 17), "coarse.nii")
-    >>> np.unique(lifted(coarse, ball < 22).data)
+    >>> np.unique(correct_partial_volume(coarse, ball < 22).data)
     array([ 0., 40., 90.], dtype=float32)
     """
     sides = np.linalg.norm(scan.file_affine[:3, :3], axis=0)

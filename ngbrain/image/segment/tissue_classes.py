@@ -11,11 +11,11 @@ from scipy import ndimage
 from ngbrain.errors import InputError
 from ngbrain.image.preprocess import mni_landmarks
 from ngbrain.image.preprocess.contrast import tissue_maps
-from ngbrain.image.preprocess.registration import thinned
+from ngbrain.image.preprocess.registration import downsample
 from ngbrain.image.read.volume import Volume
-from ngbrain.image.segment.nuclei import nuclei
-from ngbrain.image.segment.topology import drown
-from ngbrain.image.segment.ventricles import FAR, at_half_height, find_ventricles, from_ventricles
+from ngbrain.image.segment.nuclei import segment_nuclei
+from ngbrain.image.segment.topology import remove_islands
+from ngbrain.image.segment.ventricles import FAR, find_ventricles, refine_ventricle_edges, ventricle_distance
 
 OUTSIDE, CSF, GREY, WHITE, VENTRICLE = range(5)
 NAMES = ("outside", "csf", "grey", "white", "ventricle")
@@ -98,17 +98,17 @@ def segment(t1: Volume, brain: np.ndarray, place: np.ndarray, voxel: float = 1e-
     labels = np.where(inside, CSF + (scale > _FLUID_ENDS) + (scale > 1.5), OUTSIDE).astype(np.uint8, order="C")
     _drown_islands(labels)
     _check_contrast(labels)
-    near = np.pad(from_ventricles(t1.affine, place, brain.shape)[box], 1, constant_values=FAR)
+    near = np.pad(ventricle_distance(t1.affine, place, brain.shape)[box], 1, constant_values=FAR)
     ventricles = find_ventricles(inside, labels == CSF, labels == WHITE, near)
     if ventricles.any():
-        ventricles = at_half_height(ventricles, grey, (labels == GREY) | (labels == WHITE))
+        ventricles = refine_ventricle_edges(ventricles, grey, (labels == GREY) | (labels == WHITE))
     size = ventricles.sum() * t1.voxel_volume * 1e6
     if size < _LEAST_VENTRICLES:
         raise InputError("image", f"a brain with ventricles of {size:.1f} ml", f"at least {_LEAST_VENTRICLES:g} ml")
     labels[ventricles] = VENTRICLE
     to = np.diag([1e3, 1e3, 1e3, 1.0]) @ np.linalg.inv(place) @ t1.affine
     to[:3, 3] += to[:3, :3] @ [axis.start - 1 for axis in box]
-    labels[nuclei(grey, np.isin(labels, (GREY, WHITE)), to, 1e3 * t1.spacing)] = GREY
+    labels[segment_nuclei(grey, np.isin(labels, (GREY, WHITE)), to, 1e3 * t1.spacing)] = GREY
     _drown_islands(labels)  # what the edge of the ventricles has cut off
 
     core = (slice(1, -1),) * 3
@@ -146,7 +146,7 @@ def _smoothed(grey: np.ndarray, inside: np.ndarray, voxel: np.ndarray) -> np.nda
 
 def _prior(t1: Volume, place: np.ndarray, box: tuple[slice, ...]) -> np.ndarray:
     """Logarithm of how likely the five classes are by the template, (5, ...) on a box of the picture and a layer more."""
-    fluid, grey, white = (thinned(each, 1e-3 * _THIN) for each in tissue_maps())
+    fluid, grey, white = (downsample(each, 1e-3 * _THIN) for each in tissue_maps())
     there = 1e3 * grey.to_world(np.argwhere(np.ones(grey.data.shape, bool)))
     near = np.flatnonzero((np.abs(there) < [45, 60, 45]).all(axis=1))
     radius = np.min([nucleus.radius(there[near]) for nucleus in mni_landmarks.NUCLEI.values()], axis=0)
@@ -305,7 +305,7 @@ def _neighbours(share: np.ndarray, slab: slice) -> np.ndarray:
 def _drown_islands(labels: np.ndarray) -> None:
     """Small pieces of grey or white matter take the label that most of their faces look at."""
     for tissue in (WHITE, GREY):
-        drown(labels, tissue)
+        remove_islands(labels, tissue)
 
 
 def _check_contrast(labels: np.ndarray) -> None:

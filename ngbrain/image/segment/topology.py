@@ -37,7 +37,7 @@ class Topology:
         return self.pieces - self.tunnels + self.cavities
 
     @classmethod
-    def of(cls, mask: np.ndarray, neighbours: int = 6) -> Topology:
+    def from_mask(cls, mask: np.ndarray, neighbours: int = 6) -> Topology:
         """Of a mask (nx, ny, nz), its voxels hanging together by faces (6) or by faces, edges and corners (26).
 
         Pieces and cavities are counted; what is outside hangs together the other way round (26 or 6). Tunnels follow
@@ -49,7 +49,7 @@ class Topology:
 
         >>> ring = np.ones((3, 3, 1), bool)
         >>> ring[1, 1] = False
-        >>> Topology.of(ring)
+        >>> Topology.from_mask(ring)
         Topology(pieces=1, tunnels=1, cavities=0)
         """
         if neighbours not in (6, 26):
@@ -76,8 +76,8 @@ def _euler(inside: np.ndarray, neighbours: int) -> int:
 
 
 @dataclass(frozen=True)
-class Tidying:
-    """What `tidied` did.
+class LabelCleaning:
+    """What `clean_labels` did.
 
     moved   voxels that have another label now
     before  region → its topology as it was, by 6 neighbours
@@ -89,7 +89,7 @@ class Tidying:
     after: dict[str, Topology]
 
 
-def tidied(labels: LabelMap, island: int = _ISLAND) -> tuple[LabelMap, Tidying]:
+def clean_labels(labels: LabelMap, island: int = _ISLAND) -> tuple[LabelMap, LabelCleaning]:
     """The map without small islands and holes, and what that changed.
 
     Pieces of a region (by faces) of less than `island` voxels take the label that most of their faces look at, the
@@ -100,7 +100,7 @@ def tidied(labels: LabelMap, island: int = _ISLAND) -> tuple[LabelMap, Tidying]:
     >>> data = np.zeros((9, 9, 9), np.uint8)
     >>> data[1:8, 1:8, 1:8] = 1
     >>> data[3, 3, 3], data[5, 5, 5] = 2, 0
-    >>> clean, told = tidied(LabelMap(Volume(data, np.diag([1e-3, 1e-3, 1e-3, 1])), {1: "grey", 2: "white"}))
+    >>> clean, told = clean_labels(LabelMap(Volume(data, np.diag([1e-3, 1e-3, 1e-3, 1])), {1: "grey", 2: "white"}))
     >>> told.moved, told.before["grey"].cavities, told.after["grey"], int(clean.volume.data[3, 3, 3])
     (2, 2, Topology(pieces=1, tunnels=0, cavities=0), 1)
     """
@@ -111,34 +111,34 @@ def tidied(labels: LabelMap, island: int = _ISLAND) -> tuple[LabelMap, Tidying]:
         before = new.copy()
         _flood(new)
         for label in np.setdiff1d(np.unique(new), [0]):
-            drown(new, int(label), island, out=True)
+            remove_islands(new, int(label), island, out=True)
         if np.array_equal(new, before):
             break
     whole = np.zeros(old.shape, old.dtype)
     whole[box] = new[1:-1, 1:-1, 1:-1]
     found = LabelMap(Volume(whole, labels.volume.affine), labels.names)
     moved = int(np.count_nonzero(found.volume.data != old))
-    return found, Tidying(moved, topologies(labels), topologies(found))
+    return found, LabelCleaning(moved, topologies(labels), topologies(found))
 
 
 def topologies(labels: LabelMap, neighbours: int = 6) -> dict[str, Topology]:
     """Region → its topology."""
-    numbered = labels.numbered()
+    numbered = labels.region_numbers()
     boxes = ndimage.find_objects(numbered, len(labels.regions))  # None: all cut away
     return {
-        name: Topology(0, 0, 0) if box is None else Topology.of(numbered[box] == number, neighbours)
+        name: Topology(0, 0, 0) if box is None else Topology.from_mask(numbered[box] == number, neighbours)
         for number, (name, box) in enumerate(zip(labels.regions, boxes, strict=True), 1)
     }
 
 
-def drown(labels: np.ndarray, label: int, island: int = _ISLAND, out: bool = False) -> None:
+def remove_islands(labels: np.ndarray, label: int, island: int = _ISLAND, out: bool = False) -> None:
     """Pieces of a label of less than `island` voxels take, in place, the label that most of their faces look at.
 
     `labels` (nx, ny, nz) is contiguous, and its faces are outside (0). A piece with nothing else around stays, or
     becomes outside if `out`.
 
     >>> row = np.pad(np.array([[[1, 2, 1, 1]]], np.uint8), 1)
-    >>> drown(row, 2)
+    >>> remove_islands(row, 2)
     >>> row[1, 1].tolist()
     [0, 1, 1, 1, 1, 0]
     """

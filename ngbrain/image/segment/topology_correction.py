@@ -21,14 +21,14 @@ NEIGHBOURS[1, 1, 1] = True
 _STEP = 0.25  # voxels of depth that are added at a time
 
 
-def largest(mask: np.ndarray) -> np.ndarray:
+def largest_filled_component(mask: np.ndarray) -> np.ndarray:
     """The largest piece of a mask (nx, ny, nz) by 14 neighbours, its cavities filled.
 
     Raises:
         InputError: an empty mask.
 
     >>> row = np.array([[[True, False, True, True]]])
-    >>> largest(row).astype(int).tolist()
+    >>> largest_filled_component(row).astype(int).tolist()
     [[[0, 0, 1, 1]]]
     """
     pieces, count = ndimage.label(mask, NEIGHBOURS)
@@ -41,7 +41,7 @@ def largest(mask: np.ndarray) -> np.ndarray:
     return np.asarray(filled[1:-1, 1:-1, 1:-1])
 
 
-def ball(mask: np.ndarray) -> np.ndarray:
+def correct_topology(mask: np.ndarray) -> np.ndarray:
     """The largest piece of a mask (nx, ny, nz) without handles: a ball, by 14 neighbours, inside the filled piece.
 
     It grows from the deepest voxel, deep voxels first, by voxels that change no topology: those whose neighbours inside
@@ -54,10 +54,10 @@ def ball(mask: np.ndarray) -> np.ndarray:
 
     >>> ring = np.ones((3, 3, 1), bool)
     >>> ring[1, 1] = False
-    >>> int(ball(ring).sum())
+    >>> int(correct_topology(ring).sum())
     7
     """
-    allowed = np.pad(largest(mask), 1)
+    allowed = np.pad(largest_filled_component(mask), 1)
     depth = np.floor(ndimage.distance_transform_edt(allowed) / _STEP).astype(np.int32).ravel()
     strides = np.array(allowed.strides) // allowed.itemsize
     beside = OFFSETS @ strides

@@ -34,7 +34,7 @@ def find_ventricles(brain: np.ndarray, fluid: np.ndarray, white: np.ndarray, nea
         brain: mask (nx, ny, nz) on voxels of 1 mm, not touching the faces of the array.
         fluid: mask of all cerebrospinal fluid.
         white: mask of white matter.
-        near: distance from where ventricles are expected, over how thick they are there (`from_ventricles`).
+        near: distance from where ventricles are expected, over how thick they are there (`ventricle_distance`).
 
     >>> z = np.indices((70, 70, 70)) - 34.5
     >>> radius, hole = np.linalg.norm(z, axis=0), np.linalg.norm(z * [[[[1]]], [[[1]]], [[[2]]]], axis=0) < 12
@@ -62,7 +62,7 @@ def find_ventricles(brain: np.ndarray, fluid: np.ndarray, white: np.ndarray, nea
     return found
 
 
-def from_ventricles(affine: np.ndarray, place: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+def ventricle_distance(affine: np.ndarray, place: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """`ngbrain.image.preprocess.mni_landmarks.ventricle` of all voxels, up to `FAR`, by interpolation on the template's
     voxels of 2 mm.
 
@@ -89,7 +89,7 @@ def _in_white(pieces: np.ndarray, white: np.ndarray, elsewhere: np.ndarray) -> n
     return (pieces > 0) & (share >= _WHITE)[pieces]
 
 
-def at_half_height(ventricles: np.ndarray, picture: np.ndarray, tissue: np.ndarray) -> np.ndarray:
+def refine_ventricle_edges(ventricles: np.ndarray, picture: np.ndarray, tissue: np.ndarray) -> np.ndarray:
     """The same ventricles with their edge where the grey value is half way from fluid to the tissue behind the wall.
 
     A voxel of half fluid, half white matter is as bright as grey matter and gets its label, so that labels alone make
@@ -102,7 +102,7 @@ def at_half_height(ventricles: np.ndarray, picture: np.ndarray, tissue: np.ndarr
 
     >>> x = np.abs(np.indices((40, 40, 40)) - 19.5).max(axis=0)
     >>> picture, small = np.clip((x - 9) / 4, 0, 1), x < 10
-    >>> bool((at_half_height(small, picture, ~small & (x < 19)) == (x < 11)).all())
+    >>> bool((refine_ventricle_edges(small, picture, ~small & (x < 19)) == (x < 11)).all())
     True
     """
     box = tuple(

@@ -9,14 +9,14 @@ import numpy as np
 from ngbrain.errors import InputError, nearest, require
 from ngbrain.image.preprocess.registration import ALIKE, INSIDE, align, correlation_inside
 from ngbrain.image.read.label_map import LabelMap
-from ngbrain.image.read.volume import Volume, upright
+from ngbrain.image.read.volume import Volume, reorient_to_ras
 
 METHODS = ("affine", "demons")
 _LEVELS = ((4, 60), (2, 60))  # mm between the points of the field and steps there, coarse to fine
 _SMOOTH = 1.2  # of that: the field's
 
 
-def transported(labels: LabelMap, template: Volume, brain: Volume, method: str = "demons") -> LabelMap:
+def propagate_labels(labels: LabelMap, template: Volume, brain: Volume, method: str = "demons") -> LabelMap:
     """The labels of an atlas on the voxels of a brain, each voxel by its nearest in the atlas.
 
     An affine map (`ngbrain.image.preprocess.registration`) lays the template into the brain. "demons" bends it on: symmetric
@@ -35,20 +35,20 @@ def transported(labels: LabelMap, template: Volume, brain: Volume, method: str =
     >>> from ngbrain.image.read.volume import mni152
     >>> scan = mni152().volume
     >>> halves = LabelMap(Volume((scan.data > 0) * (1 + (np.indices(scan.data.shape)[0] > 98)), scan.affine), {1: "l", 2: "r"})
-    >>> moved = transported(halves, scan, scan, "affine")
+    >>> moved = propagate_labels(halves, scan, scan, "affine")
     >>> f"{(moved.volume.data == halves.volume.data).mean():.2f}"
     '1.00'
     """
     if method not in METHODS:
         raise InputError("method", repr(method), nearest(method, METHODS))
-    template = upright(template)
+    template = reorient_to_ras(template)
     place = align(brain, template)
     inside = correlation_inside(brain, template, place.affine)
     if place.likeness < ALIKE or inside < INSIDE:
         what = f"unlike the brain (correlation {place.likeness:.2f}, inside {inside:.2f})"
         raise InputError("template", what, "T1s of two brains, without skulls")
     sitk = require("SimpleITK", "mri")
-    atlas = upright(labels.volume)
+    atlas = reorient_to_ras(labels.volume)
     fixed, to = _image(sitk, brain.data, brain.affine), np.linalg.inv(place.affine)
     affine = sitk.AffineTransform(3)
     affine.SetMatrix(to[:3, :3].ravel().tolist())

@@ -34,8 +34,8 @@ def falx(found: Structures) -> Sheet:
     Raises `InputError` where left and right do not meet.
 
     >>> from ngbrain.image import mni152
-    >>> from ngbrain.image.labelling import structured
-    >>> points, triangles = falx(structured(mni152()))
+    >>> from ngbrain.image.labelling import label_structures
+    >>> points, triangles = falx(label_structures(mni152()))
     >>> f"{1e3 * np.abs(points[:, 0]).mean():.0f} mm from the middle on average"
     '0 mm from the middle on average'
     """
@@ -110,7 +110,7 @@ def _share(found: Structures, parts: tuple[int, ...], lines: np.ndarray) -> np.n
     mask = np.isin(found.parts.data, parts).astype(np.float32)
     smooth = ndimage.gaussian_filter(mask, 1e-3 * _BLUR / found.parts.spacing)
     points = 1e-3 * lines.reshape(-1, 3) @ found.affine[:3, :3].T + found.affine[:3, 3]
-    return Volume(smooth, found.parts.affine).at(points).reshape(lines.shape[:-1])
+    return Volume(smooth, found.parts.affine).interpolate(points).reshape(lines.shape[:-1])
 
 
 def _largest(mask: np.ndarray) -> np.ndarray:

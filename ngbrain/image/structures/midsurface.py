@@ -35,7 +35,7 @@ class MidSurface:
         return np.asarray(points[:, 0] - ndimage.map_coordinates(self.offset, where, order=1, mode="nearest"))
 
     @classmethod
-    def of(cls, head: Volume, affine: np.ndarray) -> MidSurface:
+    def fit(cls, head: Volume, affine: np.ndarray) -> MidSurface:
         """Of a brain on a background of 0, into which `affine` (4, 4) takes the template (m).
 
         For every y and z the darkest place within 10 mm of the plane is found, nearer ones preferred, and weighted by how
@@ -45,7 +45,7 @@ class MidSurface:
         y, z = (first + _STEP * np.arange(n) for first, n in zip(_FIRST, _SHAPE, strict=True))
         grid = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1)
         points = 1e-3 * grid.reshape(-1, 3) @ affine[:3, :3].T + affine[:3, 3]
-        seen = ndimage.gaussian_filter(head.at(points).reshape(grid.shape[:3]), (2, 1, 1))
+        seen = ndimage.gaussian_filter(head.interpolate(points).reshape(grid.shape[:3]), (2, 1, 1))
         high = np.quantile(head.data[head.data > 0], 0.9)
         cost = seen / high + _STIFF * (x[:, None, None] / _REACH) ** 2
         low = cost.argmin(axis=0)

@@ -16,7 +16,7 @@ from ngbrain.image.preprocess import mni_landmarks
 from ngbrain.image.preprocess.registration import ALIKE, INSIDE, Alignment, align, correlation_inside
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.read.volume import Volume, mni152
-from ngbrain.image.segment.nuclei import nuclei
+from ngbrain.image.segment.nuclei import segment_nuclei
 from ngbrain.image.segment.tissue_classes import CSF, GREY, VENTRICLE, WHITE
 from ngbrain.image.structures.midsurface import MidSurface
 
@@ -64,7 +64,7 @@ class Structures:
     middle: MidSurface
 
 
-def structures(t1: Volume, tissues: Volume, place: Alignment | None = None) -> Structures:
+def segment_structures(t1: Volume, tissues: Volume, place: Alignment | None = None) -> Structures:
     """Split the tissues of a T1 into structures.
 
     Tissue is flooded from marks, bright first, so that floods meet in the dark between folds (Beucher & Meyer 1993):
@@ -83,8 +83,8 @@ def structures(t1: Volume, tissues: Volume, place: Alignment | None = None) -> S
             below 0.4).
         MissingExtra: nilearn or scikit-image is not installed.
 
-    >>> from ngbrain.image.labelling import structured  # structures of a scan's tissues, from the cache
-    >>> ml = structured(mni152()).labels.volumes_ml()
+    >>> from ngbrain.image.labelling import label_structures  # segments the tissues first, or takes them from the cache
+    >>> ml = label_structures(mni152()).labels.volumes_ml()
     >>> f"{ml['brain_stem']:.0f} ml of stem, {ml['white_left'] / ml['white_right']:.2f} times as much white left as right"
     '30 ml of stem, 1.00 times as much white left as right'
     """
@@ -93,13 +93,13 @@ def structures(t1: Volume, tissues: Volume, place: Alignment | None = None) -> S
     brain = tissues.data > 0
     if not np.isin(tissues.data, (GREY, WHITE)).any():
         raise InputError("tissues", "without grey and white matter", "labels of a whole brain")
-    head = on_black(t1, brain)
+    head = mask_background(t1, brain)
     place = place or align(head, mni152().volume)
     inside = correlation_inside(head, mni152().volume, place.affine)
     if place.likeness < ALIKE or inside < INSIDE:
         what = f"a brain unlike the MNI152 template (correlation {place.likeness:.2f}, inside {inside:.2f})"
         raise InputError("image", what, "a T1 of a whole brain")
-    middle = MidSurface.of(head, place.affine)
+    middle = MidSurface.fit(head, place.affine)
     box = tuple(slice(max(s.start - 1, 0), s.stop + 1) for s in ndimage.find_objects(brain.astype(np.uint8))[0])
     case = _Case.of(head, tissues, place.affine, middle, box)
     parts = case.parts()
@@ -111,7 +111,7 @@ def structures(t1: Volume, tissues: Volume, place: Alignment | None = None) -> S
     )
 
 
-def on_black(t1: Volume, brain: np.ndarray) -> Volume:
+def mask_background(t1: Volume, brain: np.ndarray) -> Volume:
     """The brain in a T1, 0 around it and nowhere below."""
     dark = min(float(t1.data[brain].min()), 0.0)
     return Volume(np.where(brain, t1.data - dark, 0).astype(np.float32), t1.affine)
@@ -172,7 +172,7 @@ class _Case:
         matter = np.isin(self.tissues, (GREY, WHITE))
         regions[(parts == STEM) & matter] = _NUMBERS["brain_stem"]
         regions[self.callosum(parts)] = _NUMBERS["corpus_callosum"]
-        deep = nuclei(self.grey, np.isin(self.tissues, (GREY, WHITE)), self.to, self.size)
+        deep = segment_nuclei(self.grey, np.isin(self.tissues, (GREY, WHITE)), self.to, self.size)
         regions[deep & (parts == LEFT)] = _NUMBERS["deep_grey_left"]
         regions[deep & (parts == RIGHT)] = _NUMBERS["deep_grey_right"]
         return regions

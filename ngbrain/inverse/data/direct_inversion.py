@@ -213,7 +213,7 @@ def local_frequency(data: WaveData) -> np.ndarray:
     >>> bool(abs(np.median(local_frequency(data)).real / (1000 * (2 * np.pi * 50 / 200) ** 2) - 1) < 0.03)
     True
     """
-    grid = data.structured
+    grid = data.grid
     if grid is None:
         raise InputError("points", "scattered", "a grid")
     slowness, total = np.zeros(grid.shape), np.zeros(grid.shape)

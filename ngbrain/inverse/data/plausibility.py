@@ -38,7 +38,7 @@ def of_frequency(data: WaveData, shear: float) -> list[str]:
     means, notes = f"at {data.frequency.max():g} Hz {_means(data, shear)}", list[str]()
     if not SOFT <= shear <= STIFF:
         notes.append(f"{means}, which few tissues have: is the frequency in Hz, are the points in m?")
-    if (along := _length(data, shear) / data.apart) < FEW:
+    if (along := _length(data, shear) / data.point_spacing) < FEW:
         notes.append(f"{means}, and {along:.1f} distances between points: what is shorter cannot be told from it")
     return notes
 

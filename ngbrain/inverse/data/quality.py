@@ -13,7 +13,7 @@ from scipy import ndimage
 from ngbrain.errors import InputError, NgbrainError
 from ngbrain.forward.harmonic.factors import Factorised
 from ngbrain.image.mre.displacement import gradient_noise, octahedral_amplitude, strain_snr
-from ngbrain.image.preprocess.registration import largest
+from ngbrain.image.preprocess.registration import largest_component
 from ngbrain.inverse.data.outliers import beside_jumps
 from ngbrain.inverse.data.smoothing import smoothed
 from ngbrain.io.waves import WaveData
@@ -163,9 +163,9 @@ def where_strained(data: WaveData, noise: float | None, least: float) -> np.ndar
         raise InputError(
             "displacement", strain.note or "without noise", "all components and noise, or no least OSS-SNR"
         )
-    strained, grid = (np.nan_to_num(strain.snr) >= least).any(axis=0), data.structured
+    strained, grid = (np.nan_to_num(strain.snr) >= least).any(axis=0), data.grid
     if grid:
-        strained = grid.flat(ndimage.binary_fill_holes(largest(grid.box(strained))))
+        strained = grid.flat(ndimage.binary_fill_holes(largest_component(grid.box(strained))))
     return np.asarray(data.mask & strained)
 
 
@@ -178,9 +178,9 @@ def _third_row(gradient: np.ndarray) -> np.ndarray:
 
 def _spacing(data: WaveData) -> np.ndarray:
     """Of neighbours along each axis (dim,) m."""
-    if data.structured:
-        return np.asarray(data.structured.spacing @ np.abs(data.structured.axes))
-    return np.full(data.dim, data.apart)
+    if data.grid:
+        return np.asarray(data.grid.spacing @ np.abs(data.grid.axes))
+    return np.full(data.dim, data.point_spacing)
 
 
 def resonance_distance(data: WaveData, factors: Factorised) -> float | None:

@@ -97,7 +97,7 @@ def smoothed(data: WaveData) -> SmoothField:
 
 def takes_splines(data: WaveData) -> bool:
     """Whether the points are a grid that is not thin."""
-    return data.structured is not None and min(data.structured.shape) >= FEWEST
+    return data.grid is not None and min(data.grid.shape) >= FEWEST
 
 
 _KNOWN: WeakKeyDictionary[WaveData, SmoothField] = WeakKeyDictionary()
@@ -155,7 +155,7 @@ def fit_splines(data: WaveData, full: float = 0.9) -> SplineField:
     Raises `InputError` if the points are no grid, or one of less than 8 points along an axis; or if a component is measured at
     some points of the mask, but at no more than 6 to the power of the dimension, as many as the smallest spline has coefficients.
     """
-    grid = data.structured
+    grid = data.grid
     if grid is None or min(grid.shape) < FEWEST:
         found = "scattered" if grid is None else f"a grid of {' x '.join(map(str, grid.shape))}"
         raise InputError("points", found, f"a grid with at least {FEWEST} points along each axis")

@@ -15,7 +15,7 @@ import numpy as np
 
 from ngbrain.errors import InputError, file_context
 from ngbrain.forward.common.interpolation import quadrature_field, quadrature_points
-from ngbrain.image.read.property_maps import measured, read_map, sampled
+from ngbrain.image.read.property_maps import interpolate_map, measured_mask, read_map
 from ngbrain.image.read.volume import Volume
 from ngbrain.materials.modulus import of_stiffness
 
@@ -67,8 +67,8 @@ class StiffnessMap:
         InputError
             More than half of the points lie where nothing was measured: another space, or another unit of length.
         """
-        measured(self.stiffness, points)
-        return of_stiffness(sampled(self.stiffness, points), sampled(self.damping_ratio, points))
+        measured_mask(self.stiffness, points)
+        return of_stiffness(interpolate_map(self.stiffness, points), interpolate_map(self.damping_ratio, points))
 
     def over(self, mesh: ngs.Mesh, degree: int) -> tuple[ngs.GridFunction, ngs.GridFunction]:
         """G' and G'' (Pa) at the points of a `Harmonic` with `quadrature=degree` on a mesh, for its integrals alone.
@@ -85,7 +85,7 @@ class StiffnessMap:
         Parameters
         ----------
         affine : numpy.ndarray
-            (4, 4), takes points (m) of the maps' space to points of the head: of a T1, `ngbrain.image.labelling.template_place`.
+            (4, 4), takes points (m) of the maps' space to points of the head: of a T1, `ngbrain.image.labelling.template_affine`.
         """
         stiffness, damping = (Volume(each.data, affine @ each.affine) for each in (self.stiffness, self.damping_ratio))
         return replace(self, stiffness=stiffness, damping_ratio=damping)

@@ -21,7 +21,7 @@ def check_passive(data: WaveData) -> None:
     >>> u = 1e-5 * np.stack([np.exp(-1j * k * grid[:, 1]), np.exp(-1j * k * grid[:, 0])], axis=1)[None]
     >>> data = WaveData(grid, u, [60.0], 1000.0, "isotropic", "viscoelastic", poisson=0.4)
     >>> check_passive(data)
-    >>> check_passive(data.conjugated())
+    >>> check_passive(data.conjugate())
     Traceback (most recent call last):
     ngbrain.errors.InputError: displacement is of waves that gain energy, G''/G' = -0.2; wanted: u of Re(u e^{+iωt}), ...
     """

@@ -41,8 +41,14 @@ def moving_axis(data: WaveData) -> int | None:
     >>> moving_axis(data)
     2
     """
-    grid = data.structured
-    if data.dim != 3 or grid is None or not grid.along or data.symmetry != "isotropic" or not np.all(data.frequency):
+    grid = data.grid
+    if (
+        data.dim != 3
+        or grid is None
+        or not grid.is_axis_aligned
+        or data.symmetry != "isotropic"
+        or not np.all(data.frequency)
+    ):
         return None
     moves = np.any(np.nan_to_num(data.displacement[:, data.mask]) != 0, axis=(0, 1))
     return int(moves.argmax()) if moves.sum() == 1 else None
@@ -50,7 +56,7 @@ def moving_axis(data: WaveData) -> int | None:
 
 def slices_of(data: WaveData, axis: int) -> list[tuple[Array, WaveData]]:
     """Numbers of the points of each slice across an axis, and its waves; slices of fewer than `FEWEST` points are left out."""
-    grid = data.structured
+    grid = data.grid
     assert grid is not None
     numbers, other = grid.box(np.arange(len(data.points))), [i for i in range(3) if i != axis]
     default = np.array_equal(data.dirichlet, data.border)
@@ -187,7 +193,7 @@ def share_through(data: WaveData, axis: int, maps: dict[str, Array]) -> float | 
 
     From parabolas through up to `WINDOW` slices: their bend and their mean have independent errors, so that noise adds nothing.
     """
-    grid = data.structured
+    grid = data.grid
     assert grid is not None
     size, spacing = min(WINDOW, grid.shape[axis]), grid.spacing[axis]
     if size < 3:

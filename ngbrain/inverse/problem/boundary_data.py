@@ -46,7 +46,7 @@ def driven(data: WaveData, mesh: ngs.Mesh) -> tuple[ngs.Mesh, str]:
         )
         raise InputError("dirichlet", found, "true at points of the mask's border alone, or None for all of them")
     inside = flags & ~data.border
-    if data.structured is None and inside.any():  # borders of holes are none of the hull
+    if data.grid is None and inside.any():  # borders of holes are none of the hull
         vertices, size = KDTree(corners.reshape(-1, data.dim)), float(np.ptp(data.points))
         inside &= vertices.query(data.points)[0] > ON * size
     if inside.any():

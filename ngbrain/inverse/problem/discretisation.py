@@ -73,7 +73,7 @@ def as_made(data: WaveData) -> Discretisation:
     """
     if data.element is None:
         raise InputError("element", "not given", "q4 or q4p0, or a discretisation of our own (fe)")
-    grid = data.structured
+    grid = data.grid
     assert grid is not None  # WaveData has seen to it
     lines = [start + step * np.arange(n) for start, step, n in zip(grid.origin, grid.spacing, grid.shape, strict=True)]
     form = {"q4": "Q1", "q4p0": "Q1/L2(0)"}[data.element]
@@ -89,10 +89,10 @@ def in_elements(data: WaveData, order: int = 3) -> Discretisation:
     form = form_of(data, order)
     if data.dim == 3:
         return on_lattice(data, lattice(data, form, LARGEST))
-    grid = data.structured
-    if grid is not None and grid.along and not data.mask.all() and data.frequency.any():
+    grid = data.grid
+    if grid is not None and grid.is_axis_aligned and not data.mask.all() and data.frequency.any():
         return on_lattice(data, lattice(data, form))
-    if grid is not None and grid.along:
+    if grid is not None and grid.is_axis_aligned:
         steps = np.rint(np.ptp(data.points[data.mask], axis=0) / grid.spacing)
         number = [max(1, round(n / order)) for n in steps]
         fewer = [min(n, max(FEWEST, round(n / COARSER))) for n in number]

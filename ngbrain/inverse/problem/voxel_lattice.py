@@ -103,9 +103,9 @@ def voxels(data: WaveData) -> tuple[Array, Array]:
 
     Points that were left of a grid along the coordinates have few values of each; others count as equally far apart.
     """
-    if data.structured is not None:
-        return data.structured.axes, data.structured.spacing
-    points, nearest = data.points[data.mask], data.apart
+    if data.grid is not None:
+        return data.grid.axes, data.grid.spacing
+    points, nearest = data.points[data.mask], data.point_spacing
     unit = SAME * nearest
     steps = [np.diff(np.unique(np.round((x - x.min()) / unit))) for x in points.T]
     if np.prod([len(step) + 1.0 for step in steps]) > SPARSE * len(points):

@@ -266,7 +266,7 @@ class Experiment:
         if self.data.dim == 3 and np.isfinite(self.measured).any(axis=1).sum(axis=1).min() < 2:
             wanted = "two of them at least for each load in space: there one alone tells too little"
             raise InputError("displacement", "of which one component alone is measured", wanted)
-        beyond = self.data.structured is not None and not self.data.mask.all()  # elements reach out of a mask
+        beyond = self.data.grid is not None and not self.data.mask.all()  # elements reach out of a mask
         if self.data.dim == 3 or not every or beyond:
             return self._extended()
         at = _samples(self.elements.mesh, self.body.form.order)

@@ -274,7 +274,7 @@ def _in_cells(data: WaveData, cells: Lattice, size: float | None, overlap: float
     if size is None:
         return np.maximum(np.rint(SIDE * wave / side).astype(int), shared + FEW), shared
     most = (size / side + LESS).astype(int)
-    least = max(float(np.max((shared + 1) * side)), overlap + FEWEST ** (1 / 3) * data.apart)
+    least = max(float(np.max((shared + 1) * side)), overlap + FEWEST ** (1 / 3) * data.point_spacing)
     if size < least * (1 - 1e-9) or not np.all(most > shared):
         wanted = f"{least:.3g} m or more, {float(np.max(shared * side)):.3g} of it an overlap"
         raise InputError("size", f"{size:.3g}", wanted)

@@ -201,7 +201,7 @@ def concluded(
         **{f"disagreement_{name}": off for name, off in last.disagreement.items()},
     }
     free = free_part(driven(data, cells.mesh)[0])
-    volume = data.apart**data.dim if data.structured is None else float(np.prod(data.structured.spacing))
+    volume = data.point_spacing**data.dim if data.grid is None else float(np.prod(data.grid.spacing))
     known = int(np.isfinite(np.sum(list(last.maps.values()), axis=0)).sum())
     sizes = [len(zone.points) for zone in zones]
     return Inversion(

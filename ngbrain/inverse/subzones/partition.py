@@ -66,7 +66,7 @@ def cut(data: WaveData, cells: Lattice, size: Sequence[int] | Array, overlap: Se
         [np.interp(x, plane, np.arange(len(plane))) for x, plane in zip(points.T, cells.planes, strict=True)], 1
     )
     shape, far = np.array(cells.cells.shape), np.full(data.dim, np.inf)
-    touching = TOUCHING * data.apart
+    touching = TOUCHING * data.point_spacing
     zones, numbers = [], np.flatnonzero(data.mask)
     for box in _boxes(at, Box(0 * shape, shape, -far, far), np.asarray(size), np.asarray(overlap)):
         near = box.holds(at)
@@ -84,8 +84,8 @@ def part(data: WaveData, zone: Zone, noise: Relative | None = None) -> tuple[Wav
     joined map.
     """
     chosen = zone.points
-    if data.structured:
-        shape = data.structured.shape
+    if data.grid:
+        shape = data.grid.shape
         places = np.array(np.unravel_index(chosen, shape, order="F"))
         sides = [
             np.arange(max(0, min(a, n - WIDE)), min(n, max(b + 1, a + WIDE)))

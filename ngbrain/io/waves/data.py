@@ -61,7 +61,7 @@ class WaveData:
     >>> grid = np.array([[x, y] for y in range(3) for x in range(3)]) * 0.01
     >>> u = 1e-6 * np.ones((1, 9, 2))
     >>> data = WaveData(grid, u, [50.0], 1000.0, "isotropic", "elastic", poisson=0.49)
-    >>> data.dim, data.loads, data.structured.shape, int(data.dirichlet.sum())
+    >>> data.dim, data.loads, data.grid.shape, int(data.dirichlet.sum())
     (2, 1, (3, 3), 8)
     >>> WaveData(1000 * grid, u, [50.0], 1000.0, "isotropic", "elastic", poisson=0.49)
     Traceback (most recent call last):
@@ -136,7 +136,7 @@ class WaveData:
         if across > _LARGEST:
             raise InputError("points", f"{across:.6g} across", f"metres: at most {_LARGEST:g} m")
         self._set(points=points)
-        if self.structured is None:
+        if self.grid is None:
             near = KDTree(points).query(points, k=2)[0][:, 1]
             if near.min() <= 1e-9 * across:
                 raise InputError("points", f"twice the same, point {int(near.argmin())}", "every point once")
@@ -195,7 +195,7 @@ class WaveData:
             self._set(bulk=bulk if bulk.imag else bulk.real)
         if self.fibre is not None:
             n, d = self.points.shape
-            one = even("fibre", self.fibre).ndim == 1
+            one = to_array("fibre", self.fibre).ndim == 1
             fibre = np.broadcast_to(_array("fibre", self.fibre, (d,) if one else (n, d), "fiu").astype(float), (n, d))
             length = np.linalg.norm(fibre, axis=1)
             off = self.mask & ~(np.abs(length - 1) < 1e-3)
@@ -206,8 +206,8 @@ class WaveData:
             raise InputError("fibre", "missing", "unit vectors of the fibres, or fibre_angle_deg in the plane")
 
     def _check_grid(self) -> None:
-        grid = self.structured
-        if self.element and not (grid and grid.along and self.dim == 2):
+        grid = self.grid
+        if self.element and not (grid and grid.is_axis_aligned and self.dim == 2):
             wanted = "points on a plane grid along x and y, numbered along x first, or no element"
             raise InputError("element", self.element, wanted)
         if self.affine is not None:
@@ -243,12 +243,12 @@ class WaveData:
         return len(self.displacement)
 
     @cached_property
-    def structured(self) -> Grid | None:
+    def grid(self) -> Grid | None:
         """The grid of the points (shape, spacing, axes), or None if they are scattered."""
-        return Grid.of(self.points)
+        return Grid.from_points(self.points)
 
     @cached_property
-    def apart(self) -> float:
+    def point_spacing(self) -> float:
         """Median distance (m) of points of the mask from the nearest other one."""
         points = self.points[self.mask]
         return float(np.median(KDTree(points).query(points, k=2)[0][:, 1]))
@@ -256,7 +256,7 @@ class WaveData:
     @cached_property
     def border(self) -> np.ndarray:
         """(n,) bool: the points of the mask at its border, see `hull`."""
-        return hull(self.points, self.structured, self.mask)
+        return hull(self.points, self.grid, self.mask)
 
     @property
     def measured(self) -> np.ndarray:
@@ -302,7 +302,7 @@ class WaveData:
             return youngs / (2 * (1 + float(self.poisson or 0)))
         return 3 * self.bulk * youngs / (9 * self.bulk - youngs)
 
-    def conjugated(self) -> WaveData:
+    def conjugate(self) -> WaveData:
         """The same waves from the other time convention, e^{-iωt}: complex conjugates of the displacement."""
         return replace(self, displacement=np.conj(self.displacement))
 
@@ -341,7 +341,7 @@ class WaveData:
 
 def _array(name: str, value: Any, shape: tuple[Any, ...], kinds: str, wanted: str = "") -> np.ndarray:
     """An array of these kinds of number and this shape: None is any length, a tuple one of several."""
-    array = even(name, value, wanted)
+    array = to_array(name, value, wanted)
     fits = array.ndim == len(shape) and all(
         want is None or (size in want if isinstance(want, tuple) else size == want)
         for size, want in zip(array.shape, shape, strict=True)
@@ -357,7 +357,7 @@ def _array(name: str, value: Any, shape: tuple[Any, ...], kinds: str, wanted: st
     return array
 
 
-def even(name: str, value: Any, wanted: str = "") -> np.ndarray:
+def to_array(name: str, value: Any, wanted: str = "") -> np.ndarray:
     """As an array; `InputError` for sequences of several lengths."""
     try:
         return np.asarray(value)
@@ -373,7 +373,7 @@ def _number(name: str, value: Any, low: float, high: float, wanted: str) -> floa
 
 
 def _noise(name: str, value: Any, mask: np.ndarray) -> float | np.ndarray:
-    if even(name, value).ndim == 0:
+    if to_array(name, value).ndim == 0:
         return _number(name, value, 0.0, _NOISIEST, "relative, from 0 on (0.02: two per cent)")
     n = len(mask)
     array = _array(name, value, (n,), "fiu", f"one number, relative (0.02: two per cent), or {n}, one for each point")

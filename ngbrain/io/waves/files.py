@@ -15,11 +15,11 @@ from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError, NgbrainError, file_context
 from ngbrain.image.read.nifti import NIFTI
 from ngbrain.io.hdf5 import hdf5_image
-from ngbrain.io.waves.data import TRUTHS, WaveData, even
+from ngbrain.io.waves.data import TRUTHS, WaveData, to_array
 from ngbrain.io.waves.matlab import read_matlab
 from ngbrain.io.waves.nifti import read_nifti, write_nifti_waves
-from ngbrain.io.waves.samples import SAMPLED, as_amplitudes
-from ngbrain.io.waves.volumes import IN_VOLUMES, REQUIRED, at_points, in_metres, lacking
+from ngbrain.io.waves.samples import SAMPLED, samples_to_amplitudes
+from ngbrain.io.waves.volumes import IN_VOLUMES, REQUIRED, convert_to_metres, missing_keys, voxels_to_points
 from ngbrain.reading import check_regular, hdf5, read_npz
 
 _OPTIONAL = (
@@ -110,9 +110,9 @@ def to_keys(data: WaveData) -> dict[str, Any]:
 def from_keys(keys: Mapping[str, Any]) -> WaveData:
     """The data that a file holds; 0-d arrays become numbers and text."""
     for name, value in keys.items():
-        even(name, value)
-    keys = as_amplitudes(at_points(in_metres(keys)))
-    if missing := lacking(keys):
+        to_array(name, value)
+    keys = samples_to_amplitudes(voxels_to_points(convert_to_metres(keys)))
+    if missing := missing_keys(keys):
         raise InputError(", ".join(missing), "missing", f"wave data with {', '.join(REQUIRED)} and poisson or bulk")
     if np.ndim(keys["frequency"]) == 0:
         keys["frequency"] = np.atleast_1d(keys["frequency"])
@@ -127,7 +127,7 @@ def from_keys(keys: Mapping[str, Any]) -> WaveData:
         raise InputError("conjugate", keys["conjugate"], "true or false")
     truth = {name: np.asarray(keys[f"truth_{name}"]) for name in TRUTHS if f"truth_{name}" in keys}
     data = WaveData(**fields, truth=truth)
-    return data.conjugated() if conjugate.item() else data
+    return data.conjugate() if conjugate.item() else data
 
 
 def _plain(name: str, value: Any) -> Any:

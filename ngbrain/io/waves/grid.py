@@ -25,7 +25,7 @@ class Grid:
         origin: (d,) m, its first point.
         axes: (d, d), the unit vector of axis i in row i; the identity when the grid lies along the coordinates.
 
-    >>> grid = Grid.of(np.array([[x, y] for y in (0.0, 2.0) for x in (0.0, 1.0, 2.0)]))
+    >>> grid = Grid.from_points(np.array([[x, y] for y in (0.0, 2.0) for x in (0.0, 1.0, 2.0)]))
     >>> grid.shape, grid.spacing, grid.box(np.arange(6))[2].tolist()
     ((3, 2), array([1., 2.]), [2, 5])
     """
@@ -36,7 +36,7 @@ class Grid:
     axes: np.ndarray
 
     @property
-    def along(self) -> bool:
+    def is_axis_aligned(self) -> bool:
         """Whether the axes of the grid are those of the coordinates, in their order and sense."""
         return bool(np.abs(self.axes - np.eye(len(self.shape))).max() < _OFF)
 
@@ -59,7 +59,7 @@ class Grid:
         return (points - self.origin) @ self.axes.T
 
     @staticmethod
-    def of(points: np.ndarray) -> Grid | None:
+    def from_points(points: np.ndarray) -> Grid | None:
         """The grid that these points (n, d) m are, in this order; None if they are none with right angles."""
         n, d = points.shape
         shape: list[int] = []
@@ -97,7 +97,7 @@ def hull(points: np.ndarray, grid: Grid | None, mask: np.ndarray) -> np.ndarray:
 
     Raises `InputError` if scattered points lie on a line or a plane.
 
-    >>> grid = Grid.of(np.array([[x, y] for y in range(3) for x in range(4)], float))
+    >>> grid = Grid.from_points(np.array([[x, y] for y in range(3) for x in range(4)], float))
     >>> grid.box(hull(grid.points(), grid, np.ones(12, bool)))[:, 1].tolist()
     [True, False, False, True]
     """

@@ -23,11 +23,11 @@ from typing import Any
 import numpy as np
 
 from ngbrain.errors import InputError
-from ngbrain.image.read.nifti import NIFTI, suffix_of, write_nifti
-from ngbrain.image.read.volume import Volume, opened
+from ngbrain.image.read.nifti import NIFTI, nifti_suffix, write_nifti
+from ngbrain.image.read.volume import Volume, open_image
 from ngbrain.io.json_file import write_json
 from ngbrain.io.waves.data import WaveData
-from ngbrain.io.waves.volumes import in_plane_of, lacking, with_loads
+from ngbrain.io.waves.volumes import add_load_axis, is_plane, missing_keys
 from ngbrain.reading import read_json
 
 TEMPLATE = """\
@@ -62,8 +62,8 @@ def read_nifti(path: Path) -> dict[str, Any]:
         if imaginary.shape != u.shape or np.iscomplexobj(u) or np.iscomplexobj(imaginary):
             raise InputError("displacement", f"{u.shape} and {imaginary.shape}", "two real images of one shape")
         u = u + 1j * imaginary
-    u = with_loads(u)
-    timed, plane = u.ndim == 6, in_plane_of(u.shape)
+    u = add_load_axis(u)
+    timed, plane = u.ndim == 6, is_plane(u.shape)
     keys = _sidecar(path)
     d, shape = 2 if plane else 3, u.shape[:3]
     n = int(np.prod(shape))
@@ -86,7 +86,7 @@ def read_nifti(path: Path) -> dict[str, Any]:
 
 def write_nifti_waves(path: Path, data: WaveData, keys: Mapping[str, Any]) -> None:
     """The displacement, its sidecar and an image for each field with values at the points; the displacement comes last."""
-    suffix, affine, shape = suffix_of(path), *_grid_of(data)
+    suffix, affine, shape = nifti_suffix(path), *_grid_of(data)
     stem = path.name[: -len(suffix)]
     fields = {name: keys[name] for name in keys if name in _AT_POINTS or name.startswith("truth_")}
     fields |= {"noise": keys["noise"]} if isinstance(keys.get("noise"), np.ndarray) else {}
@@ -118,7 +118,7 @@ def _image(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """The numbers of an image, real double or complex, and its affine (m)."""
     if not path.name.endswith(NIFTI):
         raise InputError("image", repr(path.name), " or ".join(NIFTI), path)
-    image, affine = opened(path, _SIDES)
+    image, affine = open_image(path, _SIDES)
     if not image.shape or np.prod(image.shape, dtype=float) > _MOST:
         raise InputError("image", f"of shape {image.shape}", f"at most {_MOST} numbers", path)
     values = np.asanyarray(image.dataobj)
@@ -128,7 +128,7 @@ def _image(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _sidecar(path: Path) -> dict[str, Any]:
-    place = path.with_name(path.name[: -len(suffix_of(path))] + ".json")
+    place = path.with_name(path.name[: -len(nifti_suffix(path))] + ".json")
     if not place.is_file():
         wanted = "a JSON file beside the image: `ngbrain invert --template` prints one"
         raise InputError("sidecar", "missing", wanted, place)
@@ -140,7 +140,7 @@ def _sidecar(path: Path) -> dict[str, Any]:
             raise InputError(name, "given", "nothing: the image has it", place)
     files = keys.get("files", {})
     known = ("points", "displacement", *(files if isinstance(files, Mapping) else ()))
-    if missing := lacking({name: value for name, value in keys.items() if value is not None}, known):
+    if missing := missing_keys({name: value for name, value in keys.items() if value is not None}, known):
         wanted = "a number or text for each: `ngbrain invert --template` prints a sidecar that has all"
         raise InputError(", ".join(missing), "missing", wanted, place)
     bulk = keys.get("bulk")
@@ -161,7 +161,7 @@ def _places(affine: np.ndarray, shape: tuple[int, ...], d: int) -> np.ndarray:
 
 def _grid_of(data: WaveData) -> tuple[np.ndarray, tuple[int, int, int]]:
     """Affine (m) and the three sizes of the image that the points are the voxels of."""
-    grid = data.structured
+    grid = data.grid
     if grid is None:
         raise InputError("points", "no grid", "points on a grid, numbered along its first axis first, for NIfTI")
     d = data.dim

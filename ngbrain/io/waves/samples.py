@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from ngbrain.errors import InputError
-from ngbrain.image.mre.displacement import displacement, harmonic, tissue, unwrapped_through_time
+from ngbrain.image.mre.displacement import first_harmonic, phase_to_displacement, tissue_mask, unwrap_phase_in_time
 from ngbrain.io.waves.grid import Grid
 
 SAMPLED = ("samples", "phase", "encoding", "magnitude")
@@ -28,8 +28,8 @@ FEWEST = 3
 """Samples over a period."""
 
 
-def as_amplitudes(keys: Mapping[str, Any]) -> dict[str, Any]:
-    """The keys of a file with `displacement`, `mask` and `noise` in place of those of `SAMPLED`.
+def samples_to_amplitudes(keys: Mapping[str, Any]) -> dict[str, Any]:
+    """The keys of a file with `phase_to_displacement`, `mask` and `noise` in place of those of `SAMPLED`.
 
     Raises `InputError` for samples beside displacements, of another shape, at rest, or too few; phases without encoding, at
     points that are no grid, or that move too fast to be unwrapped. `MissingExtra` for phases without scikit-image.
@@ -37,7 +37,7 @@ def as_amplitudes(keys: Mapping[str, Any]) -> dict[str, Any]:
     >>> points = np.array([[x, y] for y in range(3) for x in range(3)]) * 0.01
     >>> turn = np.exp(2j * np.pi * np.arange(4) / 4)
     >>> keys = {"points": points, "frequency": [50.0], "samples": np.real((1e-6 + 2e-6j) * np.ones((1, 9, 2, 1)) * turn)}
-    >>> complex(np.round(1e6 * as_amplitudes(keys)["displacement"][0, 0, 0], 9))
+    >>> complex(np.round(1e6 * samples_to_amplitudes(keys)["displacement"][0, 0, 0], 9))
     (1+2j)
     """
     found = {name: value for name, value in keys.items() if name not in SAMPLED}
@@ -52,8 +52,8 @@ def as_amplitudes(keys: Mapping[str, Any]) -> dict[str, Any]:
     values = _over_time(name, keys)
     if name == "phase":
         encoding = _encoding(keys, values.shape[2])
-        values = displacement(_through_time(values, keys, _counting(found)), encoding)
-    found["displacement"], error = harmonic(values)
+        values = phase_to_displacement(_through_time(values, keys, _counting(found)), encoding)
+    found["displacement"], error = first_harmonic(values)
     times = values.shape[-1]
     if times > FEWEST and keys.get("noise") is None:
         found["noise"] = _relative(found["displacement"], np.sqrt(2 / times) * error, _counting(found))
@@ -100,7 +100,7 @@ def _through_time(phase: np.ndarray, keys: Mapping[str, Any], counting: np.ndarr
     grid, found = _grid("phase", keys), np.full(phase.shape, np.nan)
     for load, i in np.ndindex(phase.shape[0], phase.shape[2]):
         if not np.isnan(phase[load, :, i]).all():
-            found[load, :, i] = grid.flat(unwrapped_through_time(grid.box(phase[load, :, i]), grid.box(counting)))
+            found[load, :, i] = grid.flat(unwrap_phase_in_time(grid.box(phase[load, :, i]), grid.box(counting)))
     return found
 
 
@@ -115,13 +115,13 @@ def _mask(keys: Mapping[str, Any]) -> np.ndarray:
     n = int(np.prod(grid.shape))
     if magnitude.shape != (n,) or magnitude.dtype.kind not in "fiu" or not np.isfinite(magnitude).all():
         raise InputError("magnitude", f"{magnitude.dtype} of shape {magnitude.shape}", f"finite real numbers ({n},)")
-    return grid.flat(tissue(grid.box(magnitude)))
+    return grid.flat(tissue_mask(grid.box(magnitude)))
 
 
 def _grid(name: str, keys: Mapping[str, Any]) -> Grid:
     points = np.asarray(keys.get("points", ()))
     numbers = points.ndim == 2 and points.dtype.kind in "fiu" and np.isfinite(points).all()
-    grid = Grid.of(points.astype(float)) if numbers else None
+    grid = Grid.from_points(points.astype(float)) if numbers else None
     if grid is None:
         raise InputError(name, "given at points that are no grid", "a grid, numbered along its first axis first")
     return grid

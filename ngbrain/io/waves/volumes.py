@@ -21,10 +21,10 @@ IN_VOLUMES = ("spacing", "displacement_unit", "length_unit")
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6}
 
 
-def in_metres(keys: Mapping[str, Any]) -> dict[str, Any]:
+def convert_to_metres(keys: Mapping[str, Any]) -> dict[str, Any]:
     """The keys with lengths in m, without those that name a unit. Raises `InputError` for a unit that is none.
 
-    >>> in_metres({"points": np.array([[1.0, 2.0]]), "length_unit": "mm"})["points"].tolist()
+    >>> convert_to_metres({"points": np.array([[1.0, 2.0]]), "length_unit": "mm"})["points"].tolist()
     [[0.001, 0.002]]
     """
     found = dict(keys)
@@ -41,11 +41,11 @@ def in_metres(keys: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
-def with_loads(u: np.ndarray) -> np.ndarray:
+def add_load_axis(u: np.ndarray) -> np.ndarray:
     """Values on voxels as (x, y, z, loads, components) or with times after that, of one load or one component too.
 
-    >>> with_loads(np.zeros((4, 4, 3, 3))).shape, with_loads(np.zeros((4, 4, 1, 7))).shape, with_loads(np.zeros((4, 4, 1))).shape
-    ((4, 4, 3, 1, 3), (4, 4, 1, 7, 1), (4, 4, 1, 1, 1))
+    >>> [add_load_axis(np.zeros(shape)).shape for shape in ((4, 4, 3, 3), (4, 4, 1, 7), (4, 4, 1))]
+    [(4, 4, 3, 1, 3), (4, 4, 1, 7, 1), (4, 4, 1, 1, 1)]
     """
     if u.ndim == 3:
         return u[..., None, None]
@@ -55,7 +55,7 @@ def with_loads(u: np.ndarray) -> np.ndarray:
     return u
 
 
-def in_plane_of(shape: tuple[int, ...]) -> bool:
+def is_plane(shape: tuple[int, ...]) -> bool:
     """Whether values (x, y, z, loads, components[, times]) are of a plane: one slice. `InputError` where they are of neither."""
     plane = len(shape) in (5, 6) and shape[4] in (1, 2) and shape[2] == 1
     if not plane and not (len(shape) in (5, 6) and shape[4] == 3 and min(shape[:3]) > 1):
@@ -67,7 +67,7 @@ def in_plane_of(shape: tuple[int, ...]) -> bool:
     return plane
 
 
-def at_points(keys: Mapping[str, Any]) -> dict[str, Any]:
+def voxels_to_points(keys: Mapping[str, Any]) -> dict[str, Any]:
     """The keys with points in place of `spacing`, and everything on voxels at these points, numbered along x first."""
     found = dict(keys)
     if "spacing" not in found:
@@ -77,8 +77,8 @@ def at_points(keys: Mapping[str, Any]) -> dict[str, Any]:
     name = next((each for each in ("displacement", "samples", "phase") if each in found), None)
     if "points" in found or name is None:
         raise InputError("spacing", "given" if name else "given without displacement", "points or spacing, not both")
-    u = with_loads(np.asarray(found[name]))
-    plane, shape = in_plane_of(u.shape), u.shape[:3]
+    u = add_load_axis(np.asarray(found[name]))
+    plane, shape = is_plane(u.shape), u.shape[:3]
     d, n = 2 if plane else 3, int(np.prod(shape))
     spacing = np.asarray(found.pop("spacing"), float).ravel()
     if spacing.size not in (1, d, 3) or not (np.isfinite(spacing) & (spacing > 0)).all():
@@ -95,7 +95,7 @@ def at_points(keys: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
-def lacking(keys: Mapping[str, Any], known: tuple[str, ...] = ()) -> list[str]:
+def missing_keys(keys: Mapping[str, Any], known: tuple[str, ...] = ()) -> list[str]:
     """Names of all that is missing; `known` are those that another file has."""
     required = {name: f"{name} or spacing" if name == "points" else name for name in REQUIRED}
     names = [said for name, said in required.items() if name not in keys and name not in known]

@@ -25,7 +25,7 @@ from ngbrain.forward.solid.inertia import Inertia
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.forward.transient.time_stepper import run_load_history
-from ngbrain.image.read.fibre_directions import read_directions
+from ngbrain.image.read.fibre_directions import read_fibre_directions
 from ngbrain.image.read.volume import Volume
 from ngbrain.ladder.adaptivity import SHARE, chosen, shares
 from ngbrain.ladder.levels import MeshLevel, Model, OrderLevel, TimeLevel
@@ -172,7 +172,7 @@ class ModelHierarchy:
         """Its direction in a region of a mesh, one or a field."""
         if tissue.fibre is not None:
             return in_axes(tissue.fibre, mesh.dim == 2)
-        directions = read_directions(str(tissue.fibre_map), str(tissue.fibre_map_convention))
+        directions = read_fibre_directions(str(tissue.fibre_map), str(tissue.fibre_map_convention))
         return fibres(directions, mesh, np.array([each.mat == region for each in mesh.Elements()]))
 
     def _face(self, mesh: ngs.Mesh, bc: DisplacementBC) -> RigidFace:
@@ -183,7 +183,9 @@ class ModelHierarchy:
             for value in (ngs.CF(1), ngs.InnerProduct(ngs.CF(by), ngs.specialcf.normal(mesh.dim)))
         )
         if outward > -0.1 * area * math.hypot(*by):
-            raise InputError("displacement_bc.value_mm", bc.shown("value"), "into the body, of a frictionless face")
+            raise InputError(
+                "displacement_bc.value_mm", bc.toml_value("value"), "into the body, of a frictionless face"
+            )
         modulus = self.factor(self.largest, {}) * self.tissue(self.largest, {}).initial_modulus
         return RigidFace(bc.boundary, by, float(FIRM * modulus / area ** (1 / (mesh.dim - 1))))
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.image import mni152, read_scan
-from ngbrain.image.labelling import tissues
+from ngbrain.image.labelling import label_tissues
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.read.label_schemes import TISSUES
 from ngbrain.image.segment.tissue_classes import WHITE
@@ -123,11 +123,11 @@ def scanned(geometry: Geometry, size: float) -> meshing.Mesh:
     parts of these.
     """
     scan = mni152() if geometry.kind == "mni152" else read_scan(str(geometry.image))
-    labels = tissues(scan).volume
+    labels = label_tissues(scan).volume
     mesh = meshed(LabelMap(labels, TISSUES), "hull", Graded(size, size)).mesh()
     made = mesh.ngmesh.Copy()
     numbers = {name: i for i, name in enumerate((GREY_MATTER, WHITE_MATTER, *mesh.GetMaterials()[1:]), 1)}
-    white = labels.at(centres(mesh), order=0) == WHITE
+    white = labels.interpolate(centres(mesh), order=0) == WHITE
     old = [mesh.GetMaterials()[index - 1] for index in np.asarray(made.Elements3D().NumPy()["index"]).tolist()]
     for name, number in numbers.items():
         made.SetMaterial(number, name)

@@ -150,7 +150,7 @@ def check(scene: Scene, mesh: ngs.Mesh, sides: tuple[float, ...]) -> None:
         with np.errstate(all="ignore"):
             moved = [np.broadcast_to(u, (len(place[0]), MOMENTS)) for u in bc.displacement(place, times, growth)]
         key = f"displacement_bc#{i}.{'value_mm' if bc.rotation is None else 'rotation_deg'}"
-        shown = bc.shown("value" if bc.rotation is None else "rotation")
+        shown = bc.toml_value("value" if bc.rotation is None else "rotation")
         if not all(np.isfinite(u).all() for u in moved):
             raise InputError(key, shown, f"numbers all over {bc.boundary!r}, at every moment")
         if any(np.abs(u[:, 0]).max(initial=0) > 1e-9 for u in moved):
@@ -164,10 +164,10 @@ def check(scene: Scene, mesh: ngs.Mesh, sides: tuple[float, ...]) -> None:
         with np.errstate(all="ignore"):
             parts = [np.broadcast_to(part, MOMENTS) for part in body.gone(times, growth)]
         if not np.isfinite(parts).all():
-            raise InputError(f"contact#{i}.travel_mm", body.shown("travel"), "numbers at every moment")
+            raise InputError(f"contact#{i}.travel_mm", body.toml_value("travel"), "numbers at every moment")
         if any(abs(part[0]) > 1e-9 for part in parts):
             wanted = "formulas of t that are 0 at t = 0: a body begins at rest"
-            raise InputError(f"contact#{i}.travel_mm", body.shown("travel"), wanted)
+            raise InputError(f"contact#{i}.travel_mm", body.toml_value("travel"), wanted)
         if body.boundary and not any(re.fullmatch(body.boundary, name) for name in names):
             raise InputError(f"contact#{i}.boundary", repr(body.boundary), f"one of {', '.join(names)}")
     loads = [(f"traction#{i}", load) for i, load in enumerate(scene.tractions, 1)]
@@ -178,10 +178,10 @@ def check(scene: Scene, mesh: ngs.Mesh, sides: tuple[float, ...]) -> None:
             with np.errstate(all="ignore"):
                 found = np.broadcast_to(at_place(each, place, times), (len(place[0]), MOMENTS))
             if not np.isfinite(found).all():
-                raise InputError(f"{name}.value_Pa", load.shown("value"), f"numbers all over {load.boundary!r}")
+                raise InputError(f"{name}.value_Pa", load.toml_value("value"), f"numbers all over {load.boundary!r}")
             if follows(each) and np.abs(found[:, 0]).max(initial=0) > 1e-9 * np.abs(found).max(initial=0):
                 wanted = "a formula of t that is 0 at t = 0: a body begins at rest"
-                raise InputError(f"{name}.value_Pa", load.shown("value"), wanted)
+                raise InputError(f"{name}.value_Pa", load.toml_value("value"), wanted)
 
 
 def check_apart(scene: Scene, names: set[str]) -> None:

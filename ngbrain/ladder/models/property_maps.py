@@ -10,8 +10,8 @@ import numpy as np
 from ngbrain.errors import InputError
 from ngbrain.forward.common.interpolation import quadrature_points
 from ngbrain.forward.observables.percentiles import weighted_percentile
-from ngbrain.image.read.fibre_directions import Directions, principal
-from ngbrain.image.read.property_maps import COVERED, filled, read_map
+from ngbrain.image.read.fibre_directions import FibreDirections, principal_directions
+from ngbrain.image.read.property_maps import COVERED, fill_unmeasured, read_map
 from ngbrain.image.read.volume import Volume
 
 
@@ -21,7 +21,7 @@ def read(path: str | os.PathLike[str]) -> Volume:
     Raises `InputError` where it is unreadable, of other than three axes, has no value at all, or a negative one; `MissingExtra`
     without nibabel.
     """
-    return filled(read_map(path, "shear moduli (Pa)"))
+    return fill_unmeasured(read_map(path, "shear moduli (Pa)"))
 
 
 def over(volume: Volume, mesh: ngs.Mesh) -> ngs.GridFunction:
@@ -37,11 +37,11 @@ def over(volume: Volume, mesh: ngs.Mesh) -> ngs.GridFunction:
     if beyond > 1.0:
         raise InputError("map", f"a picture that ends {beyond:.0f} voxels inside the body", "one of the whole body")
     field = ngs.GridFunction(ngs.H1(mesh, order=1))
-    field.vec.FV().NumPy()[:] = volume.at(volume.to_world(np.clip(where, 0, last)))
+    field.vec.FV().NumPy()[:] = volume.interpolate(volume.to_world(np.clip(where, 0, last)))
     return field
 
 
-def fibres(directions: Directions, mesh: ngs.Mesh, where: np.ndarray) -> ngs.CoefficientFunction:
+def fibres(directions: FibreDirections, mesh: ngs.Mesh, where: np.ndarray) -> ngs.CoefficientFunction:
     """Directions over a mesh of space: of each element the principal one of the mean of its points' structure tensors.
 
     Raises `InputError` where less than half of some elements (`where`, a mask) lies in voxels with a direction.
@@ -56,7 +56,7 @@ def fibres(directions: Directions, mesh: ngs.Mesh, where: np.ndarray) -> ngs.Coe
     tensors = np.zeros((mesh.ne, 3, 3))
     np.add.at(tensors, element, directions.tensors(points))
     parts = []
-    for values in principal(tensors).T:
+    for values in principal_directions(tensors).T:
         parts.append(ngs.GridFunction(ngs.L2(mesh, order=0)))
         parts[-1].vec.FV().NumPy()[:] = values
     return ngs.CF(tuple(parts))

@@ -51,7 +51,7 @@ class Indicators:
         if 4 * (len(labels.regions) + 1) * voxels > LARGEST:
             found = f"{len(labels.regions)} regions on {voxels / 1e6:.3g} million voxels"
             raise InputError("labels", found, "names that join regions, larger voxels, or the route hull")
-        numbered = np.pad(replace(labels, cut=None).numbered(), pad)
+        numbered = np.pad(replace(labels, cut=None).region_numbers(), pad)
         sigma = smoothing / labels.volume.spacing
         left = (
             np.float32(1) if labels.cut is None else np.pad(1 - labels.cut.astype(np.float32), pad, constant_values=1)

@@ -42,7 +42,7 @@ class Zones:
         >>> (1e9 * zones.wanted).round().tolist(), zones.share(np.array([[0, 0, 2e-3]])).tolist()
         ([[2.0, 0.0], [0.0, 2.0]], [[0.0, 1.0]])
         """
-        numbers = replace(labels, cut=None).numbered()
+        numbers = replace(labels, cut=None).region_numbers()
         at = np.argwhere(numbers > 0)
         h, number = size(labels.volume.to_world(at)), numbers[tuple(at.T)]
         smallest, largest = float(h.min()), float(h.max())

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from ngbrain.errors import InputError
 from ngbrain.image.read.label_map import LabelMap
-from ngbrain.image.segment.topology_correction import NEIGHBOURS, ball, largest
+from ngbrain.image.segment.topology_correction import NEIGHBOURS, correct_topology, largest_filled_component
 from ngbrain.mesh.surface.mask_surface import contour
 from ngbrain.mesh.surface.self_intersections import faired
 from ngbrain.mesh.surface.triangle_mesh import SurfaceMesh
@@ -85,7 +85,7 @@ def cortex(labels: LabelMap) -> Cortex:
 
 
 def spherical_cortex(labels: LabelMap) -> Cortex:
-    """As `cortex`, with the white, pial and outer surface spheres: handles of the masks are cut first (`ball`).
+    """As `cortex`, with the white, pial and outer surface spheres: handles of the masks are cut first (`correct_topology`).
 
     Raises:
         InputError: as `cortex`.
@@ -102,7 +102,7 @@ def spherical_cortex(labels: LabelMap) -> Cortex:
 
 
 def _of(labels: LabelMap, spheres: bool) -> Cortex:
-    voxels = labels.upright(float(labels.volume.spacing.min()))
+    voxels = labels.resample_to_ras(float(labels.volume.spacing.min()))
     masks, moved = _masks(voxels, spheres)
     spacing, origin = voxels.volume.spacing, voxels.volume.affine[:3, 3] - voxels.volume.spacing * _ROOM
     rough = []
@@ -135,7 +135,7 @@ def _masks(labels: LabelMap, spheres: bool) -> tuple[dict[str, np.ndarray], dict
     def region(*which: str) -> np.ndarray:
         return np.isin(data, [names.index(name) + 1 for name in which if name in names])
 
-    shaped = ball if spheres else largest
+    shaped = correct_topology if spheres else largest_filled_component
     inside = [name for name in names if any(part_of(name, whole) for whole in WHITE)]
     tissue, white, fluid = region(*set(names) - {FLUID}), region(*inside), region("ventricles")
     pial = shaped(tissue)

@@ -41,12 +41,12 @@ def refined(cortex: Cortex, labels: LabelMap, t1: Volume) -> Cortex:
     t1
         White matter brighter than grey, and that brighter than fluid; on any voxels.
     """
-    voxels = labels.upright(float(labels.volume.spacing.min()))
+    voxels = labels.resample_to_ras(float(labels.volume.spacing.min()))
     names, data = voxels.regions, voxels.volume.data
     matter = [i for i, name in enumerate(names, 1) if part_of(name, "white")]
     grey = [i for i, name in enumerate(names, 1) if part_of(name, "grey")]
     fluid = [i for i, name in enumerate(names, 1) if name == FLUID]
-    values = t1.at(voxels.volume.to_world(np.indices(data.shape).reshape(3, -1).T)).reshape(data.shape)
+    values = t1.interpolate(voxels.volume.to_world(np.indices(data.shape).reshape(3, -1).T)).reshape(data.shape)
     levels = [_own(values, np.isin(data, numbers), voxels) for numbers in (matter, grey, fluid)]
     moved = {}
     for name, (bright, dark) in (("white", (levels[0], levels[1])), ("pial", (levels[1], levels[2]))):
@@ -74,9 +74,9 @@ def _own(values: np.ndarray, mask: np.ndarray, voxels: LabelMap) -> Volume:
 
 def _moved(surface: SurfaceMesh, picture: Volume, bright: Volume, dark: Volume) -> SurfaceMesh:
     normals, steps = surface.normals(), np.arange(-REACH, REACH + STEP / 2, STEP)
-    half = (bright.at(surface.points) + dark.at(surface.points)) / 2
+    half = (bright.interpolate(surface.points) + dark.interpolate(surface.points)) / 2
     at = surface.points[:, None] + steps[:, None] * normals[:, None]
-    over = picture.at(at.reshape(-1, 3)).reshape(at.shape[:2]) - half[:, None]
+    over = picture.interpolate(at.reshape(-1, 3)).reshape(at.shape[:2]) - half[:, None]
     falls = (over[:, :-1] > 0) & (over[:, 1:] <= 0)
     where = steps[:-1] + STEP * over[:, :-1] / np.where(falls, over[:, :-1] - over[:, 1:], 1.0)
     nearest = np.where(falls, np.abs(where), np.inf).argmin(axis=1)

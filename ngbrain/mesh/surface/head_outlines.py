@@ -95,7 +95,7 @@ def outlines(labels: LabelMap) -> Outlines:
 
     Raises `InputError` where labels hold no head, and for a lesion that is too thin or touches what it cannot.
     """
-    voxels = labels.boxed().upright()
+    voxels = labels.crop().resample_to_ras()
     own, upright = labels.volumes_ml(), voxels.volumes_ml()
     head, repairs = _head(voxels)
     origin, spacing = voxels.volume.affine[:3, 3], float(voxels.volume.spacing[0])

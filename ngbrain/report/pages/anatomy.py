@@ -51,7 +51,7 @@ def build(
     Raises `MissingExtra` where matplotlib or jinja2 is not installed.
     """
     pictures = {
-        **({"slices": slices(elements, labels.upright(), t1, at)} if labels else {}),
+        **({"slices": slices(elements, labels.resample_to_ras(), t1, at)} if labels else {}),
         "space": space(elements, at),
         "quality": histograms(Quality.of(elements)),
     }

@@ -284,7 +284,7 @@ def load_name(data: WaveData, load: int) -> str:
 
 def given(data: WaveData) -> list[tuple[str, str]]:
     """What the data are and say of the material."""
-    grid = data.structured
+    grid = data.grid
     form = "grid of " + " × ".join(map(str, grid.shape)) if grid else "scattered"
     where = f"{len(data.points)} points, {form}; {int(data.mask.sum())} of them count"
     if data.bulk is not None:

@@ -80,13 +80,13 @@ def planes(data: WaveData) -> list[Plane]:
     """The plane of plane data; the three middle ones of the mask of data in space."""
     if data.dim == 2:
         return [_flat(data)]
-    grid = data.structured
-    return _layers(data, grid) if grid and grid.along else _slabs(data)
+    grid = data.grid
+    return _layers(data, grid) if grid and grid.is_axis_aligned else _slabs(data)
 
 
 def _flat(data: WaveData) -> Plane:
     at, n = 1e3 * data.points, np.arange(len(data.points))
-    grid = data.structured
+    grid = data.grid
     if grid:
         return Plane("", n, at, (grid.shape[0], grid.shape[1]), None, ("x", "y"))
     return Plane("", n, at, None, _triangles(at, data.mask), ("x", "y"))

@@ -148,8 +148,8 @@ def _uneven(random: np.random.Generator, x: Array, y: Array, most: float) -> Arr
 def _brain() -> Array:
     """Labels of the average brain between the ventricles' floor and the crown, every third slice."""
     from ngbrain.image import mni152
-    from ngbrain.image.labelling import tissues
+    from ngbrain.image.labelling import label_tissues
 
-    labels = tissues(mni152()).volume.data
+    labels = label_tissues(mni152()).volume.data
     low, high = (int(f * labels.shape[2]) for f in (0.35, 0.7))
     return labels[:, :, low:high:3]

@@ -58,7 +58,7 @@ class Raster:
                     "points", "in space", "a plane grid or one layer of it: the operator has learnt plane strain"
                 )
             points, u = points[:, ~flat], u[..., ~flat]
-        grid = Grid.of(points)
+        grid = Grid.from_points(points)
         if grid is None:
             raise InputError(
                 "points", "no grid", "a plane grid, numbered along its first axis first: the operator knows no other"

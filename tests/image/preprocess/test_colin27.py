@@ -9,9 +9,9 @@ from scipy import ndimage
 
 from ngbrain.errors import InputError
 from ngbrain.image import Volume, find_brain, mni152
-from ngbrain.image.preprocess.bias_field import unbiased
+from ngbrain.image.preprocess.bias_field import correct_bias_field
 from ngbrain.image.preprocess.registration import align
-from ngbrain.image.preprocess.skull_strip import strip
+from ngbrain.image.preprocess.skull_strip import skull_strip
 from ngbrain.image.segment.tissue_classes import CSF, GREY, VENTRICLE, WHITE, segment
 
 
@@ -27,7 +27,7 @@ def brain(scan):
 
 @pytest.fixture(scope="module")
 def tissue(scan, brain):
-    return segment(unbiased(scan.volume, brain), brain, place(scan.volume, brain))
+    return segment(correct_bias_field(scan.volume, brain), brain, place(scan.volume, brain))
 
 
 def place(volume, brain):
@@ -45,7 +45,8 @@ def overlap(heads, found, brain, turn=None):
     if turn is not None:
         at = at @ turn[:3, :3].T + turn[:3, 3]
     return dice(
-        Volume(found.astype(np.uint8), heads[1].volume.affine).at(at, order=0).reshape(brain.shape) > 0.5, brain
+        Volume(found.astype(np.uint8), heads[1].volume.affine).interpolate(at, order=0).reshape(brain.shape) > 0.5,
+        brain,
     )
 
 
@@ -74,7 +75,7 @@ def test_tissue_under_noise_and_a_field(tissue, rng):
     clean = ndimage.gaussian_filter(np.array([0, 0.44, 0.76, 1, 0.44])[truth], 0.5) * slow_field(truth.shape, 0.2)
     image = np.where(truth > 0, rician(clean, 0.05, rng), 0).astype(np.float32)
     begun = time.process_time()
-    even = unbiased(Volume(image, tissue.volume.affine), truth > 0)
+    even = correct_bias_field(Volume(image, tissue.volume.affine), truth > 0)
     found = segment(even, truth > 0, place(even, truth > 0)).volume.data
     found, truth = without_ventricles(found), without_ventricles(truth)
     scores = {name: dice(found == tissue, truth == tissue) for name, tissue in (("grey", GREY), ("white", WHITE))}
@@ -86,7 +87,7 @@ def test_tissue_under_noise_and_a_field(tissue, rng):
 @pytest.mark.parametrize(("degrees", "axis"), [(25, (1, 0, 0)), (-25, (1, 0, 0)), (25, (1, 2, 0.5))])
 def test_a_tilted_head(scan, brain, degrees, axis):
     copy, turn = tilted(scan.volume, degrees, axis)
-    score = overlap((scan, copy), strip(copy), brain, turn)
+    score = overlap((scan, copy), skull_strip(copy), brain, turn)
     print(f"Dice {score:.4f}")
     assert score > 0.985
 
@@ -123,7 +124,7 @@ KINDS = ("noise", "field", "field and noise", "surface coil", "thick", "fine", "
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_worse_picture_of_the_head(scan, brain, rng, kind):
     copy = worse(kind, scan.volume, rng)
-    score = overlap((scan, copy), strip(copy), brain)
+    score = overlap((scan, copy), skull_strip(copy), brain)
     print(f"Dice {score:.4f}")
     assert score > 0.985
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from population import individual
 
-from ngbrain.image.preprocess.contrast import TISSUES, contrast
+from ngbrain.image.preprocess.contrast import TISSUES, measure_contrast
 from ngbrain.image.read.volume import Volume
 
 
@@ -18,6 +18,6 @@ def bare(seed, **given):
 @pytest.mark.parametrize("seed", range(24, 28))
 def test_the_dark_around_a_brain_does_not_make_its_cortex_brighter_than_white_matter(seed):
     """As in spin echoes, T1s of small children, and beside tumours."""
-    seen = contrast(*bare(seed, contrast=0.1, field=0.1))
+    seen = measure_contrast(*bare(seed, contrast=0.1, field=0.1))
     print(seen)
     assert seen.order == TISSUES and seen.step > 0.6

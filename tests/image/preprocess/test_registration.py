@@ -6,7 +6,7 @@ from regridded import rotation
 from scipy import ndimage
 
 from ngbrain.image.preprocess import registration as module
-from ngbrain.image.preprocess.registration import align, normalised, thinned
+from ngbrain.image.preprocess.registration import align, downsample, normalise_locally
 from ngbrain.image.read.volume import Volume, mni152
 
 
@@ -26,7 +26,7 @@ def off(affine):
 
 def test_a_start_that_is_near_is_improved_and_another_is_not_believed(searches):
     template = mni152().volume
-    head = thinned(template, 2e-3)
+    head = downsample(template, 2e-3)
     near = np.eye(4)
     near[:3, :3] = rotation(5, np.array([0.6, 0.0, 0.8]))
     near[:3, 3] = [6e-3, -5e-3, 4e-3]
@@ -42,10 +42,10 @@ def test_places_to_begin_at_are_of_every_size():
     template, size, affine = mni152().volume, 0.84, np.diag([4e-3, 4e-3, 4e-3, 1.0])
     affine[:3, 3] = [-0.12, -0.14, -0.09]
     air = Volume(np.zeros((60, 68, 40), np.float32), affine)
-    brain = template.at(air.to_world(np.argwhere(air.data == 0)) / size).reshape(air.data.shape)
+    brain = template.interpolate(air.to_world(np.argwhere(air.data == 0)) / size).reshape(air.data.shape)
     away = 4 * ndimage.distance_transform_edt(brain < 0.05)
     data = np.select([(away >= 6) & (away < 20), away > 0, brain > 0.4], [2.5, 0.05, 0.7 + 0.1 * brain], 0.5)
-    coarse = normalised(thinned(Volume(data.astype(np.float32), affine), 8e-3))
+    coarse = normalise_locally(downsample(Volume(data.astype(np.float32), affine), 8e-3))
     starts = module._found(coarse, module._dressed(template)[0], module._TURNS)
     sizes = [np.cbrt(np.linalg.det(start[:3, :3])) for start in starts]
     assert np.allclose(np.unique(np.round(sizes, 6)), module._SIZES)

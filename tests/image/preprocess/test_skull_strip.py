@@ -9,7 +9,7 @@ from scipy import ndimage
 from ngbrain.errors import InputError
 from ngbrain.image import Scan, Volume, check_extracted, find_brain, mni152
 from ngbrain.image.preprocess.registration import align
-from ngbrain.image.preprocess.skull_strip import strip
+from ngbrain.image.preprocess.skull_strip import skull_strip
 
 UNLIKE = r"a picture that is not like a brain \(correlation .*, at least 0.4 needed\); wanted: a T1 of a whole head"
 ALIKE = (
@@ -130,13 +130,13 @@ def test_other_pictures_are_refused(head, coarse, rng, kind, words):
         "other contrast": np.interp(head, [0, 0.12, 0.3, 0.6, 0.85, 1.3], [0, 0, 1.0, 0.6, 0.4, 0.3]),
     }[kind]
     with pytest.raises(InputError, match="case/t1.nii.gz: image is .*" + words):
-        strip(seen(data, coarse[1]))
+        skull_strip(seen(data, coarse[1]))
 
 
 @pytest.mark.slow
 def test_a_head_that_its_affine_has_upside_down_is_refused_and_told(head, coarse):
     with pytest.raises(InputError, match=r"not like a brain .*upside down it has 0\.\d\d: is its affine wrong"):
-        strip(seen(head[:, :, ::-1], coarse[1]))
+        skull_strip(seen(head[:, :, ::-1], coarse[1]))
 
 
 @pytest.mark.parametrize(

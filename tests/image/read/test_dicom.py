@@ -9,7 +9,7 @@ import SimpleITK
 from regridded import rotation
 
 from ngbrain.errors import InputError
-from ngbrain.image.read.volume import read_scan, stored
+from ngbrain.image.read.volume import open_volume, read_scan
 
 SHAPE, SPACING = (60, 56, 44), (2.0, 2.0, 2.5)
 
@@ -68,7 +68,7 @@ def test_a_series_is_the_picture_of_its_nifti(picture, tmp_path):
     assert found.file_shape == wanted.file_shape == SHAPE
     assert found.file_affine == pytest.approx(wanted.file_affine, abs=1e-8)
     assert np.abs(found.volume.data - wanted.volume.data).max() < 0.1
-    assert np.array_equal(np.asarray(stored(tmp_path / "series").image.dataobj), values.transpose(2, 1, 0))
+    assert np.array_equal(np.asarray(open_volume(tmp_path / "series").image.dataobj), values.transpose(2, 1, 0))
 
 
 def test_of_several_series_one_is_chosen_by_a_file_of_it(picture, tmp_path):
@@ -78,23 +78,23 @@ def test_of_several_series_one_is_chosen_by_a_file_of_it(picture, tmp_path):
     with pytest.raises(
         InputError, match=r"folder with 2 DICOM series \(44 files 'T1 \w+', as \w+.dcm; .*\); wanted: one"
     ):
-        stored(folder)
-    found = stored(folder / "other014.dcm")
+        open_volume(folder)
+    found = open_volume(folder / "other014.dcm")
     assert np.array_equal(np.asarray(found.image.dataobj), other[0].transpose(2, 1, 0))
 
 
 def test_what_is_no_series_of_a_head(picture, tmp_path):
     with pytest.raises(InputError, match=r"missing: image is a DICOM series with slices 2.5 to 5 mm from each other"):
-        stored(write(tmp_path / "missing", picture, "1.2.3.7", [*range(20), *range(21, 44)]))
+        open_volume(write(tmp_path / "missing", picture, "1.2.3.7", [*range(20), *range(21, 44)]))
     twice = write(tmp_path / "twice", picture, "1.2.3.8", range(10))
     (twice / "again.dcm").write_bytes((twice / "slice014.dcm").read_bytes())
     with pytest.raises(InputError, match=r"several slices at one place"):
-        stored(twice)
+        open_volume(twice)
     (tmp_path / "none").mkdir()
     with pytest.raises(InputError, match=r"none: image is a folder without a DICOM series"):
-        stored(tmp_path / "none")
+        open_volume(tmp_path / "none")
     cut = write(tmp_path / "cut", picture, "1.2.3.9", range(3))
     for file in cut.iterdir():
         file.write_bytes(file.read_bytes()[:900])
     with pytest.raises(InputError, match=r"cut: image is"):
-        stored(cut)
+        open_volume(cut)

@@ -6,7 +6,7 @@ import pytest
 nibabel = pytest.importorskip("nibabel", reason='nibabel is not installed; get it with: pip install "ngbrain[mri]"')
 
 from ngbrain.errors import InputError  # noqa: E402
-from ngbrain.image.read.fibre_directions import Directions, read_directions  # noqa: E402
+from ngbrain.image.read.fibre_directions import FibreDirections, read_fibre_directions  # noqa: E402
 from ngbrain.ladder.models.property_maps import fibres  # noqa: E402
 from ngbrain.mesh import block  # noqa: E402
 
@@ -54,7 +54,7 @@ def test_a_direction_is_that_of_the_world(tmp_path, kind, convention, flip):
     six, D = tensor_in_file(own, convention)
     values = {"vectors": 3.0 * own, "tensors": six, "matrices": D, "fifth axis": six[None]}[kind]
     path = write(tmp_path / "v1.nii.gz", np.broadcast_to(values, SHAPE + values.shape).copy(), place)
-    found = read_directions(path, convention).at(np.array([[0.0, 0.0, 0.01], [0.01, -0.02, 0.3]]))
+    found = read_fibre_directions(path, convention).interpolate(np.array([[0.0, 0.0, 0.01], [0.01, -0.02, 0.3]]))
     assert np.abs(found @ ALONG) == pytest.approx(1.0, abs=1e-6)
 
 
@@ -62,8 +62,8 @@ def test_signs_mean_nothing_and_what_is_not_known_is_left_out():
     """Beside a mean of vectors, which is 0 between two of opposite sign."""
     data = np.zeros((4, 1, 1, 3))
     data[:3, 0, 0] = [[1, 0, 0], [-1, 0, 0], [0, 1, 0]]
-    line = Directions(data, np.diag([1e-3, 1e-3, 1e-3, 1]))
-    found = line.at(np.array([[0.5e-3, 0, 0], [1.4e-3, 0, 0], [1.6e-3, 0, 0], [3e-3, 0, 0]]))
+    line = FibreDirections(data, np.diag([1e-3, 1e-3, 1e-3, 1]))
+    found = line.interpolate(np.array([[0.5e-3, 0, 0], [1.4e-3, 0, 0], [1.6e-3, 0, 0], [3e-3, 0, 0]]))
     assert found == pytest.approx(np.array([[1, 0, 0], [1, 0, 0], [0, 1, 0], [0, 1, 0]]))
     assert line.covers(np.array([[2e-3, 0, 0], [3e-3, 0, 0], [9e-3, 0, 0]])).tolist() == [True, False, False]
 
@@ -77,7 +77,7 @@ def test_over_a_mesh_an_element_has_the_mean_of_its_structure_tensors():
     angle = np.broadcast_to((40 * x)[:, None, None], (70, 49, 70))
     signs = np.random.default_rng(0).choice([-1.0, 1.0], angle.shape)
     data = signs[..., None] * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
-    field = fibres(Directions(data, place), mesh, np.ones(mesh.ne, bool))
+    field = fibres(FibreDirections(data, place), mesh, np.ones(mesh.ne, bool))
     centres = np.array([np.mean([mesh[v].point for v in each.vertices], axis=0) for each in mesh.Elements()])
     found = field(mesh(*centres.T))
     wanted = np.stack([np.cos(40 * centres[:, 0]), np.sin(40 * centres[:, 0]), 0 * centres[:, 0]], axis=-1)
@@ -85,7 +85,7 @@ def test_over_a_mesh_an_element_has_the_mean_of_its_structure_tensors():
     away = place.copy()
     away[:3, 3] += 1.0
     with pytest.raises(InputError, match="without a direction at 100% of the tissue"):
-        fibres(Directions(data, away), mesh, np.ones(mesh.ne, bool))
+        fibres(FibreDirections(data, away), mesh, np.ones(mesh.ne, bool))
 
 
 def test_what_is_no_file_of_directions(tmp_path):
@@ -101,6 +101,6 @@ def test_what_is_no_file_of_directions(tmp_path):
         ),
     ):
         with pytest.raises(InputError, match=said):
-            read_directions(write(tmp_path / "v1.nii", values, place), "fsl")
+            read_fibre_directions(write(tmp_path / "v1.nii", values, place), "fsl")
     with pytest.raises(InputError, match="fibre_map_convention is 'itk'"):
-        read_directions(tmp_path / "v1.nii", "itk")
+        read_fibre_directions(tmp_path / "v1.nii", "itk")

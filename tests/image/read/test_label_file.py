@@ -7,10 +7,10 @@ from phantoms import nested, turned
 from regridded import rotation
 
 from ngbrain.errors import InputError
-from ngbrain.image.read.label_file import read_labels, read_named
+from ngbrain.image.read.label_file import read_labels, read_labels_with_notes
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.read.landmarks import landmarks
-from ngbrain.image.read.nifti import on_grid, write_nifti
+from ngbrain.image.read.nifti import resample_labels, write_nifti
 from ngbrain.image.read.volume import Volume
 
 MILLIMETRES = np.diag([1e3, 1e3, 1e3, 1])
@@ -52,7 +52,9 @@ def test_numbers_of_freesurfer_are_known_and_others_are_not_guessed(labels, tmp_
     assert found.regions == ("white", "ventricles", "brain_stem", "corpus_callosum", "grey")
     wmparc = np.array([0, 3035, 5002, 43])[labels.volume.data]
     wmparc[:, :, :3], wmparc[:, :, 3] = 5001, 2035
-    found, notes = read_named(written(tmp_path / "wmparc.nii", wmparc.astype(np.int16), labels.volume.affine))
+    found, notes = read_labels_with_notes(
+        written(tmp_path / "wmparc.nii", wmparc.astype(np.int16), labels.volume.affine)
+    )
     assert found.regions == ("ventricles", "grey", "white") and notes[0].endswith("FreeSurfer's wmparc")
     plain = written(tmp_path / "labels.nii", labels.volume.data.astype(np.uint8), labels.volume.affine)
     question = (
@@ -65,7 +67,7 @@ def test_numbers_of_freesurfer_are_known_and_others_are_not_guessed(labels, tmp_
     with pytest.raises(InputError, match=r"some.nii: labels is numbered 2, 3, 4 without names"):
         read_labels(some)  # FreeSurfer's numbers, but of one side
     own = written(tmp_path / "own.nii", np.array([0, 1, 7, 9], np.uint8)[labels.volume.data], labels.volume.affine)
-    found, notes = read_named(own)
+    found, notes = read_labels_with_notes(own)
     assert found.regions == ("label_1", "label_7", "label_9") and "no ventricles are known" in notes[0]
     assert read_labels(plain, "spm").regions == ("grey", "white", "csf")
     with pytest.raises(
@@ -93,7 +95,9 @@ def test_regions_of_ones_own_in_a_map_of_freesurfer(labels, tmp_path):
 
 def test_numbers_of_muse_are_known(tmp_path):
     row = np.array([0, 1, 4, 35, 38, 39, 51, 52, 59, 81, 95, 102], np.uint8)
-    found, notes = read_named(written(tmp_path / "muse.nii", row.reshape(2, 2, 3), np.diag([1e-3] * 3 + [1.0])))
+    found, notes = read_labels_with_notes(
+        written(tmp_path / "muse.nii", row.reshape(2, 2, 3), np.diag([1e-3] * 3 + [1.0]))
+    )
     assert found.regions == (
         "csf", "ventricles", "brain_stem", "cerebellum", "deep_grey", "white", "corpus_callosum", "grey"
     )  # fmt: skip
@@ -103,7 +107,7 @@ def test_numbers_of_muse_are_known(tmp_path):
 def test_scaled_integers_are_rounded_and_it_is_said(labels, tmp_path):
     names = {1: "grey", 2: "white", 3: "ventricles"}
     data = labels.volume.data * (1 + 7e-10)
-    found, notes = read_named(written(tmp_path / "scaled.nii", data, labels.volume.affine), names)
+    found, notes = read_labels_with_notes(written(tmp_path / "scaled.nii", data, labels.volume.affine), names)
     assert np.array_equal(found.volume.data, labels.volume.data)
     assert notes == ("numbers up to 2e-09 off whole numbers are rounded",)
     with pytest.raises(InputError, match=r"labels is not whole numbers, up to 0\.003 off"):
@@ -113,7 +117,7 @@ def test_scaled_integers_are_rounded_and_it_is_said(labels, tmp_path):
 def test_partial_volumes_take_the_nearest_tissue(tmp_path):
     data = np.array([0.2, 0.8, 1.4, 1.6, 2.4, 3.0, 0.5, 3.9], np.float32).reshape(2, 2, 2)
     path = written(tmp_path / "p0sub.nii", data, np.diag([1e-3] * 3 + [1.0]))
-    found, notes = read_named(path, "cat")
+    found, notes = read_labels_with_notes(path, "cat")
     assert found.volume.data.ravel().tolist() == [0, 1, 1, 2, 2, 3, 0, 4] and found.regions == ("csf", "grey", "white")
     assert notes == ("partial volumes take the nearest tissue",)
 
@@ -129,7 +133,7 @@ def test_of_three_shares_side_by_side_the_largest_counts(names, order, program, 
     for name, share in zip(names, shares, strict=True):
         written(tmp_path / name, share.reshape(2, 2, 1), np.diag([1e-3] * 3 + [1.0]))
     for scheme in (None, program):
-        found, notes = read_named(tmp_path / names[1], scheme)
+        found, notes = read_labels_with_notes(tmp_path / names[1], scheme)
         assert found.volume.data.ravel().tolist() == [0, 1, 2, 3] and found.regions == order
         assert notes == (f"the largest share of {', '.join(names)} counts",)
     (tmp_path / names[2]).unlink()
@@ -140,7 +144,7 @@ def test_of_three_shares_side_by_side_the_largest_counts(names, order, program, 
 def test_a_name_of_what_is_outside_is_no_region(labels, tmp_path):
     path = written(tmp_path / "labels.nii", labels.volume.data.astype(np.uint8), labels.volume.affine)
     found = read_labels(path, {0: "air", 1: "grey", 2: "white", 3: "ventricles"})
-    assert found.regions == labels.regions and np.array_equal(found.numbered(), labels.numbered())
+    assert found.regions == labels.regions and np.array_equal(found.region_numbers(), labels.region_numbers())
 
 
 def test_parcels_are_told_from_grey_values(tmp_path):
@@ -148,7 +152,7 @@ def test_parcels_are_told_from_grey_values(tmp_path):
     parcels = 1 + (25 * box[0] + 5 * box[1] + box[2])
     path = written(tmp_path / "parcels.nii", parcels.astype(np.int16), np.diag([1e-3] * 3 + [1.0]))
     found = read_labels(path, {number: f"parcel_{number}" for number in range(1, 126)})
-    assert len(found.regions) == 125 and found.numbered().max() == 125
+    assert len(found.regions) == 125 and found.region_numbers().max() == 125
     grey = np.random.default_rng(0).integers(0, 200, (40, 40, 40))
     with pytest.raises(
         InputError, match="labels is 199 numbers that change from voxel to voxel; wanted: regions: is it a"
@@ -192,12 +196,12 @@ def test_a_lost_place_is_refused(labels, tmp_path):
 def test_upright_copies_show_the_same(labels):
     flipped = LabelMap(
         Volume(labels.volume.data[::-1].transpose(2, 0, 1), labels.volume.affine @ turn()), labels.names
-    ).upright()
+    ).resample_to_ras()
     assert np.array_equal(flipped.volume.data, labels.volume.data)
-    oblique = turned(labels, rotation(20.0, np.array([1.0, 1.0, 0.3]))).upright()
+    oblique = turned(labels, rotation(20.0, np.array([1.0, 1.0, 0.3]))).resample_to_ras()
     print(oblique.volumes_ml(), labels.volumes_ml())
     assert oblique.volumes_ml() == pytest.approx(labels.volumes_ml(), rel=0.03)
-    assert labels.upright(2e-3).volumes_ml()["grey"] == pytest.approx(labels.volumes_ml()["grey"], rel=0.1)
+    assert labels.resample_to_ras(2e-3).volumes_ml()["grey"] == pytest.approx(labels.volumes_ml()["grey"], rel=0.1)
 
 
 def turn():
@@ -211,8 +215,10 @@ def turn():
 
 def test_maps_go_back_to_the_grid_they_came_from(labels, tmp_path):
     oblique = turned(labels, rotation(20.0, np.array([1.0, 1.0, 0.3])))
-    upright = oblique.upright()
-    back = on_grid(Volume(upright.numbered(), upright.volume.affine), oblique.volume.affine, oblique.volume.data.shape)
+    upright = oblique.resample_to_ras()
+    back = resample_labels(
+        Volume(upright.region_numbers(), upright.volume.affine), oblique.volume.affine, oblique.volume.data.shape
+    )
     same = (back.data == oblique.volume.data)[oblique.volume.data > 0].mean()
     print("same", same)
     assert same > 0.9

@@ -5,7 +5,7 @@ import pytest
 from colin import dice
 from regridded import rotation
 
-from ngbrain.image.read.nifti import on_grid
+from ngbrain.image.read.nifti import resample_labels
 from ngbrain.image.read.volume import Volume
 
 MM = np.diag([1e-3, 1e-3, 1e-3, 1.0])
@@ -26,7 +26,7 @@ def test_labels_stay_where_they_are(edge, turn):
     affine[:3, :3] = rotation(turn, np.array([0.0, 0.6, 0.8])) @ affine[:3, :3]
     n = int(56e-3 / edge)
     affine[:3, 3] = middle - affine[:3, :3] @ np.full(3, n / 2) + 0.45e-3  # between voxels of 1 mm
-    found = on_grid(labels, affine, (n, n, n))
+    found = resample_labels(labels, affine, (n, n, n))
     assert found.data.dtype == np.uint8 and set(np.unique(found.data)) == {0, 1, 2}
     truth = ball(affine, found.data.shape, middle)
     for label in (1, 2):
@@ -41,7 +41,7 @@ def test_voxels_on_voxels_keep_their_labels_and_beyond_the_map_is_nothing():
     affine = np.array([[0, -1, 0, 6], [0, 0, 1, 0], [1, 0, 0, -2], [0, 0, 0, 1.0]])
     affine[:3] *= 1e-3
     affine[:3, 3] += 1e-5  # as rounded headers have it
-    found = on_grid(labels, affine, (10, 7, 7)).data
+    found = resample_labels(labels, affine, (10, 7, 7)).data
     inside = found[2:, :, :]
     for i, j, k in np.ndindex(*inside.shape):
         x, y, z = 6 - j, k, i

@@ -9,7 +9,7 @@ pytest.importorskip("nibabel", reason='nibabel is not installed; get it with: pi
 
 from ngbrain.errors import InputError  # noqa: E402
 from ngbrain.image.read.nifti import write_nifti  # noqa: E402
-from ngbrain.image.read.property_maps import filled, measured, read_map, sampled  # noqa: E402
+from ngbrain.image.read.property_maps import fill_unmeasured, interpolate_map, measured_mask, read_map  # noqa: E402
 from ngbrain.image.read.volume import Volume  # noqa: E402
 
 PLACE = np.array([[-2e-3, 0, 0, 8e-3], [0, 2e-3, 0, 0], [0, 0, 2e-3, 0], [0, 0, 0, 1]])
@@ -28,7 +28,7 @@ def test_a_linear_map_is_itself_at_any_point_of_a_zip_file(tmp_path, rng):
         archive.writestr("__MACOSX/._map.nii", b"rubbish")
     points = rng.uniform(0, 8e-3, (50, 3))
     for file in ("map.nii", "map.nii.zip"):
-        found = sampled(read_map(tmp_path / file, "kPa"), points)
+        found = interpolate_map(read_map(tmp_path / file, "kPa"), points)
         np.testing.assert_allclose(found, 1000 + 1e5 * points @ [1, 2, 3], rtol=1e-9)
 
 
@@ -40,8 +40,8 @@ def test_what_was_not_measured_is_told_and_filled(tmp_path, hole):
     found = read_map(tmp_path / "map.nii.gz", "Pa")
     assert np.isnan(found.data).sum() == 4
     middles = found.to_world(np.argwhere(np.ones(found.data.shape, bool)))
-    assert (~measured(found, middles)).sum() == 4
-    assert filled(found).data[2, 3, 4] in (
+    assert (~measured_mask(found, middles)).sum() == 4
+    assert fill_unmeasured(found).data[2, 3, 4] in (
         volume.data[1, 3, 4],
         volume.data[3, 3, 4],
         volume.data[2, 2, 4],
@@ -52,12 +52,12 @@ def test_what_was_not_measured_is_told_and_filled(tmp_path, hole):
 def test_a_map_in_another_space_is_refused(rng):
     volume = linear()
     points = rng.uniform(0, 8e-3, (100, 3))
-    assert measured(volume, points).all()
+    assert measured_mask(volume, points).all()
     for other in (points + 30e-3, 1e-3 * points + 20e-3, 1e3 * points):
         with pytest.raises(
             InputError, match=r"map is without a value at .* of the body; wanted: one in the space of the body"
         ):
-            measured(volume, other)
+            measured_mask(volume, other)
 
 
 @pytest.mark.parametrize(

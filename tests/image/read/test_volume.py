@@ -11,7 +11,7 @@ from regridded import fine, rotation, slanted, thick
 from scipy import ndimage
 
 from ngbrain.errors import InputError
-from ngbrain.image import Volume, border, mni152, read_scan, straightened
+from ngbrain.image import Volume, border_value, mni152, read_scan, resample_to_ras
 from ngbrain.image.read.volume import template_map
 
 MM = np.diag([1e3, 1e3, 1e3, 1])
@@ -59,10 +59,12 @@ def test_at_is_exact_for_linear_pictures_up_to_the_last_voxel(rng):
     indices = np.indices((6, 7, 8))
     volume = Volume(1 + 2 * indices[0] - 3 * indices[1] + indices[2], affine)
     inside = np.vstack([rng.uniform(0, 1, (20, 3)) * [5, 6, 7], [[0, 0, 0], [5, 6, 7]]])
-    assert np.allclose(volume.at(volume.to_world(inside)), 1 + inside @ [2, -3, 1], atol=1e-9)
-    assert volume.at(volume.to_world(np.array([[-2, 3, 3]])), outside=-7.0) == [-7.0]
+    assert np.allclose(volume.interpolate(volume.to_world(inside)), 1 + inside @ [2, -3, 1], atol=1e-9)
+    assert volume.interpolate(volume.to_world(np.array([[-2, 3, 3]])), outside=-7.0) == [-7.0]
     # No jump at the last voxel, so that rounding errors do not matter.
-    assert volume.at(volume.to_world(np.array([[-0.1, 0, 0]])), outside=-9.0) == pytest.approx([0.9 * 1 - 0.1 * 9])
+    assert volume.interpolate(volume.to_world(np.array([[-0.1, 0, 0]])), outside=-9.0) == pytest.approx(
+        [0.9 * 1 - 0.1 * 9]
+    )
 
 
 def test_the_digest_knows_values_types_shapes_and_places(brain):
@@ -95,7 +97,7 @@ def test_maps_of_the_template_are_those_of_nilearn_without_what_its_loaders_impo
 def test_mni152_is_on_the_grid_and_ours_to_change():
     scan = mni152()
     assert np.allclose(scan.volume.affine, scan.file_affine, rtol=0, atol=1e-12)
-    assert border(scan.volume) == (0.0, pytest.approx(0.99983, abs=1e-5))
+    assert border_value(scan.volume) == (0.0, pytest.approx(0.99983, abs=1e-5))
     assert len(np.unique(scan.volume.data)) == 225
     scan.volume.data[:] = 5
     assert mni152().volume.data.max() == 1
@@ -118,7 +120,7 @@ def test_flipped_and_permuted_copies_give_the_same_bits(brain, turn, tmp_path):
     assert copy.file_shape == data.shape
     # Voxels of the file are the same voxels.
     stored = np.argwhere(data == data.max())[:5]
-    values = copy.volume.at(Volume(data, copy.file_affine).to_world(stored))
+    values = copy.volume.interpolate(Volume(data, copy.file_affine).to_world(stored))
     assert np.allclose(values, data.max(), atol=1e-4)
 
 
@@ -140,7 +142,7 @@ def test_scaling_and_a_last_axis_of_one(wedge, tmp_path):
     nibabel.save(image, tmp_path / "scan.nii")
     scan = read_scan(tmp_path / "scan.nii")
     assert scan.file_shape == (34, 34, 34) and scan.volume.data.dtype == np.float32
-    assert scan.volume.at(np.array([[30e-3, 30e-3, 30e-3]])) == pytest.approx(0.5 * 30 - 3, abs=1e-4)
+    assert scan.volume.interpolate(np.array([[30e-3, 30e-3, 30e-3]])) == pytest.approx(0.5 * 30 - 3, abs=1e-4)
 
 
 def test_the_sform_wins(wedge, tmp_path):
@@ -183,26 +185,28 @@ def test_voxels_of_the_file_keep_their_place(copy):
     other, scan = copy
     assert np.allclose(scan.file_affine, other.affine, rtol=0, atol=1e-8)
     bright = np.argwhere(ndimage.minimum_filter(other.data[::4, ::4, ::4], 3) > 0.7)[::50] * 4
-    difference = scan.volume.at(Volume(other.data, scan.file_affine).to_world(bright)) - other.data[tuple(bright.T)]
+    difference = (
+        scan.volume.interpolate(Volume(other.data, scan.file_affine).to_world(bright)) - other.data[tuple(bright.T)]
+    )
     assert len(bright) > 5 and np.sqrt(np.mean(difference**2)) < 0.05
 
 
 def test_a_picture_straightened_twice_is_the_same(wedge):
     data, affine = wedge
-    once = straightened(Volume(data, np.linalg.inv(MM) @ affine))
-    assert straightened(once).digest() == once.digest()
+    once = resample_to_ras(Volume(data, np.linalg.inv(MM) @ affine))
+    assert resample_to_ras(once).digest() == once.digest()
 
 
 def test_rounding_errors_of_an_affine_do_not_show():
     data, affine = np.zeros((2, 2, 2), np.float32), np.diag([1e-3, 1e-3, 1e-3, 1])
     noisy = affine - 1e-13 * np.eye(4, k=1)
-    assert straightened(Volume(data, noisy)).digest() == straightened(Volume(data, affine)).digest()
+    assert resample_to_ras(Volume(data, noisy)).digest() == resample_to_ras(Volume(data, affine)).digest()
 
 
 def test_ringing_is_cut_off():
     # A cube of ones: cubic splines overshoot inside and leave ripples around it.
     data = np.pad(np.ones((20, 20, 20), np.float32), 10)
-    new = straightened(Volume(data, np.diag([2e-3, 2e-3, 2e-3, 1])))
+    new = resample_to_ras(Volume(data, np.diag([2e-3, 2e-3, 2e-3, 1])))
     assert new.data.min() == 0 and new.data.max() == 1
     # The cube reaches from 19 to 59 mm; at its edges the share of the picture falls below a half.
     assert new.data.shape == (81, 81, 81)  # up to the far sides of the first and last voxels, -1 and 79 mm
@@ -214,14 +218,14 @@ def test_fine_detail_is_smoothed_not_aliased():
     # Stripes of one 0.5 mm voxel; on 1 mm points they would be all 0 or all 1.
     data = np.zeros((200, 30, 30), np.float32)
     data[::2] = 1
-    new = straightened(Volume(data, np.diag([0.5e-3, 1e-3, 1e-3, 1]))).data[10:-10]
+    new = resample_to_ras(Volume(data, np.diag([0.5e-3, 1e-3, 1e-3, 1]))).data[10:-10]
     assert np.all((new == 0) | (abs(new - 0.5) < 0.12))
 
 
 def test_too_large_a_grid_is_refused():
     thin = Volume(np.zeros((2, 2, 2), np.float32), np.diag([0.5, 0.5, 0.5, 1]))
     with pytest.raises(InputError, match=r"image is 1001x1001x1001 voxels of 1 mm; wanted: at most 512³ of them"):
-        straightened(thin)
+        resample_to_ras(thin)
 
 
 def _changed(data, at, value):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ngbrain.errors import InputError
-from ngbrain.image.segment.from_surfaces import enclosed
+from ngbrain.image.segment.from_surfaces import labels_from_surfaces
 from ngbrain.mesh.surface.mask_surface import contour
 from ngbrain.mesh.surface.triangle_mesh import SurfaceMesh
 
@@ -20,7 +20,7 @@ def ball(radius, centre=(0.0, 0.0, 0.0)):
 
 def test_regions_have_the_volumes_of_their_surfaces():
     outer, left, right = ball(60), ball(15, (-20.3, 3.1, 2.4)), ball(15, (20.6, 3.4, 1.6))
-    labels = enclosed([("brain", outer), ("ventricles", left), ("ventricles", right)])
+    labels = labels_from_surfaces([("brain", outer), ("ventricles", left), ("ventricles", right)])
     assert labels.regions == ("brain", "ventricles")
     assert labels.volumes_ml()["ventricles"] == pytest.approx(1e6 * (left.volume + right.volume), rel=2e-3)
     assert sum(labels.volumes_ml().values()) == pytest.approx(1e6 * outer.volume, rel=1e-3)
@@ -35,17 +35,21 @@ def test_a_cavity_stays_and_the_orientation_does_not_matter():
         np.concatenate([outer.triangles, inner.triangles + len(outer.points)]),
     )
     wanted = 1e6 * (outer.volume - inner.volume)
-    assert enclosed([("shell", both)]).volumes_ml()["shell"] == pytest.approx(wanted, rel=2e-3)
+    assert labels_from_surfaces([("shell", both)]).volumes_ml()["shell"] == pytest.approx(wanted, rel=2e-3)
     turned = SurfaceMesh(both.points, both.triangles[:, ::-1])
-    assert np.array_equal(enclosed([("shell", turned)]).volume.data, enclosed([("shell", both)]).volume.data)
+    assert np.array_equal(
+        labels_from_surfaces([("shell", turned)]).volume.data, labels_from_surfaces([("shell", both)]).volume.data
+    )
 
 
 def test_small_bodies_have_finer_voxels():
-    labels = enclosed([("phantom", ball(12))])
+    labels = labels_from_surfaces([("phantom", ball(12))])
     assert labels.volume.spacing == pytest.approx(0.24e-3, rel=0.01)
     assert labels.volumes_ml()["phantom"] == pytest.approx(1e6 * ball(12).volume, rel=3e-3)
 
 
 def test_a_surface_between_voxels_is_refused():
     with pytest.raises(InputError, match="surface speck is around no voxel"):
-        enclosed([("brain", ball(60)), ("speck", SurfaceMesh(1e-4 * ball(2).points + 1.3e-4, ball(2).triangles))])
+        labels_from_surfaces(
+            [("brain", ball(60)), ("speck", SurfaceMesh(1e-4 * ball(2).points + 1.3e-4, ball(2).triangles))]
+        )

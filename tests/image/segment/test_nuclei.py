@@ -5,7 +5,7 @@ from colin import dice
 from scipy import ndimage
 
 from ngbrain.image.preprocess import mni_landmarks
-from ngbrain.image.segment.nuclei import nuclei
+from ngbrain.image.segment.nuclei import segment_nuclei
 
 SIZE = np.array([1.5, 1.5, 1.5])
 TO = np.diag([*SIZE, 1.0])
@@ -21,7 +21,7 @@ def test_nuclei_end_at_their_edges_whether_they_are_larger_or_smaller_than_the_t
         radius = np.min([nucleus.radius(points) for nucleus in mni_landmarks.NUCLEI.values()], axis=0)
         truth = (radius < scale).reshape(SHAPE) & matter
         picture = ndimage.gaussian_filter(np.where(truth, 0.8, 1.0) * matter, 0.4) + rng.normal(0, 0.01, SHAPE)
-        found = nuclei(picture, matter, TO, SIZE)
+        found = segment_nuclei(picture, matter, TO, SIZE)
         print(f"{scale}: Dice {dice(found, truth):.3f}, {found.sum() / truth.sum():.2f} of the volume")
         assert dice(found, truth) > 0.93
         assert not (found & ~matter).any()
@@ -29,7 +29,7 @@ def test_nuclei_end_at_their_edges_whether_they_are_larger_or_smaller_than_the_t
 
 def test_where_there_is_no_tissue_there_are_none():
     matter = np.zeros(SHAPE, bool)
-    assert not nuclei(np.ones(SHAPE), matter, TO, SIZE).any()
+    assert not segment_nuclei(np.ones(SHAPE), matter, TO, SIZE).any()
     away = TO.copy()
     away[:3, 3] += 500
-    assert not nuclei(np.ones(SHAPE), ~matter, away, SIZE).any()
+    assert not segment_nuclei(np.ones(SHAPE), ~matter, away, SIZE).any()

@@ -7,9 +7,9 @@ from nilearn.datasets import load_mni152_gm_template, load_mni152_wm_template
 
 from ngbrain.errors import InputError
 from ngbrain.image import mni152
-from ngbrain.image.labelling import tissues
+from ngbrain.image.labelling import label_tissues
 from ngbrain.image.segment import tissue_classes
-from ngbrain.image.segment.partial_volume import lifted
+from ngbrain.image.segment.partial_volume import correct_partial_volume
 from ngbrain.image.segment.tissue_classes import GREY, VENTRICLE, WHITE
 
 MM = 3
@@ -33,9 +33,9 @@ def averaged(volume):
 @pytest.mark.slow
 def test_tissue_in_voxels_of_3_mm(cache):
     scan, whole = averaged(mni152().volume), mni152().volume
-    found = tissues(scan)
+    found = label_tissues(scan)
     at = whole.to_world(np.argwhere(np.ones_like(whole.data)))
-    labels = found.at(at, order=0).reshape(whole.data.shape).astype(int)
+    labels = found.interpolate(at, order=0).reshape(whole.data.shape).astype(int)
     grey, white = (load(resolution=1).get_fdata() for load in (load_mni152_gm_template, load_mni152_wm_template))
     fluid = 1 - grey - white
     scores = (
@@ -49,7 +49,7 @@ def test_tissue_in_voxels_of_3_mm(cache):
 
 def test_small_voxels_stay_as_they_are():
     scan = mni152()
-    assert lifted(scan, scan.volume.data != 0) is scan.volume
+    assert correct_partial_volume(scan, scan.volume.data != 0) is scan.volume
 
 
 @pytest.mark.slow
@@ -60,4 +60,4 @@ def test_a_refused_segmentation_names_the_file(cache, monkeypatch):
     monkeypatch.setattr(tissue_classes, "segment", refuse)
     scan = averaged(mni152().volume)
     with pytest.raises(InputError, match=r"^case/t1.nii.gz: image is a brain with ventricles of 0\.0 ml"):
-        tissues(scan)
+        label_tissues(scan)

@@ -37,7 +37,9 @@ def balls(monkeypatch):
     """No template and no nuclei: balls are no brain, and only their ventricles lie where `PHANTOM` puts them."""
     unknown = Volume(np.zeros((4, 4, 4), np.float32), MM)
     monkeypatch.setattr("ngbrain.image.segment.tissue_classes.tissue_maps", lambda: (unknown,) * 3)
-    monkeypatch.setattr("ngbrain.image.segment.tissue_classes.nuclei", lambda grey, *_: np.zeros(grey.shape, bool))
+    monkeypatch.setattr(
+        "ngbrain.image.segment.tissue_classes.segment_nuclei", lambda grey, *_: np.zeros(grey.shape, bool)
+    )
 
 
 @pytest.fixture(scope="module")

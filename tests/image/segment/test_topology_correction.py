@@ -5,7 +5,7 @@ import pytest
 from scipy import ndimage
 
 from ngbrain.errors import InputError
-from ngbrain.image.segment.topology_correction import NEIGHBOURS, OFFSETS, ball, largest
+from ngbrain.image.segment.topology_correction import NEIGHBOURS, OFFSETS, correct_topology, largest_filled_component
 
 
 def away(n, centre=(0.0, 0.0, 0.0)):
@@ -53,12 +53,12 @@ def test_the_count_of_cells_knows_balls_rings_and_shells():
 
 def test_a_ball_stays_as_it_is():
     mask = np.linalg.norm(away(31), axis=0) < 12.3
-    assert np.array_equal(ball(mask), mask)
+    assert np.array_equal(correct_topology(mask), mask)
 
 
 def test_a_ring_is_cut_once_by_few_voxels():
     mask = torus()
-    found = ball(mask)
+    found = correct_topology(mask)
     left = (mask & ~found).sum()
     print(mask.sum(), left)
     assert is_ball(found) and not (found & ~mask).any()
@@ -69,7 +69,7 @@ def test_a_thin_handle_is_cut_where_it_is_thin():
     x, y, z = away(41)
     mask = (np.linalg.norm(away(41), axis=0) < 10) | ((np.abs(x) < 1) & (np.abs(np.hypot(y, z - 10) - 7) < 1))
     assert characteristic(mask) == 0
-    found = ball(mask)
+    found = correct_topology(mask)
     assert is_ball(found) and (mask & ~found).sum() <= 4
 
 
@@ -84,7 +84,7 @@ def test_faults_of_a_ball(fault):
         "island": whole | (np.linalg.norm(away(31, (13, 13, 13)), axis=0) < 1.5),
         "shell": whole & (r > 9.8),
     }[fault]
-    found = ball(mask)
+    found = correct_topology(mask)
     print(fault, mask.sum(), found.sum())
     assert is_ball(found)
     if fault == "tunnel":
@@ -97,10 +97,10 @@ def test_faults_of_a_ball(fault):
 def test_random_masks_become_balls(seed):
     noise = ndimage.gaussian_filter(np.random.default_rng(seed).random((30, 32, 34)), seed / 2)
     mask = noise < np.median(noise)
-    found = ball(mask)
-    assert is_ball(found) and found.sum() > 0.4 * mask.sum() and not (found & ~largest(mask)).any()
+    found = correct_topology(mask)
+    assert is_ball(found) and found.sum() > 0.4 * mask.sum() and not (found & ~largest_filled_component(mask)).any()
 
 
 def test_an_empty_mask_is_refused():
     with pytest.raises(InputError, match="mask is empty; wanted: a region of at least a voxel"):
-        ball(np.zeros((3, 3, 3), bool))
+        correct_topology(np.zeros((3, 3, 3), bool))

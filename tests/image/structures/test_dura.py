@@ -8,12 +8,12 @@ from scipy.spatial import cKDTree
 
 from ngbrain.errors import InputError
 from ngbrain.image import Volume, mni152
-from ngbrain.image.labelling import tissues
+from ngbrain.image.labelling import label_tissues
 from ngbrain.image.preprocess.mni_landmarks import free_margin
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.structures.dura import falx, tentorium
 from ngbrain.image.structures.midsurface import MidSurface
-from ngbrain.image.structures.structures import CEREBELLUM, LEFT, RIGHT, Structures, structures
+from ngbrain.image.structures.structures import CEREBELLUM, LEFT, RIGHT, Structures, segment_structures
 
 
 def of_parts(parts, affine, to=None):
@@ -85,8 +85,8 @@ def test_without_a_cerebellum_there_is_no_tentorium():
 def found():
     scan = mni152()
     every, affine = (slice(None, None, 2),) * 3, scan.volume.affine @ np.diag([2, 2, 2, 1.0])
-    return structures(
-        Volume(scan.volume.data[every].copy(), affine), Volume(tissues(scan).volume.data[every].copy(), affine)
+    return segment_structures(
+        Volume(scan.volume.data[every].copy(), affine), Volume(label_tissues(scan).volume.data[every].copy(), affine)
     )
 
 

@@ -8,10 +8,10 @@ from scipy import ndimage
 
 from ngbrain.errors import InputError
 from ngbrain.image import Volume, mni152
-from ngbrain.image.labelling import structured, tissues
+from ngbrain.image.labelling import label_structures, label_tissues
 from ngbrain.image.segment.tissue_classes import CSF, GREY, VENTRICLE, WHITE
 from ngbrain.image.structures.midsurface import MidSurface
-from ngbrain.image.structures.structures import CEREBELLUM, LEFT, PARTS, RIGHT, structures
+from ngbrain.image.structures.structures import CEREBELLUM, LEFT, PARTS, RIGHT, segment_structures
 
 
 @pytest.fixture(scope="module")
@@ -20,12 +20,12 @@ def coarse():
     scan = mni152()
     every = (slice(None, None, 2),) * 3
     affine = scan.volume.affine @ np.diag([2, 2, 2, 1.0])
-    return Volume(scan.volume.data[every].copy(), affine), Volume(tissues(scan).volume.data[every].copy(), affine)
+    return Volume(scan.volume.data[every].copy(), affine), Volume(label_tissues(scan).volume.data[every].copy(), affine)
 
 
 @pytest.fixture(scope="module")
 def found(coarse):
-    return structures(*coarse)
+    return segment_structures(*coarse)
 
 
 def region(found, *names):
@@ -74,7 +74,7 @@ SIDES = {
 
 
 def at(volume, points):
-    return volume.at(1e-3 * np.array(points, float), order=0)
+    return volume.interpolate(1e-3 * np.array(points, float), order=0)
 
 
 def test_known_places(found):
@@ -119,9 +119,9 @@ def hurt(coarse):
 def test_of_a_mirrored_person_the_sides_are_swapped(coarse):
     t1, tissue = hurt(coarse)
     affine = coarse[0].affine
-    one = structures(Volume(t1, affine), Volume(tissue, affine)).labels.volumes_ml()
+    one = segment_structures(Volume(t1, affine), Volume(tissue, affine)).labels.volumes_ml()
     mirror = np.diag([-1, 1, 1, 1.0]) @ affine
-    other = structures(Volume(t1, mirror), Volume(tissue, mirror)).labels.volumes_ml()
+    other = segment_structures(Volume(t1, mirror), Volume(tissue, mirror)).labels.volumes_ml()
     assert one["white_left"] < 0.99 * one["white_right"]
     for name, ml in one.items():
         swapped = name.replace("left", "#").replace("right", "left").replace("#", "right")
@@ -132,13 +132,13 @@ def test_flipped_voxels_and_a_turned_head_give_the_same_structures(coarse, found
     t1, tissue = coarse
     flip = np.diag([-1, 1, 1, 1.0])
     flip[0, 3] = t1.data.shape[0] - 1
-    same = structures(
+    same = segment_structures(
         Volume(t1.data[::-1].copy(), t1.affine @ flip), Volume(tissue.data[::-1].copy(), t1.affine @ flip)
     )
     assert min(dice(same.parts.data[::-1] == part, found.parts.data == part) for part in PARTS) > 0.98
     turn = np.eye(4)
     turn[:3, :3] = rotation(20, np.array([1, 0.4, 0.3]))
-    turned = structures(Volume(t1.data, turn @ t1.affine), Volume(tissue.data, turn @ t1.affine))
+    turned = segment_structures(Volume(t1.data, turn @ t1.affine), Volume(tissue.data, turn @ t1.affine))
     assert min(dice(turned.parts.data == part, found.parts.data == part) for part in PARTS) > 0.98
 
 
@@ -149,7 +149,7 @@ def test_the_middle_follows_a_bent_fissure():
     picture = np.where(np.abs(points[:, 0] - bent) < 2, 0.3, 1.0) * inside
     affine = np.diag([2e-3, 2e-3, 2e-3, 1])
     affine[:3, 3] = -2e-3 * np.array([45, 55, 45])
-    middle = MidSurface.of(Volume(picture.reshape(90, 110, 90).astype(np.float32), affine), np.eye(4))
+    middle = MidSurface.fit(Volume(picture.reshape(90, 110, 90).astype(np.float32), affine), np.eye(4))
     deep = np.linalg.norm(points / [65, 85, 60], axis=1) < 0.8
     off = middle.right_of(points[deep]) - (points[deep, 0] - bent[deep])
     assert np.sqrt((off**2).mean()) < 0.6
@@ -168,7 +168,7 @@ def test_the_middle_follows_a_bent_fissure():
 )
 def test_refusals(coarse, change, words):
     with pytest.raises(InputError, match=words):
-        structures(*change(*coarse))
+        segment_structures(*change(*coarse))
 
 
 @pytest.fixture(scope="module")
@@ -178,7 +178,7 @@ def colin():
 
 @pytest.mark.slow
 def test_colin27_has_the_volumes_of_an_adult(colin):
-    made = structured(colin)
+    made = label_structures(colin)
     cerebrum, cerebellum, stem = shares(made)
     ml = made.labels.volumes_ml()
     print({name: round(value, 1) for name, value in ml.items()})
@@ -191,18 +191,18 @@ def test_colin27_has_the_volumes_of_an_adult(colin):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["tilted", "flipped"])
 def test_colin27_in_another_place(colin, kind):
-    made = structured(colin)
+    made = label_structures(colin)
     if kind == "tilted":
         copy, turn = tilted(colin.volume, 25, (1, 2, 0.5))
     else:
         flip = np.diag([-1, -1, 1, 1.0])
         flip[:2, 3] = np.array(colin.volume.data.shape[:2]) - 1
         copy, turn = seen(colin.volume.data[::-1, ::-1], colin.volume.affine @ flip), np.eye(4)
-    other = structured(copy)
+    other = label_structures(copy)
     index = np.argwhere(made.parts.data > 0)
     where = made.parts.to_world(index) @ turn[:3, :3].T + turn[:3, 3]
     scores = {
-        name: dice(other.parts.at(where, order=0) == part, made.parts.data[tuple(index.T)] == part)
+        name: dice(other.parts.interpolate(where, order=0) == part, made.parts.data[tuple(index.T)] == part)
         for part, name in PARTS.items()
     }
     print({name: round(float(score), 3) for name, score in scores.items()})

@@ -93,7 +93,7 @@ def test_the_number_of_splines_is_near_the_best(monkeypatch):
     true = shear_waves(points, G)
     data = waves(points, true).with_noise(0.03, seed=2)
     chosen = relative(fit_splines(data).values()[0], true)
-    errors, all_of = [], module._counts(data.structured)
+    errors, all_of = [], module._counts(data.grid)
     for counts in all_of:
         monkeypatch.setattr(module, "_counts", lambda _, counts=counts: [counts])
         with np.errstate(all="ignore"):

@@ -23,7 +23,7 @@ def test_published_waves_lose_energy_and_their_conjugates_gain_it(name, noise):
     data = Phantom.named(name, 25).measured(noise).data()
     check_passive(data)
     with pytest.raises(InputError, match="gain energy"):
-        check_passive(data.conjugated())
+        check_passive(data.conjugate())
 
 
 @pytest.mark.parametrize("shape", [(24, 22), (12, 11, 10)])
@@ -39,23 +39,23 @@ def test_the_loss_tangent_and_none(shape, noise):
 
 def test_without_loss_or_at_rest_nothing_is_asked():
     points = grid(20, 20)
-    elastic = waves(points, shear_waves(points, 2000 + 400j), rheology="elastic").conjugated()
+    elastic = waves(points, shear_waves(points, 2000 + 400j), rheology="elastic").conjugate()
     check_passive(elastic)
     still = waves(points, shear_waves(points, 2000), frequency=(0.0,))
     check_passive(still)
-    check_passive(replace(elastic, rheology="viscoelastic").conjugated())
+    check_passive(replace(elastic, rheology="viscoelastic").conjugate())
 
 
 def test_invert_refuses_them():
     points = grid(20, 20)
     with pytest.raises(InputError, match="gain energy"):
-        invert(waves(points, shear_waves(points, 2000 + 400j)).conjugated())
+        invert(waves(points, shear_waves(points, 2000 + 400j)).conjugate())
 
 
 def test_a_file_may_say_that_it_is_conjugate(tmp_path):
     points = grid(20, 20)
     data = waves(points, shear_waves(points, 2000 + 400j))
-    np.savez(tmp_path / "waves.npz", **to_keys(data.conjugated()), conjugate=True)
+    np.savez(tmp_path / "waves.npz", **to_keys(data.conjugate()), conjugate=True)
     np.testing.assert_array_equal(read_waves(tmp_path / "waves.npz").displacement, data.displacement)
     np.savez(tmp_path / "waves.npz", **to_keys(data), conjugate=2)
     with pytest.raises(InputError, match="conjugate is 2; wanted: true or false"):

@@ -241,7 +241,7 @@ def test_elements_cover_long_voxels_too(short_waves, spacing, kind):
         )
     else:
         chosen = replace(data, mask=ball, dirichlet=None)
-    assert (chosen.structured is None) == (kind == "left over")
+    assert (chosen.grid is None) == (kind == "left over")
     elements = in_elements(chosen, 1)
     assert elements.inside[chosen.mask].mean() > 0.98 and not elements.inside[~chosen.mask].any()
     assert ngs.Integrate(1, elements.mesh) == pytest.approx(1.25 * 4 / 3 * np.pi * 0.021**3, rel=0.1)

@@ -122,7 +122,7 @@ def test_slices_keep_what_belongs_to_their_points():
     own, one = slices_of(replace(data, labels=labels), 1)[2]
     assert one.points == pytest.approx(data.points[own][:, [0, 2]]) and np.ptp(data.points[own, 1]) == 0
     assert one.displacement[:, :, 0] == pytest.approx(data.displacement[:, own, 1])
-    assert one.labels.tolist() == own.tolist() and one.structured.shape == SHAPE[:2]
+    assert one.labels.tolist() == own.tolist() and one.grid.shape == SHAPE[:2]
     few = replace(data, mask=data.mask & (data.points[:, 0] < 2.5 * SPACING), dirichlet=None)
     with pytest.raises(InputError, match="mask is of a few points of each slice"):
         slices_of(few, 1)

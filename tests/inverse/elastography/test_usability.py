@@ -41,7 +41,7 @@ def of_nonsense(data, kind, other):
     if kind == "imaginary":
         return replace(data, displacement=1j * u.imag)
     if kind == "conjugated":
-        return data.conjugated()
+        return data.conjugate()
     if kind == "mm for m":
         return replace(data, points=1e3 * data.points)
     if kind == "phase":

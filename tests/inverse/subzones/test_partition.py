@@ -147,7 +147,7 @@ def test_data_of_a_zone_are_a_grid_with_the_noise_of_all():
     data = waves(points, u, bulk=2e5, poisson=None, labels=np.arange(len(points)) % 3)
     zone = cut_up(data)[1]
     own, chosen = part(data, zone)
-    assert own.structured and own.structured.shape[1:] == (8, 8) and own.loads == 1
+    assert own.grid and own.grid.shape[1:] == (8, 8) and own.loads == 1
     np.testing.assert_array_equal(own.displacement, u[:, chosen])
     np.testing.assert_array_equal(own.labels, chosen % 3)
     np.testing.assert_array_equal(np.sort(chosen[own.mask]), zone.points)

@@ -7,7 +7,7 @@ import pytest
 pytest.importorskip("nilearn")
 
 from ngbrain.image import mni152
-from ngbrain.image.labelling import tissues
+from ngbrain.image.labelling import label_tissues
 from ngbrain.image.segment.tissue_classes import GREY, VENTRICLE, WHITE
 from ngbrain.ladder.axes import axes_of
 from ngbrain.ladder.models.bodies import ModelHierarchy
@@ -32,7 +32,7 @@ def test_a_head_takes_the_map_of_its_skull() -> None:
     bench = ModelHierarchy(scene)
     model = {"strain": "linear", "pressure": "none", "order": "1", "mesh": "0"}
     assert bench.solve(model).answers == pytest.approx([A[0] @ place for place in PLACES], rel=1e-5)
-    mesh, labels = bench.mesh(model), tissues(mni152()).volume
+    mesh, labels = bench.mesh(model), label_tissues(mni152()).volume
     assert set(mesh.GetMaterials()) == {"grey", "white", "ventricles"} and set(mesh.GetBoundaries()) >= {"skull"}
     ml = {name: 1e6 * ngs.Integrate(ngs.CF(1) * ngs.dx(name), mesh) for name in set(mesh.GetMaterials())}
     counted = {kind: 1e6 * labels.voxel_volume * (labels.data == kind).sum() for kind in (GREY, WHITE, VENTRICLE)}

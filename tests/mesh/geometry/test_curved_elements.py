@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ngbrain.errors import InputError
-from ngbrain.io.mesh_arrays import mesh_of
+from ngbrain.io.mesh_arrays import build_mesh
 from ngbrain.io.nodes import QuadraticGrid
 from ngbrain.mesh import Sizes, cleft_to, idealised_head
 from ngbrain.mesh.geometry import primitives
@@ -130,7 +130,7 @@ def test_nodes_of_a_file_are_those_of_the_mesh_and_come_back():
     grid = QuadraticGrid(mesh)
     inside = {tuple(row) for row in mesh.ngmesh.Coordinates().round(12)}
     assert len(grid.points) == len(inside) and {tuple(row) for row in grid.points.round(12)} == inside
-    again = QuadraticGrid(mesh_of(grid.arrays))
+    again = QuadraticGrid(build_mesh(grid.arrays))
     assert np.array_equal(again.points, grid.points) and np.array_equal(again.connectivity, grid.connectivity)
 
 

@@ -6,10 +6,10 @@ from phantoms import nested
 
 from ngbrain.errors import InputError
 from ngbrain.image import mni152
-from ngbrain.image.labelling import tissues
+from ngbrain.image.labelling import label_tissues
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.read.volume import Volume
-from ngbrain.image.segment.topology import tidied
+from ngbrain.image.segment.topology import clean_labels
 from ngbrain.mesh.geometry.sizing import Graded
 from ngbrain.mesh.quality import Quality, interfaces, volumes_ml
 from ngbrain.mesh.routes.registry import ROUTES
@@ -112,7 +112,7 @@ def test_a_cavity_that_is_open_to_the_outside(route, head):
 @pytest.mark.parametrize("route", ROUTES)
 def test_a_cavity_that_is_closed_stays_hollow_or_is_said_to_be_filled(route, head):
     centre = np.array([0, 0, 17.5]) * MM
-    labels, _ = tidied(painted(head, centre, 6.5 * MM, 0))
+    labels, _ = clean_labels(painted(head, centre, 6.5 * MM, 0))
     hollow = sum(head.volumes_ml().values()) - sum(labels.volumes_ml().values())
     assert hollow > 1
     made = ROUTES[route].make(labels, EVEN).elements
@@ -130,7 +130,7 @@ def test_a_cavity_that_is_closed_stays_hollow_or_is_said_to_be_filled(route, hea
 
 def operated():
     """The MNI152 brain with a lesion of 20 mm in white matter on the left and a cavity of 24 mm on the right."""
-    labels = tissues(mni152()).labels
+    labels = label_tissues(mni152()).labels
     labels = painted(labels, (-28 * MM, -10 * MM, 28 * MM), 10 * MM, 5, within=[3])
     return painted(labels, (42 * MM, 20 * MM, 40 * MM), 12 * MM, 0)
 
@@ -138,7 +138,7 @@ def operated():
 @pytest.mark.slow
 @pytest.mark.parametrize("route", ROUTES)
 def test_a_head_with_a_lesion_and_a_cavity(route):
-    labels, _ = tidied(operated())
+    labels, _ = clean_labels(operated())
     size = Graded(2 * MM, 8 * MM, (-28 * MM, -10 * MM, 28 * MM), ROUTES[route].radius)
     made = ROUTES[route].make(labels, size).elements
     sound(made, route)

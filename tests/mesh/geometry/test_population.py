@@ -10,9 +10,9 @@ import pytest
 from colin import dice
 from population import VENTRICLE, individual
 
-from ngbrain.image.preprocess.skull_strip import placed
+from ngbrain.image.preprocess.skull_strip import align_template
 from ngbrain.image.read.label_map import LabelMap
-from ngbrain.image.read.nifti import on_grid
+from ngbrain.image.read.nifti import resample_labels
 from ngbrain.image.read.volume import Volume
 from ngbrain.mesh.geometry.sizing import Graded
 from ngbrain.mesh.routes.registry import ROUTES
@@ -54,7 +54,7 @@ def off(found, head):
 @pytest.mark.parametrize("seed", range(24, 28))
 def test_coarse_heads_are_found_and_their_labels_meshed(seed, tmp_path):
     head = individual(seed, voxel=3.0)
-    assert off(placed(head.scan(2 * MM)).affine, head) < 12
+    assert off(align_template(head.scan(2 * MM)).affine, head) < 12
     subject = Subject.of_labels(written(head.parts, tmp_path / "aseg.nii"), "freesurfer")
     assert any(note.startswith("sulci without a label are filled") for note in subject.notes)
     check(subject, tmp_path / "head.vtkhdf", size=Graded(10 * MM, 10 * MM))
@@ -66,7 +66,7 @@ def test_coarse_heads_are_found_and_their_labels_meshed(seed, tmp_path):
 def test_a_hull_of_a_t1(seed, tmp_path):
     head = individual(seed)
     subject = Subject.of_scan(written(head.stored, tmp_path / "t1.nii"))
-    found, truth = on_grid(subject.labels.volume, subject.affine, subject.shape).data, head.tissues.volume.data
+    found, truth = resample_labels(subject.labels.volume, subject.affine, subject.shape).data, head.tissues.volume.data
     scores = [dice(found > 0, truth > 0), dice(found == VENTRICLE, truth == VENTRICLE)]
     print(head.about, np.round(scores, 3))
     assert scores[0] > 0.93 and scores[1] > 0.7

@@ -82,4 +82,4 @@ def test_labels_have_names():
     with pytest.raises(InputError, match="labels is made of float64 numbers"):
         LabelMap(Volume(volume.data.astype(float), volume.affine), {1: "grey", 2: "white"})
     merged = LabelMap(volume, {1: "brain", 2: "brain", 3: "lesion"})
-    assert merged.regions == ("brain",) and set(np.unique(merged.numbered())) == {0, 1}
+    assert merged.regions == ("brain",) and set(np.unique(merged.region_numbers())) == {0, 1}

@@ -254,7 +254,7 @@ def volumes_near(mesh, labels, site, radius):
     """Volumes of regions within a radius of a site: of the mesh, and of the voxels."""
     corners, where = mesh.points[mesh.tets], np.random.default_rng(0).dirichlet(np.ones(4), 100)
     share = np.mean([np.linalg.norm(np.einsum("k,nkd->nd", w, corners) - site, axis=1) < radius for w in where], axis=0)
-    numbers, count = labels.numbered(), len(labels.regions)
+    numbers, count = labels.region_numbers(), len(labels.regions)
     at = labels.volume.to_world(np.argwhere(numbers > 0))
     wanted = np.bincount(numbers[numbers > 0], np.linalg.norm(at - site, axis=1) < radius, count + 1)[1:]
     return np.bincount(mesh.region, mesh.volumes() * share, count), wanted * labels.volume.voxel_volume
@@ -327,7 +327,7 @@ def test_shares_that_are_filled_have_the_volume_of_a_thin_shell_but_for_a_quarte
     wanted, before, after = (
         np.bincount(numbers.ravel(), minlength=3)[1]
         for numbers in (
-            labels.numbered(),
+            labels.region_numbers(),
             smooth.shares.argmax(axis=0),
             smooth.filled(Zones.whole(labels)).shares.argmax(axis=0),
         )

@@ -307,7 +307,7 @@ def volumes_near(mesh, labels, share):
     """Volumes of regions, weighted by a share of places: of the mesh, and of the voxels."""
     corners, where = mesh.points[mesh.tets], np.random.default_rng(0).dirichlet(np.ones(4), 60)
     mine = np.mean([share(np.einsum("k,nkd->nd", w, corners)) for w in where], axis=0)
-    numbers = labels.numbered()
+    numbers = labels.region_numbers()
     at = labels.volume.to_world(np.argwhere(numbers > 0))
     wanted = np.bincount(numbers[numbers > 0], share(at), len(labels.regions) + 1)[1:] * labels.volume.voxel_volume
     return np.bincount(mesh.region, mesh.volumes() * mine, len(labels.regions)), wanted

@@ -206,9 +206,9 @@ def test_what_has_no_cortex_is_refused(names):
 @pytest.mark.slow
 def test_the_surfaces_of_a_head():
     from ngbrain.image import mni152
-    from ngbrain.image.labelling import tissues
+    from ngbrain.image.labelling import label_tissues
 
-    found = spherical_cortex(tissues(mni152()).labels)
+    found = spherical_cortex(label_tissues(mni152()).labels)
     for name, surface in found.surfaces.items():
         print(name, surface.area * 1e4, surface.volume * 1e6, surface.volume / found.voxels[name] - 1, surface.genus)
         assert surface.volume == pytest.approx(found.voxels[name], rel=0.01)
