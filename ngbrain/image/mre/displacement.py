@@ -115,8 +115,9 @@ def unwrap_phase_in_time(phase: np.ndarray, mask: np.ndarray | None = None) -> n
     phase   (nx, ny[, nz], N) rad
     mask    (nx, ny[, nz])
 
-    Each time is unwrapped by `unwrap_phase`; then each connected component is shifted by the multiple of 2π that
-    brings most voxels within π of the time before. One multiple of 2π for each piece, the same at all times, stays unknown: it is no part of a harmonic.
+    Each time is unwrapped by `unwrap_phase`; then each connected component is shifted by the multiple of 2π that brings most
+    voxels within π of the time before. One multiple of 2π per component, the same at all times, stays unknown: it is no part of
+    a harmonic.
 
     Raises `InputError` as `unwrap_phase`, and where the last time does not lead back to the first: phases that step by more than π
     from time to time.
