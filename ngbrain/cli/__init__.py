@@ -89,6 +89,7 @@ def _logging(quiet: bool) -> Iterator[None]:
 
     handler = logging.StreamHandler()
     handler.setFormatter(logging.Formatter("ngbrain: %(message)s"))
+    handler.addFilter(lambda record: record.name == LOG.name or record.levelno > logging.INFO)  # no line a step
     before = LOG.level
     LOG.addHandler(handler)
     LOG.setLevel(logging.WARNING if quiet or terminal() else logging.INFO)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -22,6 +23,7 @@ from ngbrain.result import Result, Status
 from ngbrain.scene import Scene
 
 Array = np.ndarray
+LOG = logging.getLogger(__name__)
 NARROW = 0.8
 """Part of the tolerance up to which what is missing may be without a word: estimates are no bounds."""
 LEFT = 0.25
@@ -132,6 +134,7 @@ def ascend(
             rung = _confirmed(keeper, rung, axes)
         rung.cost_s = keeper.clock() - begun
         rungs.append(rung)
+        LOG.info("%s", rung)
         if np.all(rung.missing <= tolerances) or not open_axes:
             break
         rung.taken = _next(open_axes, rung, tolerances)

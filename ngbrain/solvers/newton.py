@@ -10,6 +10,7 @@ Source: Deuflhard, Newton Methods for Nonlinear Problems (2004), sections 2.1.4 
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
@@ -22,6 +23,7 @@ from ngbrain.result import Status
 from ngbrain.solvers.record import NewtonRecord
 
 Array = np.ndarray
+LOG = logging.getLogger(__name__)
 
 UNLOADED = 0.05
 """Reactions below this share of the largest met are judged as if they had it: at rest there is nothing to divide by."""
@@ -83,6 +85,8 @@ class Newton:
             record.reason, record.status = str(error), getattr(error, "status", Status.STALLED)
         if record.reason:
             self.inverse = None
+        work, end = record.work, record.reason or "converged"
+        LOG.debug("%s: %d iterations, %d factorisations", end, record.iterations, work.factorisations)
         return x, record
 
     def _iterate(self, system: System, x: Array, record: NewtonRecord) -> Array:
@@ -110,6 +114,7 @@ class Newton:
                     climbs, foot = 0, (x, r, chain[0][1])
             record.iterations += 1
             record.history.append((float(np.linalg.norm(r)), chain[-1][1]))
+            LOG.debug("iteration %d: residual %.3e, correction %.3e", record.iterations, *record.history[-1])
             trial = self._trial(system, x, chain[-1], record, damped=fresh and climbs == self.watch)
             if trial is None:
                 self.inverse = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
@@ -22,6 +23,7 @@ from ngbrain.solvers.newton import Newton
 from ngbrain.solvers.record import NewtonRecord, SolverWork
 
 Array = np.ndarray
+LOG = logging.getLogger(__name__)
 PROBE = 1e-3
 """Part of a step's load over which the residual's derivative is taken."""
 WHOLES = 1
@@ -97,8 +99,10 @@ class TimeStepper:
             self._count(made.record)
             if made.failure is None:
                 self._accept(start.x, dt)
+                LOG.info("step %d: t = %.6g s, dt = %.3g s, %d iterations", at.steps, at.t, dt, made.record.iterations)
                 return made.record
             at.rejected += 1
+            LOG.info("step of %.3g s from t = %.6g s rejected: %s", dt, at.t, made.failure)
             at.cut = True
             dt = dt / 3
             if dt < self.control.shortest:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -18,6 +19,7 @@ from ngbrain.look import descent
 from ngbrain.result import Result, Status
 
 Array = np.ndarray
+LOG = logging.getLogger(__name__)
 SETTLED = 1e-3
 """Change of all fields (rms) at which the iteration ends, if the weights moved by less than `STEADY`."""
 STEADY = 1.3
@@ -149,6 +151,7 @@ class Ledger:
                 turned = self.policy.update(self.reduced, x, level, factor, probes)
         determined = dict(self.policy.determined)
         history.append(Iteration(phase, misfit, level.expected, weights, change, step, cpu_s, determined))
+        LOG.info("iteration %d: %s", len(history), history[-1])
         self.callback(history[-1])
         if (change < SETTLED and turned < STEADY) or (change < 10 * SETTLED and turned < 1.05):
             return True

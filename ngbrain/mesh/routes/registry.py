@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
@@ -37,6 +38,7 @@ from ngbrain.mesh.surface.head_outlines import BRAIN, Repair
 from ngbrain.mesh.tet_mesh import Elements
 from ngbrain.result import Result, Status
 
+LOG = logging.getLogger(__name__)
 _REST = "rest"
 
 
@@ -162,7 +164,9 @@ def meshed_by(labels: LabelMap, route: str = "hull", size: Graded | Along | None
     made_from = [route, labels.volume.digest(), cut, names, told(size), version("netgen-mesher")]
     modules = (label_map, volume, tet_mesh, sizing, *way.modules)
 
-    return LabelMesh.from_arrays(load_or_compute("meshed", made_from, modules, lambda: way.make(labels, size).arrays()))
+    made = LabelMesh.from_arrays(load_or_compute("meshed", made_from, modules, lambda: way.make(labels, size).arrays()))
+    LOG.info("route %s: %d tetrahedra, %d regions", route, len(made.elements.tets), len(labels.names))
+    return made
 
 
 def told(size: Graded | Along) -> dict[str, Any]:
