@@ -29,8 +29,9 @@ from scipy.special import ndtri
 from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
 from ngbrain.inverse.uncertainty.interval import LEVEL
 from ngbrain.scene import Protocol, Scene
-from ngbrain.surgery.calibrate import SPREAD, Calibrated, Retracted, Search, Seen, calibrate
+from ngbrain.surgery.calibrate import SPREAD, Calibrated, Retracted, Search, calibrate
 from ngbrain.surgery.model import RetractionModel
+from ngbrain.surgery.observations import Observations
 
 Record = dict
 TRUTH = {"idealised_fast": {"cortex": 1.5, "white": 0.7}, "demo_fast": {"grey": 1.5, "white": 0.7}}
@@ -64,16 +65,16 @@ def landmarks(model: RetractionModel) -> np.ndarray:
     return np.array(found)
 
 
-def observed(name: str, model: RetractionModel, stages: tuple[float, ...] = STAGES) -> Seen:
+def observed(name: str, model: RetractionModel, stages: tuple[float, ...] = STAGES) -> Observations:
     """Without noise."""
     points = landmarks(model)
     retracted = Retracted(model, points, np.array(stages), list(TRUTH[name]))
     data = retracted.run.evaluate(np.array(list(TRUTH[name].values()))).data
     moved, force = data[:, :-1].reshape(len(stages), -1, 3), data[:, -1]
-    return Seen(np.array(stages), points, moved, force, (1e-6, 1e-6))
+    return Observations(np.array(stages), points, moved, force, (1e-6, 1e-6))
 
 
-def noisy(seen: Seen, noise: float, seed: int = 0) -> Seen:
+def noisy(seen: Observations, noise: float, seed: int = 0) -> Observations:
     """Of a part of the displacements' rms and of the largest force."""
     sigma = noise * float(np.sqrt(np.mean(seen.displacements**2))), noise * float(np.abs(seen.force).max())
     random = np.random.default_rng(20260101 + seed)
@@ -83,7 +84,12 @@ def noisy(seen: Seen, noise: float, seed: int = 0) -> Seen:
 
 
 def record(
-    name: str, model: RetractionModel, seen: Seen, noise: float, method: str = OURS, search: Search | None = None
+    name: str,
+    model: RetractionModel,
+    seen: Observations,
+    noise: float,
+    method: str = OURS,
+    search: Search | None = None,
 ) -> Record:
     """One search, by the method's own or another."""
     retracted = Retracted(model, seen.landmarks, seen.times, list(TRUTH[name]))
@@ -118,7 +124,7 @@ def record(
 
 
 def held(
-    retracted: Retracted, seen: Seen, noise: float, factors: np.ndarray, truth: dict[str, float]
+    retracted: Retracted, seen: Observations, noise: float, factors: np.ndarray, truth: dict[str, float]
 ) -> dict[str, int]:
     """Of each tissue, how many draws of noise have an interval that holds the truth, to first order around the factors found."""
     state = retracted.run.evaluate(factors)

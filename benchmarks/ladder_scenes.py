@@ -26,8 +26,8 @@ from ngbrain import parallel
 from ngbrain.errors import SolverError
 from ngbrain.ladder.axes import axes_of, richest
 from ngbrain.ladder.estimates import SOLVED, relative
+from ngbrain.ladder.model_search import Climb, climb
 from ngbrain.ladder.models.bodies import ModelHierarchy
-from ngbrain.ladder.search import Climb, climb
 from ngbrain.ladder.solutions import Keeper
 from ngbrain.scene import Scene
 

@@ -27,9 +27,8 @@ from ngbrain.image.read.label_map import LabelMap
 from ngbrain.mesh.geometry.sizing import Graded
 from ngbrain.mesh.labels.indicators import Indicators
 from ngbrain.mesh.quality import Quality, deviations, volume_errors
-from ngbrain.mesh.routes.conforming import named
 from ngbrain.mesh.routes.registry import ROUTES
-from ngbrain.mesh.tet_mesh import Elements
+from ngbrain.mesh.tet_mesh import Elements, named_elements
 
 SITE, NEAR = (0.03, 0.0, 0.05), 20e-3
 CORNERS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
@@ -58,7 +57,7 @@ def voxels(labels: LabelMap, stride: int) -> Elements:
     x = points[tets[:6]]
     if np.linalg.det(x[:, 1:] - x[:, :1])[0] > 0:
         tets = tets[:, [1, 0, 2, 3]]
-    return named(points, tets, np.repeat(cubes[tuple(at.T)] - 1, 6), labels.regions)
+    return named_elements(points, tets, np.repeat(cubes[tuple(at.T)] - 1, 6), labels.regions)
 
 
 def record(method: str, size: str, make: Callable[[], Elements], labels: LabelMap, graded: bool) -> dict:

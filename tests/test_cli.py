@@ -163,7 +163,7 @@ def staged(tmp_path, monkeypatch):
             checkpoint(result)
         return result
 
-    monkeypatch.setattr("ngbrain.report.Report", Reported)
+    monkeypatch.setattr("ngbrain.report.pages.retraction.Report", Reported)
     monkeypatch.setattr("ngbrain.cli.simulate.simulate", solve)
     return seen
 
@@ -403,7 +403,7 @@ def test_a_retraction_says_what_it_leaves_unanswered_and_how_sure_it_is(tmp_path
         return result
 
     monkeypatch.setattr("ngbrain.cli.simulate.simulate", solve)
-    monkeypatch.setattr("ngbrain.report.Report.write", lambda self: self.folder / "report.html")
+    monkeypatch.setattr("ngbrain.report.pages.retraction.Report.write", lambda self: self.folder / "report.html")
     scene = tmp_path / "case.toml"
     scene.write_text(SMALL + '[[quantity]]\nname = "peak_force_N"\ntolerance = 0.2\n')
     status, lines = run(capsys, "simulate", scene, "-o", tmp_path / "out", "-q", "--resume")

@@ -20,9 +20,9 @@ from ngbrain import parallel
 from ngbrain.io import versions, write_json
 from ngbrain.ladder.axes import axes_of
 from ngbrain.ladder.levels import Model
+from ngbrain.ladder.model_search import Climb, Rung, climb, stand
 from ngbrain.ladder.models.bodies import ModelHierarchy
 from ngbrain.ladder.quantities import Asked, Question
-from ngbrain.ladder.search import Climb, Rung, climb, stand
 from ngbrain.ladder.summary import AskedFor, described
 from ngbrain.progress import log_progress, reporting
 from ngbrain.result import Status

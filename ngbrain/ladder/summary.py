@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from ngbrain.ladder.model_search import Climb
 from ngbrain.ladder.quantities import Asked, Question
-from ngbrain.ladder.search import Climb
 
 Array = np.ndarray
 

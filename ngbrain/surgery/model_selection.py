@@ -24,9 +24,9 @@ from ngbrain.errors import InputError
 from ngbrain.ladder import AskedFor, answered
 from ngbrain.ladder.axes import Axis, between, check
 from ngbrain.ladder.levels import HALVINGS, MeshLevel, Model, PresenceLevel, TimeLevel, TissueLevel
+from ngbrain.ladder.model_search import Rung, ascend, stay
 from ngbrain.ladder.models.bodies import Solution
 from ngbrain.ladder.quantities import BodyState
-from ngbrain.ladder.search import Rung, ascend, stay
 from ngbrain.ladder.solutions import Keeper
 from ngbrain.materials.families import NEO_HOOKE, is_neo_hooke
 from ngbrain.progress import log_progress, reporting

@@ -8,9 +8,9 @@ import pytest
 from ngbrain.ladder.adaptivity import chosen
 from ngbrain.ladder.axes import axes_of, cheapest
 from ngbrain.ladder.estimates import Estimate, relative
+from ngbrain.ladder.model_search import Rung, _towards, climb
 from ngbrain.ladder.models.bodies import SMALL, ModelHierarchy, linear_state, solve
 from ngbrain.ladder.quantities import BodyState, answer, slope
-from ngbrain.ladder.search import Rung, _towards, climb
 from ngbrain.ladder.solutions import Keeper
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Tissue
 

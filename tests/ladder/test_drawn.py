@@ -14,8 +14,8 @@ from scipy.optimize import brentq
 from ngbrain.errors import SolverError
 from ngbrain.ladder.axes import axes_of
 from ngbrain.ladder.estimates import relative
+from ngbrain.ladder.model_search import climb
 from ngbrain.ladder.models.bodies import ModelHierarchy
-from ngbrain.ladder.search import climb
 from ngbrain.ladder.solutions import Keeper
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Time, Tissue, Traction
 

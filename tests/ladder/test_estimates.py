@@ -9,8 +9,8 @@ from ngbrain.errors import SolverError
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.ladder.axes import axes_of, cheapest
 from ngbrain.ladder.estimates import Estimate, in_section, neighbour, relative, roughly
+from ngbrain.ladder.model_search import estimate
 from ngbrain.ladder.models.bodies import ModelHierarchy
-from ngbrain.ladder.search import estimate
 from ngbrain.ladder.solutions import Keeper
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Time, Tissue, Traction
 

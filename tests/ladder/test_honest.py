@@ -12,8 +12,8 @@ from ngbrain.errors import InputError, SolverError
 from ngbrain.ladder.axes import AXES, axes_of, cheapest
 from ngbrain.ladder.estimates import NOTHING
 from ngbrain.ladder.levels import PresenceLevel
+from ngbrain.ladder.model_search import ascend
 from ngbrain.ladder.models.bodies import ModelHierarchy, Solution
-from ngbrain.ladder.search import ascend
 from ngbrain.ladder.solutions import Keeper
 from ngbrain.scene import DisplacementBC, Geometry, Gravity, MeshSize, Quantity, Scene, Time, Tissue, Traction
 

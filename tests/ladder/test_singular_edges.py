@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from ngbrain.ladder.model_search import climb
 from ngbrain.ladder.models.bodies import ModelHierarchy, solve
-from ngbrain.ladder.search import climb
 from ngbrain.ladder.singular_edges import torn
 from ngbrain.mesh import block
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Tissue

@@ -6,9 +6,9 @@ import pytest
 from ngbrain.ladder.adaptivity import SHARE, chosen
 from ngbrain.ladder.axes import axes_of, cheapest, richest
 from ngbrain.ladder.estimates import relative
+from ngbrain.ladder.model_search import climb
 from ngbrain.ladder.models.bodies import ModelHierarchy, solve
 from ngbrain.ladder.models.geometry import Meshes
-from ngbrain.ladder.search import climb
 from ngbrain.ladder.solutions import Keeper
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Tissue
 

@@ -12,7 +12,7 @@ import pytest
 from ngbrain.errors import InputError
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables import Force
-from ngbrain.forward.sensitivity.static_model import Case, StaticModel
+from ngbrain.forward.sensitivity.static_model import LoadCase, StaticModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.inverse.fitting.estimate import recover
 from ngbrain.inverse.optimise import levenberg_marquardt as optimiser
@@ -45,7 +45,7 @@ def model_of(n):
             block((SIDE,) * 3, SIDE), {".*": Material(Series(*numbers.values()), 5e4)}, {"bottom": 0, "top": by},
             element="P2/P1",
         )  # fmt: skip
-        cases.append(Case(body, [Force("top", (0, 0, 1))] + [Force("top", (1, 0, 0))] * (move[0] > 0)))
+        cases.append(LoadCase(body, [Force("top", (0, 0, 1))] + [Force("top", (1, 0, 0))] * (move[0] > 0)))
     return StaticModel(cases, numbers, steps=2), numbers
 
 

@@ -11,8 +11,9 @@ from ngbrain.errors import InputError
 from ngbrain.materials import Ogden, constants
 from ngbrain.materials.families import stiffen
 from ngbrain.scene import Protocol, Scene
-from ngbrain.surgery.calibrate import Retracted, Seen, calibrate
+from ngbrain.surgery.calibrate import Retracted, calibrate
 from ngbrain.surgery.model import RetractionModel
+from ngbrain.surgery.observations import Observations
 
 TIMES = np.array([2.0, 6.0])
 TRUTH = {"cortex": 1.5, "white": 0.7}
@@ -52,7 +53,7 @@ def seen(retracted, landmarks, noise, force=True):
     random = np.random.default_rng(2)
     moved = moved + sigma[0] * random.normal(size=moved.shape)
     pushed = pushed + sigma[1] * random.normal(size=2) if force else np.full(2, np.nan)
-    return Seen(TIMES, landmarks, moved, pushed, sigma)
+    return Observations(TIMES, landmarks, moved, pushed, sigma)
 
 
 def test_constants_times_a_factor_relax_as_quickly():
@@ -132,7 +133,7 @@ def test_landmarks_alone_tell_less(model, retracted, landmarks):
 def test_measurements_without_sense_are_refused(wrong, said):
     right = {"displacements": np.zeros((2, 8, 3)), "force": np.zeros(2), "sigma": (1e-4, 0.1)}
     with pytest.raises(InputError, match=said):
-        Seen(TIMES, np.zeros((8, 3)), **{**right, **wrong})
+        Observations(TIMES, np.zeros((8, 3)), **{**right, **wrong})
 
 
 def test_operations_that_cannot_be_differentiated_are_refused(model, landmarks):
@@ -145,7 +146,7 @@ def test_operations_that_cannot_be_differentiated_are_refused(model, landmarks):
     rough = replace(model, scene=replace(model.scene, tools=(replace(model.scene.tool, friction=0.2),)))
     with pytest.raises(InputError, match="without friction"):
         Retracted(rough, landmarks, TIMES)
-    data = Seen(TIMES, landmarks, np.zeros((2, 8, 3)), np.zeros(2), (1e-4, 0.1))
+    data = Observations(TIMES, landmarks, np.zeros((2, 8, 3)), np.zeros(2), (1e-4, 0.1))
     with pytest.raises(InputError, match="above 1"):
         calibrate(model, data, spread=1.0)
     with pytest.raises(InputError, match="factors above 0"):

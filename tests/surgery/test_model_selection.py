@@ -9,7 +9,7 @@ import ngbrain
 from ngbrain.errors import InputError
 from ngbrain.ladder.axes import richest
 from ngbrain.ladder.estimates import relative
-from ngbrain.ladder.search import ascend
+from ngbrain.ladder.model_search import ascend
 from ngbrain.ladder.solutions import Keeper
 from ngbrain.materials.families import is_neo_hooke
 from ngbrain.scene import Quantity, Scene

@@ -12,10 +12,10 @@ from ngbrain.image.read.nifti import write_nifti  # noqa: E402
 from ngbrain.image.read.volume import Volume  # noqa: E402
 from ngbrain.ladder.axes import axes_of, cheapest  # noqa: E402
 from ngbrain.ladder.estimates import relative  # noqa: E402
+from ngbrain.ladder.model_search import climb, estimate  # noqa: E402
 from ngbrain.ladder.models.bodies import ModelHierarchy, solve  # noqa: E402
 from ngbrain.ladder.models.geometry import Meshes  # noqa: E402
 from ngbrain.ladder.models.property_maps import over, read  # noqa: E402
-from ngbrain.ladder.search import climb, estimate  # noqa: E402
 from ngbrain.ladder.solutions import Keeper
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Time, Tissue  # noqa: E402
 

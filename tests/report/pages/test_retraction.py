@@ -13,11 +13,10 @@ import ngsolve as ng
 import numpy as np
 import pytest
 
-from ngbrain import report
 from ngbrain.errors import InputError, MissingExtra
 from ngbrain.io import Frame, QuadraticGrid, save
 from ngbrain.mesh import Cleft, Sizes, cleft_to, idealised_head
-from ngbrain.report.pages import tables
+from ngbrain.report.pages import retraction, tables
 from ngbrain.report.pages.retraction import Report, build
 from ngbrain.report.pictures import animation, figures, style
 from ngbrain.report.pictures.timeline import Run
@@ -242,7 +241,7 @@ def test_pictures_have_the_scale_of_the_largest_99th_percentile(
     monkeypatch.setattr(style.StrainScale, "up_to", lambda strain: asked.append(strain) or of(strain))
     result = json.loads((made / "result.json").read_text())
     result["answers"]["intermittent"]["mps_p99"] = 0.07
-    report._pictures(made, result)
+    retraction._pictures(made, result)
     assert asked == [0.36]  # once, for all pictures
 
 

@@ -12,11 +12,11 @@ import pytest
 from matplotlib.colors import to_rgb
 from matplotlib.image import imread
 
-from ngbrain import report
 from ngbrain.errors import InputError
 from ngbrain.io import Frame, QuadraticGrid, save
 from ngbrain.mesh import Cleft
-from ngbrain.report.pictures import figures, slices, style
+from ngbrain.report.pages.retraction import build
+from ngbrain.report.pictures import animation, figures, slices, style
 from ngbrain.report.pictures.frame import State
 from ngbrain.report.pictures.slices import ScanImage, volumes
 from ngbrain.report.render.surface import faces, triangles
@@ -168,7 +168,7 @@ def run(tmp_path: Path, grid: QuadraticGrid, monkeypatch: pytest.MonkeyPatch) ->
     """A folder of a run, whose other pictures are left out."""
     for name in ("head", "strain_slice"):
         monkeypatch.setattr(figures, name, lambda *_: b"none")
-    monkeypatch.setattr(report.animation, "animation", lambda *_: report.animation.Animation([], 0, b"", []))
+    monkeypatch.setattr(animation, "animation", lambda *_: animation.Animation([], 0, b"", []))
     monkeypatch.setattr(style, "DPI", 50)
     zero = {"displacement": 0 * grid.points, "max_principal_strain": 0 * grid.points[:, 0]}
     save(tmp_path / "a.vtkhdf", grid, [Frame(0.0, zero)])
@@ -181,7 +181,7 @@ def run(tmp_path: Path, grid: QuadraticGrid, monkeypatch: pytest.MonkeyPatch) ->
 
 def test_a_head_from_a_scan_has_its_section(run: Path) -> None:
     np.savez_compressed(run / "head.npz", **scan())
-    page = report.build(run).read_text(encoding="utf-8")
+    page = build(run).read_text(encoding="utf-8")
     assert page.count("<img") == 4
     order = [page.index(f">{title}</h2>") for title in SECTIONS]
     assert order == sorted(order)
@@ -195,7 +195,7 @@ def test_a_scan_without_more_words_has_its_section_too(run: Path) -> None:
     del result["head"]
     (run / "result.json").write_text(json.dumps(result))
     np.savez(run / "head.npz", **scan())
-    page = report.build(run).read_text(encoding="utf-8")
+    page = build(run).read_text(encoding="utf-8")
     assert page.count("<img") == 4
     assert "The head: " not in page
     assert "Labels (ml)" not in page
@@ -203,7 +203,7 @@ def test_a_scan_without_more_words_has_its_section_too(run: Path) -> None:
 
 def test_a_head_without_a_scan_has_none(run: Path) -> None:
     assert ScanImage.read(run) is None
-    page = report.build(run).read_text(encoding="utf-8")
+    page = build(run).read_text(encoding="utf-8")
     assert page.count("<img") == 3
     assert "Scan, tissues" not in page
 
@@ -255,5 +255,5 @@ def test_a_damaged_file_is_refused(tmp_path: Path, way: str) -> None:
 def test_a_damaged_scan_stops_the_report(run: Path) -> None:
     (run / "head.npz").write_bytes(b"PK")
     with pytest.raises(InputError):
-        report.build(run)
+        build(run)
     assert not (run / "report.html").exists()

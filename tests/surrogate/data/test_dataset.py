@@ -6,7 +6,8 @@ import pytest
 
 from ngbrain.errors import InputError
 from ngbrain.inverse.phantoms.benchmark import Phantom
-from ngbrain.surrogate.data.dataset import DataSet, dataset, generate, sample, shaken
+from ngbrain.surrogate.data import dataset
+from ngbrain.surrogate.data.dataset import DataSet, generate, sample, shaken
 
 
 def test_waves_of_a_published_case():

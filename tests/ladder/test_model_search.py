@@ -13,9 +13,9 @@ from ngbrain.errors import InputError
 from ngbrain.ladder.axes import AXES, OF_WAVES, Axis, axes_of, between, cheapest, richest
 from ngbrain.ladder.estimates import BY, SOLVED, Estimate, relative
 from ngbrain.ladder.levels import MeshLevel, TimeLevel
+from ngbrain.ladder.model_search import Rung, _as_order, _confirmed, _judge, _learnt, _next, _rung, ascend, climb
 from ngbrain.ladder.models.bodies import Model, ModelHierarchy, Solution
 from ngbrain.ladder.quantities import BodyState
-from ngbrain.ladder.search import Rung, _as_order, _confirmed, _judge, _learnt, _next, _rung, ascend, climb
 from ngbrain.ladder.solutions import Keeper
 from ngbrain.result import Status
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Time, Tissue, Traction
