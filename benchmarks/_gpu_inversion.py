@@ -141,7 +141,7 @@ def inversions(case: str, n: int) -> tuple[Record, dict[str, Callable[[], Record
             from _gpu_cells import need_cudss
 
             need_cudss()
-        device = Device.named(name)
+        device = Device.from_name(name)
         clock = Clock(device)
         experiment, reduced = problem(case, data, n, timed(device, clock))
         clock.seconds.clear()

@@ -97,7 +97,7 @@ def measured(case: str, form: str, n: int, times: int) -> Iterator[Record]:
 
     forward, there = least(equilibrium, times)
     factors, wanted = each.work.factorisations // times, 1.1 * there.data
-    symbols, _ = least(lambda: each.by_theta, 1)
+    symbols, _ = least(lambda: each.parameter_gradient, 1)
     few = implicit_solve.FEW
     ways = {OLD: few} if case == LINEAR else {OLD: few, NEW: 0}
     for method, allowed in ways.items():

@@ -159,7 +159,7 @@ def cost(
 def held_mb(of: RunModel) -> float:
     """What a replay holds (MB): histories, and states that are not the same array."""
     replay, arrays = of.replay, {}
-    for state in (*(kept.state for kept in replay.kept), *(step.start for step in replay._last)):
+    for state in (*(kept.state for kept in replay.checkpoints), *(step.start for step in replay._last)):
         for value in (state.x, *flat(state.internal)):
             arrays[id(value)] = value.nbytes
     for value in (*replay._states, *replay._known):

@@ -226,7 +226,7 @@ def fibres(
         found = SEARCHES[method](reduced, fields.start, EvidenceOfNoise(), rounds=rounds)
     except ConvergenceError:
         pass  # it stays where it started
-    model.put(fields.theta(fields.start if found is None else found.x))
+    model.set_parameters(fields.theta(fields.start if found is None else found.x))
     turned = ngs.Integrate(ngs.sin(angle - ANGLE) ** 2 * ngs.dx(bonus_intorder=6), mesh)
     return record("fibres", method, found, model, begun) | {
         "loads": "+".join(names),

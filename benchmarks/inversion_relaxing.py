@@ -176,7 +176,7 @@ def rms(data: np.ndarray) -> float:
 def mismatch(of: RunModel, truth: Numbers, data: np.ndarray) -> Record:
     """At the truth, without noise."""
     found = of.evaluate(np.array(list(truth.values()))).data
-    pairs = [(found[:, part], data[:, part]) for part in of.observed]
+    pairs = [(found[:, part], data[:, part]) for part in of.observation_slices]
     best = [np.sum(a * b) / np.sum(a * a) for a, b in pairs]
     return {
         "mismatch": max(rms(a - b) / rms(b) for a, b in pairs),
@@ -187,7 +187,7 @@ def mismatch(of: RunModel, truth: Numbers, data: np.ndarray) -> Record:
 def noisy(of: RunModel, data: np.ndarray, noise: float, seed: int) -> np.ndarray:
     """A part of each observation's rms."""
     made, random = data.copy(), np.random.default_rng(20260101 + seed)
-    for part in of.observed:
+    for part in of.observation_slices:
         made[:, part] += noise * rms(data[:, part]) * random.normal(size=data[:, part].shape)
     return made
 

@@ -146,16 +146,16 @@ class Against:
             block = self.unknowns.blocks[field.name]
             x[block] = fitted(at, values, gradients(self.experiment.space, self.unknowns.start[block]), x[block])
         factors, columns = model.evaluate(self.unknowns.theta(x)).factors, []
-        for driven in model.driving:
+        for driven in model.driven_dofs:
             held = np.zeros(self.experiment.body.fes.ndof, complex)
             held[driven] = 1
-            columns.append(model.observed(factors.driven(0, held))[:, 0])
-        moved = [model.observed(factors.solve(0, source))[:, 0] for source in self.sources]
+            columns.append(model.observe(factors.driven(0, held))[:, 0])
+        moved = [model.observe(factors.solve(0, source))[:, 0] for source in self.sources]
         columns += [each / np.abs(each).max() for each in moved]
         measured = self.experiment.measured[0, :, 0]
         known = np.isfinite(measured)
         matrix, right = np.array(columns).T[known], measured[known]
-        parts = [matrix[:, : len(model.driving)], matrix]
+        parts = [matrix[:, : len(model.driven_dofs)], matrix]
         off = [right - part @ np.linalg.lstsq(part, right, rcond=1e-10)[0] for part in parts]
         return tuple(float(np.linalg.norm(each) / np.linalg.norm(right)) for each in off)  # type: ignore[return-value]
 
@@ -175,13 +175,13 @@ def against(known: Slice, which: int, data: WaveData, storage: np.ndarray, loss:
             "left": [found[f][best[f][0]][0] for f in FACTORS],
             "tangent": [TANGENTS[best[f][0]] for f in FACTORS],
             "ours": ours[0],
-            "unknowns": len(judge.experiment.model.driving),
+            "unknowns": len(judge.experiment.model.driven_dofs),
         },
         "sources": {
             "left": [found[f][best[f][1]][1] for f in FACTORS],
             "tangent": [TANGENTS[best[f][1]] for f in FACTORS],
             "ours": ours[1],
-            "unknowns": len(judge.experiment.model.driving) + len(judge.sources),
+            "unknowns": len(judge.experiment.model.driven_dofs) + len(judge.sources),
         },
         "longest_mm": 1e3 * LONG,
     }

@@ -122,7 +122,7 @@ def records(case: str, noise: float, number: int) -> Iterator[Record]:
             truth[block_] += drawn
         data = model.evaluate(fields.theta(truth)).data
         sigma = np.empty(data.shape)
-        for where in model.observed:
+        for where in model.observation_slices:
             sigma[..., where] = noise * np.sqrt(np.mean(data[..., where] ** 2))
         misfit = LeastSquares(data + sigma * random.normal(size=data.shape), sigma)
         reduced = Reduced(model, misfit, fields, held, dict.fromkeys(held, WEIGHT))

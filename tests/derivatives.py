@@ -195,7 +195,9 @@ def rates_of(model: Any, twice: bool) -> np.ndarray:
     """Of what is left of a derivative over a grid of steps; 2 where nothing is."""
     rng, start = np.random.default_rng(5), model.theta.copy()
     there = model.evaluate(start)
-    largest = np.concatenate([np.full(at.stop - at.start, np.abs(there.data[..., at]).max()) for at in model.observed])
+    largest = np.concatenate(
+        [np.full(at.stop - at.start, np.abs(there.data[..., at]).max()) for at in model.observation_slices]
+    )
     w = rng.uniform(0.5, 1, size=there.data.shape) / largest
     way = np.abs(start).max() or 5e-4  # of nodes a part of an element
     direction = way * rng.uniform(0.3, 1, size=len(start))

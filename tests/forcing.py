@@ -88,7 +88,7 @@ def inflated(kind, element="P2/P1", law="Prony", rubs=False, cavity=True):
 def weighed(of, rng):
     """Of all data, those of an observable over its largest; and their sum at any θ."""
     data = of.evaluate(of.theta).data
-    largest = np.concatenate([np.full(at.stop - at.start, np.abs(data[:, at]).max()) for at in of.observed])
+    largest = np.concatenate([np.full(at.stop - at.start, np.abs(data[:, at]).max()) for at in of.observation_slices])
     w = rng.normal(size=data.shape) / largest
     return w, lambda theta: float(np.sum(w * of.evaluate(theta).data))
 

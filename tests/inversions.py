@@ -47,7 +47,7 @@ def one_modulus(loss, start, nodes=17):
     sigma, measured = scatter(true.evaluate(true.theta).data, 0.01)
     model = square(nodes, "Q1", loss, held=".*")
     theta, u = model.theta, measured[0].T.ravel()
-    held = u[model.driving]
+    held = u[model.driven_dofs]
     theta[model.blocks["boundary"]] = np.concatenate([held.real, held.imag])
     alike = sp.csr_array(np.ones((nodes**2, 1)))
     fields = Fields(theta, model.blocks, {"storage": Unknown(start, Log(), alike)})

@@ -188,7 +188,7 @@ def _checked(arguments: argparse.Namespace) -> WaveData:
             given = getattr(arguments, option.removeprefix("--").replace("-", "_"))
             if given not in wanted:
                 raise InputError(option, given, f"{wanted[0] or 'left out'} with --subzones: zones have no other")
-    Device.named(arguments.device)
+    Device.from_name(arguments.device)
     data = read_waves(arguments.data)
     data = data.conjugate() if arguments.conjugate else data
     if arguments.bars and moving_axis(data) is not None:

@@ -91,7 +91,7 @@ def follow(
     return x, record
 
 
-def resumed(
+def resume(
     path: Path, newton: Newton, x: Array, steps: int = 1, callback: Callable[[float, Array], None] | None = None
 ) -> tuple[Array, PathRecord] | None:
     """The equilibrium at t = 1 from a state x near it, as far as it may be taken; None where Newton's method does not arrive.

@@ -42,7 +42,7 @@ class Device:
     make   matrix and free unknowns (None: all) → Factor
 
     >>> matrix = ngs.la.SparseMatrixd.CreateFromCOO([0, 1], [0, 1], [2.0, 4.0], 2, 2)
-    >>> Device.named("cpu").factor(matrix).solve(np.array([1.0, 1.0])).tolist()
+    >>> Device.from_name("cpu").factor(matrix).solve(np.array([1.0, 1.0])).tolist()
     [0.5, 0.25]
     """
 
@@ -55,9 +55,9 @@ class Device:
         Below the size at which a GPU was measured to overtake the processor (`CROSSING`, from `benchmarks/gpu.py`), "auto" is the
         processor; above it the GPU, if cuDSS finds one.
 
-        >>> Device.named("cpu").for_unknowns(1000)[1]
+        >>> Device.from_name("cpu").for_unknowns(1000)[1]
         ''
-        >>> device, note = Device.named("auto").for_unknowns(1000)
+        >>> device, note = Device.from_name("auto").for_unknowns(1000)
         >>> device.name
         'cpu'
         """
@@ -69,12 +69,12 @@ class Device:
                 f"device auto: the processor, as a GPU is faster only from {CROSSING} unknowns on, not with {unknowns}",
             )
         try:
-            return Device.named("cuda"), f"device auto: the GPU, with {unknowns} unknowns"
+            return Device.from_name("cuda"), f"device auto: the GPU, with {unknowns} unknowns"
         except (InputError, MissingExtra) as error:
             return CPU, f"device auto: the processor ({error})"
 
     @staticmethod
-    def named(name: str) -> Device:
+    def from_name(name: str) -> Device:
         """cpu or auto, or cuda or ngsolve, which are tried on two unknowns before they are given.
 
         Raises `InputError` for another name or where no GPU answers, `MissingExtra` without nvmath-python.
@@ -105,7 +105,7 @@ class CpuFactor:
         """A⁻¹b."""
         return self._times(self._inverse, b)
 
-    def transposed(self, b: Array) -> Array:
+    def solve_transposed(self, b: Array) -> Array:
         """A⁻ᵀb, of a factor with pivots."""
         return self._times(self._inverse.T, b)
 

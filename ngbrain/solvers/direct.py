@@ -30,7 +30,7 @@ def require_package(name: str) -> None:
         except importlib.metadata.PackageNotFoundError as error:
             raise MissingExtra("mkl", "pardiso") from error
     if name == "cudss":
-        Device.named("cuda")
+        Device.from_name("cuda")
 
 
 def factorise(name: str, condensed: Condensed) -> Core:

@@ -24,7 +24,7 @@ class QuasiNewtonPreconditioner:
 
     >>> found = QuasiNewtonPreconditioner()
     >>> found.add(np.array([1.0, 0.0]), np.array([4.0, 0.0]))
-    >>> found.corrected(lambda r: r, lambda s: 0 * s)(np.array([4.0, 3.0])).tolist()
+    >>> found.correct(lambda r: r, lambda s: 0 * s)(np.array([4.0, 3.0])).tolist()
     [1.0, 3.0]
     """
 
@@ -47,7 +47,7 @@ class QuasiNewtonPreconditioner:
         self._pairs.clear()
         self._pairs.extend((s, image) for s, image in values)
 
-    def corrected(self, precondition: Apply, rest: Apply) -> Apply:
+    def correct(self, precondition: Apply, rest: Apply) -> Apply:
         """`precondition` with what is known; `rest` applies R."""
         known = []
         for s, image in self._pairs:

@@ -177,7 +177,7 @@ def prepare(name: str, form: ngs.BilinearForm, modulus: ngs.CoefficientFunction 
     return iterative
 
 
-def reused(form: ngs.BilinearForm, kept: Solve, r: Array, rtol: float = 1e-2, most: int = 12) -> Solve | None:
+def reuse_factor(form: ngs.BilinearForm, kept: Solve, r: Array, rtol: float = 1e-2, most: int = 12) -> Solve | None:
     """Solver with the matrix of a new assembly by an older factor; None if that does not reach `rtol` for r.
 
     Later right-hand sides are solved as well as `most` iterations can. Errors are measured as the old factor sees them,

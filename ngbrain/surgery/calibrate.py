@@ -25,7 +25,7 @@ from ngbrain.adjoint.reduced import Point, Reduced
 from ngbrain.errors import InputError, SolverError
 from ngbrain.forward.common.interpolation import inside
 from ngbrain.forward.observables import Displacements, Force, Observable
-from ngbrain.forward.sensitivity.transient.replay import times_of
+from ngbrain.forward.sensitivity.transient.replay import accepted_times
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.inverse.fitting.defect_correction import corrected
 from ngbrain.inverse.objective.parameters import Fields, Log, Unknown
@@ -125,7 +125,7 @@ class Retracted:
         self.factors = {name: ngs.Parameter(1.0) for name in names}
         run = model.run(program, materials=model.scaled(self.factors))
         self.landmarks, self.times, self.protocol = landmarks, times, protocol
-        self.grid = times_of(model.run(program)) if grid is None else grid
+        self.grid = accepted_times(model.run(program)) if grid is None else grid
         x, y, z = (float(c) for c in model.cleft.across)
         observables: list[Observable] = [Displacements(landmarks)] if len(landmarks) else []
         observables.append(Force(WALLS[0], (x, y, z)))

@@ -41,7 +41,7 @@ def test_one_matrix(number, cudss, rng):
     u, v = space.TnT()
     form = ngs.BilinearForm(number * (ngs.grad(u) * ngs.grad(v) - 30 * u * v) * ngs.dx).Assemble()
     b = rng.normal(size=space.ndof)
-    device = Device.named("cuda")
+    device = Device.from_name("cuda")
     cudss.made.clear()
     factors = {each.name: each.factor(form.mat, space.FreeDofs()) for each in (CPU, device)}
     found = {name: factor.solve(b) for name, factor in factors.items()}
@@ -84,7 +84,7 @@ def test_a_whole_inversion_on_the_host_reference_device():
 def test_the_reference_device_is_no_gpu(monkeypatch):
     monkeypatch.setattr(ngsolve.gpu, "backend", "host")
     with pytest.raises(InputError, match=r"a GPU that NGSolve solves on \(it has none, .*\), or 'cpu'"):
-        Device.named("ngsolve")
+        Device.from_name("ngsolve")
 
 
 def test_half_of_a_matrix_that_is_not_symmetric_would_be_another(cudss):
@@ -94,7 +94,7 @@ def test_half_of_a_matrix_that_is_not_symmetric_would_be_another(cudss):
 
 
 def test_waves_and_their_derivatives(cudss, rng):
-    states = [small(device).reduced.evaluate(small().start).state for device in (CPU, Device.named("cuda"))]
+    states = [small(device).reduced.evaluate(small().start).state for device in (CPU, Device.from_name("cuda"))]
     there, here = states
     assert near(here.data, there.data) and cudss.solves > 1
     w, direction = rng.normal(size=there.data.shape), rng.normal(size=there.model.size)
@@ -108,7 +108,7 @@ def test_waves_and_their_derivatives(cudss, rng):
 
 @pytest.mark.parametrize(("dense", "off"), [(0, 1e-5), (1000, 1e-8)])  # conjugate gradients magnify round-off
 def test_a_whole_inversion_by_levenberg_and_marquardt(dense, off, cudss):
-    both = [small(device) for device in (CPU, Device.named("cuda"))]
+    both = [small(device) for device in (CPU, Device.from_name("cuda"))]
     there, here = (levenberg_marquardt(each.reduced, each.start, Given(), dense=dense) for each in both)
     done = both[1].model.solves
     assert len(cudss.made) - 1 == done.factorisations  # all of it there; one for trying the device
@@ -118,7 +118,7 @@ def test_a_whole_inversion_by_levenberg_and_marquardt(dense, off, cudss):
 
 
 def test_conditions_of_optimality(cudss):
-    both = [small(device) for device in (CPU, Device.named("cuda"))]
+    both = [small(device) for device in (CPU, Device.from_name("cuda"))]
     there, here = (GaussNewton(each.reduced, Given()).from_waves(each.start, each.waves, 3) for each in both)
     assert len(cudss.made) - 1 == len(here.history) > 0  # conditions alone: no waves are solved for
     assert np.linalg.norm(here.x - there.x) <= 1e-8 * np.linalg.norm(there.x)
@@ -138,7 +138,7 @@ def test_from_one_call(dim, cudss):
 
 
 def test_what_the_gpu_leaves_is_solved_with_pivots(cudss, monkeypatch):
-    inversion = small(Device.named("cuda"))
+    inversion = small(Device.from_name("cuda"))
     monkeypatch.setattr(cudss, "solve", lambda self: np.zeros_like(self._b))
     state = inversion.reduced.evaluate(inversion.start).state
     assert near(state.data, small().reduced.evaluate(inversion.start).state.data)
@@ -155,7 +155,7 @@ def test_statics_on_a_gpu(cudss):
 
 def test_a_name_that_is_none():
     with pytest.raises(InputError, match=r"device is 'cudda'; wanted: did you mean 'cuda'\?"):
-        Device.named("cudda")
+        Device.from_name("cudda")
     with pytest.raises(InputError, match="device"):
         invert(None, device="gpu")  # before data are looked at
 
@@ -163,26 +163,26 @@ def test_a_name_that_is_none():
 def test_no_nvmath(monkeypatch):
     monkeypatch.setitem(sys.modules, "nvmath.sparse.advanced", None)
     with pytest.raises(MissingExtra, match=r'nvmath is not installed; get it with: pip install "ngbrain\[gpu\]"'):
-        Device.named("cuda")
-    assert Device.named("cpu") is CPU
+        Device.from_name("cuda")
+    assert Device.from_name("cpu") is CPU
 
 
 def test_no_gpu(cudss, monkeypatch):
     monkeypatch.setattr(cudss, "gpu", False)
     with pytest.raises(InputError, match=r"a GPU that cuDSS solves on \(CUDA_ERROR_NO_DEVICE\), or 'cpu'"):
-        Device.named("cuda")
+        Device.from_name("cuda")
 
 
 def test_a_gpu_that_solves_wrongly(cudss, monkeypatch):
     monkeypatch.setattr(cudss, "solve", lambda self: self._b)
     with pytest.raises(InputError, match="2 x 2 unknowns come out as"):
-        Device.named("cuda")
+        Device.from_name("cuda")
 
 
 @pytest.mark.parametrize("name", ["cpu", "cuda"])
 def test_no_factor_is_said(name):
     matrix = ngs.la.SparseMatrixd.CreateFromCOO([0, 1], [0, 1], [1.0, 0.0], 2, 2)
-    device = Device.named(name)
+    device = Device.from_name(name)
     if name == "cpu":
         device = Device("cpu", lambda matrix, free: matrix.Inverse(free, inverse="none of them"))
     with pytest.raises(SolverError, match="the stiffness cannot be factorised: "):
@@ -190,7 +190,7 @@ def test_no_factor_is_said(name):
 
 
 def test_auto_is_the_processor_below_what_was_measured(cudss, monkeypatch):
-    auto = Device.named("auto")
+    auto = Device.from_name("auto")
     monkeypatch.setattr(device_module, "CROSSING", 1000)
     assert auto.for_unknowns(999)[0] is CPU and "only from 1000 unknowns on" in auto.for_unknowns(999)[1]
     chosen, note = auto.for_unknowns(1000)

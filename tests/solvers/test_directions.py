@@ -31,7 +31,7 @@ def test_the_next_system_is_short(matrices, rng):
     b, other = rng.normal(size=(2, N))
     found = learnt(G, R, b)
     changed = 3 * R  # such as a weight that has grown
-    corrected = found.corrected(plain, lambda s: changed @ s)
+    corrected = found.correct(plain, lambda s: changed @ s)
     _, alone, _ = truncated_cg(lambda s: (G + changed) @ s, plain, other, 1e-6, 200)
     x, helped, _ = truncated_cg(lambda s: (G + changed) @ s, corrected, other, 1e-6, 200)
     assert helped < alone / 2
@@ -41,7 +41,7 @@ def test_the_next_system_is_short(matrices, rng):
 def test_symmetric_positive_definite_and_exact_for_the_last(matrices, rng):
     G, R = matrices
     found = learnt(G, R, rng.normal(size=N), 12)
-    apply = found.corrected(plain, lambda s: R @ s)
+    apply = found.correct(plain, lambda s: R @ s)
     P = np.column_stack([apply(e) for e in np.eye(N)])
     assert np.abs(P - P.T).max() < 1e-10 * np.abs(P).max()
     assert np.linalg.eigvalsh(0.5 * (P + P.T)).min() > 0
@@ -57,11 +57,11 @@ def test_no_more_are_kept_than_asked_for_and_they_come_back(rng):
     again = QuasiNewtonPreconditioner(3)
     again.arrays = found.arrays
     r = rng.normal(size=N)
-    assert np.array_equal(again.corrected(plain, plain)(r), found.corrected(plain, plain)(r))
+    assert np.array_equal(again.correct(plain, plain)(r), found.correct(plain, plain)(r))
 
 
 def test_a_direction_of_no_length_teaches_nothing():
     found = QuasiNewtonPreconditioner()
     found.add(np.zeros(N), np.zeros(N))
     assert len(found.arrays) == 0
-    assert found.corrected(plain, plain) is plain
+    assert found.correct(plain, plain) is plain

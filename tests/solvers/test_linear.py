@@ -9,7 +9,7 @@ from ngsolve.meshes import MakeStructured2DMesh
 from ngbrain.errors import InputError, MissingExtra
 from ngbrain.mesh import block
 from ngbrain.solvers import direct, krylov
-from ngbrain.solvers.linear import DirectSolver, ReusedFactorSolver, choose, prepare, reused
+from ngbrain.solvers.linear import DirectSolver, ReusedFactorSolver, choose, prepare, reuse_factor
 from ngbrain.solvers.multigrid import Patches
 
 SIDE = 0.02
@@ -230,20 +230,20 @@ def test_an_older_factor_solves_with_the_new_matrix_if_that_is_near(kind, conden
     kept, r = make(), gravity(form)
     assemble(0.002)
     wanted, old = make()(r), kept(r)
-    solve = reused(form, kept, r, 1e-8, 80)
+    solve = reuse_factor(form, kept, r, 1e-8, 80)
     assert solve is not None and 3 < solve.iterations <= 80
     for ours, stale, truth in zip(parts(form, solve(r)), parts(form, old), parts(form, wanted), strict=True):
         assert np.linalg.norm(ours - truth) <= 1e-5 * np.linalg.norm(truth) < 1e-3 * np.linalg.norm(stale - truth)
     other = np.roll(r, 3) * (r != 0)
     assert np.linalg.norm(solve(other) - make()(other)) <= 1e-5 * np.linalg.norm(make()(other))
     assemble(0.3)
-    assert reused(form, kept, r) is None
+    assert reuse_factor(form, kept, r) is None
 
 
 def test_only_a_factor_is_reused(cube):
     form = elastic("displacement", cube, 50)
     _, kept = solution("cg-amg", form)
-    assert not isinstance(kept, DirectSolver) and reused(form, kept, gravity(form)) is None
+    assert not isinstance(kept, DirectSolver) and reuse_factor(form, kept, gravity(form)) is None
 
 
 @pytest.mark.parametrize(
@@ -280,7 +280,7 @@ def test_fields_of_an_older_factors_solution_weigh_alike(kind, cube):
     assemble(0.0)
     kept, r = make(), gravity(form)
     assemble(0.002)
-    solve, seen = reused(form, kept, r, 1e-8, 80), []
+    solve, seen = reuse_factor(form, kept, r, 1e-8, 80), []
     again = ReusedFactorSolver(solve.condensed, lambda b: seen.append(solve.old(b)) or seen[-1], 1e-8, 80)
     again(r)
     held = [field for field in solve.condensed.fields if not solve.condensed.free[field].any()]  # condensed out

@@ -30,11 +30,11 @@ def naive(measured, u):
     """The smallest error, over all weights, of moduli that fulfil best the equation of motion of u (n, 2) with p = K ∇·u."""
     inversion = measured.inversion(start=measured.truth)
     model, n = inversion.model, u.size
-    state = model.around(model.theta, np.zeros_like(inversion.waves))
+    state = model.linearise(model.theta, np.zeros_like(inversion.waves))
     matrix, waves = state.factors.matrix(0), np.zeros_like(inversion.waves)
     waves[0, :n] = u.T.ravel()
     waves[0, n:] = -(matrix[n:, :n] @ waves[0, :n]) / matrix[n:, n:].diagonal()  # with the true K
-    state = model.around(model.theta, waves)
+    state = model.linearise(model.theta, waves)
     inner = np.flatnonzero(~model.body.held[:n])
     by_modulus = state.sensitivity.matrices[0][inner]
     rest = (matrix @ waves[0])[inner] - by_modulus @ measured.truth["youngs"]

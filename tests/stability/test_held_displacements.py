@@ -41,7 +41,7 @@ def local(normal):
     """The data of the elements that a held displacement touches."""
     model, jacobian = normal.point.reduced.model, normal.point.jacobian
     block = normal.point.reduced.unknowns.blocks[BOUNDARY]
-    observe = model.observation[:, model.driving]
+    observe = model.observation_matrix[:, model.driven_dofs]
     parts = []
     for weight in normal.point.reduced.misfit.weight(None):
         parts += 2 * [sp.csr_array(observe.T @ sp.diags_array(weight.T.ravel()) @ observe)]

@@ -8,7 +8,7 @@ from replayed import SIDE, plate
 from ngbrain.adjoint.check import taylor
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables import Force
-from ngbrain.forward.sensitivity.transient.replay import TIGHT, times_of
+from ngbrain.forward.sensitivity.transient.replay import TIGHT, accepted_times
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.step_control import ErrorControl
@@ -42,7 +42,7 @@ def stepped(theta):
     body.history.rest()
     seen = Force("top", (0, 0, 1)).on(body)
     transient = TimeStepper(body, drive, CONTROL, 1e-3, Newton(rtol=1e-10, max_iter=80))
-    grid = times_of(transient)
+    grid = accepted_times(transient)
     return grid, float(seen.value()[0])
 
 

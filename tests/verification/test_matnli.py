@@ -144,7 +144,7 @@ class Grid:
         theta = model.theta
         block = theta[model.blocks[BOUNDARY]].reshape(len(measured), 2, -1)
         for k, u in enumerate(measured):
-            there = (u.T.ravel() * MM)[model.driving]
+            there = (u.T.ravel() * MM)[model.driven_dofs]
             block[k] = there.real, there.imag
         at = model.evaluate(theta)
         left = at.data / MM - measured

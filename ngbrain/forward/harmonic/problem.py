@@ -71,7 +71,7 @@ class Harmonic:
     quadrature : int, optional
         Rules of degree 2 × this on elements; unasked one more than the order.
     device : Device
-        Where matrices are factorised, `Device.named("cuda")` for a GPU.
+        Where matrices are factorised, `Device.from_name("cuda")` for a GPU.
     translation : bool
         With motion through the plane: whether the whole body also moves by a number (m) for each wave that is no part of u: the
         last unknown, prescribed as 0. Measurements leave it out where the head's motion was subtracted or an image of phase is

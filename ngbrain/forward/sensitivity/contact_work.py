@@ -44,7 +44,7 @@ class ContactForms:
                         raise InputError(f"Closing.{name}", type(found).__name__, "a number, for derivatives of a run")
         self._body, self._parts, self._motion = body, list(parts.values()), ngs.GridFunction(body.fes)
         self._view, self._way = StateView(body), ngs.Parameter(0.0)
-        self._slopes = [part.gradient(self.weighed(), body.mesh) for part in self._parts]
+        self._slopes = [part.gradient(self.weighted_work(), body.mesh) for part in self._parts]
 
     def work(self, virtual: Motion, *along: Motion) -> Terms:
         """C[virtual] of a motion of the unknowns in space and, for each motion more, its derivative along it."""
@@ -52,7 +52,7 @@ class ContactForms:
         stored, followers = acting(self._body, at, self._loads, self._contacts)
         return derived(by(stored, numbers[0]) + followers, numbers[1:])
 
-    def felt(self, *along: Motion) -> Terms:
+    def tool_force(self, *along: Motion) -> Terms:
         """What a tool of given force feels along its way, or its derivative along motions; nothing without one."""
         if self._body.tool is None:
             return []
@@ -61,30 +61,30 @@ class ContactForms:
         driven = [each for each in self._contacts if isinstance(each, Contact) and each.way is way]
         return derived(by(acting(self._body, at, [], driven)[0], way), numbers)
 
-    def weighed(self, *along: Motion) -> Terms:
-        """C[λ] with the λ of `weigh`, or its derivative along motions."""
-        return self.work(self._motion, *along) + [term.times(self._way) for term in self.felt(*along)]
+    def weighted_work(self, *along: Motion) -> Terms:
+        """C[λ] with the λ of `set_adjoint`, or its derivative along motions."""
+        return self.work(self._motion, *along) + [term.times(self._way) for term in self.tool_force(*along)]
 
-    def weigh(self, motion: Array) -> None:
+    def set_adjoint(self, motion: Array) -> None:
         """Set λ."""
         n = self._body.fes.ndof
         self._motion.vec.FV().NumPy()[:] = motion[:n]
         self._way.Set(float(motion[n]) if len(motion) > n else 0.0)
 
-    def slopes(self) -> Array:
-        """C_θᵀ λ with the λ of `weigh`, one parameter after the other."""
+    def parameter_gradient(self) -> Array:
+        """C_θᵀ λ with the λ of `set_adjoint`, one parameter after the other."""
         return np.concatenate([slope() for slope in self._slopes])
 
-    def columns(self) -> sp.csr_array:
+    def parameter_jacobian(self) -> sp.csr_array:
         """C_θ (ndof, θ), of the unknowns in space."""
         return sp.csr_array(sp.hstack([columns() for columns in self._columns]))
 
     @cached_property
     def _columns(self) -> list[Callable[[], sp.csr_array]]:
         tested = self.work(self._body.fes.TestFunction())
-        return [part.columns(self._body.fes, tested) for part in self._parts]
+        return [part.jacobian(self._body.fes, tested) for part in self._parts]
 
-    def column(self) -> Array:
+    def tool_column(self) -> Array:
         """How forces change with a tool's way (ndof,)."""
         return self._column()
 
@@ -93,31 +93,31 @@ class ContactForms:
         tested = self.work(self._body.fes.TestFunction())
         return vector(self._body.fes, by(tested, self._given.parameter))
 
-    def corner(self) -> float:
+    def tool_stiffness(self) -> float:
         """How what a tool feels changes with its way (N/m)."""
         return float(self._corner()[0])
 
     @cached_property
     def _corner(self) -> Callable[[], Array]:
-        return Scalar(self._given.parameter).gradient(self.felt(), self._body.mesh)
+        return Scalar(self._given.parameter).gradient(self.tool_force(), self._body.mesh)
 
     @property
     def _given(self) -> GivenForce:
         assert self._body.tool is not None
         return self._body.tool.given
 
-    def felt_by_state(self) -> Array:
+    def tool_force_state_gradient(self) -> Array:
         """∂(what a tool feels)/∂x (ndof,)."""
-        return self._felt_by_state()
+        return self._tool_force_state_gradient()
 
     @cached_property
-    def _felt_by_state(self) -> Callable[[], Array]:
-        return vector(self._body.fes, self.felt(self._body.fes.TestFunction()))
+    def _tool_force_state_gradient(self) -> Callable[[], Array]:
+        return vector(self._body.fes, self.tool_force(self._body.fes.TestFunction()))
 
-    def felt_by_theta(self) -> Array:
+    def tool_force_parameter_gradient(self) -> Array:
         """∂(what a tool feels)/∂θ."""
-        return np.concatenate([slope() for slope in self._felt_by_theta])
+        return np.concatenate([slope() for slope in self._tool_force_parameter_gradient])
 
     @cached_property
-    def _felt_by_theta(self) -> list[Callable[[], Array]]:
-        return [part.gradient(self.felt(), self._body.mesh) for part in self._parts]
+    def _tool_force_parameter_gradient(self) -> list[Callable[[], Array]]:
+        return [part.gradient(self.tool_force(), self._body.mesh) for part in self._parts]

@@ -13,13 +13,13 @@ SHARE = 4e-3
 """h, of the part of the way over which f changes by as much as itself: farther the rest of the series counts, nearer round-off."""
 
 
-def change(function: Callable[[float], Array], size: float) -> Array:
+def central_difference(function: Callable[[float], Array], size: float) -> Array:
     """d/ds f(s) at s = 0.
 
     function  called at eight s of up to 4 h
     size      of the way: what changes by all of itself as s goes from 0 to 1 has 1; 0 where nothing changes
 
-    >>> abs(float(change(lambda s: np.exp(2 * s), 2.0)) - 2) < 1e-11
+    >>> abs(float(central_difference(lambda s: np.exp(2 * s), 2.0)) - 2) < 1e-11
     True
     """
     if not size:

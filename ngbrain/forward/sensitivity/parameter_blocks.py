@@ -12,7 +12,7 @@ import scipy.sparse as sp
 
 from ngbrain.errors import InputError, InvertedElementError
 from ngbrain.forward.common.regions import boundaries
-from ngbrain.forward.sensitivity.differences import change
+from ngbrain.forward.sensitivity.differences import central_difference
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.virtual_work import Terms, by, terms, vector
 from ngbrain.solvers.matrices import to_scipy
@@ -20,10 +20,10 @@ from ngbrain.solvers.matrices import to_scipy
 Array = np.ndarray
 
 
-def places(sizes: Sequence[int]) -> list[slice]:
+def block_slices(sizes: Sequence[int]) -> list[slice]:
     """Where parts of these sizes are, one after the other.
 
-    >>> places([2, 1])
+    >>> block_slices([2, 1])
     [slice(0, 2, None), slice(2, 3, None)]
     """
     return [slice(end - size, end) for size, end in zip(sizes, accumulate(sizes), strict=True)]
@@ -32,7 +32,7 @@ def places(sizes: Sequence[int]) -> list[slice]:
 class ParameterBlock(Protocol):
     """One of them, part of energies and observations.
 
-    `along(parts)` are the parts' derivatives along the direction last set by `turn`.
+    `directional_derivative` are the parts' derivatives along the direction last set by `set_direction`.
     """
 
     size: int
@@ -41,19 +41,19 @@ class ParameterBlock(Protocol):
     def value(self) -> Array:
         """What it is now (size,)."""
 
-    def put(self, value: Array) -> None:
+    def set_value(self, value: Array) -> None:
         """Set it."""
 
-    def turn(self, direction: Array) -> None:
-        """Set the direction of `along`."""
+    def set_direction(self, direction: Array) -> None:
+        """Set the direction of `directional_derivative`."""
 
-    def along(self, parts: Terms) -> Terms:
+    def directional_derivative(self, parts: Terms) -> Terms:
         """Derivatives of integrals along a direction."""
 
     def gradient(self, parts: Terms, mesh: ngs.Mesh) -> Callable[[], Array]:
         """What gives the derivatives of a sum of integrals by each unknown (size,), as often as it is asked."""
 
-    def columns(self, space: ngs.FESpace, parts: Terms) -> Callable[[], sp.csr_array]:
+    def jacobian(self, space: ngs.FESpace, parts: Terms) -> Callable[[], sp.csr_array]:
         """The same of integrals with test functions of a space (ndof, size)."""
 
 
@@ -69,15 +69,15 @@ class Field:
         """Its unknowns, a copy."""
         return np.array(self.gfu.vec.FV().NumPy())
 
-    def put(self, value: Array) -> None:
+    def set_value(self, value: Array) -> None:
         """Set them."""
         self.gfu.vec.FV().NumPy()[:] = value
 
-    def turn(self, direction: Array) -> None:
-        """Set the direction of `along`."""
+    def set_direction(self, direction: Array) -> None:
+        """Set the direction of `directional_derivative`."""
         self._direction.vec.FV().NumPy()[:] = direction
 
-    def along(self, parts: Terms) -> Terms:
+    def directional_derivative(self, parts: Terms) -> Terms:
         """Derivatives along a change of the field."""
         return by(parts, self.gfu, self._direction)
 
@@ -88,9 +88,9 @@ class Field:
             raise InputError("parameters", "a field of another mesh", "one of the body's mesh")
         return vector(self.gfu.space, found)
 
-    def columns(self, space: ngs.FESpace, parts: Terms) -> Callable[[], sp.csr_array]:
+    def jacobian(self, space: ngs.FESpace, parts: Terms) -> Callable[[], sp.csr_array]:
         """One bilinear form."""
-        return _columns(space, self.gfu.space, by(parts, self.gfu, self.gfu.space.TrialFunction()))
+        return _assembled_jacobian(space, self.gfu.space, by(parts, self.gfu, self.gfu.space.TrialFunction()))
 
 
 class Scalar:
@@ -106,15 +106,15 @@ class Scalar:
         """The number, as an array of one."""
         return np.array([self.parameter.Get()])
 
-    def put(self, value: Array) -> None:
+    def set_value(self, value: Array) -> None:
         """Set it."""
         self.parameter.Set(float(value[0]))
 
-    def turn(self, direction: Array) -> None:
-        """Set the direction of `along`."""
+    def set_direction(self, direction: Array) -> None:
+        """Set the direction of `directional_derivative`."""
         self._direction.Set(float(direction[0]))
 
-    def along(self, parts: Terms) -> Terms:
+    def directional_derivative(self, parts: Terms) -> Terms:
         """Derivatives by the number, times its change."""
         return [part.times(self._direction) for part in by(parts, self.parameter)]
 
@@ -123,7 +123,7 @@ class Scalar:
         integrals = [part.integral for part in by(parts, self.parameter)]
         return lambda: np.array([sum(float(ngs.Integrate(part, mesh)) for part in integrals)], float)
 
-    def columns(self, space: ngs.FESpace, parts: Terms) -> Callable[[], sp.csr_array]:
+    def jacobian(self, space: ngs.FESpace, parts: Terms) -> Callable[[], sp.csr_array]:
         """One column."""
         column = vector(space, by(parts, self.parameter))
         return lambda: sp.csr_array(column()[:, None])
@@ -138,24 +138,24 @@ class PrescribedDisplacement:
     def __init__(self, body: Problem, boundary: str) -> None:
         boundaries(body.mesh, boundary)
         there = np.fromiter(body.u.space.GetDofs(body.mesh.Boundaries(boundary)), bool, len(body.held))
-        self.body, self.places = body, np.flatnonzero(there & body.held)
-        self.size = len(self.places)
+        self.body, self.dofs = body, np.flatnonzero(there & body.held)
+        self.size = len(self.dofs)
         if not self.size:
             raise InputError("boundary", repr(boundary), "one with a component that is held")
 
     @property
     def value(self) -> Array:
         """Where they are held (m)."""
-        return np.array(self.body.prescribed[self.places])
+        return np.array(self.body.prescribed[self.dofs])
 
-    def put(self, value: Array) -> None:
+    def set_value(self, value: Array) -> None:
         """Hold them elsewhere."""
-        self.body.prescribed[self.places] = value
+        self.body.prescribed[self.dofs] = value
 
-    def turn(self, direction: Array) -> None:
+    def set_direction(self, direction: Array) -> None:
         """They are in no energy."""
 
-    def along(self, parts: Terms) -> Terms:
+    def directional_derivative(self, parts: Terms) -> Terms:
         """Nothing."""
         return []
 
@@ -163,7 +163,7 @@ class PrescribedDisplacement:
         """Nothing."""
         return lambda: np.zeros(self.size)
 
-    def columns(self, space: ngs.FESpace, parts: Terms) -> Callable[[], sp.csr_array]:
+    def jacobian(self, space: ngs.FESpace, parts: Terms) -> Callable[[], sp.csr_array]:
         """Nothing."""
         return lambda: sp.csr_array((space.ndof, self.size))
 
@@ -191,42 +191,44 @@ class NodePositions:
         """Shifts (m)."""
         return np.array(self.shift.vec.FV().NumPy())
 
-    def put(self, value: Array) -> None:
+    def set_value(self, value: Array) -> None:
         """Shift the nodes."""
         self.shift.vec.FV().NumPy()[:] = value
         if np.any(np.sign(self._integrals(self._stretch)) != self._signs):
             raise InvertedElementError("shifted nodes turn an element of the mesh inside out")
 
-    def turn(self, direction: Array) -> None:
-        """Set the direction of `change`."""
+    def set_direction(self, direction: Array) -> None:
+        """Set the direction of `finite_difference`."""
         self._direction.vec.FV().NumPy()[:] = direction
 
-    def along(self, parts: Terms) -> Terms:
-        """NGSolve differentiates a shape once: `change` takes differences."""
+    def directional_derivative(self, parts: Terms) -> Terms:
+        """NGSolve differentiates a shape once: `finite_difference` takes differences."""
         raise InputError("parameters", "nodes", "others, for second derivatives")
 
-    def change(self, function: Callable[[], Array], least: float = np.inf) -> Array:
+    def finite_difference(self, function: Callable[[], Array], least: float = np.inf) -> Array:
         """How what integrals give changes along the direction; `least`, a length (m) over which what they see of places does."""
         here, way = self.value, np.array(self._direction.vec.FV().NumPy())
 
         def at(s: float) -> Array:
-            self.put(here + s * way)
+            self.set_value(here + s * way)
             return function()
 
         gradient = ngs.Grad(self._direction)
         strain, size = (self._integrals(of) for of in (ngs.InnerProduct(gradient, gradient), ngs.CF(1.0)))
         try:
-            return change(at, max(float(np.sqrt(np.max(strain / size))), float(np.max(np.abs(way))) / least))
+            return central_difference(
+                at, max(float(np.sqrt(np.max(strain / size))), float(np.max(np.abs(way))) / least)
+            )
         finally:
-            self.put(here)
+            self.set_value(here)
 
     def gradient(self, parts: Terms, mesh: ngs.Mesh) -> Callable[[], Array]:
         """One linear form."""
         return vector(self.shift.space, self._moved(parts, self.shift.space.TestFunction()))
 
-    def columns(self, space: ngs.FESpace, parts: Terms) -> Callable[[], sp.csr_array]:
+    def jacobian(self, space: ngs.FESpace, parts: Terms) -> Callable[[], sp.csr_array]:
         """One bilinear form."""
-        return _columns(space, self.shift.space, self._moved(parts, self.shift.space.TrialFunction()))
+        return _assembled_jacobian(space, self.shift.space, self._moved(parts, self.shift.space.TrialFunction()))
 
     def _moved(self, parts: Terms, direction: ngs.CoefficientFunction) -> Terms:
         return [term for part in parts for term in terms((part.coef * part.over).DiffShape(direction))]
@@ -236,7 +238,7 @@ class NodePositions:
         return np.array(ngs.Integrate(function, self.mesh, element_wise=True).NumPy())
 
 
-def _columns(space: ngs.FESpace, along: ngs.FESpace, parts: Terms) -> Callable[[], sp.csr_array]:
+def _assembled_jacobian(space: ngs.FESpace, along: ngs.FESpace, parts: Terms) -> Callable[[], sp.csr_array]:
     """What assembles the matrix of terms with test functions of one space and trial functions of another."""
     form = ngs.BilinearForm(trialspace=along, testspace=space)
     for part in parts:
@@ -254,7 +256,7 @@ def _columns(space: ngs.FESpace, along: ngs.FESpace, parts: Terms) -> Callable[[
 Parameter: TypeAlias = ngs.GridFunction | ngs.Parameter | PrescribedDisplacement | NodePositions
 
 
-def block(name: str, of: Parameter) -> ParameterBlock:
+def parameter_block(name: str, of: Parameter) -> ParameterBlock:
     """The block that a GridFunction, a `Parameter` or another block is; `InputError` for anything else."""
     if isinstance(of, ngs.GridFunction):
         if of.space.is_complex:

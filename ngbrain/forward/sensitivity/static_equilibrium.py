@@ -17,7 +17,7 @@ import scipy.sparse as sp
 
 from ngbrain.errors import InputError, solver_error
 from ngbrain.forward.observables.base import Observable
-from ngbrain.forward.sensitivity.parameter_blocks import NodePositions, ParameterBlock, places
+from ngbrain.forward.sensitivity.parameter_blocks import NodePositions, ParameterBlock, block_slices
 from ngbrain.forward.solid.advance import newton_for
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.virtual_work import Motion, Terms, Work, slope, vector
@@ -54,12 +54,12 @@ class Equilibrium:
     def __init__(self, case: LoadCase, blocks: Mapping[str, ParameterBlock], newton: Newton | None, steps: int) -> None:
         self.body, self.blocks, self.steps = case.body, blocks, steps
         self.newton = newton or newton_for(self.body, rtol=RTOL, xtol=XTOL)
-        self.seen = [observation.on(self.body) for observation in case.observations]
-        self.slices = places([seen.size for seen in self.seen])
-        self.size = sum(seen.size for seen in self.seen)
-        self.linear = all(seen.matrix is not None for seen in self.seen)
+        self.observables = [observation.on(self.body) for observation in case.observations]
+        self.slices = block_slices([seen.size for seen in self.observables])
+        self.size = sum(seen.size for seen in self.observables)
+        self.linear = all(seen.matrix is not None for seen in self.observables)
         """Whether all data are B u."""
-        for seen in self.seen:
+        for seen in self.observables:
             if not (seen.symbolic and seen.shaped) and any(
                 isinstance(block, NodePositions) for block in blocks.values()
             ):
@@ -73,17 +73,17 @@ class Equilibrium:
 
     # How it gets there.
 
-    def reach(self, put: Callable[[float], None], last: Array | None) -> Array:
-        """Equilibrium at `put(1)`, from the one at `put(0)`: along the way between if need be, and last from rest.
+    def solve(self, set_parameters: Callable[[float], None], last: Array | None) -> Array:
+        """Equilibrium at `set_parameters(1)`, from the one at `set_parameters(0)`.
 
         Raises `InvertedElementError` or `ConvergenceError`.
         """
         with np.errstate(over="ignore", invalid="ignore"):  # a law that overflows is an energy that is not finite
-            reached = None if last is None else self._along(put, last)
-            return self._from_rest(put) if reached is None else reached
+            reached = None if last is None else self._along(set_parameters, last)
+            return self._from_rest(set_parameters) if reached is None else reached
 
-    def _from_rest(self, put: Callable[[float], None]) -> Array:
-        put(1.0)
+    def _from_rest(self, set_parameters: Callable[[float], None]) -> Array:
+        set_parameters(1.0)
         self.body.changed()
         newton = replace(self.newton)
         reached, record = LoadPath(self.body).follow(newton, self.steps)
@@ -94,11 +94,11 @@ class Equilibrium:
             raise solver_error(said, record.status, record)
         return reached
 
-    def _along(self, put: Callable[[float], None], x: Array) -> Array | None:
+    def _along(self, set_parameters: Callable[[float], None], x: Array) -> Array | None:
         at, step = 0.0, 1.0
         while step >= SHORTEST:
             goal = min(1.0, at + step)
-            put(goal)
+            set_parameters(goal)
             self.body.changed()
             newton = replace(self.newton, inverse=self.inverse, max_factorisations=FACTORISATIONS)
             found, record = newton.solve(self.body, self.body.load(x, 1.0))
@@ -116,31 +116,31 @@ class Equilibrium:
 
     def values(self) -> Array:
         """Data (size,)."""
-        return np.concatenate([seen.value() for seen in self.seen])
+        return np.concatenate([seen.value() for seen in self.observables])
 
-    def weigh(self, w: Array) -> None:
+    def set_weights(self, w: Array) -> None:
         """Set the weights of L."""
-        for seen, where in zip(self.seen, self.slices, strict=True):
+        for seen, where in zip(self.observables, self.slices, strict=True):
             if seen.symbolic:
                 seen.weigh(w[where])
 
-    def functional(self, state: Motion, *along: Motion) -> Terms:
+    def lagrangian(self, state: Motion, *along: Motion) -> Terms:
         """L at a state, and its derivative along each motion; of what is an integral."""
-        parts = [term for seen in self.seen if seen.symbolic for term in seen.functional(state, *along)]
+        parts = [term for seen in self.observables if seen.symbolic for term in seen.functional(state, *along)]
         return parts + [term.times(-1) for term in self._work(state, self.adjoint, *along)]
 
     @cached_property
-    def by_state(self) -> Callable[[], Array]:
+    def state_gradient(self) -> Callable[[], Array]:
         """∂L/∂u (ndof,)."""
-        return slope(self.body, self.functional(self._trial))
+        return slope(self.body, self.lagrangian(self._trial))
 
     @cached_property
-    def by_theta(self) -> Callable[[], Array]:
+    def parameter_gradient(self) -> Callable[[], Array]:
         """∂L/∂θ, all blocks one after the other."""
-        return self._slopes(self.functional(self._now))
+        return self._parameter_gradient(self.lagrangian(self._now))
 
     @cached_property
-    def stretched(self) -> Callable[[], Array]:
+    def tangent_product(self) -> Callable[[], Array]:
         """K times `change` (ndof,)."""
         return vector(self.body.fes, self._work(self._now, self._test, self.change))
 
@@ -151,18 +151,20 @@ class Equilibrium:
         # Forces do follow the state: where that is not seen, nothing that is not seen is believed.
         return any(term.follows_trial for term in forces) and not any(term.follows_trial for term in tangent)
 
-    def turned(self) -> tuple[Array, Array]:
+    def gradient_derivative(self) -> tuple[Array, Array]:
         """How ∂L/∂u (ndof,) and ∂L/∂θ change with u along `change` and θ along the blocks' directions."""
-        for seen in self.seen:
+        for seen in self.observables:
             if not seen.twice:
                 raise InputError(
                     type(seen).__name__, "asked for second derivatives", "an observable that is an integral"
                 )
             seen.aim(np.array(self.change.vec.FV().NumPy()), self._change)
-        by_state, by_theta = (of() for of in self._turned_slopes)
+        by_state, by_theta = (of() for of in self._gradient_derivatives)
         for block in self.blocks.values():
             if isinstance(block, NodePositions):
-                moved = block.change(lambda: np.concatenate([self.by_state(), self.by_theta()]), self._softest)
+                moved = block.finite_difference(
+                    lambda: np.concatenate([self.state_gradient(), self.parameter_gradient()]), self._softest
+                )
                 by_state, by_theta = by_state + moved[: len(by_state)], by_theta + moved[len(by_state) :]
         return by_state, by_theta
 
@@ -173,12 +175,14 @@ class Equilibrium:
         return min((float(each.Get() if isinstance(each, ngs.Parameter) else each) for each in soft), default=np.inf)
 
     @cached_property
-    def _turned_slopes(self) -> tuple[Callable[[], Array], Callable[[], Array]]:
-        return slope(self.body, self._turned(self._trial)), self._slopes(self._turned(self._now))
+    def _gradient_derivatives(self) -> tuple[Callable[[], Array], Callable[[], Array]]:
+        return slope(self.body, self._gradient_derivative_terms(self._trial)), self._parameter_gradient(
+            self._gradient_derivative_terms(self._now)
+        )
 
-    def _turned(self, state: Motion) -> Terms:
-        bent = [term for seen in self.seen if seen.symbolic for term in seen.bent(state)]
-        return self.functional(state, self.change) + self._along_blocks(self.functional(state)) + bent
+    def _gradient_derivative_terms(self, state: Motion) -> Terms:
+        bent = [term for seen in self.observables if seen.symbolic for term in seen.bent(state)]
+        return self.lagrangian(state, self.change) + self._along_blocks(self.lagrangian(state)) + bent
 
     def _change(self, parts: Terms) -> Callable[[], float]:
         """With θ, along the blocks' directions."""
@@ -192,21 +196,26 @@ class Equilibrium:
     @cached_property
     def _columns(self) -> list[Callable[[], sp.csr_array]]:
         parts = self._work(self._now, self._test)
-        return [block.columns(self.body.fes, parts) for block in self.blocks.values()]
+        return [block.jacobian(self.body.fes, parts) for block in self.blocks.values()]
 
     def _along_blocks(self, parts: Terms) -> Terms:
-        return [term for b in self.blocks.values() if not isinstance(b, NodePositions) for term in b.along(parts)]
+        return [
+            term
+            for b in self.blocks.values()
+            if not isinstance(b, NodePositions)
+            for term in b.directional_derivative(parts)
+        ]
 
-    def _slopes(self, parts: Terms) -> Callable[[], Array]:
+    def _parameter_gradient(self, parts: Terms) -> Callable[[], Array]:
         slopes = [block.gradient(parts, self.body.mesh) for block in self.blocks.values()]
         return lambda: np.concatenate([slope() for slope in slopes])
 
     # Observables that are matrices, or no integrals, are left out of L.
 
-    def spread(self, w: Array) -> Array:
+    def observation_gradient(self, w: Array) -> Array:
         """How w · d changes with the state where d is a matrix or no integral (ndof,)."""
         b = np.zeros(self.body.fes.ndof)
-        for seen, where in zip(self.seen, self.slices, strict=True):
+        for seen, where in zip(self.observables, self.slices, strict=True):
             if seen.matrix is not None or not seen.symbolic:
                 b += seen.gradient(w[where])
         return b

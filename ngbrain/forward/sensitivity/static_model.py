@@ -27,8 +27,8 @@ from ngbrain.forward.sensitivity.parameter_blocks import (
     Parameter,
     ParameterBlock,
     PrescribedDisplacement,
-    block,
-    places,
+    block_slices,
+    parameter_block,
 )
 from ngbrain.forward.sensitivity.static_equilibrium import Equilibrium, LoadCase
 from ngbrain.forward.sensitivity.tangent_inverse import TangentInverse
@@ -58,8 +58,8 @@ class StaticModel:
     >>> from ngbrain.forward.common.material import Material
     >>> from ngbrain.forward.observables import Displacements, Force
     >>> from ngbrain.materials import NeoHooke
-    >>> from ngbrain.mesh import block
-    >>> cube = block((0.1, 0.1, 0.1), 0.1)
+    >>> from ngbrain.mesh import parameter_block
+    >>> cube = parameter_block((0.1, 0.1, 0.1), 0.1)
     >>> mu = ngs.GridFunction(ngs.L2(cube, order=0)); mu.Set(1e3)
     >>> body = Problem(cube, {".*": Material(NeoHooke(mu), 5e3)}, {"bottom": 0, "top": (0, 0, -0.01)}, element="P2")
     >>> model = StaticModel([LoadCase(body, [Displacements([[0.05, 0.05, 0.05]]), Force("top")])], {"mu": mu})
@@ -77,16 +77,16 @@ class StaticModel:
     ) -> None:
         if not cases or not all(case.observations for case in cases):
             raise InputError("cases", "nothing that is seen", "one body or more, each with an observation or more")
-        self.parts = {name: block(name, of) for name, of in parameters.items()}
+        self.parts = {name: parameter_block(name, of) for name, of in parameters.items()}
         sizes = [part.size for part in self.parts.values()]
-        self.blocks, self.size = dict(zip(self.parts, places(sizes), strict=True)), sum(sizes)
+        self.blocks, self.size = dict(zip(self.parts, block_slices(sizes), strict=True)), sum(sizes)
         for name, part in self.parts.items():
             for case in cases:
                 if not isinstance(part, NodePositions):
                     _check_supports(name, part, case.body)
         self.equilibria = [Equilibrium(case, self.parts, newton, steps) for case in cases]
-        self.slices = places([each.size for each in self.equilibria])
-        self.observed = places([seen.size for each in self.equilibria for seen in each.seen])
+        self.slices = block_slices([each.size for each in self.equilibria])
+        self.observation_slices = block_slices([seen.size for each in self.equilibria for seen in each.observables])
         """Where each observation is in the data."""
         self.solves = Solves()
         self._now: StaticLinearisation | None = None
@@ -110,12 +110,12 @@ class StaticModel:
         self._now = None
 
         def put(s: float) -> None:
-            self.put(theta if s == 1 or last is None else last.theta + s * (theta - last.theta))
+            self.set_parameters(theta if s == 1 or last is None else last.theta + s * (theta - last.theta))
 
         for k, each in enumerate(self.equilibria):
             done = each.work.factorisations
             try:
-                states.append(each.reach(put, None if last is None else last.states[k]))
+                states.append(each.solve(put, None if last is None else last.states[k]))
             finally:
                 self.solves.factorisations += each.work.factorisations - done
         self.solves.count("forward", len(states))
@@ -128,17 +128,17 @@ class StaticModel:
         for each in self.equilibria:
             each.inverse = None
 
-    def put(self, theta: Array) -> None:
+    def set_parameters(self, theta: Array) -> None:
         """Give θ to the bodies."""
         for name, part in self.parts.items():
-            part.put(theta[self.blocks[name]])
+            part.set_value(theta[self.blocks[name]])
 
-    def bring(self, there: StaticLinearisation) -> None:
+    def restore(self, there: StaticLinearisation) -> None:
         """Back to equilibria of before, if others were looked for since."""
         if self._now is there:
             return
         changed = self._now is None or not np.array_equal(self._now.theta, there.theta)
-        self.put(there.theta)
+        self.set_parameters(there.theta)
         for each, x in zip(self.equilibria, there.states, strict=True):
             each.body.x = each.body.load(x, 1.0)
             if changed:
@@ -166,25 +166,27 @@ class StaticLinearisation:
     def jvp(self, direction: Array) -> Array:
         """J δθ, as `data`."""
         changes = []
-        for change, (by_state, by_theta) in zip(self.along(direction), self.observed, strict=True):
+        for change, (by_state, by_theta) in zip(
+            self.state_derivative(direction), self.observation_jacobians, strict=True
+        ):
             changes.append(by_state @ change + by_theta @ direction)
         return np.concatenate(changes)
 
-    def along(self, direction: Array) -> list[Array]:
+    def state_derivative(self, direction: Array) -> list[Array]:
         """How the bodies' states change."""
-        return [self._along(k, direction) for k in self._cases()]
+        return [self._state_derivative(k, direction) for k in self._cases()]
 
     def vjp(self, w: Array) -> Array:
         """Jᵀ w, by the matrices that `jvp` uses."""
         total = np.zeros(self.model.size)
         check_shape("w", np.shape(w), self.data.shape)
         for k in self._cases():
-            by_state, by_theta = self.observed[k]
+            by_state, by_theta = self.observation_jacobians[k]
             part = w[self.model.slices[k]]
             b = by_state.T @ part
-            adjoint = self._inverse(k).transposed(b)
+            adjoint = self._inverse(k).solve_transposed(b)
             total += by_theta.T @ part - self.sensitivities[k].T @ adjoint
-            self._add_held(k, total, lambda k=k, b=b, a=adjoint: b + self._by_state(k, a))  # type: ignore[misc]
+            self._add_prescribed(k, total, lambda k=k, b=b, a=adjoint: b + self._by_state(k, a))  # type: ignore[misc]
         self.model.solves.count("incremental", len(self.states))
         return total
 
@@ -194,25 +196,30 @@ class StaticLinearisation:
         for k in self._cases():
             each = self.model.equilibria[k]
             self._set(k, w, adjoints[k])
-            total += each.by_theta()
-            self._add_held(k, total, lambda k=k, each=each: each.spread(w[self.model.slices[k]]) + each.by_state())  # type: ignore[misc]
+            total += each.parameter_gradient()
+            part = w[self.model.slices[k]]
+            self._add_prescribed(
+                k,
+                total,
+                lambda each=each, part=part: each.observation_gradient(part) + each.state_gradient(),  # type: ignore[misc]
+            )
         return total
 
     def hvp(self, w: Array, direction: Array) -> Array:
         """(w · d)'' δθ: what the curvature of a misfit has beside the Gauss-Newton matrix, with w the misfit's slope."""
         total, adjoints = np.zeros(self.model.size), self._solved(w)
         for name, part in self.model.parts.items():
-            part.turn(direction[self.model.blocks[name]])
+            part.set_direction(direction[self.model.blocks[name]])
         for k in self._cases():
             each = self.model.equilibria[k]
-            _put(each.change, self._along(k, direction))
+            _put(each.change, self._state_derivative(k, direction))
             self._set(k, w, adjoints[k])
-            b, slopes = each.turned()
+            b, slopes = each.gradient_derivative()
             total += slopes
-            adjoint = self._inverse(k).transposed(b)
+            adjoint = self._inverse(k).solve_transposed(b)
             self._set(k, None, adjoint)
-            total += each.by_theta()
-            self._add_held(k, total, lambda each=each, b=b: b + each.by_state())  # type: ignore[misc]
+            total += each.parameter_gradient()
+            self._add_prescribed(k, total, lambda each=each, b=b: b + each.state_gradient())  # type: ignore[misc]
         self.model.solves.count("incremental", len(self.states))
         return total
 
@@ -234,7 +241,7 @@ class StaticLinearisation:
         return [self.model.equilibria[k].sensitivity() for k in self._cases()]
 
     @cached_property
-    def observed(self) -> Sequence[tuple[sp.csr_array, sp.csr_array]]:
+    def observation_jacobians(self) -> Sequence[tuple[sp.csr_array, sp.csr_array]]:
         """∂B/∂u and ∂B/∂θ of each body."""
         return [self._rows(k) for k in self._cases()]
 
@@ -249,7 +256,7 @@ class StaticLinearisation:
             inverses.assemble()
 
     def _cases(self) -> range:
-        self.model.bring(self)
+        self.model.restore(self)
         return range(len(self.states))
 
     def _inverse(self, k: int) -> TangentInverse:
@@ -258,14 +265,14 @@ class StaticLinearisation:
             self._inverses[k] = TangentInverse(each.body, self.model.solves, each.quadratic)
         return self._inverses[k]
 
-    def _along(self, k: int, direction: Array) -> Array:
+    def _state_derivative(self, k: int, direction: Array) -> Array:
         each = self.model.equilibria[k]
         b, driven = -(self.sensitivities[k] @ direction), np.zeros(len(self.states[k]))
-        for part, where in self._held(k):
-            driven[part.places] = direction[where]
+        for part, where in self._prescribed(k):
+            driven[part.dofs] = direction[where]
         if driven.any():
             _put(each.change, driven)
-            b -= each.stretched()
+            b -= each.tangent_product()
         self.model.solves.count("incremental")
         return self._inverse(k).solve(b) + driven
 
@@ -276,11 +283,11 @@ class StaticLinearisation:
             found = []
             for k in self._cases():
                 each = self.model.equilibria[k]
-                b = each.spread(w[self.model.slices[k]])
+                b = each.observation_gradient(w[self.model.slices[k]])
                 if not each.linear:
                     self._set(k, w, None)
-                    b += each.by_state()
-                found.append(self._inverse(k).transposed(b))
+                    b += each.state_gradient()
+                found.append(self._inverse(k).solve_transposed(b))
             self.model.solves.count("adjoint", len(found))
             self._adjoints = np.array(w), found
         return self._adjoints[1]
@@ -288,7 +295,7 @@ class StaticLinearisation:
     def _rows(self, k: int) -> tuple[sp.csr_array, sp.csr_array]:
         each = self.model.equilibria[k]
         by_state, by_theta = [], []
-        for seen, where in zip(each.seen, each.slices, strict=True):
+        for seen, where in zip(each.observables, each.slices, strict=True):
             if seen.matrix is not None or not seen.symbolic:
                 rows = [seen.gradient(unit) for unit in np.eye(seen.size)] if seen.matrix is None else []
                 by_state.append(sp.csr_array(np.array(rows)) if seen.matrix is None else seen.matrix)
@@ -296,22 +303,22 @@ class StaticLinearisation:
                 continue
             for i in range(where.start, where.stop):
                 _put(each.adjoint, 0.0)
-                each.weigh(np.eye(each.size)[i])
-                by_state.append(sp.csr_array(each.by_state()[None]))
-                by_theta.append(sp.csr_array(each.by_theta()[None]))
+                each.set_weights(np.eye(each.size)[i])
+                by_state.append(sp.csr_array(each.state_gradient()[None]))
+                by_theta.append(sp.csr_array(each.parameter_gradient()[None]))
         return sp.csr_array(sp.vstack(by_state)), sp.csr_array(sp.vstack(by_theta))
 
     def _by_state(self, k: int, adjoint: Array) -> Array:
         """-Kᵀ λ."""
         self._set(k, None, adjoint)
-        return self.model.equilibria[k].by_state()
+        return self.model.equilibria[k].state_gradient()
 
     def _set(self, k: int, w: Array | None, adjoint: Array | None) -> None:
         each = self.model.equilibria[k]
-        each.weigh(np.zeros(each.size) if w is None else w[self.model.slices[k]])
+        each.set_weights(np.zeros(each.size) if w is None else w[self.model.slices[k]])
         _put(each.adjoint, 0.0 if adjoint is None else adjoint)
 
-    def _held(self, k: int) -> list[tuple[PrescribedDisplacement, slice]]:
+    def _prescribed(self, k: int) -> list[tuple[PrescribedDisplacement, slice]]:
         body = self.model.equilibria[k].body
         parts = self.model.parts.items()
         return [
@@ -320,12 +327,12 @@ class StaticLinearisation:
             if isinstance(part, PrescribedDisplacement) and part.body is body
         ]
 
-    def _add_held(self, k: int, total: Array, left: Callable[[], Array]) -> None:
+    def _add_prescribed(self, k: int, total: Array, left: Callable[[], Array]) -> None:
         """What is left of ∂L/∂u at unknowns that are held."""
-        if held := self._held(k):
+        if held := self._prescribed(k):
             rest = left()
             for part, where in held:
-                total[where] += rest[part.places]
+                total[where] += rest[part.dofs]
 
 
 def _put(gfu: ngs.GridFunction, values: Array | float) -> None:
@@ -336,6 +343,6 @@ def _check_supports(name: str, part: ParameterBlock, body: Problem) -> None:
     """Supports are interpolated once: what they are made of is no parameter."""
     for pattern, components in body.supports.values.items():
         made = [Term(ngs.CF(value), ngs.ds) for value in components if value is not None]
-        if part.along(made):
+        if part.directional_derivative(made):
             wanted = f"PrescribedDisplacement(body, {pattern!r}), what is prescribed there, as a parameter of its own"
             raise InputError(f"parameters.{name}", f"part of the support of {pattern!r}", wanted)

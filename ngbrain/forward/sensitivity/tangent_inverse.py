@@ -51,13 +51,13 @@ class TangentInverse:
         """K⁻¹ r."""
         if self.factor is None and self._old is not None and self._few:
             self._few -= 1
-            if solve := linear.reused(self._form, self._old, r, TIGHT, AT_MOST):
+            if solve := linear.reuse_factor(self._form, self._old, r, TIGHT, AT_MOST):
                 return solve(r)
         return self._refined(r)
 
-    def transposed(self, r: Array) -> Array:
+    def solve_transposed(self, r: Array) -> Array:
         """K⁻ᵀ r."""
-        return self.solve(r) if self._symmetric else self._turned(r)
+        return self.solve(r) if self._symmetric else self._solve_transposed(r)
 
     @cached_property
     def _refined(self) -> Solve:
@@ -89,7 +89,7 @@ class TangentInverse:
             raise SolverError(f"equilibrium has no derivative: {error}") from error
 
     @cached_property
-    def _turned(self) -> Solve:
+    def _solve_transposed(self) -> Solve:
         """The same with all of it turned: M⁻¹ = (1 + E) S⁻¹ (1 + E') + D with what condensation leaves, S."""
         form, free = self._form, free_of(self._form)
         unfixed = np.fromiter(form.space.FreeDofs(), bool, len(free))

@@ -197,7 +197,7 @@ class Problem(Stateful):
         self.assembled = True
         if r is not None and self._kept and self.mesh.dim == 3 and self.fes.ndof > WORTH_REUSING:
             with self.clock("solve"):
-                solve = linear.reused(self.form, self._kept, r[: self.fes.ndof], ROUGHLY, AT_MOST)
+                solve = linear.reuse_factor(self.form, self._kept, r[: self.fes.ndof], ROUGHLY, AT_MOST)
             if solve:
                 return self._bordered(self._timed(solve))
         self._kept = None  # the old one's memory first

@@ -115,7 +115,7 @@ class LoadPath:
                 callback(t)
 
         with using(threads):
-            near = None if start is None else continuation.resumed(self, newton, start, steps, reached)
+            near = None if start is None else continuation.resume(self, newton, start, steps, reached)
             x, record = near or self.follow(replace(newton), steps, reached)
             if not record.converged and record.min_det_F < continuation.COLLAPSED and body.ratio > COMPRESSIBLE:
                 x, record = self._guarded(newton, steps, reached, record)

@@ -142,7 +142,7 @@ def invert(
     >>> bool(abs(np.median(found.maps["storage"]) / 2500 - 1) < 0.03)
     True
     """
-    where = Device.named(device)
+    where = Device.from_name(device)
     tracked = is_tracked(data)
     kinds = priors("steps" if tracked and regulariser == "auto" else regulariser)
     settling, made = weighting(weight), misfit_of(misfit)

@@ -284,7 +284,7 @@ def concluded(
         *of_size(data),
     ]
     if data.motion == "anti_plane":
-        moved = experiment.model.held(unknowns.theta(best.x))[:, -1] if experiment.body.translation else None
+        moved = experiment.model.boundary_values(unknowns.theta(best.x))[:, -1] if experiment.body.translation else None
         notes += of_one_slice(data, moved)
     if is_tracked(data):
         notes += map_notes(data, maps["youngs"])

@@ -184,6 +184,6 @@ def _deviations(model: StaticModel | RunModel, measured: Array, noise: float | A
     if not noise > 0:
         raise InputError("noise", noise, "a positive part of the rms of each observation, or standard deviations")
     sigma = np.empty(measured.shape)
-    for where in model.observed:
+    for where in model.observation_slices:
         sigma[..., where] = noise * np.sqrt(np.nanmean(measured[..., where] ** 2))
     return sigma

@@ -56,7 +56,7 @@ def identity(reduced: Reduced) -> dict[str, str]:
         "elements": _hash(
             str(model.body.form), [v.point for v in mesh.vertices], [len(e.vertices) for e in mesh.Elements()]
         ),
-        "driven boundary": _hash(model.driving),
+        "driven boundary": _hash(model.driven_dofs),
         "frequencies": _hash([wave.frequency for wave in model.body.waves]),
         "unknowns or their start": _hash_of_computed(" ".join(unknowns.blocks), [*starts, *known]),
         "material, density or fibres": _hash_of_computed("", _images(model, theta, np.random.default_rng(1))),

@@ -73,16 +73,16 @@ class GaussNewton:
         history: list[Iteration] = []
         for _ in range(rounds):
             theta = self.reduced.unknowns.theta(x)
-            state = self.model.around(theta, waves)
+            state = self.model.linearise(theta, waves)
             balance = np.array([self.model.body.pushed(k) - state.factors.apply(k, u) for k, u in enumerate(waves)])
             conditions, dx, du = self._step(x, state, balance)
             step = self._bounded(dx)
             x, waves = self._moved(x, step * dx, waves + step * du)
-            data = np.array([self.model.observed(u) for u in waves])
+            data = np.array([self.model.observe(u) for u in waves])
             settled = self._ledger.enter("waves", x, data, conditions, step * dx, step, history)
             if settled:
                 break
-        return self._found(x, waves, self.model.around(self.reduced.unknowns.theta(x), waves).data, history, settled)
+        return self._found(x, waves, self.model.linearise(self.reduced.unknowns.theta(x), waves).data, history, settled)
 
     def descend(self, x: Array, rounds: int = 4 * ROUNDS) -> FoundWaves:
         """From fields down to a minimum of J, at weights that settle with it."""
@@ -134,7 +134,7 @@ class GaussNewton:
         new = x.copy()
         new[: self._width] += dx
         if not self._fixed:
-            driven = waves[:, self.model.driving]
+            driven = waves[:, self.model.driven_dofs]
             parts = np.concatenate([part for g in driven for part in (g.real, g.imag)])
             transform = self.unknowns.unknowns[BOUNDARY].transform
             new[self.reduced.unknowns.blocks[BOUNDARY]] = transform.inverse(parts)

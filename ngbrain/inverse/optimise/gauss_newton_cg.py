@@ -125,7 +125,7 @@ class Iterative(GaussNewton):
         """
         begun, history, point = time.process_time(), list(done), None
         for number in range(len(history), rounds):
-            state = self.model.around(self.unknowns.theta(x), waves)
+            state = self.model.linearise(self.unknowns.theta(x), waves)
             balance = [self.model.body.pushed(k) - state.factors.apply(k, u) for k, u in enumerate(waves)]
             moved = np.array([state.factors.solve(k, b) for k, b in enumerate(balance)])
             own = WaveLinearisation(self.model, state.factors, waves + moved)  # of waves that fit the fields
@@ -137,7 +137,7 @@ class Iterative(GaussNewton):
             for name in self.reduced.weights if number else ():
                 self.reduced.weights[name] /= FALL
             normal, dx, _ = self._step(x, state, None)
-            moved += state.along(normal.point.jacobian @ dx)
+            moved += state.state_derivative(normal.point.jacobian @ dx)
             step = self._bounded(dx)
             x, waves = x + step * dx, waves + step * moved
             change = float(np.sqrt(np.mean((step * dx[: self._width]) ** 2)))

@@ -67,7 +67,7 @@ class Optimality:
         self.state, self.loads, self.size = state, len(body.waves), regular.shape[0]
         self.free = ~body.held
         self.active = self.free if fixed else np.ones_like(self.free)
-        observe = state.model.observation
+        observe = state.model.observation_matrix
         self.observe = observe[:, self.active]
         self._root = [np.sqrt(part.T.ravel()) for part in weight]
         hessians: list[sp.csr_array] = [regular]

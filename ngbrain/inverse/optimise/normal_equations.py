@@ -72,7 +72,7 @@ class Normal:
     def solve(self, b: Array, forcing: float | None = None, most: int | None = None) -> Array:
         """About H⁻¹ b; `SolverError` where H or its preconditioner is not positive definite."""
         forcing, most = forcing or self.forcing, most or self.most
-        precondition = self.directions.corrected(self.precondition, lambda s: self._regular @ s)
+        precondition = self.directions.correct(self.precondition, lambda s: self._regular @ s)
 
         def learn(s: Array, image: Array) -> None:
             self.directions.add(s, image - self._regular @ s)

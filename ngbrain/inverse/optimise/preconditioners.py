@@ -71,8 +71,8 @@ def _extended(model: WaveModel, weight: Array) -> Apply:
 
     def apply(r: Array) -> Array:
         whole = np.zeros(data.shape[0])
-        whole[model.driving] = r
-        return solve(whole)[model.driving]
+        whole[model.driven_dofs] = r
+        return solve(whole)[model.driven_dofs]
 
     return apply
 

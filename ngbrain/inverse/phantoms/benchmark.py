@@ -279,7 +279,7 @@ class Measured:
 
     @staticmethod
     def _held(model: WaveModel, values: Array) -> Array:
-        parts = [u.T.ravel()[model.driving] for u in values]
+        parts = [u.T.ravel()[model.driven_dofs] for u in values]
         return np.concatenate([part for u in parts for part in (u.real, u.imag)])
 
 

@@ -117,7 +117,7 @@ class Experiment:
     def unknowns(self, sigma: Array) -> Fields:
         """All quantities from their start, and the boundary's displacements in units of σ (m)."""
         theta = self.model.theta
-        held = self.waves[:, self.model.driving]
+        held = self.waves[:, self.model.driven_dofs]
         theta[self.model.blocks[BOUNDARY]] = np.concatenate([part for g in held for part in (g.real, g.imag)])
         unknowns = {name: self._unknown(quantity) for name, quantity in self._by_field.items()}
         unknowns[BOUNDARY] = Unknown(theta[self.model.blocks[BOUNDARY]], Scaled(float(np.median(sigma))))

@@ -400,7 +400,7 @@ def test_second_derivatives_of_all_kinds_of_data_of_an_equilibrium(rng):
     small = StrainPercentile(50, band=0.3, measure="small", factor=3.0)
     asked = [SWELLING, TipDrop(), STRAIN, STRESS, small, energy]
     model = StaticModel([LoadCase(body, asked)], p, newton_for(body, rtol=1e-12, xtol=1e-12))
-    percentiles = [seen for seen in model.equilibria[0].seen if isinstance(seen, Percentile)]
+    percentiles = [seen for seen in model.equilibria[0].observables if isinstance(seen, Percentile)]
     start, there = model.theta.copy(), model.evaluate(model.theta)
     w = weights(there.data[None], rng)[0]
     direction = start * rng.uniform(0.5, 1, 2)
@@ -412,7 +412,7 @@ def test_second_derivatives_of_all_kinds_of_data_of_an_equilibrium(rng):
     while any((model.evaluate(start + s * direction), ranked())[1] != ranks for s in (first, -first)):
         first /= 2
     assert first > 1e-5
-    for observed, where in zip(asked, model.observed, strict=True):
+    for observed, where in zip(asked, model.observation_slices, strict=True):
         own = np.zeros_like(w)
         own[where] = w[where]
         there = model.evaluate(start)

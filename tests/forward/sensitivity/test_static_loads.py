@@ -187,7 +187,7 @@ def shaped(dim, form):
     """Tissue whose nodes are unknown beside its stiffness, under loads of all kinds."""
     mesh = square(2, size=SIDE) if dim == 2 else cube(1, size=SIDE)
     nodes, mu = NodePositions(mesh), field(mesh, 1e3)
-    nodes.put(2e-3 * np.random.default_rng(4).uniform(-1, 1, nodes.size))
+    nodes.set_value(2e-3 * np.random.default_rng(4).uniform(-1, 1, nodes.size))
     still = (0.0,) * (dim - 2)
     loads = [Pressure("right", 40.0), Traction("top", (20.0, *still, 5.0)), Weight((0.0, *still, -3e3 * ngs.x))]
     body = Problem(mesh, {".*": Material(NeoHooke(mu), 5e3)}, {"bottom": 0}, loads, element=form)
@@ -286,19 +286,19 @@ def stale_factor(patch):
 
 
 def prescribed_forgotten(patch):
-    patch.setattr(StaticLinearisation, "_add_held", lambda self, k, total, left: None)
+    patch.setattr(StaticLinearisation, "_add_prescribed", lambda self, k, total, left: None)
 
 
 def coarser_gradient(patch):
-    by_theta = Equilibrium.by_theta.func
+    parameter_gradient = Equilibrium.parameter_gradient.func
 
     def wrong(self):
         right, self.body.tissue.rules = self.body.tissue.rules, coarser(self.body.tissue.rules)
-        found = by_theta(self)
+        found = parameter_gradient(self)
         self.body.tissue.rules = right
         return found
 
-    patch.setattr(Equilibrium, "by_theta", property(wrong))
+    patch.setattr(Equilibrium, "parameter_gradient", property(wrong))
 
 
 def reversed_sign(patch):
@@ -308,18 +308,18 @@ def reversed_sign(patch):
 
 def observation_forgotten(patch):
     """∂B/∂θ: the tissue that a force is measured through."""
-    functional = Equilibrium.functional
+    functional = Equilibrium.lagrangian
 
     def wrong(self, state, *along):
         parts = functional(self, state, *along)
         return parts[sum(len(seen.functional(state)) for seen in self.seen) :] if state is self.body.gfu else parts
 
-    patch.setattr(Equilibrium, "functional", wrong)
+    patch.setattr(Equilibrium, "lagrangian", wrong)
 
 
 def not_transposed(patch):
     patch.setattr(
-        "ngbrain.forward.sensitivity.tangent_inverse.TangentInverse.transposed", lambda self, r: self.solve(r)
+        "ngbrain.forward.sensitivity.tangent_inverse.TangentInverse.solve_transposed", lambda self, r: self.solve(r)
     )
 
 

@@ -18,7 +18,7 @@ from ngbrain.forward.statics.stability import softest
 from ngbrain.materials import Branch, NeoHooke, UnsplitNeoHooke, Viscous, logarithmic
 from ngbrain.mesh import block
 from ngbrain.solvers import linear
-from ngbrain.solvers.continuation import follow, resumed
+from ngbrain.solvers.continuation import follow, resume
 from ngbrain.solvers.newton import Newton
 
 SOFT = {".*": Material(NeoHooke(1e3), 1e6)}
@@ -266,7 +266,7 @@ def test_an_element_that_collapses_gets_a_guard_and_the_user_hears_of_it():
 
 
 def test_a_reused_factor_leads_to_the_same_state(monkeypatch):
-    reused, found, forces = linear.reused, [], []
+    reused, found, forces = linear.reuse_factor, [], []
 
     def spy(*arguments):
         found.append(reused(*arguments))
@@ -384,12 +384,12 @@ def test_states_on_the_way_are_rough_and_the_last_is_not():
 
 def test_a_part_of_a_state_is_gone_on_from_where_it_is_inverted_itself():
     newton, path = Newton(rtol=1e-12, xtol=1e-12), Scalar(2.3)
-    x, record = resumed(path, newton, np.array([2.35]))
+    x, record = resume(path, newton, np.array([2.35]))
     assert x[0] == pytest.approx(2.0) and record.converged
     assert next(t for t, _ in record.history) == 0.9 and record.history[-1][0] == 1.0
     assert record.tried == sum(step.iterations for _, step in record.history)
-    assert resumed(path, newton, np.array([50.0])) is None
-    assert resumed(Scalar(1.9), newton, np.array([1.8])) is None  # 2, where it leads, is out of bounds
+    assert resume(path, newton, np.array([50.0])) is None
+    assert resume(Scalar(1.9), newton, np.array([1.8])) is None  # 2, where it leads, is out of bounds
 
 
 def test_a_path_that_leads_nowhere_says_how_far_it_came():

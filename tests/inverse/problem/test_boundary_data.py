@@ -68,8 +68,8 @@ def test_in_their_own_elements_driven_nodes_are_those_that_are_flagged():
     """As in published cases, whose driven edges own their corners."""
     data = standing(9, 8, element="q4")
     experiment = Experiment(data, as_made(data))
-    assert set(experiment.model.driving) == {k + i * 72 for k in np.flatnonzero(data.dirichlet) for i in (0, 1)}
-    assert len(experiment.model.driving) == 2 * (30 - 7) and len(experiment.body.prescribed[0]) == 2 * 72
+    assert set(experiment.model.driven_dofs) == {k + i * 72 for k in np.flatnonzero(data.dirichlet) for i in (0, 1)}
+    assert len(experiment.model.driven_dofs) == 2 * (30 - 7) and len(experiment.body.prescribed[0]) == 2 * 72
 
 
 def test_a_side_is_driven_where_more_than_half_of_it_is_flagged():
@@ -191,7 +191,7 @@ def errors(data, found, where=slice(None)):
 
 def inverted(data):
     found = invert(data, uniform=False, regulariser="smooth")
-    return found, len(found.end.experiment.model.driving)
+    return found, len(found.end.experiment.model.driven_dofs)
 
 
 def test_free_edges_have_no_unknowns_and_the_truth_comes_back_either_way(shaken):

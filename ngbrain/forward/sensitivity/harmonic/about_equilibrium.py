@@ -25,7 +25,7 @@ Array = np.ndarray
 
 
 class AboutEquilibrium:
-    """What a deformed body is made of, in blocks one after the other; `put` brings it to its equilibrium.
+    """What a deformed body is made of, in blocks one after the other; `set_value` brings it to its equilibrium.
 
     parameters  as in `StaticModel`; loss and density may be made of them too
     """
@@ -44,7 +44,7 @@ class AboutEquilibrium:
         """θ as the body has it now."""
         return self.static.theta
 
-    def put(self, values: Array) -> None:
+    def set_value(self, values: Array) -> None:
         """Set them, and find the equilibrium."""
         self._there = self.static.evaluate(values)
 
@@ -61,12 +61,12 @@ class StateSensitivity:
         self._omegas = [wave.omega for wave in medium.body.waves]
         self._direction = np.zeros(0)
 
-    def along(self, direction: Array) -> Sequence[Array]:
+    def jvp(self, direction: Array) -> Sequence[Array]:
         """(∂A/∂θ δθ) v of each wave."""
         moved = self._there.jvp(direction)
         return [by_theta @ direction + by_state @ moved for by_state, by_theta in self._matrices]
 
-    def back(self, adjoints: Sequence[Array]) -> Array:
+    def vjp(self, adjoints: Sequence[Array]) -> Array:
         """Σ Re λᵀ (∂A/∂θ) v."""
         parts = zip(adjoints, self._matrices, strict=True)
         found = [((by_state.T @ a).real, (by_theta.T @ a).real) for a, (by_state, by_theta) in parts]
@@ -78,20 +78,22 @@ class StateSensitivity:
         by_state, by_theta = self._slopes(adjoints)
         return by_theta + self._there.gradient(by_state)
 
-    def aim(self, direction: Array) -> None:
+    def set_direction(self, direction: Array) -> None:
         """Of θ, along which the equilibrium goes too."""
         self._direction = direction
-        self._medium.work.aim(self._there.along(direction)[0], direction)
+        self._medium.work.set_direction(self._there.state_derivative(direction)[0], direction)
 
-    def turned(self, number: int) -> Array:
+    def apply_derivative(self, number: int) -> Array:
         """A' v."""
-        return self._medium.work.turned(self._omegas[number], self._waves[number])
+        return self._medium.work.apply_derivative(self._omegas[number], self._waves[number])
 
-    def turned_back(self, number: int, adjoint: Array) -> Array:
+    def apply_derivative_transposed(self, number: int, adjoint: Array) -> Array:
         """A'ᵀ λ."""
-        return self._medium.work.turned_back(self._omegas[number], adjoint)
+        return self._medium.work.apply_derivative_transposed(self._omegas[number], adjoint)
 
-    def bent(self, adjoints: Sequence[Array], changes: Sequence[Array], others: Sequence[Array]) -> Array:
+    def gradient_derivative(
+        self, adjoints: Sequence[Array], changes: Sequence[Array], others: Sequence[Array]
+    ) -> Array:
         """That of the matrix, and that of the equilibrium."""
         work = self._medium.work
         first, _ = self._slopes(adjoints)
@@ -99,25 +101,25 @@ class StateSensitivity:
         parts = zip(self._omegas, self._waves, adjoints, changes, others, strict=True)
         for omega, wave, adjoint, change, other in parts:
             for state, theta in (
-                work.slopes(omega, change, adjoint),
-                work.slopes(omega, wave, other),
-                work.turned_slopes(omega, wave, adjoint),
+                work.gradient(omega, change, adjoint),
+                work.gradient(omega, wave, other),
+                work.gradient_derivative(omega, wave, adjoint),
             ):
                 by_state, by_theta = by_state + state, by_theta + theta
         return by_theta + self._there.vjp(by_state) + self._there.hvp(first, self._direction)
 
     def _slopes(self, adjoints: Sequence[Array]) -> tuple[Array, Array]:
         """Of Σ Re λᵀ A v by the state, and by θ with the state as it is."""
-        self._medium.static.bring(self._there)
+        self._medium.static.restore(self._there)
         parts = zip(self._omegas, self._waves, adjoints, strict=True)
-        found = [self._medium.work.slopes(omega, wave, adjoint) for omega, wave, adjoint in parts]
+        found = [self._medium.work.gradient(omega, wave, adjoint) for omega, wave, adjoint in parts]
         by_state, by_theta = (np.sum(part, axis=0) for part in zip(*found, strict=True))
         return by_state, by_theta
 
     @cached_property
     def _matrices(self) -> Sequence[tuple[sp.csr_array, sp.csr_array]]:
         """∂(A v)/∂u₀ (ndof, ndof) and ∂(A v)/∂θ (ndof, size) of each wave, assembled when first asked for."""
-        self._medium.static.bring(self._there)
+        self._medium.static.restore(self._there)
         return [
             self._medium.work.sensitivity(omega, wave) for omega, wave in zip(self._omegas, self._waves, strict=True)
         ]

@@ -15,7 +15,7 @@ from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.forward.harmonic.integrands import complexified
 from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.sensitivity.harmonic.hessian import MatrixDerivative
-from ngbrain.forward.sensitivity.harmonic.slopes import FieldGradient, Pair, alike, along
+from ngbrain.forward.sensitivity.harmonic.slopes import FieldGradient, Pair, derivative_operator, proportional_fields
 from ngbrain.solvers.matrices import to_scipy
 
 Array = np.ndarray
@@ -43,27 +43,30 @@ class AtRest:
         """Their unknowns."""
         return np.concatenate([np.zeros(0), *(field.vec.FV().NumPy() for field in self.fields.values())])
 
-    def put(self, values: Array) -> None:
+    def set_value(self, values: Array) -> None:
         """Set them."""
-        for field, part in zip(self.fields.values(), self.parts(values), strict=True):
+        for field, part in zip(self.fields.values(), self.split(values), strict=True):
             field.vec.FV().NumPy()[:] = part
 
     def sensitivity(self, waves: Array) -> FieldSensitivity:
         """At the values that fields have while it is used."""
         return FieldSensitivity(self, waves)
 
-    def parts(self, values: Array) -> list[Array]:
+    def split(self, values: Array) -> list[Array]:
         """Values by field."""
         return np.split(values, np.cumsum(list(self.sizes.values()))[:-1]) if self.sizes else []
 
     @cached_property
-    def alike(self) -> dict[float, dict[str, tuple[str, complex]]]:
-        """For each angular frequency (rad/s) the fields that one integral serves, see `slopes.alike`."""
-        return {omega: alike(self.body, self.fields, omega) for omega in {wave.omega for wave in self.body.waves}}
+    def proportional(self) -> dict[float, dict[str, tuple[str, complex]]]:
+        """For each angular frequency (rad/s) the fields that one integral serves, see `slopes.proportional_fields`."""
+        return {
+            omega: proportional_fields(self.body, self.fields, omega)
+            for omega in {wave.omega for wave in self.body.waves}
+        }
 
-    def firsts(self, omega: float) -> list[str]:
+    def independent_fields(self, omega: float) -> list[str]:
         """Fields that need integrals of their own."""
-        return [name for name, (first, _) in self.alike[omega].items() if name == first]
+        return [name for name, (first, _) in self.proportional[omega].items() if name == first]
 
     def gradient(self, omega: float, name: str) -> FieldGradient:
         """How the matrices change with a field, between as many pairs of waves as there are of this frequency; kept."""
@@ -73,7 +76,7 @@ class AtRest:
         return self._slopes[omega, name]
 
     @cached_property
-    def turn(self) -> MatrixDerivative:
+    def derivative(self) -> MatrixDerivative:
         """How the matrices change along a direction of the fields, for second derivatives."""
         return MatrixDerivative(self.body, self.fields)
 
@@ -85,11 +88,11 @@ class FieldSensitivity:
         self._medium, self._waves = medium, waves
         self._omegas = [wave.omega for wave in medium.body.waves]
 
-    def along(self, direction: Array) -> Sequence[Array]:
+    def jvp(self, direction: Array) -> Sequence[Array]:
         """(∂A/∂θ δθ) u of each wave."""
         return [matrix @ direction for matrix in self.matrices]
 
-    def back(self, adjoints: Sequence[Array]) -> Array:
+    def vjp(self, adjoints: Sequence[Array]) -> Array:
         """Σ Re λᵀ (∂A/∂θ) u."""
         parts = [matrix.T @ adjoint for matrix, adjoint in zip(self.matrices, adjoints, strict=True)]
         return np.asarray(np.sum(parts, axis=0).real)
@@ -101,24 +104,26 @@ class FieldSensitivity:
             pairs.setdefault(omega, []).append((wave, adjoint))
         return self._summed(
             {
-                omega: {name: medium.gradient(omega, name)(both) for name in medium.firsts(omega)}
+                omega: {name: medium.gradient(omega, name)(both) for name in medium.independent_fields(omega)}
                 for omega, both in pairs.items()
             }
         )
 
-    def aim(self, direction: Array) -> None:
+    def set_direction(self, direction: Array) -> None:
         """Of all fields."""
-        self._medium.turn.aim(self._medium.parts(direction))
+        self._medium.derivative.set_direction(self._medium.split(direction))
 
-    def turned(self, number: int) -> Array:
+    def apply_derivative(self, number: int) -> Array:
         """A' u."""
-        return self._medium.turn.times(self._omegas[number], self._waves[number])
+        return self._medium.derivative.apply(self._omegas[number], self._waves[number])
 
-    def turned_back(self, number: int, adjoint: Array) -> Array:
+    def apply_derivative_transposed(self, number: int, adjoint: Array) -> Array:
         """A' λ: it is symmetric."""
-        return self._medium.turn.times(self._omegas[number], adjoint)
+        return self._medium.derivative.apply(self._omegas[number], adjoint)
 
-    def bent(self, adjoints: Sequence[Array], changes: Sequence[Array], others: Sequence[Array]) -> Array:
+    def gradient_derivative(
+        self, adjoints: Sequence[Array], changes: Sequence[Array], others: Sequence[Array]
+    ) -> Array:
         """λ'ᵀ (∂A/∂θ) u + λᵀ (∂A/∂θ) u' + λᵀ (∂A/∂θ)' u."""
         medium = self._medium
         pairs: dict[float, tuple[list[Pair], list[Pair], list[Pair]]] = {}
@@ -133,8 +138,8 @@ class FieldSensitivity:
                 omega: {
                     name: medium.gradient(omega, name)(moved)
                     + medium.gradient(omega, name)(back)
-                    + medium.turn.gradient(omega, name, same)
-                    for name in medium.firsts(omega)
+                    + medium.derivative.gradient(omega, name, same)
+                    for name in medium.independent_fields(omega)
                 }
                 for omega, (moved, back, same) in pairs.items()
             }
@@ -144,7 +149,7 @@ class FieldSensitivity:
         """Over frequencies, of all fields, from those that have integrals of their own."""
         total = {name: np.zeros(size) for name, size in self._medium.sizes.items()}
         for omega, found in slopes.items():
-            for name, (first, r) in self._medium.alike[omega].items():
+            for name, (first, r) in self._medium.proportional[omega].items():
                 total[name] += (r * found[first]).real
         return np.concatenate([np.zeros(0), *total.values()])
 
@@ -158,13 +163,13 @@ class FieldSensitivity:
         u, test = ngs.GridFunction(body.fes), body.fes.TestFunction()
         u.vec.FV().NumPy()[:] = wave
         columns = {}
-        for name in medium.firsts(omega):
+        for name in medium.independent_fields(omega):
             field = medium.fields[name]
             space = complexified(field.space)
             form = ngs.BilinearForm(trialspace=space, testspace=body.fes)
-            work = body.terms(omega, u, test, along(field, space.TrialFunction()))
+            work = body.terms(omega, u, test, derivative_operator(field, space.TrialFunction()))
             if work is not None:
                 form += work
             form.Assemble()
             columns[name] = to_scipy(form.mat)
-        return sp.csr_array(sp.hstack([r * columns[first] for first, r in medium.alike[omega].values()]))
+        return sp.csr_array(sp.hstack([r * columns[first] for first, r in medium.proportional[omega].values()]))

@@ -15,18 +15,18 @@ from ngsolve import CoefficientFunction
 
 from ngbrain.forward.harmonic.integrands import Change, vanishes
 from ngbrain.forward.harmonic.problem import Harmonic
-from ngbrain.forward.sensitivity.harmonic.slopes import FieldGradient, Pair, along
+from ngbrain.forward.sensitivity.harmonic.slopes import FieldGradient, Pair, derivative_operator
 
 Array = np.ndarray
 
 
 class MatrixDerivative:
-    """A' of a body, and the slopes of A', along the direction that was last given to `aim`. Forms are made once."""
+    """A' of a body, and the slopes of A', along the direction that was last given to `set_direction`. Forms are made once."""
 
     def __init__(self, body: Harmonic, fields: Mapping[str, ngs.GridFunction]) -> None:
         self._body, self._fields = body, fields
         self._directions = {name: ngs.GridFunction(field.space) for name, field in fields.items()}
-        self._turn = _turning(fields, self._directions)
+        self._turn = _directional(fields, self._directions)
         self._wave, test = ngs.GridFunction(body.fes), body.fes.TestFunction()
         self._products: dict[float, ngs.LinearForm | None] = {}
         for omega in {wave.omega for wave in body.waves}:
@@ -34,12 +34,12 @@ class MatrixDerivative:
             self._products[omega] = None if work is None else ngs.LinearForm(work)
         self._slopes: dict[tuple[float, str], FieldGradient] = {}
 
-    def aim(self, direction: Sequence[Array]) -> None:
+    def set_direction(self, direction: Sequence[Array]) -> None:
         """A change of each field."""
         for towards, part in zip(self._directions.values(), direction, strict=True):
             towards.vec.FV().NumPy()[:] = part
 
-    def times(self, omega: float, u: Array) -> Array:
+    def apply(self, omega: float, u: Array) -> Array:
         """A' u (ndof,)."""
         form = self._products[omega]
         if form is None:
@@ -55,11 +55,11 @@ class MatrixDerivative:
         return self._slopes[omega, name](pairs)
 
 
-def _turning(fields: Mapping[str, ngs.GridFunction], directions: Mapping[str, ngs.GridFunction]) -> Change:
+def _directional(fields: Mapping[str, ngs.GridFunction], directions: Mapping[str, ngs.GridFunction]) -> Change:
     """From an integrand to its derivative along a change of all fields."""
 
     def turned(work: CoefficientFunction) -> CoefficientFunction:
-        parts = (along(field, directions[name])(work) for name, field in fields.items())
+        parts = (derivative_operator(field, directions[name])(work) for name, field in fields.items())
         left = [part for part in parts if not vanishes(part)]
         return sum(left[1:], left[0]) if left else ngs.CF(0.0)
 

@@ -15,29 +15,31 @@ Array = np.ndarray
 class Sensitivity(Protocol):
     """How a body's matrix A changes with θ, all but what drives its boundary, between its waves u_k and whatever.
 
-    A' is the change along the direction that `aim` was last given.
+    A' is the change along the direction that `set_direction` was last given.
     """
 
-    def along(self, direction: Array) -> Sequence[Array]:
+    def jvp(self, direction: Array) -> Sequence[Array]:
         """(∂A/∂θ δθ) u of each wave (ndof,)."""
 
-    def back(self, adjoints: Sequence[Array]) -> Array:
-        """Σ Re λᵀ (∂A/∂θ) u (size,), by the matrices that `along` uses."""
+    def vjp(self, adjoints: Sequence[Array]) -> Array:
+        """Σ Re λᵀ (∂A/∂θ) u (size,), by the matrices that `jvp` uses."""
 
     def gradient(self, adjoints: Sequence[Array]) -> Array:
         """The same by linear forms: cheaper for a single product."""
 
-    def aim(self, direction: Array) -> None:
+    def set_direction(self, direction: Array) -> None:
         """Set the direction of A'."""
 
-    def turned(self, number: int) -> Array:
+    def apply_derivative(self, number: int) -> Array:
         """A' u of a wave."""
 
-    def turned_back(self, number: int, adjoint: Array) -> Array:
+    def apply_derivative_transposed(self, number: int, adjoint: Array) -> Array:
         """A'ᵀ λ of a wave."""
 
-    def bent(self, adjoints: Sequence[Array], changes: Sequence[Array], others: Sequence[Array]) -> Array:
-        """The change of `slope` along the direction, with u' and λ'."""
+    def gradient_derivative(
+        self, adjoints: Sequence[Array], changes: Sequence[Array], others: Sequence[Array]
+    ) -> Array:
+        """The change of `gradient` along the direction, with u' and λ'."""
 
 
 class Medium(Protocol):
@@ -50,7 +52,7 @@ class Medium(Protocol):
     def value(self) -> Array:
         """θ as the body has it now."""
 
-    def put(self, values: Array) -> None:
+    def set_value(self, values: Array) -> None:
         """Set it."""
 
     def sensitivity(self, waves: Array) -> Sensitivity:

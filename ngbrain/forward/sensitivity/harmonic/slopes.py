@@ -19,7 +19,7 @@ APART = 0.1
 """Part of their values by which fields are changed to see what holds for any."""
 
 
-def along(field: ngs.GridFunction, direction: CoefficientFunction) -> Change:
+def derivative_operator(field: ngs.GridFunction, direction: CoefficientFunction) -> Change:
     """From an integrand to its derivative along a change of a field."""
     return lambda work: derivative(work, field, direction, "density or absorbing")
 
@@ -41,7 +41,7 @@ class FieldGradient:
         space = complexified(field.space)
         self._form = ngs.LinearForm(space)
         self._pairs = [(ngs.GridFunction(body.fes), ngs.GridFunction(body.fes)) for _ in range(pairs)]
-        change = along(field, space.TestFunction())
+        change = derivative_operator(field, space.TestFunction())
 
         def compiled(work: CoefficientFunction) -> CoefficientFunction:
             changed = change(work)
@@ -62,7 +62,9 @@ class FieldGradient:
         return np.asarray(self._form.vec.FV().NumPy().copy())
 
 
-def alike(body: Harmonic, fields: Mapping[str, ngs.GridFunction], omega: float) -> dict[str, tuple[str, complex]]:
+def proportional_fields(
+    body: Harmonic, fields: Mapping[str, ngs.GridFunction], omega: float
+) -> dict[str, tuple[str, complex]]:
     """Field → the first one, and the r, with ∂A/∂field = r ∂A/∂first whatever the fields are; else itself and 1.
 
     So r = i for the loss modulus in G' + iG'', and iω for a viscosity. Tried, not deduced: between random waves, of two sets of
@@ -76,7 +78,7 @@ def alike(body: Harmonic, fields: Mapping[str, ngs.GridFunction], omega: float) 
     >>> storage.Set(2000.0), loss.Set(800.0)
     (None, None)
     >>> body = Harmonic(mesh, Shearing(storage + 1j * loss), [Wave(50.0)], bulk=1e5, form="P2")
-    >>> found = alike(body, {"storage": storage, "loss": loss}, body.waves[0].omega)
+    >>> found = proportional_fields(body, {"storage": storage, "loss": loss}, body.waves[0].omega)
     >>> [(first, complex(np.round(r, 6))) for first, r in found.values()]
     [('storage', (1+0j)), ('storage', 1j)]
     """

@@ -26,7 +26,7 @@ class StateWork:
     """Re(A v) of a wave v = c + i d, tested, as integrals of real fields; Im(A v) is Re(A (-i v)).
 
     With them the derivatives of Re(λᵀ A v), at the body's state, by the state and by θ, and those of its change Re(λᵀ A' v) along
-    the ways of both that `aim` was last given.
+    the ways of both that `set_direction` was last given.
     """
 
     def __init__(self, about: AboutState, blocks: Iterable[ParameterBlock]) -> None:
@@ -45,37 +45,37 @@ class StateWork:
             by_theta.append(sp.csr_array(sp.hstack([columns() for columns in self._columns])))
         return by_state[0] + 1j * by_state[1], by_theta[0] + 1j * by_theta[1]
 
-    def slopes(self, omega: float, v: Array, adjoint: Array) -> tuple[Array, Array]:
+    def gradient(self, omega: float, v: Array, adjoint: Array) -> tuple[Array, Array]:
         """∂ Re(λᵀ A v)/∂u₀ (ndof,) and ∂ Re(λᵀ A v)/∂θ (size,)."""
         return self._summed(self._slopes, omega, v, adjoint)
 
-    def aim(self, state: Array, direction: Array) -> None:
+    def set_direction(self, state: Array, direction: Array) -> None:
         """Ways of the state (ndof,) and of θ (size,)."""
         self._change.vec.FV().NumPy()[:] = state
         for block, way in zip(
             self._blocks, np.split(direction, np.cumsum([b.size for b in self._blocks])), strict=False
         ):
-            block.turn(way)
+            block.set_direction(way)
 
-    def turned(self, omega: float, v: Array) -> Array:
+    def apply_derivative(self, omega: float, v: Array) -> Array:
         """A' v (ndof,)."""
-        found = self._complex(self._turned_product, omega, v)
+        found = self._complex(self._derivative_product, omega, v)
         return self._and_nodes(found, lambda: self._complex(self._product, omega, v))
 
-    def turned_back(self, omega: float, adjoint: Array) -> Array:
+    def apply_derivative_transposed(self, omega: float, adjoint: Array) -> Array:
         """A'ᵀ λ (ndof,)."""
-        found = self._complex(self._turned_transposed, omega, adjoint)
+        found = self._complex(self._derivative_transposed, omega, adjoint)
         return self._and_nodes(found, lambda: self._complex(self._transposed, omega, adjoint))
 
-    def turned_slopes(self, omega: float, v: Array, adjoint: Array) -> tuple[Array, Array]:
+    def gradient_derivative(self, omega: float, v: Array, adjoint: Array) -> tuple[Array, Array]:
         """∂ Re(λᵀ A' v)/∂u₀ (ndof,) and ∂ Re(λᵀ A' v)/∂θ (size,)."""
-        found = np.concatenate(self._summed(self._turned_slopes, omega, v, adjoint))
-        found = self._and_nodes(found, lambda: np.concatenate(self.slopes(omega, v, adjoint)))
+        found = np.concatenate(self._summed(self._gradient_derivatives, omega, v, adjoint))
+        found = self._and_nodes(found, lambda: np.concatenate(self.gradient(omega, v, adjoint)))
         return found[: self._body.fes.ndof], found[self._body.fes.ndof :]
 
     def _and_nodes(self, found: Array, of: Callable[[], Array]) -> Array:
         """A change along all other ways, and that of what it is the change of along node positions'."""
-        return sum((block.change(of) for block in self._blocks if isinstance(block, NodePositions)), found)
+        return sum((block.finite_difference(of) for block in self._blocks if isinstance(block, NodePositions)), found)
 
     def _summed(self, slopes: Slopes, omega: float, v: Array, adjoint: Array) -> tuple[Array, Array]:
         """Of Re λ · Re(A v) and -Im λ · Im(A v)."""
@@ -106,14 +106,14 @@ class StateWork:
     @cached_property
     def _columns(self) -> list[Callable[[], sp.csr_array]]:
         parts = self._real(self._body.gfu, _tested(self._test))
-        return [block.columns(self._body.fes, parts) for block in self._blocks]
+        return [block.jacobian(self._body.fes, parts) for block in self._blocks]
 
     @cached_property
     def _slopes(self) -> Slopes:
         return self._slopes_of(lambda state: self._real(state, _tested(self._adjoint)))
 
     @cached_property
-    def _turned_slopes(self) -> Slopes:
+    def _gradient_derivatives(self) -> Slopes:
         return self._slopes_of(lambda state: self._turn(state, _tested(self._adjoint)))
 
     @cached_property
@@ -125,11 +125,11 @@ class StateWork:
         return vector(self._body.fes, self._real(self._body.gfu, lambda part: (part, self._test)))
 
     @cached_property
-    def _turned_product(self) -> Callable[[], Array]:
+    def _derivative_product(self) -> Callable[[], Array]:
         return vector(self._body.fes, self._turn(self._body.gfu, _tested(self._test)))
 
     @cached_property
-    def _turned_transposed(self) -> Callable[[], Array]:
+    def _derivative_transposed(self) -> Callable[[], Array]:
         test = self._test
         return vector(self._body.fes, self._turn(self._body.gfu, lambda part: (part, test)))
 
@@ -144,7 +144,9 @@ class StateWork:
             self._real(state, pair),
             (block for block in self._blocks if not isinstance(block, NodePositions)),
         )
-        return self._real(state, pair, self._change) + [term for block in others for term in block.along(parts)]
+        return self._real(state, pair, self._change) + [
+            term for block in others for term in block.directional_derivative(parts)
+        ]
 
     def _real(self, state: Motion, pair: Pair, *along: Motion) -> Terms:
         """Re(A v) tested with a virtual motion, and for each motion more its derivative along it."""

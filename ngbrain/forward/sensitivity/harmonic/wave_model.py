@@ -25,7 +25,7 @@ from ngbrain.forward.harmonic.factors import Factorised
 from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.sensitivity.harmonic.at_rest import AtRest
 from ngbrain.forward.sensitivity.harmonic.medium import Medium
-from ngbrain.forward.sensitivity.parameter_blocks import Parameter, places
+from ngbrain.forward.sensitivity.parameter_blocks import Parameter, block_slices
 from ngbrain.solvers.newton import Newton
 
 Array = np.ndarray
@@ -85,9 +85,9 @@ class WaveModel:
         if scalar.shape[1] * self.dim != body.displacement.ndof:
             raise InputError("form", str(body.form), "components of the displacement in spaces of their own")
         self._scalar = scalar
-        self.driving = np.flatnonzero(body.held)
-        sizes = {**self.medium.sizes, BOUNDARY: 2 * len(self.driving) * len(body.waves)}
-        self.blocks = dict(zip(sizes, places(list(sizes.values())), strict=True))
+        self.driven_dofs = np.flatnonzero(body.held)
+        sizes = {**self.medium.sizes, BOUNDARY: 2 * len(self.driven_dofs) * len(body.waves)}
+        self.blocks = dict(zip(sizes, block_slices(list(sizes.values())), strict=True))
         self.size = sum(sizes.values())
         self.solves = self.medium.solves
 
@@ -100,7 +100,7 @@ class WaveModel:
     @property
     def theta(self) -> Array:
         """θ and boundary values as the body has them now."""
-        held = [g[self.driving] for g in self.body.prescribed]
+        held = [g[self.driven_dofs] for g in self.body.prescribed]
         return np.concatenate([self.medium.value, *(part for g in held for part in (g.real, g.imag))])
 
     def evaluate(self, theta: Array) -> WaveLinearisation:
@@ -109,10 +109,10 @@ class WaveModel:
         Raises `SolverError` at a resonance without loss, and about a deformed body what `StaticModel` does.
         """
         factors = self._factorised(theta)
-        waves = np.array([factors.driven(k, g) for k, g in enumerate(self.held(theta))])
+        waves = np.array([factors.driven(k, g) for k, g in enumerate(self.boundary_values(theta))])
         return WaveLinearisation(self, factors, waves)
 
-    def around(self, theta: Array, waves: Array) -> WaveLinearisation:
+    def linearise(self, theta: Array, waves: Array) -> WaveLinearisation:
         """Derivatives at θ and at any waves (loads, ndof), such as measured ones: no wave is solved for."""
         return WaveLinearisation(self, self._factorised(theta), np.asarray(waves, complex))
 
@@ -121,24 +121,24 @@ class WaveModel:
             raise InputError("theta", f"of shape {np.shape(theta)}", f"{self.size} numbers")
         if not np.all(np.isfinite(theta)):
             raise ConvergenceError("parameters that are not finite have no waves: a step too far")
-        self.medium.put(theta[: self.blocks[BOUNDARY].start])
+        self.medium.set_value(theta[: self.blocks[BOUNDARY].start])
         return self.body.factorised(self.solves)
 
-    def held(self, theta: Array) -> Array:
+    def boundary_values(self, theta: Array) -> Array:
         """Boundary values in θ as arrays over all unknowns (waves, ndof)."""
         parts = theta[self.blocks[BOUNDARY]].reshape(len(self.body.waves), 2, -1)
         g = np.zeros((len(parts), self.body.fes.ndof), complex)
-        g[:, self.driving] = parts[:, 0] + 1j * parts[:, 1]
+        g[:, self.driven_dofs] = parts[:, 0] + 1j * parts[:, 1]
         return g
 
-    def observed(self, u: Array) -> Array:
+    def observe(self, u: Array) -> Array:
         """Unknowns of a wave to values at the points (n, dim)."""
         width = self._scalar.shape[1]
         return _times(self._scalar, u[: self.dim * width].reshape(self.dim, width).T)
 
     @property
-    def observation(self) -> sp.csr_array:
-        """The matrix (n dim, ndof) of `observed`: all points of the first component, then of the next."""
+    def observation_matrix(self) -> sp.csr_array:
+        """The matrix (n dim, ndof) of `observe`: all points of the first component, then of the next."""
         whole = sp.block_diag([self._scalar] * self.dim, format="csr")
         whole.resize((whole.shape[0], self.body.fes.ndof))
         return sp.csr_array(whole)
@@ -148,15 +148,15 @@ class WaveModel:
         """In which element each point lies (n,)."""
         return np.array(self.body.mesh(*self.points.T)["nr"])
 
-    def spread(self, values: Array) -> Array:
-        """The transpose of `observed`."""
+    def observe_transposed(self, values: Array) -> Array:
+        """The transpose of `observe`."""
         u = np.zeros(self.body.fes.ndof, complex)
         width = self._scalar.shape[1]
-        u[: self.dim * width] = _times(self._turned, values).T.ravel()
+        u[: self.dim * width] = _times(self._transposed, values).T.ravel()
         return u
 
     @cached_property
-    def _turned(self) -> sp.csr_array:
+    def _transposed(self) -> sp.csr_array:
         return sp.csr_array(self._scalar.T)
 
 
@@ -165,7 +165,7 @@ class WaveLinearisation:
 
     def __init__(self, model: WaveModel, factors: Factorised, waves: Array) -> None:
         self.model, self.factors, self.waves = model, factors, waves
-        self.data = np.array([model.observed(u) for u in waves])
+        self.data = np.array([model.observe(u) for u in waves])
         self.sensitivity = model.medium.sensitivity(waves)
         self._inner = slice(model.blocks[BOUNDARY].start)
 
@@ -177,13 +177,13 @@ class WaveLinearisation:
 
     def jvp(self, direction: Array) -> Array:
         """J δθ, as `data`."""
-        return np.array([self.model.observed(u) for u in self.along(direction)])
+        return np.array([self.model.observe(u) for u in self.state_derivative(direction)])
 
-    def along(self, direction: Array) -> Array:
+    def state_derivative(self, direction: Array) -> Array:
         """How waves change, in all unknowns (waves, ndof)."""
         change = np.empty_like(self.waves)
-        driven = self.model.held(direction)
-        for k, pushed in enumerate(self.sensitivity.along(direction[self._inner])):
+        driven = self.model.boundary_values(direction)
+        for k, pushed in enumerate(self.sensitivity.jvp(direction[self._inner])):
             b = -pushed
             if driven[k].any():
                 b -= self.factors.apply(k, driven[k])
@@ -194,7 +194,7 @@ class WaveLinearisation:
     def vjp(self, w: Array) -> Array:
         """Re(Jᵀ w̄), the gradient of Re Σ w̄ · data, by the matrices that `jvp` uses."""
         adjoints = self._adjoints(w, "incremental")
-        inner = self.sensitivity.back([adjoint for adjoint, _ in adjoints])
+        inner = self.sensitivity.vjp([adjoint for adjoint, _ in adjoints])
         return np.concatenate([-inner, self._of_boundary(adjoints)])
 
     def gradient(self, w: Array) -> Array:
@@ -205,28 +205,28 @@ class WaveLinearisation:
 
     def hvp(self, w: Array, direction: Array) -> Array:
         """(Re Σ w̄ · data)'' δθ: what the curvature of a misfit has beside the Gauss-Newton matrix, with w the misfit's slope."""
-        model, how, factors, driven = self.model, self.sensitivity, self.factors, self.model.held(direction)
+        model, how, factors, driven = self.model, self.sensitivity, self.factors, self.model.boundary_values(direction)
         adjoints = [adjoint for adjoint, _ in self._adjoints(w, "adjoint")]
-        how.aim(direction[self._inner])
+        how.set_direction(direction[self._inner])
         changes, others, rests = [], [], []
         for k, adjoint in enumerate(adjoints):
-            pushed = how.turned(k) + (factors.apply(k, driven[k]) if driven[k].any() else 0.0)
-            bent = how.turned_back(k, adjoint)
+            pushed = how.apply_derivative(k) + (factors.apply(k, driven[k]) if driven[k].any() else 0.0)
+            bent = how.apply_derivative_transposed(k, adjoint)
             changes.append(driven[k] - factors.solve(k, pushed, "incremental"))
             other = -factors.solve(k, bent, "incremental", transposed=True)
             others.append(other)
-            rests.append((other, -bent[model.driving] - factors.reactions(k, other, model.driving)))
-        return np.concatenate([-how.bent(adjoints, changes, others), self._of_boundary(rests)])
+            rests.append((other, -bent[model.driven_dofs] - factors.reactions(k, other, model.driven_dofs)))
+        return np.concatenate([-how.gradient_derivative(adjoints, changes, others), self._of_boundary(rests)])
 
     def _adjoints(self, w: Array, purpose: str) -> list[tuple[Array, Array]]:
         """For each wave λ and what is left of Bᵀ w̄ at the driven unknowns."""
         check_shape("w", np.shape(w), self.data.shape)
-        found, driving = [], self.model.driving
+        found, driving = [], self.model.driven_dofs
         for k, part in enumerate(np.conj(w)):
             if not part.any():
                 found.append((np.zeros(self.model.body.fes.ndof, complex), np.zeros(len(driving), complex)))
                 continue
-            b = self.model.spread(part)
+            b = self.model.observe_transposed(part)
             adjoint = self.factors.solve(k, b, purpose, transposed=True)
             found.append((adjoint, b[driving] - self.factors.reactions(k, adjoint, driving)))
         return found

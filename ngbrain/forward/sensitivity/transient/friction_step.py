@@ -23,7 +23,7 @@ import numpy as np
 
 from ngbrain.forward.contact.friction import Rub, Slipping
 from ngbrain.forward.sensitivity.parameter_blocks import ParameterBlock
-from ngbrain.forward.sensitivity.transient.quadrature_blocks import values
+from ngbrain.forward.sensitivity.transient.quadrature_blocks import unknowns
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.virtual_work import Motion, Term, Terms, by, vector
 
@@ -57,7 +57,7 @@ class FrictionStep:
     Motions and changes of the unknowns have one number more with a tool of given force, that of its way.
     """
 
-    felt = False
+    in_reactions = False
     """What is seen of forces is the tissue's: a motion of it does not take part in friction."""
 
     def __init__(self, body: Problem, parts: Mapping[str, ParameterBlock]) -> None:
@@ -66,7 +66,7 @@ class FrictionStep:
         self._x, self._y, self._s = (ngs.Parameter(0.0) for _ in range(3))
         self._push, self._before = ngs.Parameter(0.0), ngs.Parameter(0.0)
         self._rubs = [_Fields(rub) for rub in body.friction.rubs]
-        sizes = [len(values(rub.weight)) for rub in self._rubs]
+        sizes = [len(unknowns(rub.weight)) for rub in self._rubs]
         self._ends, self.size = np.cumsum(sizes)[:-1], int(sum(sizes))
 
     @property
@@ -75,7 +75,7 @@ class FrictionStep:
 
     # Backwards.
 
-    def back(self, adjoint: Array, weights: Array) -> tuple[Array, Array, Array]:
+    def adjoint_gradients(self, adjoint: Array, weights: Array) -> tuple[Array, Array, Array]:
         """Derivatives of ℓ by the step's start (n,), by e (a density) and by θ."""
         self._weigh(adjoint, weights)
         by_slip = np.concatenate(
@@ -84,16 +84,16 @@ class FrictionStep:
         by_start = self._with_way(self._by_start, lambda: self._by_before())
         return by_start, by_slip, np.concatenate([part() for part in self._by_theta])
 
-    def remembered(self, weights: Array) -> Array:
+    def carried_state_gradient(self, weights: Array) -> Array:
         """∂(∫ M · E dA)/∂x (n,)."""
         self._weigh(np.zeros(self._n), weights)
         return self._with_way(self._by_end, lambda: self._by_way())
 
     def _weigh(self, adjoint: Array, weights: Array) -> None:
-        values(self._motion)[:] = adjoint[: self._n]
+        unknowns(self._motion)[:] = adjoint[: self._n]
         self._push.Set(float(adjoint[self._n]) if len(adjoint) > self._n else 0.0)
         for rub, part in zip(self._rubs, np.split(weights, self._ends), strict=True):
-            values(rub.weight)[:] = part
+            unknowns(rub.weight)[:] = part
 
     def _with_way(self, of_space: Callable[[], Array], of_way: Callable[[], Array]) -> Array:
         """By unknowns in space, and by a tool's way if there is one."""
@@ -132,30 +132,30 @@ class FrictionStep:
 
     # Forwards.
 
-    def changed(self, start: Array, slips: Array, theta: Sequence[Array]) -> Array:
+    def residual_derivative(self, start: Array, slips: Array, theta: Sequence[Array]) -> Array:
         """How forces change with the step's start, e and θ (n,)."""
-        self.aim(None, start, slips, theta)
+        self.set_direction(None, start, slips, theta)
         return self._with_way(self._changed, lambda: self._felt_changed())
 
-    def moved(self, end: Array) -> Array:
-        """How E changes with the step's end, and with what `changed` was last asked for."""
+    def carried_derivative(self, end: Array) -> Array:
+        """How E changes with the step's end, and with what `residual_derivative` was last asked for."""
         self._go(end)
         return np.concatenate([rub.at_points(change) for rub, change in zip(self._rubs, self._moved, strict=True)])
 
-    def aim(self, end: Array | None, start: Array, slips: Array, theta: Sequence[Array]) -> None:
+    def set_direction(self, end: Array | None, start: Array, slips: Array, theta: Sequence[Array]) -> None:
         """Set a way of a step's end and start, of the slips there and of θ."""
-        values(self._starting)[:] = start[: self._n]
+        unknowns(self._starting)[:] = start[: self._n]
         self._before.Set(float(start[self._n]) if self._way is not None else 0.0)
         for rub, change in zip(self._rubs, np.split(slips, self._ends), strict=True):
-            values(rub.change)[:] = change
+            unknowns(rub.change)[:] = change
         for part, way in zip(self._parts, theta, strict=False):
-            part.turn(way)
+            part.set_direction(way)
         self._go(np.zeros(len(start)) if end is None else end)
 
     def _go(self, end: Array) -> None:
-        values(self._moving)[:] = end[: self._n]
+        unknowns(self._moving)[:] = end[: self._n]
         if self._way is not None:
-            self._parts[-1].turn(end[self._n :])
+            self._parts[-1].set_direction(end[self._n :])
 
     def _begun(self, number: ngs.Parameter, end: bool = False) -> Shift:
         """Along what was aimed at."""
@@ -184,11 +184,13 @@ class FrictionStep:
 
     def _turned(self, of: Callable[..., Terms], shift: Shift) -> Terms:
         """The change of integrals along a shift and along the parameters' directions."""
-        return by(of(shift), shift.number) + [term for part in self._parts for term in part.along(of())]
+        return by(of(shift), shift.number) + [
+            term for part in self._parts for term in part.directional_derivative(of())
+        ]
 
     # Twice.
 
-    def turned(self, adjoint: Array, weights: Array) -> CarriedGradients:
+    def gradient_derivatives(self, adjoint: Array, weights: Array) -> CarriedGradients:
         """The derivatives of ℓ', with λ, σ and M, along what was aimed at."""
         self._weigh(adjoint, weights)
         by_slip = np.concatenate(
@@ -243,18 +245,18 @@ class FrictionStep:
             form += term.integral
 
     @cached_property
-    def column(self) -> Callable[[], Array]:
+    def tool_column(self) -> Callable[[], Array]:
         """How forces change with a tool's way (ndof,)."""
         return vector(self.body.fes, by(self._tractions(self.body.fes.TestFunction()), self._way))
 
     @cached_property
-    def row(self) -> Callable[[], Array]:
+    def tool_row(self) -> Callable[[], Array]:
         """How what a tool feels changes with x (ndof,)."""
         test = self.body.fes.TestFunction()
         return vector(self.body.fes, by(self._driving([Shift(self._x, end=test)]), self._x))
 
     @cached_property
-    def corner(self) -> Callable[[], Array]:
+    def tool_stiffness(self) -> Callable[[], Array]:
         """How what a tool feels changes with its way."""
         return self._number(by(self._driving(), self._way))
 
@@ -331,4 +333,4 @@ class _Fields:
     def at_points(self, function: ngs.CoefficientFunction) -> Array:
         """Values of a vector, one component after the other."""
         self._found.Interpolate(function, definedon=self.rub.on)
-        return values(self._found).copy()
+        return unknowns(self._found).copy()

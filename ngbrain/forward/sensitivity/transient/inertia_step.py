@@ -14,7 +14,7 @@ import numpy as np
 
 from ngbrain.forward.sensitivity.parameter_blocks import ParameterBlock
 from ngbrain.forward.sensitivity.transient.friction_step import CarriedGradients
-from ngbrain.forward.sensitivity.transient.quadrature_blocks import values
+from ngbrain.forward.sensitivity.transient.quadrature_blocks import unknowns
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.virtual_work import Motion, Term, Terms, vector
 
@@ -27,7 +27,7 @@ class InertiaStep:
     What is carried from step to step is one array (3 n,): velocity, acceleration and its average; so are weights of these.
     """
 
-    felt = True
+    in_reactions = True
     """Supports feel the forces: a motion of what is seen takes part in them."""
 
     def __init__(self, body: Problem, parts: Mapping[str, ParameterBlock]) -> None:
@@ -40,11 +40,11 @@ class InertiaStep:
 
     # Backwards.
 
-    def back(self, adjoint: Array, weights: Array) -> tuple[Array, Array, Array]:
+    def adjoint_gradients(self, adjoint: Array, weights: Array) -> tuple[Array, Array, Array]:
         """Derivatives by the start's displacements (ndof,), by what was carried there, and by θ."""
         s, dt, _ = self._scheme
         by_target = -s.weight(dt) * (np.split(weights, 3)[1] + self.inertia.times(self._of_u(adjoint)))
-        values(self._motion)[:] = adjoint[: self.body.fes.ndof]
+        unknowns(self._motion)[:] = adjoint[: self.body.fes.ndof]
         by_start, carried = self._back(by_target, weights)
         return by_start, carried, np.concatenate([part() for part in self._by_theta])
 
@@ -61,7 +61,7 @@ class InertiaStep:
         found = np.concatenate([velocity + dt * by_drift, before + (1 - kept) * used, kept * used])
         return self._spread(by_drift), found
 
-    def remembered(self, weights: Array) -> Array:
+    def carried_state_gradient(self, weights: Array) -> Array:
         """How what is carried on changes with the end, by weights (ndof,)."""
         s, dt, beta_dt = self._scheme
         velocity, acceleration, average = np.split(weights, 3)
@@ -73,7 +73,7 @@ class InertiaStep:
 
     # Forwards.
 
-    def changed(self, start: Array, carried: Array, theta: Sequence[Array]) -> Array:
+    def residual_derivative(self, start: Array, carried: Array, theta: Sequence[Array]) -> Array:
         """How forces change with where the step begins, with what was carried there, and with θ (ndof,)."""
         s, dt, beta_dt = self._scheme
         velocity, acceleration, average = np.split(carried, 3)
@@ -82,11 +82,11 @@ class InertiaStep:
         target = drift - beta_dt * (s.alpha_m * used - s.alpha_f * acceleration) / (1 - s.alpha_m)
         self._changes = [velocity, used, drift, target]
         for part, way in zip(self._parts, theta, strict=False):
-            part.turn(way)
+            part.set_direction(way)
         return self._spread(-s.weight(dt) * self.inertia.times(target), self._changed())
 
-    def moved(self, end: Array) -> Array:
-        """How what is carried on changes with the end, and with what `changed` was last asked for."""
+    def carried_derivative(self, end: Array) -> Array:
+        """How what is carried on changes with the end, and with what `residual_derivative` was last asked for."""
         s, dt, beta_dt = self._scheme
         velocity, used, drift, target = self._changes
         u = self._of_u(end)
@@ -97,18 +97,18 @@ class InertiaStep:
     @cached_property
     def _changed(self) -> Callable[[], Array]:
         still = self._work(self.body.fes.TestFunction())
-        return vector(self.body.fes, [term for part in self._parts for term in part.along(still)])
+        return vector(self.body.fes, [term for part in self._parts for term in part.directional_derivative(still)])
 
     # Twice. All but the density times what moves is linear.
 
-    def aim(self, end: Array, start: Array, carried: Array, theta: Sequence[Array]) -> None:
+    def set_direction(self, end: Array, start: Array, carried: Array, theta: Sequence[Array]) -> None:
         """Set a way of a step's end and start, of what was carried there, and of θ."""
-        self.changed(start, carried, theta)
-        values(self._going)[:] = self._of_u(end) - self._changes[-1]
+        self.residual_derivative(start, carried, theta)
+        unknowns(self._going)[:] = self._of_u(end) - self._changes[-1]
 
-    def turned(self, adjoint: Array, weights: Array) -> CarriedGradients:
+    def gradient_derivatives(self, adjoint: Array, weights: Array) -> CarriedGradients:
         """Derivatives along what was aimed at of those by a step's end, its start, what was carried there, and θ."""
-        values(self._motion)[:] = adjoint[: self.body.fes.ndof]
+        unknowns(self._motion)[:] = adjoint[: self.body.fes.ndof]
         by_end = self._heavier()[self.body.is_u]
         by_start, carried = self._back(-by_end, np.zeros(self.size))
         return CarriedGradients(
@@ -120,12 +120,12 @@ class InertiaStep:
         """c ∫ ρ' v · λ dV."""
         v = self.body.layout.fields(self.body.fes.TestFunction()).u
         still = [Term(*self.inertia.heft(v, self.body.layout.fields(self._motion).u))]
-        return vector(self.body.fes, [term for part in self._parts for term in part.along(still)])
+        return vector(self.body.fes, [term for part in self._parts for term in part.directional_derivative(still)])
 
     @cached_property
     def _turned_by_theta(self) -> list[Callable[[], Array]]:
         going = [Term(*self.inertia.heft(self._going, self.body.layout.fields(self._motion).u))]
-        bent = [term for part in self._parts for term in part.along(self._work(self._motion))]
+        bent = [term for part in self._parts for term in part.directional_derivative(self._work(self._motion))]
         return [part.gradient(going + bent, self.body.mesh) for part in self._parts]
 
     def _work(self, motion: Motion) -> Terms:

@@ -65,13 +65,13 @@ class SpectralDecomposition:
         self.x = [_sum(float(c) * log for c, log in zip(row, logs, strict=True)) for row in PLANE]
         self._axes = [value.Diff(A) for value in values]
 
-    def stretched(self, strain: Sequence[CoefficientFunction]) -> CoefficientFunction:
+    def exponential(self, strain: Sequence[CoefficientFunction]) -> CoefficientFunction:
         """Σ exp(strain_i) n_i ⊗ n_i, of coordinates of traceless strains."""
         logs = (_sum(float(c) * s for c, s in zip(column, strain, strict=True)) for column in PLANE.T)
         return _sum(ngs.exp(log) * axis for log, axis in zip(logs, self._axes, strict=True))
 
 
-Moved: TypeAlias = Callable[[CoefficientFunction, CoefficientFunction], CoefficientFunction]
+ParameterPerturbation: TypeAlias = Callable[[CoefficientFunction, CoefficientFunction], CoefficientFunction]
 """From `made` and `law` to `made` with a change of its parameters, which is zero but has a derivative."""
 
 
@@ -96,7 +96,7 @@ class MaxwellStart:
         shape: CoefficientFunction,
         G: CoefficientFunction,
         settled: CoefficientFunction,
-        moved: Moved = _still,
+        moved: ParameterPerturbation = _still,
     ) -> None:
         start = SpectralDecomposition(G.trans * shape * G)
         law = _start(branch, ngs.CF((settled[2], settled[3])))
@@ -107,7 +107,7 @@ class MaxwellStart:
         squared, along, size = (_sum(a * b for a, b in zip(*pair, strict=True)) for pair in pairs)
         theta, factor = half_step_factors(dt / eta * ngs.IfPos(size - SMALL**2, squared / (2 * along), rest))
         flowed = [-settled[4] * theta * dt / (4 * eta) * s for s in slope]
-        self.value = ngs.CF((G * start.stretched(flowed), eta / dt * factor))
+        self.value = ngs.CF((G * start.exponential(flowed), eta / dt * factor))
         self.strain, self.made, self.law = start.x, made, law
 
 
@@ -129,7 +129,7 @@ class MaxwellEnd:
         shape: CoefficientFunction,
         half: CoefficientFunction,
         settled: CoefficientFunction,
-        moved: Moved = _still,
+        moved: ParameterPerturbation = _still,
     ) -> None:
         G = ngs.CF(tuple(half[i] for i in range(9)), dims=(3, 3))
         kappa, end = half[9], SpectralDecomposition(G.trans * shape * G)
@@ -141,7 +141,7 @@ class MaxwellEnd:
         det = (a + k) * (c + k) - b * b
         back = ((c + k) * r[0] - b * r[1]) / det, ((a + k) * r[1] - b * r[0]) / det
         self.energy = W + kappa * (off[0] ** 2 + off[1] ** 2) - (r[0] * back[0] + r[1] * back[1]) / 2
-        self.G = (G * end.stretched([-off[i] - back[i] for i in range(2)])).Reshape((9,))
+        self.G = (G * end.exponential([-off[i] - back[i] for i in range(2)])).Reshape((9,))
         self.made, self.law, self.branch = made, law, branch
 
 

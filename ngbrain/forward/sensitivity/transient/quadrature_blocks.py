@@ -21,14 +21,14 @@ class QuadratureBlock:
     """Variables at quadrature points that go together: values, their change, and their weights; each (size, points).
 
     variable   the values, to be derived by
-    moved      values + s change, s a number that is zero: derived by it, a function of them is derived along the change
+    perturbed      values + s change, s a number that is zero: derived by it, a function of them is derived along the change
     """
 
     def __init__(self, space: ngs.FESpace, size: int, s: ngs.Parameter) -> None:
         self.value, self.change, self.weight = (ngs.GridFunction(ngs.VectorValued(space, size)) for _ in range(3))
         self.size = size
         self.variable = entries(self.value).MakeVariable()
-        self.moved = entries(self.value) + s * entries(self.change)
+        self.perturbed = entries(self.value) + s * entries(self.change)
 
 
 @dataclass(frozen=True)
@@ -43,45 +43,47 @@ class QuadratureFunction:
     made: CoefficientFunction | None = None
 
     @property
-    def by_theta(self) -> Expressions:
+    def parameter_derivatives(self) -> Expressions:
         """Derivatives by each parameter's value."""
         if self.made is None:
             return self.slopes
         by_made = self.value.Diff(self.made)
-        return [times(by_made, slope) for slope in self.slopes]
+        return [contract(by_made, slope) for slope in self.slopes]
 
-    def along(self, s: ngs.Parameter, ways: Expressions) -> CoefficientFunction:
+    def directional_derivative(self, s: ngs.Parameter, ways: Expressions) -> CoefficientFunction:
         """Its change with s, and with parameters along their ways unless s moves them."""
         moved = self.value.Diff(s)
         if not self.slopes:
             return moved
         change = reduce(add, (slope * way for slope, way in zip(self.slopes, ways, strict=True)))
-        return moved + (change if self.made is None else times(self.value.Diff(self.made), change))
+        return moved + (change if self.made is None else contract(self.value.Diff(self.made), change))
 
-    def then(self, operator: Derivative) -> QuadratureFunction:
+    def apply(self, operator: Derivative) -> QuadratureFunction:
         """A linear operator of it that has no parameters."""
         slopes = self.slopes if self.made is not None else [operator(slope) for slope in self.slopes]
         return QuadratureFunction(operator(self.value), slopes, self.made)
 
 
-def put(blocks: Iterable[QuadratureBlock], what: str, rows: Array) -> None:
+def set_rows(blocks: Iterable[QuadratureBlock], what: str, rows: Array) -> None:
     """Set `value`, `change` or `weight` of some blocks, one after the other."""
     end = 0
     for block in blocks:
-        values(getattr(block, what))[:] = rows[end : end + block.size].ravel()
+        unknowns(getattr(block, what))[:] = rows[end : end + block.size].ravel()
         end += block.size
 
 
-def weighed(blocks: Iterable[QuadratureBlock], functions: Iterable[QuadratureFunction]) -> list[QuadratureFunction]:
+def weighted_functions(
+    blocks: Iterable[QuadratureBlock], functions: Iterable[QuadratureFunction]
+) -> list[QuadratureFunction]:
     """Functions times the weights of their blocks."""
 
     def by(block: QuadratureBlock) -> Derivative:
         return lambda function: ngs.InnerProduct(entries(block.weight), function)
 
-    return [f.then(by(b)) for b, f in zip(blocks, functions, strict=True)]
+    return [f.apply(by(b)) for b, f in zip(blocks, functions, strict=True)]
 
 
-def times(by: CoefficientFunction, change: CoefficientFunction) -> CoefficientFunction:
+def contract(by: CoefficientFunction, change: CoefficientFunction) -> CoefficientFunction:
     """A derivative by all entries, along a change of them."""
     if by.dim == change.dim:
         return ngs.InnerProduct(by.Reshape((change.dim,)), change)
@@ -93,6 +95,6 @@ def entries(field: ngs.GridFunction) -> CoefficientFunction:
     return ngs.CF(tuple(field[i] for i in range(field.dim)))
 
 
-def values(of: ngs.GridFunction | ngs.LinearForm) -> Array:
+def unknowns(of: ngs.GridFunction | ngs.LinearForm) -> Array:
     """Its unknowns, to be written into."""
     return of.vec.FV().NumPy()

@@ -49,7 +49,7 @@ class RunCheckpoint:
     before: Array
 
 
-def times_of(transient: TimeStepper) -> Array:
+def accepted_times(transient: TimeStepper) -> Array:
     """Run it to its end; times (s) at which its accepted steps start and end, the grid for a `Replay`."""
     grid = [transient.progress.t]
     transient.run(lambda body, at, record: grid.append(at.t))
@@ -93,49 +93,49 @@ class Replay:
         self.solved = 0
         self._program = LoadProgram(body, motion, loads)
         self._program.set(0.0)
-        self.kept: list[RunCheckpoint] = []
+        self.checkpoints: list[RunCheckpoint] = []
         self._last: list[ReplayStep] = []
         self._keeping, self._states, self._known = states, list[Array](), list[Array]()
 
     @property
-    def held(self) -> int:
+    def stored_histories(self) -> int:
         """How many histories are in memory."""
-        return len(self.kept) + len(self._last)
+        return len(self.checkpoints) + len(self._last)
 
-    def run(self, seen: Callable[[ReplayStep], None]) -> None:
-        """From rest to the end; `seen` is called at the end of each step, before the history moves on."""
+    def run(self, callback: Callable[[ReplayStep], None]) -> None:
+        """From rest to the end; `callback` is called at the end of each step, before the history moves on."""
         self._program.set(0.0)  # where a tool of given force is at rest
         start = self.body.rest()
         self._newton = replace(self.newton, inverse=None, largest=0.0)
         rtol, xtol = max(self.newton.rtol, Newton.rtol), max(self.newton.xtol, Newton.xtol)
         self._near = replace(self._newton, rtol=rtol, xtol=xtol)
-        self.kept, self._last = [], []
+        self.checkpoints, self._last = [], []
         if len(self._states) == len(self.grid) - 1:
             self._known = self._states
         self._states = []
         here = RunCheckpoint(0, start, start.x)
         while here.n < len(self.grid) - 1:
-            self.kept.append(here)
-            here = self._segment(here, seen)
+            self.checkpoints.append(here)
+            here = self._segment(here, callback)
 
-    def factor(self, step: ReplayStep) -> float:
+    def load_factor(self, step: ReplayStep) -> float:
         """Load factor at the end of a step."""
         return self._program.factor(self.grid[step.n + 1])
 
     def forwards(self) -> Iterator[ReplayStep]:
         """All steps, with the body at the end of each, its history not yet moved on."""
-        for start in self.kept:
+        for start in self.checkpoints:
             for step in self._steps(start):
-                yield self.stand(step)
+                yield self.restore(step)
 
     def backwards(self) -> Iterator[ReplayStep]:
         """The same from the last one to the first."""
         for steps in self.segments():
-            yield from map(self.stand, reversed(steps))
+            yield from map(self.restore, reversed(steps))
 
     def segments(self) -> Iterator[list[ReplayStep]]:
         """Steps from one kept history to the next, the last of them first."""
-        return map(self._steps, reversed(self.kept))
+        return map(self._steps, reversed(self.checkpoints))
 
     def _steps(self, start: RunCheckpoint) -> list[ReplayStep]:
         if not self._last or self._last[0].n != start.n:
@@ -253,7 +253,7 @@ class Replay:
             x, record = self._newton.solve(self._system, x)
         return x, record
 
-    def stand(self, step: ReplayStep) -> ReplayStep:
+    def restore(self, step: ReplayStep) -> ReplayStep:
         """Go to the end of a step, with the internal variables not yet moved on."""
         body = self.body
         self._program.set(self.grid[step.n])

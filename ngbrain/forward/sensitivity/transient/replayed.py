@@ -36,7 +36,7 @@ class CarriedState:
     carried: list[Array]
 
     @classmethod
-    def nothing(cls, model: RunModel) -> CarriedState:
+    def zeros(cls, model: RunModel) -> CarriedState:
         """Before the first step, or after the last one."""
         history = np.zeros((model.forms.size, len(model.forms.quadrature)))
         return cls(np.zeros(model.n), history, [np.zeros(each.size) for each in model.carried])
@@ -62,7 +62,7 @@ class RunLinearisation:
     def jvp(self, direction: Array) -> Array:
         """J δθ, as `data`."""
         if self.model.size > TOGETHER:
-            return self._pushed(direction[None])[0]
+            return self._products(direction[None])[0]
         return np.tensordot(direction, self.jacobian, 1)
 
     def vjp(self, w: Array) -> Array:
@@ -72,14 +72,14 @@ class RunLinearisation:
     @cached_property
     def jacobian(self) -> Array:
         """J, (θ, times, numbers)."""
-        return self._pushed(np.eye(self.model.size))
+        return self._products(np.eye(self.model.size))
 
     def gradient(self, w: Array) -> Array:
         """Jᵀ w: a solve for each step, or nothing where J's columns are at hand."""
         check_shape("w", np.shape(w), self.data.shape)
         if "jacobian" in vars(self):
             return np.asarray(np.tensordot(self.jacobian, w, 2))
-        later, total = CarriedState.nothing(self.model), np.zeros(self.model.size)
+        later, total = CarriedState.zeros(self.model), np.zeros(self.model.size)
         for step in self.model.replay.backwards():
             adjoint, motion, shown = self._adjoint(step, w, later)
             later, by_theta = self._back(step, adjoint, motion, later)
@@ -97,27 +97,27 @@ class RunLinearisation:
         model, curved = self.model, self.model.curvature
         total, later, turned, n = (
             np.zeros(model.size),
-            CarriedState.nothing(model),
-            CarriedState.nothing(model),
+            CarriedState.zeros(model),
+            CarriedState.zeros(model),
             model.body.fes.ndof,
         )
         for step, x, before in self._changes_back(direction):
             adjoint, motion, _ = self._adjoint(step, w, later, FINER)
             theta = model.split(direction) | ({} if len(x) == n else {model.way: x[n:]})
-            model.seen.weigh(self._row(step, w))
-            curved.aim(x, before.history, theta)
+            model.seen.set_weights(self._row(step, w))
+            curved.set_direction(x, before.history, theta)
             bent = curved(adjoint, (adjoint + motion)[:n], later.history)
             forces, slopes = np.append(bent.by_state, bent.by_theta[model.size :]), bent.by_theta[: model.size]
             rest = CarriedState(np.zeros(model.n), bent.by_history, [])
             for each, carried, weights in zip(model.carried, before.carried, later.carried, strict=True):
-                each.aim(x, before.end, carried, list(theta.values()))
-                of = each.turned(adjoint + motion if each.felt else adjoint, weights)
+                each.set_direction(x, before.end, carried, list(theta.values()))
+                of = each.gradient_derivatives(adjoint + motion if each.in_reactions else adjoint, weights)
                 forces, slopes = forces + of.by_end, slopes + of.by_theta[: model.size]
                 rest.end += of.by_start
                 rest.carried.append(of.by_carried)
-            b = forces + self._remembered(turned)
-            change = -model.tangents.transposed(b)
-            total += self._by_held(step, b, change)
+            b = forces + self._carried_gradient(turned)
+            change = -model.tangents.solve_transposed(b)
+            total += self._prescribed_gradient(step, b, change)
             turned, more = self._back(step, change, np.zeros(model.n), turned)
             turned.end, turned.history = turned.end + rest.end, turned.history + rest.history
             turned.carried = [a + b for a, b in zip(turned.carried, rest.carried, strict=True)]
@@ -132,50 +132,56 @@ class RunLinearisation:
         model = self.model
         self._begin(step, 1, exact)
         row, shown = self._row(step, w), np.zeros(model.size)
-        b, motion = self._remembered(later), np.zeros(model.n)
+        b, motion = self._carried_gradient(later), np.zeros(model.n)
         if row.any():
-            n, by_theta = model.body.fes.ndof, model.seen.by_theta(row)
-            b[:n] += model.seen.by_state(row, model.tangents.apply)
+            n, by_theta = model.body.fes.ndof, model.seen.parameter_gradient(row)
+            b[:n] += model.seen.state_gradient(row, model.tangents.apply)
             shown, b[n:], motion[:n] = (
                 by_theta[: model.size],
                 b[n:] + by_theta[model.size :],
                 model.seen.motions.T @ row,
             )
-        adjoint = -model.tangents.transposed(b)
-        return adjoint, motion, shown + self._by_held(step, b, adjoint)
+        adjoint = -model.tangents.solve_transposed(b)
+        return adjoint, motion, shown + self._prescribed_gradient(step, b, adjoint)
 
-    def _by_held(self, step: ReplayStep, b: Array, adjoint: Array) -> Array:
+    def _prescribed_gradient(self, step: ReplayStep, b: Array, adjoint: Array) -> Array:
         """What is left, at unknowns that are held, of what an adjoint takes away at all others (size,)."""
         found = np.zeros(self.model.size)
         if self.model.held:
-            left = self.model.replay.factor(step) * (b + self.model.tangents.turned(adjoint))
+            left = self.model.replay.load_factor(step) * (b + self.model.tangents.multiply_transposed(adjoint))
             for part, where in self.model.held:
-                found[where] = left[part.places]
+                found[where] = left[part.dofs]
         return found
 
-    def _remembered(self, later: CarriedState) -> Array:
+    def _carried_gradient(self, later: CarriedState) -> Array:
         """How what is to come changes with where a step ends."""
         model, found = self.model, later.end.copy()
-        found[: model.body.fes.ndof] += model.forms.remembered(later.history)
-        return found + sum((each.remembered(of) for each, of in zip(model.carried, later.carried, strict=True)), 0.0)
+        found[: model.body.fes.ndof] += model.forms.history_state_gradient(later.history)
+        return found + sum(
+            (each.carried_state_gradient(of) for each, of in zip(model.carried, later.carried, strict=True)), 0.0
+        )
 
     def _back(self, step: ReplayStep, adjoint: Array, motion: Array, later: CarriedState) -> tuple[CarriedState, Array]:
         """How what is to come changes with what a step starts from, and with θ, with λ and Zᵀw."""
         model, n = self.model, self.model.body.fes.ndof
         moved = (adjoint + motion)[:n]
-        shifts = {name: shapes.slopes(moved, later.history) for name, shapes in model.shapes.items()}
-        history, slopes = model.forms.back(moved, later.history)
+        shifts = {name: shapes.adjoint_gradient(moved, later.history) for name, shapes in model.shapes.items()}
+        history, slopes = model.forms.adjoint_gradients(moved, later.history)
         slopes |= shifts | {
             name: part.value * 0 for name, part in model.parts.items() if isinstance(part, PrescribedDisplacement)
         }
-        model.contacts.weigh(adjoint)
-        total = np.concatenate([slopes[name] for name in model.parts]) + model.contacts.slopes()[: model.size]
+        model.contacts.set_adjoint(adjoint)
+        total = (
+            np.concatenate([slopes[name] for name in model.parts]) + model.contacts.parameter_gradient()[: model.size]
+        )
         before = CarriedState(np.zeros(model.n), history, [])
         for each, weights in zip(model.carried, later.carried, strict=True):
-            by_start, carried, by_theta = each.back(adjoint + motion if each.felt else adjoint, weights)
+            by_start, carried, by_theta = each.adjoint_gradients(
+                adjoint + motion if each.in_reactions else adjoint, weights
+            )
             before.end, total = before.end + by_start, total + by_theta[: model.size]
             before.carried.append(carried)
-        return before, total - sum(adjoint[n:]) * model.asked(step)
+        return before, total - sum(adjoint[n:]) * model.prescribed_force_gradient(step)
 
     def _row(self, step: ReplayStep, w: Array) -> Array:
         """Weights of what is seen at the end of a step."""
@@ -188,7 +194,7 @@ class RunLinearisation:
         """
         model, replay, forms = self.model, self.model.replay, self.model.forms
         before, theta, kept, changes = (
-            CarriedState.nothing(model),
+            CarriedState.zeros(model),
             model.split(direction),
             dict[int, Array](),
             list[CarriedState](),
@@ -199,22 +205,22 @@ class RunLinearisation:
                 kept[step.n] = before.history
             before, _ = self._ahead(step, self._begin(step, 1, FINER), self._columns(step), direction, before)
             changes.append(CarriedState(before.end, np.empty(0), before.carried))
-        at_rest = CarriedState.nothing(model)
+        at_rest = CarriedState.zeros(model)
         for steps in replay.segments():
             histories = [kept[steps[0].n]]
-            for step in map(replay.stand, steps[:-1]):
+            for step in map(replay.restore, steps[:-1]):
                 self._set(step)
-                forms.aim(histories[-1], theta)
-                histories.append(forms.moved(changes[step.n].end[: model.body.fes.ndof]))
-            for step, history in zip(map(replay.stand, reversed(steps)), reversed(histories), strict=True):
+                forms.set_direction(histories[-1], theta)
+                histories.append(forms.history_derivative(changes[step.n].end[: model.body.fes.ndof]))
+            for step, history in zip(map(replay.restore, reversed(steps)), reversed(histories), strict=True):
                 last = changes[step.n - 1] if step.n else at_rest
                 yield step, changes[step.n].end, CarriedState(last.end, history, last.carried)
 
-    def _pushed(self, directions: Array) -> Array:
+    def _products(self, directions: Array) -> Array:
         """J times each of some directions, with one factor of each step."""
         model, n = self.model, self.model.body.fes.ndof
         data = np.zeros((len(directions), *self.data.shape))
-        before = [CarriedState.nothing(model) for _ in directions]
+        before = [CarriedState.zeros(model) for _ in directions]
         for step in model.replay.forwards():
             solve, columns = self._begin(step, len(directions)), self._columns(step)
             seen = model.row.get(step.n)
@@ -232,36 +238,36 @@ class RunLinearisation:
         """What a step leaves of changes of what it starts from and of θ, and how forces that are felt change (ndof,)."""
         model, theta, n = self.model, self.model.split(direction), self.model.body.fes.ndof
         r, outer = np.zeros(model.n), columns @ direction
-        r[:n] = model.forms.changed(before.history, theta)
+        r[:n] = model.forms.residual_derivative(before.history, theta)
         for name, shapes in model.shapes.items():
-            r[:n] += shapes.columns() @ theta[name]
+            r[:n] += shapes.force_jacobian() @ theta[name]
         for each, carried in zip(model.carried, before.carried, strict=True):
-            change = each.changed(before.end, carried, list(theta.values()))
-            r, outer = (r + change, outer) if each.felt else (r, outer + change)
+            change = each.residual_derivative(before.end, carried, list(theta.values()))
+            r, outer = (r + change, outer) if each.in_reactions else (r, outer + change)
         driven = np.zeros(model.n)
         for part, where in model.held:
-            driven[part.places] = model.replay.factor(step) * direction[where]
+            driven[part.dofs] = model.replay.load_factor(step) * direction[where]
         if model.held:
-            outer = outer + model.tangents.times(driven)
+            outer = outer + model.tangents.multiply(driven)
         x = driven - solve(r + outer)
-        history = model.forms.moved(x[:n])
+        history = model.forms.history_derivative(x[:n])
         for name, shapes in model.shapes.items():
-            history += shapes.moved(theta[name])
-        return CarriedState(x, history, [each.moved(x) for each in model.carried]), r[:n]
+            history += shapes.history_derivative(theta[name])
+        return CarriedState(x, history, [each.carried_derivative(x) for each in model.carried]), r[:n]
 
     def _columns(self, step: ReplayStep) -> sp.csr_array:
         """How what contacts and loads exert changes with θ, and what a tool feels beyond what is asked for."""
         model = self.model
-        columns = model.contacts.columns()[:, : model.size]
+        columns = model.contacts.parameter_jacobian()[:, : model.size]
         if model.body.tool is None:
             return columns
-        felt = model.contacts.felt_by_theta()[: model.size] - model.asked(step)
+        felt = model.contacts.tool_force_parameter_gradient()[: model.size] - model.prescribed_force_gradient(step)
         return sp.csr_array(sp.vstack([columns, sp.csr_array(felt[None])]))
 
     def _begin(self, step: ReplayStep, sides: int, exact: float = EXACT) -> Solve:
         """Forms and tangent of a step at whose end the body stands."""
         self._set(step)
-        return self.model.tangents.here(sides, exact)
+        return self.model.tangents.prepare(sides, exact)
 
     def _set(self, step: ReplayStep) -> None:
         grid = self.model.replay.grid

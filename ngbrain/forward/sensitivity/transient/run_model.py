@@ -32,8 +32,8 @@ from ngbrain.forward.sensitivity.parameter_blocks import (
     ParameterBlock,
     PrescribedDisplacement,
     Scalar,
-    block,
-    places,
+    block_slices,
+    parameter_block,
 )
 from ngbrain.forward.sensitivity.transient.friction_step import FrictionStep
 from ngbrain.forward.sensitivity.transient.inertia_step import InertiaStep
@@ -57,7 +57,7 @@ class RunModel:
 
     body        at rest at first; its materials are made of `parameters`
     motion      of its rigid bodies and of what its loads are made of
-    grid        times (s) from 0 on at which steps end, such as `replay.times_of` an adaptive run finds
+    grid        times (s) from 0 on at which steps end, such as `replay.accepted_times` an adaptive run finds
     parameters  name → GridFunction or Parameter that materials, rigid bodies and loads are made of, such as a factor of a
                 blade's way, `PrescribedDisplacement(body, boundary)`, what is prescribed there at load factor 1, or
                 `NodePositions(mesh)`, where the mesh's nodes are; their values one after the other are θ
@@ -123,9 +123,9 @@ class RunModel:
             for name, parameter in self.parameters.items():
                 if parameter is own:
                     raise InputError(f"parameters.{name}", "what the motion sets", "another, such as a factor of it")
-        self.parts = {name: block(name, of) for name, of in self.parameters.items()}
+        self.parts = {name: parameter_block(name, of) for name, of in self.parameters.items()}
         sizes = [part.size for part in self.parts.values()]
-        self.blocks, self.size = dict(zip(self.parts, places(sizes), strict=True)), sum(sizes)
+        self.blocks, self.size = dict(zip(self.parts, block_slices(sizes), strict=True)), sum(sizes)
         made_of: dict[str, ParameterBlock] = dict(self.parts)
         if body.tool is not None:
             self._check_tool(grid)
@@ -147,7 +147,7 @@ class RunModel:
         inner = PivotedTangents(body, friction) if pivots else Tangents(body)
         self.tangents = inner if body.tool is None else BorderedTangents(inner, self.contacts, friction)
         self.seen = RunObservables(body, observables, made_of)
-        self.observed = self.seen.slices
+        self.observation_slices = self.seen.slices
         """Where each observable is in a row of the data."""
         system = None if friction is None else TangentSystem(body, self.tangents)
         steps = np.sort(np.concatenate([grid[apart], times]))
@@ -172,9 +172,9 @@ class RunModel:
         if not np.all(np.isfinite(theta)):
             raise ConvergenceError("parameters that are not finite have no run: a step too far")
         for name, part in self.parts.items():
-            part.put(theta[self.blocks[name]])
+            part.set_value(theta[self.blocks[name]])
         if self.shapes:
-            self.forms.measure()
+            self.forms.update_quadrature()
         if self.body.inertia is not None:
             self.body.inertia.weigh()
         return RunLinearisation(self)
@@ -183,7 +183,7 @@ class RunModel:
         """θ, or a change of it, by parameter."""
         return {name: theta[block] for name, block in self.blocks.items()}
 
-    def asked(self, step: ReplayStep) -> Array:
+    def prescribed_force_gradient(self, step: ReplayStep) -> Array:
         """How the force that a tool is asked for at the end of a step changes with θ (size,)."""
         found, tool = np.zeros(self.size), self.body.tool
         if tool is not None:

@@ -15,7 +15,7 @@ from ngbrain.errors import InputError
 from ngbrain.forward.observables.base import Along, Observable, Observed
 from ngbrain.forward.observables.force import Reaction
 from ngbrain.forward.sensitivity.contact_work import ContactForms
-from ngbrain.forward.sensitivity.parameter_blocks import NodePositions, ParameterBlock, places
+from ngbrain.forward.sensitivity.parameter_blocks import NodePositions, ParameterBlock, block_slices
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.virtual_work import Motion, Terms
 
@@ -37,7 +37,7 @@ class RunObservables:
 
     def __init__(self, body: Problem, observables: Sequence[Observable], parts: Mapping[str, ParameterBlock]) -> None:
         self.body, self.each = body, [observable.on(body) for observable in observables]
-        self.slices = places([of.size for of in self.each])
+        self.slices = block_slices([of.size for of in self.each])
         self.size = sum(of.size for of in self.each)
         rows = [of.motions if of.motions is not None else np.zeros((of.size, body.fes.ndof)) for of in self.each]
         self.motions = sp.csr_array(np.vstack(rows))
@@ -49,7 +49,7 @@ class RunObservables:
         tissue = self.body.tissue_forces() if self.motions.nnz else None
         return np.concatenate([of.value(tissue) if isinstance(of, Reaction) else of.value() for of in self.each])
 
-    def by_state(self, weights: Array, stiffness: Callable[[Array], Array]) -> Array:
+    def state_gradient(self, weights: Array, stiffness: Callable[[Array], Array]) -> Array:
         """∂(w · value)/∂x (ndof,); `stiffness` is the product with the tangent, made there."""
         found = np.zeros(self.body.fes.ndof)
         for of, where in zip(self.each, self.slices, strict=True):
@@ -62,34 +62,36 @@ class RunObservables:
                 found += of.gradient(weights[where])
         return found
 
-    def by_theta(self, weights: Array) -> Array:
+    def parameter_gradient(self, weights: Array) -> Array:
         """∂(w · value)/∂θ (θ,) but for what the tissue's forces have."""
         found = np.zeros(self._n_theta)
         for outer, where in zip(self._outer, self.slices, strict=True):
             if weights[where].any():
-                found += outer.slopes(weights[where])
+                found += outer.parameter_gradient(weights[where])
         return found
 
     def rows(self, stiffness: Callable[[Array], Array]) -> tuple[Array, Array]:
         """Both for each number: (size, ndof) and (size, θ)."""
         units = np.eye(self.size)
-        return np.array([self.by_state(w, stiffness) for w in units]), np.array([self.by_theta(w) for w in units])
+        return np.array([self.state_gradient(w, stiffness) for w in units]), np.array(
+            [self.parameter_gradient(w) for w in units]
+        )
 
-    def weigh(self, weights: Array) -> None:
+    def set_weights(self, weights: Array) -> None:
         """Set the weights of `terms`."""
         for outer, where in zip(self._outer, self.slices, strict=True):
-            outer.weigh(weights[where])
+            outer.set_weights(weights[where])
 
     def terms(self, *along: Motion) -> Terms:
-        """w · value at the body's state, or its derivative along motions, to be differentiated; without the tissue's forces."""
+        """w · value at the body's state, or its derivative along motions; without the tissue's forces."""
         return [term for outer in self._outer for term in outer.terms(*along)]
 
-    def aim(self, change: Array, along: Along) -> None:
-        """Set the way of `bent`: a change of the unknowns, and from integrals to what gives their change with parameters."""
+    def set_direction(self, change: Array, along: Along) -> None:
+        """Set the direction of `weight_terms`."""
         for of in self.each:
             of.aim(change, along)
 
-    def bent(self, *along: Motion) -> Terms:
+    def weight_terms(self, *along: Motion) -> Terms:
         """What `terms` have where weights within observables change along the way."""
         return [term for of in self.each for term in of.bent(self.body.gfu, *along)]
 
@@ -114,22 +116,22 @@ class _Outer:
         if observed.symbolic:
             self._slopes = [part.gradient(observed.functional(body.gfu), body.mesh) for part in parts.values()]
 
-    def weigh(self, weights: Array) -> None:
+    def set_weights(self, weights: Array) -> None:
         if isinstance(self._observed, Reaction):
             if self._forms is not None:
-                self._forms.weigh(weights @ self._observed.motions)
+                self._forms.set_adjoint(weights @ self._observed.motions)
         elif self._observed.symbolic:
             self._observed.weigh(weights)
 
-    def slopes(self, weights: Array) -> Array:
-        self.weigh(weights)
+    def parameter_gradient(self, weights: Array) -> Array:
+        self.set_weights(weights)
         if self._forms is not None:
-            return self._forms.slopes()
+            return self._forms.parameter_gradient()
         return np.concatenate([slope() for slope in self._slopes]) if self._slopes else self._none
 
     def terms(self, *along: Motion) -> Terms:
         if isinstance(self._observed, Reaction):
-            return [] if self._forms is None else self._forms.weighed(*along)
+            return [] if self._forms is None else self._forms.weighted_work(*along)
         if not self._observed.twice:
             raise InputError(
                 type(self._observed).__name__, "asked for second derivatives", "an observable that is an integral"

@@ -25,14 +25,19 @@ from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.sensitivity.transient.maxwell_step import MaxwellEnd, MaxwellStart, Moved, step_factors
+from ngbrain.forward.sensitivity.transient.maxwell_step import (
+    MaxwellEnd,
+    MaxwellStart,
+    ParameterPerturbation,
+    step_factors,
+)
 from ngbrain.forward.sensitivity.transient.quadrature_blocks import (
     Expressions,
     QuadratureBlock,
     QuadratureFunction,
-    put,
-    values,
-    weighed,
+    set_rows,
+    unknowns,
+    weighted_functions,
 )
 from ngbrain.forward.solid.internal_forces import Density, Forces
 from ngbrain.forward.solid.problem import Problem
@@ -43,8 +48,8 @@ from ngbrain.tensors import from_voigt, to_voigt
 Array = np.ndarray
 Parameter: TypeAlias = ngs.GridFunction | ngs.Parameter
 """A scalar real GridFunction or an `ngs.Parameter` that materials are made of."""
-Seen: TypeAlias = Callable[[QuadratureBlock], CoefficientFunction]
-STILL, MOVED = attrgetter("variable"), attrgetter("moved")
+View: TypeAlias = Callable[[QuadratureBlock], CoefficientFunction]
+UNPERTURBED, PERTURBED = attrgetter("variable"), attrgetter("perturbed")
 """Blocks as what adjoints derive by, and as what changes along a direction."""
 
 
@@ -76,30 +81,30 @@ class StepForms:
         self._directions = {name: _direction(name, p) for name, p in self.parameters.items()}
         for material in body.materials.values():
             self._check(material)
-        self.measure()
+        self.update_quadrature()
         self._motion, self._moving = ngs.GridFunction(body.fes), ngs.GridFunction(body.fes)
         materials, of = body.materials, body.mesh.MaterialCF
-        self._changed = self.forces({p: self._changing(m) for p, m in materials.items()})
-        self._remembered = self.forces({p: self._weighted(m) for p, m in materials.items()})
+        self._changed = self.nodal_forces({p: self._changing(m) for p, m in materials.items()})
+        self._remembered = self.nodal_forces({p: self._weighted(m) for p, m in materials.items()})
         self._back = of({p: self._backward(m) for p, m in materials.items()})
         self._forth = of({p: self._forward(m) for p, m in materials.items()})
         self._before = of({p: self._inner_backward(m) for p, m in materials.items()})
         self._begun = of({p: self._inner_forward(m) for p, m in materials.items()})
         self._forms = {name: self._slope(p) for name, p in self.parameters.items() if isinstance(p, ngs.GridFunction)}
 
-    def measure(self) -> None:
+    def update_quadrature(self) -> None:
         """Take the points' quadrature weights from the mesh as it is."""
         test, rules = self.body.history.space.TestFunction(), self.body.history.rules
-        self.quadrature = values(
+        self.quadrature = unknowns(
             ngs.LinearForm(self.body.kinematics.weight() * test * ngs.dx(intrules=rules)).Assemble()
         ).copy()
 
-    def forces(self, densities: dict[str, Density]) -> Forces:
+    def nodal_forces(self, densities: dict[str, Density]) -> Forces:
         """Nodal forces of energy densities (region → `Density`) at the body's state."""
         body = self.body
         return Forces(body.layout, body.gfu, densities, body.history.space, body.kinematics)
 
-    def gradient(self, u: CoefficientFunction) -> CoefficientFunction:
+    def deformation_gradient(self, u: CoefficientFunction) -> CoefficientFunction:
         """F of a displacement."""
         return self.body.kinematics.gradient(u, ngs.Grad(u))
 
@@ -108,7 +113,7 @@ class StepForms:
         """The pressure as an expression, if there is one."""
         return None if self.body.p is None else 1.0 * self.body.p
 
-    def moved_state(
+    def perturbed_state(
         self, F: CoefficientFunction, p: CoefficientFunction | None, *ways: tuple[ngs.Parameter, Any]
     ) -> tuple[Deformation, CoefficientFunction | None]:
         """A state moved by numbers along motions."""
@@ -127,43 +132,43 @@ class StepForms:
         if self._strain:
             history += [memory["strain"], *(G.reshape(-1, 9).T for G in memory["inner"])]
         self.history = np.vstack([np.zeros((0, len(self.quadrature))), *history])
-        put(self.blocks, "value", self.history)
-        self.flowed()
+        set_rows(self.blocks, "value", self.history)
+        self.read_maxwell_states()
 
-    def flowed(self) -> None:
+    def read_maxwell_states(self) -> None:
         """Take from the Maxwell branches what they began the step with, and where they settled."""
         for flow, half, settled in zip(self.body.history.flows.flows, self._half, self._settled, strict=True):
-            put([half], "value", flow.begun)
-            put([settled], "value", flow.settled)
+            set_rows([half], "value", flow.begun)
+            set_rows([settled], "value", flow.settled)
 
-    def changed(self, history: Array, theta: Mapping[str, Array]) -> Array:
+    def residual_derivative(self, history: Array, theta: Mapping[str, Array]) -> Array:
         """R_h δh + R_m δm + R_θ δθ, one number for each unknown of the body."""
-        self.aim(history, theta)
+        self.set_direction(history, theta)
         return self._changed()
 
-    def moved(self, x: Array) -> Array:
-        """δh⁺ with δx, and with δh and δθ of the last `changed`."""
-        values(self._moving)[:] = x
+    def history_derivative(self, x: Array) -> Array:
+        """δh⁺ with δx, and with δh and δθ of the last `residual_derivative`."""
+        unknowns(self._moving)[:] = x
         return self.points(self._forth)[1:]
 
-    def remembered(self, weights: Array) -> Array:
+    def history_state_gradient(self, weights: Array) -> Array:
         """(∂U/∂x)ᵀΛ, one number for each unknown of the body."""
-        put(self.blocks, "weight", weights)
+        set_rows(self.blocks, "weight", weights)
         return self._remembered() if self.size else np.zeros(self.body.fes.ndof)
 
-    def back(self, motion: Array, weights: Array) -> tuple[Array, dict[str, Array]]:
+    def adjoint_gradients(self, motion: Array, weights: Array) -> tuple[Array, dict[str, Array]]:
         """Derivatives of ℓ by h, a density at the points, and by each parameter's unknowns."""
-        put(self.blocks, "weight", weights)
-        values(self._motion)[:] = motion
+        set_rows(self.blocks, "weight", weights)
+        unknowns(self._motion)[:] = motion
         inner = sum(block.size for block in self._half)
         by_history, by_inner, by_theta = np.split(self.points(self._back)[1:], [self.size, self.size + inner])
         if inner:
-            put(self._half, "weight", by_inner)
+            set_rows(self._half, "weight", by_inner)
             before = self.points(self._before)[1:]
             by_history, by_theta = by_history + before[: self.size], by_theta + before[self.size :]
-        return by_history, self.gathered(by_theta)
+        return by_history, self.assemble_gradient(by_theta)
 
-    def gathered(self, densities: Array) -> dict[str, Array]:
+    def assemble_gradient(self, densities: Array) -> dict[str, Array]:
         """From derivatives by parameters' values at the points to those by their unknowns."""
         return {name: self._gathered(name, s) for name, s in zip(self.parameters, densities, strict=True)}
 
@@ -171,19 +176,19 @@ class StepForms:
         if name not in self._forms:
             return np.array([self.quadrature @ density])
         at_points, form = self._forms[name]
-        values(at_points)[:] = density
+        unknowns(at_points)[:] = density
         form.Assemble()
-        return values(form).copy()
+        return unknowns(form).copy()
 
     # Materials in a step.
 
     def _check(self, material: Material) -> None:
         """`slopes` are by values at points: a law that sees the gradient of a parameter would have others."""
-        at = Deformation.of(self.gradient(self.body.u))
-        flows = [ngs.CF((ended.law, ended.branch.eta)) for ended in self._ended(material, at.shape, STILL)]
+        at = Deformation.of(self.deformation_gradient(self.body.u))
+        flows = [ngs.CF((ended.law, ended.branch.eta)) for ended in self._ended(material, at.shape, UNPERTURBED)]
         for name, parameter in self.parameters.items():
             if isinstance(parameter, ngs.GridFunction):
-                for made in (self.energies(material, at, self.p, STILL)[0].value, *flows):
+                for made in (self.energies(material, at, self.p, UNPERTURBED)[0].value, *flows):
                     if re.search(
                         r"diffop = (?!Id\b)", str(made.Diff(parameter, parameter.space.TestFunction()).Compile())
                     ):
@@ -191,29 +196,29 @@ class StepForms:
                             f"parameters.{name}", "in a law by its gradient", "a field that laws see the values of"
                         )
 
-    def slopes(self, function: CoefficientFunction) -> Expressions:
+    def parameter_derivatives(self, function: CoefficientFunction) -> Expressions:
         """Derivatives by each parameter's value."""
         # Not along a direction: that has no memory of what its parts share.
         return [function.Diff(parameter) for parameter in self.parameters.values()]
 
-    def along(self, function: CoefficientFunction) -> CoefficientFunction:
+    def directional_derivative(self, function: CoefficientFunction) -> CoefficientFunction:
         """Change of a function along δθ."""
-        ways = zip(self.slopes(function), self._directions.values(), strict=True)
+        ways = zip(self.parameter_derivatives(function), self._directions.values(), strict=True)
         return reduce(add, (slope * way for slope, way in ways), 0.0 * function)
 
     def _nothing(self, size: int) -> QuadratureFunction:
         return QuadratureFunction(ngs.CF((0.0,) * size), [ngs.CF((0.0,) * size)] * len(self.parameters))
 
-    def _ways(self, seen: Seen) -> tuple[Moved, ...]:
+    def _ways(self, seen: View) -> tuple[ParameterPerturbation, ...]:
         """What moves the parameters of a flow with s, if anything is moved."""
-        return (self._theta_moved,) if seen is MOVED else ()
+        return (self._theta_moved,) if seen is PERTURBED else ()
 
     def _theta_moved(self, made: CoefficientFunction, law: CoefficientFunction) -> CoefficientFunction:
         """With s times the law's change along the parameters' directions."""
-        return made + self._s * self.along(law)
+        return made + self._s * self.directional_derivative(law)
 
     def energies(
-        self, material: Material, at: Deformation, p: CoefficientFunction, seen: Seen
+        self, material: Material, at: Deformation, p: CoefficientFunction, seen: View
     ) -> list[QuadratureFunction]:
         """W, as `Tissue` has it."""
         law = material.viscous
@@ -222,32 +227,34 @@ class StepForms:
         for (e, beta), (stress, over) in zip(factors, self._pairs, strict=False):
             energy += 0.5 * ngs.InnerProduct(from_voigt(e * seen(over) - beta * seen(stress)), at.shape)
         flows = (self._of(ended.energy, ended, seen) for ended in self._ended(material, at.shape, seen))
-        return [QuadratureFunction(energy, self.slopes(energy)), *flows]
+        return [QuadratureFunction(energy, self.parameter_derivatives(energy)), *flows]
 
-    def _ended(self, material: Material, shape: CoefficientFunction, seen: Seen) -> list[MaxwellEnd]:
+    def _ended(self, material: Material, shape: CoefficientFunction, seen: View) -> list[MaxwellEnd]:
         parts = zip(material.viscous.flowing, self._half, self._settled, strict=False)
         return [
             MaxwellEnd(branch, shape, seen(half), settled.variable, *self._ways(seen))
             for branch, half, settled in parts
         ]
 
-    def _of(self, value: CoefficientFunction, flow: MaxwellStart | MaxwellEnd, seen: Seen) -> QuadratureFunction:
+    def _of(self, value: CoefficientFunction, flow: MaxwellStart | MaxwellEnd, seen: View) -> QuadratureFunction:
         """What a flow gives; moved, its parameters go with s."""
         return (
-            QuadratureFunction(value) if seen is MOVED else QuadratureFunction(value, self.slopes(flow.law), flow.made)
+            QuadratureFunction(value)
+            if seen is PERTURBED
+            else QuadratureFunction(value, self.parameter_derivatives(flow.law), flow.made)
         )
 
-    def updates(self, material: Material, shape: CoefficientFunction, seen: Seen) -> list[QuadratureFunction]:
+    def updates(self, material: Material, shape: CoefficientFunction, seen: View) -> list[QuadratureFunction]:
         """U at a C̄, block by block; branches that a region has not stay at rest."""
         found, C = list[QuadratureFunction](), shape.MakeVariable()
         for branch, (stress, over) in zip(material.viscous.hereditary, self._pairs, strict=False):
             W = density(branch.law, Deformation.of_stretch(C))
             new = QuadratureFunction(
-                to_voigt(overstress(W, C)), [to_voigt(overstress(slope, C)) for slope in self.slopes(W)]
+                to_voigt(overstress(W, C)), [to_voigt(overstress(slope, C)) for slope in self.parameter_derivatives(W)]
             )
             factors = ngs.CF(step_factors(self.dt, branch.tau))
             made = ngs.CF((factors, new.value)).MakeVariable()
-            both = zip(self.slopes(factors), new.slopes, strict=True)
+            both = zip(self.parameter_derivatives(factors), new.slopes, strict=True)
             moved = made[0] * seen(over) + made[1] * (ngs.CF(tuple(made[i] for i in range(2, 8))) - seen(stress))
             found += [new, QuadratureFunction(moved, [ngs.CF(slopes) for slopes in both], made)]
         found += [self._nothing(6)] * (2 * len(self._pairs) - len(found))
@@ -257,7 +264,7 @@ class StepForms:
             found += [strain, *flowed, *[self._nothing(9)] * (len(self._G) - len(flowed))]
         return found
 
-    def begun(self, material: Material, seen: Seen) -> list[MaxwellStart]:
+    def maxwell_starts(self, material: Material, seen: View) -> list[MaxwellStart]:
         """How the Maxwell branches begin."""
         found = list[MaxwellStart]()
         for branch, G, settled in zip(material.viscous.flowing, self._G, self._settled, strict=False):
@@ -266,36 +273,36 @@ class StepForms:
             found.append(MaxwellStart(branch, self.dt, strain, three, settled.variable, *self._ways(seen)))
         return found
 
-    def _inner(self, material: Material, seen: Seen) -> list[QuadratureFunction]:
+    def _inner(self, material: Material, seen: View) -> list[QuadratureFunction]:
         """P, block by block."""
-        found = [self._of(begun.value, begun, seen) for begun in self.begun(material, seen)]
+        found = [self._of(begun.value, begun, seen) for begun in self.maxwell_starts(material, seen)]
         return found + [self._nothing(10)] * (len(self._half) - len(found))
 
     # Derivatives: along changes by a number that moves all, for one along a change has no memory of what its parts share.
 
     def _along(self, part: QuadratureFunction) -> CoefficientFunction:
         """Change of a function with all that is moved."""
-        return part.along(self._s, list(self._directions.values()))
+        return part.directional_derivative(self._s, list(self._directions.values()))
 
     def _changing(self, material: Material) -> Density:
-        return lambda at, p: reduce(add, map(self._along, self.energies(material, at, p, MOVED)))
+        return lambda at, p: reduce(add, map(self._along, self.energies(material, at, p, PERTURBED)))
 
     def _weighted(self, material: Material) -> Density:
         return lambda at, p: reduce(
             add,
-            (w.value for w in weighed(self.blocks, self.updates(material, at.shape, STILL))),
+            (w.value for w in weighted_functions(self.blocks, self.updates(material, at.shape, UNPERTURBED))),
             0 * (at.J if p is None else p),
         )
 
     def _derived(self, parts: Sequence[QuadratureFunction], blocks: Sequence[QuadratureBlock]) -> CoefficientFunction:
         """Derivatives of the sum of some parts by blocks and by θ."""
-        found = [[*(part.value.Diff(b.variable) for b in blocks), *part.by_theta] for part in parts]
+        found = [[*(part.value.Diff(b.variable) for b in blocks), *part.parameter_derivatives] for part in parts]
         return ngs.CF((0.0, *(reduce(add, of) for of in zip(*found, strict=True)))).Compile()
 
     def _backward(self, material: Material) -> CoefficientFunction:
         """∂ℓ by h, m and θ."""
-        F = self.gradient(self.body.u).MakeVariable()
-        moving, held = Deformation.of(F), Deformation.of(self.gradient(self.body.u))
+        F = self.deformation_gradient(self.body.u).MakeVariable()
+        moving, held = Deformation.of(F), Deformation.of(self.deformation_gradient(self.body.u))
         motion = self.body.layout.fields(self._motion)
         t = ngs.Parameter(0.0)
         names = ("shape", "C", "J", "F")
@@ -305,25 +312,26 @@ class StepForms:
         changes = [getattr(moving, name).Diff(F, change) for name in names]
         at = Deformation(*(part + t * change for part, change in zip(still, changes, strict=True)))
         p = None if self.p is None else self.p.MakeVariable() + t * motion.p
-        works = [W.then(lambda part: part.Diff(t)) for W in self.energies(material, at, p, STILL)]
+        works = [W.apply(lambda part: part.Diff(t)) for W in self.energies(material, at, p, UNPERTURBED)]
         return self._derived(
-            works + weighed(self.blocks, self.updates(material, still[0], STILL)), [*self.blocks, *self._half]
+            works + weighted_functions(self.blocks, self.updates(material, still[0], UNPERTURBED)),
+            [*self.blocks, *self._half],
         )
 
     def _forward(self, material: Material) -> CoefficientFunction:
         """δh⁺."""
         moving = self.body.layout.fields(self._moving).u
-        F = self.gradient(self.body.u) + self._s * self.body.kinematics.change(moving, ngs.Grad(moving))
-        updates = self.updates(material, Deformation.of(F).shape, MOVED)
+        F = self.deformation_gradient(self.body.u) + self._s * self.body.kinematics.change(moving, ngs.Grad(moving))
+        updates = self.updates(material, Deformation.of(F).shape, PERTURBED)
         return ngs.CF((0.0, *map(self._along, updates))).Compile()
 
     def _inner_backward(self, material: Material) -> CoefficientFunction:
         """∂(M · P) by h and θ."""
-        return self._derived(weighed(self._half, self._inner(material, STILL)), self.blocks)
+        return self._derived(weighted_functions(self._half, self._inner(material, UNPERTURBED)), self.blocks)
 
     def _inner_forward(self, material: Material) -> CoefficientFunction:
         """δm."""
-        return ngs.CF((0.0, *map(self._along, self._inner(material, MOVED)))).Compile()
+        return ngs.CF((0.0, *map(self._along, self._inner(material, PERTURBED)))).Compile()
 
     def _slope(self, parameter: ngs.GridFunction) -> tuple[ngs.GridFunction, ngs.LinearForm]:
         at_points, form = ngs.GridFunction(self.body.history.space), ngs.LinearForm(parameter.space)
@@ -331,16 +339,16 @@ class StepForms:
         form += weight * at_points * parameter.space.TestFunction() * ngs.dx(intrules=self.body.history.rules)
         return at_points, form
 
-    def aim(self, history: Array, theta: Mapping[str, Array]) -> None:
+    def set_direction(self, history: Array, theta: Mapping[str, Array]) -> None:
         """Set δh and δθ."""
-        put(self.blocks, "change", history)
+        set_rows(self.blocks, "change", history)
         for name, direction in self._directions.items():
             if isinstance(direction, ngs.GridFunction):
-                values(direction)[:] = theta[name]
+                unknowns(direction)[:] = theta[name]
             else:
                 direction.Set(float(theta[name][0]))
         if self._half:
-            put(self._half, "change", self.points(self._begun)[1:])
+            set_rows(self._half, "change", self.points(self._begun)[1:])
 
 
 def _direction(name: str, parameter: Parameter) -> Parameter:

@@ -21,7 +21,7 @@ from ngbrain.errors import InputError
 from ngbrain.forward.contact.rigid import Closing
 from ngbrain.forward.sensitivity.contact_work import ContactForms
 from ngbrain.forward.sensitivity.parameter_blocks import ParameterBlock
-from ngbrain.forward.sensitivity.transient.quadrature_blocks import values
+from ngbrain.forward.sensitivity.transient.quadrature_blocks import unknowns
 from ngbrain.forward.sensitivity.transient.run_observables import RunObservables
 from ngbrain.forward.sensitivity.transient.step import StepForms
 from ngbrain.forward.sensitivity.transient.step_turned import (
@@ -56,17 +56,17 @@ class StepHessian:
         self._by_state = vector(body.fes, self._touched(body.fes.TestFunction()))
         self._by_theta = [part.gradient(touched, body.mesh) for part in self._parts]
 
-    def aim(self, state: Array, history: Array, theta: Mapping[str, Array]) -> None:
+    def set_direction(self, state: Array, history: Array, theta: Mapping[str, Array]) -> None:
         """Ways δx (ndof,), δh (size, points) and δθ."""
-        values(self._way)[:] = state[: len(values(self._way))]
-        self._tissues.aim(state, history, theta)
+        unknowns(self._way)[:] = state[: len(unknowns(self._way))]
+        self._tissues.set_direction(state, history, theta)
         for part, way in zip(self._parts, theta.values(), strict=True):
-            part.turn(way)
-        self._seen.aim(np.array(values(self._way)), self._change)
+            part.set_direction(way)
+        self._seen.set_direction(np.array(unknowns(self._way)), self._change)
 
     def __call__(self, adjoint: Array, motion: Array, weights: Array) -> TissueGradients:
         """ℓ' by x, h and θ, with λ, λ + Zᵀw and Λ."""
-        self._contacts.weigh(adjoint)
+        self._contacts.set_adjoint(adjoint)
         by_state, by_history, by_theta = self._tissues(motion, weights)
         of_contacts = np.concatenate([slope() for slope in self._by_theta])
         of_contacts[: len(by_theta)] += by_theta
@@ -74,12 +74,12 @@ class StepHessian:
 
     def _touched(self, *tested: Motion) -> Terms:
         """The part of ℓ' that contacts and what is seen have, or its derivative along a motion that is tested."""
-        still = self._contacts.weighed(*tested) + self._seen.terms(*tested)
-        along = [term for part in self._parts for term in part.along(still)]
-        moved = self._contacts.weighed(self._way, *tested) + self._seen.terms(self._way, *tested)
-        return moved + along + self._seen.bent(*tested)
+        still = self._contacts.weighted_work(*tested) + self._seen.terms(*tested)
+        along = [term for part in self._parts for term in part.directional_derivative(still)]
+        moved = self._contacts.weighted_work(self._way, *tested) + self._seen.terms(self._way, *tested)
+        return moved + along + self._seen.weight_terms(*tested)
 
     def _change(self, parts: Terms) -> Callable[[], float]:
         """With θ, along the parts' directions."""
-        integrals = [term.integral for part in self._parts for term in part.along(parts)]
+        integrals = [term.integral for part in self._parts for term in part.directional_derivative(parts)]
         return lambda: sum(float(ngs.Integrate(part, self._mesh)) for part in integrals)

@@ -20,8 +20,13 @@ from ngsolve import CoefficientFunction
 from ngbrain.errors import InputError
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.sensitivity.parameter_blocks import NodePositions
-from ngbrain.forward.sensitivity.transient.quadrature_blocks import QuadratureFunction, put, values, weighed
-from ngbrain.forward.sensitivity.transient.step import STILL, StepForms
+from ngbrain.forward.sensitivity.transient.quadrature_blocks import (
+    QuadratureFunction,
+    set_rows,
+    unknowns,
+    weighted_functions,
+)
+from ngbrain.forward.sensitivity.transient.step import UNPERTURBED, StepForms
 from ngbrain.forward.solid.virtual_work import Motion, Term, Terms, vector
 from ngbrain.materials.base import Deformation
 from ngbrain.solvers.matrices import to_scipy
@@ -49,20 +54,20 @@ class StepShapeDerivatives:
         ends = {p: self._ends(m, self._way) for p, m in body.materials.items()}
         self._moved = body.mesh.MaterialCF({p: ngs.CF((0.0, *parts)).Compile() for p, parts in ends.items()})
 
-    def columns(self) -> sp.csr_array:
+    def force_jacobian(self) -> sp.csr_array:
         """How the tissue's forces change with the shifts (ndof, shifts)."""
         self._matrix.Assemble()
         return to_scipy(self._matrix.mat)
 
-    def moved(self, shifts: Array) -> Array:
+    def history_derivative(self, shifts: Array) -> Array:
         """How the history at the end does (size, points)."""
-        values(self._way)[:] = shifts
+        unknowns(self._way)[:] = shifts
         return self._forms.points(self._moved)[1:]
 
-    def slopes(self, motion: Array, weights: Array) -> Array:
+    def adjoint_gradient(self, motion: Array, weights: Array) -> Array:
         """The transposes of both, of a motion and of weights of the history."""
-        values(self._motion)[:] = motion
-        put(self._forms.blocks, "weight", weights)
+        unknowns(self._motion)[:] = motion
+        set_rows(self._forms.blocks, "weight", weights)
         return self._work_slopes() + self._kept_slopes()
 
     def _over(self, of: Callable[[Material], CoefficientFunction]) -> Terms:
@@ -77,18 +82,18 @@ class StepShapeDerivatives:
         """The integrand of a tissue's virtual work, moved."""
         body = self._forms.body
         F = self._F(body.u, way) + self._r * self._gradient(virtual[0], way)
-        energies = self._forms.energies(material, Deformation.of(F), 1.0 * body.p + self._r * virtual[1], STILL)
+        energies = self._forms.energies(material, Deformation.of(F), 1.0 * body.p + self._r * virtual[1], UNPERTURBED)
         work = reduce(add, (part.value for part in energies)).Diff(self._r)
         return self._along(work, way) + work * ngs.Trace(ngs.Grad(way))
 
     def _ends(self, material: Material, way: CoefficientFunction) -> list[CoefficientFunction]:
         """A history's blocks, moved."""
-        updates = self._forms.updates(material, Deformation.of(self._F(self._forms.body.u, way)).shape, STILL)
+        updates = self._forms.updates(material, Deformation.of(self._F(self._forms.body.u, way)).shape, UNPERTURBED)
         return [self._along(part.value, way) for part in updates]
 
     def _weighed(self, material: Material, way: CoefficientFunction) -> CoefficientFunction:
         blocks, parts = self._forms.blocks, map(QuadratureFunction, self._ends(material, way))
-        return reduce(add, (part.value for part in weighed(blocks, parts)), ngs.CF(0.0))
+        return reduce(add, (part.value for part in weighted_functions(blocks, parts)), ngs.CF(0.0))
 
     def _along(self, function: CoefficientFunction, way: CoefficientFunction) -> CoefficientFunction:
         """Change of a function at a point that moves."""

@@ -21,10 +21,16 @@ import numpy as np
 from ngsolve import CoefficientFunction
 
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.sensitivity.differences import change
+from ngbrain.forward.sensitivity.differences import central_difference
 from ngbrain.forward.sensitivity.parameter_blocks import ParameterBlock
-from ngbrain.forward.sensitivity.transient.quadrature_blocks import QuadratureBlock, entries, put, values, weighed
-from ngbrain.forward.sensitivity.transient.step import STILL, StepForms
+from ngbrain.forward.sensitivity.transient.quadrature_blocks import (
+    QuadratureBlock,
+    entries,
+    set_rows,
+    unknowns,
+    weighted_functions,
+)
+from ngbrain.forward.sensitivity.transient.step import UNPERTURBED, StepForms
 from ngbrain.forward.solid.internal_forces import Density
 from ngbrain.materials.base import Deformation
 
@@ -48,21 +54,21 @@ class SymbolicTissueHessian:
         self._motion, self._way = ngs.GridFunction(body.fes), ngs.GridFunction(body.fes)
         self._r, self._s = ngs.Parameter(0.0), ngs.Parameter(0.0)
         densities = {p: self._density(m) for p, m in body.materials.items()}
-        self._by_state = forms.forces(densities)
+        self._by_state = forms.nodal_forces(densities)
         self._back = body.mesh.MaterialCF({p: self._derived(m) for p, m in body.materials.items()})
 
-    def aim(self, state: Array, history: Array, theta: Mapping[str, Array]) -> None:
+    def set_direction(self, state: Array, history: Array, theta: Mapping[str, Array]) -> None:
         """Ways δx (ndof,), δh (size, points) and δθ."""
-        values(self._way)[:] = state[: self._forms.body.fes.ndof]
-        self._forms.aim(history, theta)
+        unknowns(self._way)[:] = state[: self._forms.body.fes.ndof]
+        self._forms.set_direction(history, theta)
 
     def __call__(self, motion: Array, weights: Array) -> TissueGradients:
         """ℓ' by all, with μ and Λ."""
-        values(self._motion)[:] = motion
-        put(self._forms.blocks, "weight", weights)
+        unknowns(self._motion)[:] = motion
+        set_rows(self._forms.blocks, "weight", weights)
         by_history, by_theta = np.split(self._forms.points(self._back)[1:], [self._forms.size])
         return TissueGradients(
-            self._by_state(), by_history, np.concatenate([NONE, *self._forms.gathered(by_theta).values()])
+            self._by_state(), by_history, np.concatenate([NONE, *self._forms.assemble_gradient(by_theta).values()])
         )
 
     def _density(self, material: Material) -> Density:
@@ -70,8 +76,8 @@ class SymbolicTissueHessian:
 
     def _derived(self, material: Material) -> CoefficientFunction:
         """ℓ' by history and parameters."""
-        work = self._work(material, self._forms.gradient(self._forms.body.u), self._forms.p)
-        turned, slopes = self._turned(work), zip(*map(self._forms.slopes, work), strict=True)
+        work = self._work(material, self._forms.deformation_gradient(self._forms.body.u), self._forms.p)
+        turned, slopes = self._turned(work), zip(*map(self._forms.parameter_derivatives, work), strict=True)
         by_history = [turned.Diff(block.variable) for block in self._forms.blocks]
         return ngs.CF((0.0, *by_history, *(self._turned(slope) for slope in slopes))).Compile()
 
@@ -84,16 +90,16 @@ class SymbolicTissueHessian:
         def whole(energy: CoefficientFunction, kept: CoefficientFunction) -> CoefficientFunction:
             return energy.Diff(self._r) + kept
 
-        return whole(*work).Diff(self._s) + whole(*map(self._forms.along, work))
+        return whole(*work).Diff(self._s) + whole(*map(self._forms.directional_derivative, work))
 
     def _work(
         self, material: Material, F: CoefficientFunction, p: CoefficientFunction | None
     ) -> tuple[CoefficientFunction, CoefficientFunction]:
         """W as a function of r, by which μ goes, and s, and Λ · U as one of s, at a state."""
         forms, way = self._forms, (self._s, self._way)
-        energies = forms.energies(material, *forms.moved_state(F, p, (self._r, self._motion), way), self._seen)
-        updates = forms.updates(material, forms.moved_state(F, p, way)[0].shape, self._seen)
-        kept = (part.value for part in weighed(forms.blocks, updates))
+        energies = forms.energies(material, *forms.perturbed_state(F, p, (self._r, self._motion), way), self._seen)
+        updates = forms.updates(material, forms.perturbed_state(F, p, way)[0].shape, self._seen)
+        kept = (part.value for part in weighted_functions(forms.blocks, updates))
         return reduce(add, (part.value for part in energies)), reduce(add, kept, ngs.CF(0.0))
 
     def _seen(self, block: QuadratureBlock) -> CoefficientFunction:
@@ -107,14 +113,14 @@ class DifferenceTissueHessian:
         self._forms, self._parts, body = forms, parts, forms.body
         self._motion, self._way, self._r = ngs.GridFunction(body.fes), ngs.GridFunction(body.fes), ngs.Parameter(0.0)
         densities = {p: self._density(m) for p, m in body.materials.items()}
-        self._stretched = forms.forces(densities)
+        self._stretched = forms.nodal_forces(densities)
         self._begun = body.mesh.MaterialCF({p: self._beginning(m) for p, m in body.materials.items()})
         way = body.layout.fields(self._way).u
         self._gradient = body.kinematics.change(way, ngs.Grad(way)).Reshape((9,)).Compile()
 
-    def aim(self, state: Array, history: Array, theta: Mapping[str, Array]) -> None:
+    def set_direction(self, state: Array, history: Array, theta: Mapping[str, Array]) -> None:
         """Ways δx (ndof,), δh (size, points) and δθ."""
-        values(self._way)[:] = state[: self._forms.body.fes.ndof]
+        unknowns(self._way)[:] = state[: self._forms.body.fes.ndof]
         self._ways = state, history, theta
         steps = [
             self._forms.points(self._gradient),
@@ -126,30 +132,30 @@ class DifferenceTissueHessian:
     def __call__(self, motion: Array, weights: Array) -> TissueGradients:
         """ℓ' by all, with μ and Λ."""
         forms, body, theta = self._forms, self._forms.body, {n: part.value for n, part in self._parts.items()}
-        values(self._motion)[:] = motion
+        unknowns(self._motion)[:] = motion
         state, history, flows = body.x, forms.history, body.history.flows.flows
         way, back, by = self._ways
 
-        def stand(s: float) -> None:
+        def set_state(s: float) -> None:
             for name, part in self._parts.items():
-                part.put(theta[name] + s * by[name])
+                part.set_value(theta[name] + s * by[name])
             body.x = state + s * way
-            put(forms.blocks, "value", history + s * back)
+            set_rows(forms.blocks, "value", history + s * back)
             begun, shapes = forms.points(self._begun)[1:], body.history.shapes()
             for flow, found in zip(flows, begun.reshape(len(flows), 12, begun.shape[1]), strict=True):
                 flow.go_on(found[2:], found[:2])
                 flow.relax(shapes)
-            forms.flowed()
+            forms.read_maxwell_states()
 
         def slopes(s: float) -> Array:
-            stand(s)
-            by_history, by_theta = forms.back(motion, weights)
+            set_state(s)
+            by_history, by_theta = forms.adjoint_gradients(motion, weights)
             return np.concatenate(
-                [self._stretched() + forms.remembered(weights), by_history.ravel(), *by_theta.values()]
+                [self._stretched() + forms.history_state_gradient(weights), by_history.ravel(), *by_theta.values()]
             )
 
-        found = change(slopes, self._size)
-        stand(0.0)
+        found = central_difference(slopes, self._size)
+        set_state(0.0)
         by_state, by_history, by_theta = np.split(found, np.cumsum([body.fes.ndof, history.size]))
         return TissueGradients(by_state, by_history.reshape(history.shape), by_theta)
 
@@ -158,7 +164,7 @@ class DifferenceTissueHessian:
 
     def _beginning(self, material: Material) -> CoefficientFunction:
         """What branches begin with, strains, G and κ; the last of them rest where a region has fewer."""
-        found = [ngs.CF((*begun.strain, begun.value)) for begun in self._forms.begun(material, STILL)]
+        found = [ngs.CF((*begun.strain, begun.value)) for begun in self._forms.maxwell_starts(material, UNPERTURBED)]
         at_rest = ngs.CF((0.0, 0.0, ngs.Id(3).Reshape((9,)), 0.0))
         missing = len(self._forms.body.history.flows.flows) - len(found)
         return ngs.CF((0.0, *found, *[at_rest] * missing)).Compile()
@@ -167,7 +173,9 @@ class DifferenceTissueHessian:
         """W' along μ."""
 
         def work(at: Deformation, p: CoefficientFunction | None) -> CoefficientFunction:
-            moved = self._forms.moved_state(at.F, p, (self._r, self._motion))
-            return reduce(add, (part.value for part in self._forms.energies(material, *moved, STILL))).Diff(self._r)
+            moved = self._forms.perturbed_state(at.F, p, (self._r, self._motion))
+            return reduce(add, (part.value for part in self._forms.energies(material, *moved, UNPERTURBED))).Diff(
+                self._r
+            )
 
         return work

@@ -40,7 +40,7 @@ class Tangents:
         self._vectors = body.gfu.vec.CreateVector(), body.gfu.vec.CreateVector()
         self._factor: Solve | None = None
 
-    def here(self, sides: int, exact: float = EXACT) -> Solve:
+    def prepare(self, sides: int, exact: float = EXACT) -> Solve:
         """A solver for so many right-hand sides, of use until the next is asked for."""
         flows = self.body.history.flows
         if flows:
@@ -51,7 +51,7 @@ class Tangents:
             self._renew()
         return self._solve
 
-    def transposed(self, b: Array) -> Array:
+    def solve_transposed(self, b: Array) -> Array:
         """K⁻ᵀ b: the tangent is symmetric."""
         return self._solve(b)
 
@@ -62,7 +62,7 @@ class Tangents:
         image.data = self.body.form.mat * vector
         return image.FV().NumPy().copy()
 
-    times = turned = apply
+    multiply = multiply_transposed = apply
 
     def _solve(self, b: Array) -> Array:
         self.solves += 1
@@ -109,7 +109,7 @@ class PivotedTangents:
         friction.join_tangent(form)
         return form
 
-    def here(self, sides: int, exact: float = 0.0) -> Solve:
+    def prepare(self, sides: int, exact: float = 0.0) -> Solve:
         """A solver, of use until the next is asked for."""
         flows = self.body.history.flows
         if flows:
@@ -124,8 +124,8 @@ class PivotedTangents:
         self.factorisations += 1
         return lambda r: self._times(self._inverse, r * self._free)
 
-    def transposed(self, r: Array) -> Array:
-        """K⁻ᵀ r, with the factor of `here`."""
+    def solve_transposed(self, r: Array) -> Array:
+        """K⁻ᵀ r, with the factor of `prepare`."""
         return self._times(self._inverse.T, r * self._free)
 
     def apply(self, x: Array) -> Array:
@@ -133,11 +133,11 @@ class PivotedTangents:
         matrix = self._whole.mat
         return self._times(matrix if self.body.symmetric else matrix.T, x, whole=True)
 
-    def times(self, x: Array) -> Array:
+    def multiply(self, x: Array) -> Array:
         """K x."""
         return self._times(self._form.mat, x, whole=True)
 
-    def turned(self, x: Array) -> Array:
+    def multiply_transposed(self, x: Array) -> Array:
         """Kᵀ x."""
         return self._times(self._form.mat.T, x, whole=True)
 
@@ -172,33 +172,33 @@ class BorderedTangents:
         """With it, those for the border among them."""
         return self.inner.solves
 
-    def here(self, sides: int, exact: float = EXACT) -> Solve:
+    def prepare(self, sides: int, exact: float = EXACT) -> Solve:
         """A solver, of use until the next is asked for."""
-        self._solve = self.inner.here(sides + 1, exact)
+        self._solve = self.inner.prepare(sides + 1, exact)
         if self.tool.given.held is None:
-            row, column = self._contacts.felt_by_state(), self._contacts.column()
-            corner = self._contacts.corner()
+            row, column = self._contacts.tool_force_state_gradient(), self._contacts.tool_column()
+            corner = self._contacts.tool_stiffness()
             if self._friction is not None:
-                row, column = row + self._friction.row(), column + self._friction.column()
-                corner += float(self._friction.corner()[0])
+                row, column = row + self._friction.tool_row(), column + self._friction.tool_column()
+                corner += float(self._friction.tool_stiffness()[0])
             self._row, self._column, self._corner = row, column, corner
         return lambda r: self._bordered(self._solve, self._row, self._column, r)
 
-    def transposed(self, r: Array) -> Array:
+    def solve_transposed(self, r: Array) -> Array:
         """With all of it turned."""
-        return self._bordered(self.inner.transposed, self._column, self._row, r)
+        return self._bordered(self.inner.solve_transposed, self._column, self._row, r)
 
     def apply(self, x: Array) -> Array:
         """Of the inner tangent."""
         return self.inner.apply(x)
 
-    def times(self, x: Array) -> Array:
+    def multiply(self, x: Array) -> Array:
         """K x, the tool's equation last."""
-        return self._product(self.inner.times, self._column, self._row, x)
+        return self._product(self.inner.multiply, self._column, self._row, x)
 
-    def turned(self, x: Array) -> Array:
+    def multiply_transposed(self, x: Array) -> Array:
         """Kᵀ x."""
-        return self._product(self.inner.turned, self._row, self._column, x)
+        return self._product(self.inner.multiply_transposed, self._row, self._column, x)
 
     def _product(self, inner: Solve, column: Array, row: Array, x: Array) -> Array:
         return np.append(inner(x[:-1]) + x[-1] * column, row @ x[:-1] + x[-1] * self._corner)
@@ -237,4 +237,4 @@ class TangentSystem:
     def factorise(self, x: Array, r: Array) -> Solve:
         """The solver at x."""
         self.body.residual(x)
-        return self._tangents.here(1)
+        return self._tangents.prepare(1)

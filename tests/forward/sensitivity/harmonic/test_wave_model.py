@@ -249,7 +249,7 @@ def test_what_drives_one_wave_costs_no_solve_of_the_others(rng):
     of = model()
     there, before = of.evaluate(of.theta), of.solves.incremental
     direction = np.zeros(of.size)
-    direction[of.blocks[BOUNDARY]][: 2 * len(of.driving)] = rng.normal(size=2 * len(of.driving))
+    direction[of.blocks[BOUNDARY]][: 2 * len(of.driven_dofs)] = rng.normal(size=2 * len(of.driven_dofs))
     change = there.jvp(direction)
     assert of.solves.incremental - before == 1
     assert np.abs(change[0]).max() > 0 and not change[1:].any()

@@ -64,7 +64,9 @@ def test_a_run_is_that_of_a_load_history():
 
 
 def test_what_adjoints_take_away_elsewhere_is_what_is_left_there(rng, monkeypatch):
-    monkeypatch.setattr(RunLinearisation, "_by_held", lambda self, step, b, adjoint: np.zeros(self.model.size))
+    monkeypatch.setattr(
+        RunLinearisation, "_prescribed_gradient", lambda self, step, b, adjoint: np.zeros(self.model.size)
+    )
     of = pushed("alone")
     of.evaluate(of.theta)
     rates, *_ = checked(of, rng, 1e-3)

@@ -102,7 +102,9 @@ def check(seed):
     of, made, sizes = drawn(seed)
     rng = np.random.default_rng(1000 + seed)
     start, there = of.theta.copy(), of.evaluate(of.theta)
-    whole = np.concatenate([np.full(at.stop - at.start, np.abs(there.data[:, at]).max()) for at in of.observed])
+    whole = np.concatenate(
+        [np.full(at.stop - at.start, np.abs(there.data[:, at]).max()) for at in of.observation_slices]
+    )
     w = rng.normal(size=there.data.shape) / whole
     gradient, contact = there.gradient(w), touching(of)
 

@@ -10,7 +10,7 @@ from ngbrain.forward.contact.force_control import GivenForce
 from ngbrain.forward.observables import Force
 from ngbrain.forward.sensitivity.contact_work import ContactForms
 from ngbrain.forward.sensitivity.transient.friction_step import FrictionStep
-from ngbrain.forward.sensitivity.transient.replay import times_of
+from ngbrain.forward.sensitivity.transient.replay import accepted_times
 from ngbrain.forward.sensitivity.transient.replayed import RunLinearisation
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.transient.step_control import StepControl
@@ -61,7 +61,7 @@ def test_it_replays_what_time_stepping_does():
     stepper = TimeStepper(of.body, of.replay.motion, StepControl(0.5), 1e-3)
     step = stepper.step
     stepper.step = lambda: (step(), rows.append(seen.value()))[0]
-    grid = times_of(stepper)
+    grid = accepted_times(stepper)
     again = RunModel(of.body, of.replay.motion, grid, of.parameters, [Force("bottom")])
     assert again.evaluate(again.theta).data == pytest.approx(np.array(rows), rel=1e-4, abs=1e-5) and len(rows) > 4
 
@@ -75,18 +75,22 @@ def test_steps_that_are_solved_again_give_the_same(rng):
 
 def free_border(patch):
     """What is felt does not change with the tissue."""
-    patch.setattr(ContactForms, "felt_by_state", lambda self: np.zeros(self._body.fes.ndof))
+    patch.setattr(ContactForms, "tool_force_state_gradient", lambda self: np.zeros(self._body.fes.ndof))
 
 
 def free_force(patch):
     """The force asked for stays."""
-    patch.setattr(GivenForce, "slope", lambda self, t, parameter: 0.0)
+    patch.setattr(GivenForce, "gradient", lambda self, t, parameter: 0.0)
 
 
 def forgotten_way(patch):
     """Friction does not see where the plate was when the step began."""
-    back = FrictionStep.back
-    patch.setattr(FrictionStep, "back", lambda self, a, m: ((f := back(self, a, m))[0] * ([1] * self._n + [0]), *f[1:]))
+    back = FrictionStep.adjoint_gradients
+    patch.setattr(
+        FrictionStep,
+        "adjoint_gradients",
+        lambda self, a, m: ((f := back(self, a, m))[0] * ([1] * self._n + [0]), *f[1:]),
+    )
 
 
 BUGS = {free_border: {}, free_force: {}, forgotten_way: {"rubs": True}}

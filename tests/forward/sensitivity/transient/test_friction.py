@@ -82,19 +82,21 @@ def test_full_slide_has_the_slope_of_coulombs_law():
 
 def forgotten_end(patch):
     """The slip that a step leaves does not change with where it ends."""
-    patch.setattr(FrictionStep, "remembered", lambda self, weights: np.zeros(self.body.fes.ndof))
+    patch.setattr(FrictionStep, "carried_state_gradient", lambda self, weights: np.zeros(self.body.fes.ndof))
 
 
 def forgotten_slip(patch):
     """Where a step begins does not depend on the one before."""
-    back = FrictionStep.back
-    patch.setattr(FrictionStep, "back", lambda self, a, m: (0 * (found := back(self, a, m))[0], found[1], found[2]))
+    back = FrictionStep.adjoint_gradients
+    patch.setattr(
+        FrictionStep, "adjoint_gradients", lambda self, a, m: (0 * (found := back(self, a, m))[0], found[1], found[2])
+    )
 
 
 def kept_slip(patch):
     """Slips that are carried on whole."""
-    back = FrictionStep.back
-    patch.setattr(FrictionStep, "back", lambda self, a, m: ((found := back(self, a, m))[0], m, found[2]))
+    back = FrictionStep.adjoint_gradients
+    patch.setattr(FrictionStep, "adjoint_gradients", lambda self, a, m: ((found := back(self, a, m))[0], m, found[2]))
 
 
 @pytest.mark.parametrize("bug", [forgotten_end, forgotten_slip, kept_slip], ids=lambda bug: bug.__name__)
@@ -109,7 +111,7 @@ def test_a_bug_lowers_the_rate(bug, monkeypatch, rng):
 
 def test_a_run_replays_what_time_stepping_does():
     """The recorded grid taken again with the whole tangent has the forces of the stepping with the symmetric one."""
-    from ngbrain.forward.sensitivity.transient.replay import times_of
+    from ngbrain.forward.sensitivity.transient.replay import accepted_times
     from ngbrain.forward.transient.step_control import StepControl
     from ngbrain.forward.transient.time_stepper import TimeStepper
 
@@ -119,7 +121,7 @@ def test_a_run_replays_what_time_stepping_does():
     stepper = TimeStepper(body, of.replay.motion, StepControl(0.5), 1e-3)
     step = stepper.step
     stepper.step = lambda: (step(), rows.append(seen.value()))[0]
-    grid = times_of(stepper)
+    grid = accepted_times(stepper)
     again = model(grid, seen=[Force("top")])
     assert (
         again.evaluate(again.theta).data == pytest.approx(np.array(rows), rel=1e-4, abs=1e-5)
@@ -146,8 +148,8 @@ def test_second_derivatives(case, rng):
 
 
 def test_a_slip_that_stays_lowers_their_rate(rng, monkeypatch):
-    changed = FrictionStep.aim
-    monkeypatch.setattr(FrictionStep, "aim", lambda self, x, y, e, theta: changed(self, x, y, 0 * e, theta))
+    changed = FrictionStep.set_direction
+    monkeypatch.setattr(FrictionStep, "set_direction", lambda self, x, y, e, theta: changed(self, x, y, 0 * e, theta))
     rates, _ = twice(made("plane strain"), rng, 5e-4)
     assert rates[-1] < 1.3, rates
 

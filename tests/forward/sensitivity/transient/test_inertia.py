@@ -82,8 +82,8 @@ def test_rate_by_density(rng):
 
 
 def test_a_forgotten_speed_lowers_it(rng, monkeypatch):
-    remembered = InertiaStep.remembered
-    monkeypatch.setattr(InertiaStep, "remembered", lambda self, weights: 0 * remembered(self, weights))
+    remembered = InertiaStep.carried_state_gradient
+    monkeypatch.setattr(InertiaStep, "carried_state_gradient", lambda self, weights: 0 * remembered(self, weights))
     assert rates_by_density(rng)[1] < 1.5
 
 
@@ -135,8 +135,8 @@ def test_second_derivatives(how, rng):
 
 
 def test_a_mass_that_stays_lowers_their_rate(rng, monkeypatch):
-    turned = InertiaStep.turned
+    turned = InertiaStep.gradient_derivatives
     monkeypatch.setattr(
-        InertiaStep, "turned", lambda self, a, m: type(f := turned(self, a, m))(*(0 * part for part in f))
+        InertiaStep, "gradient_derivatives", lambda self, a, m: type(f := turned(self, a, m))(*(0 * part for part in f))
     )
     assert rates_twice(rng)[0][-1] < 1.3

@@ -17,7 +17,7 @@ from ngbrain.forward.sensitivity.transient import replayed as through_time
 from ngbrain.forward.sensitivity.transient import step as step_forms
 from ngbrain.forward.sensitivity.transient import step_hessian as step_curvature
 from ngbrain.forward.sensitivity.transient import tangents
-from ngbrain.forward.sensitivity.transient.replay import Replay, times_of
+from ngbrain.forward.sensitivity.transient.replay import Replay, accepted_times
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.sensitivity.transient.step import StepForms
 from ngbrain.forward.sensitivity.transient.step_turned import DifferenceTissueHessian
@@ -87,7 +87,7 @@ def test_data_are_those_of_the_stepping_that_was_recorded():
     seen, rows = Force("top", (0, 0, 1)).on(body), []
     step = transient.step
     transient.step = lambda: (step(), rows.append(seen.value()[0]))[0]
-    grid = times_of(transient)
+    grid = accepted_times(transient)
     body, drive, parameters = made()
     of = RunModel(body, drive, grid, parameters, [Force("top", (0, 0, 1))])
     assert of.evaluate(of.theta).data[:, 0] == pytest.approx(np.array(rows), rel=1e-5, abs=1e-9)
@@ -223,9 +223,9 @@ def test_second_derivatives_that_are_not_there_are_refused():
 
 def held_in_a_gradient(of, w):
     """The gradient, and the most histories held meanwhile."""
-    there, held = of.evaluate(of.theta), [of.replay.held]
+    there, held = of.evaluate(of.theta), [of.replay.stored_histories]
     steps = of.replay.backwards
-    of.replay.backwards = lambda: ((held.append(of.replay.held), step)[1] for step in steps())
+    of.replay.backwards = lambda: ((held.append(of.replay.stored_histories), step)[1] for step in steps())
     return there.gradient(w), max(held)
 
 
@@ -340,8 +340,8 @@ def without_shares(patch):
 
 def forgetful(patch):
     """No weights of the history handed from step to step."""
-    back = StepForms.back
-    patch.setattr(StepForms, "back", lambda self, *of: (0 * back(self, *of)[0], back(self, *of)[1]))
+    back = StepForms.adjoint_gradients
+    patch.setattr(StepForms, "adjoint_gradients", lambda self, *of: (0 * back(self, *of)[0], back(self, *of)[1]))
 
 
 def forwards(patch):
@@ -354,7 +354,7 @@ def force_of_nothing(patch):
 
 
 def stale_factor(patch):
-    here = Tangents.here
+    here = Tangents.prepare
 
     def elsewhere(self, sides, exact):
         x = self.body.x
@@ -363,7 +363,7 @@ def stale_factor(patch):
         self.body.x = x
         return solve
 
-    patch.setattr(Tangents, "here", elsewhere)
+    patch.setattr(Tangents, "prepare", elsewhere)
 
 
 def unsettled(patch):
