@@ -100,7 +100,7 @@ def checked(of, rng, first=5e-3):
     a, b = start * rng.uniform(0.3, 1, (2, of.size)) * rng.choice([-1, 1], (2, of.size))
     there = of.evaluate(start)
     gradient = there.gradient(w)
-    apart = abs(np.sum(w * there._pushed(a[None])[0]) / (gradient @ a) - 1)
+    apart = abs(np.sum(w * there._products(a[None])[0]) / (gradient @ a) - 1)
     along_a, along_b = there.hvp(w, a), there.hvp(w, b)
     uneven = abs(along_a @ b - along_b @ a) / (np.abs(along_a * b).sum() + np.abs(along_b * a).sum())
     rates = taylor(value, gradient, start, a, first=first, steps=2)

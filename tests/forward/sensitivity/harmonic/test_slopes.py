@@ -7,7 +7,7 @@ from waves import square
 
 from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.harmonic.wave import Wave
-from ngbrain.forward.sensitivity.harmonic.slopes import alike
+from ngbrain.forward.sensitivity.harmonic.slopes import proportional_fields
 from ngbrain.forward.sensitivity.harmonic.wave_model import WaveModel
 from ngbrain.materials import Shearing
 
@@ -31,7 +31,7 @@ def test_the_loss_modulus_goes_with_the_storage_modulus_and_a_viscosity_by_the_f
     of = fields(mesh, mu=2000.0, eta=3.0, loss=500.0)
     law = lambda omega: Shearing(of["mu"] + 1j * of["loss"] + 1j * omega * of["eta"])  # noqa: E731
     before = {name: field.vec.FV().NumPy().copy() for name, field in of.items()}
-    found = alike(body(mesh, law), of, OMEGA)
+    found = proportional_fields(body(mesh, law), of, OMEGA)
     assert {name: first for name, (first, _) in found.items()} == dict.fromkeys(of, "mu")
     assert [r for _, r in found.values()] == pytest.approx([1, 1j * OMEGA, 1j])
     assert all(np.array_equal(field.vec.FV().NumPy(), before[name]) for name, field in of.items())
@@ -48,7 +48,7 @@ def test_fields_that_are_alike_only_where_they_begin_are_told_apart(space, tange
         lambda s, t: Shearing(s + 1j * 2000 * t + 1j * t * t),
     ):
         of = fields(mesh, space, storage=2000.0, tangent=tangent)
-        found = alike(body(mesh, law(*of.values())), of, OMEGA)
+        found = proportional_fields(body(mesh, law(*of.values())), of, OMEGA)
         assert [first for first, _ in found.values()] == list(of)
 
 
