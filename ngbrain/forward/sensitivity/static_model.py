@@ -58,8 +58,8 @@ class StaticModel:
     >>> from ngbrain.forward.common.material import Material
     >>> from ngbrain.forward.observables import Displacements, Force
     >>> from ngbrain.materials import NeoHooke
-    >>> from ngbrain.mesh import parameter_block
-    >>> cube = parameter_block((0.1, 0.1, 0.1), 0.1)
+    >>> from ngbrain.mesh import block
+    >>> cube = block((0.1, 0.1, 0.1), 0.1)
     >>> mu = ngs.GridFunction(ngs.L2(cube, order=0)); mu.Set(1e3)
     >>> body = Problem(cube, {".*": Material(NeoHooke(mu), 5e3)}, {"bottom": 0, "top": (0, 0, -0.01)}, element="P2")
     >>> model = StaticModel([LoadCase(body, [Displacements([[0.05, 0.05, 0.05]]), Force("top")])], {"mu": mu})
