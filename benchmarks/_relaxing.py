@@ -133,7 +133,7 @@ def plain(rule: Rule, times: np.ndarray, protocol: ToolMotion, grid: Grid) -> Pr
     stresses = [branch.stress(isochoric(F.trans * F)).Compile() for branch in LAW.hereditary]
     forces = [0.0]
     for before, now in pairwise(times):
-        level.Set(protocol.at(now))
+        level.Set(protocol.value(now))
         factors = [rule(now - before, branch.tau) for branch in LAW.hereditary]
         for (e, beta), share, pull, h, s in zip(factors, shares, pulls, over, old, strict=True):
             share.Set(beta)

@@ -145,7 +145,9 @@ def retraction(folder: Path) -> None:
     """
     name, stages, tolerance, elapsed = "idealised_fast", (2.5, 5.0, 7.5, 10.0), 0.05, 10.0
     scene = replace(operation(name, 1.0, tolerance, elapsed), title="A short retraction of an idealised head, coarse")
-    seen = noisy(observed(name, RetractionModel.of(operation(name, FINER, tolerance / 3, elapsed)), stages), NOISE[0])
+    seen = noisy(
+        observed(name, RetractionModel.from_scene(operation(name, FINER, tolerance / 3, elapsed)), stages), NOISE[0]
+    )
     moved = [
         [t, *1e3 * where, *1e3 * way]
         for t, ways in zip(seen.times, seen.displacements, strict=True)

@@ -38,8 +38,8 @@ from ngbrain.scene import Scene
 from ngbrain.surgery.material_point import Column, LoadingHistory
 from ngbrain.surgery.measures.sampling import Sites, TissueSample
 from ngbrain.surgery.model import RetractionModel
-from ngbrain.surgery.protocol_run import ProtocolRun, table
-from ngbrain.surgery.protocols import ToolMotion, continuous
+from ngbrain.surgery.protocol_run import ProtocolRun, to_columns
+from ngbrain.surgery.protocols import ToolMotion, continuous_retraction
 from ngbrain.units import to_mmHg
 
 HEADS = {"idealised": "idealised_fast", "MNI152": "demo_fast"}
@@ -105,9 +105,9 @@ def held(model: RetractionModel, protocol: ToolMotion, control: Control | None) 
             run.go(until=end)
             of[name] = stresses(run.sampler.sites, run.sampler(end))
     except SolverError as error:
-        way = 500 * protocol.at(run.transient.progress.t)
+        way = 500 * protocol.value(run.transient.progress.t)
         return record | {"converged": False, "reached_mm": way, "reason": str(error)[:120], "cpu_s": took(start)}
-    columns, at = table(run.rows), run.transient.progress
+    columns, at = to_columns(run.rows), run.transient.progress
     t, pressure, force = (columns[name] for name in ("t", "pressure", "force"))
     values = {
         "converged": True,
@@ -139,16 +139,16 @@ def finite(value: float) -> float | None:
 def on_head(head: str, steps: str) -> Iterator[dict]:
     """With our steps or theirs; ours that fail are done again as far as they got."""
     opening = 2 * A_SIDE
-    model = RetractionModel.of(scene(head, opening))
+    model = RetractionModel.from_scene(scene(head, opening))
     kind = {"kind": "head", "head": head}
     kind |= {"order": model.scene.mesh.order, "tets": model.mesh.ne}
     kind |= {"method": "ngbrain:transient", "steps": steps, "error": None, "depth_mm": 1e3 * model.cleft.depth}
     control: Control | None = Theirs() if steps == "theirs" else None
-    found = held(model, continuous(opening, RAMP, END), control)
+    found = held(model, continuous_retraction(opening, RAMP, END), control)
     yield kind | found
     if not found["converged"] and control is None:
         less = 0.9 * 2e-3 * found["reached_mm"]
-        yield kind | held(model, continuous(less, RAMP * less / opening, END), control)
+        yield kind | held(model, continuous_retraction(less, RAMP * less / opening, END), control)
 
 
 def columns() -> Iterator[dict]:
@@ -158,7 +158,8 @@ def columns() -> Iterator[dict]:
         for share in PRESSED:
             start = time.process_time()
             fine, coarse = (
-                Column(law, A_SIDE / share, "planar", steps).jvp(continuous(A_SIDE, RAMP, END)) for steps in (32, 16)
+                Column(law, A_SIDE / share, "planar", steps).jvp(continuous_retraction(A_SIDE, RAMP, END))
+                for steps in (32, 16)
             )
             left, rough = (c.pressure[-1] / c.pressure.max() for c in (fine, coarse))
             of = {"kind": "column", "method": "ngbrain:column", "tissue": name, "strain": share, "order": 2, "ndof": 3}

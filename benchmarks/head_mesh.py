@@ -96,7 +96,7 @@ def record(method: str, size: str, scanned: Scanned, run: Callable[[], Elements]
 
 def measure(quick: bool) -> list[dict]:
     """All records; `quick` stays under a minute."""
-    scanned = Scanned.of(mni152())
+    scanned = Scanned.from_scan(mni152())
     grids = [(4, 14, 28), (4, 10, 26)] if quick else [(4, 10, 26), (4, 10, 16), (2, 6, 12), (2, 6, 8.9), (2, 6, 7)]
     steps = (12, 8) if quick else (16, 12, 8, 6, 4, 3)
     records = [record(OURS, "{}, {}, {} mm".format(*g), scanned, lambda g=g: ours(scanned, *g)) for g in grids]

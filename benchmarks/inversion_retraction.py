@@ -148,13 +148,13 @@ def measure(quick: bool) -> list[Record]:
     """All heads; quick, one round on its own mesh while the blade opens."""
     if quick:
         (name, *_), stages = TRUTH, STAGES[:2]
-        model = RetractionModel.of(operation(name, 1.4, 0.1, stages[-1] + 1))
+        model = RetractionModel.from_scene(operation(name, 1.4, 0.1, stages[-1] + 1))
         once = partial(levenberg_marquardt, rounds=1)
         return [record(name, model, observed(name, model, stages), NOISE[0], search=once)]
     records = []
     for name in TRUTH:
-        seen = observed(name, RetractionModel.of(operation(name, FINER, 0.003)))
-        model = RetractionModel.of(operation(name))
+        seen = observed(name, RetractionModel.from_scene(operation(name, FINER, 0.003)))
+        model = RetractionModel.from_scene(operation(name))
         for noise in NOISE[: 1 if name == "demo_fast" else None]:
             records.append(record(name, model, seen, noise))
         if name == "idealised_fast":

@@ -25,10 +25,10 @@ from _ladder import Case, cases
 from ngbrain import parallel
 from ngbrain.errors import SolverError
 from ngbrain.ladder.axes import axes_of, richest
-from ngbrain.ladder.estimates import SOLVED, relative
+from ngbrain.ladder.estimates import SOLVED, relative_difference
 from ngbrain.ladder.model_search import Climb, climb
 from ngbrain.ladder.models.bodies import ModelHierarchy
-from ngbrain.ladder.solutions import Keeper
+from ngbrain.ladder.solutions import SolutionCache
 from ngbrain.scene import Scene
 
 Record = dict
@@ -48,7 +48,7 @@ def of_scene(name: str, case: Case) -> list[Record]:
     """The richest model, then three climbs."""
     axes = axes_of(case.scene, case.richest)
     top = richest(axes)
-    truth = Keeper(ModelHierarchy(case.scene))
+    truth = SolutionCache(ModelHierarchy(case.scene))
     rich = truth(top)
     found = []
     for tolerance in TOLERANCES:
@@ -56,7 +56,7 @@ def of_scene(name: str, case: Case) -> list[Record]:
         got = climb(asked(case.scene, tolerance), case.richest)
         cost = time.process_time() - begun
         chosen = got.chosen
-        error = float(np.max(np.abs(relative(chosen.answers, rich.answers))))
+        error = float(np.max(np.abs(relative_difference(chosen.answers, rich.answers))))
         record: Record = {"method": "ngbrain:ladder", "scene": name, "tolerance": tolerance}
         record |= {"order": int(chosen.model["order"]), "ndof": chosen.ndof, "error": error, "true_error": error}
         record |= {"estimated_error": float(np.max(got.error)), "cpu_s": cost, "rich_s": rich.cost_s}
@@ -91,7 +91,7 @@ def staircase(got: Climb, answers: np.ndarray) -> list[dict[str, Any]]:
     return [
         {
             "cost_s": rung.cost_s,
-            "error": float(np.max(np.abs(relative(rung.answers, answers)))),
+            "error": float(np.max(np.abs(relative_difference(rung.answers, answers)))),
             "taken": " and ".join(rung.taken),
             "model": rung.model,
         }
@@ -99,14 +99,14 @@ def staircase(got: Climb, answers: np.ndarray) -> list[dict[str, Any]]:
     ]
 
 
-def pairs(got: Climb, truth: Keeper) -> list[dict[str, Any]]:
+def pairs(got: Climb, truth: SolutionCache) -> list[dict[str, Any]]:
     """Estimated and true change of every axis at every rung, for the question that changes most."""
     found = []
     for k, rung in enumerate(got.history):
         for name, each in rung.estimates.items():
             richer = {**rung.model, name: each.to}
             try:
-                change = np.abs(relative(truth(rung.model).answers, truth(richer).answers))
+                change = np.abs(relative_difference(truth(rung.model).answers, truth(richer).answers))
             except SolverError:
                 continue
             i = int(np.argmax(change))

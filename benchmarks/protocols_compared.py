@@ -33,9 +33,15 @@ from ngbrain.forward.transient.step_control import ErrorControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import Branch, Scaled, Viscous, constants
 from ngbrain.mesh import block
-from ngbrain.surgery.material_point import Column, LoadingHistory, dose_left
+from ngbrain.surgery.material_point import Column, LoadingHistory, dose_with_recovery
 from ngbrain.surgery.measures.injury import dose
-from ngbrain.surgery.protocols import Drive, ToolMotion, continuous, intermittent, staged
+from ngbrain.surgery.protocols import (
+    Drive,
+    ToolMotion,
+    continuous_retraction,
+    intermittent_retraction,
+    staged_retraction,
+)
 from ngbrain.units import to_minutes, to_mmHg
 
 SETS = {
@@ -64,7 +70,7 @@ Values = Iterator[dict]
 def rests(hold: float, rest: float) -> ToolMotion:
     """Half an hour of work in holds."""
     n = round(WORK / hold)
-    return intermittent(OPENING, RAMP, n * (RAMP + hold) + (n - 1) * (RAMP + rest), hold, RAMP + rest)
+    return intermittent_retraction(OPENING, RAMP, n * (RAMP + hold) + (n - 1) * (RAMP + rest), hold, RAMP + rest)
 
 
 def half_time(course: LoadingHistory) -> float:
@@ -79,7 +85,7 @@ def holds(column: Column, strains: np.ndarray, rises: tuple[float, ...]) -> Valu
     """What is left of the peak after half an hour, and the half-time."""
     for rise in rises:
         for strain, course in zip(
-            strains, column.push_each(OPENING / strains, continuous(OPENING, rise, rise + WORK)), strict=True
+            strains, column.push_each(OPENING / strains, continuous_retraction(OPENING, rise, rise + WORK)), strict=True
         ):
             of = {"kind": "hold", "strain": strain, "rise_s": rise}
             yield of | {"measure": "left", "value": course.pressure[-1] / course.pressure.max()}
@@ -98,7 +104,7 @@ def against(one: LoadingHistory, on: LoadingHistory, many: LoadingHistory) -> It
     yield "equal work", "dose", dose(b) / work
     yield "equal time", "dose of the first half hour", dose(b, one.t[-1]) / work
     yield "equal time", "dose to the end", dose(b) / dose(on.curve)
-    even = brentq(lambda log: dose_left(b, np.exp(log)) - work, 0.0, 40.0)
+    even = brentq(lambda log: dose_with_recovery(b, np.exp(log)) - work, 0.0, 40.0)
     yield "equal work", "recovery that makes doses equal (min)", to_minutes(np.exp(even))
     for level in LEVELS:
         (whole, longest), (whole_b, longest_b) = a.above(level), b.above(level)
@@ -110,10 +116,10 @@ def against(one: LoadingHistory, on: LoadingHistory, many: LoadingHistory) -> It
 def rested(column: Column, strains: np.ndarray, patterns: tuple[tuple[float, float], ...]) -> Values:
     """Holds with rests."""
     depths = OPENING / strains
-    ones = column.push_each(depths, continuous(OPENING, RAMP, RAMP + WORK))
+    ones = column.push_each(depths, continuous_retraction(OPENING, RAMP, RAMP + WORK))
     for hold, rest in patterns:
         protocol = rests(hold, rest)
-        ons = column.push_each(depths, continuous(OPENING, RAMP, protocol.times[-1]))
+        ons = column.push_each(depths, continuous_retraction(OPENING, RAMP, protocol.times[-1]))
         for strain, *courses in zip(strains, ones, ons, column.push_each(depths, protocol), strict=True):
             of = {"kind": "protocol", "strain": strain, "pattern": f"{hold:.0f}/{rest:.0f} s"}
             of["peak_mmHg"] = float(to_mmHg(courses[0].pressure.max()))
@@ -124,8 +130,8 @@ def rested(column: Column, strains: np.ndarray, patterns: tuple[tuple[float, flo
 def stages(column: Column, strains: np.ndarray) -> Values:
     """Five stages with a minute between, let go meanwhile or not; then held as long as one hold, or until that one ends."""
     depths, all_open = OPENING / strains, RAMP + 4 * 60.0
-    ones = column.push_each(depths, continuous(OPENING, RAMP, RAMP + WORK))
-    for protocol in (staged(OPENING, RAMP, all_open + WORK, 5, 60.0), higher(5, 60.0)):
+    ones = column.push_each(depths, continuous_retraction(OPENING, RAMP, RAMP + WORK))
+    for protocol in (staged_retraction(OPENING, RAMP, all_open + WORK, 5, 60.0), higher(5, 60.0)):
         for strain, a, b in zip(strains, ones, column.push_each(depths, protocol), strict=True):
             of = {"kind": "protocol", "strain": strain, "pattern": protocol.name, "comparison": protocol.name}
             yield of | {"measure": "peak", "value": b.pressure.max() / a.pressure.max()}
@@ -165,7 +171,8 @@ def speeds(column: Column, strains: np.ndarray) -> Values:
     """The peak against the speed of opening."""
     depths = OPENING / strains
     runs = [
-        column.push_each(depths, continuous(OPENING, OPENING / (1e-3 * v), OPENING / (1e-3 * v) + 60)) for v in SPEEDS
+        column.push_each(depths, continuous_retraction(OPENING, OPENING / (1e-3 * v), OPENING / (1e-3 * v) + 60))
+        for v in SPEEDS
     ]
     for speed, courses in zip(SPEEDS, runs, strict=True):
         for strain, course, slow in zip(strains, courses, runs[0], strict=True):
@@ -207,7 +214,7 @@ def blocks(tolerance: float, strain: float = 0.1) -> Values:
     size, entry, hold = 0.02, constants("griffiths2024:white_matter"), PATTERNS[0]
     mu = entry.initial_modulus
     found = []
-    for protocol in (continuous(strain * size, RAMP, RAMP + WORK), None):
+    for protocol in (continuous_retraction(strain * size, RAMP, RAMP + WORK), None):
         whole = rests(*hold)
         protocol = protocol or ToolMotion(
             "rests", whole.times, tuple(np.array(whole.advance) * strain * size / OPENING)
@@ -337,8 +344,8 @@ def courses(axes: Any) -> None:
     """White matter, 10 %."""
     warnings.simplefilter("ignore", RangeWarning)
     column = Column(constants("griffiths2024:white_matter").law(), OPENING / 0.1, "planar")
-    one, many = continuous(OPENING, RAMP, RAMP + WORK), rests(*PATTERNS[0])
-    steps = staged(OPENING, RAMP, RAMP + 240 + WORK, 5, 60.0)
+    one, many = continuous_retraction(OPENING, RAMP, RAMP + WORK), rests(*PATTERNS[0])
+    steps = staged_retraction(OPENING, RAMP, RAMP + 240 + WORK, 5, 60.0)
     for protocol, label in ((one, "one hold"), (many, "holds with rests"), (steps, "staged")):
         course = column.jvp(protocol)
         axes.plot(to_minutes(course.t), to_mmHg(course.pressure), label=label, lw=1.3)

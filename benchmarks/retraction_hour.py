@@ -31,7 +31,7 @@ from ngbrain.scene import Scene
 from ngbrain.surgery.answers import answer
 from ngbrain.surgery.model import RetractionModel
 from ngbrain.surgery.protocol_run import ProtocolRun
-from ngbrain.surgery.protocols import ToolMotion, continuous, intermittent
+from ngbrain.surgery.protocols import ToolMotion, continuous_retraction, intermittent_retraction
 from ngbrain.threads import threads
 from ngbrain.units import to_mmHg
 
@@ -46,12 +46,12 @@ def model(name: str, **sizes: float) -> RetractionModel:
     """A shipped scene's head, with steps for an hour."""
     scene = Scene.shipped(name)
     time, mesh = replace(scene.time, max_step_hold=LONGEST), replace(scene.mesh, **sizes)
-    return RetractionModel.of(replace(scene, time=time, mesh=mesh))
+    return RetractionModel.from_scene(replace(scene, time=time, mesh=mesh))
 
 
 def protocols(opening: float) -> tuple[ToolMotion, ToolMotion]:
     """The intermittent one is the same as the continuous one up to its first release."""
-    return continuous(opening, RAMP, HOUR), intermittent(opening, RAMP, HOUR, HOLD, REST)
+    return continuous_retraction(opening, RAMP, HOUR), intermittent_retraction(opening, RAMP, HOUR, HOLD, REST)
 
 
 def went(on: RetractionModel, protocol: ToolMotion, control: Control | None, folder: Path | None) -> dict:

@@ -45,7 +45,7 @@ def measure(quick: bool) -> list[dict]:
     """All records."""
     records = []
     for head in ["idealised"] if quick else SCENES:
-        made = RetractionModel.of(Scene.shipped(SCENES[head]))
+        made = RetractionModel.from_scene(Scene.shipped(SCENES[head]))
         meshes = SIZES[: 3 if quick else None]
         found = [held(made, head, sizes) for sizes in meshes]
         exact = found[-1]["values"]
@@ -66,7 +66,7 @@ def held(on: RetractionModel, head: str, sizes: tuple[float, ...]) -> dict[str, 
     """The hold on a mesh."""
     started = time.process_time()
     finer = {name: 1e-3 * mm for name, mm in zip(COARSE, sizes, strict=True)}
-    model = RetractionModel.of(replace(on.scene, mesh=replace(on.scene.mesh, **finer)), on.head)
+    model = RetractionModel.from_scene(replace(on.scene, mesh=replace(on.scene.mesh, **finer)), on.head)
     run = ProtocolRun(model, model.hold("hold"), None).go()
     found = answer(run.result(), model.scene.patient)
     return {

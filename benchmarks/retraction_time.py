@@ -43,9 +43,12 @@ from _relaxing import (
 
 from ngbrain.errors import require
 from ngbrain.forward.transient.step_control import ErrorControl, StepControl
-from ngbrain.surgery.protocols import ToolMotion, continuous
+from ngbrain.surgery.protocols import ToolMotion, continuous_retraction
 
-PROTOCOL, HALF_AN_HOUR = continuous(3e-3, 4.0, 40.0), continuous(3e-3, 4.0, 1800.0, "half an hour")
+PROTOCOL, HALF_AN_HOUR = (
+    continuous_retraction(3e-3, 4.0, 40.0),
+    continuous_retraction(3e-3, 4.0, 1800.0, "half an hour"),
+)
 GRID = (2, 0.01)
 """Order and mesh of the studies of steps and of the penalty."""
 SHARE, SOFTNESS = 0.98, 2e-6

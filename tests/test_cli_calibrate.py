@@ -52,7 +52,7 @@ def searched(monkeypatch):
     def calibrate(scene, seen, tissues, protocol, spread, start, callback, finer):
         given.update(seen=seen, tissues=tissues, protocol=protocol, spread=spread, start=start, finer=finer)
         callback(Iteration("", 9.0, 3.0, {}, 1.0, 1.0, 0.1), {"white": 0.8})
-        stiff = tuple(t.scaled(0.7) if t.region == "white" else t for t in scene.tissues)
+        stiff = tuple(t.with_scale(0.7) if t.region == "white" else t for t in scene.tissues)
         bands, stiffer = {"white": Band(0.7, 0.05, 0.6, 0.8)}, replace(scene, tissues=stiff)
         moved = {"white": 0.95} if finer else None
         return Calibrated(bands, stiffer, 0.9 * seen.data, Level(9.0, 3.0), moved, status=Status.CONVERGED)
@@ -115,7 +115,7 @@ def test_bad_input_is_one_line_and_early(files, monkeypatch, capsys, arguments, 
 def test_a_known_truth_comes_back_from_tables(tmp_path):
     """Without noise, on the same elements: to two per cent; landmarks at one time, forces at two."""
     scene = operation()
-    model = RetractionModel.of(scene)
+    model = RetractionModel.from_scene(scene)
     points = model.cleft.target + np.array([[x, y, z] for x in (-12, 14) for y in (-8, 9) for z in (-6, 7)]) / 1000
     data = Retracted(model, points, np.array(TIMES), list(TRUTH)).run.evaluate(np.array(list(TRUTH.values()))).data
     lines = ["t_s,x_mm,y_mm,z_mm,ux_mm,uy_mm,uz_mm"]

@@ -19,7 +19,7 @@ from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import NeoHooke, Prony, Shearing
 from ngbrain.mesh import block
 from ngbrain.mesh.geometry.structured import rectangles
-from ngbrain.surgery.protocols import continuous
+from ngbrain.surgery.protocols import continuous_retraction
 
 MOST = (DRAWN + 1) * np.finfo(float).eps
 
@@ -76,7 +76,7 @@ def of_waves():
 
 def of_blades():
     times, opening = np.linspace(0.1, 60, 50), 5e-3
-    drive = continuous(opening, 10.0, 60.0)
+    drive = continuous_retraction(opening, 10.0, 60.0)
     return np.interp(times, [0.0, 10.0], [0.0, opening]), [drive.at(t) for t in times]
 
 

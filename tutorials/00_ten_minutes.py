@@ -22,7 +22,7 @@ from ngbrain.forward.transient.step_control import StepControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import NeoHooke, Prony, constants
 from ngbrain.mesh import block, load
-from ngbrain.surgery.protocols import Drive, continuous
+from ngbrain.surgery.protocols import Drive, continuous_retraction
 
 FAST = bool(os.environ.get("NGBRAIN_FAST"))
 ngbrain.set_threads(1)
@@ -65,7 +65,7 @@ mine = Prony(MyLaw(), g=[0.45, 0.365], tau=[0.5, 50.0])
 # %%
 def press(law, initial_modulus):
     """Force over time of a plate that goes 2 mm into a 20 mm block in 2 s and stays for a minute."""
-    drive = Drive(continuous(2e-3, 2.0, 62.0))
+    drive = Drive(continuous_retraction(2e-3, 2.0, 62.0))
     plate = Contact("top", lambda x: 0.02 - drive.parameter - x[2], penalty=2e5 * initial_modulus, softness=2e-5)
     body = Problem(
         block((0.02,) * 3, 0.02 if FAST else 0.01),

@@ -42,8 +42,8 @@ print(scan.source, scan.volume.data.shape, f"{scan.volume.voxel_volume * 1e9:.2f
 # fluid to wall. It is done once: the labels are kept in a cache.
 
 # %%
-head = Scanned.of(scan)
-volumes = head.describe(RetractionModel.of(Scene.shipped("demo_fast"), head).mesh)["label_volumes_ml"]
+head = Scanned.from_scan(scan)
+volumes = head.describe(RetractionModel.from_scene(Scene.shipped("demo_fast"), head).mesh)["label_volumes_ml"]
 print({name: round(ml) for name, ml in volumes.items()}, "ml")
 
 # %% [markdown]
@@ -55,7 +55,7 @@ print({name: round(ml) for name, ml in volumes.items()}, "ml")
 cleft = head.cleft_to(np.array([24.0, -8.0, 40.0]) * 1e-3)
 print(f"{1e3 * cleft.depth:.1f} mm deep, way out {np.round(cleft.out, 2)}")
 sizes = Sizes(4e-3, 10e-3, 26e-3) if FAST else Sizes(2e-3, 6e-3, 8.9e-3)
-mesh = head.opened(cleft, 40e-3, sizes)
+mesh = head.open_cleft(cleft, 40e-3, sizes)
 print(mesh.ne, "tetrahedra;", mesh.GetMaterials(), set(mesh.GetBoundaries()))
 corners = np.array([[mesh[v].point for v in element.vertices] for element in mesh.Elements()])
 print(f"smallest angle between faces {smallest_angles(corners).min():.1f} degrees")

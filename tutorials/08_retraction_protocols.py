@@ -17,9 +17,9 @@ import numpy as np
 import ngbrain
 from ngbrain.errors import RangeWarning
 from ngbrain.materials import Branch, NeoHooke, Viscous, constants, lab
-from ngbrain.surgery.material_point import Column, dose_left
+from ngbrain.surgery.material_point import Column, dose_with_recovery
 from ngbrain.surgery.measures.injury import dose
-from ngbrain.surgery.protocols import continuous, intermittent, staged
+from ngbrain.surgery.protocols import continuous_retraction, intermittent_retraction, staged_retraction
 from ngbrain.units import to_minutes, to_mmHg
 
 ngbrain.set_threads(1)
@@ -32,8 +32,8 @@ ngbrain.set_threads(1)
 # %%
 white = constants("griffiths2024:white_matter")
 column = Column(white.law(), depth=50e-3, mode="planar", steps=12)
-one = continuous(5e-3, 10.0, 1810.0)
-rests = intermittent(5e-3, 10.0, 6 * 310 + 5 * 310, 300.0, 310.0)
+one = continuous_retraction(5e-3, 10.0, 1810.0)
+rests = intermittent_retraction(5e-3, 10.0, 6 * 310 + 5 * 310, 300.0, 310.0)
 hold, six = column.jvp(one), column.jvp(rests)
 peaks = six.peaks() / hold.pressure.max()
 print(f"first peak {to_mmHg(hold.pressure.max()):.1f} mmHg; of it, the six openings: {peaks.round(2)}")
@@ -50,10 +50,10 @@ more_work = dose(six.curve) / dose(hold.curve)
 same_time = dose(six.curve, 1810.0) / dose(hold.curve)
 print(f"dose of as much work (half an hour of holds): {more_work:.3f}")
 print(f"dose of as much time (half an hour, rests included): {same_time:.3f}")
-steps = column.jvp(staged(5e-3, 10.0, 2050.0, 5, 60.0))
+steps = column.jvp(staged_retraction(5e-3, 10.0, 2050.0, 5, 60.0))
 print(f"five stages, a minute between: peak {steps.pressure.max() / hold.pressure.max():.2f}")
 for recovery in (5, 60, 600):
-    ratio = dose_left(six.curve, 60 * recovery) / dose(hold.curve)
+    ratio = dose_with_recovery(six.curve, 60 * recovery) / dose(hold.curve)
     print(f"dose of as much work, if it decays in {recovery:3d} min while released: {ratio:.2f}")
 
 figure, axes = plt.subplots(figsize=(7.5, 3.2), layout="constrained")
@@ -115,7 +115,7 @@ def half_time(course):
 for name in ("griffiths2024:white_matter", "miller2002:brain"):
     tissue = Column(constants(name).law(), 50e-3, "planar", steps=12)
     for rise in (2.0, 10.0, 40.0):
-        course = tissue.jvp(continuous(5e-3, rise, rise + 1800))
+        course = tissue.jvp(continuous_retraction(5e-3, rise, rise + 1800))
         left = course.pressure[-1] / course.pressure.max()
         print(f"{name:<27} opened in {rise:2.0f} s: half after {half_time(course):5.2f} min, {left:.2f} left")
 

@@ -56,9 +56,9 @@ if FAST:
 # %%
 def opened(blade):
     """What is read at full opening."""
-    model = RetractionModel.of(replace(scene, tools=(replace(scene.tool, **blade),)))
+    model = RetractionModel.from_scene(replace(scene, tools=(replace(scene.tool, **blade),)))
     seconds, way = scene.time.ramp, scene.tool.travel
-    run = model.run(model.ramp("open"), StepControl(seconds / 2, first=0.05), model.elastic(seconds))
+    run = model.run(model.ramp("open"), StepControl(seconds / 2, first=0.05), model.elastic_materials(seconds))
     run.run(lambda *_: None)
     return Observer(run.problem, model.blades, model.held)(seconds, way, 1.0)
 

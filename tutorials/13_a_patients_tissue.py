@@ -39,7 +39,7 @@ scene = replace(
     tools=(replace(scene.tool, travel=2e-3),),
     time=replace(scene.time, ramp=2.0, end=6.0, step_tolerance=0.1),
 )
-model = RetractionModel.of(scene)
+model = RetractionModel.from_scene(scene)
 
 # %% [markdown]
 # ## What was seen
@@ -90,8 +90,8 @@ print(f"misfit {found.level.ratio:.2g} times what the noise explains")
 def pressure(scene: Scene, factors: dict[str, float]) -> float:
     """Peak (mmHg) of a plain opening by 3 mm, of the scene's tissues times some factors."""
     further = replace(scene, tools=(replace(scene.tool, travel=3e-3),), time=replace(scene.time, end=2.5))
-    on = RetractionModel.of(further)
-    run = ProtocolRun(on, on.program(further, further.protocols[0]), None, materials=on.scaled(factors)).go()
+    on = RetractionModel.from_scene(further)
+    run = ProtocolRun(on, on.program(further, further.protocols[0]), None, materials=on.scaled_materials(factors)).go()
     return float(to_mmHg(max(row.pressure for row in run.rows)))
 
 

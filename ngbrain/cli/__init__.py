@@ -14,8 +14,8 @@ from typing import Any
 
 from ngbrain.cli.interrupts import EXIT_INTERRUPTED, interruptible
 from ngbrain.cli.options.common import parser
-from ngbrain.cli.places import claimed
-from ngbrain.cli.streams import heard, secure
+from ngbrain.cli.places import reserve_output
+from ngbrain.cli.streams import guard_stdout, secure_streams
 from ngbrain.errors import InputError, MissingExtra, SolverError
 from ngbrain.progress import LOG, terminal
 
@@ -32,7 +32,7 @@ MODULES = {"demo": "simulate"}
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a verb; returns the exit status."""
-    secure()
+    secure_streams()
     command = parser()
     arguments = command.parse_args(_joined(sys.argv[1:] if argv is None else argv))
     if arguments.verb is None:
@@ -42,10 +42,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     resumed = "; the same command goes on with it" if arguments.verb == "cohort" else resumed
     stopped = f"ngbrain: stopped{resumed}"
     try:
-        with heard(), interruptible(stopped):
+        with guard_stdout(), interruptible(stopped):
             return perform(arguments)
     except ERRORS as error:
-        status, line = ended(error, arguments)
+        status, line = exit_status(error, arguments)
         print(f"ngbrain: {line}", file=sys.stderr)
         return status
     except KeyboardInterrupt:
@@ -59,7 +59,7 @@ def perform(arguments: argparse.Namespace) -> int:
         for file in getattr(arguments, "own_laws", None) or ():
             import_module("ngbrain.materials.registry").register(file)
         module = import_module(module_of(arguments.verb))  # a second or two
-        with claimed(arguments) if arguments.verb in WRITING else nullcontext():
+        with reserve_output(arguments) if arguments.verb in WRITING else nullcontext():
             return int(module.run(arguments) or 0)
 
 
@@ -68,7 +68,7 @@ def module_of(verb: str) -> str:
     return f"ngbrain.cli.{MODULES.get(verb, verb)}"
 
 
-def ended(error: BaseException, arguments: argparse.Namespace) -> tuple[int, str]:
+def exit_status(error: BaseException, arguments: argparse.Namespace) -> tuple[int, str]:
     """The exit status and the line of a command that one of `ERRORS` has ended."""
     if isinstance(error, InputError | MissingExtra):
         return EXIT_INPUT, str(error)

@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace) -> None:
         "seed": 0,
         "threads": arguments.threads,
         "scene": scene.to_dict(),
-        **described(scene, seen, found),
+        **result_data(scene, seen, found),
         "rounds": [asdict(each) for each in rounds],
         "time_s": time.monotonic() - started,
     }
@@ -99,7 +99,7 @@ def _begun(path: Path) -> dict[str, float]:
     return factors
 
 
-def described(scene: Scene, seen: Observations, found: Calibrated) -> dict[str, Any]:
+def result_data(scene: Scene, seen: Observations, found: Calibrated) -> dict[str, Any]:
     """What was found as plain data; lengths in mm, forces in N."""
     before = {tissue.region: tissue.initial_modulus for tissue in scene.tissues}
     after = {tissue.region: tissue.initial_modulus for tissue in found.scene.tissues}

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ngbrain.cli import EXIT_SOLVER
-from ngbrain.cli.predict import runtime_version, start_of
+from ngbrain.cli.predict import runtime_version, surrogate_start
 from ngbrain.cli.words import conclude
 from ngbrain.errors import InputError, SolverError, file_context, require
 from ngbrain.inverse.data.outliers import cleaned
@@ -130,7 +130,7 @@ def _usable(data: WaveData, arguments: argparse.Namespace) -> tuple[WaveData, li
 
 def _at_once(data: WaveData, arguments: argparse.Namespace, callback: Callback, executor: AnyExecutor) -> Inversion:
     chosen = arguments.discretisation
-    started = start_of(data) if arguments.start else None
+    started = surrogate_start(data) if arguments.start else None
     inversion = invert(
         data,
         DISCRETISATIONS[chosen](data) if chosen else None,

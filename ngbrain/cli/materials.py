@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.laws is not None:
         if arguments.laws:
             register(arguments.laws)
-        print(laws())
+        print(law_table())
         return
     found = [entry for known, entry in CATALOGUE.items() if not name or name.casefold() in known]
     if not found:
@@ -53,7 +53,7 @@ def run(arguments: argparse.Namespace) -> None:
         found = [CATALOGUE[name]]
     if arguments.plot:
         draw(found, arguments.plot, arguments.force)
-    print(details(found[0]) if name in CATALOGUE else listed(found))
+    print(describe_entry(found[0]) if name in CATALOGUE else catalogue_table(found))
 
 
 def draw(entries: list[Published], file: Path, replace: bool) -> None:
@@ -70,7 +70,7 @@ def draw(entries: list[Published], file: Path, replace: bool) -> None:
     print(f"plot: {file}\n")
 
 
-def laws() -> str:
+def law_table() -> str:
     """The laws that a scene takes by name, with their parameters."""
     rows = [("name", "parameters of material = { name = ..., ... }", "law")]
     for name, entry in REGISTRY.items():
@@ -80,7 +80,7 @@ def laws() -> str:
     return "\n".join("  ".join((row[0].ljust(widths[0]), row[1].ljust(widths[1]), row[2])) for row in rows)
 
 
-def listed(entries: list[Published]) -> str:
+def catalogue_table(entries: list[Published]) -> str:
     """A line each: name, law, tissue, shear modulus at once and in the end, stretches of the data, source."""
     rows = [("name", "law", "tissue", "μ₀ kPa", "μ∞ kPa", "stretch", "DOI")]
     for entry in entries:
@@ -88,7 +88,9 @@ def listed(entries: list[Published]) -> str:
         left = _kPa(shear_modulus(law.equilibrium)) if law.branches else "-"
         least, most = entry.stretch
         data = f"{least:g} to {most:g}"
-        rows.append((entry.name, described(law), tissue(entry), _kPa(entry.initial_modulus), left, data, entry.doi))
+        rows.append(
+            (entry.name, describe_law(law), describe_tissue(entry), _kPa(entry.initial_modulus), left, data, entry.doi)
+        )
     widths = [max(len(row[i]) for row in rows) for i in range(6)]
     lines = ["  ".join(text.ljust(width) for text, width in zip(row, (*widths, 0), strict=True)) for row in rows]
     return "\n".join(
@@ -101,23 +103,23 @@ def listed(entries: list[Published]) -> str:
     )
 
 
-def described(law: Viscous) -> str:
+def describe_law(law: Viscous) -> str:
     """A law in a few words.
 
-    >>> described(viscous(CATALOGUE["miller2002:brain"].law()))
+    >>> describe_law(viscous(CATALOGUE["miller2002:brain"].law()))
     'Ogden, 2 hereditary branches (Prony)'
     """
     kind = {"Maxwell branches": len(law.flowing), "hereditary branches (Prony)": len(law.hereditary)}
     return ", ".join([_named(law.equilibrium), *(f"{count} {words}" for words, count in kind.items() if count)])
 
 
-def tissue(entry: Published) -> str:
+def describe_tissue(entry: Published) -> str:
     """Species and region."""
     region = entry.region.replace("_", " ")
     return region if entry.species == "none" else f"{entry.species} {region}"
 
 
-def details(entry: Published) -> str:
+def describe_entry(entry: Published) -> str:
     """All that is known of an entry, and what to paste into a scene."""
     law, modulus = viscous(entry.law()), f"{_kPa(entry.initial_modulus)} kPa at rest"
     if law.branches:
@@ -125,8 +127,8 @@ def details(entry: Published) -> str:
     volume = [f"K = {entry.bulk:.4g} Pa"] if entry.bulk else []
     volume += [f"Poisson's ratio {entry.poisson:g}"] if entry.poisson else []
     rows = [
-        ("tissue", tissue(entry)),
-        ("law", described(law)),
+        ("tissue", describe_tissue(entry)),
+        ("law", describe_law(law)),
         ("energy", (type(_plain(law.equilibrium)).__doc__ or "").partition("\n")[0].rstrip(".")),
         *(("constants" if i == 0 else "", line) for i, line in enumerate(_constants(law))),
         ("shear modulus", modulus),

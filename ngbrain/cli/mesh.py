@@ -105,15 +105,15 @@ def _subject(arguments: argparse.Namespace) -> Subject:
         if not all(flat):
             raise InputError("IMAGE", str(parts[flat.index(False)][1]), "a closed surface, as the others are")
         _alone(arguments, "surfaces", LABELS_OF, several=True)
-        return Subject.of_surfaces(parts, arguments.unit or UNIT, not arguments.no_fill)
+        return Subject.from_surfaces(parts, arguments.unit or UNIT, not arguments.no_fill)
     _alone(arguments, "an image", ("unit",))
     image = arguments.images[0]
     if arguments.atlas:
-        return Subject.of_atlas(image, arguments.atlas, arguments.template, *arguments.names)
+        return Subject.from_atlas(image, arguments.atlas, arguments.template, *arguments.names)
     if arguments.labels:
         names, others = arguments.names
-        return Subject.of_labels(image, names, others, not arguments.no_fill)
-    return (Subject.of_structures if arguments.structures else Subject.of_scan)(image)
+        return Subject.from_labels(image, names, others, not arguments.no_fill)
+    return (Subject.from_structures if arguments.structures else Subject.from_scan)(image)
 
 
 def _alone(arguments: argparse.Namespace, what: str, options: tuple[str, ...], several: bool = False) -> None:

@@ -16,7 +16,7 @@ RESULT = "result.json"
 
 
 @contextmanager
-def claimed(arguments: argparse.Namespace) -> Iterator[None]:
+def reserve_output(arguments: argparse.Namespace) -> Iterator[None]:
     """Make the folder that results go to, and keep it from other commands while this one works.
 
     Raises
@@ -37,12 +37,12 @@ def claimed(arguments: argparse.Namespace) -> Iterator[None]:
         option = "--overwrite" if arguments.verb == "calibrate" else "--force"
         wanted = f"{instead}{option} to replace them, or another {'folder' if not is_file else 'place'}"
         raise InputError("-o", f"{output}, where results are already ({folder / RESULT})", wanted)
-    with held(folder):
+    with lock_folder(folder):
         yield
 
 
 @contextmanager
-def held(folder: Path) -> Iterator[None]:
+def lock_folder(folder: Path) -> Iterator[None]:
     """Make a folder, and keep it from other commands; raises `InputError` where it cannot be written to or is held already."""
     made = _made(folder)
     try:

@@ -46,10 +46,10 @@ def run(arguments: argparse.Namespace) -> int:
         if data.affine is not None:
             require("nibabel", "mri")
         line.callback("predicting")
-        operator = predicting(data, arguments.weights)
+        operator = load_operator(data, arguments.weights)
         found = predict(data, operator)
-    maps, deviations, notes = at_level(found)
-    follows = following(found.data, maps)
+    maps, deviations, notes = scale_to_level(found)
+    follows = derived_maps(found.data, maps)
     arrays = {
         "points": found.data.points,
         **maps,
@@ -100,13 +100,13 @@ def runtime_version() -> str:
     return str(require("onnxruntime", "surrogate").__version__)
 
 
-def predicting(data: WaveData, weights: Path | None = None) -> Operator:
+def load_operator(data: WaveData, weights: Path | None = None) -> Operator:
     """The operator for data, shipped or of a folder."""
     name = "waves" if (data.frequency > 0).any() else "compression"
     return Operator.of(weights, name) if weights else Operator.shipped(name)
 
 
-def at_level(found: Prediction) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], list[str]]:
+def scale_to_level(found: Prediction) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], list[str]]:
     """Maps, deviations and notes; of compression at the level at which `invert` starts, as no number of it tells one."""
     if found.modality == "waves":
         return found.maps, found.deviations, found.warnings
@@ -124,10 +124,10 @@ class Start:
     notes: list[str]
 
 
-def start_of(data: WaveData) -> Start:
+def surrogate_start(data: WaveData) -> Start:
     """From the shipped operator; a loss below `LOSSLESS` of the storage is raised to it, as logarithms are looked for."""
     found = predict(data)
-    maps = dict(at_level(found)[0])
+    maps = dict(scale_to_level(found)[0])
     notes = [
         "started from the maps of the trained operator" + "".join(f", though {reason}" for reason in found.reasons)
     ]
@@ -142,7 +142,7 @@ def start_of(data: WaveData) -> Start:
     return Start(maps, notes)
 
 
-def following(data: WaveData, maps: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def derived_maps(data: WaveData, maps: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """What follows from the complex shear modulus of waves; nothing of compression."""
     if not data.frequency.any():
         return {}

@@ -15,7 +15,7 @@ from ngbrain.parallel import open_executor
 from ngbrain.progress import LOG, Progress, RunProgress, terminal
 from ngbrain.report.pages import ladder as page
 from ngbrain.scene import Scene
-from ngbrain.surgery.head_models import likewise
+from ngbrain.surgery.head_models import transfer_scene
 from ngbrain.surgery.retraction import CHECKS
 from ngbrain.surgery.uncertainty.error_budget import FAILED, NOT_COMPUTED, UNDER_WAY
 from ngbrain.workflows.simulate import simulate
@@ -46,7 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _demo(arguments: argparse.Namespace) -> Scene:
     name = "idealised" if arguments.head == "idealised" else "demo"
     scene = Scene.shipped(f"{name}_fast" if arguments.fast else name)
-    return likewise(scene, arguments.image) if arguments.image else scene
+    return transfer_scene(scene, arguments.image) if arguments.image else scene
 
 
 def _preview(scene: Scene, arguments: argparse.Namespace) -> int:

@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 
-def secure() -> None:
+def secure_streams() -> None:
     """Give each of the three streams a place to go where the caller has closed it: the next file that is opened would take it."""
     for number in range(3):
         try:
@@ -25,7 +25,7 @@ def secure() -> None:
 
 
 @contextmanager
-def heard() -> Iterator[None]:
+def guard_stdout() -> Iterator[None]:
     """Standard output is whole at the end; a reader that has gone away (`| head -1`) does not matter, as the work goes on.
 
     Raises

@@ -20,10 +20,10 @@ from ngbrain import parallel
 from ngbrain.io import versions, write_json
 from ngbrain.ladder.axes import axes_of
 from ngbrain.ladder.levels import Model
-from ngbrain.ladder.model_search import Climb, Rung, climb, stand
+from ngbrain.ladder.model_search import Climb, Rung, assess, climb
 from ngbrain.ladder.models.bodies import ModelHierarchy
 from ngbrain.ladder.quantities import Asked, Question
-from ngbrain.ladder.summary import AskedFor, described
+from ngbrain.ladder.summary import AskedFor, summarise
 from ngbrain.progress import log_progress, reporting
 from ngbrain.result import Status
 from ngbrain.scene import Scene
@@ -31,7 +31,7 @@ from ngbrain.scene.result import SceneResult
 from ngbrain.scene.tissues import DENSITY
 from ngbrain.threads import threads as using
 
-__all__ = ["AskedFor", "Climb", "ModelHierarchy", "Question", "Rung", "answered", "climb", "solve"]
+__all__ = ["AskedFor", "Climb", "ModelHierarchy", "Question", "Rung", "climb", "run_search", "solve"]
 
 
 @reporting()
@@ -78,16 +78,16 @@ def solve(
     ('force on top, end', 'linear', True)
     """
     asked: list[Asked] = [*scene.quantities, *questions]
-    return answered(
+    return run_search(
         scene,
         folder,
         threads,
         lambda watch: (
             climb(scene, richest, callback, executor=executor, questions=questions, watch=watch)
             if model is None
-            else stand(scene, model, executor, questions)
+            else assess(scene, model, executor, questions)
         ),
-        [AskedFor.of(quantity) for quantity in asked],
+        [AskedFor.from_quantity(quantity) for quantity in asked],
         _assumed_density(scene),
         checkpoint,
     )
@@ -101,7 +101,7 @@ def _assumed_density(scene: Scene) -> list[str]:
     return [f"tissue#{i} ({s.region}): {said}" for i, s in enumerate(scene.tissues, 1) if s.density is None]
 
 
-def answered(
+def run_search(
     scene: Scene,
     folder: str | Path | None,
     threads: int,
@@ -143,6 +143,6 @@ def _result(
         "threads": threads,
         "scene": scene.to_dict(),
         "warnings": [*scene.warnings, *warnings],
-        **described(found, questions),
+        **summarise(found, questions),
         "time_s": seconds,
     }

@@ -16,7 +16,7 @@ import numpy as np
 
 from ngbrain.forward.common.material import stiffness
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.ladder.quantities import Asked, BodyState, answer, embedded, slope
+from ngbrain.ladder.quantities import Asked, BodyState, evaluate, gradient, interpolate_state
 
 Array = np.ndarray
 SHARE = {2: 0.8, 3: 0.5}
@@ -24,31 +24,31 @@ SHARE = {2: 0.8, 3: 0.5}
 TINY = 1e-300
 
 
-def shares(cheap: BodyState, rich: Problem, asks: Sequence[Asked]) -> Array:
+def element_contributions(cheap: BodyState, rich: Problem, asks: Sequence[Asked]) -> Array:
     """What each element leaves out, relative to the answers, the largest over the questions (ne,).
 
     cheap   a linear body at rest
     rich    the same with elements one order higher
     """
-    x = embedded(cheap, rich, cheap.factor)
+    x = interpolate_state(cheap, rich, cheap.factor)
     r = rich.residual(x)[0]
     inverse = rich.factorise(x, r)
     error = _strain(rich, inverse(r))
     found = np.zeros(rich.mesh.ne)
     for quantity in asks:
-        size = max(abs(answer(quantity, cheap)), TINY)
-        rich.x = inverse(slope(quantity, BodyState(rich, x, cheap.factor, cheap.linear, cheap.thickness)))
+        size = max(abs(evaluate(quantity, cheap)), TINY)
+        rich.x = inverse(gradient(quantity, BodyState(rich, x, cheap.factor, cheap.linear, cheap.thickness)))
         cheap.body.u.Set(rich.u)
         missing = ngs.Sym(ngs.Grad(rich.u)) - ngs.Sym(ngs.Grad(cheap.body.u))
         found = np.maximum(found, error * _norm(rich, missing) / size)
-    cheap.stand()
+    cheap.apply()
     return 2 * found * _moduli(rich)
 
 
-def chosen(left_out: Array, share: float) -> Array:
+def mark_elements(left_out: Array, share: float) -> Array:
     """The fewest elements that leave out this share of it all, as bool.
 
-    >>> chosen(np.array([1.0, 5.0, 2.0, 2.0]), 0.7).tolist()
+    >>> mark_elements(np.array([1.0, 5.0, 2.0, 2.0]), 0.7).tolist()
     [False, True, True, False]
     """
     order = np.argsort(-left_out, kind="stable")

@@ -26,7 +26,7 @@ from ngbrain.ladder.levels import (
     TimeLevel,
     TissueLevel,
 )
-from ngbrain.ladder.models.motions import pace
+from ngbrain.ladder.models.motions import characteristic_time
 from ngbrain.ladder.models.section import Labelled, cannot_be_cut, not_in_section
 from ngbrain.scene import Scene
 
@@ -49,21 +49,21 @@ class Axis:
     by: tuple[str, ...]
     growth: tuple[float, ...]
     tail: float = 1.0
-    at_once: tuple[bool, ...] = ()
+    to_richest: tuple[bool, ...] = ()
 
-    def judged(self, level: str) -> AxisLevel:
+    def estimated_level(self, level: str) -> AxisLevel:
         """The level that the estimate at this one is of."""
-        i = self.at(level)
-        whole = (each for each in self.levels[i + 1 :] if not each.part)
-        return self.levels[-1] if self.at_once and self.at_once[i] else next(whole, self.levels[-1])
+        i = self.index(level)
+        whole = (each for each in self.levels[i + 1 :] if not each.is_partial)
+        return self.levels[-1] if self.to_richest and self.to_richest[i] else next(whole, self.levels[-1])
 
-    def at(self, level: str) -> int:
+    def index(self, level: str) -> int:
         """Its place among the levels."""
         return [str(each) for each in self.levels].index(level)
 
-    def above(self, level: str) -> AxisLevel | None:
+    def next_level(self, level: str) -> AxisLevel | None:
         """The next richer level."""
-        i = self.at(level) + 1
+        i = self.index(level) + 1
         return self.levels[i] if i < len(self.levels) else None
 
 
@@ -85,7 +85,7 @@ AXES = {
             ("relaxation", "how parts relax one beside the other", "that relaxing parts strain far"),
             ("step", "coarse", "coarse"),
             (1.0, 30.0, 3.0),
-            at_once=(False, True, True),
+            to_richest=(False, True, True),
         ),
         Axis("inertia", tuple(PresenceLevel), ("inertia",), ("moving",), (10.0,)),
         Axis(
@@ -154,7 +154,7 @@ def axes_of(scene: Scene, richest: Model | None = None, questions: Sequence[Labe
     waves = scene.time.frequency is not None
     known = OF_WAVES if waves else AXES
     bounds = richest or {}
-    check("richest", bounds, known)
+    check_levels("richest", bounds, known)
     laws, beyond = [tissue.law() for tissue in scene.tissues], not_in_section(scene, questions)
     idle = {
         "fibres": all(tissue.fibre_stiffness is None for tissue in scene.tissues),
@@ -162,7 +162,8 @@ def axes_of(scene: Scene, richest: Model | None = None, questions: Sequence[Labe
         "loss": not any(law.branches or tissue.loss_tangent for law, tissue in zip(laws, scene.tissues, strict=True)),
         "friction": not any(body.friction for body in scene.contacts),
         "contact": all(bc.contact == "bonded" for bc in scene.displacement_bcs),
-        "inertia": not waves and min(scene.time.ramp, pace(scene, scene.time.end)) > SLOW * _crossing(scene),
+        "inertia": not waves
+        and min(scene.time.ramp, characteristic_time(scene, scene.time.end)) > SLOW * _crossing(scene),
         "space": scene.geometry.kind != "block" or beyond is not None,
         "extent": cannot_be_cut(scene) or bool(questions),
     }
@@ -173,19 +174,19 @@ def axes_of(scene: Scene, richest: Model | None = None, questions: Sequence[Labe
     for name, axis in known.items():
         if idle.get(name):
             continue
-        last = axis.at(bounds.get(name, axis.levels[-1])) + 1
+        last = axis.index(bounds.get(name, axis.levels[-1])) + 1
         least, last = (first, max(first + 1, min(last, most))) if name == "tissue" else (0, last)
         if name == "time" and not any(law.flowing for law in laws):  # hereditary branches are all there is
-            last = min(last, axis.at(TimeLevel.PRONY) + 1)
+            last = min(last, axis.index(TimeLevel.PRONY) + 1)
         if name == "time" and scene.is_timed:  # moduli as they are at one moment stand for a ramp and a hold alone
-            least, last = axis.at(TimeLevel.PRONY), max(last, axis.at(TimeLevel.PRONY) + 1)
+            least, last = axis.index(TimeLevel.PRONY), max(last, axis.index(TimeLevel.PRONY) + 1)
         if last - least > 1 or (name == "time" and least) or name in bounds or name in ("order", "mesh", "space"):
-            found[name] = between(axis, least, last)
+            found[name] = restrict(axis, least, last)
     if scene.geometry.kind == "idealised" or scene.contacts:  # curved elements cannot be cut one by one
         found["mesh"] = _whole_steps(found["mesh"])
     if scene.contacts:
         found = {name: _touching(axis) for name, axis in found.items() if name != "strain"}
-        found = {"strain": between(AXES["strain"], 1, 2), **found}
+        found = {"strain": restrict(AXES["strain"], 1, 2), **found}
     return found
 
 
@@ -196,7 +197,7 @@ def _touching(axis: Axis) -> Axis:
     return replace(axis, by=("solve" if axis.name in ELEMENTS else "coarse",) * len(axis.by))
 
 
-def check(of: str, model: Model, known: Mapping[str, Axis]) -> None:
+def check_levels(of: str, model: Model, known: Mapping[str, Axis]) -> None:
     """Raise `InputError` for an axis or a level that is none."""
     for name, level in model.items():
         if name not in known:
@@ -205,7 +206,7 @@ def check(of: str, model: Model, known: Mapping[str, Axis]) -> None:
             raise InputError(f"{of}[{name!r}]", repr(level), f"one of {', '.join(known[name].levels)}")
 
 
-def between(axis: Axis, first: int, last: int) -> Axis:
+def restrict(axis: Axis, first: int, last: int) -> Axis:
     """The axis with its levels from the first up to the last, which is left out."""
     shorter: dict[str, Any] = {part: getattr(axis, part)[first : last - 1] for part in ("left_out", "by", "growth")}
     return replace(axis, levels=axis.levels[first:last], **shorter)
@@ -213,7 +214,7 @@ def between(axis: Axis, first: int, last: int) -> Axis:
 
 def _whole_steps(axis: Axis) -> Axis:
     """The axis without levels that are parts of steps."""
-    kept = [i for i, level in enumerate(axis.levels) if not level.part]
+    kept = [i for i, level in enumerate(axis.levels) if not level.is_partial]
     parts: dict[str, Any] = {
         part: tuple(getattr(axis, part)[i] for i in kept[:-1]) for part in ("left_out", "by", "growth")
     }

@@ -20,8 +20,8 @@ import numpy as np
 
 from ngbrain.errors import Breakdown, SolverError
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.ladder.models.bodies import SMALL, Model, ModelHierarchy, Solution, answers_of, remembers
-from ngbrain.ladder.quantities import BodyState, Question, embedded
+from ngbrain.ladder.models.bodies import SMALL, Model, ModelHierarchy, Solution, answers_of, has_memory
+from ngbrain.ladder.quantities import BodyState, Question, interpolate_state
 from ngbrain.solvers.linear import Solve
 
 Array = np.ndarray
@@ -57,30 +57,30 @@ NOTHING = 0.05
 """Part of its scale below which an answer counts as of that size: zero by symmetry never is so to any relative accuracy."""
 
 
-def relative(before: Array, after: Array, scales: Array | float = 0.0) -> Array:
+def relative_difference(before: Array, after: Array, scales: Array | float = 0.0) -> Array:
     """(after - before) over the larger size of the two, or over `NOTHING` of the scale where both are less; 0 where all are 0.
 
-    >>> relative(np.array([1.0, 0.0, 0.0]), np.array([2.0, 0.0, 0.01]), np.array([0.0, 0.0, 1.0]))
+    >>> relative_difference(np.array([1.0, 0.0, 0.0]), np.array([2.0, 0.0, 0.01]), np.array([0.0, 0.0, 1.0]))
     array([0.5, 0. , 0.2])
     """
     size = np.maximum(np.maximum(np.abs(before), np.abs(after)), NOTHING * np.asarray(scales))
     return np.where(size > 0, (after - before) / np.where(size > 0, size, 1.0), 0.0)
 
 
-def between(before: Solution, after: Solution) -> Array:
+def relative_change(before: Solution, after: Solution) -> Array:
     """How far answers differ, relative; see `relative`."""
-    return relative(before.answers, after.answers, before.scales)
+    return relative_difference(before.answers, after.answers, before.scales)
 
 
-def step(bench: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
+def estimate_adjoint_weighted(hierarchy: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
     """By two Newton steps in the richer model with one factor, from the cheaper one's state (see the module)."""
     where = " of the elastic body at rest" if _at_rest(model) else ""
     model, richer = {**model, **_at_rest(model)}, {**richer, **_at_rest(richer)}
     states, doubts = solved(model).states, []
     moved: dict[str, BodyState] = {}
     for when, state in states.items():
-        body = bench.static(richer, bench.time(when))
-        x = embedded(state, body, SMALL if richer["strain"] == "linear" else 1.0)
+        body = hierarchy.static(richer, hierarchy.time(when))
+        x = interpolate_state(state, body, SMALL if richer["strain"] == "linear" else 1.0)
         try:
             if not body.min_det(x) > 0:
                 raise Breakdown("its strains, taken for finite ones, fold the body")
@@ -90,22 +90,22 @@ def step(bench: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> 
                 doubts.append(f"the second step is {share:.2g} of the first")
             best = x + first + second if share < 1 and body.min_det(x + first + second) > 0 else x + first
         except (FloatingPointError, SolverError) as error:
-            return Estimate(np.full(len(bench.questions), np.inf), f"two Newton steps{where}", str(error))
-        moved[when] = bench.state(richer, body, best)
-    change = relative(solved(model).answers, answers_of(bench.questions, moved), solved(model).scales)
+            return Estimate(np.full(len(hierarchy.questions), np.inf), f"two Newton steps{where}", str(error))
+        moved[when] = hierarchy.state(richer, body, best)
+    change = relative_difference(solved(model).answers, answers_of(hierarchy.questions, moved), solved(model).scales)
     return Estimate(change, f"residual weighted by adjoints{where}", "; ".join(dict.fromkeys(doubts)))
 
 
-def strained(bench: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
+def estimate_finite_strain(hierarchy: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
     """Finite strains by `step`; of elements of first order in those of second order too.
 
     Elements of first order are too stiff in bending, and what finite strains change grows with the square of how far it goes: a
     column under shear was .9 % lower by them, and by those of second order 24 %.
     """
-    found = step(bench, model, richer, solved)
+    found = estimate_adjoint_weighted(hierarchy, model, richer, solved)
     if model.get("order") != "1":
         return found
-    other = step(bench, {**model, "order": "2"}, {**richer, "order": "2"}, solved)
+    other = estimate_adjoint_weighted(hierarchy, {**model, "order": "2"}, {**richer, "order": "2"}, solved)
     if np.all(np.abs(other.change) <= np.abs(found.change)):
         return found
     return replace(other, how=f"{other.how}, in elements of second order")
@@ -132,7 +132,7 @@ def _both(body: Problem, x: Array, r: Array, inverse: Solve) -> tuple[Array, Arr
     return first, second, float(np.sqrt((body.weights @ second**2) / max(body.weights @ first**2, 1e-300)))
 
 
-def plain(model: Model, **levels: str) -> dict[str, str]:
+def linear_elastic_levels(model: Model, **levels: str) -> dict[str, str]:
     """The linear elastic body that stands for a model, relaxed where it remembers; some of its levels replaced."""
     flat = {"strain": "linear"} if "strain" in model else {}
     return {**model, **flat, **_forgetful(model), **levels}
@@ -140,7 +140,7 @@ def plain(model: Model, **levels: str) -> dict[str, str]:
 
 def _forgetful(model: Model) -> dict[str, str]:
     """Levels to replace for a model without memory."""
-    return {"time": "relaxed"} if remembers(model) else {}
+    return {"time": "relaxed"} if has_memory(model) else {}
 
 
 def _at_rest(model: Model) -> dict[str, str]:
@@ -153,94 +153,98 @@ def _moves(model: Model) -> bool:
     return model.get("inertia") == "all" and "strain" in model
 
 
-def roughly(bench: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
+def estimate_linear_coarse(hierarchy: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
     """By the linear body's step on the coarsest elements; doubted where finer ones or finite strains change more than it does."""
-    before, after = (solved(plain(each, mesh="0")) for each in (model, richer))
-    change = between(before, after)
+    before, after = (solved(linear_elastic_levels(each, mesh="0")) for each in (model, richer))
+    change = relative_change(before, after)
     least = np.maximum(np.abs(change), UNSEEN)
     doubts = []
     if model.get("strain") == "finite":
         still = _at_rest(model)
-        bent = np.abs(neighbour(bench, {**plain(model), **still}, {**model, **still}, solved).change)
+        bent = np.abs(
+            estimate_by_solution(
+                hierarchy, {**linear_elastic_levels(model), **still}, {**model, **still}, solved
+            ).change
+        )
         doubts += ["finite strains change more"] * bool(np.any(bent > least))
     if model["mesh"] == "0":
         how = "the linear elastic body's" if "strain" in model else SOLVED
         return Estimate(change, how, "; ".join(doubts))
-    finer = np.abs(between(before, solved(plain(model))))
+    finer = np.abs(relative_change(before, solved(linear_elastic_levels(model))))
     doubts += ["finer elements change as much"] * bool(np.any(finer > least))
     return Estimate(change, "on the coarsest elements", "; ".join(doubts))
 
 
-def moving(bench: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
+def estimate_inertia(hierarchy: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
     """By the linear elastic body's step, of second order on the coarsest elements: of first order all nodes may be held."""
     order = max(model["order"], "2")
-    before, after = (solved(plain(each, mesh="0", order=order)) for each in (model, richer))
-    return Estimate(between(before, after), "the linear elastic body's on the coarsest elements")
+    before, after = (solved(linear_elastic_levels(each, mesh="0", order=order)) for each in (model, richer))
+    return Estimate(relative_change(before, after), "the linear elastic body's on the coarsest elements")
 
 
-def touching(bench: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
+def estimate_contact(hierarchy: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
     """By the elastic body at rest on the coarsest elements: what parts is not seen to first order."""
     before, after = ({**each, **_at_rest(each), "mesh": "0"} for each in (model, richer))
-    found = neighbour(bench, before, after, solved)
+    found = estimate_by_solution(hierarchy, before, after, solved)
     return found if before == model else replace(found, how="the elastic body's at rest, on the coarsest elements")
 
 
-def linear(bench: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
+def estimate_linear(hierarchy: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
     """By the same step of the linear elastic body."""
-    change = between(solved(plain(model)), solved(plain(richer)))
+    change = relative_change(solved(linear_elastic_levels(model)), solved(linear_elastic_levels(richer)))
     return Estimate(change, "the linear elastic body's")
 
 
-def finer(bench: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
+def estimate_refinement(hierarchy: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
     """By Newton steps in the finer elements, if the coarse ones are their unions; where strains are small, the linear body's.
 
     That one costs what its step would, and its solution is kept.
     """
-    unions = bench.nested or model["mesh"] == richer["mesh"]
-    by = step if model["strain"] == "finite" and unions else linear
-    return by(bench, model, richer, solved)
+    unions = hierarchy.nested or model["mesh"] == richer["mesh"]
+    by = estimate_adjoint_weighted if model["strain"] == "finite" and unions else estimate_linear
+    return by(hierarchy, model, richer, solved)
 
 
-def in_section(of: Estimator) -> Estimator:
+def section_estimator(of: Estimator) -> Estimator:
     """Elements by what they do in the plane, where there is one; what is doubted there is solved for, as the plane is cheap.
 
     Where there is none, and steps fold the body, by what they do to the linear one; of bodies in motion by that one's.
     """
 
-    def estimate(bench: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
+    def estimate(hierarchy: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
         if _moves(model):
             flat = {"space": "plane"} if "space" in model else {}
-            pair = (solved(plain(each, **flat)) for each in (model, richer))
-            return Estimate(between(*pair), "the linear elastic body's" + (", in the section" if flat else ""))
+            pair = (solved(linear_elastic_levels(each, **flat)) for each in (model, richer))
+            return Estimate(relative_change(*pair), "the linear elastic body's" + (", in the section" if flat else ""))
         if "space" not in model:
-            found = of(bench, model, richer, solved)
-            return found if np.all(np.isfinite(found.change)) else linear(bench, model, richer, solved)
+            found = of(hierarchy, model, richer, solved)
+            return found if np.all(np.isfinite(found.change)) else estimate_linear(hierarchy, model, richer, solved)
         flat = {"space": "plane", **_forgetful(model)}
         before, after = {**model, **flat}, {**richer, **flat}
         seen = solved(before)
         if before != model and np.any(np.abs(seen.answers) < NOTHING * np.asarray(seen.scales)):
-            found = of(bench, model, richer, solved)  # a section's symmetry is not that of its body's elements
-            return found if np.all(np.isfinite(found.change)) else linear(bench, model, richer, solved)
-        found = of(bench, before, after, solved)
+            found = of(hierarchy, model, richer, solved)  # a section's symmetry is not that of its body's elements
+            return found if np.all(np.isfinite(found.change)) else estimate_linear(hierarchy, model, richer, solved)
+        found = of(hierarchy, before, after, solved)
         if found.doubt or np.max(np.abs(found.change)) > LARGE:
-            found = neighbour(bench, before, after, solved)
+            found = estimate_by_solution(hierarchy, before, after, solved)
         return found if before == model else replace(found, how="in the section")
 
     return estimate
 
 
-def order(bench: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
+def estimate_order(hierarchy: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
     """In the section, where there is one; strains in space, as they are a ball's there and a cylinder's in the section.
 
     In a stiff ball those of the least order are 5.2 % off where the section says 1.5.
     """
-    strains = any(isinstance(quantity, Question) or quantity.name == "strain" for quantity in bench.questions)
+    strains = any(isinstance(quantity, Question) or quantity.name == "strain" for quantity in hierarchy.questions)
     if strains and model.get("space") == "solid" and not _moves(model):
-        return finer(bench, model, richer, solved)
-    return in_section(finer)(bench, model, richer, solved)
+        return estimate_refinement(hierarchy, model, richer, solved)
+    return section_estimator(estimate_refinement)(hierarchy, model, richer, solved)
 
 
-def coarse(bench: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
+def estimate_coarse(hierarchy: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
     """By the same step on the coarsest elements.
 
     Not in the plane: a plate's strains are higher in space, and what memory changes grows with them (.5 instead of 4.6 %).
@@ -248,37 +252,37 @@ def coarse(bench: ModelHierarchy, model: Model, richer: Model, solved: Solved) -
     before, after = ({**each, "mesh": "0"} for each in (model, richer))
     how = "on the coarsest elements" if model["mesh"] != "0" else SOLVED
     try:
-        change = between(solved(before), solved(after))
+        change = relative_change(solved(before), solved(after))
     except SolverError as error:
-        return Estimate(np.full(len(bench.questions), np.inf), how, str(error))
+        return Estimate(np.full(len(hierarchy.questions), np.inf), how, str(error))
     return Estimate(change, how)
 
 
-def forgetful(bench: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
+def estimate_elastic(hierarchy: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
     """By the same step of the body without memory."""
     before, after = ({**each, **_forgetful(each)} for each in (model, richer))
-    found = neighbour(bench, before, after, solved)
+    found = estimate_by_solution(hierarchy, before, after, solved)
     return found if before == model else replace(found, how="of the elastic body")
 
 
-def neighbour(bench: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
+def estimate_by_solution(hierarchy: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
     """By the step itself."""
     try:
-        return Estimate(between(solved(model), solved(richer)), SOLVED)
+        return Estimate(relative_change(solved(model), solved(richer)), SOLVED)
     except SolverError as error:
-        return Estimate(np.full(len(bench.questions), np.inf), SOLVED, str(error))
+        return Estimate(np.full(len(hierarchy.questions), np.inf), SOLVED, str(error))
 
 
-BY: Mapping[str, Estimator] = {
-    "step": step,
-    "strained": strained,
-    "roughly": roughly,
-    "coarse": coarse,
-    "moving": moving,
-    "touching": touching,
-    "order": order,
-    "mesh": in_section(finer),
-    "section": in_section(neighbour),
-    "solve": neighbour,
-    "forgetful": forgetful,
+ESTIMATORS: Mapping[str, Estimator] = {
+    "step": estimate_adjoint_weighted,
+    "strained": estimate_finite_strain,
+    "roughly": estimate_linear_coarse,
+    "coarse": estimate_coarse,
+    "moving": estimate_inertia,
+    "touching": estimate_contact,
+    "order": estimate_order,
+    "mesh": section_estimator(estimate_refinement),
+    "section": section_estimator(estimate_by_solution),
+    "solve": estimate_by_solution,
+    "forgetful": estimate_elastic,
 }

@@ -16,7 +16,7 @@ class AxisLevel(StrEnum):
         return repr(self.value)
 
     @property
-    def part(self) -> bool:
+    def is_partial(self) -> bool:
         """Whether it is a part of the step to the next one."""
         return False
 
@@ -57,7 +57,7 @@ class TimeLevel(AxisLevel):
     FLOWING = "flowing"
 
     @property
-    def remembers(self) -> bool:
+    def has_memory(self) -> bool:
         """Whether it has a memory."""
         return self in (TimeLevel.PRONY, TimeLevel.FLOWING)
 
@@ -111,7 +111,7 @@ class MeshLevel(AxisLevel):
     QUARTERED = "2"
 
     @property
-    def part(self) -> bool:
+    def is_partial(self) -> bool:
         """Whether some elements are half as large.
 
         >>> [level.halvings for level in MeshLevel if level.part]
@@ -125,5 +125,5 @@ class MeshLevel(AxisLevel):
         return self.number // 2
 
 
-HALVINGS = tuple(level for level in MeshLevel if not level.part)
+HALVINGS = tuple(level for level in MeshLevel if not level.is_partial)
 """Levels of a mesh whose elements are all halved or none."""

@@ -13,12 +13,12 @@ import numpy as np
 
 from ngbrain import parallel
 from ngbrain.errors import SolverError
-from ngbrain.ladder.axes import ELEMENTS, Axis, axes_of, cheapest, check
-from ngbrain.ladder.estimates import BY, LARGE, NOTHING, SOLVED, Estimate, Solved, relative
+from ngbrain.ladder.axes import ELEMENTS, Axis, axes_of, cheapest, check_levels
+from ngbrain.ladder.estimates import ESTIMATORS, LARGE, NOTHING, SOLVED, Estimate, Solved, relative_difference
 from ngbrain.ladder.levels import MeshLevel
 from ngbrain.ladder.models.bodies import Model, ModelHierarchy
 from ngbrain.ladder.quantities import Asked, Question
-from ngbrain.ladder.solutions import Keeper
+from ngbrain.ladder.solutions import SolutionCache
 from ngbrain.result import Result, Status
 from ngbrain.scene import Scene
 
@@ -102,7 +102,7 @@ def climb(
     scene: Scene,
     richest: Model | None = None,
     callback: Callable[[Rung], None] = lambda _: None,
-    keeper: Keeper | None = None,
+    keeper: SolutionCache | None = None,
     executor: parallel.AnyExecutor = None,
     questions: Sequence[Question] = (),
     watch: Callable[[Climb], Any] = lambda _: None,
@@ -114,12 +114,14 @@ def climb(
     asked: list[Asked] = [*scene.quantities, *questions]
     tolerances = np.array([quantity.tolerance for quantity in asked])
     axes = axes_of(scene, richest, questions)
-    return ascend(axes, keeper or Keeper(ModelHierarchy(scene, questions), executor), tolerances, callback, watch)
+    return climb_along(
+        axes, keeper or SolutionCache(ModelHierarchy(scene, questions), executor), tolerances, callback, watch
+    )
 
 
-def ascend(
+def climb_along(
     axes: Mapping[str, Axis],
-    keeper: Keeper,
+    keeper: SolutionCache,
     tolerances: Array,
     callback: Callable[[Rung], None],
     watch: Callable[[Climb], Any] = lambda _: None,
@@ -128,7 +130,7 @@ def ascend(
     model, rungs, begun = cheapest(axes), list[Rung](), keeper.clock()
     refused: dict[str, str] = {}
     while True:
-        open_axes = {name: axis for name, axis in axes.items() if axis.above(model[name]) and name not in refused}
+        open_axes = {name: axis for name, axis in axes.items() if axis.next_level(model[name]) and name not in refused}
         rung = _learnt(_rung(keeper, model, open_axes), rungs, axes, tolerances)
         if np.all(rung.missing <= tolerances):
             rung = _confirmed(keeper, rung, axes)
@@ -149,9 +151,9 @@ def ascend(
             refused.clear()  # what could not be solved in poorer elements may be in these
         except SolverError as error:
             refused |= dict.fromkeys(rung.taken[1:] or rung.taken, str(error))
-    unjudged = {name: why for name, why in refused.items() if axes[name].above(model[name])}
+    unjudged = {name: why for name, why in refused.items() if axes[name].next_level(model[name])}
     for name, why in unjudged.items():  # a judge that failed says nothing: the error is not known
-        to = axes[name].judged(model[name])
+        to = axes[name].estimated_level(model[name])
         rungs[-1].estimates[name] = Estimate(np.full(len(tolerances), np.inf), "not to be solved", why, to)
     more, flags = _at_the_top(axes, rungs, tolerances)
     _judge(rungs[-1], axes, more)
@@ -170,11 +172,11 @@ def _percent(errors: Array) -> str:
     return ", ".join(f"{100 * error:.3g} %" for error in errors)
 
 
-def _rung(keeper: Keeper, model: Model, above: Mapping[str, Axis]) -> Rung:
+def _rung(keeper: SolutionCache, model: Model, above: Mapping[str, Axis]) -> Rung:
     """A model with what the next steps of some axes would change."""
     found = keeper(model)
-    estimates = keeper.at_once({name: partial(estimate, keeper, model, axis) for name, axis in above.items()})
-    if set(ELEMENTS) <= set(estimates) and not MeshLevel(model["mesh"]).part:
+    estimates = keeper.run_estimates({name: partial(estimate, keeper, model, axis) for name, axis in above.items()})
+    if set(ELEMENTS) <= set(estimates) and not MeshLevel(model["mesh"]).is_partial:
         estimates["mesh"] = _as_order(estimates["mesh"], estimates["order"])
     for name in ELEMENTS if "pressure" in estimates else ():
         if name in estimates and np.any(np.abs(estimates["pressure"].change) > np.abs(estimates[name].change)):
@@ -183,39 +185,43 @@ def _rung(keeper: Keeper, model: Model, above: Mapping[str, Axis]) -> Rung:
     return _judge(rung, above)
 
 
-def stand(
+def assess(
     scene: Scene, model: Model, executor: parallel.AnyExecutor = None, questions: Sequence[Question] = ()
 ) -> Climb:
     """The same for a model that is given: one rung, with estimates of what it leaves out, and no climb."""
-    return stay(axes_of(scene, questions=questions), Keeper(ModelHierarchy(scene, questions), executor), model)
+    return assess_along(
+        axes_of(scene, questions=questions), SolutionCache(ModelHierarchy(scene, questions), executor), model
+    )
 
 
-def stay(axes: Mapping[str, Axis], keeper: Keeper, model: Model) -> Climb:
+def assess_along(axes: Mapping[str, Axis], keeper: SolutionCache, model: Model) -> Climb:
     """The same along any axes; those that the model does not name are at their cheapest. `InputError` for what no scene has."""
-    check("model", model, axes)
+    check_levels("model", model, axes)
     model = {**cheapest(axes), **model}
     begun = keeper.clock()
-    rung = _rung(keeper, model, {name: axis for name, axis in axes.items() if axis.above(model[name])})
+    rung = _rung(keeper, model, {name: axis for name, axis in axes.items() if axis.next_level(model[name])})
     rung.cost_s = keeper.clock() - begun
     return Climb(dict(axes), status=Status.CONVERGED, history=[rung], warnings=_doubts(keeper, rung))
 
 
-def _doubts(keeper: Keeper, rung: Rung) -> list[str]:
+def _doubts(keeper: SolutionCache, rung: Rung) -> list[str]:
     """Of its estimates, and of the solvers."""
     of_estimates = [f"{name}: {each.doubt}" for name, each in rung.estimates.items() if each.doubt]
     return [*of_estimates, *keeper(rung.model).doubts]
 
 
-def estimate(keeper: Keeper, model: Model, axis: Axis, solved: Solved | None = None) -> Estimate:
+def estimate(keeper: SolutionCache, model: Model, axis: Axis, solved: Solved | None = None) -> Estimate:
     """What the axis would change, by solutions of `solved`, else the keeper's; a large change is doubted until it is solved for."""
-    to = axis.judged(model[axis.name])
-    found = BY[axis.by[axis.at(model[axis.name])]](keeper.bench, model, {**model, axis.name: to}, solved or keeper)
+    to = axis.estimated_level(model[axis.name])
+    found = ESTIMATORS[axis.by[axis.index(model[axis.name])]](
+        keeper.solver, model, {**model, axis.name: to}, solved or keeper
+    )
     largest = float(np.max(np.abs(found.change)))
     large = "" if largest <= LARGE or found.how == SOLVED else f"a change of {largest:.0%} is not one of first order"
     return replace(found, to=to, doubt=found.doubt or large)
 
 
-def _confirmed(keeper: Keeper, rung: Rung, axes: Mapping[str, Axis]) -> Rung:
+def _confirmed(keeper: SolutionCache, rung: Rung, axes: Mapping[str, Axis]) -> Rung:
     """The rung with doubted estimates solved for, where that can be done: a climb does not end on what it doubts."""
     for name, each in rung.estimates.items():
         if not each.doubt or each.how == SOLVED:
@@ -224,7 +230,7 @@ def _confirmed(keeper: Keeper, rung: Rung, axes: Mapping[str, Axis]) -> Rung:
             after = keeper({**rung.model, name: each.to}).answers
         except SolverError:
             continue  # the doubt stays
-        rung.estimates[name] = Estimate(relative(rung.answers, after, rung.scales), SOLVED, to=each.to)
+        rung.estimates[name] = Estimate(relative_difference(rung.answers, after, rung.scales), SOLVED, to=each.to)
     return _judge(replace(rung), axes)
 
 
@@ -256,7 +262,7 @@ def _learnt(rung: Rung, before: list[Rung], axes: Mapping[str, Axis], tolerances
     if not above or last is None or last.model.get("space") != rung.model.get("space"):
         return rung
     after = before[before.index(last) + 1] if last is not before[-1] else rung
-    changed = relative(last.answers, after.answers, last.scales)
+    changed = relative_difference(last.answers, after.answers, last.scales)
     told = sum((last.estimates[name].change for name in last.taken), np.zeros(len(changed)))
     if np.any((told * changed < 0) & (np.minimum(np.abs(told), np.abs(changed)) > TELLING * tolerances)):
         rung.estimates |= {name: _doubted(rung.estimates[name], TURNED) for name in above}
@@ -325,8 +331,8 @@ def _towards(axis: Axis, rung: Rung, tolerances: Array) -> str:
 
     As `_learnt` counts it, of all that is climbed at once: else the next step would be climbed too, and the part for nothing.
     """
-    whole, part = rung.estimates[axis.name].to, axis.above(rung.model[axis.name])
-    if not part or not part.part:
+    whole, part = rung.estimates[axis.name].to, axis.next_level(rung.model[axis.name])
+    if not part or not part.is_partial:
         return whole
     told = sum(np.abs(rung.estimates[name].change) for name in rung.taken)
     return part if np.all(LEFT ** len(rung.taken) * told * axis.tail <= tolerances) else whole
@@ -340,18 +346,18 @@ def _worth(axis: Axis, rung: Rung, tolerances: Array) -> float:
 
 def _growth(axis: Axis, rung: Rung) -> float:
     """By how much its next step is dearer."""
-    return axis.growth[axis.at(rung.model[axis.name])]
+    return axis.growth[axis.index(rung.model[axis.name])]
 
 
 def _at_the_top(axes: Mapping[str, Axis], rungs: list[Rung], tolerances: Array) -> tuple[Array, list[str]]:
     """What elements that were as fine as they get leave, by what the last step to them changed; and where it is too much."""
     more, flags = np.zeros(len(tolerances)), []
     for name in ELEMENTS:
-        if name not in axes or axes[name].above(rungs[-1].model[name]):
+        if name not in axes or axes[name].next_level(rungs[-1].model[name]):
             continue  # it has an estimate
         for before, after in pairwise(rungs):
             if name in before.taken and after.model[name] == axes[name].levels[-1]:
-                last = np.abs(relative(before.answers, after.answers, before.scales)) * (axes[name].tail - 1)
+                last = np.abs(relative_difference(before.answers, after.answers, before.scales)) * (axes[name].tail - 1)
                 more += last
                 if np.any(last > tolerances):
                     flags.append(f"{name}: the last step may leave {100 * np.max(last):.2g} %, and there is none above")

@@ -39,14 +39,14 @@ class BodyState:
     factor: float
     linear: bool
     thickness: float = 1.0
-    still: Problem | None = None
+    without_memory: Problem | None = None
 
     @property
     def plane(self) -> bool:
         """Whether it is a section."""
         return self.body.mesh.dim == 2
 
-    def stand(self) -> None:
+    def apply(self) -> None:
         """Put the body there."""
         self.body.load(self.x, self.factor)
         self.body.x = self.x
@@ -105,14 +105,14 @@ class Question:
 
     def value(self, state: BodyState) -> float:
         """At full load: of small strains as far as it is linear."""
-        state.stand()
+        state.apply()
         here = self._number(state.body)
         if state.factor == 1:
             return here
-        still = state.still or state.body
-        still.x = np.zeros_like(state.x)
-        rest = self._number(still)
-        state.stand()
+        without_memory = state.without_memory or state.body
+        without_memory.x = np.zeros_like(state.x)
+        rest = self._number(without_memory)
+        state.apply()
         return rest + (here - rest) / state.factor
 
     def _number(self, body: Problem) -> float:
@@ -135,9 +135,9 @@ def check_questions(asked: Sequence[Asked], scene: Scene, own: Sequence[Question
         raise InputError("questions", repr(own[0].label), "none of a body that is shaken: its state is a wave")
 
 
-def embedded(state: BodyState, body: Problem, factor: float) -> Array:
+def interpolate_state(state: BodyState, body: Problem, factor: float) -> Array:
     """A state's displacements, and the pressures that go with them, as unknowns of another body in the same place."""
-    state.stand()
+    state.apply()
     u = state.displacement() * factor
     body.u.Set(u)
     if body.p is not None and state.body.p is not None:
@@ -154,31 +154,32 @@ def observable(quantity: Asked, state: BodyState) -> Observable:
     if isinstance(quantity, Question):
         return quantity.observable
     if quantity.name == "force":
-        return Force(str(quantity.boundary), along(quantity.unit_vector, state.plane))
+        return Force(str(quantity.boundary), mesh_components(quantity.unit_vector, state.plane))
     if quantity.name == "displacement":
-        point_in(state.body.mesh, quantity, state.plane)
+        mesh_point(state.body.mesh, quantity, state.plane)
         return Displacements(
-            [along(quantity.point or (0.0, 0.0, 0.0), state.plane)], along(quantity.unit_vector, state.plane)
+            [mesh_components(quantity.point or (0.0, 0.0, 0.0), state.plane)],
+            mesh_components(quantity.unit_vector, state.plane),
         )
-    near = None if quantity.radius is None else along(quantity.point or (), state.plane)
+    near = None if quantity.radius is None else mesh_components(quantity.point or (), state.plane)
     measure = "small" if state.linear else "Green-Lagrange"
     return StrainPercentile(
         quantity.percentile, quantity.region, near, quantity.radius, BAND, measure=measure, factor=1 / state.factor
     )
 
 
-def answer(quantity: Asked, state: BodyState) -> float:
+def evaluate(quantity: Asked, state: BodyState) -> float:
     """The number that is asked for, in SI units."""
     if isinstance(quantity, Question):
         return quantity.value(state)
-    state.stand()
+    state.apply()
     observed = observable(quantity, state).on(state.body)
     return observed.raw if isinstance(observed, Percentile) else float(observed.value()[0]) * _times(quantity, state)
 
 
-def slope(quantity: Asked, state: BodyState) -> Array:
+def gradient(quantity: Asked, state: BodyState) -> Array:
     """How the number changes with the free unknowns of a body (ndof,); of a percentile, its mean over a band."""
-    state.stand()
+    state.apply()
     gradient = observable(quantity, state).gradient(state.body) * _times(quantity, state)
     return np.where(state.body.weights > 0, gradient, 0.0)
 
@@ -192,28 +193,28 @@ def _times(quantity: Asked, state: BodyState) -> float:
     return (state.thickness if quantity.name == "force" else 1.0) / state.factor
 
 
-def along(vector: tuple[float, ...], plane: bool) -> tuple[float, ...]:
+def mesh_components(vector: tuple[float, ...], plane: bool) -> tuple[float, ...]:
     """A vector's components that a mesh has."""
     return tuple(vector[i] for i in PLANE) if plane else tuple(vector)
 
 
-def in_axes(direction: tuple[float, float, float], plane: bool) -> tuple[float, float, float]:
+def direction_in_mesh(direction: tuple[float, float, float], plane: bool) -> tuple[float, float, float]:
     """A direction of three components, up to sign, in a mesh's own axes: a section's third is across it, the body's y.
 
-    >>> in_axes((0.0, 0.6, 0.8), plane=True)
+    >>> direction_in_mesh((0.0, 0.6, 0.8), plane=True)
     (0.0, 0.8, 0.6)
     """
     x, y, z = direction
     return (x, z, y) if plane else direction
 
 
-def scale_of(quantity: Asked, state: BodyState) -> float:
+def reference_size(quantity: Asked, state: BodyState) -> float:
     """What an answer is measured by where it is nearly nothing, as by symmetry: the largest component of the forces that hold and
     load the body (N), the largest displacement (m). A strain is measured by itself, and so is an observable of one's own.
     """
     if isinstance(quantity, Question) or quantity.name == "strain":
         return 0.0
-    state.stand()
+    state.apply()
     body = state.body
     if quantity.name == "displacement":
         nodes = ngs.GridFunction(ngs.VectorH1(body.mesh, order=1))
@@ -225,15 +226,15 @@ def scale_of(quantity: Asked, state: BodyState) -> float:
     return largest * state.thickness / state.factor
 
 
-def point_in(mesh: ngs.Mesh, quantity: Quantity, plane: bool) -> ngs.MeshPoint:
+def mesh_point(mesh: ngs.Mesh, quantity: Quantity, plane: bool) -> ngs.MeshPoint:
     """The quantity's point; `InputError` for one outside."""
-    found = mesh(*along(quantity.point or (0.0, 0.0, 0.0), plane))
+    found = mesh(*mesh_components(quantity.point or (0.0, 0.0, 0.0), plane))
     if found.nr < 0:
         raise InputError("quantity.point_mm", [1e3 * c for c in quantity.point or ()], "a point in the body")
     return found
 
 
-def within(mesh: ngs.Mesh, quantity: Quantity) -> tuple[Array, Array]:
+def quadrature_in_region(mesh: ngs.Mesh, quantity: Quantity) -> tuple[Array, Array]:
     """Quadrature points in the quantity's regions, within its radius, and the volumes that they stand for."""
     (shape,) = {element.type for element in mesh.Elements()}
     rule = ngs.IntegrationRule(shape, 2)
@@ -250,6 +251,6 @@ def _within(mesh: ngs.Mesh, quantity: Quantity) -> ngs.CoefficientFunction:
     inside = mesh.MaterialCF({quantity.region: 1.0}, default=0.0)
     if quantity.radius is None:
         return inside
-    centre = along(quantity.point or (), mesh.dim == 2)
+    centre = mesh_components(quantity.point or (), mesh.dim == 2)
     away = sum((x - c) ** 2 for x, c in zip((ngs.x, ngs.y, ngs.z), centre, strict=False))
     return inside * ngs.IfPos(quantity.radius**2 - away, 1.0, 0.0)

@@ -14,7 +14,7 @@ SAME = 1e-12
 """Distance (m) that is rounding."""
 
 
-def torn(scene: Scene, mesh: ngs.Mesh) -> list[str]:
+def find_singular_edges(scene: Scene, mesh: ngs.Mesh) -> list[str]:
     """What to doubt of forces that are asked for: finer elements make them larger, without end.
 
     >>> from ngbrain.mesh import block
@@ -25,7 +25,7 @@ def torn(scene: Scene, mesh: ngs.Mesh) -> list[str]:
     ...     displacement_bcs=[DisplacementBC(boundary="bottom"), DisplacementBC(boundary="left", value=(-1e-3, 0, 0))],
     ...     quantities=[Quantity(name="force", boundary="left")],
     ... )
-    >>> len(torn(scene, block()))
+    >>> len(find_singular_edges(scene, block()))
     1
     """
     asked = [str(quantity.boundary) for quantity in scene.quantities if quantity.name == "force"]

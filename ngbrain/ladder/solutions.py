@@ -23,10 +23,10 @@ Key = tuple[tuple[str, str], ...]
 Result = TypeVar("Result")
 
 
-class Solving(Protocol):
-    """Interface of what solves models, such as `ModelHierarchy`; `made_of` are the arguments to rebuild it in another process."""
+class ModelSolver(Protocol):
+    """Interface of a solver of models, such as `ModelHierarchy`; `init_arguments` rebuild it in another process."""
 
-    made_of: tuple[Any, ...]
+    init_arguments: tuple[Any, ...]
 
     def solve(self, model: Model, near: Mapping[str, BodyState] | None = None) -> Solution:
         """The model's answers, from states near its own if they are known. `SolverError` where it has none."""
@@ -35,14 +35,14 @@ class Solving(Protocol):
         """Whether its solution has states, which cannot be sent."""
 
 
-class Keeper:
+class SolutionCache:
     """Solves each model once, from where the model that has most in common with it came to rest.
 
     With an executor, models without states are solved by it where estimates ask for several (`at_once`).
     """
 
-    def __init__(self, bench: Solving, executor: parallel.AnyExecutor = None) -> None:
-        self.bench, self.kept = bench, dict[Key, Solution]()
+    def __init__(self, solver: ModelSolver, executor: parallel.AnyExecutor = None) -> None:
+        self.solver, self.kept = solver, dict[Key, Solution]()
         self._executor, self._elsewhere, self._failed = executor, 0.0, dict[Key, SolverError]()
 
     def __call__(self, model: Model) -> Solution:
@@ -51,7 +51,7 @@ class Keeper:
         if key in self._failed:
             raise self._failed[key]
         if key not in self.kept:
-            self.kept[key] = self.bench.solve(model, self._near(model))
+            self.kept[key] = self.solver.solve(model, self._near(model))
         return self.kept[key]
 
     def _near(self, model: Model) -> Mapping[str, BodyState] | None:
@@ -72,7 +72,7 @@ class Keeper:
         """Computing time (s), here and of what others solved."""
         return time.process_time() + self._elsewhere
 
-    def at_once(self, estimates: Mapping[str, Callable[[Solved], Result]]) -> dict[str, Result]:
+    def run_estimates(self, estimates: Mapping[str, Callable[[Solved], Result]]) -> dict[str, Result]:
         """What functions of solutions return, by name, the same as one after the other.
 
         With an executor, all are first called with the solutions that are kept. Those that come to an end have their result; what
@@ -86,7 +86,7 @@ class Keeper:
                     try:
                         done[name] = function(self._if_solved)
                     except _NotSolved as unknown:
-                        if not self.bench.has_states(unknown.model):
+                        if not self.solver.has_states(unknown.model):
                             wanted[_key(unknown.model)] = unknown.model
             if not wanted:
                 break
@@ -99,9 +99,9 @@ class Keeper:
         return self(model)
 
     def _fetch(self, models: Mapping[Key, Model]) -> None:
-        sent = pickle.dumps(self.bench.made_of)
+        sent = pickle.dumps(self.solver.init_arguments)
         tasks = [
-            parallel.Task(", ".join(map(" ".join, key)), _solve, (type(self.bench), sent, model))
+            parallel.Task(", ".join(map(" ".join, key)), _solve, (type(self.solver), sent, model))
             for key, model in models.items()
         ]
         found = parallel.run(tasks, self._executor, on_error="return")
@@ -127,12 +127,14 @@ def _key(model: Model) -> Key:
     return tuple(sorted(model.items()))
 
 
-def _solve(kind: Callable[..., Solving], made_of: bytes, model: Model, *, callback: parallel.Callback) -> Solution:
-    return _bench(kind, made_of).solve(model)
+def _solve(
+    kind: Callable[..., ModelSolver], init_arguments: bytes, model: Model, *, callback: parallel.Callback
+) -> Solution:
+    return _rebuilt(kind, init_arguments).solve(model)
 
 
 @lru_cache(maxsize=1)
-def _bench(kind: Callable[..., Solving], made_of: bytes) -> Solving:
+def _rebuilt(kind: Callable[..., ModelSolver], init_arguments: bytes) -> ModelSolver:
     """Made once in each process, with its meshes."""
     ngsglobals.msg_level = 0
-    return kind(*pickle.loads(made_of))
+    return kind(*pickle.loads(init_arguments))

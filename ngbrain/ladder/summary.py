@@ -29,14 +29,14 @@ class AskedFor:
     tolerance: float
 
     @classmethod
-    def of(cls, asked: Asked) -> AskedFor:
+    def from_quantity(cls, asked: Asked) -> AskedFor:
         """Of a scene's quantity, or of an observable of one's own."""
         if isinstance(asked, Question):
             return cls(asked.label, asked.observable.name, "", asked.when, asked.observable.unit, asked.tolerance)
         return cls(asked.label, asked.name, asked.where, asked.moment, asked.unit, asked.tolerance)
 
 
-def described(climb: Climb, questions: Sequence[AskedFor]) -> dict[str, Any]:
+def summarise(climb: Climb, questions: Sequence[AskedFor]) -> dict[str, Any]:
     """The climb as plain data: answers, model, what was left out and how much it matters, every rung."""
     answers, errors = climb.chosen.answers.tolist(), _plain(climb.error)
     return {
@@ -58,7 +58,7 @@ def described(climb: Climb, questions: Sequence[AskedFor]) -> dict[str, Any]:
         "model": climb.chosen.model,
         "left_out": [
             {
-                "what": climb.axes[name].left_out[climb.axes[name].at(climb.chosen.model[name])],
+                "what": climb.axes[name].left_out[climb.axes[name].index(climb.chosen.model[name])],
                 "axis": name,
                 "change": _plain(each.change),
                 "how": each.how,

@@ -21,7 +21,7 @@ from typing import Any, Self
 from ngbrain.errors import InputError, nearest
 from ngbrain.materials.registry import reading
 from ngbrain.mesh.geometry.primitives import Ellipsoids
-from ngbrain.scene.conditions import DisplacementBC, Given, Gravity, Pressure, Traction, follows
+from ngbrain.scene.conditions import DisplacementBC, Given, Gravity, Pressure, Traction, depends_on_time
 from ngbrain.scene.contacts import Contact
 from ngbrain.scene.geometry import Geometry, MeshSize
 from ngbrain.scene.operation import CleftSpec, Openable, Patient, Tool
@@ -163,7 +163,7 @@ class Scene(Document):
         loads: list[Given] = [value for traction in self.tractions for value in traction.value]
         loads += [pressure.value for pressure in self.pressures]
         moved = [bc.is_timed for bc in self.displacement_bcs] + [body.is_timed for body in self.contacts]
-        return any(moved) or any(map(follows, loads))
+        return any(moved) or any(map(depends_on_time, loads))
 
     @property
     def operated(self) -> CleftSpec:
@@ -235,9 +235,9 @@ class Scene(Document):
     @classmethod
     def schema(cls) -> dict[str, Any]:
         """What a file may hold, as a JSON schema: editors complete and check keys by it."""
-        from ngbrain.scene.schema import schema
+        from ngbrain.scene.schema import json_schema
 
-        return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "ngbrain scene"} | schema(cls)
+        return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "ngbrain scene"} | json_schema(cls)
 
 
 def _shipped() -> dict[str, Traversable]:

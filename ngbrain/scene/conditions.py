@@ -22,7 +22,7 @@ Given = float | Formula
 Functions = Mapping[str, Callable[..., Any]]
 
 
-def at_place(given: Given, place: Sequence[Any], t: Any, functions: Functions = FUNCTIONS) -> Any:
+def evaluate_at(given: Given, place: Sequence[Any], t: Any, functions: Functions = FUNCTIONS) -> Any:
     """What is given, in the unit of its key, at a place (m, of numbers, arrays or fields) and a time (s)."""
     if not isinstance(given, Formula):
         return given
@@ -30,7 +30,7 @@ def at_place(given: Given, place: Sequence[Any], t: Any, functions: Functions = 
     return given({"x": x, "y": y, "z": z, "t": t}, functions)
 
 
-def follows(given: Any) -> bool:
+def depends_on_time(given: Any) -> bool:
     """Whether it is a formula of time, and so what it says at every moment: anything else grows with the loads."""
     return isinstance(given, Formula) and "t" in given.variables
 
@@ -90,7 +90,7 @@ class DisplacementBC(Section):
             )
             self._need(self.is_even, path, "value", "numbers: a frictionless face moves straight")
             self._need(any(self.value), path, "value", "not 0 in each place: a frictionless face has to push")
-        in_time = scene.time.frequency is not None and any(map(follows, self.value))
+        in_time = scene.time.frequency is not None and any(map(depends_on_time, self.value))
         self._need(not in_time, path, "value", "numbers or formulas of x, y, z: of a wave they are amplitudes")
 
     def _check_rotation(self, path: str, scene: Scene) -> None:
@@ -115,12 +115,12 @@ class DisplacementBC(Section):
     @property
     def has_course(self) -> bool:
         """Whether it does not just grow with the loads."""
-        return self.rotation is not None or any(map(follows, self.value))
+        return self.rotation is not None or any(map(depends_on_time, self.value))
 
     @property
     def is_timed(self) -> bool:
         """Whether a formula says where it is at every moment."""
-        return any(map(follows, (self.rotation, *self.value)))
+        return any(map(depends_on_time, (self.rotation, *self.value)))
 
     def displacement(self, place: Sequence[Any], t: Any, growth: Any, functions: Functions = FUNCTIONS) -> list[Any]:
         """Along x, y and z (m), at a place at rest (m), when the loads have grown to a part of their size.
@@ -128,7 +128,7 @@ class DisplacementBC(Section):
         Of numbers, arrays, or fields with functions of these.
         """
         moved = [
-            1e-3 * at_place(each, place, t, functions) * (1.0 if follows(each) else growth)
+            1e-3 * evaluate_at(each, place, t, functions) * (1.0 if depends_on_time(each) else growth)
             if isinstance(each, Formula)
             else each * growth
             for each in self.value
@@ -137,7 +137,7 @@ class DisplacementBC(Section):
             return moved
         turn = self.rotation
         angle = math.pi / 180 * (turn({"t": t}, functions) if isinstance(turn, Formula) else turn * growth)
-        if isinstance(turn, Formula) and not follows(turn):
+        if isinstance(turn, Formula) and not depends_on_time(turn):
             angle = angle * growth
         size = math.hypot(*(self.axis or ()))
         k = [each / size for each in self.axis or ()]
@@ -166,7 +166,7 @@ class Traction(Section):
     def _check(self, path: str, scene: Scene) -> None:
         numbers = [abs(each) for each in self.value if not isinstance(each, Formula)]
         self._need(max(numbers, default=0) <= MOST_TRACTION, path, "value", f"at most {MOST_TRACTION:g} Pa")
-        in_time = scene.time.frequency is not None and any(map(follows, self.value))
+        in_time = scene.time.frequency is not None and any(map(depends_on_time, self.value))
         self._need(not in_time, path, "value", "numbers or formulas of x, y, z: of a wave they are amplitudes")
 
 

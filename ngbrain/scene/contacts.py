@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass
 from typing import TYPE_CHECKING, Any
 
-from ngbrain.scene.conditions import Given, follows
+from ngbrain.scene.conditions import Given, depends_on_time
 from ngbrain.schema.document import Section, choice, formula, number, pattern
 from ngbrain.schema.formulas import FUNCTIONS, Formula
 
@@ -54,21 +54,21 @@ class Contact(Section):
         self._need(self.direction is None or any(self.direction), path, "direction", "a direction: not all 0")
         self._need(self.friction <= 1, path, "friction", "at most 1: the largest tangential over the normal force")
         self._need(scene.time.frequency is None, path, "shape", "no [[contact]] of a wave: its tissue does not part")
-        timed = [follows(each) for each in self.travel if each]
+        timed = [depends_on_time(each) for each in self.travel if each]
         alike = not self.friction or all(timed) or not any(timed)
         self._need(alike, path, "travel", "all numbers or all formulas of t, of what rubs")
 
     @property
     def is_timed(self) -> bool:
         """Whether a formula says where it is at every moment."""
-        return any(map(follows, self.travel))
+        return any(map(depends_on_time, self.travel))
 
-    def gone(
+    def displacement(
         self, t: Any, growth: Any, functions: Mapping[str, Callable[..., Any]] = FUNCTIONS
     ) -> tuple[Any, Any, Any]:
         """How far (m) along x, y and z at a time (s), when the loads have grown to a part of their size."""
         x, y, z = (
-            1e-3 * each({"t": t}, functions) * (1.0 if follows(each) else growth)
+            1e-3 * each({"t": t}, functions) * (1.0 if depends_on_time(each) else growth)
             if isinstance(each, Formula)
             else each * growth
             for each in self.travel

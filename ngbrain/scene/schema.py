@@ -18,17 +18,17 @@ NAMED = re.compile(r"^(\w+(?:, \w+)*)\n((?: {4}.*\n?|\n)+)", re.MULTILINE)
 """A parameter, or several, and what is said of it, in a docstring's section Parameters."""
 
 
-def schema(part: type[Section]) -> dict[str, Any]:
+def json_schema(part: type[Section]) -> dict[str, Any]:
     """The JSON schema of a part.
 
     >>> from ngbrain.scene import Gravity
-    >>> schema(Gravity)["properties"]["acceleration_m_s2"]["minItems"]
+    >>> json_schema(Gravity)["properties"]["acceleration_m_s2"]["minItems"]
     3
     """
     said, properties, needed = descriptions(part), dict[str, Any](), list[str]()
     for f in fields(part):  # type: ignore[arg-type]
         entry = f.metadata["entry"]
-        one: dict[str, Any] = schema(entry.table) if entry.table else dict(entry.kind)
+        one: dict[str, Any] = json_schema(entry.table) if entry.table else dict(entry.kind)
         if entry.size == 0 and not entry.table:
             one = {"anyOf": [one, {"type": "array", "items": one, "minItems": 1}]}
         elif entry.size != 1:

@@ -282,6 +282,6 @@ class Tissue(Section):
         }
         return replace(self, material=None, scale=None, **own)
 
-    def scaled(self, factor: float) -> Tissue:
+    def with_scale(self, factor: float) -> Tissue:
         """Moduli and viscosities times `factor`, so that times stay."""
         return replace(self, scale=factor * (self.scale or 1.0))

@@ -10,13 +10,13 @@ import numpy as np
 from ngbrain.adjoint.time_curve import TimeCurve
 from ngbrain.scene import Patient
 from ngbrain.surgery.head_models import FIBRES
-from ngbrain.surgery.measures.dose_response import infarct
+from ngbrain.surgery.measures.dose_response import infarct_probability
 from ngbrain.surgery.measures.injury import dose
 from ngbrain.surgery.measures.perfusion import perfusion
 from ngbrain.surgery.model import TISSUE, RetractionModel
 from ngbrain.surgery.protocol_run import ProtocolResult
 from ngbrain.surgery.protocols import ForceProtocol, ToolMotion
-from ngbrain.surgery.quantities import QUANTITIES, Scaling, of_pressure, of_run
+from ngbrain.surgery.quantities import QUANTITIES, Scaling, pressure_quantities, run_quantities
 from ngbrain.units import to_ml, to_mm, to_mmHg
 
 Runs = dict[str, ProtocolResult]
@@ -41,8 +41,8 @@ def answer(run: ProtocolResult, patient: Patient) -> Answer:
     """A protocol's numbers and its series over time."""
     t, pressure = run.column("t"), to_mmHg(run.column("pressure"))
     return {
-        **borne(t, pressure, run.events, patient),
-        **of_run(run),
+        **pressure_answers(t, pressure, run.events, patient),
+        **run_quantities(run),
         "volume_mps_above_by_region_ml": _by_region(run.peak.volume_mps_above),
         "events_s": list(run.events),
         "series": {
@@ -59,28 +59,28 @@ def answer(run: ProtocolResult, patient: Patient) -> Answer:
     }
 
 
-def borne(t: np.ndarray, pressure: np.ndarray, events: Sequence[float], patient: Patient) -> Answer:
+def pressure_answers(t: np.ndarray, pressure: np.ndarray, events: Sequence[float], patient: Patient) -> Answer:
     """What follows from the pressure (mmHg) at times t (s) alone, with `events` as in `TimeCurve`."""
     over_time = TimeCurve(t, pressure, events)
-    return {**of_pressure(over_time), **perfusion(patient, over_time), **infarct(over_time)}
+    return {**pressure_quantities(over_time), **perfusion(patient, over_time), **infarct_probability(over_time)}
 
 
-def stiffer(found: Answer, factor: float, patient: Patient) -> Answer:
+def scale_moduli(found: Answer, factor: float, patient: Patient) -> Answer:
     """The numbers of an answer if all pressures, forces and stresses were `factor` times what they are.
 
     That is what moduli as many times as large do, on a given way of the blade, if their ratios (bulk to shear, branch to
     branch, contact to tissue) and the times of relaxation stay and nothing has inertia; strain stays.
     """
-    t, pressure, events = course(found)
+    t, pressure, events = pressure_series(found)
     loads = {
         each.key: factor * found[each.key]
         for each in QUANTITIES.values()
         if each.scaling is Scaling.MODULI and each.key in found
     }
-    return found | loads | borne(t, factor * pressure, events, patient)
+    return found | loads | pressure_answers(t, factor * pressure, events, patient)
 
 
-def course(found: Answer) -> tuple[np.ndarray, np.ndarray, list[float]]:
+def pressure_series(found: Answer) -> tuple[np.ndarray, np.ndarray, list[float]]:
     """What `borne` takes of an answer: times (s), pressure (mmHg), events (s)."""
     series = found["series"]
     return np.array(series["t_s"]), np.array(series["pressure_mmHg"]), found["events_s"]
@@ -92,7 +92,7 @@ def _by_region(volumes: dict[str, dict[str, float]]) -> dict[str, dict[str, floa
     return {region: {threshold: parts[region] for threshold, parts in volumes.items()} for region in regions}
 
 
-def left_out(made: RetractionModel, runs: Runs) -> list[str]:
+def model_limitations(made: RetractionModel, runs: Runs) -> list[str]:
     """What the model leaves out, in words; blades of given force go as they went in their runs."""
     rubs = made.scene.tool.friction > 0
     said = [text for text in LEFT_OUT if not (rubs and "friction" in text)]
@@ -123,7 +123,7 @@ def _inertia(made: RetractionModel, runs: Runs) -> str:
     return f"inertia, which matters here: {text}; pressures are those of a slow blade (a Problem with Inertia has mass)"
 
 
-def model(made: RetractionModel, runs: Runs) -> dict[str, Any]:
+def model_summary(made: RetractionModel, runs: Runs) -> dict[str, Any]:
     """Size of the model and work done."""
     import ngsolve as ngs
 

@@ -123,7 +123,7 @@ class Retracted:
                 "tissues", f"{mapped[0]}, which has a shear_modulus_map", "tissues whose level is not measured already"
             )
         self.factors = {name: ngs.Parameter(1.0) for name in names}
-        run = model.run(program, materials=model.scaled(self.factors))
+        run = model.run(program, materials=model.scaled_materials(self.factors))
         self.landmarks, self.times, self.protocol = landmarks, times, protocol
         self.grid = accepted_times(model.run(program)) if grid is None else grid
         x, y, z = (float(c) for c in model.cleft.across)
@@ -168,7 +168,7 @@ def calibrate(
         raise InputError("spread", spread, "a factor above 1")
     if not all(factor > 0 for factor in (start or {}).values()):
         raise InputError("start", start, "factors above 0")
-    model = scene if isinstance(scene, RetractionModel) else RetractionModel.of(scene)
+    model = scene if isinstance(scene, RetractionModel) else RetractionModel.from_scene(scene)
     check_moduli(model)
     retracted = Retracted(model, np.asarray(seen.landmarks, float), np.asarray(seen.times, float), tissues, protocol)
     run = retracted.run
@@ -215,7 +215,7 @@ def _finer(model: RetractionModel, retracted: Retracted, point: Point, posterior
     sizes = {name: size / math.sqrt(2) for name, size in vars(model.scene.mesh).items() if name != "order"}
     scene = replace(model.scene, mesh=replace(model.scene.mesh, **sizes))
     other = Retracted(
-        RetractionModel.of(scene, model.head),
+        RetractionModel.from_scene(scene, model.head),
         retracted.landmarks,
         retracted.times,
         list(retracted.factors),
@@ -227,7 +227,7 @@ def _finer(model: RetractionModel, retracted: Retracted, point: Point, posterior
 
 def _stiff(tissue: Tissue, factor: float) -> Tissue:
     """With its bulk modulus, as in the search."""
-    return replace(tissue.scaled(factor), bulk_to_shear_ratio=tissue.volume_ratio / factor, poissons_ratio=None)
+    return replace(tissue.with_scale(factor), bulk_to_shear_ratio=tissue.volume_ratio / factor, poissons_ratio=None)
 
 
 def _single(band: Band) -> Band:

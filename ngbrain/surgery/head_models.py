@@ -44,7 +44,7 @@ class Head(Openable, Protocol):
     left_out: str
     stiffness: Volume | None
 
-    def opened(self, cleft: Cleft, craniotomy: float, sizes: Sizes) -> ngs.Mesh:
+    def open_cleft(self, cleft: Cleft, craniotomy: float, sizes: Sizes) -> ngs.Mesh:
         """The mesh, with regions, and boundaries `skull`, `craniotomy` and the cleft's."""
 
     def mixtures(self, mesh: ngs.Mesh, order: int) -> dict[str, dict[str, Any]]:
@@ -65,7 +65,7 @@ class Idealised(primitives.Ellipsoids):
 
     left_out = "pia, dura, vessels and the sulci of the cortex; the head is an idealised shape"
     stiffness: Volume | None = None
-    opened = staticmethod(idealised_head)
+    open_cleft = staticmethod(idealised_head)
 
     def mixtures(self, mesh: ngs.Mesh, order: int) -> dict[str, dict[str, Any]]:
         """Every region is a tissue of its own."""
@@ -97,7 +97,7 @@ class Scanned:
         self.outlines = outlines(LabelMap(self.labels, TISSUES))
 
     @classmethod
-    def of(cls, scan: Scan) -> Scanned:
+    def from_scan(cls, scan: Scan) -> Scanned:
         """Of any T1 of a whole head or brain (see `label_tissues`); raises `InputError` for another picture."""
         return cls(scan, label_tissues(scan).volume)
 
@@ -118,7 +118,7 @@ class Scanned:
         shape = self.outlines
         return cleft_in(shape.brain, shape.ventricles, target, opening, width, approach, across)
 
-    def opened(self, cleft: Cleft, craniotomy: float, sizes: Sizes) -> ngs.Mesh:
+    def open_cleft(self, cleft: Cleft, craniotomy: float, sizes: Sizes) -> ngs.Mesh:
         """From the cache, or made by `from_labels.head`."""
         shape = {name: np.asarray(value).tolist() for name, value in vars(cleft).items()}
         made_from = [self.labels.digest(), shape, craniotomy, asdict(sizes), version("netgen-mesher")]
@@ -158,7 +158,7 @@ class Scanned:
         return {"t1": steps, "labels": self.labels.data, **place}
 
 
-def present(mesh: ngs.Mesh, region: str, shares: dict[str, Any]) -> dict[str, np.ndarray]:
+def tissue_elements(mesh: ngs.Mesh, region: str, shares: dict[str, Any]) -> dict[str, np.ndarray]:
     """Tissue → in which elements (a mask) of a region of the mesh it has a quadrature point."""
     inside = _indices(mesh) == mesh.GetMaterials().index(region) + 1
     found = {}
@@ -168,7 +168,7 @@ def present(mesh: ngs.Mesh, region: str, shares: dict[str, Any]) -> dict[str, np
     return found
 
 
-def divide(mesh: ngs.Mesh, region: str, groups: Sequence[np.ndarray]) -> ngs.Mesh:
+def split_region(mesh: ngs.Mesh, region: str, groups: Sequence[np.ndarray]) -> ngs.Mesh:
     """The mesh with a region in parts: its elements that are in the same of some groups (masks) are one part.
 
     So each part has the energies of the groups that occur in it, and no others. What is in all groups keeps the region's name.
@@ -192,12 +192,12 @@ def _indices(mesh: ngs.Mesh) -> np.ndarray:
     return np.asarray(mesh.ngmesh.Elements3D().NumPy()["index"])
 
 
-def head_of(geometry: Geometry) -> Head:
+def load_head(geometry: Geometry) -> Head:
     """The head that a scene asks for; raises `InputError` for a scan that cannot be used."""
     if geometry.kind == "idealised":
         return Idealised()
     scan = mni152() if geometry.kind == "mni152" else read_scan(str(geometry.image))
-    head = Scanned.of(scan)
+    head = Scanned.from_scan(scan)
     return replace(head, stiffness=_stiffness(geometry, scan)) if geometry.stiffness_map else head
 
 
@@ -214,7 +214,7 @@ def _corners(mesh: ngs.Mesh) -> np.ndarray:
     return np.asarray(mesh.ngmesh.Coordinates()[mesh.ngmesh.Elements3D().NumPy()["nodes"][:, :4] - 1])
 
 
-def likewise(scene: Scene, image: str) -> Scene:
+def transfer_scene(scene: Scene, image: str) -> Scene:
     """A scene on the MNI152 head, moved to the like place of another scan: where the template lies in it."""
     cleft = scene.operated
     space = "mni152" if scene.geometry.stiffness_map else None

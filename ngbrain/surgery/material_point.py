@@ -63,8 +63,8 @@ class Column:
     another mode, a depth that is not positive, and a blade that goes through the column.
 
     >>> from ngbrain.materials import constants
-    >>> from ngbrain.surgery.protocols import continuous
-    >>> course = Column(constants("griffiths2024:white_matter").law(), 50e-3).push(continuous(5e-3, 10.0, 600.0))
+    >>> from ngbrain.surgery.protocols import continuous_retraction
+    >>> course = Column(constants("griffiths2024:white_matter").law(), 50e-3).push(continuous_retraction(5e-3, 10.0, 600.0))
     >>> left = course.pressure[-1] / course.pressure.max()
     >>> print(f"{to_mmHg(course.pressure.max()):.1f} mmHg, after ten minutes {left:.2f} of it")
     4.6 mmHg, after ten minutes 0.36 of it
@@ -117,7 +117,7 @@ class Column:
         return t
 
 
-def dose_left(pressure: TimeCurve, recovery: float) -> float:
+def dose_with_recovery(pressure: TimeCurve, recovery: float) -> float:
     """Largest dose ∫ p dt (unit of p, minutes) if what has come together decays while the blade is released.
 
     recovery   time (s) in which it falls to 1/e; no such time has been measured for brain under a blade: an assumption.
@@ -125,7 +125,7 @@ def dose_left(pressure: TimeCurve, recovery: float) -> float:
 
     >>> t = np.array([0.0, 60.0, 61.0, 119.0, 120.0, 180.0])
     >>> pressed = TimeCurve(t, np.array([9.0, 9.0, 0.0, 0.0, 9.0, 9.0]), t)
-    >>> round(dose_left(pressed, 1e9), 2), round(dose_left(pressed, 1e-9), 2)
+    >>> round(dose_with_recovery(pressed, 1e9), 2), round(dose_with_recovery(pressed, 1e-9), 2)
     (18.15, 9.08)
     """
     if not recovery > 0:

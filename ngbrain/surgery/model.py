@@ -22,7 +22,7 @@ from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.image.read.fibre_directions import read_fibre_directions
 from ngbrain.image.read.property_maps import read_map
 from ngbrain.image.read.volume import Volume
-from ngbrain.ladder.models.property_maps import fibres
+from ngbrain.ladder.models.property_maps import fibre_field
 from ngbrain.materials import Law, Viscous, mix
 from ngbrain.materials.base import Value
 from ngbrain.materials.families import by_family, law_after, stiffen
@@ -31,11 +31,17 @@ from ngbrain.mesh import Cleft, Sizes
 from ngbrain.mesh.tet_mesh import centres
 from ngbrain.scene import Protocol, Scene, Tissue
 from ngbrain.surgery import relative_stiffness
-from ngbrain.surgery.head_models import Head, divide, head_of, present
+from ngbrain.surgery.head_models import Head, load_head, split_region, tissue_elements
 from ngbrain.surgery.measures.sampling import UNKNOWN, TissuePart
-from ngbrain.surgery.protocols import ForceProtocol, ToolMotion, continuous, intermittent, staged
+from ngbrain.surgery.protocols import (
+    ForceProtocol,
+    ToolMotion,
+    continuous_retraction,
+    intermittent_retraction,
+    staged_retraction,
+)
 from ngbrain.surgery.relative_stiffness import Mixtures
-from ngbrain.surgery.tools import WALLS, RigidTool, tools_of
+from ngbrain.surgery.tools import WALLS, RigidTool, make_tools
 from ngbrain.units import gf
 
 PENALTY = 600.0
@@ -99,16 +105,16 @@ class RetractionModel:
     blades: Mapping[str, RigidTool]
 
     @classmethod
-    def of(cls, scene: Scene, head: Head | None = None) -> RetractionModel:
+    def from_scene(cls, scene: Scene, head: Head | None = None) -> RetractionModel:
         """Read the head (unless given) and make the mesh; raises `InputError` for what cannot be operated on."""
-        head = head or head_of(scene.geometry)
+        head = head or load_head(scene.geometry)
         scene.check_on(head)
         where = scene.operated
         cleft = where.slot(head)
-        mesh = head.opened(
+        mesh = head.open_cleft(
             cleft, where.craniotomy_diameter, Sizes(scene.mesh.wall, scene.mesh.craniotomy, scene.mesh.largest)
         )
-        made = cls(scene, head, mesh, cleft, tools_of(scene.tool, cleft))
+        made = cls(scene, head, mesh, cleft, make_tools(scene.tool, cleft))
         made._divide()
         return made
 
@@ -117,22 +123,22 @@ class RetractionModel:
         mixtures = self.head.mixtures(self.mesh, self.scene.mesh.order)
         tissues = self._tissues([name for shares in mixtures.values() for name in shares])
         for region, shares in mixtures.items():
-            where = present(self.mesh, region, shares)
+            where = tissue_elements(self.mesh, region, shares)
             laws = {name: tissues[name].with_fibres(tissues[name].law(), SOME_FIBRE) for name in shares}
             groups = by_family(laws)
             if len(groups) > 1:
                 masks = [np.any([where[name] for name in group], axis=0) for group in groups]
-                self.mesh = divide(self.mesh, region, masks)
+                self.mesh = split_region(self.mesh, region, masks)
 
     def materials(self, order: int | None = None) -> dict[str, Material]:
         """Region of the mesh → law of shape and bulk modulus, for a body of some order (the scene's)."""
         return self._materials(lambda _, law: law, order)
 
-    def elastic(self, seconds: float, order: int | None = None) -> dict[str, Material]:
+    def elastic_materials(self, seconds: float, order: int | None = None) -> dict[str, Material]:
         """The same with the elastic tissues that one step of `seconds` from rest amounts to at small strain."""
         return self._materials(lambda _, law: law_after(law, seconds), order)
 
-    def scaled(self, factors: Mapping[str, Value]) -> dict[str, Material]:
+    def scaled_materials(self, factors: Mapping[str, Value]) -> dict[str, Material]:
         """The same with moduli and viscosities of some tissues (their `region`) times a factor: stiffer, as quick to relax.
 
         Bulk moduli stay.
@@ -148,10 +154,10 @@ class RetractionModel:
         tissues = self._tissues([name for shares in mixtures.values() for name in shares])
         ratio = dict[str, ngs.GridFunction]()
         for volume, mapped in self._maps(mixtures):
-            ratio |= relative_stiffness.fields(volume, self.mesh, mapped, order - 1)
+            ratio |= relative_stiffness.stiffness_ratio_fields(volume, self.mesh, mapped, order - 1)
         materials = {}
         for region, shares in mixtures.items():
-            found = {name: where for name, where in present(self.mesh, region, shares).items() if where.any()}
+            found = {name: where for name, where in tissue_elements(self.mesh, region, shares).items() if where.any()}
             laws = {name: law(tissues[name], self._with_fibres(tissues[name], where)) for name, where in found.items()}
             laws |= {name: stiffen(viscous(laws[name]), ratio[name]) for name in found if name in ratio}
             materials[region] = _mixed([(tissues[name], laws[name], shares[name]) for name in found])
@@ -162,7 +168,7 @@ class RetractionModel:
         if tissue.fibre_map is None:
             return tissue.with_fibres(tissue.law(), tissue.fibre or SOME_FIBRE)
         directions = read_fibre_directions(tissue.fibre_map, str(tissue.fibre_map_convention))
-        return tissue.with_fibres(tissue.law(), fibres(directions, self.mesh, where))
+        return tissue.with_fibres(tissue.law(), fibre_field(directions, self.mesh, where))
 
     def stiffness_map(self) -> dict[str, dict[str, float]]:
         """What measured maps of moduli do to each tissue (`relative.summary`); nothing where there are none."""
@@ -189,8 +195,10 @@ class RetractionModel:
         for tissue in self.scene.tissues:
             mine = _of(tissue, mixtures)
             if tissue.shear_modulus_map is not None and mine:
-                mean = relative_stiffness.mean(_read_moduli(tissue.shear_modulus_map), self.mesh, mine, order - 1)
-                tissue = tissue.scaled(mean / tissue.initial_modulus)
+                mean = relative_stiffness.mean_modulus(
+                    _read_moduli(tissue.shear_modulus_map), self.mesh, mine, order - 1
+                )
+                tissue = tissue.with_scale(mean / tissue.initial_modulus)
             found.append(tissue)
         return tuple(found)
 
@@ -310,11 +318,11 @@ class RetractionModel:
         """The blade's program that a scene's protocol asks for."""
         travel, time = scene.tool.travel, scene.time
         if asked.kind == "continuous":
-            return continuous(travel, time.ramp, time.end, asked.name)
+            return continuous_retraction(travel, time.ramp, time.end, asked.name)
         if asked.kind == "intermittent":
-            return intermittent(travel, time.ramp, time.end, asked.hold, asked.rest, asked.name)
+            return intermittent_retraction(travel, time.ramp, time.end, asked.hold, asked.rest, asked.name)
         if asked.kind == "staged":
-            return staged(travel, time.ramp, time.end, asked.stages, asked.rest, asked.name)
+            return staged_retraction(travel, time.ramp, time.end, asked.stages, asked.rest, asked.name)
         if asked.kind == "force":
             times, force = asked.times or (0.0, time.ramp, time.end), tuple(map(gf, asked.force_gf))
             return ForceProtocol(asked.name, times, force if asked.times else (0.0, *force, *force))
@@ -327,7 +335,7 @@ class RetractionModel:
     def hold(self, name: str) -> ToolMotion:
         """The first opening, held to the end."""
         time = self.scene.time
-        return continuous(self.scene.tool.travel, time.ramp, time.end, name)
+        return continuous_retraction(self.scene.tool.travel, time.ramp, time.end, name)
 
 
 def _carried(blade: RigidTool, sharing: int) -> Moves:

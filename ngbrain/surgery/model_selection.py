@@ -21,19 +21,19 @@ import numpy as np
 
 from ngbrain import parallel
 from ngbrain.errors import InputError
-from ngbrain.ladder import AskedFor, answered
-from ngbrain.ladder.axes import Axis, between, check
+from ngbrain.ladder import AskedFor, run_search
+from ngbrain.ladder.axes import Axis, check_levels, restrict
 from ngbrain.ladder.levels import HALVINGS, MeshLevel, Model, PresenceLevel, TimeLevel, TissueLevel
-from ngbrain.ladder.model_search import Rung, ascend, stay
+from ngbrain.ladder.model_search import Rung, assess_along, climb_along
 from ngbrain.ladder.models.bodies import Solution
 from ngbrain.ladder.quantities import BodyState
-from ngbrain.ladder.solutions import Keeper
+from ngbrain.ladder.solutions import SolutionCache
 from ngbrain.materials.families import NEO_HOOKE, is_neo_hooke
 from ngbrain.progress import log_progress, reporting
 from ngbrain.scene import Scene, Tissue
 from ngbrain.scene.result import SceneResult
 from ngbrain.surgery import answers
-from ngbrain.surgery.head_models import Head, head_of
+from ngbrain.surgery.head_models import Head, load_head
 from ngbrain.surgery.model import RetractionModel
 from ngbrain.surgery.plausibility import check_moduli
 from ngbrain.surgery.protocol_run import ProtocolRun
@@ -72,7 +72,7 @@ AXES = {
 
 def axes_of(scene: Scene, richest: Model | None = None) -> dict[str, Axis]:
     """The axes that mean something for an operation, up to the levels of `richest`; `InputError` for names that are none."""
-    check("richest", richest or {}, AXES)
+    check_levels("richest", richest or {}, AXES)
     idle = {
         "tissue": len(scene.tissues) < 2,
         "stiffening": all(is_neo_hooke(tissue.law()) for tissue in scene.tissues),
@@ -81,9 +81,9 @@ def axes_of(scene: Scene, richest: Model | None = None) -> dict[str, Axis]:
     }
     found = {}
     for name, axis in AXES.items():
-        last = axis.at((richest or {}).get(name, axis.levels[-1])) + 1
+        last = axis.index((richest or {}).get(name, axis.levels[-1])) + 1
         if not idle.get(name):
-            found[name] = between(axis, 0, min(last, len(_factors(scene))) if name == "mesh" else last)
+            found[name] = restrict(axis, 0, min(last, len(_factors(scene))) if name == "mesh" else last)
     return found
 
 
@@ -112,20 +112,20 @@ def solve(
         result["answers"], result["model"], result["left_out"]
     """
     operation = Operation(scene)
-    axes, keeper = axes_of(scene, richest), Keeper(operation, executor)
-    check_moduli(operation.made({"mesh": "0"}))
+    axes, keeper = axes_of(scene, richest), SolutionCache(operation, executor)
+    check_moduli(operation.build_model({"mesh": "0"}))
     tolerances = np.array([quantity.tolerance for quantity in operation.questions])
-    asked = [AskedFor.of(quantity) for quantity in operation.questions]
+    asked = [AskedFor.from_quantity(quantity) for quantity in operation.questions]
     if model is None:
-        return answered(
+        return run_search(
             scene,
             folder,
             threads,
-            lambda watch: ascend(axes, keeper, tolerances, callback, watch),
+            lambda watch: climb_along(axes, keeper, tolerances, callback, watch),
             asked,
             checkpoint=checkpoint,
         )
-    return answered(scene, folder, threads, lambda _: stay(axes, keeper, model), asked, checkpoint=checkpoint)
+    return run_search(scene, folder, threads, lambda _: assess_along(axes, keeper, model), asked, checkpoint=checkpoint)
 
 
 class Operation:
@@ -135,17 +135,17 @@ class Operation:
         if not scene.quantities:
             raise InputError("quantity", "missing", "one or more tables [[quantity]], each with a tolerance")
         self.scene, self.questions, self._made = scene, scene.quantities, dict[str, RetractionModel]()
-        self.made_of = (scene,)
+        self.init_arguments = (scene,)
 
     def solve(self, model: Model, near: Mapping[str, BodyState] | None = None) -> Solution:
         """The numbers that are asked for. Raises `SolverError` where a run gives up."""
         begun = time.process_time()
-        made = self.made(model)
+        made = self.build_model(model)
         scene = made.scene
         names = {quantity.protocol or scene.protocols[0].name for quantity in self.questions}
         found, ndof = dict[str, dict[str, Any]](), 0
         for program in (made.program(scene, asked) for asked in scene.protocols if asked.name in names):
-            elastic = made.elastic(scene.time.ramp) if model.get("time") == "relaxed" else None
+            elastic = made.elastic_materials(scene.time.ramp) if model.get("time") == "relaxed" else None
             run = ProtocolRun(made, program, None, materials=elastic).go()
             found[program.name], ndof = answers.answer(run.result(), scene.patient), run.transient.problem.fes.ndof
         values = [found[quantity.protocol or scene.protocols[0].name][quantity.name] for quantity in self.questions]
@@ -155,12 +155,12 @@ class Operation:
         """None has."""
         return False
 
-    def made(self, model: Model) -> RetractionModel:
+    def build_model(self, model: Model) -> RetractionModel:
         """Mesh and laws of a model."""
         level = model["mesh"]
         if level not in self._made:
             sizes = replace(self.scene.mesh, **_sizes(self.scene, _factors(self.scene)[MeshLevel(level).halvings]))
-            self._made[level] = RetractionModel.of(replace(self.scene, mesh=sizes), self._head)
+            self._made[level] = RetractionModel.from_scene(replace(self.scene, mesh=sizes), self._head)
         made = self._made[level]
         tissues, tool = made.scene.tissues, made.scene.tool
         if model.get("tissue") == "one":
@@ -173,12 +173,12 @@ class Operation:
 
     @cached_property
     def _head(self) -> Head:
-        return head_of(self.scene.geometry)
+        return load_head(self.scene.geometry)
 
     @cached_property
     def _commonest(self) -> Tissue:
         """The tissue that most of the head is made of, ventricles apart."""
-        made = self.made({"mesh": "0"})
+        made = self.build_model({"mesh": "0"})
         volumes = {name: ngs.Integrate(part.where, made.mesh) for name, part in made.parts().items()}
         name = max(volumes, key=lambda each: volumes[each])
         return next(tissue for tissue in self.scene.tissues if re.fullmatch(tissue.region, name))

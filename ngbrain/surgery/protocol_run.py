@@ -72,7 +72,7 @@ class Peak:
     volume: dict[str, float]
 
     @classmethod
-    def of(cls, sample: TissueSample, spreads: dict[str, MeasureStatistics], volume: dict[str, float]) -> Peak:
+    def from_sample(cls, sample: TissueSample, spreads: dict[str, MeasureStatistics], volume: dict[str, float]) -> Peak:
         """What `sample` holds."""
         sites, mps = sample.sites, sample.strain.mps
         everywhere = np.ones(len(mps), bool)
@@ -91,7 +91,7 @@ class Peak:
         )
 
     @classmethod
-    def restored(cls, saved: dict[str, Any]) -> Peak:
+    def from_dict(cls, saved: dict[str, Any]) -> Peak:
         """From `dataclasses.asdict`."""
         return cls(**{**saved, "mps": MeasureStatistics(**saved["mps"]), "oss": MeasureStatistics(**saved["oss"])})
 
@@ -203,7 +203,7 @@ class ProtocolRun:
         assert self.peak is not None
         at = self.transient.progress
         work = (at.steps, at.rejected, at.newton, at.work.factorisations)
-        parts = (table(self.rows), self.protocol.times, self.peak, self.largest, self.protocol.working_s)
+        parts = (to_columns(self.rows), self.protocol.times, self.peak, self.largest, self.protocol.working_s)
         return ProtocolResult(*parts, *work, status=Status.CONVERGED)
 
     def look(self, body: Problem, at: Progress, record: NewtonRecord) -> None:
@@ -212,7 +212,7 @@ class ProtocolRun:
         sample = self.sampler(at.t)
         spreads = sample.spreads()
         if self.peak is None or spreads["mps"].p95 > self.peak.mps.p95:
-            self.peak = Peak.of(sample, spreads, self._volumes())
+            self.peak = Peak.from_sample(sample, spreads, self._volumes())
         for name in LARGEST:
             self.largest[name] = max(
                 self.largest.get(name, spreads[name]), spreads[name], key=lambda spread: spread.p95
@@ -229,7 +229,12 @@ class ProtocolRun:
     def _save(self, body: Problem, at: Progress) -> None:
         assert self.grid is not None and self.path is not None and self.peak is not None
         frame = Frame(at.t, self._fields(body))
-        keep = not self.frames or at.rested or self.peak.t == at.t or due(self.protocol, self.frames[-1].time, at.t)
+        keep = (
+            not self.frames
+            or at.rested
+            or self.peak.t == at.t
+            or is_frame_due(self.protocol, self.frames[-1].time, at.t)
+        )
         more = {"scene": self.model.scene.to_dict(), "kept_frames": len(self.frames) + bool(keep)}
         save(self.path, self.grid, [*self.frames, frame], self._state() | more)
         if keep:
@@ -241,7 +246,7 @@ class ProtocolRun:
         return {
             "transient": self.transient.checkpoint(),
             "observer": self.observer.checkpoint(),
-            "rows": table(self.rows),
+            "rows": to_columns(self.rows),
             "peak": asdict(self.peak),
             "largest": {name: asdict(spread) for name, spread in self.largest.items()},
         }
@@ -272,18 +277,18 @@ class ProtocolRun:
             StepRecord(*values)
             for values in zip(*(state["rows"][name].tolist() for name in StepRecord.__annotations__), strict=True)
         ]
-        self.peak = Peak.restored(state["peak"])
+        self.peak = Peak.from_dict(state["peak"])
         self.largest = {name: MeasureStatistics(**spread) for name, spread in state["largest"].items()}
         self.sampler.start(self.transient.progress.t)
         self.frames = list(frames)
 
 
-def due(protocol: ToolMotion | ForceProtocol, last: float, t: float) -> bool:
+def is_frame_due(protocol: ToolMotion | ForceProtocol, last: float, t: float) -> bool:
     """Whether a frame is kept at a time (s) between events, after one at `last`."""
-    way = abs(protocol.at(t) - protocol.at(last))
+    way = abs(protocol.value(t) - protocol.value(last))
     return t - last >= FRAME_SPACING * protocol.times[-1] or way >= FRAME_WAY * protocol.most
 
 
-def table(rows: list[StepRecord]) -> dict[str, np.ndarray]:
+def to_columns(rows: list[StepRecord]) -> dict[str, np.ndarray]:
     """Rows as columns, by field name."""
     return {name: np.array([getattr(row, name) for row in rows]) for name in StepRecord.__annotations__}

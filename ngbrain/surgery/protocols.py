@@ -13,7 +13,7 @@ from ngbrain.errors import InputError
 from ngbrain.forward.contact.force_control import GivenForce
 from ngbrain.scene.protocols import CLEAR
 
-NUDGE = 1e-5
+PROBE_DEPTH = 1e-5
 """How far (m) beyond its gap a blade of given force goes to feel the tissue."""
 
 
@@ -28,7 +28,7 @@ class ToolMotion:
     def __post_init__(self) -> None:
         _check(self.name, self.times, self.advance, "advances")
 
-    def at(self, t: float) -> float:
+    def value(self, t: float) -> float:
         """Advance (m) at time t (s)."""
         return float(np.interp(t, self.times, self.advance))
 
@@ -59,7 +59,7 @@ class ForceProtocol:
     Without force it is off the tissue, and comes back as the tissue does.
 
     >>> from ngbrain.units import gf
-    >>> round(ForceProtocol("30 gf", (0.0, 10.0, 600.0), (0.0, gf(30.0), gf(30.0))).at(5.0), 5)
+    >>> round(ForceProtocol("30 gf", (0.0, 10.0, 600.0), (0.0, gf(30.0), gf(30.0))).value(5.0), 5)
     0.1471
     """
 
@@ -74,7 +74,7 @@ class ForceProtocol:
                 f"protocol {self.name!r} force", list(self.force), "forces (N) from 0 on, some > 0, none < 0"
             )
 
-    def at(self, t: float) -> float:
+    def value(self, t: float) -> float:
         """Force (N) at time t (s)."""
         return float(np.interp(t, self.times, self.force))
 
@@ -95,7 +95,7 @@ class ForceProtocol:
 
     def drive(self, limit: float = np.inf) -> GivenForce:
         """What asks for the force, and takes the blade no farther than a limit (m)."""
-        return GivenForce(self.times, self.force, -CLEAR, NUDGE, limit)
+        return GivenForce(self.times, self.force, -CLEAR, PROBE_DEPTH, limit)
 
 
 def _check(name: str, times: Sequence[float], values: Sequence[float], what: str) -> None:
@@ -119,23 +119,23 @@ class Drive:
     def __init__(self, protocol: ToolMotion) -> None:
         self.protocol = protocol
         self.events = protocol.times[1:]
-        self.parameter = ngs.Parameter(protocol.at(0.0))
+        self.parameter = ngs.Parameter(protocol.value(0.0))
 
     def set(self, t: float) -> None:
         """Put the blade where it is at time t."""
-        self.parameter.Set(self.protocol.at(t))
+        self.parameter.Set(self.protocol.value(t))
 
     def travel(self, start: float, end: float) -> float:
         """Advance (m) between two times."""
-        return self.protocol.at(end) - self.protocol.at(start)
+        return self.protocol.value(end) - self.protocol.value(start)
 
 
-def continuous(opening: float, ramp: float, elapsed: float, name: str = "continuous") -> ToolMotion:
+def continuous_retraction(opening: float, ramp: float, elapsed: float, name: str = "continuous") -> ToolMotion:
     """Open at an even rate in `ramp` seconds, hold until `elapsed`."""
     return ToolMotion(name, (0.0, ramp, elapsed), (0.0, opening, opening))
 
 
-def intermittent(
+def intermittent_retraction(
     opening: float, ramp: float, elapsed: float, hold: float, rest: float, name: str = "intermittent"
 ) -> ToolMotion:
     """Hold for `hold` s after opening, let go, rest for `rest` s from letting go to opening again, …; same rate both ways.
@@ -170,7 +170,9 @@ def intermittent(
     return ToolMotion(name, tuple(times), tuple(advance))
 
 
-def staged(opening: float, ramp: float, elapsed: float, stages: int, rest: float, name: str = "staged") -> ToolMotion:
+def staged_retraction(
+    opening: float, ramp: float, elapsed: float, stages: int, rest: float, name: str = "staged"
+) -> ToolMotion:
     """Reach the opening in equal steps at the same rate, `rest` s between them, then hold until `elapsed`."""
     times, advance = [0.0], [0.0]
     for stage in range(1, stages + 1):

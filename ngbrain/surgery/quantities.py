@@ -173,13 +173,13 @@ QUANTITIES: Mapping[str, ProtocolQuantity] = {
 """By key in `result.json`."""
 
 
-def of_pressure(curve: TimeCurve) -> dict[str, float]:
+def pressure_quantities(curve: TimeCurve) -> dict[str, float]:
     """All that follows from the pressure (mmHg) over time alone."""
     found = (each for each in QUANTITIES.values() if isinstance(each, PressureQuantity))
     return {each.key: float(each.of(curve)) for each in found if each.of is not None}
 
 
-def of_run(run: ProtocolResult) -> dict[str, float | Mapping[str, float]]:
+def run_quantities(run: ProtocolResult) -> dict[str, float | Mapping[str, float]]:
     """All that is read off a run."""
     found = (each for each in QUANTITIES.values() if isinstance(each, RunQuantity))
     return {each.key: each.of(run) for each in found if each.of is not None}

@@ -21,7 +21,9 @@ Mixtures = Mapping[str, Mapping[str, Any]]
 """Region of the mesh → tissue → its share at the quadrature points."""
 
 
-def fields(volume: Volume, mesh: ngs.Mesh, mixtures: Mixtures, order: int) -> dict[str, ngs.GridFunction]:
+def stiffness_ratio_fields(
+    volume: Volume, mesh: ngs.Mesh, mixtures: Mixtures, order: int
+) -> dict[str, ngs.GridFunction]:
     """Tissue → the map over its mean there, for the regions that are given and for integrals of this order alone.
 
     Where nothing was measured, the map's value is that of the nearest place that was.
@@ -32,7 +34,7 @@ def fields(volume: Volume, mesh: ngs.Mesh, mixtures: Mixtures, order: int) -> di
     return {name: quadrature_field(space, ratio) for name, (ratio, *_) in _over(volume, mesh, mixtures, order).items()}
 
 
-def mean(volume: Volume, mesh: ngs.Mesh, mixtures: Mixtures, order: int) -> float:
+def mean_modulus(volume: Volume, mesh: ngs.Mesh, mixtures: Mixtures, order: int) -> float:
     """The map's mean over the volume of all tissues that are given."""
     over = _over(volume, mesh, mixtures, order).values()
     amounts = [(values @ weight, weight.sum()) for _, weight, _, values in over]
@@ -78,7 +80,7 @@ def _over(
     }
 
 
-def in_words(found: Mapping[str, Mapping[str, float]]) -> list[str]:
+def summary_lines(found: Mapping[str, Mapping[str, float]]) -> list[str]:
     """A `summary` as a line for the result's warnings."""
     each = [
         f"{name} {of['ratio_p5']:.2f} to {of['ratio_p95']:.2f} times its mean (5th to 95th percentile), "

@@ -36,7 +36,7 @@ from ngbrain.surgery.uncertainty.verification_runs import (
     MILLER,
     ORDER,
     half_steps,
-    miller,
+    miller_exponent,
     one_order_more,
     other_elements,
 )
@@ -45,7 +45,7 @@ _CHECKS: dict[str, Callable[[RetractionModel, Path | None, bool, Callback], Any]
     ORDER: one_order_more,
     MESH: other_elements,
     HALF: half_steps,
-    MILLER: miller,
+    MILLER: miller_exponent,
 }
 CHECKS = len(_CHECKS)
 """Runs beside the protocols', for a progress bar."""
@@ -117,8 +117,8 @@ def solve(
     where = None if folder is None else Path(folder).absolute()  # workers elsewhere stand in another folder
     if where is not None:
         where.mkdir(parents=True, exist_ok=True)
-    model = RetractionModel.of(scene)
-    warned = check_moduli(model) + check_corridor(model) + relative_stiffness.in_words(model.stiffness_map())
+    model = RetractionModel.from_scene(scene)
+    warned = check_moduli(model) + check_corridor(model) + relative_stiffness.summary_lines(model.stiffness_map())
     model.run(model.program(scene, scene.protocols[0]))  # refuses unknown regions and boundaries before hours are spent
     if where is not None:
         _write_pictures(where / PICTURES, model.head.pictures())
@@ -165,11 +165,11 @@ def _of_protocols(model: RetractionModel, runs: Runs, threads: int) -> dict[str,
         "scene": scene.to_dict(),
         "head": model.head.describe(model.mesh) | ({"shear_modulus_map": mapped} if mapped else {}),
         "geometry": geometry(model),
-        "model": answers.model(model, runs),
+        "model": answers.model_summary(model, runs),
         "answers": found,
         "comparison": answers.comparison(runs, found),
-        "dose_response": dose_response.points(),
-        "left_out": answers.left_out(model, runs),
+        "dose_response": dose_response.dose_response_points(),
+        "left_out": answers.model_limitations(model, runs),
     }
 
 
@@ -182,8 +182,8 @@ def _of_checks(
 ) -> dict[str, Any]:
     """The part that grows with them."""
     scene = model.scene
-    factors = material_uncertainty.near_site(model, runs).factors.values()
-    errors = error_budget.errors(error_budget.hold(scene, found, checked), checked, factors, scene.patient)
+    factors = material_uncertainty.moduli_near_site(model, runs).factors.values()
+    errors = error_budget.errors(error_budget.hold_answer(scene, found, checked), checked, factors, scene.patient)
     driven = {p.name: runs[p.name] for p in scene.protocols if p.kind != "force"}  # whose way the moduli do not change
     return {
         "check_status": status,

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ngbrain.atomic import atomic_write
-from ngbrain.cli.places import held
+from ngbrain.cli.places import lock_folder
 from ngbrain.errors import InputError, require
 from ngbrain.io.json_file import write_json
 from ngbrain.io.versions import versions
@@ -94,7 +94,7 @@ def cohort(
     by = group or (GROUP if GROUP in cases[0].about else "")
     groups = values_of(cases, by) if by else dict.fromkeys((case.name for case in cases), "")
     _check_folder(folder)
-    with held(folder):
+    with lock_folder(folder):
         records, computed = _computed(cases, folder, executor, again, callback or (lambda *_: None))
         rows = [_row(case, records[case.name], groups[case.name], folder, case.name in computed) for case in cases]
         done = _judged(rows, folder, by, [case.name for case in cases])

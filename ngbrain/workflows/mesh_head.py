@@ -88,13 +88,13 @@ class Subject:
         return float(point[0]), float(point[1]), float(point[2])
 
     @classmethod
-    def of_scan(cls, path: str | os.PathLike[str]) -> Subject:
+    def from_scan(cls, path: str | os.PathLike[str]) -> Subject:
         """From a T1; raises what `read_scan` and `label_tissues` raise."""
         scan = read_scan(path)
         return cls._of_scan(label_tissues(scan).labels, scan)
 
     @classmethod
-    def of_structures(cls, path: str | os.PathLike[str]) -> Subject:
+    def from_structures(cls, path: str | os.PathLike[str]) -> Subject:
         """From a T1, its tissues split into structures (`ngbrain.image.structures.structures`): `grey_left`, `brain_stem`, …
 
         Patterns pick them in a mesh of a route that conforms to tissues: `white.*` all white matter but the corpus callosum,
@@ -107,7 +107,7 @@ class Subject:
         return cls._of_scan(label_structures(scan).labels, scan)
 
     @classmethod
-    def of_atlas(
+    def from_atlas(
         cls,
         path: str | os.PathLike[str],
         atlas: str | os.PathLike[str],
@@ -124,7 +124,7 @@ class Subject:
         return cls(moved, scan.volume, scan.file_affine, scan.file_shape, scan.source)
 
     @classmethod
-    def of_labels(
+    def from_labels(
         cls,
         path: str | os.PathLike[str],
         names: str | Mapping[int, str] | None = None,
@@ -145,7 +145,7 @@ class Subject:
         return cls._of(labels, file.volume, str(path), notes)
 
     @classmethod
-    def of_surfaces(
+    def from_surfaces(
         cls, parts: Sequence[tuple[str, str | os.PathLike[str]]], unit: str = "mm", fill: bool = True
     ) -> Subject:
         """From closed surfaces, named by what is inside, the outer ones first; raises what `read_surface` and
@@ -153,7 +153,7 @@ class Subject:
 
         They become a map of labels (`ngbrain.image.segment.from_surfaces`), which is written on its own voxels.
 
-        unit   of lengths in files that do not say it; fill as of `of_labels`
+        unit   of lengths in files that do not say it; fill as of `from_labels`
         """
         surfaces = [(name, read_surface(path, unit)) for name, path in parts]
         file = labels_from_surfaces(surfaces)

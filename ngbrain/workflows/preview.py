@@ -19,7 +19,7 @@ from ngbrain.report.pages.preview import Condition, Drawing, Solid
 from ngbrain.report.pictures.slices import ScanImage
 from ngbrain.report.pictures.tool import TOOLS, drawn
 from ngbrain.scene import Contact, DisplacementBC, Scene
-from ngbrain.surgery.head_models import Head, head_of
+from ngbrain.surgery.head_models import Head, load_head
 from ngbrain.surgery.model import RetractionModel
 from ngbrain.surgery.model_selection import LARGEST
 from ngbrain.surgery.retraction import geometry
@@ -71,11 +71,11 @@ def preview(scene: Scene | str | Path, folder: str | Path) -> Path:
 
 def _body(scene: Scene) -> Drawing:
     """Of a body under loads, on its coarsest elements; its conditions are checked by making the problem."""
-    bench = ModelHierarchy(scene)
+    hierarchy = ModelHierarchy(scene)
     model = {"mesh": "0", "order": "1", "strain": "finite", "pressure": "none", "space": "solid"}
     if scene.time.frequency is None:
-        bench.static(model, scene.time.end)
-    mesh = bench.mesh(model)
+        hierarchy.static(model, scene.time.end)
+    mesh = hierarchy.mesh(model)
     names = sorted(set(mesh.GetBoundaries()))
     conditions = [_displacement(bc, names, scene) for bc in scene.displacement_bcs]
     for traction in scene.tractions:
@@ -89,12 +89,12 @@ def _body(scene: Scene) -> Drawing:
     for body in scene.contacts:
         words = f"{body.shape} that goes {_listed(body.toml_value('travel'))} mm, friction {body.friction:g}"
         conditions.append(Condition("contact", words, _matching(body.boundary, names)))
-    solids = [_rigid(body, bench.longest, scene) for body in scene.contacts]
+    solids = [_rigid(body, hierarchy.longest, scene) for body in scene.contacts]
     points = [quantity.point for quantity in scene.quantities if quantity.point]
     parts = _parts(mesh)
     focus = np.array(points[0]) if points else (parts["points"].min(axis=0) + parts["points"].max(axis=0)) / 2
     head = scene.geometry.is_head
-    image = _image(head_of(scene.geometry)) if head else None
+    image = _image(load_head(scene.geometry)) if head else None
     return Drawing(
         scene.title, **parts, focus=focus, head=head, conditions=conditions, solids=solids, image=image,
         tables=_tables(scene, mesh, conditions), warnings=scene.warnings,
@@ -104,11 +104,11 @@ def _body(scene: Scene) -> Drawing:
 def _operation(scene: Scene) -> Drawing:
     """Of an operation: the mesh on large elements, which takes seconds, or on its own where there is none so large."""
     sizes = replace(scene.mesh, **{name: max(getattr(scene.mesh, name), size) for name, size in LARGEST.items()})
-    head, coarse = head_of(scene.geometry), True
+    head, coarse = load_head(scene.geometry), True
     try:
-        model = RetractionModel.of(replace(scene, mesh=sizes), head)
+        model = RetractionModel.from_scene(replace(scene, mesh=sizes), head)
     except InputError:  # whatever else is wrong is so again
-        model, coarse = RetractionModel.of(scene, head), False
+        model, coarse = RetractionModel.from_scene(scene, head), False
     model.materials(2)
     names = sorted(set(model.mesh.GetBoundaries()))
     conditions = [
@@ -201,7 +201,7 @@ def _rigid(body: Contact, long: float, scene: Scene) -> Solid:
     for start in (0, (len(rings) - 1) * ROUND):
         i = np.arange(2, ROUND)
         tris.append(start + np.column_stack([0 * i, i - 1, i]))
-    end = np.array([float(each) for each in body.gone(scene.time.end, 1.0)])
+    end = np.array([float(each) for each in body.displacement(scene.time.end, 1.0)])
     return Solid(body.shape, points, np.concatenate(tris), (points + end, np.concatenate(tris)))
 
 

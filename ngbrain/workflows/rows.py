@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from ngbrain.cli import ERRORS, EXIT_SOLVER, ended, module_of, perform
+from ngbrain.cli import ERRORS, EXIT_SOLVER, exit_status, module_of, perform
 from ngbrain.cli.options.common import parser
 from ngbrain.errors import InputError, SolverError
 from ngbrain.io.cache import code_digest
@@ -125,7 +125,7 @@ def run_row(case: CohortCase, folder: str, digest: str, *, callback: Callback) -
         except (MemoryError, TaskLost):
             raise
         except ERRORS as wrong:
-            error, (status, line) = wrong, ended(wrong, arguments)
+            error, (status, line) = wrong, exit_status(wrong, arguments)
             print(f"{SIGNS}{line}")
         except Exception as wrong:
             error, status = wrong, EXIT_SOLVER

@@ -106,10 +106,10 @@ def simulate(
             raise InputError("questions", "given", "none: an operation has those of its own [[quantity]]")
         return model_selection.solve(scene, folder, model, richest, threads, callback, executor, checkpoint)
     if as_described:
-        model = described(scene)
+        model = full_model(scene)
     return ladder.solve(scene, folder, model, richest, threads, callback, executor, questions, checkpoint)
 
 
-def described(scene: Scene) -> Model:
+def full_model(scene: Scene) -> Model:
     """The model of a body that leaves nothing out, on the scene's own elements."""
     return {**axes.richest(axes.axes_of(scene)), "mesh": "0", "order": str(scene.mesh.order)}

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ngbrain.ladder.adaptivity import chosen
+from ngbrain.ladder.adaptivity import mark_elements
 from ngbrain.ladder.axes import axes_of, cheapest
-from ngbrain.ladder.estimates import Estimate, relative
+from ngbrain.ladder.estimates import Estimate, relative_difference
 from ngbrain.ladder.model_search import Rung, _towards, climb
 from ngbrain.ladder.models.bodies import SMALL, ModelHierarchy, linear_state, solve
-from ngbrain.ladder.quantities import BodyState, answer, slope
-from ngbrain.ladder.solutions import Keeper
+from ngbrain.ladder.quantities import BodyState, evaluate, gradient
+from ngbrain.ladder.solutions import SolutionCache
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Tissue
 
 PLATE = Geometry(kind="block", size=(0.06, 0.06, 0.04), plate=(0.02, 0.02))
@@ -49,8 +49,8 @@ def test_slopes_are_those_of_the_answers(quantity: Quantity, within: float, spac
     smooth = linear_state(bench.static({**model, "tissue": "each"}, 1.0))  # an answer of its own size
     change = 1e-3 * np.where(body.weights > 0, smooth * (1 + 0.3 * rng.normal(size=len(x))), 0)
     states = [BodyState(body, x + sign * change, SMALL, True, bench.thickness_of(model)) for sign in (-1, 1)]
-    before, after = (answer(quantity, state) for state in states)
-    foretold = 2 * slope(quantity, BodyState(body, x, SMALL, True, bench.thickness_of(model))) @ change
+    before, after = (evaluate(quantity, state) for state in states)
+    foretold = 2 * gradient(quantity, BodyState(body, x, SMALL, True, bench.thickness_of(model))) @ change
     assert abs(after - before) > 1e-5 * abs(before)
     assert foretold == pytest.approx(after - before, rel=within)
 
@@ -60,13 +60,13 @@ def test_a_percentile_beyond_all_elements_is_the_nearest_ones() -> None:
     bench, model = ModelHierarchy(asked), linear(asked, space="solid", extent="whole")
     body = bench.static(model, 1.0)
     state = BodyState(body, linear_state(body), SMALL, True)
-    assert np.isfinite(slope(asked.quantities[0], state)).all() and slope(asked.quantities[0], state).any()
+    assert np.isfinite(gradient(asked.quantities[0], state)).all() and gradient(asked.quantities[0], state).any()
 
 
 def test_the_fewest_that_leave_out_most_are_chosen() -> None:
-    assert chosen(np.array([1.0, 5.0, 2.0, 2.0]), 0.5).tolist() == [False, True, False, False]
-    assert chosen(np.array([1.0, 5.0, 2.0, 2.0]), 1.0).all()
-    assert not chosen(np.zeros(3), 0.5).any()
+    assert mark_elements(np.array([1.0, 5.0, 2.0, 2.0]), 0.5).tolist() == [False, True, False, False]
+    assert mark_elements(np.array([1.0, 5.0, 2.0, 2.0]), 1.0).all()
+    assert not mark_elements(np.zeros(3), 0.5).any()
 
 
 @pytest.mark.parametrize(("quantity", "left"), [(FORCE, 0.25), (STRAIN, 0.25)])
@@ -76,15 +76,15 @@ def test_a_part_of_the_elements_does_most_of_what_all_do(quantity: Quantity, lef
     model = linear(asked, space="solid", order="2", extent="whole")
     coarse, part, whole = (solve(bench, {**model, "mesh": level}) for level in ("0", "0+", "1"))
     assert part.ndof < 0.7 * whole.ndof
-    all_of_it = abs(relative(coarse.answers, whole.answers)[0])
+    all_of_it = abs(relative_difference(coarse.answers, whole.answers)[0])
     assert all_of_it > 0.01
-    assert abs(relative(part.answers, whole.answers)[0]) < left * all_of_it
+    assert abs(relative_difference(part.answers, whole.answers)[0]) < left * all_of_it
 
 
 def test_a_step_is_judged_whole_and_climbed_in_part_where_that_will_do() -> None:
     asked = scene()
     axes = axes_of(asked)
-    assert [axes["mesh"].judged(level) for level in ("0", "0+", "1", "1+")] == ["1", "1", "2", "2"]
+    assert [axes["mesh"].estimated_level(level) for level in ("0", "0+", "1", "1+")] == ["1", "1", "2", "2"]
     for change, order, taken, to in (
         (0.02, "1", ("mesh",), "0+"),
         (0.03, "1", ("mesh",), "1"),
@@ -103,7 +103,7 @@ def test_a_step_is_judged_whole_and_climbed_in_part_where_that_will_do() -> None
 def test_a_bound_may_be_a_part_and_heads_have_none() -> None:
     asked = scene()
     axes = axes_of(asked, {"mesh": "0+"})
-    assert axes["mesh"].levels == ("0", "0+") and axes["mesh"].judged("0") == "0+"
+    assert axes["mesh"].levels == ("0", "0+") and axes["mesh"].estimated_level("0") == "0+"
     head = replace(
         asked,
         geometry=Geometry(kind="idealised"),
@@ -117,16 +117,16 @@ def test_a_bound_may_be_a_part_and_heads_have_none() -> None:
 def test_a_climb_goes_over_a_part_and_is_as_accurate_as_asked() -> None:
     asked = scene(replace(FORCE, tolerance=0.03))
     bounds = {"order": "2", "mesh": "1", "strain": "linear", "extent": "near"}
-    keeper = Keeper(ModelHierarchy(asked))
+    keeper = SolutionCache(ModelHierarchy(asked))
     found = climb(asked, bounds, keeper=keeper)
     assert found.chosen.model["mesh"] == "0+"
     rich = keeper({**found.chosen.model, "order": "2", "mesh": "1"}).answers
-    assert np.abs(relative(found.chosen.answers, rich)).max() < 0.03
+    assert np.abs(relative_difference(found.chosen.answers, rich)).max() < 0.03
 
 
 def test_a_model_starts_where_the_one_most_like_it_came_to_rest(monkeypatch) -> None:
     asked = scene()
-    keeper = Keeper(ModelHierarchy(asked))
+    keeper = SolutionCache(ModelHierarchy(asked))
     model = linear(asked, strain="finite", space="solid", extent="whole")
     first = keeper(model)
     keeper({**model, "space": "plane"})
@@ -135,5 +135,5 @@ def test_a_model_starts_where_the_one_most_like_it_came_to_rest(monkeypatch) -> 
     assert keeper._near({**model, "strain": "linear"}) is None
     near = keeper({**model, "order": "2"})
     assert keeper._near({**model, "order": "2", "mesh": "1"}) is near.states
-    alone = solve(keeper.bench, {**model, "order": "2"})
+    alone = solve(keeper.solver, {**model, "order": "2"})
     assert near.answers == pytest.approx(alone.answers, rel=1e-6)

@@ -13,10 +13,10 @@ from scipy.optimize import brentq
 
 from ngbrain.errors import SolverError
 from ngbrain.ladder.axes import axes_of
-from ngbrain.ladder.estimates import relative
+from ngbrain.ladder.estimates import relative_difference
 from ngbrain.ladder.model_search import climb
 from ngbrain.ladder.models.bodies import ModelHierarchy
-from ngbrain.ladder.solutions import Keeper
+from ngbrain.ladder.solutions import SolutionCache
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Time, Tissue, Traction
 
 TOLERANCE = 0.1
@@ -124,11 +124,11 @@ def outcome(seed):
         scene = drawn(seed)
         axes = axes_of(scene, RICHEST)
         try:
-            truth = Keeper(ModelHierarchy(scene))({name: axis.levels[-1] for name, axis in axes.items()}).answers
+            truth = SolutionCache(ModelHierarchy(scene))({name: axis.levels[-1] for name, axis in axes.items()}).answers
         except SolverError:
             return None
         found = climb(scene, RICHEST)
-    error = float(np.abs(relative(found.chosen.answers, truth)).max())
+    error = float(np.abs(relative_difference(found.chosen.answers, truth)).max())
     return Outcome(seed, error, float(found.error.max()), list(found.warnings))
 
 
@@ -159,9 +159,9 @@ def test_an_answer_takes_hardly_more_unknowns_than_an_experts_first_guess():
     for seed in FIRST_GUESSES:
         scene = drawn(seed)
         best = {name: axis.levels[-1] for name, axis in axes_of(scene, RICHEST).items()}
-        guess, keeper = Keeper(ModelHierarchy(scene)), Keeper(ModelHierarchy(scene))
+        guess, keeper = SolutionCache(ModelHierarchy(scene)), SolutionCache(ModelHierarchy(scene))
         first, truth = guess({**best, "mesh": "0", "order": "2"}), guess(best)
-        if np.abs(relative(first.answers, truth.answers)).max() > TOLERANCE:
+        if np.abs(relative_difference(first.answers, truth.answers)).max() > TOLERANCE:
             raise ValueError("the first guess does not meet the tolerance")
         climb(scene, RICHEST, keeper=keeper)
         dearer.append(sum(found.ndof for found in keeper.kept.values()) / first.ndof)

@@ -10,13 +10,13 @@ import pytest
 
 import ngbrain
 from ngbrain.errors import InputError
-from ngbrain.ladder.axes import AXES, OF_WAVES, Axis, axes_of, between, cheapest, richest
-from ngbrain.ladder.estimates import BY, SOLVED, Estimate, relative
+from ngbrain.ladder.axes import AXES, OF_WAVES, Axis, axes_of, cheapest, restrict, richest
+from ngbrain.ladder.estimates import ESTIMATORS, SOLVED, Estimate, relative_difference
 from ngbrain.ladder.levels import MeshLevel, TimeLevel
-from ngbrain.ladder.model_search import Rung, _as_order, _confirmed, _judge, _learnt, _next, _rung, ascend, climb
+from ngbrain.ladder.model_search import Rung, _as_order, _confirmed, _judge, _learnt, _next, _rung, climb, climb_along
 from ngbrain.ladder.models.bodies import Model, ModelHierarchy, Solution
 from ngbrain.ladder.quantities import BodyState
-from ngbrain.ladder.solutions import Keeper
+from ngbrain.ladder.solutions import SolutionCache
 from ngbrain.result import Status
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Time, Tissue, Traction
 
@@ -46,8 +46,8 @@ def test_small_strains_stay_linear_and_large_ones_do_not() -> None:
 def test_the_chosen_model_is_as_accurate_as_asked(tolerance: float) -> None:
     scene = squeezed(1, Tissue(mu=(1e3,), alpha=(-19.0,), poissons_ratio=0.3), tolerance)
     found = climb(scene, BOUNDS)
-    rich = Keeper(ModelHierarchy(scene))(richest(axes_of(scene, BOUNDS)))
-    off = np.abs(relative(found.chosen.answers, rich.answers))
+    rich = SolutionCache(ModelHierarchy(scene))(richest(axes_of(scene, BOUNDS)))
+    off = np.abs(relative_difference(found.chosen.answers, rich.answers))
     assert off.max() <= tolerance
     assert found.chosen.model != richest(found.axes)
     assert found.error.max() <= tolerance
@@ -147,12 +147,12 @@ def test_what_folds_is_no_number_and_solvers_are_heard() -> None:
 
 def test_what_is_doubted_is_solved_for_before_the_climb_ends() -> None:
     scene = squeezed(1, Tissue(mu=(1e3,), poissons_ratio=0.3))
-    keeper, axes = Keeper(ModelHierarchy(scene)), axes_of(scene)
+    keeper, axes = SolutionCache(ModelHierarchy(scene)), axes_of(scene)
     model = {**cheapest(axes), "order": "2"}
     wrong = {name: Estimate(np.zeros(1), "guessed", doubt, "finite") for name, doubt in (("strain", "a guess"),)}
     rung = Rung(model, keeper(model).answers, 1, wrong, np.zeros(1))
     found = _confirmed(keeper, rung, axes)
-    true = relative(keeper(model).answers, keeper({**model, "strain": "finite"}).answers)
+    true = relative_difference(keeper(model).answers, keeper({**model, "strain": "finite"}).answers)
     assert found.estimates["strain"].how == "solved" and not found.estimates["strain"].doubt
     assert found.missing == pytest.approx(np.abs(true)) and abs(true[0]) > 0.005
     trusted = replace(rung, estimates={"strain": Estimate(np.zeros(1), "guessed", "", "finite")})
@@ -162,8 +162,8 @@ def test_what_is_doubted_is_solved_for_before_the_climb_ends() -> None:
 def test_memory_is_judged_by_its_richest_level() -> None:
     scene = squeezed(1, Tissue(poissons_ratio=0.49, mu=(1e3, 1e3), eta=(1e3,)))
     time = axes_of(scene)["time"]
-    assert [time.judged(level) for level in time.levels[:-1]] == ["relaxed", "flowing", "flowing"]
-    assert axes_of(scene, {"time": "prony"})["time"].judged("relaxed") == "prony"
+    assert [time.estimated_level(level) for level in time.levels[:-1]] == ["relaxed", "flowing", "flowing"]
+    assert axes_of(scene, {"time": "prony"})["time"].estimated_level("relaxed") == "prony"
 
 
 @pytest.mark.parametrize(
@@ -240,12 +240,12 @@ class Written:
 
 def test_elements_that_are_only_halved_as_a_whole_are_not_climbed_one_way_after_the_other() -> None:
     """Where one way is not enough: the step between costs a third of the richest model, and is left again."""
-    axes = {name: between(replace(AXES[name], by=("forgetful",) * 4), 0, 2) for name in ("order", "mesh")}
+    axes = {name: restrict(replace(AXES[name], by=("forgetful",) * 4), 0, 2) for name in ("order", "mesh")}
     axes["mesh"] = replace(axes["mesh"], levels=(MeshLevel.COARSEST, MeshLevel.HALVED))
     axes["time"] = Axis("time", (TimeLevel.FLOWING,), (), (), ())
     for tolerance, way in ((0.05, [("1", "0"), ("2", "1")]), (0.07, [("1", "0"), ("2", "0")])):
         bench = Written({("1", "0"): 1.11, ("2", "0"): 1.04, ("1", "1"): 1.07, ("2", "1"): 1.0})
-        found = ascend(axes, Keeper(bench), np.full(1, tolerance), lambda _: None)
+        found = climb_along(axes, SolutionCache(bench), np.full(1, tolerance), lambda _: None)
         assert bench.flowed == way
         assert abs(found.chosen.answers[0] - 1) <= tolerance
 
@@ -310,7 +310,7 @@ class Asked:
 def test_finite_strains_start_from_the_model_that_is_most_like_them(contact: str, starts: list[bool]) -> None:
     """What slides, in the same elements only."""
     bench = Asked()
-    keeper = Keeper(bench)
+    keeper = SolutionCache(bench)
     model = {"strain": "finite", "contact": contact, "space": "solid", "order": "1", "mesh": "0", "tissue": "one"}
     for change in ({}, {"mesh": "1"}, {"mesh": "1", "tissue": "each"}):
         keeper({**model, **change})
@@ -327,19 +327,19 @@ class Stiff:
 
 def test_elements_that_may_lock_are_doubted_and_solved_for_before_a_climb_ends() -> None:
     """Not once pressures are unknowns."""
-    axes = {name: between(replace(OF_WAVES[name], by=("solve",) * 4), 0, 2) for name in ("pressure", "order", "mesh")}
+    axes = {name: restrict(replace(OF_WAVES[name], by=("solve",) * 4), 0, 2) for name in ("pressure", "order", "mesh")}
     axes |= {name: replace(axes[name], by=("roundly",)) for name in ("order", "mesh")}
     model = {"pressure": "none", "order": "1", "mesh": "0"}
-    keeper = Keeper(Stiff())
+    keeper = SolutionCache(Stiff())
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(BY, "roundly", lambda bench, one, other, solved: guessed(0.005))
+        patch.setitem(ESTIMATORS, "roundly", lambda bench, one, other, solved: guessed(0.005))
         found = _rung(keeper, model, axes).estimates
         assert [bool(found[name].doubt) for name in axes] == [False, True, True]
         elements = {name: axes[name] for name in ("order", "mesh")}
         assert not any(
             each.doubt for each in _rung(keeper, {**model, "pressure": "unknown"}, elements).estimates.values()
         )
-        climbed = ascend(axes, keeper, np.full(1, 0.1), lambda _: None).chosen
+        climbed = climb_along(axes, keeper, np.full(1, 0.1), lambda _: None).chosen
     assert climbed.model == model and {each.how for each in climbed.estimates.values()} == {SOLVED}
 
 

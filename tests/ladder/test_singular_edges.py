@@ -5,7 +5,7 @@ import pytest
 
 from ngbrain.ladder.model_search import climb
 from ngbrain.ladder.models.bodies import ModelHierarchy, solve
-from ngbrain.ladder.singular_edges import torn
+from ngbrain.ladder.singular_edges import find_singular_edges
 from ngbrain.mesh import block
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Tissue
 
@@ -59,7 +59,7 @@ def scene(*given: DisplacementBC, quantity: Quantity = FORCE) -> Scene:
     ],
 )
 def test_what_is_torn(of: Scene, doubted: bool) -> None:
-    assert bool(torn(of, block((0.04, 0.03, 0.03), 0.03))) == doubted
+    assert bool(find_singular_edges(of, block((0.04, 0.03, 0.03), 0.03))) == doubted
 
 
 def test_the_force_grows_without_end_and_the_ladder_says_so() -> None:

@@ -11,7 +11,7 @@ import pytest
 import ngbrain
 from ngbrain.errors import SolverError
 from ngbrain.ladder.models.bodies import Model, ModelHierarchy, Solution
-from ngbrain.ladder.solutions import Keeper
+from ngbrain.ladder.solutions import SolutionCache
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Time, Tissue
 
 
@@ -21,7 +21,7 @@ class Odd:
     asked: list[str] = []  # noqa: RUF012
 
     def __init__(self, scene: Any) -> None:
-        self.made_of = (scene,)
+        self.init_arguments = (scene,)
 
     def solve(self, model: Model, near: Any = None) -> Solution:
         self.asked.append(model["number"])
@@ -43,8 +43,8 @@ def test_models_that_fail_are_asked_for_once() -> None:
 
         return estimate
 
-    keeper, begun = Keeper(Odd("a scene"), executor=1), time.process_time()
-    found = keeper.at_once({"even": of(2, 6), "odd": of(2, 1), "here": of(4, 8)})
+    keeper, begun = SolutionCache(Odd("a scene"), executor=1), time.process_time()
+    found = keeper.run_estimates({"even": of(2, 6), "odd": of(2, 1), "here": of(4, 8)})
     assert found == {"even": [2.0, 6.0], "odd": "1 is odd", "here": [4.0, 8.0]}
     assert Odd.asked == ["2", "6", "1", "4", "8"]  # what has states comes last: it is solved here
     with pytest.raises(SolverError, match="1 is odd"):

@@ -118,7 +118,7 @@ def test_maxwell_branches_are_of_any_isotropic_law(tmp_path, own):
     assert Scene.from_toml(tmp_path / "scene.toml") == scene and hash(scene)
     tissue, springs = scene.tissues[0], (Demiray(600.0, 3.0), LopezPamies(900.0, 1.7))
     assert tissue.law() == Viscous(Gent(500.0, 2.0), (Maxwell(springs[0], 1800.0), Maxwell(springs[1], 9000.0)))
-    assert tissue.initial_modulus == pytest.approx(2000.0) and tissue.scaled(2.0).initial_modulus == pytest.approx(
+    assert tissue.initial_modulus == pytest.approx(2000.0) and tissue.with_scale(2.0).initial_modulus == pytest.approx(
         4000.0
     )
     assert tissue.with_alpha(-4.7).law().flowing[0].law == Ogden(600.0, -4.7)

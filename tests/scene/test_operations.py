@@ -269,14 +269,14 @@ def test_with_alpha_keeps_moduli_and_times():
 @pytest.mark.parametrize("given", [{"material": "griffiths2024:cortex"}, {"mu": 50.0}, {"mu": 50.0, "alpha": -4.0}])
 def test_scaled_doubles_moduli_and_keeps_times(given):
     tissue = Tissue(region="x", **given)
-    double = tissue.scaled(2.0)
+    double = tissue.with_scale(2.0)
     assert double.initial_modulus == 2 * tissue.initial_modulus and double.bulk == 2 * tissue.bulk
     law, twice = tissue.law(), double.law()
     assert [b.tau for b in twice.branches] == pytest.approx([b.tau for b in law.branches], rel=1e-8)
     assert twice.equilibrium == dataclasses.replace(law.equilibrium, mu=2 * law.equilibrium.mu)
-    assert double.published is tissue.published and tissue.scaled(2.0).scaled(3.0).scale == 6.0
+    assert double.published is tissue.published and tissue.with_scale(2.0).with_scale(3.0).scale == 6.0
     with pytest.raises(InputError, match="scale"):
-        tissue.scaled(-1.0)
+        tissue.with_scale(-1.0)
 
 
 # What is refused: where, what to put there, and what the line must say.

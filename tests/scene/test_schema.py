@@ -10,7 +10,7 @@ import ngbrain
 from ngbrain.cli import main
 from ngbrain.errors import InputError
 from ngbrain.scene import Scene
-from ngbrain.scene.schema import descriptions, reference, schema
+from ngbrain.scene.schema import descriptions, json_schema, reference
 from ngbrain.schema.document import entries
 
 ROOT = Path(__file__).parents[2]
@@ -72,7 +72,7 @@ def test_every_key_is_described():
         if entry.table:
             said = descriptions(entry.table)
             assert {name for name in entries(entry.table) if not said.get(name)} == set(), entry.key
-            assert set(schema(entry.table)["properties"]) == {each.key for each in entries(entry.table).values()}
+            assert set(json_schema(entry.table)["properties"]) == {each.key for each in entries(entry.table).values()}
 
 
 def test_the_page_is_what_the_code_says():

@@ -9,7 +9,7 @@ from ngbrain.forward.transient.step_control import StepControl
 from ngbrain.scene import Scene
 from ngbrain.surgery.measures.observer import Observer
 from ngbrain.surgery.model import RetractionModel
-from ngbrain.surgery.uncertainty.verification_runs import orders
+from ngbrain.surgery.uncertainty.verification_runs import compare_orders
 from ngbrain.threads import set_threads
 from ngbrain.units import mmHg
 
@@ -17,7 +17,7 @@ from ngbrain.units import mmHg
 def opened(model, share):
     """Pressure (Pa) and the smallest det F at full opening, elastic, with a share of the barrier."""
     ramp = model.scene.time.ramp
-    materials = {name: replace(m, pointwise=share * m.pointwise) for name, m in model.elastic(ramp).items()}
+    materials = {name: replace(m, pointwise=share * m.pointwise) for name, m in model.elastic_materials(ramp).items()}
     run = model.run(model.ramp("opening"), StepControl(ramp / 10, first=0.05), materials)
     smallest = []
     run.run(lambda body, at, record: smallest.append(record.min_det_F))
@@ -28,8 +28,8 @@ def opened(model, share):
 @pytest.mark.slow
 def test_corners_keep_their_volume_and_the_pressure_is_that_of_one_order_more():
     set_threads(1)
-    model = RetractionModel.of(Scene.shipped("idealised_fast"))
-    ours, third_order = (mmHg(found["peak_pressure_mmHg"]) for found in orders(model))
+    model = RetractionModel.from_scene(Scene.shipped("idealised_fast"))
+    ours, third_order = (mmHg(found["peak_pressure_mmHg"]) for found in compare_orders(model))
     naive, collapsed = opened(model, 0.0)
     again, smallest = opened(model, 1.0)
     assert again == pytest.approx(ours, rel=0.01)

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from ngbrain.ladder.adaptivity import SHARE, chosen
+from ngbrain.ladder.adaptivity import SHARE, mark_elements
 from ngbrain.ladder.axes import axes_of, cheapest, richest
-from ngbrain.ladder.estimates import relative
+from ngbrain.ladder.estimates import relative_difference
 from ngbrain.ladder.model_search import climb
 from ngbrain.ladder.models.bodies import ModelHierarchy, solve
 from ngbrain.ladder.models.geometry import Meshes
-from ngbrain.ladder.solutions import Keeper
+from ngbrain.ladder.solutions import SolutionCache
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Tissue
 
 BOUNDS = {"order": "2", "mesh": "1"}
@@ -26,13 +26,13 @@ def test_a_linear_model_that_serves_palpation_fails_a_deep_press(mm, cheap_enoug
         displacement_bcs=(DisplacementBC(boundary="bottom"), DisplacementBC(boundary="top", value=(0, 0, mm / 1000))),
         quantities=(Quantity(name="force", boundary="top", tolerance=TOLERANCE),),
     )
-    keeper, axes = Keeper(ModelHierarchy(scene)), axes_of(scene, BOUNDS)
+    keeper, axes = SolutionCache(ModelHierarchy(scene)), axes_of(scene, BOUNDS)
     rich = keeper({**richest(axes), "space": "solid"}).answers
     naive = keeper({**richest(axes), "strain": "linear"}).answers
     found = climb(scene, BOUNDS, keeper=keeper)
-    off = float(np.abs(relative(naive, rich)).max())
+    off = float(np.abs(relative_difference(naive, rich)).max())
     assert off < 0.01 if cheap_enough else off > 0.4
-    assert np.abs(relative(found.chosen.answers, rich)).max() < TOLERANCE
+    assert np.abs(relative_difference(found.chosen.answers, rich)).max() < TOLERANCE
     assert (found.chosen.model["strain"] == "linear") == cheap_enough
     assert found.chosen.model != richest(axes) and found.history[0].model == cheapest(axes)
 
@@ -54,12 +54,12 @@ def test_nine_elements_that_the_question_chooses_are_worth_more_than_nine_at_ran
         {**cheapest(axes_of(scene)), "space": "solid", "order": "2", "extent": "whole"},
     )
     coarse, part, whole = (solve(bench, {**model, "mesh": level}) for level in ("0", "0+", "1"))
-    marked = chosen(bench.left_out("whole", False, 0), SHARE[3])
+    marked = mark_elements(bench.left_out("whole", False, 0), SHARE[3])
     meshes = Meshes(plate, 0.02)
-    bench.mesh = lambda _: meshes.cut(0, False, np.random.default_rng(1).permutation(marked))
+    bench.mesh = lambda _: meshes.refine_marked(0, False, np.random.default_rng(1).permutation(marked))
     naive = solve(bench, model)
     left, left_at_random = (
-        abs(relative(each.answers, whole.answers)[0] / relative(coarse.answers, whole.answers)[0])
+        abs(relative_difference(each.answers, whole.answers)[0] / relative_difference(coarse.answers, whole.answers)[0])
         for each in (part, naive)
     )
     assert marked.sum() < 0.06 * len(marked) and part.ndof < naive.ndof

@@ -32,7 +32,7 @@ def test_the_work_of_a_quick_release_is_in_balance():
         tools=(replace(scene.tool, travel=2e-3),),
         time=replace(scene.time, ramp=2.0, end=24.0),
     )
-    model = RetractionModel.of(scene)
+    model = RetractionModel.from_scene(scene)
     naive = lost(model, replace(model.control(), way=np.inf))
     ours = lost(model, model.control())
     print(naive, ours)

@@ -17,7 +17,7 @@ from ngbrain.forward.transient.step_control import StepControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import Branch, Maxwell, NeoHooke, Viscous, step_factors
 from ngbrain.mesh import block
-from ngbrain.surgery.protocols import Drive, continuous
+from ngbrain.surgery.protocols import Drive, continuous_retraction
 
 SIDE, MU, BULK = 0.02, 100.0, 1e5
 TIMES = 10.0 ** np.arange(-3, 4)
@@ -87,7 +87,7 @@ def held(dt):
     A plate presses a block without friction, so the relaxing force is that of the lasting modulus times a number.
     """
     ramp, law = max(dt, 5.0), NeoHooke(300.0)
-    drive = Drive(continuous(DEPTH, ramp, ramp + 20 * dt))
+    drive = Drive(continuous_retraction(DEPTH, ramp, ramp + 20 * dt))
     contact = Contact("top", lambda x: SIDE - drive.parameter - x[2], 1e10, 2e-7)
     material = Material(Viscous(law, (Branch(NeoHooke(300.0 * SHARE), TAU),)), 1.5e6)
     body = Problem(block((SIDE,) * 3, SIDE), {"tissue": material}, {"bottom": 0}, contacts=[contact], element="P2/P1")

@@ -200,7 +200,7 @@ def test_what_is_assumed_of_a_tissue_is_said():
 def test_a_tissue_of_anything_can_be_stiffer_or_stiffen_otherwise(name):
     """Checks and the ladder ask for these; bulk moduli and times stay."""
     tissue = Tissue(region="x", material=name)
-    other, double = tissue.with_alpha(-4.7), tissue.scaled(2.0)
+    other, double = tissue.with_alpha(-4.7), tissue.with_scale(2.0)
     neo = isinstance(constants(name).law(), NeoHooke)
     assert (other is tissue) == neo
     assert other.initial_modulus == pytest.approx(tissue.initial_modulus) and other.bulk == pytest.approx(tissue.bulk)
@@ -228,7 +228,7 @@ def short():
         protocols=(Protocol(kind="continuous"),),
         time=Time(ramp=2.0, end=6.0, max_step_contact=1.0, max_step_hold=10.0, step_tolerance=0.05),
     )
-    return RetractionModel.of(scene)
+    return RetractionModel.from_scene(scene)
 
 
 @pytest.mark.slow

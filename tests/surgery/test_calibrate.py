@@ -32,7 +32,7 @@ def operation(**blade):
 
 @pytest.fixture(scope="module")
 def model():
-    return RetractionModel.of(operation())
+    return RetractionModel.from_scene(operation())
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +99,7 @@ def test_finer_elements_move_the_factors_and_widen_the_intervals(model, landmark
     """
     scene = model.scene
     sizes = {name: getattr(scene.mesh, name) / 2 for name in ("wall", "craniotomy", "largest")}
-    fine = RetractionModel.of(replace(scene, mesh=replace(scene.mesh, **sizes)), model.head)
+    fine = RetractionModel.from_scene(replace(scene, mesh=replace(scene.mesh, **sizes)), model.head)
     data = seen(Retracted(fine, landmarks, TIMES, list(TRUTH)), landmarks, 0.01)
     naive, got = (calibrate(model, data, list(TRUTH), finer=finer) for finer in (False, True))
     assert naive.moved is None

@@ -12,7 +12,7 @@ from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import constants
 from ngbrain.mesh import block
 from ngbrain.surgery.material_point import Column
-from ngbrain.surgery.protocols import Drive, continuous
+from ngbrain.surgery.protocols import Drive, continuous_retraction
 
 pytestmark = pytest.mark.filterwarnings("ignore::ngbrain.errors.RangeWarning")
 
@@ -33,7 +33,7 @@ def left(entry):
 def test_a_pressed_block_keeps_the_share_that_the_constants_say(region):
     """A bonded block, and a point of tissue, pressed by a thousandth."""
     entry, way = constants(f"griffiths2024:{region}"), 1e-3 * SIZE
-    protocol, mu = continuous(way, RAMP, END), entry.initial_modulus
+    protocol, mu = continuous_retraction(way, RAMP, END), entry.initial_modulus
     drive, rows = Drive(protocol), []
     plate = Contact("top", lambda x: SIZE - drive.parameter - x[2], 2e5 * mu, 0.02 * way)
     body = Problem(

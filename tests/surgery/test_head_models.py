@@ -18,7 +18,7 @@ from ngbrain.image.segment.tissue_classes import WHITE
 from ngbrain.mesh import Sizes
 from ngbrain.mesh.tet_mesh import centres
 from ngbrain.scene import Scene
-from ngbrain.surgery.head_models import Scanned, head_of, likewise
+from ngbrain.surgery.head_models import Scanned, load_head, transfer_scene
 from ngbrain.surgery.model import RetractionModel
 from ngbrain.surgery.protocol_run import ProtocolRun
 
@@ -32,7 +32,7 @@ def cache(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def model(cache):
-    return RetractionModel.of(Scene.shipped("demo_fast"))
+    return RetractionModel.from_scene(Scene.shipped("demo_fast"))
 
 
 def volume_ml(mesh, region):
@@ -56,7 +56,7 @@ def test_the_template_lies_in_itself(model):
 def test_coarser_elements_elsewhere_leave_the_ventricles_as_they_are(model):
     # Where large triangles do not close around a horn, finer ones are tried: then coarser sizes gave more elements.
     where = model.scene.cleft
-    other = model.head.opened(model.cleft, where.craniotomy_diameter, Sizes(4e-3, 10e-3, 20e-3))
+    other = model.head.open_cleft(model.cleft, where.craniotomy_diameter, Sizes(4e-3, 10e-3, 20e-3))
     assert other.ne > model.mesh.ne
     numbers = [sum(el.mat == "ventricle_wall" for el in mesh.Elements(ngs.BND)) for mesh in (model.mesh, other)]
     assert numbers[0] == numbers[1] > 200
@@ -113,13 +113,13 @@ def test_a_flipped_copy_is_the_same_head_and_its_voxels_are_its_own(model, tmp_p
     volume = model.head.scan.volume
     turn = np.array([[1, -1], [2, 1], [0, -1]])
     file = written(tmp_path / "turned.nii.gz", volume, turn)
-    copy = head_of(replace(model.scene.geometry, kind="scan", image=file))
+    copy = load_head(replace(model.scene.geometry, kind="scan", image=file))
     assert isinstance(copy, Scanned) and np.array_equal(copy.labels.data, model.head.labels.data)
     target = np.array(model.scene.cleft.target)
     voxel = Volume(volume.data, copy.scan.file_affine).to_voxels(target[None])[0]
     cleft = replace(model.scene.cleft, target=None, voxel=tuple(voxel))
     assert np.allclose(cleft.slot(copy).target, target, atol=1e-9)
-    moved = likewise(model.scene, file)
+    moved = transfer_scene(model.scene, file)
     assert np.allclose(moved.cleft.target, target, atol=1e-3) and "turned.nii.gz" in moved.title
 
 
@@ -131,7 +131,7 @@ def test_the_cleft_goes_along_with_a_head_that_nods(model, tmp_path):
     file = written(tmp_path / "nodding.nii.gz", Volume(volume.data, nod @ volume.affine))
     target = np.array(model.scene.cleft.target)
     wanted = (nod @ [*target, 1.0])[:3]
-    assert np.linalg.norm(likewise(model.scene, file).cleft.target - wanted) < 2e-3
+    assert np.linalg.norm(transfer_scene(model.scene, file).cleft.target - wanted) < 2e-3
     brain = np.argwhere(model.head.labels.data > 0)
     there, here = (Volume(volume.data, affine).to_world(brain) for affine in (nod @ volume.affine, volume.affine))
     naive = there.mean(axis=0) + there.std(axis=0) * (target - here.mean(axis=0)) / here.std(axis=0)
@@ -142,7 +142,9 @@ def test_the_cleft_goes_along_with_a_head_that_nods(model, tmp_path):
 @pytest.mark.parametrize("regrid", [slanted, thick])
 def test_a_copy_on_another_grid_gives_the_same_model(model, regrid, tmp_path):
     file = written(tmp_path / "copy.nii.gz", regrid(model.head.scan.volume))
-    copy = RetractionModel.of(replace(model.scene, geometry=replace(model.scene.geometry, kind="scan", image=file)))
+    copy = RetractionModel.from_scene(
+        replace(model.scene, geometry=replace(model.scene.geometry, kind="scan", image=file))
+    )
     one, other = model.head.describe(model.mesh), copy.head.describe(copy.mesh)
     print(one, other)
     assert other["label_brain_ml"] == pytest.approx(one["label_brain_ml"], rel=5e-3)

@@ -44,10 +44,10 @@ RUN = """
 import sys
 from pathlib import Path
 from ngbrain import Scene, set_threads
-from ngbrain.surgery.model import Model
+from ngbrain.surgery.model import RetractionModel
 from ngbrain.surgery.protocol_run import ProtocolRun
 set_threads(1)
-model = Model.of(Scene.from_toml(sys.argv[1]))
+model = RetractionModel.from_scene(Scene.from_toml(sys.argv[1]))
 ProtocolRun(model, model.program(model.scene, model.scene.protocols[0]), Path(sys.argv[2]), resume=True).go()
 """
 KILLS = 20

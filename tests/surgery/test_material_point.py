@@ -14,9 +14,9 @@ from ngbrain.forward.transient.step_control import ErrorControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import Branch, NeoHooke, Viscous, constants, lab
 from ngbrain.mesh import block
-from ngbrain.surgery.material_point import Column, LoadingHistory, dose_left
+from ngbrain.surgery.material_point import Column, LoadingHistory, dose_with_recovery
 from ngbrain.surgery.measures.injury import dose
-from ngbrain.surgery.protocols import Drive, ToolMotion, continuous, intermittent
+from ngbrain.surgery.protocols import Drive, ToolMotion, continuous_retraction, intermittent_retraction
 from ngbrain.units import to_minutes, to_mmHg
 
 pytestmark = pytest.mark.filterwarnings("ignore::ngbrain.errors.RangeWarning")
@@ -24,8 +24,8 @@ pytestmark = pytest.mark.filterwarnings("ignore::ngbrain.errors.RangeWarning")
 GRIFFITHS = [f"griffiths2024:{region}" for region in ("cortex", "white_matter", "corpus_callosum", "deep_grey")]
 MILLER = ["miller1997:brain", "miller2002:brain"]
 OPENING, WORK = 5e-3, 1800.0
-ONE = continuous(OPENING, 10.0, 10 + WORK)
-MANY = intermittent(OPENING, 10.0, 6 * 310 + 5 * 310, 300.0, 310.0)
+ONE = continuous_retraction(OPENING, 10.0, 10 + WORK)
+MANY = intermittent_retraction(OPENING, 10.0, 6 * 310 + 5 * 310, 300.0, 310.0)
 """Six holds of five minutes; five minutes after it is back the blade comes again."""
 
 
@@ -100,7 +100,7 @@ def test_a_blade_that_lets_go_against_springs_and_dashpots(name):
 def test_the_pressure_is_on_the_area_that_there_is(mode, pressure):
     """Neo-Hooke pressed to λ = 0.8 at once: the force over the area as the sides have made it."""
     column = Column(Viscous(NeoHooke(1000.0), (Branch(NeoHooke(500.0), 1e6),)), 25e-3, mode)
-    course = column.push(continuous(OPENING, 1e-3, 1.0))
+    course = column.push(continuous_retraction(OPENING, 1e-3, 1.0))
     assert course.pressure[-1] == pytest.approx(1500 * pressure, rel=1e-5) and course.advance[-1] == pytest.approx(
         OPENING
     )
@@ -110,9 +110,9 @@ def test_the_pressure_is_on_the_area_that_there_is(mode, pressure):
 def test_rests_lower_later_peaks_but_raise_the_dose_of_equal_work(name):
     work, depths = 900.0, OPENING / np.array([1e-3, 0.1])
     column = Column(constants(name).law(), OPENING, "planar", steps=8)
-    ones = column.push_each(depths, continuous(OPENING, 10.0, 10 + work))
+    ones = column.push_each(depths, continuous_retraction(OPENING, 10.0, 10 + work))
     for one, many in zip(
-        ones, column.push_each(depths, intermittent(OPENING, 10.0, 5 * 310, 300.0, 310.0)), strict=True
+        ones, column.push_each(depths, intermittent_retraction(OPENING, 10.0, 5 * 310, 300.0, 310.0)), strict=True
     ):
         peaks = many.peaks() / one.pressure.max()
         assert len(peaks) == 3 and peaks[0] == pytest.approx(1, rel=1e-9) and np.all(peaks[1:] < 0.94)
@@ -122,7 +122,10 @@ def test_rests_lower_later_peaks_but_raise_the_dose_of_equal_work(name):
 
 def test_longest_time_above_a_threshold_ends_with_the_hold():
     column = Column(constants("griffiths2024:white_matter").law(), OPENING / 0.2, "planar", steps=8)
-    protocols = continuous(OPENING, 10.0, 610.0), intermittent(OPENING, 10.0, 3 * 310, 300.0, 310.0)
+    protocols = (
+        continuous_retraction(OPENING, 10.0, 610.0),
+        intermittent_retraction(OPENING, 10.0, 3 * 310, 300.0, 310.0),
+    )
     (whole, one), (whole_with_rests, many) = (column.push(each).curve.above(20.0) for each in protocols)
     assert one > 595 and 300 < many < 306 and whole_with_rests > whole
 
@@ -130,7 +133,9 @@ def test_longest_time_above_a_threshold_ends_with_the_hold():
 @pytest.mark.parametrize("name", [*GRIFFITHS, *MILLER])
 def test_faster_opening_raises_the_peak(name):
     column = Column(constants(name).law(), OPENING / 0.1, "planar", steps=12)
-    peaks = [column.push(continuous(OPENING, OPENING / (1e-3 * v), 20.0)).pressure.max() for v in (0.5, 2, 10, 50)]
+    peaks = [
+        column.push(continuous_retraction(OPENING, OPENING / (1e-3 * v), 20.0)).pressure.max() for v in (0.5, 2, 10, 50)
+    ]
     assert np.all(np.diff(np.log(peaks)) > 0.05), peaks
 
 
@@ -138,7 +143,7 @@ def held(name, strains, rises):
     """Left of the peak after half an hour, and minutes until half is left (∞: never), (rises, strains)."""
     column, answers = Column(constants(name).law(), 1.0, "planar", steps=12), []
     for rise in rises:
-        for course in column.push_each(OPENING / strains, continuous(OPENING, rise, rise + WORK)):
+        for course in column.push_each(OPENING / strains, continuous_retraction(OPENING, rise, rise + WORK)):
             p, t = course.pressure, course.t
             top = p.argmax()
             below = np.flatnonzero(p[top:] < p[top] / 2)
@@ -186,7 +191,10 @@ def on_a_block(protocol, entry, size=0.02):
 @pytest.mark.slow
 def test_a_block_in_space_has_the_order_and_nearly_the_ratios_of_the_column():
     entry, opening = constants("griffiths2024:white_matter"), 2e-3
-    one, many = continuous(opening, 10.0, 610.0), intermittent(opening, 10.0, 3 * 310, 300.0, 310.0)
+    one, many = (
+        continuous_retraction(opening, 10.0, 610.0),
+        intermittent_retraction(opening, 10.0, 3 * 310, 300.0, 310.0),
+    )
     ratios = []
     column = Column(entry.law(), 20e-3, "planar", steps=12)
     for press in (column.push, lambda protocol: on_a_block(protocol, entry)):
@@ -202,8 +210,8 @@ def test_a_dose_that_decays_while_released():
     t = np.array([0, 1, 60, 61, 180, 181, 240, 241.0])
     pressed = TimeCurve(t, np.array([0, 10, 10, 0, 0, 10, 10, 0.0]), t)
     for recovery in (30.0, 120.0, 1e9):
-        assert dose_left(pressed, recovery) == pytest.approx(10 * (1 + np.exp(-119 / recovery)), rel=1e-9)
-    assert dose_left(pressed, 1e12) == pytest.approx(dose(pressed))
+        assert dose_with_recovery(pressed, recovery) == pytest.approx(10 * (1 + np.exp(-119 / recovery)), rel=1e-9)
+    assert dose_with_recovery(pressed, 1e12) == pytest.approx(dose(pressed))
 
 
 def test_under_a_given_force_tissue_creeps_and_comes_back():
@@ -229,7 +237,10 @@ def test_under_a_given_force_tissue_creeps_and_comes_back():
         (lambda law: Column(law, 1.0, steps=0), "Column.steps is 0"),
         (lambda law: Column(law, OPENING).push(ONE), "advance is 0.005 m; wanted: less than the depth of 0.005 m"),
         (lambda law: Column(law, 1.0).load((0.0, 1.0), (0.0, -1.0)), "a blade does not pull"),
-        (lambda law: dose_left(TimeCurve(np.array([0.0, 1.0]), np.ones(2), [0.0, 1.0]), 0.0), "recovery is 0.0"),
+        (
+            lambda law: dose_with_recovery(TimeCurve(np.array([0.0, 1.0]), np.ones(2), [0.0, 1.0]), 0.0),
+            "recovery is 0.0",
+        ),
     ],
 )
 def test_refuses(make, says):

@@ -91,7 +91,7 @@ def test_a_map_of_moduli_is_that_of_a_tissue_itself(tmp_path):
     assert (
         model.parts()["white"].modulus == pytest.approx(2500 * 1.5, rel=1e-3) and model.tissue("white").mu == white.mu
     )
-    assert model.scaled({"white": 2.0}).keys() == {"bar"} and model.stiffness_map().keys() == {"white"}
+    assert model.scaled_materials({"white": 2.0}).keys() == {"bar"} and model.stiffness_map().keys() == {"white"}
     assert model.tissues[1].initial_modulus == model.parts()["white"].modulus and model.scene.tissues[1].scale is None
     head = Geometry(kind="mni152", stiffness_map=str(tmp_path / "mu.nii.gz"))
     scanned = replace(Scene.shipped("demo"), geometry=head)
@@ -105,7 +105,9 @@ def test_the_mean_over_a_tissue_is_one():
     model = model_of(stiffening())
     order = model.scene.mesh.order
     mixtures = model.head.mixtures(model.mesh, order)
-    for name, ratio in relative_stiffness.fields(model.head.stiffness, model.mesh, mixtures, order - 1).items():
+    for name, ratio in relative_stiffness.stiffness_ratio_fields(
+        model.head.stiffness, model.mesh, mixtures, order - 1
+    ).items():
         rule = ngs.dx(intrules=ratio.space.GetIntegrationRules())
         share = mixtures["bar"][name]
         assert ngs.Integrate(ratio * share * rule, model.mesh) == pytest.approx(
@@ -126,7 +128,7 @@ def test_relaxing_tissue_keeps_its_times_and_elastic_tissue_follows_too():
     tau, modulus, elastic = (ngs.GridFunction(space) for _ in range(3))
     tau.Interpolate(law.branches[0].eta / shear_modulus(law.branches[0].law))
     modulus.Interpolate(shear_modulus(law.equilibrium))
-    elastic.Interpolate(shear_modulus(model.elastic(1.0)["bar"].law.equilibrium))
+    elastic.Interpolate(shear_modulus(model.elastic_materials(1.0)["bar"].law.equilibrium))
     share = shear_modulus(law_after(tissues[0].law(), 1.0)) / MODULI["grey"]
     np.testing.assert_allclose(tau.vec.FV().NumPy(), 3.0, rtol=1e-12)
     np.testing.assert_allclose(elastic.vec.FV().NumPy() / modulus.vec.FV().NumPy(), share, rtol=1e-9)
@@ -144,8 +146,8 @@ def test_what_was_not_measured_is_said():
     volume.data[:, :, 30:] = np.nan  # above 14.5 mm
     told = model_of(volume).stiffness_map()
     assert told["grey"]["not_measured"] == pytest.approx(0.275, abs=0.06)
-    (line,) = relative_stiffness.in_words(told)
-    assert f"{told['grey']['not_measured']:.0%} not measured" in line and not relative_stiffness.in_words({})
+    (line,) = relative_stiffness.summary_lines(told)
+    assert f"{told['grey']['not_measured']:.0%} not measured" in line and not relative_stiffness.summary_lines({})
     scene = Scene.shipped("demo_fast")
     mapped = replace(scene, geometry=replace(scene.geometry, stiffness_map="map.nii"))
     (said,) = [text for text in mapped.warnings if text not in scene.warnings]

@@ -11,7 +11,7 @@ from ngbrain.errors import InputError
 from ngbrain.scene import Protocol, Scene
 from ngbrain.surgery import retraction
 from ngbrain.surgery.model import RetractionModel
-from ngbrain.surgery.protocol_run import ProtocolRun, due, table
+from ngbrain.surgery.protocol_run import ProtocolRun, is_frame_due, to_columns
 from ngbrain.surgery.protocols import ToolMotion as Program
 from ngbrain.threads import set_threads
 
@@ -127,8 +127,8 @@ def test_checks_come_after_the_protocols_or_not_at_all():
 
 def test_frames_are_due_after_some_time_or_some_way():
     protocol = Program("p", (0.0, 8.0, 96.0), (0.0, 4e-3, 4e-3))
-    assert not due(protocol, 0.0, 1.9) and due(protocol, 0.0, 2.1)  # 1 mm in 2 s
-    assert not due(protocol, 10.0, 17.9) and due(protocol, 10.0, 18.1)  # a twelfth of 96 s
+    assert not is_frame_due(protocol, 0.0, 1.9) and is_frame_due(protocol, 0.0, 2.1)  # 1 mm in 2 s
+    assert not is_frame_due(protocol, 10.0, 17.9) and is_frame_due(protocol, 10.0, 18.1)  # a twelfth of 96 s
 
 
 def test_forces_share_no_beginning_with_ways():
@@ -152,7 +152,7 @@ def test_a_shared_beginning_changes_no_bit(tmp_path):
         tools=(replace(scene.tool, travel=1e-3),),
         time=replace(scene.time, ramp=2.0, end=30.0),
     )
-    model = RetractionModel.of(scene)
+    model = RetractionModel.from_scene(scene)
     first, second = (model.program(scene, asked) for asked in scene.protocols)
     quiet = {"callback": lambda *_: None}
     begun = retraction._begin(model, second, tmp_path, False, **quiet)
@@ -161,6 +161,6 @@ def test_a_shared_beginning_changes_no_bit(tmp_path):
     }
     for program in (first, second):
         alone = ProtocolRun(model, program, None).go()
-        rows = table(alone.rows)
+        rows = to_columns(alone.rows)
         assert len(rows["t"]) > 10 and alone.peak == together[program.name].peak
         assert all(np.array_equal(rows[name], together[program.name].rows[name]) for name in rows)

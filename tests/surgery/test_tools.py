@@ -19,7 +19,7 @@ from ngbrain.mesh import Cleft, block
 from ngbrain.report.pictures.tool import drawn
 from ngbrain.report.render.surface import area
 from ngbrain.scene import Scene, Tool
-from ngbrain.surgery.tools import Ball, ClosedSurface, Spatula, tools_of
+from ngbrain.surgery.tools import Ball, ClosedSurface, Spatula, make_tools
 
 CLEFT = Cleft(np.zeros(3), np.array([0, 0, 1.0]), np.array([1.0, 0, 0]), 30e-3, 6e-3, 14e-3)
 TURNED = Cleft(np.array([1e-2, 2e-2, -1e-2]), np.array([0.6, 0, 0.8]), np.array([0.0, 1.0, 0]), 30e-3, 6e-3, 14e-3)
@@ -53,7 +53,7 @@ def around(rng, tool, advance, n=400, beyond=2e-3):
 @pytest.mark.parametrize(("kind", "cleft"), [(kind, TURNED if kind == "ball" else CLEFT) for kind in KINDS])
 def test_what_is_drawn_is_what_contact_sees(kind, cleft):
     """Every point of picture and cut is on the tool; in front of its face, so it is for contact."""
-    tools, advance = tools_of(KINDS[kind], cleft), 4e-3
+    tools, advance = make_tools(KINDS[kind], cleft), 4e-3
     blade = {"kind": kind} | {
         f"{name}_m": getattr(KINDS[kind], name)
         for name in ("width", "thickness", "edge_radius", "tip_clearance", "height")
@@ -64,7 +64,7 @@ def test_what_is_drawn_is_what_contact_sees(kind, cleft):
         points, triangles = each.solid()
         at = tool.cleft.coordinates(points)
         gone = advance / len(tools)
-        assert np.abs(tool.signed(gone, at)).max() < 0.2e-3  # at sharp edges, of steps of .5 mm
+        assert np.abs(tool.signed_distance(gone, at)).max() < 0.2e-3  # at sharp edges, of steps of .5 mm
         low, high = tool.bounds(gone)
         assert np.all(at > low - 1e-4) and np.all(at < high + 1e-4)
         front = at[at[:, 0] > cleft.opening / 2]
@@ -73,7 +73,7 @@ def test_what_is_drawn_is_what_contact_sees(kind, cleft):
         flat = np.column_stack(
             [profile[:, 0] * np.sign(tool.cleft.across @ cleft.across), 0 * profile[:, 0], profile[:, 1]]
         )
-        assert np.abs(tool.signed(gone, flat)).max() < 0.08e-3
+        assert np.abs(tool.signed_distance(gone, flat)).max() < 0.08e-3
         assert np.allclose(profile[0], profile[-1])
 
 
@@ -84,25 +84,27 @@ def test_a_ball_has_the_area_of_one():
 
 
 def test_a_plate_ends_where_a_spatula_goes_on():
-    spatula, plate = (tools_of(KINDS[kind], CLEFT)["wall_plus"] for kind in ("spatula", "plate"))
+    spatula, plate = (make_tools(KINDS[kind], CLEFT)["wall_plus"] for kind in ("spatula", "plate"))
     at = np.array([[2e-3, 0, 10e-3], [2e-3, 0, 25e-3]])
-    assert plate.signed(1e-3, at)[0] == pytest.approx(-2e-3, abs=1e-6)
-    assert spatula.signed(1e-3, at)[1] < 0 < plate.signed(1e-3, at)[1] == pytest.approx(9e-3, abs=1e-6)
+    assert plate.signed_distance(1e-3, at)[0] == pytest.approx(-2e-3, abs=1e-6)
+    assert (
+        spatula.signed_distance(1e-3, at)[1] < 0 < plate.signed_distance(1e-3, at)[1] == pytest.approx(9e-3, abs=1e-6)
+    )
     assert plate.top == 16e-3 and plate.middle == 10e-3
 
 
 def test_a_surfaces_distance_is_that_of_its_shape(ball_file, rng):
     """A ball as triangles of .4 mm beside the formula, near its surface and off it, in a turned cleft."""
-    made = ClosedSurface.of(read_surface(ball_file), TURNED, 4e-3)
+    made = ClosedSurface.from_mesh(read_surface(ball_file), TURNED, 4e-3)
     ball = Ball(TURNED, 6e-3, 4e-3)
     assert made.bounds(1e-3)[1] == pytest.approx(ball.bounds(1e-3)[1], abs=1e-4)
     at = around(rng, ball, 1e-3)
-    off = made.signed(1e-3, at) - ball.signed(1e-3, at)
-    near = np.abs(ball.signed(1e-3, at)) < 1.5e-3
+    off = made.signed_distance(1e-3, at) - ball.signed_distance(1e-3, at)
+    near = np.abs(ball.signed_distance(1e-3, at)) < 1.5e-3
     assert np.abs(off[near]).max() < 0.1e-3
     far = np.array([[20e-3, 0, 7e-3]])
-    assert made.signed(1e-3, far) == pytest.approx(
-        ball.signed(1e-3, far), rel=0.1
+    assert made.signed_distance(1e-3, far) == pytest.approx(
+        ball.signed_distance(1e-3, far), rel=0.1
     )  # straight on from the grid's corner
 
 
@@ -120,7 +122,7 @@ def test_pressing_by_a_surface_is_pressing_by_its_shape(ball_file):
     """The force of 2 mm by the triangles of a ball within 3 % of the formula's."""
     surface, forces = read_surface(ball_file), []
     gaps = []
-    for tool in (lambda cleft: ClosedSurface.of(surface, cleft, 4e-3), lambda cleft: Ball(cleft, 6e-3, 4e-3)):
+    for tool in (lambda cleft: ClosedSurface.from_mesh(surface, cleft, 4e-3), lambda cleft: Ball(cleft, 6e-3, 4e-3)):
         body, way = pressed(tool)
         way.Set(1e-3)
         body.x = body.x
@@ -138,7 +140,7 @@ def test_pressing_by_a_surface_is_pressing_by_its_shape(ball_file):
 def test_what_is_looked_up_has_its_derivatives(ball_file, rng):
     """By displacements and by the tool's way, against differences of energies."""
     surface = read_surface(ball_file)
-    body, way = pressed(lambda cleft: ClosedSurface.of(surface, cleft, 4e-3))
+    body, way = pressed(lambda cleft: ClosedSurface.from_mesh(surface, cleft, 4e-3))
     way.Set(1.5e-3)
     x = body.x
     along = 1e-5 * rng.normal(size=len(x)) * body.is_u
@@ -172,7 +174,7 @@ def test_what_is_looked_up_has_its_derivatives(ball_file, rng):
 def test_a_surface_that_does_not_fit_is_refused(tmp_path, shape, said):
     path = stl(tmp_path / "large.stl", shape, 5.0)
     with pytest.raises(InputError, match=said):
-        tools_of(Tool(kind="surface", file=str(path)), CLEFT)
+        make_tools(Tool(kind="surface", file=str(path)), CLEFT)
 
 
 @pytest.mark.parametrize(
@@ -192,5 +194,5 @@ def test_tools_that_mean_nothing_are_refused(tool, said):
 
 
 def test_a_spatula_is_one_of_either_side():
-    one, other = tools_of(KINDS["two spatulas"], CLEFT).values()
+    one, other = make_tools(KINDS["two spatulas"], CLEFT).values()
     assert isinstance(one, Spatula) and one == replace(other, cleft=one.cleft)

@@ -14,7 +14,7 @@ import pytest
 
 import ngbrain
 from ngbrain.cli import main, perform
-from ngbrain.cli.places import held
+from ngbrain.cli.places import lock_folder
 from ngbrain.datasets import SHIPPED
 from ngbrain.errors import InputError, SolverError
 from ngbrain.parallel import TaskLost
@@ -191,7 +191,7 @@ def test_folders_of_others(study, tmp_path):
     with pytest.raises(InputError, match="results of something else"):
         done(study)
     (study / "out" / "result.json").unlink()
-    with held(study / "out"), pytest.raises(InputError, match="another ngbrain is at work"):
+    with lock_folder(study / "out"), pytest.raises(InputError, match="another ngbrain is at work"):
         done(study)
     with pytest.raises(InputError, match="group is 'centre'"):
         done(study, group="centre")

@@ -34,7 +34,7 @@ def test_labels_with_islands_and_holes_by_every_route(route, tmp_path):
     middle = len(data) // 2
     data[middle + 14, middle, middle] = 0  # a hole
     nibabel.save(nibabel.Nifti1Image(data, np.diag([1e3, 1e3, 1e3, 1]) @ clean.volume.affine), tmp_path / "labels.nii")
-    subject = Subject.of_labels(tmp_path / "labels.nii", {1: "grey", 2: "white", 3: "ventricles"})
+    subject = Subject.from_labels(tmp_path / "labels.nii", {1: "grey", 2: "white", 3: "ventricles"})
     result = write_subject(subject, tmp_path / f"{route}.msh", route, Graded(3e-3, 3e-3))
     made = result.elements
     assert result["relabelled_voxels"] == 3 and result.usable and result.value == pytest.approx(volumes_ml(made))
@@ -135,7 +135,7 @@ def test_islands_alone_are_no_head(tmp_path):
 
 @pytest.mark.slow
 def test_an_atlas_of_one_head_in_another(tmp_path):
-    head = Subject.of_scan(colin27().source)
+    head = Subject.from_scan(colin27().source)
     data = np.ascontiguousarray(head.labels.volume.data.astype(np.uint8))
     write_nifti(
         tmp_path / "atlas.nii.gz", resample_labels(Volume(data, head.labels.volume.affine), head.affine, head.shape)
@@ -144,7 +144,7 @@ def test_an_atlas_of_one_head_in_another(tmp_path):
     image = nibabel.Nifti1Image(scan.volume.data, np.diag([1e3, 1e3, 1e3, 1]) @ scan.volume.affine)
     image.header.set_xyzt_units("mm")
     nibabel.save(image, tmp_path / "t1.nii.gz")
-    found = Subject.of_atlas(tmp_path / "t1.nii.gz", tmp_path / "atlas.nii.gz", colin27().source, "ngbrain").labels
+    found = Subject.from_atlas(tmp_path / "t1.nii.gz", tmp_path / "atlas.nii.gz", colin27().source, "ngbrain").labels
     truth = label_tissues(scan).volume.data
     scores = [dice(found.volume.data == number, truth == number) for number in (2, 3, 4)]
     print(np.round(scores, 3))
@@ -154,7 +154,7 @@ def test_an_atlas_of_one_head_in_another(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("route", ROUTES)
 def test_a_raw_scan_with_its_skull_by_every_route(route, tmp_path):
-    subject = Subject.of_scan(colin27().source)
+    subject = Subject.from_scan(colin27().source)
     result = write_subject(subject, tmp_path / "head.vtkhdf", route, Graded(5e-3, 5e-3))
     made = result.elements
     print(result["regions"], result["quality"], result["time_s"])
@@ -169,7 +169,7 @@ def test_a_raw_scan_with_its_skull_by_every_route(route, tmp_path):
 
 @pytest.mark.slow
 def test_a_raw_scan_with_its_structures(tmp_path):
-    subject = Subject.of_structures(colin27().source)
+    subject = Subject.from_structures(colin27().source)
     result = write_subject(subject, tmp_path / "head.vtkhdf", "lattice", Graded(5e-3, 5e-3))
     made = result.elements
     print(result["regions"], result["quality"], result["time_s"])

@@ -27,27 +27,27 @@ from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.forward.transient.time_stepper import run_load_history
 from ngbrain.image.read.fibre_directions import read_fibre_directions
 from ngbrain.image.read.volume import Volume
-from ngbrain.ladder.adaptivity import SHARE, chosen, shares
+from ngbrain.ladder.adaptivity import SHARE, element_contributions, mark_elements
 from ngbrain.ladder.levels import MeshLevel, Model, OrderLevel, TimeLevel
 from ngbrain.ladder.models import motions
-from ngbrain.ladder.models.contacts import touch, way
-from ngbrain.ladder.models.geometry import CUT, Meshes, near
+from ngbrain.ladder.models.contacts import make_contact, travel_distance
+from ngbrain.ladder.models.geometry import CUT, Meshes, region_of_interest
 from ngbrain.ladder.models.motions import PrescribedMotion
-from ngbrain.ladder.models.property_maps import fibres, median, over, read
+from ngbrain.ladder.models.property_maps import fibre_field, interpolate_map, read_modulus_map, region_median
 from ngbrain.ladder.models.section import not_in_section
-from ngbrain.ladder.models.waves import shaken
+from ngbrain.ladder.models.waves import harmonic_answers
 from ngbrain.ladder.quantities import (
     Asked,
     BodyState,
     Question,
-    along,
-    answer,
     check_questions,
-    embedded,
-    in_axes,
-    scale_of,
+    direction_in_mesh,
+    evaluate,
+    interpolate_state,
+    mesh_components,
+    reference_size,
 )
-from ngbrain.ladder.singular_edges import torn
+from ngbrain.ladder.singular_edges import find_singular_edges
 from ngbrain.materials import Viscous
 from ngbrain.materials.base import Law, Value
 from ngbrain.materials.families import elastic_law, hereditary_form, instantaneous_law, scale, stiffen
@@ -71,8 +71,8 @@ class ModelHierarchy:
     """A scene's meshes, kept, and its bodies for any model."""
 
     def __init__(self, scene: Scene, questions: Sequence[Question] = ()) -> None:
-        self.scene, part = scene, near(scene.geometry)
-        self.made_of = (scene, tuple(questions))
+        self.scene, part = scene, region_of_interest(scene.geometry)
+        self.init_arguments = (scene, tuple(questions))
         """What another process makes the same of."""
         self.questions: tuple[Asked, ...] = (*scene.quantities, *questions)
         check_questions(self.questions, scene, questions)
@@ -85,15 +85,17 @@ class ModelHierarchy:
     def mesh(self, model: Model) -> ngs.Mesh:
         """The model's mesh. Raises `InputError` for the section of a scene that does not lie in it."""
         extent, plane = model.get("extent", "whole"), model.get("space") == "plane"
-        if plane and (beyond := not_in_section(self.scene, self.made_of[1])):
+        if plane and (beyond := not_in_section(self.scene, self.init_arguments[1])):
             raise InputError("space", "'plane'", f"'solid': {beyond}")
         mesh = MeshLevel(model["mesh"])
         level = mesh.halvings
-        if not mesh.part:
-            return self._meshes[extent].at(level, plane)
+        if not mesh.is_partial:
+            return self._meshes[extent].mesh(level, plane)
         key = extent, plane, level
         if key not in self._cut:
-            self._cut[key] = self._meshes[extent].cut(level, plane, chosen(self.left_out(*key), SHARE[3 - plane]))
+            self._cut[key] = self._meshes[extent].refine_marked(
+                level, plane, mark_elements(self.left_out(*key), SHARE[3 - plane])
+            )
         return self._cut[key]
 
     def left_out(self, extent: str, plane: bool, level: int) -> Array:
@@ -102,7 +104,7 @@ class ModelHierarchy:
         place = {"extent": extent, "space": "plane" if plane else "solid", "mesh": str(level)}
         model = {**place, "strain": "linear", "time": time, "fibres": "all", "order": "1"}
         body, rich = (self.static({**model, "order": order}, self.time("end")) for order in ("1", "2"))
-        return shares(self.state(model, body, linear_state(body)), rich, self.questions)
+        return element_contributions(self.state(model, body, linear_state(body)), rich, self.questions)
 
     def solve(self, model: Model, near: Mapping[str, BodyState] | None = None) -> Solution:
         """See `solve`."""
@@ -110,7 +112,7 @@ class ModelHierarchy:
 
     def has_states(self, model: Model) -> bool:
         """Whether its solution has states: it is of a body at rest without memory."""
-        through_time = remembers(model) or model.get("inertia") == "all"
+        through_time = has_memory(model) or model.get("inertia") == "all"
         return self.scene.time.frequency is None and not through_time
 
     @property
@@ -119,14 +121,14 @@ class ModelHierarchy:
         return self.scene.geometry.kind != "idealised"
 
     @cached_property
-    def torn(self) -> list[str]:
+    def singular_edges(self) -> list[str]:
         """What to doubt of forces where held faces meet."""
-        return torn(self.scene, self._meshes["whole"].at(0, plane=False))
+        return find_singular_edges(self.scene, self._meshes["whole"].mesh(0, plane=False))
 
     @cached_property
     def sides(self) -> tuple[float, ...]:
         """How long the body is along each axis (m)."""
-        points = [vertex.point for vertex in self._meshes["whole"].at(0, plane=False).vertices]
+        points = [vertex.point for vertex in self._meshes["whole"].mesh(0, plane=False).vertices]
         return tuple(np.ptp(points, axis=0).tolist())
 
     @property
@@ -137,7 +139,7 @@ class ModelHierarchy:
     @cached_property
     def largest(self) -> str:
         """The region with the largest volume."""
-        mesh = self._meshes["whole"].at(0, plane=False)
+        mesh = self._meshes["whole"].mesh(0, plane=False)
         volumes = {name: ngs.Integrate(ngs.CF(1) * ngs.dx(name), mesh) for name in sorted(set(mesh.GetMaterials()))}
         return max(volumes, key=lambda name: volumes[name])
 
@@ -162,22 +164,24 @@ class ModelHierarchy:
         if tissue.shear_modulus_map is None:
             return 1.0
         if tissue.shear_modulus_map not in self._maps:
-            self._maps[tissue.shear_modulus_map] = read(tissue.shear_modulus_map)
+            self._maps[tissue.shear_modulus_map] = read_modulus_map(tissue.shear_modulus_map)
         if model.get("tissue") == "map":
-            return over(self._maps[tissue.shear_modulus_map], self.mesh(model)) / tissue.initial_modulus
-        mesh = self._meshes["whole"].at(0, plane=False)
-        return median(over(self._maps[tissue.shear_modulus_map], mesh), region) / tissue.initial_modulus
+            return interpolate_map(self._maps[tissue.shear_modulus_map], self.mesh(model)) / tissue.initial_modulus
+        mesh = self._meshes["whole"].mesh(0, plane=False)
+        return (
+            region_median(interpolate_map(self._maps[tissue.shear_modulus_map], mesh), region) / tissue.initial_modulus
+        )
 
     def _fibre(self, tissue: Tissue, mesh: ngs.Mesh, region: str) -> Fibre:
         """Its direction in a region of a mesh, one or a field."""
         if tissue.fibre is not None:
-            return in_axes(tissue.fibre, mesh.dim == 2)
+            return direction_in_mesh(tissue.fibre, mesh.dim == 2)
         directions = read_fibre_directions(str(tissue.fibre_map), str(tissue.fibre_map_convention))
-        return fibres(directions, mesh, np.array([each.mat == region for each in mesh.Elements()]))
+        return fibre_field(directions, mesh, np.array([each.mat == region for each in mesh.Elements()]))
 
     def _face(self, mesh: ngs.Mesh, bc: DisplacementBC) -> RigidFace:
         """What pushes a boundary. Raises `InputError` where it would have to push from within the body."""
-        by = along(tuple(float(each) for each in bc.value), mesh.dim == 2)  # type: ignore[arg-type]
+        by = mesh_components(tuple(float(each) for each in bc.value), mesh.dim == 2)  # type: ignore[arg-type]
         area, outward = (
             ngs.Integrate(value * ngs.ds(bc.boundary), mesh)
             for value in (ngs.CF(1), ngs.InnerProduct(ngs.CF(by), ngs.specialcf.normal(mesh.dim)))
@@ -254,7 +258,7 @@ class ModelHierarchy:
             if tissue.fibre_stiffness is not None and model.get("fibres") == "all":
                 own = tissue.with_fibres(own, self._fibre(tissue, mesh, region))
             materials[region], weights[region] = Material(law(own, factor), factor * tissue.bulk), tissue.rho
-        motions.check(self.scene, self._meshes["whole"].at(0, plane=False), self.sides)
+        motions.check(self.scene, self._meshes["whole"].mesh(0, plane=False), self.sides)
         motions.check_apart(self.scene, names)
         supports: dict[str, Support] = {}
         loads: list[Load | Inertia] = [
@@ -276,21 +280,25 @@ class ModelHierarchy:
         if model.get("inertia") == "all":
             loads.append(Inertia(density))
         if scene.gravity:
-            loads.append(Weight(density * ngs.CF(along(scene.gravity.acceleration, plane))))
+            loads.append(Weight(density * ngs.CF(mesh_components(scene.gravity.acceleration, plane))))
         stiffest = max(self.tissue(region, model).initial_modulus for region in materials)
         touches = [
             each
             for body in scene.contacts
-            for each in touch(
-                body, course, stiffest, way(body, scene.time.end, self.longest), model.get("friction") == "all"
+            for each in make_contact(
+                body,
+                course,
+                stiffest,
+                travel_distance(body, scene.time.end, self.longest),
+                model.get("friction") == "all",
             )
         ]
         return mesh, materials, supports, loads, touches
 
 
-def remembers(model: Model) -> bool:
+def has_memory(model: Model) -> bool:
     """Whether it has a memory."""
-    return TimeLevel(model.get("time", TimeLevel.INSTANTANEOUS)).remembers
+    return TimeLevel(model.get("time", TimeLevel.INSTANTANEOUS)).has_memory
 
 
 def form_of(model: Model) -> str:
@@ -327,52 +335,54 @@ class Solution:
     scales: Array | float = 0.0
 
 
-def solve(bench: ModelHierarchy, model: Model, near: Mapping[str, BodyState] | None = None) -> Solution:
+def solve(hierarchy: ModelHierarchy, model: Model, near: Mapping[str, BodyState] | None = None) -> Solution:
     """The model's answers, from states near its own if they are known. Raises `SolverError` where it has none."""
-    begun, states, scales = time.process_time(), dict[str, BodyState](), np.zeros(len(bench.questions))
+    begun, states, scales = time.process_time(), dict[str, BodyState](), np.zeros(len(hierarchy.questions))
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        if bench.scene.time.frequency is not None:
-            answers, ndof = shaken(
-                bench.scene,
+        if hierarchy.scene.time.frequency is not None:
+            answers, ndof = harmonic_answers(
+                hierarchy.scene,
                 model,
-                bench.mesh(model),
-                lambda region: (bench.tissue(region, model), bench.factor(region, model)),
+                hierarchy.mesh(model),
+                lambda region: (hierarchy.tissue(region, model), hierarchy.factor(region, model)),
                 form_of(model),
-                bench.thickness_of(model),
+                hierarchy.thickness_of(model),
             )
-        elif not bench.has_states(model):
-            answers, scales, ndof = _through_time(bench, model)
+        elif not hierarchy.has_states(model):
+            answers, scales, ndof = _through_time(hierarchy, model)
         else:
-            states = _at_rest(bench, model, near or {})
-            answers = answers_of(bench.questions, states)
-            scales = np.array([scale_of(quantity, states[quantity.when]) for quantity in bench.questions])
+            states = _at_rest(hierarchy, model, near or {})
+            answers = answers_of(hierarchy.questions, states)
+            scales = np.array([reference_size(quantity, states[quantity.when]) for quantity in hierarchy.questions])
             ndof = next(iter(states.values())).body.fes.ndof
-    doubts = (*bench.torn, *dict.fromkeys(str(warning.message) for warning in caught))
+    doubts = (*hierarchy.singular_edges, *dict.fromkeys(str(warning.message) for warning in caught))
     return Solution(answers, states, ndof, time.process_time() - begun, doubts, scales)
 
 
 def answers_of(questions: Sequence[Asked], states: Mapping[str, BodyState]) -> Array:
     """Of all questions."""
-    return np.array([answer(quantity, states[quantity.when]) for quantity in questions])
+    return np.array([evaluate(quantity, states[quantity.when]) for quantity in questions])
 
 
-def _at_rest(bench: ModelHierarchy, model: Model, near: Mapping[str, BodyState]) -> dict[str, BodyState]:
+def _at_rest(hierarchy: ModelHierarchy, model: Model, near: Mapping[str, BodyState]) -> dict[str, BodyState]:
     found: dict[str, BodyState] = {}
-    alike = model.get("time", "instantaneous") == "instantaneous" and not bench.scene.is_timed
-    for when in dict.fromkeys(quantity.when for quantity in bench.questions):
+    alike = model.get("time", "instantaneous") == "instantaneous" and not hierarchy.scene.is_timed
+    for when in dict.fromkeys(quantity.when for quantity in hierarchy.questions):
         if found and alike:
             found[when] = next(iter(found.values()))
             continue
-        body = bench.static(model, bench.time(when))
+        body = hierarchy.static(model, hierarchy.time(when))
         if model["strain"] == "linear":
             x = linear_state(body)
         else:
             # From rest what touches a rigid body: how it has slid so far counts.
-            close = None if bench.scene.contacts else near.get(when) or next(iter(found.values()), None)
-            LoadPath(body, bench.course(body)).solve(start=None if close is None else embedded(close, body, 1.0))
+            close = None if hierarchy.scene.contacts else near.get(when) or next(iter(found.values()), None)
+            LoadPath(body, hierarchy.course(body)).solve(
+                start=None if close is None else interpolate_state(close, body, 1.0)
+            )
             x = body.x
-        found[when] = bench.state(model, body, x)
+        found[when] = hierarchy.state(model, body, x)
     return found
 
 
@@ -385,41 +395,41 @@ def linear_state(body: Problem) -> Array:
     return lifted - step(body.residual(lifted)[0])
 
 
-def _through_time(bench: ModelHierarchy, model: Model) -> tuple[Array, Array, int]:
+def _through_time(hierarchy: ModelHierarchy, model: Model) -> tuple[Array, Array, int]:
     """Answers and their scales are found on the way, as the body does not keep its past."""
-    scene = bench.scene
+    scene = hierarchy.scene
     size = SMALL if model["strain"] == "linear" else 1.0
-    asked = bench.questions
+    asked = hierarchy.questions
     answers, scales, ndof = np.zeros(len(asked)), np.zeros(len(asked)), 0
-    moments = dict.fromkeys(bench.time(quantity.when) for quantity in asked)
+    moments = dict.fromkeys(hierarchy.time(quantity.when) for quantity in asked)
     for last in moments if model.get("time") == "relaxed" else [max(moments)]:  # else one run is good for all
-        body = bench.relaxing(model, last)
+        body = hierarchy.relaxing(model, last)
         still = (
-            bench.static(model, last)
+            hierarchy.static(model, last)
             if size < 1 and any(isinstance(quantity, Question) for quantity in asked)
             else None
         )
 
         def seen(t: float, body: Problem = body, still: Problem | None = still) -> None:
             for i, quantity in enumerate(asked):
-                if abs(t - bench.time(quantity.when)) < 1e-9 * t:
-                    state = replace(bench.state(model, body, body.x), still=still)
-                    answers[i], scales[i] = answer(quantity, state), scale_of(quantity, state)
+                if abs(t - hierarchy.time(quantity.when)) < 1e-9 * t:
+                    state = replace(hierarchy.state(model, body, body.x), without_memory=still)
+                    answers[i], scales[i] = evaluate(quantity, state), reference_size(quantity, state)
 
-        times = _times(bench, model, last)
+        times = _times(hierarchy, model, last)
         factors = size * np.minimum(times / scene.time.ramp, 1.0)
-        run_load_history(body, times, factors, seen, motion=bench.course(body))
+        run_load_history(body, times, factors, seen, motion=hierarchy.course(body))
         ndof = body.fes.ndof
     return answers, scales, ndof
 
 
-def _times(bench: ModelHierarchy, model: Model, last: float) -> Array:
+def _times(hierarchy: ModelHierarchy, model: Model, last: float) -> Array:
     """Steps up to a time (s), even ones while loads grow."""
-    ramp = bench.scene.time.ramp
+    ramp = hierarchy.scene.time.ramp
     hold, moving = last - ramp, model.get("inertia") == "all"
-    count = max(RAMP, math.ceil(CROSSING * ramp / bench.crossing)) if moving else RAMP
-    if bench.scene.is_timed:
-        return motions.steps(bench.scene, last, RAMP, bench.crossing / CROSSING if moving else math.inf)
+    count = max(RAMP, math.ceil(CROSSING * ramp / hierarchy.crossing)) if moving else RAMP
+    if hierarchy.scene.is_timed:
+        return motions.time_steps(hierarchy.scene, last, RAMP, hierarchy.crossing / CROSSING if moving else math.inf)
     grow = np.linspace(0, ramp, count + 1)
     if hold <= 1e-9 * ramp:
         return grow

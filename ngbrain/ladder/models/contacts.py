@@ -25,19 +25,21 @@ INSIDE = 1e-9
 """Keeps distances from an axis (m) differentiable on it."""
 
 
-def way(body: Body, until: float, side: float) -> float:
+def travel_distance(body: Body, until: float, side: float) -> float:
     """Its largest way (m) from where it began."""
     times = until * np.append(np.arange(1000) * GOLDEN % 1, 1.0)
-    far = float(np.max(np.sqrt(sum(np.square(part) for part in body.gone(times, 1.0)))))
+    far = float(np.max(np.sqrt(sum(np.square(part) for part in body.displacement(times, 1.0)))))
     return far or STANDING * side
 
 
-def touch(body: Body, course: PrescribedMotion, modulus: float, far: float, rubs: bool) -> list[Contact | Friction]:
+def make_contact(
+    body: Body, course: PrescribedMotion, modulus: float, far: float, rubs: bool
+) -> list[Contact | Friction]:
     """The contact, and its friction; `modulus` (Pa) of the tissue, `far` as `way` says."""
     parameter = course.time if body.is_timed else course.growth
 
     def gone(now: Any) -> list[CoefficientFunction]:
-        parts = body.gone(now, course.growth, FIELDS) if body.is_timed else body.gone(0.0, now, FIELDS)
+        parts = body.displacement(now, course.growth, FIELDS) if body.is_timed else body.displacement(0.0, now, FIELDS)
         return [parts[i] for i in course.axes]
 
     def distance(x: CoefficientFunction) -> CoefficientFunction:

@@ -44,10 +44,10 @@ WORTH = 0.8
 """Part of the block's width from which on there is nothing to gain by one."""
 
 
-def near(geometry: Geometry) -> Geometry | None:
+def region_of_interest(geometry: Geometry) -> Geometry | None:
     """The part of a block around its plate, slot or lesion; None where that is nearly all of it.
 
-    >>> near(Geometry(kind="block", size=(0.1, 0.1, 0.04), plate=(0.02, 0.02))).size
+    >>> region_of_interest(Geometry(kind="block", size=(0.1, 0.1, 0.04), plate=(0.02, 0.02))).size
     (0.06, 0.06, 0.04)
     """
     if geometry.size is None or not (geometry.plate or geometry.slot or geometry.lesion_radius):
@@ -64,7 +64,7 @@ def near(geometry: Geometry) -> Geometry | None:
 class Meshes:
     """A geometry in elements of `size`/2^level, of second order where it is round; each level halves the elements of the last.
 
-    >>> mesh = Meshes(Geometry(kind="block", size=(0.06, 0.06, 0.04), plate=(0.02, 0.02)), 0.015).at(0, plane=True)
+    >>> mesh = Meshes(Geometry(kind="block", size=(0.06, 0.06, 0.04), plate=(0.02, 0.02)), 0.015).mesh(0, plane=True)
     >>> mesh.dim, "plate" in mesh.GetBoundaries()
     (2, True)
     """
@@ -74,7 +74,7 @@ class Meshes:
         self._coarsest: dict[bool, meshing.Mesh] = {}
         self._made: dict[tuple[int, bool], ngs.Mesh] = {}
 
-    def at(self, level: int, plane: bool) -> ngs.Mesh:
+    def mesh(self, level: int, plane: bool) -> ngs.Mesh:
         """In space, or its section."""
         if (level, plane) not in self._made:
             self._made[level, plane] = (
@@ -82,9 +82,9 @@ class Meshes:
             )
         return self._made[level, plane]
 
-    def cut(self, level: int, plane: bool, marked: np.ndarray) -> ngs.Mesh:
+    def refine_marked(self, level: int, plane: bool, marked: np.ndarray) -> ngs.Mesh:
         """A level's mesh with these elements half as large, and what that takes around them."""
-        mesh = ngs.Mesh(self.at(level, plane).ngmesh.Copy())
+        mesh = ngs.Mesh(self.mesh(level, plane).ngmesh.Copy())
         for element in mesh.Elements(ngs.VOL):
             mesh.SetRefinementFlag(element, bool(marked[element.nr]))
         if not plane:
@@ -101,7 +101,9 @@ class Meshes:
     def _halved(self, level: int, plane: bool) -> ngs.Mesh:
         if plane not in self._coarsest:
             makers = {"mesh": lambda: _read(self.geometry), "block": lambda: self._block(plane)}
-            self._coarsest[plane] = makers.get(self.geometry.kind, lambda: scanned(self.geometry, self.size))()
+            self._coarsest[plane] = makers.get(
+                self.geometry.kind, lambda: scanned_head_mesh(self.geometry, self.size)
+            )()
         mesh = ngs.Mesh(self._coarsest[plane].Copy())
         for _ in range(level):
             mesh.Refine()
@@ -116,7 +118,7 @@ class Meshes:
         return occ.OCCGeometry(shape, dim=2 if plane else 3).GenerateMesh(wanted)
 
 
-def scanned(geometry: Geometry, size: float) -> meshing.Mesh:
+def scanned_head_mesh(geometry: Geometry, size: float) -> meshing.Mesh:
     """The head of a scan within its skull: regions grey, white and ventricles, as the middle of each element has it.
 
     Sulcal fluid within the hull counts as grey matter, as in an operation. Finer meshes have the same regions: their elements are
@@ -239,14 +241,14 @@ def _sides(geometry: Geometry, cell: float, sides: occ.ListOfShapes, place: Call
 
 def _side(geometry: Geometry, cx: float, cy: float | None, cz: float) -> str:
     x, y, z = geometry.sides
-    near = 1e-6 * max(geometry.sides)
-    if abs(cz) < near:
+    rounding = 1e-6 * max(geometry.sides)
+    if abs(cz) < rounding:
         return "bottom"
-    if abs(cz - z) < near:
+    if abs(cz - z) < rounding:
         return "top"
     for at, low, high, half in ((cx, "left", "right", x / 2), (cy, "front", "back", y / 2)):
-        if at is not None and abs(abs(at) - half) < near:
+        if at is not None and abs(abs(at) - half) < rounding:
             return low if at < 0 else high
-    if geometry.slot and abs(abs(cx) - geometry.slot[0] / 2) < near:
+    if geometry.slot and abs(abs(cx) - geometry.slot[0] / 2) < rounding:
         return "wall_minus" if cx < 0 else "wall_plus"
     return "inside"

@@ -19,7 +19,7 @@ from ngbrain.forward.common.dirichlet import Support
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials.base import Value
 from ngbrain.scene import DisplacementBC, Scene
-from ngbrain.scene.conditions import Given, at_place, follows
+from ngbrain.scene.conditions import Given, depends_on_time, evaluate_at
 
 FIELDS: Mapping[str, Callable[..., Any]] = {
     **{name: getattr(ngs, name) for name in ("sin", "cos", "tan", "exp", "log", "sqrt")},
@@ -76,8 +76,8 @@ class PrescribedMotion:
 
     def value(self, given: Given) -> Value:
         """A load's, at full size."""
-        found = at_place(given, self.place, self.time, FIELDS)
-        return found / self.growth if follows(given) else found
+        found = evaluate_at(given, self.place, self.time, FIELDS)
+        return found / self.growth if depends_on_time(given) else found
 
     def vector(self, given: tuple[Given, ...]) -> tuple[Value, ...]:
         """Its components that the body has."""
@@ -105,7 +105,7 @@ class PrescribedMotion:
         return 0.0
 
 
-def pace(scene: Scene, until: float) -> float:
+def characteristic_time(scene: Scene, until: float) -> float:
     """In what time (s) the fastest of what follows a formula of time would come to its largest size; infinite without any."""
     sides = np.array(scene.geometry.sides if scene.geometry.kind == "block" else (LONG,) * 3)
     corners = np.array([(a, b, c) for a in (-0.5, 0.5) for b in (-0.5, 0.5) for c in (0, 1)]) * sides
@@ -114,9 +114,11 @@ def pace(scene: Scene, until: float) -> float:
 
     def courses(t: np.ndarray) -> list[Any]:
         found = [bc.displacement(place, t, 1.0) for bc in scene.displacement_bcs if bc.is_timed]
-        found += [[at_place(each, place, t) for each in load.value if follows(each)] for load in scene.tractions]
-        found += [[at_place(load.value, place, t)] for load in scene.pressures if follows(load.value)]
-        found += [list(body.gone(t, 1.0)) for body in scene.contacts if body.is_timed]
+        found += [
+            [evaluate_at(each, place, t) for each in load.value if depends_on_time(each)] for load in scene.tractions
+        ]
+        found += [[evaluate_at(load.value, place, t)] for load in scene.pressures if depends_on_time(load.value)]
+        found += [list(body.displacement(t, 1.0)) for body in scene.contacts if body.is_timed]
         return [part for course in found for part in course]
 
     least = np.inf
@@ -128,10 +130,10 @@ def pace(scene: Scene, until: float) -> float:
     return least
 
 
-def steps(scene: Scene, until: float, share: int, longest: float) -> np.ndarray:
+def time_steps(scene: Scene, until: float, share: int, longest: float) -> np.ndarray:
     """Even steps of time (s), one of them at the end of the ramp: a `share` of what moves fastest, and no longer than `longest`."""
     ramp = scene.time.ramp
-    longest = min(longest, min(ramp, pace(scene, until)) / share)
+    longest = min(longest, min(ramp, characteristic_time(scene, until)) / share)
     if until / longest > MOST:
         raise InputError("time.end_s", until, f"at most {MOST * longest:.3g}: {MOST} steps of what moves so fast")
     grow = np.linspace(0, ramp, math.ceil(ramp / longest) + 1)
@@ -162,7 +164,7 @@ def check(scene: Scene, mesh: ngs.Mesh, sides: tuple[float, ...]) -> None:
             raise InputError(key, shown, wanted)
     for i, body in enumerate(scene.contacts, 1):
         with np.errstate(all="ignore"):
-            parts = [np.broadcast_to(part, MOMENTS) for part in body.gone(times, growth)]
+            parts = [np.broadcast_to(part, MOMENTS) for part in body.displacement(times, growth)]
         if not np.isfinite(parts).all():
             raise InputError(f"contact#{i}.travel_mm", body.toml_value("travel"), "numbers at every moment")
         if any(abs(part[0]) > 1e-9 for part in parts):
@@ -176,10 +178,10 @@ def check(scene: Scene, mesh: ngs.Mesh, sides: tuple[float, ...]) -> None:
         place = _vertices(mesh, load.boundary, names)
         for each in load.value if isinstance(load.value, tuple) else (load.value,):
             with np.errstate(all="ignore"):
-                found = np.broadcast_to(at_place(each, place, times), (len(place[0]), MOMENTS))
+                found = np.broadcast_to(evaluate_at(each, place, times), (len(place[0]), MOMENTS))
             if not np.isfinite(found).all():
                 raise InputError(f"{name}.value_Pa", load.toml_value("value"), f"numbers all over {load.boundary!r}")
-            if follows(each) and np.abs(found[:, 0]).max(initial=0) > 1e-9 * np.abs(found).max(initial=0):
+            if depends_on_time(each) and np.abs(found[:, 0]).max(initial=0) > 1e-9 * np.abs(found).max(initial=0):
                 wanted = "a formula of t that is 0 at t = 0: a body begins at rest"
                 raise InputError(f"{name}.value_Pa", load.toml_value("value"), wanted)
 

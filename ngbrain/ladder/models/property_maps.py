@@ -15,7 +15,7 @@ from ngbrain.image.read.property_maps import COVERED, fill_unmeasured, read_map
 from ngbrain.image.read.volume import Volume
 
 
-def read(path: str | os.PathLike[str]) -> Volume:
+def read_modulus_map(path: str | os.PathLike[str]) -> Volume:
     """A NIfTI volume of shear moduli (Pa); voxels without one (0, or no number) have that of the nearest that has.
 
     Raises `InputError` where it is unreadable, of other than three axes, has no value at all, or a negative one; `MissingExtra`
@@ -24,7 +24,7 @@ def read(path: str | os.PathLike[str]) -> Volume:
     return fill_unmeasured(read_map(path, "shear moduli (Pa)"))
 
 
-def over(volume: Volume, mesh: ngs.Mesh) -> ngs.GridFunction:
+def interpolate_map(volume: Volume, mesh: ngs.Mesh) -> ngs.GridFunction:
     """A volume's values (Pa) at a mesh's vertices, linear between them; a mesh of the plane y = 0 has x and z.
 
     Raises `InputError` where the body reaches beyond the picture by more than a voxel.
@@ -41,7 +41,7 @@ def over(volume: Volume, mesh: ngs.Mesh) -> ngs.GridFunction:
     return field
 
 
-def fibres(directions: FibreDirections, mesh: ngs.Mesh, where: np.ndarray) -> ngs.CoefficientFunction:
+def fibre_field(directions: FibreDirections, mesh: ngs.Mesh, where: np.ndarray) -> ngs.CoefficientFunction:
     """Directions over a mesh of space: of each element the principal one of the mean of its points' structure tensors.
 
     Raises `InputError` where less than half of some elements (`where`, a mask) lies in voxels with a direction.
@@ -62,7 +62,7 @@ def fibres(directions: FibreDirections, mesh: ngs.Mesh, where: np.ndarray) -> ng
     return ngs.CF(tuple(parts))
 
 
-def median(field: ngs.GridFunction, region: str) -> float:
+def region_median(field: ngs.GridFunction, region: str) -> float:
     """Of a field's means over the elements of a region, which count by their volumes."""
     mesh = field.space.mesh
     amounts, sizes = (

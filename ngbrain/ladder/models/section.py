@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from typing import Protocol
 
-from ngbrain.ladder.models.geometry import CUT, OF_SECTION, near
+from ngbrain.ladder.models.geometry import CUT, OF_SECTION, region_of_interest
 from ngbrain.scene import Pressure, Scene, Traction
 from ngbrain.scene.conditions import Given
 from ngbrain.schema.formulas import Formula
@@ -94,7 +94,7 @@ def not_in_section(scene: Scene, questions: Sequence[Labelled] = ()) -> str | No
 
 def cannot_be_cut(scene: Scene) -> bool:
     """Whether there is no region of interest, or a condition or a quantity lies beyond it."""
-    part = near(scene.geometry)
+    part = region_of_interest(scene.geometry)
     if part is None or scene.gravity is not None or scene.contacts:
         return True
     loads: list[Traction | Pressure] = [*scene.tractions, *scene.pressures]

@@ -14,7 +14,7 @@ from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.forward.observables.percentiles import weighted_percentile
 from ngbrain.ladder.levels import Model
 from ngbrain.ladder.models.motions import PrescribedMotion
-from ngbrain.ladder.quantities import along, point_in, within
+from ngbrain.ladder.quantities import mesh_components, mesh_point, quadrature_in_region
 from ngbrain.materials import Shearing
 from ngbrain.materials.base import Value
 from ngbrain.materials.families import relaxation_time, shear_modulus
@@ -25,10 +25,10 @@ PHASES = 16
 """Moments of a period over which a strain is the largest."""
 
 
-def modulus(tissue: Tissue, omega: float, loss: bool) -> complex:
+def complex_modulus(tissue: Tissue, omega: float, loss: bool) -> complex:
     """G*(ω) (Pa) = μ (1 + i loss) + Σ μ_k iωτ_k/(1 + iωτ_k) of what stays and of the branches; its real part without loss.
 
-    >>> modulus(Tissue(mu=1000.0, loss_tangent=0.2), 300.0, True)
+    >>> complex_modulus(Tissue(mu=1000.0, loss_tangent=0.2), 300.0, True)
     (1000+200j)
     """
     law = tissue.law()
@@ -39,7 +39,7 @@ def modulus(tissue: Tissue, omega: float, loss: bool) -> complex:
     return total if loss else complex(total.real)
 
 
-def shaken(
+def harmonic_answers(
     scene: Scene,
     model: Model,
     mesh: ngs.Mesh,
@@ -51,7 +51,7 @@ def shaken(
     frequency, plane = scene.time.frequency or 0.0, mesh.dim == 2
     regions = {region: tissue(region) for region in sorted(set(mesh.GetMaterials()))}
     omega = 2 * np.pi * frequency
-    moduli = {name: modulus(each, omega, model.get("loss") == "all") for name, (each, _) in regions.items()}
+    moduli = {name: complex_modulus(each, omega, model.get("loss") == "all") for name, (each, _) in regions.items()}
     factor = mesh.MaterialCF({name: times for name, (_, times) in regions.items()})
     # A real and an imaginary field: NGSolve takes no complex constants by region.
     G = mesh.MaterialCF({name: G.real for name, G in moduli.items()})
@@ -91,7 +91,9 @@ def _amplitude(quantity: Quantity, body: Harmonic, gfu: ngs.GridFunction, thickn
     plane = body.mesh.dim == 2
     u = body.split(gfu)[0]
     if quantity.name == "displacement":
-        return abs(complex(np.dot(u(point_in(body.mesh, quantity, plane)), along(quantity.unit_vector, plane))))
+        return abs(
+            complex(np.dot(u(mesh_point(body.mesh, quantity, plane)), mesh_components(quantity.unit_vector, plane)))
+        )
     if quantity.name == "force":
         return abs(_force(quantity, body, gfu)) * thickness
     return weighted_percentile(*_strains(quantity, body, u), quantity.percentile)
@@ -106,7 +108,7 @@ def _force(quantity: Quantity, body: Harmonic, gfu: ngs.GridFunction) -> complex
     motion = ngs.GridFunction(body.fes)
     part = motion.components[0] if body.mixed else motion
     boundary = body.mesh.Boundaries(str(quantity.boundary))
-    part.Set(ngs.CF(along(quantity.unit_vector, body.mesh.dim == 2)), definedon=boundary, dual=True)
+    part.Set(ngs.CF(mesh_components(quantity.unit_vector, body.mesh.dim == 2)), definedon=boundary, dual=True)
     form.Assemble()
     product = gfu.vec.CreateVector()
     product.data = form.mat * gfu.vec
@@ -116,7 +118,7 @@ def _force(quantity: Quantity, body: Harmonic, gfu: ngs.GridFunction) -> complex
 def _strains(quantity: Quantity, body: Harmonic, u: ngs.CoefficientFunction) -> tuple[Array, Array]:
     """Largest principal strains over a period at points, and the volumes that these stand for."""
     mesh = body.mesh
-    points, weights = within(mesh, quantity)
+    points, weights = quadrature_in_region(mesh, quantity)
     grad = ngs.Grad(u)
     values = np.array(ngs.CF(tuple(grad[i, j] for i in range(mesh.dim) for j in range(mesh.dim)))(points))
     gradient = np.zeros((len(values), 3, 3), complex)

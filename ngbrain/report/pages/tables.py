@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, TypeGuard
 
 from ngbrain.report.words import duration, number
-from ngbrain.surgery.measures.dose_response import decides, evidence
+from ngbrain.surgery.measures.dose_response import evidence, excludes_one_half
 from ngbrain.surgery.uncertainty.error_budget import FAILED, NOT_COMPUTED, UNDER_WAY
 from ngbrain.surgery.uncertainty.verification_runs import HALF, MESH, MILLER, ORDER
 
@@ -278,7 +278,7 @@ def risks(answers: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
         if interval := answer.get("infarct_probability_95"):
             held, pressed = answer["pressure_held_15_min_mmHg"], answer["pressed_min"]
             said = evidence(held, answer["peak_pressure_mmHg"], pressed)
-            if decides(interval):
+            if excludes_one_half(interval):
                 low, high = (number(100 * p, 2) for p in interval)
                 said += f"; probability at least {low} %" if interval[0] > 0.5 else f"; probability at most {high} %"
             rows.append((name, f"{number(held)} mmHg" if held else "none", f"{number(pressed, 2)} min", said))

@@ -13,7 +13,7 @@ from ngbrain.errors import require
 from ngbrain.mesh import Cleft
 from ngbrain.report.render.surface import Floats, Ints, cut_tets
 from ngbrain.scene import Tool
-from ngbrain.surgery.tools import HANDLE, RigidTool, tools_of
+from ngbrain.surgery.tools import HANDLE, RigidTool, make_tools
 
 TOOLS = {
     "spatula": "blade",
@@ -35,7 +35,7 @@ _SIX = np.array([[0, 1, 3, 7], [0, 1, 5, 7], [0, 2, 3, 7], [0, 2, 6, 7], [0, 4, 
 def drawn(blade: Mapping[str, Any], cleft: Cleft, advance: float) -> tuple[Drawn, ...]:
     """The tools that `geometry.blade` of a result tells of, when they have gone `advance` (m) together."""
     given = {key.removesuffix("_m"): value for key, value in blade.items() if value is not None}
-    tools = list(tools_of(Tool(**given), cleft).values())
+    tools = list(make_tools(Tool(**given), cleft).values())
     shown = tools[:1] if tools[0].single else tools
     return tuple(Drawn(each, cleft, advance / len(tools)) for each in shown)
 
@@ -73,7 +73,7 @@ class Drawn:
     def _profile(self) -> Floats:
         a, c = self._axes(FINE, (0, 2))
         at = np.stack([each.ravel() for each in np.meshgrid(a, [0.0], c, indexing="ij")], axis=1)
-        grid = self.tool.signed(self.advance, at).reshape(len(a), len(c))
+        grid = self.tool.signed_distance(self.advance, at).reshape(len(a), len(c))
         axes = require("matplotlib.figure", "report").Figure().subplots()
         (lines,) = axes.contour(a, c, grid.T, [0.0]).allsegs
         return np.asarray(max(lines, key=len)) * [self._side, 1]
@@ -86,7 +86,7 @@ class Drawn:
         corners = [number[i : i - 1 or None, j : j - 1 or None, k : k - 1 or None] for i, j, k in np.ndindex(2, 2, 2)]
         cubes = np.stack([each.ravel() for each in corners], axis=1)
         tets = cubes[:, _SIX].reshape(-1, 4)
-        cut = cut_tets(tets, -self.tool.signed(self.advance, at), np.arange(len(tets)))
+        cut = cut_tets(tets, -self.tool.signed_distance(self.advance, at), np.arange(len(tets)))
         frame = self.tool.cleft
         return frame.target + cut.at(at) @ np.stack([frame.across, frame.along, frame.out]), cut.simplices
 

@@ -35,22 +35,22 @@ def interval(infarcts: int, animals: int) -> tuple[float, float]:
     return float(found.low), float(found.high)
 
 
-def at_least(mmHg: float) -> float:  # noqa: N803
+def probability_lower_bound(mmHg: float) -> float:  # noqa: N803
     """Lower end for a pressure held for 15 minutes: that of the largest dose not above it, 0 below all."""
     return max((interval(*counts)[0] for dose, counts in COUNTS.items() if dose <= mmHg), default=0.0)
 
 
-def at_most(mmHg: float) -> float:  # noqa: N803
+def probability_upper_bound(mmHg: float) -> float:  # noqa: N803
     """Upper end for a pressure held for 15 minutes: that of the smallest dose not below it, 1 above all; 0 without pressure."""
     if mmHg <= 0:
         return 0.0
     return min((interval(*counts)[1] for dose, counts in COUNTS.items() if dose >= mmHg), default=1.0)
 
 
-def held(pressure: TimeCurve, seconds: float) -> float:
+def sustained_pressure(pressure: TimeCurve, seconds: float) -> float:
     """The largest pressure that a curve stays above for a time (s) without a break; 0 if it never presses that long.
 
-    >>> round(held(TimeCurve([0.0, 10.0, 20.0], [0.0, 40.0, 0.0], [0.0, 10.0, 20.0]), 5.0), 6)
+    >>> round(sustained_pressure(TimeCurve([0.0, 10.0, 20.0], [0.0, 40.0, 0.0], [0.0, 10.0, 20.0]), 5.0), 6)
     30.0
     """
 
@@ -62,7 +62,7 @@ def held(pressure: TimeCurve, seconds: float) -> float:
     return low
 
 
-def infarct(pressure: TimeCurve) -> dict[str, Any]:
+def infarct_probability(pressure: TimeCurve) -> dict[str, Any]:
     """The range of probabilities that the counts leave for a course of pressure (mmHg).
 
     One thing is assumed: what presses less, for a shorter time, or with breaks does no more harm. So the probability is at
@@ -72,24 +72,26 @@ def infarct(pressure: TimeCurve) -> dict[str, Any]:
     15 minutes at the pressure held alone, None where none is held for so long.
     """
     minutes = pressure.above(0.0)[0] / MINUTE
-    even = held(pressure, (1 - MISSING) * HELD_MINUTES * MINUTE)
+    even = sustained_pressure(pressure, (1 - MISSING) * HELD_MINUTES * MINUTE)
     peak = pressure.peak
-    high = at_most(peak) if minutes <= HELD_MINUTES else 1.0
+    high = probability_upper_bound(peak) if minutes <= HELD_MINUTES else 1.0
     return {
         "pressure_held_15_min_mmHg": even,
         "pressed_min": minutes,
-        "infarct_probability_95_at_held": [at_least(even), at_most(even)] if even else None,
-        "infarct_probability_95": [at_least(even), high],
+        "infarct_probability_95_at_held": [probability_lower_bound(even), probability_upper_bound(even)]
+        if even
+        else None,
+        "infarct_probability_95": [probability_lower_bound(even), high],
     }
 
 
-def decides(interval: Sequence[float]) -> bool:
+def excludes_one_half(interval: Sequence[float]) -> bool:
     """Whether an interval of a probability says which is more likely, an infarct or none; only then it is worth stating.
 
     With six animals at a pressure most intervals hold one half. They do not narrow what anybody would have said before, and their
     ends ("0 to 64 %") read like a finding: the counts themselves (`evidence`) say all there is.
 
-    >>> [decides(interval(*counts)) for counts in COUNTS.values()]
+    >>> [excludes_one_half(interval(*counts)) for counts in COUNTS.values()]
     [False, False, True]
     """
     low, high = interval
@@ -130,7 +132,7 @@ def _counted(dose: float) -> str:
     return f"{infarcts} of {animals} rats"
 
 
-def points() -> dict[str, Any]:
+def dose_response_points() -> dict[str, Any]:
     """The counts with their intervals, where they come from and under which conditions."""
     doses = [
         {"pressure_mmHg": dose, "infarcts": counts[0], "animals": counts[1], "probability_95": list(interval(*counts))}

@@ -14,7 +14,7 @@ import numpy as np
 from ngbrain.io.surfacefile import read_surface
 from ngbrain.mesh.geometry.cleft import Cleft
 from ngbrain.scene import Tool
-from ngbrain.surgery.tools.base import HANDLE, RigidTool, Signed, coordinates, patch
+from ngbrain.surgery.tools.base import HANDLE, RigidTool, SignedDistance, coordinates, patch
 from ngbrain.surgery.tools.blades import Ball, Spatula, Tube
 from ngbrain.surgery.tools.closed_surface import ClosedSurface
 
@@ -24,19 +24,19 @@ __all__ = [
     "Ball",
     "ClosedSurface",
     "RigidTool",
-    "Signed",
+    "SignedDistance",
     "Spatula",
     "Tube",
     "coordinates",
+    "make_tools",
     "patch",
-    "tools_of",
 ]
 
 WALLS = ("wall_plus", "wall_minus")
 """The walls of a cleft: towards its `across`, which one tool pushes, and the other, which a second one or a tube does."""
 
 
-def tools_of(tool: Tool, cleft: Cleft) -> Mapping[str, RigidTool]:
+def make_tools(tool: Tool, cleft: Cleft) -> Mapping[str, RigidTool]:
     """What pushes which wall; they share the way that a scene asks for.
 
     Parameters
@@ -53,7 +53,7 @@ def tools_of(tool: Tool, cleft: Cleft) -> Mapping[str, RigidTool]:
     Examples
     --------
     >>> cleft = Cleft(np.zeros(3), np.array([0, 0, 1.0]), np.array([1.0, 0, 0]), 30e-3, 4e-3, 12e-3)
-    >>> {wall: float(each.cleft.across[0]) for wall, each in tools_of(Tool(kind="two spatulas"), cleft).items()}
+    >>> {wall: float(each.cleft.across[0]) for wall, each in make_tools(Tool(kind="two spatulas"), cleft).items()}
     {'wall_plus': 1.0, 'wall_minus': -1.0}
     """
     plus, minus = WALLS
@@ -66,7 +66,7 @@ def tools_of(tool: Tool, cleft: Cleft) -> Mapping[str, RigidTool]:
     if tool.kind == "ball":
         return {plus: Ball(cleft, tool.width, tool.tip_clearance)}
     if tool.kind == "surface":
-        return {plus: ClosedSurface.of(read_surface(str(tool.file)), cleft, tool.tip_clearance, str(tool.file))}
+        return {plus: ClosedSurface.from_mesh(read_surface(str(tool.file)), cleft, tool.tip_clearance, str(tool.file))}
     shape = (
         tool.width,
         tool.edge_radius,

@@ -17,7 +17,7 @@ INSIDE = 1e-9
 HANDLE = 25e-3
 """How far (m) beyond the brain's surface a tool is drawn that goes on there."""
 
-Signed = Callable[[CoefficientFunction], CoefficientFunction]
+SignedDistance = Callable[[CoefficientFunction], CoefficientFunction]
 """x ↦ signed distance (m) to a rigid body at the current position x, negative inside."""
 
 
@@ -47,10 +47,10 @@ class RigidTool(ABC):
     single = False
 
     @abstractmethod
-    def distance(self, advance: CoefficientFunction) -> Signed:
+    def distance(self, advance: CoefficientFunction) -> SignedDistance:
         """Its signed distance when it has gone `advance` (m) from where it touches the unloaded wall, without an end behind."""
 
-    def body(self, advance: CoefficientFunction) -> Signed:
+    def body(self, advance: CoefficientFunction) -> SignedDistance:
         """The same of the tool as it is: 0 on its surface, negative inside."""
         return self.distance(advance)
 
@@ -62,12 +62,12 @@ class RigidTool(ABC):
         """How far its surface at x has gone (m), a vector; as one towards `cleft.across`."""
         return advance * ngs.CF(tuple(map(float, self.cleft.across)))
 
-    def signed(self, advance: float, at: np.ndarray) -> np.ndarray:
+    def signed_distance(self, advance: float, at: np.ndarray) -> np.ndarray:
         """Signed distances (n,) m of points given as (across, along, height), (n, 3) in m, to the tool as it is.
 
         >>> from ngbrain.surgery.tools.blades import Tube
         >>> cleft = Cleft(np.zeros(3), np.array([0, 0, 1.0]), np.array([1.0, 0, 0]), 30e-3, 4e-3, 12e-3)
-        >>> print(1e3 * Tube(cleft, 4e-3, 1e-3, 4e-3).signed(1e-3, np.array([[0, 7e-3, 15e-3], [0, 0, 2e-3]])))
+        >>> print(1e3 * Tube(cleft, 4e-3, 1e-3, 4e-3).signed_distance(1e-3, np.array([[0, 7e-3, 15e-3], [0, 0, 2e-3]])))
         [4. 2.]
         """
         cleft = self.cleft
@@ -97,15 +97,15 @@ def coordinates(cleft: Cleft, x: CoefficientFunction) -> tuple[CoefficientFuncti
     return tuple(ngs.InnerProduct(x - target, axis) for axis in axes)
 
 
-def rounded(inward: Sequence[CoefficientFunction], r: float) -> CoefficientFunction:
+def rounded_intersection(inward: Sequence[CoefficientFunction], r: float) -> CoefficientFunction:
     """Signed distance (m) to where several others are at most r, with edges of radius r where they meet."""
     beyond = sum((ngs.IfPos(q, q, 0) ** 2 for q in inward), ngs.CF(INSIDE**2))
     deepest = inward[0]
     for q in inward[1:]:
-        deepest = larger(deepest, q)
+        deepest = maximum(deepest, q)
     return ngs.sqrt(beyond) + ngs.IfPos(deepest, 0, deepest) - r
 
 
-def larger(a: CoefficientFunction, b: CoefficientFunction) -> CoefficientFunction:
+def maximum(a: CoefficientFunction, b: CoefficientFunction) -> CoefficientFunction:
     """The larger of two."""
     return ngs.IfPos(a - b, a, b)

@@ -9,7 +9,7 @@ import numpy as np
 from ngsolve import CoefficientFunction
 
 from ngbrain.mesh.geometry.cleft import Cleft
-from ngbrain.surgery.tools.base import INSIDE, RigidTool, Signed, coordinates, larger, rounded
+from ngbrain.surgery.tools.base import INSIDE, RigidTool, SignedDistance, coordinates, maximum, rounded_intersection
 
 
 @dataclass(frozen=True)
@@ -51,28 +51,28 @@ class Spatula(RigidTool):
     bend: float = np.inf
     height: float = np.inf
 
-    def distance(self, advance: CoefficientFunction) -> Signed:
+    def distance(self, advance: CoefficientFunction) -> SignedDistance:
         """x ↦ signed distance (m) to {across ≤ face, |along| ≤ half the width, height ≥ tip} with edges rounded."""
         r, face = self.edge_radius, self.cleft.opening / 2 + advance
 
-        def signed(x: CoefficientFunction) -> CoefficientFunction:
+        def signed_distance(x: CoefficientFunction) -> CoefficientFunction:
             a, b, c = coordinates(self.cleft, x)
             inward = [self._before(a - face, c) + r, self._beside(b, c) + r, self.tip + r - c]
             if np.isfinite(self.height):
                 inward.append(c - self.tip - self.height + r)
-            return rounded(inward, r)
+            return rounded_intersection(inward, r)
 
-        return signed
+        return signed_distance
 
-    def body(self, advance: CoefficientFunction) -> Signed:
+    def body(self, advance: CoefficientFunction) -> SignedDistance:
         """As it is thick, up to where it is drawn."""
         front, face = self.distance(advance), self.cleft.opening / 2 + advance
 
-        def signed(x: CoefficientFunction) -> CoefficientFunction:
+        def signed_distance(x: CoefficientFunction) -> CoefficientFunction:
             a, _, c = coordinates(self.cleft, x)
-            return larger(larger(front(x), -self.thickness - self._before(a - face, c)), c - self.top)
+            return maximum(maximum(front(x), -self.thickness - self._before(a - face, c)), c - self.top)
 
-        return signed
+        return signed_distance
 
     def bounds(self, advance: float) -> tuple[np.ndarray, np.ndarray]:
         """With what the face bends back."""
@@ -124,20 +124,20 @@ class Tube(RigidTool):
     tip: float
     single = True
 
-    def distance(self, advance: CoefficientFunction) -> Signed:
+    def distance(self, advance: CoefficientFunction) -> SignedDistance:
         """x ↦ signed distance (m) to {across² + along² ≤ radius², height ≥ tip} with the rim rounded."""
         r, radius = self.edge_radius, self.cleft.opening / 2 + advance
 
-        def signed(x: CoefficientFunction) -> CoefficientFunction:
+        def signed_distance(x: CoefficientFunction) -> CoefficientFunction:
             a, b, c = coordinates(self.cleft, x)
-            return rounded((ngs.sqrt(a * a + b * b + INSIDE**2) - radius + r, self.tip + r - c), r)
+            return rounded_intersection((ngs.sqrt(a * a + b * b + INSIDE**2) - radius + r, self.tip + r - c), r)
 
-        return signed
+        return signed_distance
 
-    def body(self, advance: CoefficientFunction) -> Signed:
+    def body(self, advance: CoefficientFunction) -> SignedDistance:
         """Up to where it is drawn."""
         front = self.distance(advance)
-        return lambda x: larger(front(x), coordinates(self.cleft, x)[2] - self.top)
+        return lambda x: maximum(front(x), coordinates(self.cleft, x)[2] - self.top)
 
     def bounds(self, advance: float) -> tuple[np.ndarray, np.ndarray]:
         """Around the cleft's axis."""
@@ -166,7 +166,7 @@ class Ball(RigidTool):
     Examples
     --------
     >>> cleft = Cleft(np.zeros(3), np.array([0, 0, 1.0]), np.array([1.0, 0, 0]), 30e-3, 6e-3, 12e-3)
-    >>> print(1e3 * Ball(cleft, 6e-3, 10e-3).signed(2e-3, np.array([[8e-3, 0, 13e-3], [2e-3, 0, 13e-3]])))
+    >>> print(1e3 * Ball(cleft, 6e-3, 10e-3).signed_distance(2e-3, np.array([[8e-3, 0, 13e-3], [2e-3, 0, 13e-3]])))
     [ 3. -3.]
     """
 
@@ -174,16 +174,16 @@ class Ball(RigidTool):
     width: float
     tip: float
 
-    def distance(self, advance: CoefficientFunction) -> Signed:
+    def distance(self, advance: CoefficientFunction) -> SignedDistance:
         """x ↦ distance (m) to its middle, less its radius."""
         radius = self.width / 2
         middle = self.cleft.opening / 2 - radius + advance
 
-        def signed(x: CoefficientFunction) -> CoefficientFunction:
+        def signed_distance(x: CoefficientFunction) -> CoefficientFunction:
             a, b, c = coordinates(self.cleft, x)
             return ngs.sqrt((a - middle) ** 2 + b * b + (c - self.tip - radius) ** 2 + INSIDE**2) - radius
 
-        return signed
+        return signed_distance
 
     @property
     def height(self) -> float:  # type: ignore[override]

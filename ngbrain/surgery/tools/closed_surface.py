@@ -19,7 +19,7 @@ from ngbrain.errors import InputError
 from ngbrain.image.segment.from_surfaces import inside_surface
 from ngbrain.mesh.geometry.cleft import Cleft
 from ngbrain.mesh.surface.triangle_mesh import SurfaceMesh
-from ngbrain.surgery.tools.base import RigidTool, Signed, coordinates
+from ngbrain.surgery.tools.base import RigidTool, SignedDistance, coordinates
 
 STEP, AROUND = 0.5e-3, 5e-3
 """Of the grid (m), over which edges are rounded, and how far it goes on around the surface."""
@@ -47,7 +47,7 @@ class DistanceGrid:
     spline: np.ndarray
 
     @classmethod
-    def of(cls, surface: SurfaceMesh) -> DistanceGrid:
+    def from_mesh(cls, surface: SurfaceMesh) -> DistanceGrid:
         """Around a surface."""
         low = surface.points.min(axis=0) - AROUND
         n = np.ceil((surface.points.max(axis=0) + AROUND - low) / STEP).astype(int) + 1
@@ -59,12 +59,12 @@ class DistanceGrid:
         spline = ndimage.spline_filter(distance, order=3, mode="mirror")
         return cls(low, low + STEP * (np.array(shape) - 1), np.pad(spline, 1, mode="reflect"))
 
-    def moved(self, x: float) -> DistanceGrid:
+    def translate(self, x: float) -> DistanceGrid:
         """By so much (m) along the first axis: a spline bulges a little beyond a flat face with edges."""
         by = np.array([x, 0.0, 0.0])
         return DistanceGrid(self.low + by, self.high + by, self.spline)
 
-    def at(self, points: np.ndarray) -> np.ndarray:
+    def evaluate(self, points: np.ndarray) -> np.ndarray:
         """At points (n, 3) m: where they are inside of the grid (3), distance, slopes, curvatures there, (13, n).
 
         Beyond the grid curvatures are 0: it goes straight on.
@@ -86,7 +86,7 @@ class DistanceGrid:
 
     def distances(self, points: np.ndarray) -> np.ndarray:
         """Signed distances (m) of points (n, 3)."""
-        found = self.at(points)
+        found = self.evaluate(points)
         return np.asarray(found[3] + np.einsum("in,in->n", found[4:7], np.transpose(points) - found[:3]))
 
 
@@ -109,7 +109,7 @@ class GridDistance:
         assert self._found is not None
         self._place.Interpolate(self._there, definedon=self._wall)
         at = self._place.vec.FV().NumPy().reshape(3, -1)
-        self._found.vec.FV().NumPy().reshape(13, -1)[:] = self._tool.grid.at(at.T)
+        self._found.vec.FV().NumPy().reshape(13, -1)[:] = self._tool.grid.evaluate(at.T)
 
     def __call__(self, x: CoefficientFunction) -> CoefficientFunction:
         """Signed distance (m)."""
@@ -154,7 +154,7 @@ class ClosedSurface(RigidTool):
     >>> x = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)]) * [4e-3, 8e-3, 2e-2]
     >>> faces = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4],
     ...          [1, 5, 7], [1, 7, 3]]
-    >>> box = ClosedSurface.of(SurfaceMesh(x, np.array(faces)), cleft, 4e-3)
+    >>> box = ClosedSurface.from_mesh(SurfaceMesh(x, np.array(faces)), cleft, 4e-3)
     >>> low, high = box.bounds(1e-3)
     >>> print(1e3 * low, 1e3 * high)
     [-1. -4.  4.] [ 3.  4. 24.]
@@ -168,7 +168,7 @@ class ClosedSurface(RigidTool):
     height: float
 
     @classmethod
-    def of(cls, surface: SurfaceMesh, cleft: Cleft, tip: float, name: str = "surface") -> ClosedSurface:
+    def from_mesh(cls, surface: SurfaceMesh, cleft: Cleft, tip: float, name: str = "surface") -> ClosedSurface:
         """From a surface (m) in axes of its own; raises `InputError` where it does not fit into the cleft."""
         low, high = surface.points.min(axis=0), surface.points.max(axis=0)
         depth, width, height = high - low
@@ -179,20 +179,20 @@ class ClosedSurface(RigidTool):
             if size > most + LOOSE:
                 raise InputError("tool.file", f"{name}, {1e3 * size:.3g} mm", f"at most {1e3 * most:.3g}: {said}")
         origin = np.array([high[0], (low[1] + high[1]) / 2, low[2]])
-        grid = DistanceGrid.of(SurfaceMesh(surface.points - origin, surface.triangles))
+        grid = DistanceGrid.from_mesh(SurfaceMesh(surface.points - origin, surface.triangles))
         face = np.stack(
             np.meshgrid(
                 0.0, *(np.arange(a, b, STEP / 3) for a, b in ((-width / 2, width / 2), (0, height))), indexing="ij"
             )
         )
-        grid = grid.moved(min(0.0, float(grid.distances(face.reshape(3, -1).T).min())))
+        grid = grid.translate(min(0.0, float(grid.distances(face.reshape(3, -1).T).min())))
         return cls(cleft, float(width), tip, float(depth), grid, float(height))
 
-    def distance(self, advance: CoefficientFunction) -> Signed:
+    def distance(self, advance: CoefficientFunction) -> SignedDistance:
         """Looked up; a problem says where its points stand (`Contact.follow`)."""
         return GridDistance(self, advance)
 
-    def signed(self, advance: float, at: np.ndarray) -> np.ndarray:
+    def signed_distance(self, advance: float, at: np.ndarray) -> np.ndarray:
         """By the grid."""
         return self.grid.distances(np.asarray(at) - [self.cleft.opening / 2 + advance, 0.0, self.tip])
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ngbrain.scene import Patient, Scene
-from ngbrain.surgery.answers import Answer, Runs, borne, course, stiffer
+from ngbrain.surgery.answers import Answer, Runs, pressure_answers, pressure_series, scale_moduli
 from ngbrain.surgery.protocol_run import ProtocolResult
 from ngbrain.surgery.quantities import QUANTITIES, ProtocolQuantity
 from ngbrain.surgery.uncertainty.verification_runs import HALF, MESH, MILLER, ORDER
@@ -24,7 +24,7 @@ Errors = dict[str, dict[str, Any]]
 """Name of a number → `errors`."""
 
 
-def hold(scene: Scene, found: Mapping[str, Answer], checked: Mapping[str, Any]) -> Answer | None:
+def hold_answer(scene: Scene, found: Mapping[str, Answer], checked: Mapping[str, Any]) -> Answer | None:
     """The answer of one opening held to the end: a protocol's, or the check's that was made for it; None if that failed."""
     named = [asked.name for asked in scene.protocols if asked.kind == "continuous"]
     if named:
@@ -52,7 +52,7 @@ def errors(own: Answer | None, checked: Mapping[str, Any], factors: Iterable[flo
         "order": _apart(checked[ORDER]) | _order_of_pressure(own, checked[ORDER], patient),
         "step": _apart(_pair(checked[HALF], own)),
     }
-    others = [_numbers(stiffer(own, factor, patient)) for factor in factors]
+    others = [_numbers(scale_moduli(own, factor, patient)) for factor in factors]
     others += [_numbers(checked[MILLER])] if checked[MILLER] else []
     result: Errors = {}
     for name, number in own_numbers.items():
@@ -117,8 +117,8 @@ def _order_of_pressure(own: Answer, pair: tuple[Answer, Answer] | None, patient:
     if not pair:
         return {}
     low, high = (each["peak_pressure_mmHg"] for each in pair)
-    names = _numbers(borne(*course(own), patient))
-    moved = _apart((own, stiffer(own, high / low, patient)))
+    names = _numbers(pressure_answers(*pressure_series(own), patient))
+    moved = _apart((own, scale_moduli(own, high / low, patient)))
     return {name: moved[name] for name in names}
 
 

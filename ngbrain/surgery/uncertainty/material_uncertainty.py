@@ -67,7 +67,7 @@ class Comparable:
         return float(np.exp(mean)), float(np.exp(np.sqrt(np.average((logs - mean) ** 2, weights=weights))))
 
 
-def comparable(name: str, tissue: Tissue, ramp: float) -> Comparable:
+def comparable_moduli(name: str, tissue: Tissue, ramp: float) -> Comparable:
     """The catalogue's entries for a tissue of like time scale, strain and species.
 
     Parameters
@@ -85,7 +85,7 @@ def comparable(name: str, tissue: Tissue, ramp: float) -> Comparable:
 
     Examples
     --------
-    >>> found = comparable("white", Tissue(region="white", material="griffiths2024:white_matter"), ramp=10.0)
+    >>> found = comparable_moduli("white", Tissue(region="white", material="griffiths2024:white_matter"), ramp=10.0)
     >>> sorted(found.moduli)[:2], found.left_out["miller2002:brain"]
     (['bennion2022:brain', 'budday2017:corona_radiata'], 'of swine, not human')
     """
@@ -146,11 +146,11 @@ def _after(law: Viscous, ramp: float) -> float:
     return float(shear_modulus(law_after(law, ramp)))
 
 
-def near_site(model: RetractionModel, runs: Runs) -> Comparable:
+def moduli_near_site(model: RetractionModel, runs: Runs) -> Comparable:
     """`comparable` for the tissue of which most is near the site of some runs."""
     near = next(iter(runs.values())).peak.near
     name = max(near, key=lambda each: near[each])
-    return comparable(name, model.tissue(name), model.scene.time.ramp)
+    return comparable_moduli(name, model.tissue(name), model.scene.time.ramp)
 
 
 def material_band(model: RetractionModel, runs: Runs, miller: Answer | None, errors: Errors) -> dict[str, Any]:
@@ -164,7 +164,7 @@ def material_band(model: RetractionModel, runs: Runs, miller: Answer | None, err
     """
     first, parts = next(iter(runs.values())), model.parts()
     peak = max(float(to_mmHg(run.column("pressure").max())) for run in runs.values())
-    others = near_site(model, runs)
+    others = moduli_near_site(model, runs)
     mean, by = others.spread
     moduli = {name: factor * peak for name, factor in others.factors.items()}
     laws = {"as given": peak, "Miller alpha -4.7": None if miller is None else miller["peak_pressure_mmHg"]}

@@ -70,7 +70,7 @@ def other_elements(model: RetractionModel, folder: Path | None, resume: bool, ca
     return own, _held(_meshed(model, other), MESH, folder, resume, callback)
 
 
-def miller(model: RetractionModel, folder: Path | None, resume: bool, callback: Callback) -> Answer:
+def miller_exponent(model: RetractionModel, folder: Path | None, resume: bool, callback: Callback) -> Answer:
     """With Ogden's law of exponent -4.7 in all tissue that stiffens, and the same moduli and times."""
     tissues = tuple(tissue.with_alpha(MILLER_ALPHA) for tissue in model.scene.tissues)
     return _held(replace(model, scene=replace(model.scene, tissues=tissues)), MILLER, folder, resume, callback)
@@ -86,7 +86,7 @@ def _coarse(model: RetractionModel) -> RetractionModel:
 def _meshed(model: RetractionModel, mesh: MeshSize) -> RetractionModel:
     """The same scene on another mesh. Where there is none a check is missing, not the whole result: raises `SolverError`."""
     try:
-        return RetractionModel.of(replace(model.scene, mesh=mesh), model.head)
+        return RetractionModel.from_scene(replace(model.scene, mesh=mesh), model.head)
     except InputError as error:
         raise SolverError(f"no mesh for a check: {error}") from error
 
@@ -117,14 +117,14 @@ def one_order_more(model: RetractionModel, folder: Path | None, resume: bool, ca
             low, high = kept["answers"]
             return low, high
     callback(ORDER, 0.0, 0.0)
-    found = orders(model, path and path.with_suffix(".npz"), resume)
+    found = compare_orders(model, path and path.with_suffix(".npz"), resume)
     if path is not None:
         write_json(path, {"scene": scene, "answers": found})
         path.with_suffix(".npz").unlink(missing_ok=True)
     return found
 
 
-def orders(model: RetractionModel, path: Path | None = None, resume: bool = False) -> tuple[Answer, Answer]:
+def compare_orders(model: RetractionModel, path: Path | None = None, resume: bool = False) -> tuple[Answer, Answer]:
     """At full opening, and nothing after it, on a coarse mesh: at the scene's order and one more.
 
     Elastic: the law that one step of the ramp's length from rest amounts to, so that the way there does not matter. One
@@ -135,7 +135,7 @@ def orders(model: RetractionModel, path: Path | None = None, resume: bool = Fals
     ramp, order = model.scene.time.ramp, model.scene.mesh.order
     protocol, control = coarse.ramp("elastic"), StepControl(ramp / 10, first=0.05)
     runs = [
-        ProtocolRun(coarse, protocol, None, False, None, control, coarse.elastic(ramp, k), k)
+        ProtocolRun(coarse, protocol, None, False, None, control, coarse.elastic_materials(ramp, k), k)
         for k in (order, order + 1)
     ]
     low, high = (run.transient for run in runs)

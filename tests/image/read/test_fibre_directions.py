@@ -7,7 +7,7 @@ nibabel = pytest.importorskip("nibabel", reason='nibabel is not installed; get i
 
 from ngbrain.errors import InputError  # noqa: E402
 from ngbrain.image.read.fibre_directions import FibreDirections, read_fibre_directions  # noqa: E402
-from ngbrain.ladder.models.property_maps import fibres  # noqa: E402
+from ngbrain.ladder.models.property_maps import fibre_field  # noqa: E402
 from ngbrain.mesh import block  # noqa: E402
 
 ALONG = np.array([2.0, -1.0, 2.0]) / 3
@@ -77,7 +77,7 @@ def test_over_a_mesh_an_element_has_the_mean_of_its_structure_tensors():
     angle = np.broadcast_to((40 * x)[:, None, None], (70, 49, 70))
     signs = np.random.default_rng(0).choice([-1.0, 1.0], angle.shape)
     data = signs[..., None] * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
-    field = fibres(FibreDirections(data, place), mesh, np.ones(mesh.ne, bool))
+    field = fibre_field(FibreDirections(data, place), mesh, np.ones(mesh.ne, bool))
     centres = np.array([np.mean([mesh[v].point for v in each.vertices], axis=0) for each in mesh.Elements()])
     found = field(mesh(*centres.T))
     wanted = np.stack([np.cos(40 * centres[:, 0]), np.sin(40 * centres[:, 0]), 0 * centres[:, 0]], axis=-1)
@@ -85,7 +85,7 @@ def test_over_a_mesh_an_element_has_the_mean_of_its_structure_tensors():
     away = place.copy()
     away[:3, 3] += 1.0
     with pytest.raises(InputError, match="without a direction at 100% of the tissue"):
-        fibres(FibreDirections(data, away), mesh, np.ones(mesh.ne, bool))
+        fibre_field(FibreDirections(data, away), mesh, np.ones(mesh.ne, bool))
 
 
 def test_what_is_no_file_of_directions(tmp_path):

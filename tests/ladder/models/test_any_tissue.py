@@ -10,7 +10,7 @@ from ngbrain.image.read.nifti import write_nifti
 from ngbrain.image.read.volume import Volume
 from ngbrain.ladder.axes import axes_of, cheapest
 from ngbrain.ladder.models.bodies import ModelHierarchy, _times, solve
-from ngbrain.ladder.models.waves import modulus
+from ngbrain.ladder.models.waves import complex_modulus
 from ngbrain.materials import CATALOGUE, constants, fourier, lab
 from ngbrain.scene import DisplacementBC, Geometry, Gravity, MeshSize, Quantity, Scene, Time, Tissue
 
@@ -91,7 +91,7 @@ def test_a_bar_of_anything_has_its_small_strain_force(name):
 def test_the_modulus_of_waves_is_that_of_the_law(name):
     omega, stuff = 2 * np.pi * np.array([0.1, 50.0]), Tissue(material=name)
     wanted = fourier(constants(name).law())(omega) * np.ones(2)
-    assert [modulus(stuff, float(w), True) for w in omega] == pytest.approx(wanted, rel=1e-6)
+    assert [complex_modulus(stuff, float(w), True) for w in omega] == pytest.approx(wanted, rel=1e-6)
 
 
 def test_fibres_of_a_map_are_those_of_one_direction(tmp_path):

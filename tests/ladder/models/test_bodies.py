@@ -12,7 +12,7 @@ from ngbrain.forward.observables.percentiles import weighted_percentile
 from ngbrain.ladder.axes import axes_of, cheapest
 from ngbrain.ladder.models.bodies import ModelHierarchy, _times, relaxed_law, solve
 from ngbrain.ladder.models.geometry import Meshes
-from ngbrain.ladder.models.waves import modulus
+from ngbrain.ladder.models.waves import complex_modulus
 from ngbrain.materials import RelaxingOgden
 from ngbrain.mesh import block
 from ngbrain.scene import DisplacementBC, Geometry, Gravity, MeshSize, Quantity, Scene, Time, Tissue, Traction
@@ -215,8 +215,8 @@ def test_with_mass_steps_are_as_short_as_waves_need_and_then_grow() -> None:
 def test_moduli_of_waves() -> None:
     tissue = Tissue(poissons_ratio=0.49, mu=(400.0, 600.0), eta=(30.0,))
     omega = 20.0  # 1/τ
-    assert modulus(tissue, omega, True) == pytest.approx(400 + 300 + 300j)
-    assert modulus(tissue, omega, False) == pytest.approx(700)
+    assert complex_modulus(tissue, omega, True) == pytest.approx(400 + 300 + 300j)
+    assert complex_modulus(tissue, omega, False) == pytest.approx(700)
 
 
 def test_pieces_have_their_parts_and_halve() -> None:
@@ -226,14 +226,14 @@ def test_pieces_have_their_parts_and_halve() -> None:
         ),
         0.02,
     )
-    coarse, fine, flat = meshes.at(0, False), meshes.at(1, False), meshes.at(0, True)
+    coarse, fine, flat = meshes.mesh(0, False), meshes.mesh(1, False), meshes.mesh(0, True)
     assert fine.ne == 8 * coarse.ne
     area = ngs.Integrate(ngs.CF(1) * ngs.ds("plate"), coarse)
     ball = ngs.Integrate(ngs.CF(1) * ngs.dx("lesion"), fine)
     assert area == pytest.approx(0.01 * 0.02)
     assert ball == pytest.approx(4 / 3 * np.pi * 0.008**3, rel=0.01)
     assert ngs.Integrate(ngs.CF(1) * ngs.dx("lesion"), flat) == pytest.approx(np.pi * 0.008**2, rel=0.01)
-    slot = Meshes(Geometry(kind="block", size=(0.04, 0.04, 0.04), slot=(0.004, 0.02)), 0.02).at(0, False)
+    slot = Meshes(Geometry(kind="block", size=(0.04, 0.04, 0.04), slot=(0.004, 0.02)), 0.02).mesh(0, False)
     assert ngs.Integrate(ngs.CF(1) * ngs.ds("wall_plus"), slot) == pytest.approx(0.02 * 0.04)
 
 

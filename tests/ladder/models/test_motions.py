@@ -10,7 +10,7 @@ from ngbrain.errors import InputError
 from ngbrain.ladder import climb
 from ngbrain.ladder.axes import axes_of
 from ngbrain.ladder.models.bodies import ModelHierarchy
-from ngbrain.ladder.models.motions import pace
+from ngbrain.ladder.models.motions import characteristic_time
 from ngbrain.ladder.models.section import not_in_section
 from ngbrain.scene import Contact, DisplacementBC, Geometry, MeshSize, Pressure, Quantity, Scene, Time, Tissue, Traction
 
@@ -195,9 +195,9 @@ def test_axes_of_what_goes_fast():
     """Mass counts where a course is fast, whatever the ramp; and moduli of one moment stand for no course."""
     stiff = Tissue(mu=(1000.0, 500.0), tau=(1.0,), bulk_to_shear_ratio=2000.0)
     slow, fast = sheared("0.2*sin(t)", stiff), sheared("0.2*sin(2*pi*50*t)", stiff, time=Time(ramp=1.0, end=900.0))
-    assert pace(slow, 5.0) == pytest.approx(1, rel=1e-3) and pace(fast, 900.0) == pytest.approx(
-        1 / (100 * np.pi), rel=0.01
-    )
+    assert characteristic_time(slow, 5.0) == pytest.approx(1, rel=1e-3) and characteristic_time(
+        fast, 900.0
+    ) == pytest.approx(1 / (100 * np.pi), rel=0.01)
     assert "inertia" not in axes_of(slow) and "inertia" in axes_of(fast)
     assert axes_of(slow)["time"].levels == ("prony",)
     assert axes_of(sheared(0.0002, stiff))["time"].levels == ("instantaneous", "relaxed", "prony")

@@ -11,12 +11,12 @@ from ngbrain.errors import InputError  # noqa: E402
 from ngbrain.image.read.nifti import write_nifti  # noqa: E402
 from ngbrain.image.read.volume import Volume  # noqa: E402
 from ngbrain.ladder.axes import axes_of, cheapest  # noqa: E402
-from ngbrain.ladder.estimates import relative  # noqa: E402
+from ngbrain.ladder.estimates import relative_difference  # noqa: E402
 from ngbrain.ladder.model_search import climb, estimate  # noqa: E402
 from ngbrain.ladder.models.bodies import ModelHierarchy, solve  # noqa: E402
 from ngbrain.ladder.models.geometry import Meshes  # noqa: E402
-from ngbrain.ladder.models.property_maps import over, read  # noqa: E402
-from ngbrain.ladder.solutions import Keeper
+from ngbrain.ladder.models.property_maps import interpolate_map, read_modulus_map  # noqa: E402
+from ngbrain.ladder.solutions import SolutionCache
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Time, Tissue  # noqa: E402
 
 SIDE, LENGTH, FAR = 0.02, 0.04, 1e-4
@@ -76,9 +76,9 @@ def test_a_bar_that_stiffens_has_its_force(stiffening) -> None:
 def test_a_map_is_taken_where_it_is_worth_it_and_foretold(stiffening) -> None:
     scene = pulled(stiffening)
     assert axes_of(scene)["tissue"].levels == ("each", "map")
-    keeper, model = Keeper(ModelHierarchy(scene)), levels(scene, order="2")
+    keeper, model = SolutionCache(ModelHierarchy(scene)), levels(scene, order="2")
     found = estimate(keeper, model, axes_of(scene)["tissue"])
-    true = relative(keeper(model).answers, keeper({**model, "tissue": "map"}).answers)
+    true = relative_difference(keeper(model).answers, keeper({**model, "tissue": "map"}).answers)
     assert found.change == pytest.approx(true, rel=1e-3) and true[0] == pytest.approx(2 / (3 * np.log(2)) - 1, rel=0.1)
     bounds = {"order": "2", "mesh": "0", "space": "plane"}
     for tolerance, level in ((0.01, "map"), (0.2, "each")):
@@ -126,7 +126,9 @@ def test_moduli_and_viscosities_are_in_proportion_to_it(level, tmp_path) -> None
 def test_voxels_without_a_value_have_that_of_their_neighbours(tmp_path) -> None:
     cut = volume(lambda x, y, z: np.where(z > 0.035, np.nan, np.where(z < 0.003, 0.0, 1e3 + 1e5 * z)))
     write_nifti(tmp_path / "cut.nii", cut)
-    values = over(read(tmp_path / "cut.nii"), Meshes(BAR, 0.02).at(1, plane=False)).vec.FV().NumPy()
+    values = (
+        interpolate_map(read_modulus_map(tmp_path / "cut.nii"), Meshes(BAR, 0.02).mesh(1, plane=False)).vec.FV().NumPy()
+    )
     known = cut.data[np.isfinite(cut.data) & (cut.data > 0)]
     assert values.min() >= known.min() * (1 - 1e-12)  # means of values that are equal there
     assert values.max() == pytest.approx(known.max(), rel=1e-6)

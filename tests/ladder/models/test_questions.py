@@ -13,7 +13,7 @@ from ngbrain.forward.observables.base import Linear
 from ngbrain.ladder import Question
 from ngbrain.ladder.axes import axes_of, cheapest
 from ngbrain.ladder.models.bodies import SMALL, ModelHierarchy, linear_state, solve
-from ngbrain.ladder.quantities import BodyState, answer, slope
+from ngbrain.ladder.quantities import BodyState, evaluate, gradient
 from ngbrain.report.pages.ladder import answers
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Time, Tissue
 from ngbrain.scene.quantities import OF_BODIES, OF_OPERATIONS
@@ -69,12 +69,12 @@ def test_what_is_not_linear_counts_linearly_where_strains_are_small(rng):
     body = bench.static(model, 1.0)
     state = BodyState(body, linear_state(body), SMALL, True)
     rest = 0.04 * 0.04 * 0.02
-    found = answer(volume, state)
+    found = evaluate(volume, state)
     assert 0 < rest - found < 0.02 * 0.02 * 1e-3  # less than what the plate sweeps: it bulges
-    assert found == pytest.approx(rest + answer(Question(SWELLING), state), rel=1e-6)
+    assert found == pytest.approx(rest + evaluate(Question(SWELLING), state), rel=1e-6)
     change = 1e-3 * state.x * (body.weights > 0) * rng.uniform(0.5, 1.5, len(state.x))
-    after = answer(volume, BodyState(body, state.x + change, SMALL, True))
-    assert slope(volume, state) @ change == pytest.approx(after - found, rel=1e-3)
+    after = evaluate(volume, BodyState(body, state.x + change, SMALL, True))
+    assert gradient(volume, state) @ change == pytest.approx(after - found, rel=1e-3)
 
 
 SWELLING = Functional(lambda at: (at.F[0, 0] + at.F[1, 1] + at.F[2, 2] - 3) * at.inside(".*"), name="swelling")

@@ -55,7 +55,7 @@ def off(found, head):
 def test_coarse_heads_are_found_and_their_labels_meshed(seed, tmp_path):
     head = individual(seed, voxel=3.0)
     assert off(align_template(head.scan(2 * MM)).affine, head) < 12
-    subject = Subject.of_labels(written(head.parts, tmp_path / "aseg.nii"), "freesurfer")
+    subject = Subject.from_labels(written(head.parts, tmp_path / "aseg.nii"), "freesurfer")
     assert any(note.startswith("sulci without a label are filled") for note in subject.notes)
     check(subject, tmp_path / "head.vtkhdf", size=Graded(10 * MM, 10 * MM))
 
@@ -65,7 +65,7 @@ def test_coarse_heads_are_found_and_their_labels_meshed(seed, tmp_path):
 @pytest.mark.parametrize("seed", range(0, 24, 2))
 def test_a_hull_of_a_t1(seed, tmp_path):
     head = individual(seed)
-    subject = Subject.of_scan(written(head.stored, tmp_path / "t1.nii"))
+    subject = Subject.from_scan(written(head.stored, tmp_path / "t1.nii"))
     found, truth = resample_labels(subject.labels.volume, subject.affine, subject.shape).data, head.tissues.volume.data
     scores = [dice(found > 0, truth > 0), dice(found == VENTRICLE, truth == VENTRICLE)]
     print(head.about, np.round(scores, 3))
@@ -77,7 +77,7 @@ def test_a_hull_of_a_t1(seed, tmp_path):
 @pytest.mark.parametrize("seed", range(1, 24, 2))
 def test_a_hull_of_labels_without_fluid_in_the_sulci(seed, tmp_path):
     head = individual(seed, picture=False)
-    subject = Subject.of_labels(written(head.parts, tmp_path / "aseg.nii"), "freesurfer")
+    subject = Subject.from_labels(written(head.parts, tmp_path / "aseg.nii"), "freesurfer")
     check(subject, tmp_path / "head.vtkhdf")
 
 

@@ -390,7 +390,7 @@ def test_a_graded_head(site, p95):
     from ngbrain.image import mni152
     from ngbrain.surgery.head_models import Scanned
 
-    labels = LabelMap(Scanned.of(mni152()).labels, {**NAMES, 4: "ventricle"})
+    labels = LabelMap(Scanned.from_scan(mni152()).labels, {**NAMES, 4: "ventricle"})
     mesh = conforming(labels, Graded(2e-3, 8e-3, site, ROUTES["conforming"].radius))
     quality, errors = Quality.of(mesh), volume_errors(mesh, labels)
     assert quality.n_tets < 80_000 and quality.dihedrals.min() > 3 and (quality.ratios < 0.1).mean() < 1e-3

@@ -384,7 +384,7 @@ def head():
     from ngbrain.image import mni152
     from ngbrain.surgery.head_models import Scanned
 
-    return LabelMap(Scanned.of(mni152()).labels, {1: "csf", 2: "grey", 3: "white", 4: "ventricles"})
+    return LabelMap(Scanned.from_scan(mni152()).labels, {1: "csf", 2: "grey", 3: "white", 4: "ventricles"})
 
 
 def checked(labels, size, where=None, fluid=0.35, all_of_them=0.3):

@@ -23,7 +23,7 @@ from ngbrain.report.pictures.timeline import Run
 from ngbrain.report.pictures.tool import drawn
 from ngbrain.report.render import renderer
 from ngbrain.surgery import answers
-from ngbrain.surgery.measures.dose_response import points
+from ngbrain.surgery.measures.dose_response import dose_response_points
 from ngbrain.surgery.tools import HANDLE, Spatula
 from ngbrain.surgery.uncertainty.error_budget import COMPUTED, FAILED, NOT_COMPUTED, UNDER_WAY
 from ngbrain.surgery.uncertainty.verification_runs import HALF, MESH, MILLER, ORDER
@@ -107,7 +107,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "answers": answers,
         "geometry": geometry,
         "checks": {"reaction_balance": 3.2e-9, "dt_halving": 0.05, "gap_while_off_mm": None, "unheard_of": 1.5},
-        "dose_response": points(),
+        "dose_response": dose_response_points(),
         "worth": {
             "peak_pressure_mmHg": worth(146.04, 7.1, None, 0.8, 7.9, 60.0, 146.04),
             "mps_p95": worth(0.231, 0.004, 0.012, 0.0, 0.016, 0.231, 0.231),

@@ -12,12 +12,12 @@ from ngbrain.materials import CATALOGUE
 from ngbrain.mesh import Cleft
 from ngbrain.result import Status
 from ngbrain.scene import Patient, Protocol, Scene, Tissue
-from ngbrain.surgery.answers import DENSITY, answer, comparison, left_out, stiffer
+from ngbrain.surgery.answers import DENSITY, answer, comparison, model_limitations, scale_moduli
 from ngbrain.surgery.measures.observer import StepRecord
 from ngbrain.surgery.measures.sampling import MeasureStatistics, TissuePart
 from ngbrain.surgery.model import RetractionModel
 from ngbrain.surgery.protocol_run import Peak, ProtocolResult
-from ngbrain.surgery.uncertainty.material_uncertainty import comparable, material_band
+from ngbrain.surgery.uncertainty.material_uncertainty import comparable_moduli, material_band
 from ngbrain.units import mmHg
 
 T = np.array([0.0, 10.0, 1000.0])
@@ -73,7 +73,7 @@ def test_an_answer_in_the_units_of_its_keys():
 def test_stiffer_tissue_presses_more_and_longer_and_strains_as_much():
     patient = Patient(mean_arterial_pressure=40.0)
     soft = answer(run([0.0, 20.0, 15.0]), patient)
-    found, real = stiffer(soft, 2.0, patient), answer(run([0.0, 40.0, 30.0]), patient)
+    found, real = scale_moduli(soft, 2.0, patient), answer(run([0.0, 40.0, 30.0]), patient)
     assert soft["s_above_20_mmHg"] == 0 and real["s_above_20_mmHg"] > 900
     for key in (
         "s_above_20_mmHg",
@@ -136,7 +136,7 @@ def test_a_check_that_failed_leaves_its_error_out():
 def test_like_constants_are_named_and_the_others_left_out_for_a_reason():
     """Every entry for white matter or the whole brain is on one side, by the rule that is printed."""
     tissue = Tissue(region="white", material="griffiths2024:white_matter")
-    found = comparable("white", tissue, 10.0)
+    found = comparable_moduli("white", tissue, 10.0)
     wanted = {"griffiths2024:white_matter": 1.0, "griffiths2024:corpus_callosum": 1.0, "bennion2022:brain": 1.0}
     wanted |= {"budday2017:corona_radiata": 0.5, "budday2017:corpus_callosum": 0.5}
     assert found.weights == wanted and found.moduli.keys() == wanted.keys()
@@ -157,16 +157,19 @@ def test_like_constants_are_named_and_the_others_left_out_for_a_reason():
     logs = np.log([found.factors[name] for name in wanted])
     assert found.spread[0] == pytest.approx(np.exp(np.average(logs, weights=list(wanted.values()))))
     assert any("counts 0.5" in each for each in found.rule) and any("white matter" in each for each in found.rule)
-    swine = comparable("white", Tissue(region="white", material="miller2002:brain"), 0.1)
+    swine = comparable_moduli("white", Tissue(region="white", material="miller2002:brain"), 0.1)
     assert swine.left_out["miller2002:brain"] == "recalled" and not swine.moduli and swine.spread == (1.0, 1.0)
     bovine = Tissue(region="x", material="laksari2012:brain")
-    assert comparable("x", bovine, 0.1).left_out["laksari2012:brain"] == "of compression alone"
-    small = comparable("cortex", Tissue(region="cortex", material="bennion2022:brain"), 10.0)
+    assert comparable_moduli("x", bovine, 0.1).left_out["laksari2012:brain"] == "of compression alone"
+    small = comparable_moduli("cortex", Tissue(region="cortex", material="bennion2022:brain"), 10.0)
     assert "budday2017:cortex" in small.moduli and "griffiths2024:white_matter" not in {*small.moduli, *small.left_out}
-    hard = comparable("x", Tissue(region="x", material="mcelhaney1970:skull"), 10.0)
+    hard = comparable_moduli("x", Tissue(region="x", material="mcelhaney1970:skull"), 10.0)
     assert not hard.moduli and hard.left_out["griffiths2024:cortex"] == "measured to 10 % strain"
-    far = comparable("grey", Tissue(region="grey", material="franceschini2006:brain"), 10.0)
-    assert far.moduli and comparable("grey", Tissue(region="grey", mu=500.0), 10.0).moduli.keys() == far.moduli.keys()
+    far = comparable_moduli("grey", Tissue(region="grey", material="franceschini2006:brain"), 10.0)
+    assert (
+        far.moduli
+        and comparable_moduli("grey", Tissue(region="grey", mu=500.0), 10.0).moduli.keys() == far.moduli.keys()
+    )
 
 
 def made(ramp, *more, friction=0.0):
@@ -190,7 +193,7 @@ def made(ramp, *more, friction=0.0):
 
 def inertia(ramp, *more, **runs):
     """What is said of it."""
-    first, *others = left_out(made(ramp, *more), runs)
+    first, *others = model_limitations(made(ramp, *more), runs)
     assert others[-1] == "sulci" and not [text for text in others if "inertia" in text]
     return first
 
@@ -217,7 +220,7 @@ def test_of_a_blade_of_given_force_inertia_is_asked_where_it_went():
 
 
 def test_friction_is_left_out_where_there_is_none():
-    without, rubs = (left_out(made(10.0, friction=value), {}) for value in (0.0, 0.1))
+    without, rubs = (model_limitations(made(10.0, friction=value), {}) for value in (0.0, 0.1))
     assert [text for text in without if text not in rubs] == ["friction between blade and tissue"]
     assert set(rubs) < set(without)
 

@@ -16,7 +16,7 @@ from ngbrain.scene import Scene, Tissue
 from ngbrain.surgery import model as surgery_model
 from ngbrain.surgery.measures.observer import Observer
 from ngbrain.surgery.model import FURTHEST, RetractionModel
-from ngbrain.surgery.protocol_run import ProtocolRun, table
+from ngbrain.surgery.protocol_run import ProtocolRun, to_columns
 from ngbrain.surgery.protocols import ToolMotion
 from ngbrain.threads import set_threads
 from ngbrain.units import gf
@@ -28,9 +28,9 @@ PUSH = ToolMotion("push and let go", (0.0, 2.0, 6.0, 8.0), (0.0, 1e-3, 1e-3, -1e
 def test_doubling_every_modulus_doubles_every_force():
     set_threads(1)
     scene = Scene.shipped("idealised_fast")
-    twice = replace(scene, tissues=tuple(tissue.scaled(2.0) for tissue in scene.tissues))
-    model = RetractionModel.of(scene)
-    soft, stiff = (table(ProtocolRun(replace(model, scene=s), PUSH, None).go().rows) for s in (scene, twice))
+    twice = replace(scene, tissues=tuple(tissue.with_scale(2.0) for tissue in scene.tissues))
+    model = RetractionModel.from_scene(scene)
+    soft, stiff = (to_columns(ProtocolRun(replace(model, scene=s), PUSH, None).go().rows) for s in (scene, twice))
     assert soft["force"].max() > 0.1
     assert stiff["force"] == pytest.approx(2 * soft["force"], rel=1e-6, abs=1e-6 * soft["force"].max())
 
@@ -71,10 +71,10 @@ def test_a_blade_of_30_gf_opens_the_cleft_and_creeps(tmp_path, friction):
         tools=(replace(scene.tool, friction=friction),),
         time=replace(scene.time, ramp=2.0, end=8.0),
     )
-    model = RetractionModel.of(scene)
+    model = RetractionModel.from_scene(scene)
     program = model.program(scene, scene.protocols[0])
     whole = ProtocolRun(model, program, None).go()
-    rows = table(whole.rows)
+    rows = to_columns(whole.rows)
     t, way, opening = (rows[name] for name in ("t", "advance", "opening"))
     assert rows["force"] == pytest.approx(gf(30.0) * np.minimum(t / 2, 1), rel=1e-3)
     assert rows["net_reaction"] == pytest.approx(rows["force"], rel=1e-3) and rows["balance"].max() < 1e-4
@@ -84,7 +84,7 @@ def test_a_blade_of_30_gf_opens_the_cleft_and_creeps(tmp_path, friction):
     rubbed, stored = rows["friction_work"][-1], rows["contact_energy"][-1] + rows["tissue_work"][-1]
     assert rubbed + stored == pytest.approx(rows["blade_work"][-1], rel=2e-3) and (rubbed > 0) == (friction > 0)
     ProtocolRun(model, program, tmp_path).go(until=3.0)
-    again = table(ProtocolRun(model, program, tmp_path, resume=True).go().rows)
+    again = to_columns(ProtocolRun(model, program, tmp_path, resume=True).go().rows)
     assert all(np.array_equal(again[name], rows[name]) for name in rows)
 
 
@@ -94,7 +94,7 @@ def test_a_force_beyond_the_opening_is_one_error():
     scene = Scene.shipped("idealised_fast")
     tool, shared = replace(scene.tool, travel=1e-3), replace(scene.time, ramp=2.0, end=8.0)
     scene = replace(scene, tools=(tool,), time=shared, protocols=(SceneProtocol(kind="force", force_gf=50.0),))
-    model = RetractionModel.of(scene)
+    model = RetractionModel.from_scene(scene)
     with pytest.raises(ContactError, match="beyond the limit of 1 mm"):
         ProtocolRun(model, model.program(scene, scene.protocols[0]), None).go()
 
@@ -113,9 +113,9 @@ def opened_elastic(opening, friction=0.0):
     scene = Scene.shipped("idealised_fast")
     scene = replace(scene, tools=(replace(scene.tool, travel=opening),))
     scene = replace(scene, tools=(replace(scene.tool, friction=friction),))
-    model = RetractionModel.of(scene)
+    model = RetractionModel.from_scene(scene)
     ramp = model.ramp("open")
-    run = model.run(ramp, StepControl(scene.time.ramp / 10, first=0.05), model.elastic(scene.time.ramp))
+    run = model.run(ramp, StepControl(scene.time.ramp / 10, first=0.05), model.elastic_materials(scene.time.ramp))
     observe, rows = Observer(run.problem, model.blades, model.held), []
     run.run(lambda body, at, record: rows.append(observe(at.t, ramp.at(at.t), record.min_det_F)))
     row = rows[-1]

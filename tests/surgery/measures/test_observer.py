@@ -155,9 +155,9 @@ def test_pressures_of_a_retraction_are_data_of_a_model():
     """By how stiff the cortex is, which a blade opens and holds: rate 2, and twice as stiff means more under the blade."""
     scene = Scene.shipped("idealised_fast")
     mesh = replace(scene.mesh, wall=8e-3, craniotomy=20e-3, largest=45e-3)
-    model = RetractionModel.of(replace(scene, mesh=mesh, tools=(replace(scene.tool, travel=1e-3),)))
+    model = RetractionModel.from_scene(replace(scene, mesh=mesh, tools=(replace(scene.tool, travel=1e-3),)))
     factor, press = ngs.Parameter(1.0), ToolMotion("press", (0.0, 1.0, 2.0), (0.0, 5e-4, 5e-4))
-    run = model.run(press, materials=model.scaled({"cortex": factor}))
+    run = model.run(press, materials=model.scaled_materials({"cortex": factor}))
     asked = retraction_observables(run.problem, model.blades)
     seen = [asked[name] for name in ("pressure", "tip_pressure", "force", "net_reaction")]
     of = RunModel(run.problem, run.motion, [0.0, 0.05, 0.3, 1.0, 2.0], {"cortex": factor}, seen, [1.0, 2.0])

@@ -9,7 +9,13 @@ from ngbrain.adjoint.time_curve import TimeCurve
 from ngbrain.errors import InputError
 from ngbrain.mesh import Cleft
 from ngbrain.surgery.measures.injury import Strain, dose
-from ngbrain.surgery.protocols import CLEAR, ToolMotion, continuous, intermittent, staged
+from ngbrain.surgery.protocols import (
+    CLEAR,
+    ToolMotion,
+    continuous_retraction,
+    intermittent_retraction,
+    staged_retraction,
+)
 from ngbrain.surgery.tools import Spatula, Tube
 
 CLEFT = Cleft(np.zeros(3), np.array([0, 0, 1.0]), np.array([1.0, 0, 0]), 30e-3, 4e-3, 12e-3)
@@ -61,7 +67,7 @@ def test_distance_to_other_blades(blade, point, distance):
 
 
 def test_intermittent_covers_the_time_at_the_same_rate_both_ways():
-    p = intermittent(5e-3, 10.0, 900.0, 230.0, 90.0)
+    p = intermittent_retraction(5e-3, 10.0, 900.0, 230.0, 90.0)
     t, s = np.array(p.times), np.array(p.advance)
     rates = np.diff(s) / np.diff(t)
     assert np.allclose(np.abs(rates[rates != 0]), 5e-4)
@@ -70,7 +76,7 @@ def test_intermittent_covers_the_time_at_the_same_rate_both_ways():
 
 
 def test_continuous_and_staged_end_alike():
-    a, b = continuous(5e-3, 10.0, 900.0), staged(5e-3, 10.0, 900.0, 5, 30.0)
+    a, b = continuous_retraction(5e-3, 10.0, 900.0), staged_retraction(5e-3, 10.0, 900.0, 5, 30.0)
     assert [a.at(900), b.at(900)] == pytest.approx([5e-3] * 2)
     assert b.at(2.0) == pytest.approx(1e-3) and b.at(30) == pytest.approx(1e-3) and b.times[-1] == 900
     assert a.working_s == 890 and b.working_s == pytest.approx(900 - 10 - 4 * 30)
@@ -82,8 +88,8 @@ def test_continuous_and_staged_end_alike():
         lambda: ToolMotion("p", (0.0, 1.0), (0.0,)),
         lambda: ToolMotion("p", (0.0, 1.0, 1.0), (0.0, 1.0, 2.0)),
         lambda: ToolMotion("p", (1.0, 2.0), (0.0, 1.0)),
-        lambda: intermittent(5e-3, 10.0, 300.0, 100.0, 5.0),
-        lambda: intermittent(5e-3, 10.0, 180.0, 100.0, 80.0),
+        lambda: intermittent_retraction(5e-3, 10.0, 300.0, 100.0, 5.0),
+        lambda: intermittent_retraction(5e-3, 10.0, 180.0, 100.0, 80.0),
     ],
 )
 def test_protocols_that_cannot_be_are_refused(make):

@@ -7,14 +7,14 @@ from ngbrain.adjoint.time_curve import TimeCurve
 from ngbrain.scene import Patient
 from ngbrain.surgery.measures.dose_response import (
     COUNTS,
-    at_least,
-    at_most,
-    decides,
+    dose_response_points,
     evidence,
-    held,
-    infarct,
+    excludes_one_half,
+    infarct_probability,
     interval,
-    points,
+    probability_lower_bound,
+    probability_upper_bound,
+    sustained_pressure,
 )
 from ngbrain.surgery.measures.perfusion import perfusion
 
@@ -64,24 +64,26 @@ def test_intervals_are_exact():
 
 def test_between_doses_only_their_order_is_used():
     (low20, high20), (low30, high30), (low40, _) = (interval(*COUNTS[dose]) for dose in (20.0, 30.0, 40.0))
-    assert [(at_least(p), at_most(p)) for p in (0, 10, 20, 25, 30, 35, 40, 99)] == [
+    assert [(probability_lower_bound(p), probability_upper_bound(p)) for p in (0, 10, 20, 25, 30, 35, 40, 99)] == [
         (0.0, 0.0), (0.0, high20), (low20, high20), (low20, high30), (low30, high30), (low30, 1.0), (low40, 1.0), (low40, 1.0),
     ]  # fmt: skip
 
 
 def test_the_pressure_that_is_held():
     ramp = course((0, 0), (10, 40), (20, 0))
-    assert held(ramp, 600.0) == pytest.approx(20.0)
-    assert held(ramp, 1200.0) == pytest.approx(0.0, abs=1e-6) and held(ramp, 1300.0) == 0.0
-    assert held(course((0, 25), (15, 25)), 900.0) == pytest.approx(25.0)
-    assert held(course((0, 0), (5, 40), (10, 0), (15, 40), (20, 0)), 300.0) == pytest.approx(20.0)  # not 30: in one go
+    assert sustained_pressure(ramp, 600.0) == pytest.approx(20.0)
+    assert sustained_pressure(ramp, 1200.0) == pytest.approx(0.0, abs=1e-6) and sustained_pressure(ramp, 1300.0) == 0.0
+    assert sustained_pressure(course((0, 25), (15, 25)), 900.0) == pytest.approx(25.0)
+    assert sustained_pressure(course((0, 0), (5, 40), (10, 0), (15, 40), (20, 0)), 300.0) == pytest.approx(
+        20.0
+    )  # not 30: in one go
 
 
 def test_a_probability_is_never_a_bare_number():
     (low20, _), (_, high30), (low30, _) = interval(*COUNTS[20.0]), interval(*COUNTS[30.0]), interval(*COUNTS[30.0])
 
     def range_of(*corners):
-        return tuple(infarct(course(*corners))["infarct_probability_95"])
+        return tuple(infarct_probability(course(*corners))["infarct_probability_95"])
 
     assert range_of((0, 25), (15, 25)) == (low20, high30)
     assert range_of((0, 25), (60, 25)) == (low20, 1.0)  # longer than any of the animals': no end above
@@ -90,17 +92,22 @@ def test_a_probability_is_never_a_bare_number():
     on_and_off = [(k, 45 * (k % 4 in (1, 2))) for k in range(60)]
     assert range_of(*on_and_off) == (0.0, 1.0)  # two minutes at a time
     assert range_of((0, 0), (60, 0)) == (0.0, 0.0)
-    assert infarct(course((0, 25), (60, 25)))["infarct_probability_95_at_held"] == [low20, high30]
-    assert infarct(course((0, 25), (5, 25)))["infarct_probability_95_at_held"] is None
+    assert infarct_probability(course((0, 25), (60, 25)))["infarct_probability_95_at_held"] == [low20, high30]
+    assert infarct_probability(course((0, 25), (5, 25)))["infarct_probability_95_at_held"] is None
 
 
 def test_a_probability_is_stated_only_where_the_counts_say_which_is_more_likely():
     stated = {
-        corner: decides(infarct(course((0, corner), (15, corner)))["infarct_probability_95"])
+        corner: excludes_one_half(infarct_probability(course((0, corner), (15, corner)))["infarct_probability_95"])
         for corner in (10, 25, 35, 45)
     }
     assert stated == {10: False, 25: False, 35: False, 45: True}  # 0 to 64, 0.4 to 99.6, 36 to 100, 54 to 100 %
-    assert decides((0.0, 0.0)) and decides((0.0, 0.4)) and not decides((0.0, 1.0)) and not decides((0.5, 1.0))
+    assert (
+        excludes_one_half((0.0, 0.0))
+        and excludes_one_half((0.0, 0.4))
+        and not excludes_one_half((0.0, 1.0))
+        and not excludes_one_half((0.5, 1.0))
+    )
 
 
 @pytest.mark.parametrize(
@@ -115,12 +122,12 @@ def test_a_probability_is_stated_only_where_the_counts_say_which_is_more_likely(
     ],
 )  # fmt: skip
 def test_the_counts_that_bound_a_course_are_said_in_words(corners, said):
-    found = infarct(course(*corners))
+    found = infarct_probability(course(*corners))
     assert evidence(found["pressure_held_15_min_mmHg"], max(p for _, p in corners), found["pressed_min"]) == said
 
 
 def test_the_points_say_where_they_come_from():
-    said = points()
+    said = dose_response_points()
     assert "rats" in said["conditions"] and "15 minutes" in said["conditions"] and "1985" in said["source"]
     assert [(p["infarcts"], p["animals"]) for p in said["points"]] == [(1, 6), (5, 6), (6, 6)]
     assert all(low < p["infarcts"] / 6 <= high for p in said["points"] for low, high in [p["probability_95"]])

@@ -134,7 +134,7 @@ def test_tissue_is_counted_that_is_compressed_so_far_that_surfaces_fold(stretch,
     deform(body, turn(0.4) @ uniaxial(stretch))
     body.tissue_forces()
     sample = sampler(1.0)
-    assert Peak.of(sample, sample.spreads(), {}).creased["tissue"] == pytest.approx(ml)
+    assert Peak.from_sample(sample, sample.spreads(), {}).creased["tissue"] == pytest.approx(ml)
 
 
 def test_what_no_part_is_of_is_not_sampled():

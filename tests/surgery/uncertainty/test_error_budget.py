@@ -9,9 +9,9 @@ import pytest
 from ngbrain.errors import InputError, SolverError
 from ngbrain.scene import Patient, Protocol, Scene
 from ngbrain.surgery import retraction
-from ngbrain.surgery.answers import stiffer
+from ngbrain.surgery.answers import scale_moduli
 from ngbrain.surgery.uncertainty import verification_runs
-from ngbrain.surgery.uncertainty.error_budget import _recovered, errors, hold
+from ngbrain.surgery.uncertainty.error_budget import _recovered, errors, hold_answer
 from ngbrain.surgery.uncertainty.verification_runs import HALF, MESH, MILLER, ORDER
 
 T = [0.0, 10.0, 100.0, 190.0]
@@ -29,7 +29,7 @@ def held(peak, strain=0.2, left=0.5, volume=1.5):
         "events_s": [0.0, 10.0, 190.0],
         "series": {"t_s": T, "pressure_mmHg": pressure},
     }
-    return stiffer(found, 1.0, Patient())
+    return scale_moduli(found, 1.0, Patient())
 
 
 def checked(**changed):
@@ -74,11 +74,11 @@ def test_what_failed_is_not_known_and_the_rest_stands():
 def test_the_hold_is_a_protocol_or_the_one_that_was_made_for_the_check():
     scene = Scene.shipped("idealised_fast")
     named = replace(scene, protocols=(Protocol(kind="continuous", name="mine"),))
-    assert hold(named, {"mine": held(40.0)}, checked())["peak_force_N"] == held(40.0)["peak_force_N"]
+    assert hold_answer(named, {"mine": held(40.0)}, checked())["peak_force_N"] == held(40.0)["peak_force_N"]
     other = replace(scene, protocols=scene.protocols[1:])
     mine = held(41.0)
-    assert hold(other, {}, checked() | {MESH: (mine, held(43.0))}) is mine
-    assert hold(other, {}, checked() | {MESH: None}) is None
+    assert hold_answer(other, {}, checked() | {MESH: (mine, held(43.0))}) is mine
+    assert hold_answer(other, {}, checked() | {MESH: None}) is None
 
 
 @pytest.mark.parametrize("wall", [4e-3, 3e-3])
