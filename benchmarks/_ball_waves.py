@@ -12,7 +12,7 @@ from ngbrain.forward.common.interpolation import evaluation
 from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.inverse.problem.discretisation import Discretisation
-from ngbrain.inverse.problem.label_shares import by_label, shares
+from ngbrain.inverse.problem.label_shares import combine_labels, label_shares
 from ngbrain.io.waves import WaveData
 from ngbrain.materials import Shearing
 from ngbrain.mesh.geometry.structured import boxes
@@ -40,8 +40,10 @@ class BallInBlock:
         geometry = CSGeometry()
         geometry.Add(OrthoBrick(Pnt(0, 0, 0), Pnt(*(self.side,) * 3)).bc("all"))
         mesh = ngs.Mesh(geometry.GenerateMesh(maxh=self.element))
-        parts = shares(mesh, order + 2, self.label, ["block", "ball"])
-        modulus = by_label(parts, {name: ngs.CF(1) * g for name, g in zip(("block", "ball"), self.moduli, strict=True)})
+        parts = label_shares(mesh, order + 2, self.label, ["block", "ball"])
+        modulus = combine_labels(
+            parts, {name: ngs.CF(1) * g for name, g in zip(("block", "ball"), self.moduli, strict=True)}
+        )
         drives = [(1e-5 * ngs.z / self.side, 0, 0), (0, 1e-5 * (1 - ngs.x / self.side), 0.5e-5 * ngs.y / self.side)]
         loads = [Wave(self.hertz, {"all": drive}) for drive in drives]
         form = {"form": f"P{order}", "held": "all", "quadrature": order + 2}

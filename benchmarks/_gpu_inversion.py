@@ -25,7 +25,7 @@ from ngbrain.adjoint.reduced import Reduced
 from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.sensitivity.harmonic.slopes import FieldGradient
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, WaveLinearisation
-from ngbrain.inverse.data.quality import noise_of
+from ngbrain.inverse.data.quality import noise_deviation
 from ngbrain.inverse.objective.misfit import LeastSquares
 from ngbrain.inverse.objective.parameters import Fields
 from ngbrain.inverse.objective.regularisation import smooth
@@ -33,7 +33,7 @@ from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
 from ngbrain.inverse.optimise.regularisation_weight import Given
 from ngbrain.inverse.phantoms.benchmark import SIDE, Phantom
 from ngbrain.inverse.problem.discretisation import Discretisation
-from ngbrain.inverse.problem.wave_problem import Experiment
+from ngbrain.inverse.problem.wave_problem import ElastographyProblem
 from ngbrain.io.waves import WaveData
 from ngbrain.mesh.geometry.structured import rectangles
 from ngbrain.solvers.device import Device, Factor
@@ -110,7 +110,7 @@ def waves(case: str, quick: bool) -> WaveData:
     return replace(data, displacement=data.displacement[:1], frequency=data.frequency[:1])
 
 
-def problem(case: str, data: WaveData, n: int, device: Device) -> tuple[Experiment, Reduced]:
+def problem(case: str, data: WaveData, n: int, device: Device) -> tuple[ElastographyProblem, Reduced]:
     """In n elements along a side."""
     line = np.linspace(0, SIDE, n + 1)
     every = np.ones(len(data.points), bool)
@@ -118,9 +118,9 @@ def problem(case: str, data: WaveData, n: int, device: Device) -> tuple[Experime
     elements = (
         Discretisation(rectangles(line, line), "P4", 2, None, every) if plane else BLOCK.hexahedra(2, n, len(every))
     )
-    experiment = Experiment(data, elements, device=device)
+    experiment = ElastographyProblem(data, elements, device=device)
     assert data.noise is not None
-    sigma = noise_of(data, data.noise)
+    sigma = noise_deviation(data, data.noise)
     whole = experiment.unknowns(sigma)
     moduli = {name: unknown for name, unknown in whole.unknowns.items() if name != BOUNDARY}
     fields = Fields(whole.theta(whole.start), experiment.model.blocks, moduli)

@@ -40,10 +40,10 @@ from scipy.ndimage import gaussian_filter
 from scipy.stats import spearmanr
 
 from ngbrain.inverse.data.direct_inversion import helmholtz_of_curl, local_frequency
-from ngbrain.inverse.data.smoothing import smoothed
+from ngbrain.inverse.data.smoothing import fit_smooth_field
 from ngbrain.inverse.elastography.invert_3d import invert_in_space
 from ngbrain.inverse.optimise.result import Iteration
-from ngbrain.inverse.problem.discretisation import in_elements
+from ngbrain.inverse.problem.discretisation import discretise
 from ngbrain.io.waves import WaveData
 from ngbrain.threads import threads
 
@@ -58,7 +58,7 @@ COLOURS = dict(zip(TISSUES, ("#0072B2", "#56B4E9", "#D55E00"), strict=True))
 
 def algebraic(data: WaveData, quick: bool) -> tuple[np.ndarray, Record]:
     """Of the curl, in windows of 5 mm."""
-    return helmholtz_of_curl(data, smoothed(data), 5e-3), {}
+    return helmholtz_of_curl(data, fit_smooth_field(data), 5e-3), {}
 
 
 def frequency(data: WaveData, quick: bool) -> tuple[np.ndarray, Record]:
@@ -116,7 +116,7 @@ def _inverted(data: WaveData, labelled: bool, quick: bool) -> tuple[np.ndarray, 
         about = f"{it.phase}: misfit {it.misfit / it.expected:.3g}, change {it.change:.3f}, step {it.step:.2g}"
         print(f"{time.time() - begun:.0f} s {about}", file=sys.stderr, flush=True)
 
-    elements = in_elements(data, order=2) if quick else None
+    elements = discretise(data, order=2) if quick else None
     found = invert_in_space(
         data, elements, noise=NOISE, labelled=labelled, rounds=1 if quick else ROUNDS, callback=callback
     )
@@ -126,7 +126,7 @@ def _inverted(data: WaveData, labelled: bool, quick: bool) -> tuple[np.ndarray, 
         "elements": found.model["n_elements"],
         "misfit": found.checks["misfit_over_expected"],
         "converged": found.checks["converged"],
-        "rounds": len(found.rows[-1].history),
+        "rounds": len(found.starts[-1].history),
     }
     return found.maps["storage"] + 1j * found.maps["loss"], more
 

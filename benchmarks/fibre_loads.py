@@ -21,7 +21,7 @@ from _command import main, sweep
 from _front import figure
 
 from ngbrain import parallel
-from ngbrain.inverse.elastography.identifiability import moduli_of_fibres
+from ngbrain.inverse.elastography.identifiability import fibre_shear_moduli
 from ngbrain.inverse.optimise.gauss_newton import GaussNewton
 from ngbrain.inverse.phantoms.benchmark import DRIVE, PHANTOMS, Phantom
 
@@ -57,8 +57,8 @@ def record(bulk: float, drives: int, frequencies: tuple[float, ...], nodes: int)
     cpu_s = time.process_time() - begun
 
     def errors(fields: dict[str, np.ndarray]) -> dict[str, float]:
-        truth = measured.truth | moduli_of_fibres(measured.truth)
-        fields = fields | moduli_of_fibres(fields)
+        truth = measured.truth | fibre_shear_moduli(measured.truth)
+        fields = fields | fibre_shear_moduli(fields)
         return {name: float(np.linalg.norm(fields[name] - t) / np.linalg.norm(t)) for name, t in truth.items()}
 
     known = errors(inversion.fields(found.x))

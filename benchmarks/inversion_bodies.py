@@ -21,7 +21,7 @@ from _command import main, sweep
 from _front import figure
 
 from ngbrain import parallel
-from ngbrain.inverse.elastography.identifiability import moduli_of_fibres
+from ngbrain.inverse.elastography.identifiability import fibre_shear_moduli
 from ngbrain.inverse.elastography.invert import invert
 from ngbrain.io.waves import WaveData
 
@@ -50,8 +50,8 @@ def rows(body: tuple[str, str, str], n: int, noise: float, seed: int) -> list[Re
     data, begun = waves(*body, n=n), time.process_time()
     found = invert(data.with_noise(noise, seed))
     spent, made = time.process_time() - begun, []
-    ndof = found.end.experiment.model.body.fes.ndof if found.end else None
-    for row in found.rows:
+    ndof = found.final_state.problem.model.body.fes.ndof if found.final_state else None
+    for row in found.starts:
         errors = errors_of(data, row.maps)
         told = body[0] != "isotropic" and body[2] != "compressible"
         error = max(errors["shear_along"], errors["shear_stretch"]) if told else next(iter(errors.values()))
@@ -67,8 +67,8 @@ def errors_of(data: WaveData, maps: dict[str, np.ndarray]) -> dict[str, float]:
     truth = {name: np.real(values) for name, values in data.truth_views.items()}
     errors = {name: _off(values, truth[name]) for name, values in maps.items() if name in truth}
     if "zeta" in maps:
-        wanted = moduli_of_fibres(truth)
-        errors |= {name: _off(values, wanted[name]) for name, values in moduli_of_fibres(maps).items()}
+        wanted = fibre_shear_moduli(truth)
+        errors |= {name: _off(values, wanted[name]) for name, values in fibre_shear_moduli(maps).items()}
     return errors
 
 

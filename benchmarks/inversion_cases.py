@@ -22,7 +22,7 @@ from ngbrain import parallel
 from ngbrain.errors import NgbrainError
 from ngbrain.inverse.elastography.invert import invert
 from ngbrain.inverse.phantoms.benchmark import PHANTOMS, Phantom
-from ngbrain.inverse.problem.discretisation import as_made, in_elements
+from ngbrain.inverse.problem.discretisation import discretise, original_discretisation
 
 Record = dict
 QUOTED = {
@@ -37,7 +37,7 @@ QUOTED = {
 """Relative errors of MatNLI's BFGS without noise after 200 to 500 s."""
 NOISES = (0.0, 0.01)
 SAME, OURS = "ngbrain:invert", "ngbrain:invert, our elements"
-ELEMENTS = {SAME: as_made, OURS: in_elements}
+ELEMENTS = {SAME: original_discretisation, OURS: discretise}
 
 
 def measure(quick: bool, executor: parallel.AnyExecutor = None) -> list[Record]:
@@ -71,7 +71,7 @@ def record(name: str, noise: float, nodes: int | None, method: str) -> Record:
     except NgbrainError as error:
         return found | {"cpu_s": time.process_time() - begun, "ndof": 0, "reason": str(error)}
     errors = {key: value["relative_l2_error"] for key, value in inversion.answers.items()}
-    last = inversion.rows[-1]
+    last = inversion.starts[-1]
     return found | {
         "cpu_s": time.process_time() - begun,
         "ndof": inversion.model["n_unknowns"],
@@ -81,7 +81,7 @@ def record(name: str, noise: float, nodes: int | None, method: str) -> Record:
         "converged": last.converged,
         "regulariser": inversion.regulariser,
         "misfit_over_expected": last.misfit / last.expected,
-        "rounds": sum(len(row.history) for row in inversion.rows),
+        "rounds": sum(len(row.history) for row in inversion.starts),
     }
 
 

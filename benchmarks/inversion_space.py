@@ -23,7 +23,7 @@ from _front import figure
 
 from ngbrain import parallel
 from ngbrain.inverse.data.direct_inversion import helmholtz_of_curl, local_frequency
-from ngbrain.inverse.data.smoothing import smoothed
+from ngbrain.inverse.data.smoothing import fit_smooth_field
 from ngbrain.inverse.elastography.invert_3d import invert_in_space
 from ngbrain.io.waves import WaveData
 
@@ -58,7 +58,7 @@ def _waves(quick: bool) -> WaveData:
 
 
 def _algebraic(data: WaveData) -> np.ndarray:
-    return helmholtz_of_curl(data, smoothed(data), 5e-3)
+    return helmholtz_of_curl(data, fit_smooth_field(data), 5e-3)
 
 
 DIRECT = {"algebraic": _algebraic, "local frequency": local_frequency}
@@ -86,7 +86,7 @@ def inverted(data: WaveData, order: int, cells: int, rounds: int) -> Record:
         **judged(data, found.maps["storage"] + 1j * found.maps["loss"]),
         "misfit": found.checks["misfit_over_expected"],
         "converged": found.checks["converged"],
-        "rounds": len(found.rows[-1].history),
+        "rounds": len(found.starts[-1].history),
         "cpu_s": cpu_s,
     }
 

@@ -25,9 +25,9 @@ from _command import main
 from _front import figure
 
 from ngbrain.inverse.data.direct_inversion import helmholtz_of_curl
-from ngbrain.inverse.data.smoothing import smoothed
+from ngbrain.inverse.data.smoothing import fit_smooth_field
 from ngbrain.inverse.elastography.invert_3d import invert_in_space
-from ngbrain.inverse.elastography.result import Inversion, Row
+from ngbrain.inverse.elastography.result import Inversion, StartResult
 from ngbrain.inverse.subzones.invert import OVERLAP, SIDE, invert_by_subzones
 from ngbrain.io.waves import WaveData
 from ngbrain.threads import set_threads
@@ -66,7 +66,7 @@ def apart(way, *arguments):
 def direct(data: WaveData, whole: Maps) -> Record:
     """Algebraic inversion, the peer."""
     begun = time.process_time()
-    modulus = helmholtz_of_curl(data, smoothed(data), 5e-3)
+    modulus = helmholtz_of_curl(data, fit_smooth_field(data), 5e-3)
     maps = {"storage": np.maximum(modulus.real, 1.0), "loss": np.maximum(modulus.imag, 1.0)}
     made = {"method": "algebraic", "order": None, "ndof": 0, "converged": True, "cpu_s": time.process_time() - begun}
     return made | judged(data, maps, whole)
@@ -77,7 +77,7 @@ def one(data: WaveData, rounds: int, cells: int | None = None, whole: Maps | Non
     elements = BLOCK.hexahedra(3, cells, len(data.points)) if cells else None
     found = invert_in_space(data, elements, noise=NOISE, rounds=rounds)
     name = f"{ONE}, {cells}³ cells" if cells else ONE
-    record = {"method": name, **judged(data, found.maps, whole or found.maps), **about(found, found.rows[-1:])}
+    record = {"method": name, **judged(data, found.maps, whole or found.maps), **about(found, found.starts[-1:])}
     return found.maps, record | {"elements": found.model["n_elements"], "misfit": found.checks["misfit_over_expected"]}
 
 
@@ -89,8 +89,8 @@ def zones(data: WaveData, rounds: int, size: float, whole: Maps) -> list[Record]
     side = max(points) ** (1 / 3) * data.point_spacing / WAVE
     common = {"method": "ngbrain:zones", "size": size, "side": side, "zones": found.model["zones"], "points": points}
     records = []
-    for i, row in enumerate(found.rows):
-        records.append({**common, "passes": i, **judged(data, row.maps, whole), **about(found, found.rows[: i + 1])})
+    for i, row in enumerate(found.starts):
+        records.append({**common, "passes": i, **judged(data, row.maps, whole), **about(found, found.starts[: i + 1])})
     for name in PARTS:
         records[0][f"disagreement_{name}"] = found.checks[f"disagreement_{name}_first"]
         records[-1][f"disagreement_{name}"] = found.checks[f"disagreement_{name}"]
@@ -98,7 +98,7 @@ def zones(data: WaveData, rounds: int, size: float, whole: Maps) -> list[Record]
     return records
 
 
-def about(found: Inversion, rows: list[Row]) -> Record:
+def about(found: Inversion, rows: list[StartResult]) -> Record:
     """Size, and cost of all these rows."""
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     cpu = sum(row.cpu_s for row in rows)

@@ -41,11 +41,11 @@ from scipy.stats import spearmanr, t
 from ngbrain import parallel
 from ngbrain.cli import main as ngbrain
 from ngbrain.inverse.data.direct_inversion import helmholtz, local_frequency
-from ngbrain.inverse.data.outliers import cleaned
+from ngbrain.inverse.data.outliers import screen_outliers
 from ngbrain.inverse.objective.regularisation import smooth as gradients
-from ngbrain.inverse.problem.discretisation import in_elements
-from ngbrain.inverse.problem.field_values import fields_at, fitted
-from ngbrain.inverse.problem.wave_problem import Experiment
+from ngbrain.inverse.problem.discretisation import discretise
+from ngbrain.inverse.problem.field_values import field_observations, fit_field
+from ngbrain.inverse.problem.wave_problem import ElastographyProblem
 from ngbrain.io.waves import WaveData, read_waves
 from ngbrain.threads import set_threads
 
@@ -120,8 +120,8 @@ class Against:
     """What given maps of the modulus leave of the displacement at one frequency."""
 
     def __init__(self, data: WaveData) -> None:
-        self.data = cleaned(data)[0]
-        self.experiment = Experiment(self.data, in_elements(self.data))
+        self.data = screen_outliers(data)[0]
+        self.experiment = ElastographyProblem(self.data, discretise(self.data))
         self.unknowns = self.experiment.unknowns(np.ones(1))
         self.sources = list(self._sources())
 
@@ -142,9 +142,11 @@ class Against:
     def left(self, storage: np.ndarray, loss: np.ndarray) -> tuple[float, float]:
         """Of the displacement (rms over its own), rim and translation unknown; and with sources. Moduli (n,) at the points, Pa."""
         x, model = self.unknowns.start.copy(), self.experiment.model
-        for field, _, at, values in fields_at(self.experiment, {"storage": np.log(storage), "loss": np.log(loss)}):
+        for field, _, at, values in field_observations(
+            self.experiment, {"storage": np.log(storage), "loss": np.log(loss)}
+        ):
             block = self.unknowns.blocks[field.name]
-            x[block] = fitted(at, values, gradients(self.experiment.space, self.unknowns.start[block]), x[block])
+            x[block] = fit_field(at, values, gradients(self.experiment.space, self.unknowns.start[block]), x[block])
         factors, columns = model.evaluate(self.unknowns.theta(x)).factors, []
         for driven in model.driven_dofs:
             held = np.zeros(self.experiment.body.fes.ndof, complex)

@@ -32,15 +32,15 @@ from ngbrain import parallel
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import NgbrainError
 from ngbrain.inverse.data.direct_inversion import helmholtz_of_curl, local_frequency
-from ngbrain.inverse.data.quality import noise_of
-from ngbrain.inverse.data.smoothing import smoothed
-from ngbrain.inverse.elastography.initial_guess import at_maps
+from ngbrain.inverse.data.quality import noise_deviation
+from ngbrain.inverse.data.smoothing import fit_smooth_field
+from ngbrain.inverse.elastography.initial_guess import unknowns_from_maps
 from ngbrain.inverse.elastography.invert import FIRST, invert
 from ngbrain.inverse.objective.misfit import LeastSquares
 from ngbrain.inverse.objective.regularisation import smooth
 from ngbrain.inverse.optimise.gauss_newton import GaussNewton
-from ngbrain.inverse.problem.discretisation import in_elements
-from ngbrain.inverse.problem.wave_problem import Experiment
+from ngbrain.inverse.problem.discretisation import discretise
+from ngbrain.inverse.problem.wave_problem import ElastographyProblem
 from ngbrain.io.waves import WaveData
 from ngbrain.surrogate.data.dataset import DENSITY, SIDES, Sample, sample
 from ngbrain.surrogate.data.random_fields import SHARP, SMOOTH
@@ -126,10 +126,10 @@ def checked(data: WaveData) -> dict[str, np.ndarray]:
 
 def refined(data: WaveData) -> dict[str, np.ndarray]:
     """Two rounds of Gauss-Newton from there."""
-    experiment = Experiment(data, in_elements(data))
-    sigma = noise_of(data, max(data.noise or 0, LEAST))
+    experiment = ElastographyProblem(data, discretise(data))
+    sigma = noise_deviation(data, max(data.noise or 0, LEAST))
     unknowns = experiment.unknowns(sigma)
-    x = at_maps(experiment, unknowns, predict(data).maps)
+    x = unknowns_from_maps(experiment, unknowns, predict(data).maps)
     names = [name for name in unknowns.blocks if name != "boundary"]
     regularisers = {name: smooth(experiment.space, unknowns.start[unknowns.blocks[name]]) for name in names}
     misfit = LeastSquares(experiment.measured, sigma)
@@ -140,7 +140,7 @@ def refined(data: WaveData) -> dict[str, np.ndarray]:
 def inverted(data: WaveData) -> dict[str, np.ndarray]:
     """The whole inversion from measured waves, smooth fields, its own weights."""
     noise = max(data.noise or 0, LEAST)
-    return invert(data, in_elements(data), noise=noise, regulariser="smooth", uniform=False).maps
+    return invert(data, discretise(data), noise=noise, regulariser="smooth", uniform=False).maps
 
 
 def inverted_coarsely(data: WaveData) -> dict[str, np.ndarray]:
@@ -170,7 +170,7 @@ def of_shear(data: WaveData, shear: np.ndarray) -> dict[str, np.ndarray]:
 
 def direct(data: WaveData) -> dict[str, np.ndarray]:
     """Algebraic inversion of the curl over a window of three points."""
-    return of_shear(data, helmholtz_of_curl(data, smoothed(data), 3 * SIDES["waves"] / (ACROSS - 1)))
+    return of_shear(data, helmholtz_of_curl(data, fit_smooth_field(data), 3 * SIDES["waves"] / (ACROSS - 1)))
 
 
 def by_frequency(data: WaveData) -> dict[str, np.ndarray]:
@@ -181,7 +181,7 @@ def by_frequency(data: WaveData) -> dict[str, np.ndarray]:
 
 def by_strain(data: WaveData) -> dict[str, np.ndarray]:
     """E over its mean as one over the axial strain of a smooth field: the strain image."""
-    field = smoothed(replace(data, displacement=data.displacement[..., [1, 1]]))
+    field = fit_smooth_field(replace(data, displacement=data.displacement[..., [1, 1]]))
     strain = np.real(field.gradient(data.points)[0, :, 1, 1])
     found = 1 / np.maximum(strain / strain.mean(), 0.2)
     return {"youngs": found / np.nanmean(found)}

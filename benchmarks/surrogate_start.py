@@ -23,14 +23,14 @@ from surrogate_error import ACROSS, measured
 from ngbrain import parallel
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import SolverError
-from ngbrain.inverse.data.quality import noise_of
-from ngbrain.inverse.elastography.initial_guess import at_maps
+from ngbrain.inverse.data.quality import noise_deviation
+from ngbrain.inverse.elastography.initial_guess import unknowns_from_maps
 from ngbrain.inverse.elastography.invert import FAR, FIRST
 from ngbrain.inverse.objective.misfit import LeastSquares
 from ngbrain.inverse.objective.regularisation import smooth
 from ngbrain.inverse.optimise.gauss_newton import GaussNewton
-from ngbrain.inverse.problem.discretisation import in_elements
-from ngbrain.inverse.problem.wave_problem import Experiment
+from ngbrain.inverse.problem.discretisation import discretise
+from ngbrain.inverse.problem.wave_problem import ElastographyProblem
 from ngbrain.io.waves import WaveData
 from ngbrain.surrogate.prediction.predict import predict
 
@@ -68,11 +68,11 @@ def rows(family: str, index: int) -> list[Record]:
 def way(data: WaveData, start: str, maps: dict[str, np.ndarray]) -> Record:
     """Round after round from one start."""
     begun = time.process_time()
-    experiment = Experiment(data, in_elements(data))
-    sigma = noise_of(data, NOISE)
+    experiment = ElastographyProblem(data, discretise(data))
+    sigma = noise_deviation(data, NOISE)
     unknowns = experiment.unknowns(sigma)
     names = [name for name in unknowns.blocks if name != "boundary"]
-    x = at_maps(experiment, unknowns, maps) if start == "surrogate" else experiment.uniform(unknowns, 1.0)
+    x = unknowns_from_maps(experiment, unknowns, maps) if start == "surrogate" else experiment.uniform(unknowns, 1.0)
     regularisers = {name: smooth(experiment.space, unknowns.start[unknowns.blocks[name]]) for name in names}
     weights = dict.fromkeys(names, FIRST if start == "surrogate" else FAR)
     problem = Reduced(experiment.model, LeastSquares(experiment.measured, sigma), unknowns, regularisers, weights)

@@ -35,7 +35,7 @@ from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.inverse.elastography.invert import invert
 from ngbrain.inverse.phantoms.benchmark import Phantom
-from ngbrain.inverse.problem.discretisation import Discretisation, in_elements
+from ngbrain.inverse.problem.discretisation import Discretisation, discretise
 from ngbrain.inverse.uncertainty.credible_maps import Uncertainty, uncertainty
 from ngbrain.io.waves import WaveData
 from ngbrain.materials import Shearing
@@ -60,7 +60,7 @@ def plane() -> tuple[WaveData, Discretisation]:
     coarse = WaveData(
         data.points[at], data.displacement[:, at], data.frequency, data.density, "isotropic", "viscoelastic", **about
     )
-    return coarse, in_elements(coarse)
+    return coarse, discretise(coarse)
 
 
 Bump = tuple[float, float, float, float, float]

@@ -7,7 +7,7 @@ from netgen.csg import CSGeometry, OrthoBrick, Pnt
 from ngbrain.forward.common.interpolation import evaluation
 from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.harmonic.wave import Wave
-from ngbrain.inverse.problem.label_shares import by_label, shares
+from ngbrain.inverse.problem.label_shares import combine_labels, label_shares
 from ngbrain.io.waves import WaveData
 from ngbrain.materials import Shearing
 
@@ -29,9 +29,10 @@ def wave_data():
     geometry = CSGeometry()
     geometry.Add(OrthoBrick(Pnt(0, 0, 0), Pnt(*SIDES)).bc("all"))
     mesh = ngs.Mesh(geometry.GenerateMesh(maxh=0.009))
-    at = shares(mesh, 5, lambda x: (away(x) < RADIUS).astype(int), ["soft", "stiff"])
+    at = label_shares(mesh, 5, lambda x: (away(x) < RADIUS).astype(int), ["soft", "stiff"])
     parts = [
-        by_label(at, {"soft": ngs.CF(getattr(SOFT, k)), "stiff": ngs.CF(getattr(STIFF, k))}) for k in ("real", "imag")
+        combine_labels(at, {"soft": ngs.CF(getattr(SOFT, k)), "stiff": ngs.CF(getattr(STIFF, k))})
+        for k in ("real", "imag")
     ]
     made = Harmonic(mesh, Shearing(parts[0] + 1j * parts[1]), WAVES, bulk=2e5, form="P4", held="all", quadrature=5)
     lines = [np.arange(SPACING / 2, side, SPACING) for side in SIDES]

@@ -10,7 +10,7 @@ from netgen.csg import CSGeometry, OrthoBrick, Pnt
 from ngbrain.forward.common.interpolation import evaluation
 from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.harmonic.wave import Wave
-from ngbrain.inverse.problem.label_shares import by_label, shares
+from ngbrain.inverse.problem.label_shares import combine_labels, label_shares
 from ngbrain.io.waves import WaveData
 from ngbrain.materials import Shearing
 
@@ -40,9 +40,10 @@ def body(mesh, law, form="P3", degree=3):
 def measured():
     """Points, noisy displacements and the standard deviation of their real and imaginary parts."""
     mesh = cube(0.0101)
-    at = shares(mesh, 4, label_at, ["soft", "stiff"])
+    at = label_shares(mesh, 4, label_at, ["soft", "stiff"])
     parts = [
-        by_label(at, {"soft": ngs.CF(a), "stiff": ngs.CF(b)}) for a, b in zip(*map(_parts, (SOFT, STIFF)), strict=True)
+        combine_labels(at, {"soft": ngs.CF(a), "stiff": ngs.CF(b)})
+        for a, b in zip(*map(_parts, (SOFT, STIFF)), strict=True)
     ]
     made = body(mesh, Shearing(parts[0] + 1j * parts[1]), "P3", 4)
     line = np.arange(1e-3, SIDE, 3e-3)

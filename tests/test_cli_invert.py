@@ -12,7 +12,7 @@ from spoiled import spoiled
 
 from ngbrain.cli import main
 from ngbrain.errors import MissingExtra, SolverError
-from ngbrain.inverse.data.quality import strain_of, where_strained
+from ngbrain.inverse.data.quality import octahedral_shear_strain, strain_snr_mask
 from ngbrain.io.waves import WaveData, read_waves, write_waves
 from ngbrain.report.pages.parameters import percent
 
@@ -377,11 +377,11 @@ def test_what_is_hardly_strained_is_left_out_where_that_is_asked_for(tmp_path, c
         raise SolverError("seen enough")
 
     monkeypatch.setattr("ngbrain.cli.invert.invert", caught)
-    snr = strain_of(data := read_waves(waves), 0.02).snr.max(axis=0)
+    snr = octahedral_shear_strain(data := read_waves(waves), 0.02).snr.max(axis=0)
     least = float(np.quantile(snr, 0.7))
     status, _, _ = run(capsys, waves, "-o", tmp_path / "out", *ROUGH, "--oss-snr", least)
     assert status == 3 and not taken[0].mask.all() and taken[0].mask.sum() > 5
-    np.testing.assert_array_equal(taken[0].mask, where_strained(data, None, least))
+    np.testing.assert_array_equal(taken[0].mask, strain_snr_mask(data, None, least))
     assert not (taken[0].dirichlet & ~taken[0].mask).any()
 
 

@@ -21,10 +21,10 @@ from ngbrain.datasets import load_waves
 from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.inverse.data.direct_inversion import navier
-from ngbrain.inverse.data.outliers import without_outliers
-from ngbrain.inverse.elastography.derived_maps import answers, of_shear
+from ngbrain.inverse.data.outliers import remove_outliers
+from ngbrain.inverse.elastography.derived_maps import map_statistics, parameters_from_shear
 from ngbrain.inverse.elastography.invert import invert
-from ngbrain.inverse.problem.discretisation import in_elements
+from ngbrain.inverse.problem.discretisation import discretise
 from ngbrain.io.waves import WaveData
 from ngbrain.materials import Shearing
 
@@ -87,11 +87,11 @@ print(f"{len(points)} points, {data.loads} loads, noise {100 * data.noise:g} %")
 # %%
 def direct(waves):
     """Storage and loss modulus (Pa) by algebraic inversion."""
-    return of_shear(waves, navier(waves, window=8e-3)[0])
+    return parameters_from_shear(waves, navier(waves, window=8e-3)[0])
 
 
 algebraic = direct(data)
-table = {"algebraic": answers(data, algebraic)}
+table = {"algebraic": map_statistics(data, algebraic)}
 
 # %% [markdown]
 # ## One call
@@ -101,8 +101,8 @@ table = {"algebraic": answers(data, algebraic)}
 # comparison it does so from uniform fields as well. Without more words it would also choose the regulariser.
 
 # %%
-found = invert(data, in_elements(data), regulariser="smooth")
-table |= {f"inversion, start: {row.name}": answers(data, row.maps) for row in found.rows}
+found = invert(data, discretise(data), regulariser="smooth")
+table |= {f"inversion, start: {row.name}": map_statistics(data, row.maps) for row in found.starts}
 print("misfit over its expected level", round(found.checks["misfit_over_expected"], 3))
 print("octahedral strain over its noise", round(found.checks["strain_snr"], 1))
 for name, length in found.resolution.items():
@@ -114,13 +114,13 @@ for name, length in found.resolution.items():
 # both and keeps the one that predicts left-out data better.
 
 # %%
-table["edges"] = invert(data, in_elements(data), regulariser="edges", uniform=False).answers
+table["edges"] = invert(data, discretise(data), regulariser="edges", uniform=False).answers
 for noise in (0.05,) if FAST else (0.005, 0.01, 0.05):
     noisy = clean.with_noise(noise, seed=0)
     table[f"smooth, {100 * noise:g} % noise"] = invert(
-        noisy, in_elements(noisy), regulariser="smooth", uniform=False
+        noisy, discretise(noisy), regulariser="smooth", uniform=False
     ).answers
-    table[f"algebraic, {100 * noise:g} % noise"] = answers(noisy, direct(noisy))
+    table[f"algebraic, {100 * noise:g} % noise"] = map_statistics(noisy, direct(noisy))
 
 # %% [markdown]
 # ## What else is known
@@ -128,24 +128,24 @@ for noise in (0.05,) if FAST else (0.005, 0.01, 0.05):
 # that is smooth is the angle, not the loss modulus; here the angle is the same everywhere, the best case for it.
 #
 # And data have gross errors: at 2 % of the points the measured wave is replaced by noise as large as the waves. Squares take
-# that for noise at all points. `without_outliers` finds what no smooth field explains and leaves it out.
+# that for noise at all points. `remove_outliers` finds what no smooth field explains and leaves it out.
 
 # %%
-polar = invert(data, in_elements(data), regulariser="smooth", uniform=False, unknowns="polar")
+polar = invert(data, discretise(data), regulariser="smooth", uniform=False, unknowns="polar")
 table["magnitude and phase"] = polar.answers
 rng = np.random.default_rng(1)
 spoilt = data.displacement.copy()
 gross = rng.random(len(points)) < 0.02
 spoilt[:, gross] = 1e-5 * (rng.normal(size=spoilt[:, gross].shape) + 1j * rng.normal(size=spoilt[:, gross].shape))
 spoilt = dataclasses.replace(data, displacement=spoilt)
-kept = without_outliers(spoilt)
+kept = remove_outliers(spoilt)
 print(
     f"{gross.sum()} points spoilt; of {spoilt.displacement.size} displacements",
     np.isnan(kept.displacement).sum(),
     "left out",
 )
 for name, each, drop in (("2 % gross errors", spoilt, False), ("left out", kept, True)):  # True unless asked for
-    table[name] = invert(each, in_elements(each), regulariser="smooth", uniform=False, drop_outliers=drop).answers
+    table[name] = invert(each, discretise(each), regulariser="smooth", uniform=False, drop_outliers=drop).answers
 print(f"{'':<28}{'G′ error':>9}{'G″ error':>9}")
 for name, row in table.items():
     errors = [row[key]["relative_l2_error"] for key in ("storage", "loss")]

@@ -19,7 +19,7 @@ import numpy as np
 
 import ngbrain
 from ngbrain.inverse.elastography.invert import invert
-from ngbrain.inverse.problem.discretisation import in_elements
+from ngbrain.inverse.problem.discretisation import discretise
 from ngbrain.io.waves import WaveData
 from ngbrain.surrogate.data.dataset import DENSITY, FINE, SIDES, sample, shaken
 from ngbrain.surrogate.operator.encoding import spoilt
@@ -137,7 +137,7 @@ start = predict(waves)
 maps = {
     name: np.maximum(values, 0.01 * np.median(next(iter(start.maps.values())))) for name, values in start.maps.items()
 }
-refined = invert(waves, in_elements(waves), noise=0.01, regulariser="smooth", start=maps)
+refined = invert(waves, discretise(waves), noise=0.01, regulariser="smooth", start=maps)
 first = next(iter(start.maps))
 truth = waves.truth_views[first]
 before, after = (np.linalg.norm(each[first] - truth) / np.linalg.norm(truth) for each in (start.maps, refined.maps))

@@ -16,15 +16,15 @@ from ngbrain.cli import EXIT_SOLVER
 from ngbrain.cli.predict import runtime_version, surrogate_start
 from ngbrain.cli.words import conclude
 from ngbrain.errors import InputError, SolverError, file_context, require
-from ngbrain.inverse.data.outliers import cleaned
-from ngbrain.inverse.data.quality import where_strained
+from ngbrain.inverse.data.outliers import screen_outliers
+from ngbrain.inverse.data.quality import strain_snr_mask
 from ngbrain.inverse.data.time_convention import check_passive
 from ngbrain.inverse.elastography.invert import invert
 from ngbrain.inverse.elastography.invert_3d import ROUNDS
 from ngbrain.inverse.elastography.invert_slices import moving_axis
 from ngbrain.inverse.elastography.result import Inversion
 from ngbrain.inverse.optimise.result import Iteration
-from ngbrain.inverse.problem.discretisation import Discretisation, as_made, in_elements
+from ngbrain.inverse.problem.discretisation import Discretisation, discretise, original_discretisation
 from ngbrain.inverse.subzones.invert import invert_by_subzones
 from ngbrain.inverse.uncertainty.credible_maps import expected_seconds, products_of, uncertainty
 from ngbrain.io import write_json
@@ -38,7 +38,7 @@ from ngbrain.solvers.device import Device
 from ngbrain.threads import threads
 from ngbrain.workflows.property_maps import finite, write_inversion
 
-DISCRETISATIONS: dict[str, Callable[[WaveData], Discretisation]] = {"data": as_made, "fe": in_elements}
+DISCRETISATIONS: dict[str, Callable[[WaveData], Discretisation]] = {"data": original_discretisation, "fe": discretise}
 STARTS: dict[str, tuple[float, ...] | None] = {
     "auto": None,
     "waves": (),
@@ -119,9 +119,9 @@ def _usable(data: WaveData, arguments: argparse.Namespace) -> tuple[WaveData, li
     notes = list[str]()
     check_passive(data)
     if arguments.drop_outliers and moving_axis(data) is None:  # slices look for themselves
-        data, notes = cleaned(data)
+        data, notes = screen_outliers(data)
     if arguments.oss_snr is not None:
-        strained = where_strained(data, arguments.noise, arguments.oss_snr)
+        strained = strain_snr_mask(data, arguments.noise, arguments.oss_snr)
         words = f"{int((data.mask & ~strained).sum())} of {int(data.mask.sum())} points are left out, around the part that is"
         notes.append(f"{words} strained by {arguments.oss_snr:g} times the noise or more (OSS-SNR)")
         data = replace(data, mask=strained, dirichlet=hull(data.points, data.grid, strained))

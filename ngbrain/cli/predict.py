@@ -15,7 +15,7 @@ from ngbrain.cli.words import conclude
 from ngbrain.errors import file_context, require
 from ngbrain.inverse.data.direct_inversion import uniform_shear
 from ngbrain.inverse.data.time_convention import check_passive
-from ngbrain.inverse.elastography.derived_maps import FOLLOWING, answers, by_label, derived
+from ngbrain.inverse.elastography.derived_maps import DERIVED, map_statistics, maps_from_shear, statistics_by_label
 from ngbrain.io.versions import versions
 from ngbrain.io.waves import WaveData, read_waves
 from ngbrain.progress import LOG, Progress, terminal
@@ -68,8 +68,10 @@ def run(arguments: argparse.Namespace) -> int:
         "time_s": time.monotonic() - started,
         "usable": found.usable,
         "reasons": found.reasons,
-        "answers": answers(found.data, maps),
-        "by_label": {} if labels is None else {name: by_label(v, labels) for name, v in {**maps, **follows}.items()},
+        "answers": map_statistics(found.data, maps),
+        "by_label": {}
+        if labels is None
+        else {name: statistics_by_label(v, labels) for name, v in {**maps, **follows}.items()},
         "solves": asdict(found.solves),
         "checks": {"score": found.score, **found.scores},
         "trust": {
@@ -85,7 +87,7 @@ def run(arguments: argparse.Namespace) -> int:
         },
         "warnings": notes,
     }
-    images = [name for name in arrays if name in (*maps, *FOLLOWING) or name.endswith("_deviation")]
+    images = [name for name in arrays if name in (*maps, *DERIVED) or name.endswith("_deviation")]
     result = write_maps(folder, found.data, arrays, images, told)
     report = prediction.build(folder / "report.html", result, found.data, arrays)
     conclude(arguments.quiet, [*summary(result), f"report: {report}"], [f"note: {note}" for note in notes])
@@ -147,8 +149,8 @@ def derived_maps(data: WaveData, maps: dict[str, np.ndarray]) -> dict[str, np.nd
     if not data.frequency.any():
         return {}
     shear = maps["storage"] + 1j * maps["loss"] if "storage" in maps else np.real(data.shear_of(maps["youngs"]))
-    modulus = derived(shear)
-    return {name: modulus[name] for name in FOLLOWING}
+    modulus = maps_from_shear(shear)
+    return {name: modulus[name] for name in DERIVED}
 
 
 def summary(result: dict[str, Any]) -> list[str]:

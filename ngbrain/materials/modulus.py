@@ -37,7 +37,7 @@ def of_stiffness(stiffness: np.ndarray | float, damping_ratio: np.ndarray | floa
     """The complex shear modulus of maps of shear stiffness and damping ratio, as elastography publishes them (MRE134, say).
 
     Stiffness is μ = 2|G*|²/(G' + |G*|), ρ times the square of the speed of a plane shear wave, and damping ratio ξ = G''/2G', so
-    that G' = μ (1 + √(1 + 4ξ²))/(2 (1 + 4ξ²)) and G'' = 2ξG'. `ngbrain.inverse.elastography.derived_maps.derived` goes the
+    that G' = μ (1 + √(1 + 4ξ²))/(2 (1 + 4ξ²)) and G'' = 2ξG'. `ngbrain.inverse.elastography.derived_maps.maps_from_shear` goes the
     other way.
 
     Parameters

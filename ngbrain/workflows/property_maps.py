@@ -30,7 +30,7 @@ def write_inversion(
     """
     bands = bars.arrays() if bars else {}
     arrays = inversion.arrays() | bands
-    images = *inversion.maps, *inversion.following, *bands, "oss", "oss_snr"
+    images = *inversion.maps, *inversion.derived_maps, *bands, "oss", "oss_snr"
     told = {"error_bars": bars.result()} if bars else {}
     return write_maps(folder, inversion.data, arrays, images, {**of_the_run, **inversion.to_dict(), **told})
 

@@ -11,7 +11,7 @@ from ngbrain.forward.common.interpolation import evaluation
 from ngbrain.inverse.objective.misfit import Huber, LeastSquares
 from ngbrain.inverse.objective.parameters import Fields, Log, Scaled, Unknown
 from ngbrain.inverse.objective.regularisation import matern, ridge, smooth, total_variation
-from ngbrain.inverse.subzones.consensus import Drawn
+from ngbrain.inverse.subzones.consensus import ConsensusRegulariser
 
 LENGTH = 0.01
 FLOORS = {"zeta": -0.75, "phi": -1.0}
@@ -30,7 +30,7 @@ MISFITS = {"squares": LeastSquares, "huber": lambda m, s: Huber(m, s, 1.0), "one
 def to_points(space, x, points):
     """As of zones that are told of their neighbours."""
     at = evaluation(space, points)
-    return Drawn(smooth(space, x), at, at @ x + 1, np.full(len(points), 2.0))
+    return ConsensusRegulariser(smooth(space, x), at, at @ x + 1, np.full(len(points), 2.0))
 
 
 REGULARISERS = {

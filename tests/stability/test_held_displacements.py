@@ -13,13 +13,13 @@ from ball_in_block import MIDDLE, wave_data
 
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY
-from ngbrain.inverse.data.quality import noise_of
+from ngbrain.inverse.data.quality import noise_deviation
 from ngbrain.inverse.objective.misfit import LeastSquares
 from ngbrain.inverse.objective.regularisation import smooth
 from ngbrain.inverse.optimise.normal_equations import Normal
 from ngbrain.inverse.optimise.preconditioners import Extensions, by_blocks, preconditioners
-from ngbrain.inverse.problem.discretisation import in_elements
-from ngbrain.inverse.problem.wave_problem import Experiment
+from ngbrain.inverse.problem.discretisation import discretise
+from ngbrain.inverse.problem.wave_problem import ElastographyProblem
 
 MOST = 30
 
@@ -28,8 +28,8 @@ MOST = 30
 def normal():
     data = wave_data()
     data = replace(data, mask=np.linalg.norm(data.points - MIDDLE, axis=1) < 0.018, dirichlet=None, bulk=2e6)
-    experiment = Experiment(data, in_elements(data, order=2))
-    sigma = noise_of(data, 0.02)
+    experiment = ElastographyProblem(data, discretise(data, order=2))
+    sigma = noise_deviation(data, 0.02)
     unknowns, misfit = experiment.unknowns(sigma), LeastSquares(experiment.measured, sigma)
     blocks = {name: block for name, block in unknowns.blocks.items() if name != BOUNDARY}
     prior = {name: smooth(experiment.space, unknowns.start[block]) for name, block in blocks.items()}

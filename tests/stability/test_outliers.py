@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from spoiled import spoiled
 
-from ngbrain.inverse.data.outliers import without_outliers
+from ngbrain.inverse.data.outliers import remove_outliers
 from ngbrain.inverse.elastography.invert import invert
 from ngbrain.inverse.phantoms.benchmark import Phantom
 
@@ -28,7 +28,7 @@ def test_naive_gross_errors_become_noise(data):
 
 
 def test_left_out_they_do_no_harm(data):
-    ours = invert(without_outliers(data), noise=0.01, uniform=False, regulariser="smooth")
+    ours = invert(remove_outliers(data), noise=0.01, uniform=False, regulariser="smooth")
     assert error(ours) < 0.02 and ours.noise == pytest.approx(0.01)
     assert np.isfinite(ours.maps["storage"]).all()
 
@@ -38,6 +38,6 @@ def test_what_is_missed_next_to_a_jump_is_no_noise_by_huber():
     """CV-B on half of its points, 14 of 26 found: squares: G' 6 % off and noise of 7 %; Huber's misfit: 5.3 and 1 %."""
     data = spoiled(Phantom.named("CV-B", 25).measured(0.01).data(), 0.02, 1.0, seed=3)[0]
     common = {"noise": 0.01, "uniform": False, "regulariser": "smooth"}
-    squares, huber = (invert(without_outliers(data), **common, misfit=kind) for kind in ("squares", "huber"))
+    squares, huber = (invert(remove_outliers(data), **common, misfit=kind) for kind in ("squares", "huber"))
     assert squares.noise > 0.03 and huber.noise == pytest.approx(0.01)
     assert error(huber) < 0.95 * error(squares)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from pressed import CONTRAST, compression, contrast, plane
 
-from ngbrain.inverse.data.smoothing import smoothed
+from ngbrain.inverse.data.smoothing import fit_smooth_field
 from ngbrain.inverse.elastography.invert import invert
 
 
@@ -17,7 +17,7 @@ def data():
 
 
 def test_naive_the_stress_under_a_flat_plate(data):
-    strain = np.abs(smoothed(data).gradient()[0, :, 1, 1].real)
+    strain = np.abs(fit_smooth_field(data).gradient()[0, :, 1, 1].real)
     lesion, uneven = contrast(data.points, 1 / strain)
     assert lesion < 0.65 * CONTRAST and uneven > 0.2
 

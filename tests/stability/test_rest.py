@@ -9,13 +9,13 @@ import pytest
 from simulated import pressed
 
 from ngbrain.adjoint.reduced import Reduced
-from ngbrain.inverse.data.quality import noise_of
+from ngbrain.inverse.data.quality import noise_deviation
 from ngbrain.inverse.objective.misfit import LeastSquares
 from ngbrain.inverse.objective.regularisation import smooth
 from ngbrain.inverse.optimise.gauss_newton import GaussNewton
 from ngbrain.inverse.optimise.regularisation_weight import Evidence
-from ngbrain.inverse.problem.discretisation import in_elements
-from ngbrain.inverse.problem.wave_problem import Experiment
+from ngbrain.inverse.problem.discretisation import discretise
+from ngbrain.inverse.problem.wave_problem import ElastographyProblem
 
 NOISE = 2e-3
 
@@ -30,7 +30,7 @@ def axial():
 
 def ended(data, held):
     """Mean of the modulus over where it began, and the misfit over its level."""
-    experiment, sigma = Experiment(data, in_elements(data)), noise_of(data, NOISE)
+    experiment, sigma = ElastographyProblem(data, discretise(data)), noise_deviation(data, NOISE)
     unknowns = experiment.unknowns(sigma)
     if not held:
         unknowns.level = None

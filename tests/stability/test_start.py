@@ -17,7 +17,7 @@ from planewaves import grid, wave_number, waves
 from scipy import ndimage
 
 from ngbrain.inverse.data.direct_inversion import helmholtz, uniform_modulus
-from ngbrain.inverse.data.smoothing import smoothed
+from ngbrain.inverse.data.smoothing import fit_smooth_field
 from ngbrain.inverse.elastography.invert import invert
 from ngbrain.io.waves import WaveData
 
@@ -42,7 +42,7 @@ def slab(shape, share=0.06, size=0.3):
 
 
 def sum_over_all_points(data):
-    field, stretch = smoothed(data), data.density * (2 * np.pi * data.frequency[0]) ** 2
+    field, stretch = fit_smooth_field(data), data.density * (2 * np.pi * data.frequency[0]) ** 2
     q, bent = field.curl()[0, data.mask], field.curl_laplacian()[0, data.mask]
     return -stretch * np.sum(np.abs(q) ** 2) / np.sum(np.conj(q) * bent)
 

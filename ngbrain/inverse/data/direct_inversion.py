@@ -17,7 +17,7 @@ from scipy.sparse import csr_array
 from scipy.spatial import KDTree
 
 from ngbrain.errors import InputError
-from ngbrain.inverse.data.smoothing import SmoothField, smoothed
+from ngbrain.inverse.data.smoothing import SmoothField, fit_smooth_field
 from ngbrain.io.waves.data import WaveData
 from ngbrain.io.waves.grid import Grid
 
@@ -41,7 +41,7 @@ def helmholtz(data: WaveData, field: SmoothField | None = None, window: float = 
 
     Oliphant et al. 2001, doi:10.1002/1522-2594(200102)45:2<299::AID-MRM1039>3.0.CO;2-O.
 
-    Raises `InputError` if every load is quasi-static, or as `smoothed`.
+    Raises `InputError` if every load is quasi-static, or as `fit_smooth_field`.
 
     >>> points = np.array([[x, y] for y in range(20) for x in range(20)]) * 0.002
     >>> k = 2 * np.pi * 50 * np.sqrt(1000 / (2000 + 800j))
@@ -50,7 +50,7 @@ def helmholtz(data: WaveData, field: SmoothField | None = None, window: float = 
     >>> complex(np.round(np.median(helmholtz(data))))
     (2000+800j)
     """
-    field = field or smoothed(data)
+    field = field or fit_smooth_field(data)
     return _solved(data, [field.laplacian(data.points)], field.values(data.points), window)[0]
 
 
@@ -108,7 +108,7 @@ def _softness(data: WaveData) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
     Of the curl, as far as it is known, or, wrong where there is a pressure, of the displacement where no load has two components.
     """
-    field, moving, counts = smoothed(data), data.frequency > 0, np.flatnonzero(data.mask)
+    field, moving, counts = fit_smooth_field(data), data.frequency > 0, np.flatnonzero(data.mask)
     turning = bool((np.isfinite(data.displacement[:, counts]).any(axis=1).sum(axis=1) > 1).any())
     q, bent = (field.curl(), field.curl_laplacian()) if turning else (field.values(), field.laplacian())
     q = data.density * (2 * np.pi * data.frequency[moving, None, None]) ** 2 * q[moving][:, counts]
@@ -139,12 +139,12 @@ def loss_tangent(data: WaveData) -> tuple[float, float]:
     if not middle.real > 0:
         return np.nan, np.nan
     at = data.points[points]
-    parts = parts_of(at)
+    parts = split_points(at)
     tangents = np.array([-_weighted_median(softness.imag[each], weight[each]) / middle.real for each in parts])
     return -middle.imag / middle.real, float(tangents.std(ddof=1) / np.sqrt(len(parts))) if len(parts) > 1 else np.inf
 
 
-def parts_of(points: np.ndarray) -> list[np.ndarray]:
+def split_points(points: np.ndarray) -> list[np.ndarray]:
     """Which points (n,) are in each of `PARTS` parts along every axis; parts without a point are left out."""
     along = np.ptp(points, axis=0).clip(1e-300)
     part = np.minimum((PARTS * (points - points.min(axis=0)) / along).astype(int), PARTS - 1)
@@ -155,7 +155,7 @@ def parts_of(points: np.ndarray) -> list[np.ndarray]:
 def local_moduli(data: WaveData) -> np.ndarray:
     """Complex moduli (Pa) at the points (n,), NaN where none follow: by 1/G as for `uniform_modulus`.
 
-    Raises `InputError` as `smoothed`.
+    Raises `InputError` as `fit_smooth_field`.
     """
     softness, _, points = _softness(data)
     found = np.full(len(data.points), np.nan, complex)
@@ -174,7 +174,7 @@ def helmholtz_of_curl(data: WaveData, field: SmoothField | None = None, window: 
 
     It differentiates three times: the field has to be smooth, a moving least squares of degree 3 at least.
     """
-    field = field or smoothed(data)
+    field = field or fit_smooth_field(data)
     return _solved(data, [field.curl_laplacian(data.points)], field.curl(data.points), window)[0]
 
 
@@ -183,7 +183,7 @@ def navier(data: WaveData, field: SmoothField | None = None, window: float = 0.0
 
     Arguments and errors as `helmholtz`. Nearly incompressible, ∇(∇·u) is hardly more than noise, and only G means anything.
     """
-    field = field or smoothed(data)
+    field = field or fit_smooth_field(data)
     hessian = field.hessian(data.points)
     laplacian, dilatation = np.einsum("lnikk->lni", hessian), np.einsum("lnkki->lni", hessian)
     G, rest = _solved(data, [laplacian, dilatation], field.values(data.points), window)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ngbrain.errors import NgbrainError
-from ngbrain.inverse.data.direct_inversion import local_moduli, parts_of
+from ngbrain.inverse.data.direct_inversion import local_moduli, split_points
 from ngbrain.io.waves import WaveData
 
 FACTOR, SURE = 1.35, 4.0
@@ -47,7 +47,9 @@ def contradiction(data: WaveData) -> str:
     known = data.mask & np.isfinite(moduli).all(axis=0)
     if known.sum() < 2:
         return ""
-    medians = np.array([[np.median(values[known][part]) for values in moduli] for part in parts_of(data.points[known])])
+    medians = np.array(
+        [[np.median(values[known][part]) for values in moduli] for part in split_points(data.points[known])]
+    )
     change = medians[:, 1] - medians[:, 0]
     error = change.std(ddof=1) / np.sqrt(len(change)) if len(change) > 1 else np.inf
     if abs(change.mean()) < max(np.log(FACTOR), SURE * error):

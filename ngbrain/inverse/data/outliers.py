@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from ngbrain.errors import InputError
-from ngbrain.inverse.data.smoothing import fit_splines, moving_least_squares, takes_splines
+from ngbrain.inverse.data.smoothing import fit_splines, moving_least_squares, supports_splines
 from ngbrain.io.waves import WaveData
 
 FAR = 5.0
@@ -30,7 +30,7 @@ points (.44) it misses 14 of 162 good displacements, on 90 points none."""
 ROUNDS = 10
 
 
-def without_outliers(data: WaveData, far: float = FAR) -> WaveData:
+def remove_outliers(data: WaveData, far: float = FAR) -> WaveData:
     """The data, displacements that are no part of a smooth field NaN: components of single loads, not whole points.
 
     A smooth field û is fitted, σ = median |u - û| / √(ln 2) (that of a complex Gaussian's size), and all u with |u - û| > `far` σ
@@ -49,7 +49,7 @@ def without_outliers(data: WaveData, far: float = FAR) -> WaveData:
     >>> u = 1e-5 * np.exp(-200j * grid[:, ::-1])[None]
     >>> u[0, 210, 1] += 1e-5
     >>> data = WaveData(grid, u, [50.0], 1000.0, "isotropic", "viscoelastic", poisson=0.4)
-    >>> np.argwhere(np.isnan(without_outliers(data).displacement)).tolist()
+    >>> np.argwhere(np.isnan(remove_outliers(data).displacement)).tolist()
     [[0, 210, 1]]
     """
     if not far > 0:
@@ -57,7 +57,7 @@ def without_outliers(data: WaveData, far: float = FAR) -> WaveData:
     around, none = _around(data), np.zeros(data.displacement.shape, bool)
     known = data.measured & data.mask[:, None]
     number, least = int(known.sum(axis=1).max()), SMALLEST**data.dim / FULLEST
-    if takes_splines(data) and number < least:  # what bends more than the smallest spline would count as errors
+    if supports_splines(data) and number < least:  # what bends more than the smallest spline would count as errors
         raise InputError(
             "mask", f"true at {number} measured points", f"at least {np.ceil(least):.0f} to tell gross errors by"
         )
@@ -75,7 +75,7 @@ def without_outliers(data: WaveData, far: float = FAR) -> WaveData:
     return _without(data, out & last)  # what comes and goes hangs on the points around, as at a jump
 
 
-def beside_jumps(data: WaveData) -> float:
+def discontinuity_share(data: WaveData) -> float:
     """Share of the displacements that lie beside a jump of the displacement: the seam of two scans, the border of a phase wrap.
 
     There a smooth field is off by more than `FAR` σ and `JUMP` of the waves' rms, and at most points around too; a jump of the
@@ -86,7 +86,7 @@ def beside_jumps(data: WaveData) -> float:
     >>> u = 1e-5 * np.exp(-200j * grid[:, ::-1])[None]
     >>> torn = np.where(grid[:, :1] < 0.02, u, -1j * u)
     >>> [
-    ...     round(beside_jumps(WaveData(grid, each, [50.0], 1000.0, "isotropic", "viscoelastic", poisson=0.4)), 2)
+    ...     round(discontinuity_share(WaveData(grid, each, [50.0], 1000.0, "isotropic", "viscoelastic", poisson=0.4)), 2)
     ...     for each in (u, torn)
     ... ]
     [0.0, 0.09]
@@ -110,7 +110,7 @@ def _without(data: WaveData, out: np.ndarray) -> WaveData:
 
 def _off(left: WaveData, data: WaveData, known: np.ndarray, far: float) -> tuple[np.ndarray, np.ndarray]:
     """|u - û| of all that is known, NaN elsewhere, û fitted to what is left; and `far` σ."""
-    smooth = fit_splines(left, STIFF) if takes_splines(left) else moving_least_squares(left)
+    smooth = fit_splines(left, STIFF) if supports_splines(left) else moving_least_squares(left)
     off = np.where(known, np.abs(data.displacement - smooth.values()), np.nan)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # a component that is never measured
@@ -127,10 +127,10 @@ def _usual(off: np.ndarray, mask: np.ndarray, around: np.ndarray) -> np.ndarray:
     return usual
 
 
-def cleaned(data: WaveData) -> tuple[WaveData, list[str]]:
-    """`without_outliers`, and what it left out in words; the data as they are where too few points make a smooth field."""
+def screen_outliers(data: WaveData) -> tuple[WaveData, list[str]]:
+    """`remove_outliers`, and what it left out in words; the data as they are where too few points make a smooth field."""
     try:
-        left = without_outliers(data)
+        left = remove_outliers(data)
     except InputError:
         return data, ["gross errors were not looked for: there are too few points for a smooth field"]
     given, lost = int((data.measured & data.mask[:, None]).sum()), int((data.measured & ~left.measured).sum())

@@ -27,11 +27,11 @@ FEW = 4.0
 def check_frequency(data: WaveData, shear: float) -> None:
     """Raise `InputError` about the frequency where waves mean a modulus (Pa) that is not between `SOFTEST` and `STIFFEST`."""
     if data.frequency.any() and not SOFTEST <= shear <= STIFFEST:
-        wanted = f"Hz, 0 at rest: soft tissue has {pascal(SOFTEST)} to {pascal(STIFFEST)}"
+        wanted = f"Hz, 0 at rest: soft tissue has {format_modulus(SOFTEST)} to {format_modulus(STIFFEST)}"
         raise InputError("frequency", f"{data.frequency.max():g}, so that {_means(data, shear)}", wanted)
 
 
-def of_frequency(data: WaveData, shear: float) -> list[str]:
+def wavelength_notes(data: WaveData, shear: float) -> list[str]:
     """What to say of waves in tissue of such a median |G| (Pa): that it is hardly tissue, or that points are too far apart."""
     if not data.frequency.any():
         return []
@@ -43,7 +43,7 @@ def of_frequency(data: WaveData, shear: float) -> list[str]:
     return notes
 
 
-def of_tissue(data: WaveData, shear: float) -> list[str]:
+def tissue_notes(data: WaveData, shear: float) -> list[str]:
     """What to say where a median |G| (Pa) is out of the range of the tissue that the data name."""
     if data.tissue is None or not data.frequency.any():
         return []
@@ -52,24 +52,24 @@ def of_tissue(data: WaveData, shear: float) -> list[str]:
         return []
     times = shear / high if shear > high else low / shear
     beyond = "above" if shear > high else "below"
-    usual = f"what {data.tissue} has ({pascal(low)} to {pascal(high)})"
+    usual = f"what {data.tissue} has ({format_modulus(low)} to {format_modulus(high)})"
     asked = "is the frequency in Hz, not rad/s, are points in m, is the pixel size right?"
-    return [f"the median modulus of {pascal(shear)} is {times:.3g} times {beyond} {usual}: {asked}"]
+    return [f"the median modulus of {format_modulus(shear)} is {times:.3g} times {beyond} {usual}: {asked}"]
 
 
-def reach(tissue: str | None) -> float:
+def modulus_range_factor(tissue: str | None) -> float:
     """How many times its median the modulus of a point of a tissue is at most, or one over that: √(high/low) of `TISSUES`.
 
     Of what is not named that of the widest of them.
 
-    >>> round(reach("brain"), 1), round(reach(None), 1)
+    >>> round(modulus_range_factor("brain"), 1), round(modulus_range_factor(None), 1)
     (5.2, 22.4)
     """
     ranges = TISSUES.values() if tissue is None else [TISSUES[tissue]]
     return float(np.sqrt(max(high / low for low, high in ranges)))
 
 
-def of_size(data: WaveData) -> list[str]:
+def amplitude_notes(data: WaveData) -> list[str]:
     """What to say of displacements larger than the region itself: theory is linear, so that a unit may be wrong without harm."""
     across, most = float(np.ptp(data.points, axis=0).max()), float(np.nanmax(np.abs(data.displacement[:, data.mask])))
     if most <= across:
@@ -80,14 +80,14 @@ def of_size(data: WaveData) -> list[str]:
 
 
 def _means(data: WaveData, shear: float) -> str:
-    return f"waves of {1e3 * _length(data, shear):.3g} mm mean a shear modulus of {pascal(shear)}"
+    return f"waves of {1e3 * _length(data, shear):.3g} mm mean a shear modulus of {format_modulus(shear)}"
 
 
 def _length(data: WaveData, shear: float) -> float:
     return float(np.sqrt(shear / data.density) / data.frequency.max())
 
 
-def pascal(value: float) -> str:
+def format_modulus(value: float) -> str:
     """A modulus in words, in Pa, kPa, MPa or GPa."""
     for unit, size in (("GPa", 1e9), ("MPa", 1e6), ("kPa", 1e3)):
         if value >= size:

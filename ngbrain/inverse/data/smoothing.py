@@ -79,7 +79,7 @@ class SmoothField(ABC):
         return _curl(np.stack(along, axis=-1) @ self.axes)  # type: ignore[arg-type]
 
 
-def smoothed(data: WaveData) -> SmoothField:
+def fit_smooth_field(data: WaveData) -> SmoothField:
     """A smooth field through the measured points of the mask: `fit_splines` on a grid, `moving_least_squares` otherwise.
 
     So too on a grid of few points along some axis, such as a slab's.
@@ -87,15 +87,15 @@ def smoothed(data: WaveData) -> SmoothField:
     >>> points = np.array([[x, y] for y in range(12) for x in range(12)]) * 0.01
     >>> u = 1e-5 * np.stack([np.sin(20 * points[:, 1]), np.cos(20 * points[:, 0])], axis=1)[None]
     >>> data = WaveData(points, u, [50.0], 1000.0, "isotropic", "elastic", poisson=0.49)
-    >>> bool(np.abs(smoothed(data).laplacian() / -400 - u).max() < 1e-7)
+    >>> bool(np.abs(fit_smooth_field(data).laplacian() / -400 - u).max() < 1e-7)
     True
     """
     if data not in _KNOWN:
-        _KNOWN[data] = fit_splines(data) if takes_splines(data) else moving_least_squares(data)
+        _KNOWN[data] = fit_splines(data) if supports_splines(data) else moving_least_squares(data)
     return _KNOWN[data]
 
 
-def takes_splines(data: WaveData) -> bool:
+def supports_splines(data: WaveData) -> bool:
     """Whether the points are a grid that is not thin."""
     return data.grid is not None and min(data.grid.shape) >= FEWEST
 

@@ -1,6 +1,6 @@
 """Published maps of shear stiffness and damping ratio as complex shear moduli of a head: the truth of in-silico experiments.
 
-`ngbrain.datasets.write("mre134")` brings those of 134 adults. `ngbrain.inverse.elastography.derived_maps.derived` goes the
+`ngbrain.datasets.write("mre134")` brings those of 134 adults. `ngbrain.inverse.elastography.derived_maps.maps_from_shear` goes the
 other way.
 """
 
@@ -48,7 +48,7 @@ class StiffnessMap:
         """G* (Pa) of every voxel, complex, NaN where nothing was measured."""
         return of_stiffness(self.stiffness.data, self.damping_ratio.data)
 
-    def at(self, points: np.ndarray) -> np.ndarray:
+    def interpolate(self, points: np.ndarray) -> np.ndarray:
         """G* (n,) Pa at points.
 
         Parameters
@@ -70,16 +70,16 @@ class StiffnessMap:
         measured_mask(self.stiffness, points)
         return of_stiffness(interpolate_map(self.stiffness, points), interpolate_map(self.damping_ratio, points))
 
-    def over(self, mesh: ngs.Mesh, degree: int) -> tuple[ngs.GridFunction, ngs.GridFunction]:
+    def quadrature_fields(self, mesh: ngs.Mesh, degree: int) -> tuple[ngs.GridFunction, ngs.GridFunction]:
         """G' and G'' (Pa) at the points of a `Harmonic` with `quadrature=degree` on a mesh, for its integrals alone.
 
         Raises what `at` does.
         """
         space, points = quadrature_points(mesh, degree)
-        modulus = self.at(points)
+        modulus = self.interpolate(points)
         return quadrature_field(space, modulus.real), quadrature_field(space, modulus.imag)
 
-    def moved(self, affine: np.ndarray) -> StiffnessMap:
+    def transform(self, affine: np.ndarray) -> StiffnessMap:
         """The same in another head.
 
         Parameters

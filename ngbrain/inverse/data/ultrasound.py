@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from ngbrain.errors import NgbrainError
-from ngbrain.inverse.data.smoothing import smoothed
+from ngbrain.inverse.data.smoothing import fit_smooth_field
 from ngbrain.io.waves import WaveData
 
 Array = np.ndarray
@@ -34,7 +34,7 @@ def is_tracked(data: WaveData) -> bool:
     )
 
 
-def least_error(data: WaveData) -> float:
+def minimum_model_error(data: WaveData) -> float:
     """`MODEL_ERROR` relative to the rms of the displacement with its rigid motion, as noise is; the largest of the loads."""
     axis = _axis(data)
     found = []
@@ -63,7 +63,7 @@ def map_notes(data: WaveData, youngs: Array) -> list[str]:
     ]
     try:
         axis = _axis(data)
-        strain = np.nanmean(np.abs(smoothed(data).gradient()[:, :, axis, axis].real), axis=0)
+        strain = np.nanmean(np.abs(fit_smooth_field(data).gradient()[:, :, axis, axis].real), axis=0)
     except NgbrainError:
         return notes
     depth = data.points[:, axis]

@@ -7,16 +7,16 @@ from collections.abc import Mapping
 import numpy as np
 
 from ngbrain.errors import InputError, nearest
-from ngbrain.inverse.problem.discretisation import without_scale
+from ngbrain.inverse.problem.discretisation import has_unknown_scale
 from ngbrain.io.waves.data import WaveData
 
 PARAMETERS = ("youngs", "storage", "loss", "mu", "zeta", "phi")
-FOLLOWING = ("magnitude", "phase", "damping_ratio", "stiffness")
-"""Of `derived`, what stands beside the parameters."""
+DERIVED = ("magnitude", "phase", "damping_ratio", "stiffness")
+"""Of `maps_from_shear`, what stands beside the parameters."""
 RATIOS = ("zeta", "phi")
 
 
-def derived(shear: np.ndarray) -> dict[str, np.ndarray]:
+def maps_from_shear(shear: np.ndarray) -> dict[str, np.ndarray]:
     """Maps that follow from a complex shear modulus G* = G' + iG'' (n,) Pa.
 
     storage         G' = Re G*, Pa
@@ -26,7 +26,7 @@ def derived(shear: np.ndarray) -> dict[str, np.ndarray]:
     damping_ratio   ξ = G''/2G'
     stiffness       2|G*|²/(G' + |G*|), Pa: ρ times the square of the speed of a plane shear wave
 
-    >>> maps = derived(np.array([2000 + 800j]))
+    >>> maps = maps_from_shear(np.array([2000 + 800j]))
     >>> round(float(maps["stiffness"][0])), float(maps["damping_ratio"][0])
     (2234, 0.2)
     """
@@ -43,7 +43,7 @@ def derived(shear: np.ndarray) -> dict[str, np.ndarray]:
         }
 
 
-def shear_of(data: WaveData, maps: Mapping[str, np.ndarray]) -> np.ndarray:
+def shear_modulus_map(data: WaveData, maps: Mapping[str, np.ndarray]) -> np.ndarray:
     """The shear modulus G* (n,) Pa of an inversion's maps, real for elastic data; across fibres where there are some."""
     if "storage" in maps:
         return maps["storage"] + 1j * maps["loss"]
@@ -52,13 +52,13 @@ def shear_of(data: WaveData, maps: Mapping[str, np.ndarray]) -> np.ndarray:
 
 def median_shear(data: WaveData, maps: Mapping[str, np.ndarray]) -> float:
     """Of |G*|, Pa."""
-    return float(np.nanmedian(np.abs(shear_of(data, maps))))
+    return float(np.nanmedian(np.abs(shear_modulus_map(data, maps))))
 
 
-def spread(values: np.ndarray) -> dict[str, float]:
+def median_and_iqr(values: np.ndarray) -> dict[str, float]:
     """`median` and `iqr` (third less first quartile) of the finite values; nothing if there is none.
 
-    >>> spread(np.array([1.0, 2.0, 3.0, np.nan]))
+    >>> median_and_iqr(np.array([1.0, 2.0, 3.0, np.nan]))
     {'median': 2.0, 'iqr': 1.0}
     """
     values = values[np.isfinite(values)]
@@ -68,13 +68,13 @@ def spread(values: np.ndarray) -> dict[str, float]:
     return {"median": float(median), "iqr": float(high - low)}
 
 
-def by_label(values: np.ndarray, labels: np.ndarray) -> dict[int, dict[str, float]]:
-    """`spread` of the real values (n,) at the points of each label (n,), 0 as any other; without labels that have no value.
+def statistics_by_label(values: np.ndarray, labels: np.ndarray) -> dict[int, dict[str, float]]:
+    """`median_and_iqr` of the real values (n,) at the points of each label (n,), 0 as any other; without labels that have no value.
 
-    >>> by_label(np.array([1.0, 2.0, 4.0, np.nan]), np.array([0, 0, 2, 3]))
+    >>> statistics_by_label(np.array([1.0, 2.0, 4.0, np.nan]), np.array([0, 0, 2, 3]))
     {0: {'median': 1.5, 'iqr': 0.5}, 2: {'median': 4.0, 'iqr': 0.0}}
     """
-    found = {int(label): spread(values[labels == label]) for label in np.unique(labels)}
+    found = {int(label): median_and_iqr(values[labels == label]) for label in np.unique(labels)}
     return {label: each for label, each in found.items() if each}
 
 
@@ -88,21 +88,21 @@ def relative_l2_error(estimate: np.ndarray, truth: np.ndarray) -> float:
     return off / size if np.isfinite(off) and size > 0 else float("inf")
 
 
-def answers(data: WaveData, found: Mapping[str, np.ndarray]) -> dict[str, dict[str, float]]:
+def map_statistics(data: WaveData, found: Mapping[str, np.ndarray]) -> dict[str, dict[str, float]]:
     """The answers of `result.json`: each recovered parameter → `median`, `iqr` and, with truth, `relative_l2_error`.
 
     data    its mask says which points count, its truth (`WaveData.truth_views`) what is right
     found   parameter (youngs, storage, loss, mu (Pa), zeta, phi) → real map (n,)
 
     The error is left out where it is no finite number: the truth is 0 everywhere, or the map is missing at a point. It is that of
-    the map `at_level` of the truth.
+    the map `scale_to_truth` of the truth.
 
     Raises `InputError` for another name, or a map of another shape or complex.
 
     >>> points = np.array([[x, y] for y in range(3) for x in range(3)]) * 0.01
     >>> u, G = 1e-6 * np.ones((1, 9, 2)), np.full(9, 2000 + 800j)
     >>> data = WaveData(points, u, [50.0], 1000.0, "isotropic", "viscoelastic", poisson=0.4, truth={"shear": G})
-    >>> answers(data, {"storage": 1.1 * G.real})
+    >>> map_statistics(data, {"storage": 1.1 * G.real})
     {'storage': {'median': 2200.0, 'iqr': 0.0, 'relative_l2_error': 0.1}}
     """
     truths, given = data.truth_views, {}
@@ -112,31 +112,31 @@ def answers(data: WaveData, found: Mapping[str, np.ndarray]) -> dict[str, dict[s
         if np.shape(values) != (len(data.points),) or np.iscomplexobj(values):
             kind = f"{np.asarray(values).dtype} of shape {np.shape(values)}"
             raise InputError(name, kind, f"a real map of shape ({len(data.points)},)")
-        given[name] = spread(values[data.mask])
+        given[name] = median_and_iqr(values[data.mask])
         if name in truths and np.any(truths[name][data.mask]):
-            there = at_level(data, name, values)
+            there = scale_to_truth(data, name, values)
             error = relative_l2_error(there[data.mask], truths[name][data.mask].real)
             if np.isfinite(error):
                 given[name]["relative_l2_error"] = error
     return given
 
 
-def at_level(data: WaveData, name: str, values: np.ndarray) -> np.ndarray:
-    """A map (n,), of moduli whose common factor nothing tells (`without_scale`) times that which brings it closest to the truth.
+def scale_to_truth(data: WaveData, name: str, values: np.ndarray) -> np.ndarray:
+    """A map (n,); moduli of unknown common factor (`has_unknown_scale`) are scaled to fit the truth best.
 
     >>> points = np.array([[x, y] for y in range(3) for x in range(3)]) * 0.01
     >>> still = WaveData(points, np.full((1, 9, 2), 1e-6), [0.0], 1e3, "isotropic", "elastic", 0.4, truth={"shear": np.ones(9)})
-    >>> round(float(at_level(still, "youngs", np.full(9, 7.0))[0]), 9)  # 2 G (1 + ν)
+    >>> round(float(scale_to_truth(still, "youngs", np.full(9, 7.0))[0]), 9)  # 2 G (1 + ν)
     2.8
     """
-    if name in RATIOS or name not in data.truth_views or not without_scale(data):
+    if name in RATIOS or name not in data.truth_views or not has_unknown_scale(data):
         return values
     known = data.mask & np.isfinite(values)
     truth = np.real(data.truth_views[name][known])
     return values * float(truth @ values[known] / (values[known] @ values[known]))
 
 
-def of_shear(data: WaveData, shear: np.ndarray) -> dict[str, np.ndarray]:
+def parameters_from_shear(data: WaveData, shear: np.ndarray) -> dict[str, np.ndarray]:
     """The parameters of isotropic data that a complex shear modulus (n,) Pa stands for: storage and loss, or youngs.
 
     Young's modulus is E = 2G(1 + ν), or 9KG/(3K + G) where the bulk modulus K is given.

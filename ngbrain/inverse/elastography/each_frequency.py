@@ -54,4 +54,4 @@ def _inverted(name: str, one: WaveData, how: dict[str, Any], *, callback: parall
     found = invert(
         one, callback=lambda iteration: callback(replace(iteration, phase=f"{name}, {iteration.phase}")), **how
     )
-    return replace(found, end=None)
+    return replace(found, final_state=None)

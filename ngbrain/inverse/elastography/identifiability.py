@@ -14,10 +14,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ngbrain.inverse.data.quality import Relative, noise_of
+from ngbrain.inverse.data.quality import RelativeNoise, noise_deviation
 from ngbrain.inverse.elastography.derived_maps import relative_l2_error
-from ngbrain.inverse.problem.discretisation import all_measured, without_scale
-from ngbrain.inverse.problem.wave_problem import Experiment
+from ngbrain.inverse.problem.discretisation import has_unknown_scale, measures_all_components
+from ngbrain.inverse.problem.wave_problem import ElastographyProblem
 from ngbrain.io.waves import WaveData
 
 Array = np.ndarray
@@ -28,23 +28,23 @@ FEW = 5
 """Where the data determine fewer numbers of a field, its map is hardly more than uniform."""
 
 
-def bulk_effect(experiment: Experiment, theta: Array, noise: Relative) -> float:
+def bulk_effect(problem: ElastographyProblem, theta: Array, noise: RelativeNoise) -> float:
     """How far waves move with `STIFFER` more of the bulk modulus, over their noise (rms); one factorisation a frequency.
 
-    theta   of `experiment.model`
-    noise   relative, as `noise_of` takes it
+    theta   of `problem.model`
+    noise   relative, as `noise_deviation` takes it
     """
-    before = experiment.model.evaluate(theta).data
+    before = problem.model.evaluate(theta).data
     try:
-        experiment.squeeze.Set(1 + STIFFER)
-        moved = experiment.model.evaluate(theta).data - before
+        problem.bulk_factor.Set(1 + STIFFER)
+        moved = problem.model.evaluate(theta).data - before
     finally:
-        experiment.squeeze.Set(1.0)
-    sigma = noise_of(experiment.data, noise, experiment.inside)
+        problem.bulk_factor.Set(1.0)
+    sigma = noise_deviation(problem.data, noise, problem.inside)
     return float(np.sqrt(np.mean(np.abs(moved / (np.sqrt(2) * sigma)) ** 2)))
 
 
-def of_bulk(effect: float) -> str:
+def bulk_modulus_note(effect: float) -> str:
     """What `bulk_effect` means."""
     moves = f"{100 * STIFFER:.0f} % more of the bulk modulus moves the waves by {effect:.2g} times their noise"
     if effect < 1:
@@ -52,20 +52,20 @@ def of_bulk(effect: float) -> str:
     return f"{moves}: it is taken as given, and an error in it is an error of the maps"
 
 
-def of_scale(data: WaveData) -> list[str]:
+def scale_notes(data: WaveData) -> list[str]:
     """Whether all moduli may be off by one factor, and their contrast too low."""
-    if not without_scale(data):
+    if not has_unknown_scale(data):
         return []
     notes = [
         "all loads are quasi-static and only displacements are known: moduli are right up to one common factor, "
         "and errors are without it"
     ]
-    if not all_measured(data):
+    if not measures_all_components(data):
         notes.append(FLAT)
     return notes
 
 
-def of_one_slice(data: WaveData, translations: np.ndarray | None) -> list[str]:
+def anti_plane_notes(data: WaveData, translations: np.ndarray | None) -> list[str]:
     """What motion through a plane tells, and what it does not; `translations` (loads,) m, complex, where some were looked for."""
     notes = [
         "anti-plane shear takes tissue and waves as the same through the slice: a wave at an angle t to it reads as G/cos²t "
@@ -81,7 +81,7 @@ def of_one_slice(data: WaveData, translations: np.ndarray | None) -> list[str]:
     return notes
 
 
-def of_exponent(data: WaveData, exponent: float) -> str:
+def exponent_note(data: WaveData, exponent: float) -> str:
     """What an exponent of frequency means."""
     low, high = data.frequency.min(), data.frequency.max()
     return (
@@ -90,7 +90,7 @@ def of_exponent(data: WaveData, exponent: float) -> str:
     )
 
 
-def of_few(determined: dict[str, float]) -> list[str]:
+def poorly_determined_notes(determined: dict[str, float]) -> list[str]:
     """Fields of which the data determine next to nothing."""
     few = {name: number for name, number in determined.items() if number < FEW}
     return [
@@ -99,10 +99,10 @@ def of_few(determined: dict[str, float]) -> list[str]:
     ]
 
 
-def moduli_of_fibres(maps: Mapping[str, Array]) -> dict[str, Array]:
+def fibre_shear_moduli(maps: Mapping[str, Array]) -> dict[str, Array]:
     """The two moduli of shear in a plane of fibres (Pa): `shear_along` μ(1+φ) and `shear_stretch` μ(1+ζ); none without fibres.
 
-    >>> found = moduli_of_fibres({"mu": np.array([2e3]), "zeta": np.array([0.5]), "phi": np.array([0.2])})
+    >>> found = fibre_shear_moduli({"mu": np.array([2e3]), "zeta": np.array([0.5]), "phi": np.array([0.2])})
     >>> float(found["shear_along"][0]), float(found["shear_stretch"][0])
     (2400.0, 3000.0)
     """
@@ -112,12 +112,12 @@ def moduli_of_fibres(maps: Mapping[str, Array]) -> dict[str, Array]:
     return {"shear_along": mu * (1 + maps["phi"]), "shear_stretch": mu * (1 + maps["zeta"])}
 
 
-def of_fibres(data: WaveData, maps: dict[str, Array]) -> tuple[list[str], dict[str, float]]:
-    """What can be believed of maps of a body with fibres; errors of `moduli_of_fibres` where the truth is known."""
-    found = moduli_of_fibres(maps)
+def fibre_notes(data: WaveData, maps: dict[str, Array]) -> tuple[list[str], dict[str, float]]:
+    """What can be believed of maps of a body with fibres; errors of `fibre_shear_moduli` where the truth is known."""
+    found = fibre_shear_moduli(maps)
     if not found:
         return [], {}
-    truth = moduli_of_fibres({name: np.real(values) for name, values in data.truth_views.items()})
+    truth = fibre_shear_moduli({name: np.real(values) for name, values in data.truth_views.items()})
     errors = {
         name: relative_l2_error(values[data.mask], truth[name][data.mask]) for name, values in found.items() if truth
     }

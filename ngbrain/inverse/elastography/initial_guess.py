@@ -15,9 +15,9 @@ from ngbrain.inverse.data.direct_inversion import uniform_modulus
 from ngbrain.inverse.objective.parameters import Fields
 from ngbrain.inverse.objective.regularisation import smooth
 from ngbrain.inverse.optimise.result import Found
-from ngbrain.inverse.problem.field_values import fields_at, fitted
+from ngbrain.inverse.problem.field_values import field_observations, fit_field
 from ngbrain.inverse.problem.properties import as_polar
-from ngbrain.inverse.problem.wave_problem import Experiment
+from ngbrain.inverse.problem.wave_problem import ElastographyProblem
 from ngbrain.io.waves import WaveData
 
 Array = np.ndarray
@@ -26,7 +26,7 @@ LOWER = 1e-6
 
 
 @dataclass
-class Compared:
+class SelectedStart:
     """The end that is kept and its name, the best that uniform fields came to, and what to say."""
 
     best: Found
@@ -35,8 +35,8 @@ class Compared:
     notes: list[str] = field(default_factory=list)
 
 
-def side_by_side(
-    experiment: Experiment,
+def run_starts(
+    problem: ElastographyProblem,
     ways: Mapping[str, tuple[Callable[..., Any], tuple[Any, ...]]],
     executor: parallel.AnyExecutor = None,
     callback: parallel.Callback | None = None,
@@ -52,10 +52,10 @@ def side_by_side(
     """
     callback = callback or (lambda *_: None)
     if executor in (None, 1) or len(ways) < 2:
-        return [function(experiment, *args, callback=callback) for function, args in ways.values()]
-    tasks = [parallel.Task(name, _gone, (experiment, *way), memory=memory) for name, way in ways.items()]
+        return [function(problem, *args, callback=callback) for function, args in ways.values()]
+    tasks = [parallel.Task(name, _gone, (problem, *way), memory=memory) for name, way in ways.items()]
     found = parallel.run(tasks, executor, callback=callback).values()
-    own = experiment.model.solves
+    own = problem.model.solves
     for _, spent in found:
         for each in fields(Solves) if spent is not own else ():
             setattr(own, each.name, getattr(own, each.name) + getattr(spent, each.name))
@@ -63,33 +63,33 @@ def side_by_side(
 
 
 def _gone(
-    experiment: Experiment, function: Callable[..., Any], args: tuple[Any, ...], *, callback: parallel.Callback
+    problem: ElastographyProblem, function: Callable[..., Any], args: tuple[Any, ...], *, callback: parallel.Callback
 ) -> tuple[Any, Solves]:
-    return function(experiment, *args, callback=callback), experiment.model.solves
+    return function(problem, *args, callback=callback), problem.model.solves
 
 
-def multiples_of(levels: Sequence[float]) -> tuple[float, ...]:
+def check_levels(levels: Sequence[float]) -> tuple[float, ...]:
     """Levels of uniform fields, as multiples of the modulus that the waves suggest; `InputError` unless positive and finite."""
     if not all(0 < each < np.inf for each in levels):
         raise InputError("levels", list(levels), "positive multiples of the modulus that the waves suggest")
     return tuple(dict.fromkeys(float(each) for each in levels))
 
 
-def at_least_one(rounds: int) -> None:
+def check_iterations(rounds: int) -> None:
     """`InputError` where there are no rounds to go."""
     if rounds < 1:
         raise InputError("rounds", rounds, "at least 1")
 
 
-def assumed_start(data: WaveData) -> list[str]:
+def assumed_start_notes(data: WaveData) -> list[str]:
     """What to say where the modulus that a search starts from is assumed, not what the waves say."""
     note = uniform_modulus(data).note
     return [note] if note else []
 
 
-def compared(both: Found, ends: Mapping[float, Found | None]) -> Compared:
+def select_start(both: Found, ends: Mapping[float, Found | None]) -> SelectedStart:
     """What measured waves led to against the ends of uniform fields by their level, None where no step was lower; J decides."""
-    kept = Compared(both)
+    kept = SelectedStart(both)
     arrived = {level: end for level, end in ends.items() if end is not None}
     if ends and not arrived:
         kept.notes.append("from uniform fields no step lowered the objective")
@@ -105,30 +105,30 @@ def compared(both: Found, ends: Mapping[float, Found | None]) -> Compared:
     return kept
 
 
-def at_maps(experiment: Experiment, unknowns: Fields, maps: Mapping[str, Array]) -> Array:
+def unknowns_from_maps(problem: ElastographyProblem, unknowns: Fields, maps: Mapping[str, Array]) -> Array:
     """x of fields that have the values of maps, name → (n,) at the points of the data, and are smooth where these are NaN.
 
     Raises `InputError` where a quantity of the material is missing, of another shape, known nowhere or out of its bounds.
     """
-    n = len(experiment.data.points)
+    n = len(problem.data.points)
     for name, values in maps.items():
         if np.shape(values) != (n,) or np.iscomplexobj(values):
             raise InputError(f"start {name}", f"of shape {np.shape(values)}", f"real values at {n} points")
-    polar = any(quantity.name == "magnitude" for quantity in experiment.sought)
+    polar = any(quantity.name == "magnitude" for quantity in problem.properties)
     given, variables = as_polar(maps) if polar and "storage" in maps else dict(maps), dict[str, Array]()
-    for quantity in experiment.sought:
+    for quantity in problem.properties:
         if quantity.name not in given:
-            wanted = ", ".join(each.name for each in experiment.sought)
+            wanted = ", ".join(each.name for each in problem.properties)
             raise InputError("start", f"of {', '.join(maps) or 'nothing'}", f"maps of {wanted}")
         values = np.asarray(given[quantity.name], float)
-        known = np.isfinite(values) & experiment.inside
-        if not known.any() or not quantity.within(values[known]):
+        known = np.isfinite(values) & problem.inside
+        if not known.any() or not quantity.contains(values[known]):
             low = values[known].min() if known.any() else "known nowhere"
-            raise InputError(f"start {quantity.name}", low, f"values above {quantity.floor:g} at points that count")
+            raise InputError(f"start {quantity.name}", low, f"values above {quantity.lower:g} at points that count")
         variables[quantity.name] = np.full(n, np.nan)
         variables[quantity.name][known] = quantity.transform.inverse(values[known])
     x = unknowns.start.copy()
-    for part, _, at, values in fields_at(experiment, variables):
+    for part, _, at, values in field_observations(problem, variables):
         block = unknowns.blocks[part.name]
-        x[block] = fitted(at, values, smooth(experiment.space, unknowns.start[block]), x[block])
+        x[block] = fit_field(at, values, smooth(problem.space, unknowns.start[block]), x[block])
     return x

@@ -13,7 +13,7 @@ CLOSE = 1e-9
 """Of the body's size: points that are the same."""
 
 
-def committed(data: WaveData, body: Harmonic) -> bool:
+def is_inverse_crime(data: WaveData, body: Harmonic) -> bool:
     """Whether `data` say that they were computed with the elements of `body`, on its vertices; to be told with every answer.
 
     Without noise any method then fits to the last digit: an error says nothing of what data of a real wave would give.
@@ -21,7 +21,7 @@ def committed(data: WaveData, body: Harmonic) -> bool:
 
     >>> from ngbrain.inverse.phantoms.benchmark import Phantom
     >>> coarse, fine = (Phantom.named("CV-G", nodes).measured() for nodes in (5, 9))
-    >>> committed(coarse.data(), coarse.inversion().model.body), committed(coarse.data(), fine.inversion().model.body)
+    >>> is_inverse_crime(coarse.data(), coarse.inversion().model.body), is_inverse_crime(coarse.data(), fine.inversion().model.body)
     (True, False)
     """
     if data.element is None or ELEMENTS[data.element] != body.form:

@@ -20,30 +20,37 @@ from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import ConvergenceError, InputError, SolverError, nearest
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY
 from ngbrain.inverse.data.dispersion import contradiction
-from ngbrain.inverse.data.outliers import cleaned
-from ngbrain.inverse.data.quality import Relative, explaining, noise_level, noise_of, overall, total
+from ngbrain.inverse.data.outliers import screen_outliers
+from ngbrain.inverse.data.quality import (
+    RelativeNoise,
+    noise_deviation,
+    noise_for_misfit,
+    noise_level,
+    rms_noise,
+    total_noise,
+)
 from ngbrain.inverse.data.time_convention import check_passive
-from ngbrain.inverse.data.ultrasound import error_note, is_tracked, least_error
+from ngbrain.inverse.data.ultrasound import error_note, is_tracked, minimum_model_error
 from ngbrain.inverse.elastography.initial_guess import (
-    assumed_start,
-    at_least_one,
-    at_maps,
-    compared,
-    multiples_of,
-    side_by_side,
+    assumed_start_notes,
+    check_iterations,
+    check_levels,
+    run_starts,
+    select_start,
+    unknowns_from_maps,
 )
 from ngbrain.inverse.elastography.invert_3d import ROUNDS, invert_in_space
 from ngbrain.inverse.elastography.invert_slices import invert_slices, moving_axis
-from ngbrain.inverse.elastography.result import Inversion, concluded, row
+from ngbrain.inverse.elastography.result import Inversion, build_inversion, start_result
 from ngbrain.inverse.objective.misfit import MisfitKind, misfit_of
 from ngbrain.inverse.objective.regularisers import PRIORS, Prior, priors
 from ngbrain.inverse.optimise.regularisation_weight import Level
 from ngbrain.inverse.optimise.result import Found, Iteration
 from ngbrain.inverse.optimise.weight_selection import Settling, weighting
-from ngbrain.inverse.problem.discretisation import Discretisation, as_made, in_elements
-from ngbrain.inverse.problem.properties import EXPONENT, exponent, unknowns_of
-from ngbrain.inverse.problem.property_fields import composed
-from ngbrain.inverse.problem.wave_problem import Experiment
+from ngbrain.inverse.problem.discretisation import Discretisation, discretise, original_discretisation
+from ngbrain.inverse.problem.properties import EXPONENT, frequency_exponent, select_properties
+from ngbrain.inverse.problem.property_fields import build_composition
+from ngbrain.inverse.problem.wave_problem import ElastographyProblem
 from ngbrain.io.waves import WaveData
 from ngbrain.progress import log_progress, reporting
 from ngbrain.result import Status
@@ -117,13 +124,13 @@ def invert(
                  plane, and nowhere in space, where each takes as long as the rest
     labelled     whether each label of the data has fields of its own, which jump where labels meet
     unknowns     one of `quantities.UNKNOWNS`: moduli (ln storage and ln loss), or polar, ln G* with its phase
-    misfit       one of `misfit.MISFITS`, or one of one's own: squares, or huber for what `without_outliers` misses
+    misfit       one of `misfit.MISFITS`, or one of one's own: squares, or huber for what `remove_outliers` misses
     start        name → (n,), maps that measured waves start with, see `starts.at_maps`, and nothing else then. In the plane alone
     rounds       iterations down from a start at most, those from measured waves apart; by default 96 in the plane and 16 in space
     dispersion   power: G*(x, ω) = G*₀(x) (ω/ω₀)^a with one exponent a that is found, ω₀ the lowest frequency, at which maps are;
                  none: the same G* at all frequencies, refused where these contradict each other (`dispersion.contradiction`); auto:
                  power for anti-plane waves of several frequencies and where these contradict each other, none otherwise
-    drop_outliers  whether gross errors are looked for before anything else and left out, see `without_outliers`
+    drop_outliers  whether gross errors are looked for before anything else and left out, see `remove_outliers`
     device       one of `solvers.device.DEVICES`: cpu, cuda for factors and solves on a GPU, ngsolve for solves alone, or auto: the
                  processor below the size at which a GPU was measured to be faster, see `Device.for_unknowns`
     executor     who inverts the slices of a slab, and goes down from several starts or with several regularisers, each on one
@@ -150,7 +157,7 @@ def invert(
         if value is not None and not 0 <= value < np.inf:
             raise InputError(name, value, "a relative level of at least 0")
     if rounds is not None:
-        at_least_one(rounds)
+        check_iterations(rounds)
         settling = replace(settling, rounds=rounds)
     if dispersion not in DISPERSIONS:
         raise InputError("dispersion", repr(dispersion), nearest(dispersion, DISPERSIONS))
@@ -177,7 +184,7 @@ def invert(
     if data.dim == 3 and dispersion == "power":
         raise InputError("dispersion", "'power'", "none: it is looked for in the plane alone")
     check_passive(data)
-    data, notes = cleaned(data) if drop_outliers else (data, [])  # gross errors hide that moduli differ
+    data, notes = screen_outliers(data) if drop_outliers else (data, [])  # gross errors hide that moduli differ
     differ = contradiction(data)
     if differ and (dispersion == "none" or data.dim == 3 or not _may_disperse(data)):
         wanted = "one frequency at a time: the moduli are not the same at all"
@@ -207,63 +214,65 @@ def invert(
         )
         in_space.warnings += notes
         return in_space
-    multiples = multiples_of(((1.0,) if levels is None else levels) if uniform and start is None else ())
-    sought = unknowns_of(data, unknowns)
+    multiples = check_levels(((1.0,) if levels is None else levels) if uniform and start is None else ())
+    sought = select_properties(data, unknowns)
     if dispersion == "power" or (dispersion == "auto" and (differ or _disperses(data))):
-        sought = *sought, exponent(data)
+        sought = *sought, frequency_exponent(data)
         notes += [f"waves suggest {differ}: an exponent of frequency is looked for"] if differ else []
-    notes += assumed_start(data)
+    notes += assumed_start_notes(data)
     if elements is None:
-        elements = as_made(data) if data.element else in_elements(data)
+        elements = original_discretisation(data) if data.element else discretise(data)
     level, note = noise_level(data, noise)
     notes += [note] if note else []
     floor = FLOOR if elements.nodal else OURS
     if tracked and model_error is None:
-        floor = max(floor, least_error(data))
+        floor = max(floor, minimum_model_error(data))
         notes.append(error_note())
-    sure = total(level, floor, model_error or 0.0)
-    experiment = Experiment(data, elements, sought, composed(data, elements, labelled), where)
-    notes += [experiment.body.device_note] if experiment.body.device_note else []
-    search = _Search(experiment, made, sure, settling, callback)
+    sure = total_noise(level, floor, model_error or 0.0)
+    problem = ElastographyProblem(data, elements, sought, build_composition(data, elements, labelled), where)
+    notes += [problem.body.device_note] if problem.body.device_note else []
+    search = _Search(problem, made, sure, settling, callback)
     from_waves = {
         f"from waves, {name}": (_from_waves, (*search.made_from, prior, start)) for name, prior in kinds.items()
     }
     tried = dict(zip(kinds, search.gone(from_waves, executor), strict=True))
     kind = min(tried, key=lambda name: tried[name][0].score - (DECISIVE if name == next(iter(tried)) else 0.0))
-    problem, first = search.problem(kinds[kind]), tried[kind][0]
-    problem.weights = tried[kind][1]
-    both = search.descend(problem, first)
+    reduced, first = search.reduced(kinds[kind]), tried[kind][0]
+    reduced.weights = tried[kind][1]
+    both = search.descend(reduced, first)
     guessed = bool(note) or bool(np.all(sure == floor))
     stated = floor if guessed else sure
     for _ in range(LEVELS):
-        found = explaining(data, sure, both.level.ratio, stated)
-        more = overall(data, found / sure)
+        found = noise_for_misfit(data, sure, both.level.ratio, stated)
+        more = rms_noise(data, found / sure)
         if abs(np.log(more)) < CLOSE or (not guessed and np.all(sure == stated) and more < BEYOND):
             break
         if not note:
-            note = f"the misfit is {both.level.ratio:.3g} times what noise of {100 * overall(data, sure):.3g} % leaves"
+            note = (
+                f"the misfit is {both.level.ratio:.3g} times what noise of {100 * rms_noise(data, sure):.3g} % leaves"
+            )
             notes.append(f"{note}: the rest counts as model error")
         before = both.x if more < 1 else None  # what was fitted too closely is no start
         sure = found
-        search = _Search(experiment, made, sure, settling, callback, search)
-        problem, first = search.from_waves(kinds[kind], start, before)
-        both = search.descend(problem, first)
-    rows = [row("waves" if start is None else "given", experiment, problem, first)]
+        search = _Search(problem, made, sure, settling, callback, search)
+        reduced, first = search.from_waves(kinds[kind], start, before)
+        both = search.descend(reduced, first)
+    rows = [start_result("waves" if start is None else "given", problem, reduced, first)]
     lower = {f"from {level:g} times": (_uniform, (*search.made_from, kinds[kind], level)) for level in multiples}
     ends = zip(multiples, search.gone(lower, executor), strict=True)
-    kept = compared(both, {level: search.judged(problem, end) for level, end in ends})
+    kept = select_start(both, {level: search.judged(reduced, end) for level, end in ends})
     notes += kept.notes
     if kept.uniform:
-        rows.append(row("uniform", experiment, problem, kept.uniform))
-    rows.append(row("both", experiment, problem, both))
-    return concluded(
-        experiment,
+        rows.append(start_result("uniform", problem, reduced, kept.uniform))
+    rows.append(start_result("both", problem, reduced, both))
+    return build_inversion(
         problem,
+        reduced,
         kept.best,
         rows,
         kept.chosen,
         noise=sure,
-        stated=overall(data, total(level, floor, model_error or 0.0)),
+        stated=rms_noise(data, total_noise(level, floor, model_error or 0.0)),
         floor=floor,
         regulariser=kind,
         weight=weight,
@@ -285,49 +294,49 @@ class _Search:
 
     def __init__(
         self,
-        experiment: Experiment,
+        problem: ElastographyProblem,
         made: MisfitKind,
-        noise: Relative,
+        noise: RelativeNoise,
         settling: Settling,
         callback: Callable[[Iteration], None],
         before: _Search | None = None,
     ) -> None:
-        self.experiment, self.noise, self.settling = experiment, noise, settling
+        self.problem, self.noise, self.settling = problem, noise, settling
         self.history: list[Iteration] = before.history if before else []
         self._made, self._told = made, callback
         self.made_from = made, noise, settling
-        self.sigma = noise_of(experiment.data, noise, experiment.inside)
-        self.unknowns = experiment.unknowns(self.sigma)
-        self.misfit = made(experiment.measured, self.sigma)
+        self.sigma = noise_deviation(problem.data, noise, problem.inside)
+        self.unknowns = problem.unknowns(self.sigma)
+        self.misfit = made(problem.measured, self.sigma)
 
-    def problem(self, prior: Prior) -> Reduced:
+    def reduced(self, prior: Prior) -> Reduced:
         """With a regulariser, at the first weight."""
-        space, regularisers = self.experiment.space, {}
+        space, regularisers = self.problem.space, {}
         for name, block in self.unknowns.blocks.items():
             if name not in (BOUNDARY, EXPONENT):
                 regularisers[name] = prior(space, self.unknowns.start[block])
         weights = dict.fromkeys(regularisers, FIRST)
-        return Reduced(self.experiment.model, self.misfit, self.unknowns, regularisers, weights)
+        return Reduced(self.problem.model, self.misfit, self.unknowns, regularisers, weights)
 
     def from_waves(
         self, prior: Prior, maps: Mapping[str, Array] | None = None, x: Array | None = None
     ) -> tuple[Reduced, Found]:
         """From measured waves, and the fields of other unknowns x if there are any, or else those of maps."""
-        problem, start = self.problem(prior), self.unknowns.start.copy()
+        reduced, start = self.reduced(prior), self.unknowns.start.copy()
         if x is not None:
             fields = self.unknowns.blocks[BOUNDARY].start
             start[:fields] = x[:fields]
         elif maps is not None:
-            start = at_maps(self.experiment, self.unknowns, maps)
-        return problem, self.settling.from_waves(problem, start, self.experiment.waves, self._tell)
+            start = unknowns_from_maps(self.problem, self.unknowns, maps)
+        return reduced, self.settling.from_waves(reduced, start, self.problem.waves, self._tell)
 
-    def descend(self, problem: Reduced, start: Found) -> Found:
+    def descend(self, reduced: Reduced, start: Found) -> Found:
         """Down in J from a start, or the start itself where nothing is lower or it is `ASTRAY`."""
-        point = problem.evaluate(start.x)
+        point = reduced.evaluate(start.x)
         level = Level(self.misfit.squares(point.state.data), start.level.expected)
         if level.ratio < ASTRAY:
             try:
-                return self.settling.descend(problem, start.x, self._tell)
+                return self.settling.descend(reduced, start.x, self._tell)
             except ConvergenceError:
                 pass
         status = start.status if level.ratio < ASTRAY else Status.STOPPED
@@ -337,7 +346,7 @@ class _Search:
         self, ways: Mapping[str, tuple[Callable[..., Any], tuple[Any, ...]]], executor: parallel.AnyExecutor
     ) -> list[Any]:
         """Where ways end, side by side; each returns its history too."""
-        found = side_by_side(self.experiment, ways, executor, self._told)
+        found = run_starts(self.problem, ways, executor, self._told)
         for _, history in found:
             self.history += history
         return [end for end, _ in found]
@@ -345,16 +354,16 @@ class _Search:
     def uniform(self, prior: Prior, level: float) -> Found | None:
         """From uniform fields, at weights of its own and noise of `EASY` at least; None where no step is lower."""
         easy = self
-        if np.any((noise := total(self.noise, EASY)) != self.noise):
-            easy = _Search(self.experiment, self._made, noise, self.settling, self._told, self)
-        problem = easy.problem(prior)
-        problem.weights = dict.fromkeys(problem.weights, FAR)
+        if np.any((noise := total_noise(self.noise, EASY)) != self.noise):
+            easy = _Search(self.problem, self._made, noise, self.settling, self._told, self)
+        reduced = easy.reduced(prior)
+        reduced.weights = dict.fromkeys(reduced.weights, FAR)
         try:
             settling = Settling(rounds=min(SHORT, self.settling.rounds))
-            found = settling.descend(problem, self.experiment.uniform(easy.unknowns, level), self._tell)
+            found = settling.descend(reduced, self.problem.uniform(easy.unknowns, level), self._tell)
         except SolverError:
             return None
-        held = easy.unknowns.theta(found.x)[self.experiment.model.blocks[BOUNDARY]]
+        held = easy.unknowns.theta(found.x)[self.problem.model.blocks[BOUNDARY]]
         x = found.x.copy()
         x[self.unknowns.blocks[BOUNDARY]] = self.unknowns.unknowns[BOUNDARY].transform.inverse(held)
         return replace(found, x=x)
@@ -373,9 +382,9 @@ class _Search:
 
 
 def _from_waves(
-    experiment: Experiment,
+    problem: ElastographyProblem,
     made: MisfitKind,
-    noise: Relative,
+    noise: RelativeNoise,
     settling: Settling,
     prior: Prior,
     maps: Mapping[str, Array] | None,
@@ -383,20 +392,20 @@ def _from_waves(
     callback: Callable[[Iteration], None],
 ) -> tuple[tuple[Found, dict[str, float]], list[Iteration]]:
     """Where measured waves lead to, and the weights by then."""
-    search = _Search(experiment, made, noise, settling, callback)
-    problem, found = search.from_waves(prior, maps)
-    return (found, problem.weights), search.history
+    search = _Search(problem, made, noise, settling, callback)
+    reduced, found = search.from_waves(prior, maps)
+    return (found, reduced.weights), search.history
 
 
 def _uniform(
-    experiment: Experiment,
+    problem: ElastographyProblem,
     made: MisfitKind,
-    noise: Relative,
+    noise: RelativeNoise,
     settling: Settling,
     prior: Prior,
     level: float,
     *,
     callback: Callable[[Iteration], None],
 ) -> tuple[Found | None, list[Iteration]]:
-    search = _Search(experiment, made, noise, settling, callback)
+    search = _Search(problem, made, noise, settling, callback)
     return search.uniform(prior, level), search.history

@@ -20,21 +20,27 @@ from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import ConvergenceError, InputError
 from ngbrain.forward.common.elements import ElementPair
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY
-from ngbrain.inverse.data.outliers import cleaned
-from ngbrain.inverse.data.quality import Relative, noise_level, noise_of, overall, total
+from ngbrain.inverse.data.outliers import screen_outliers
+from ngbrain.inverse.data.quality import RelativeNoise, noise_deviation, noise_level, rms_noise, total_noise
 from ngbrain.inverse.data.subset import WaveSubset
 from ngbrain.inverse.data.time_convention import check_passive
-from ngbrain.inverse.elastography.initial_guess import assumed_start, at_least_one, compared, multiples_of, side_by_side
-from ngbrain.inverse.elastography.result import Inversion, concluded, row
+from ngbrain.inverse.elastography.initial_guess import (
+    assumed_start_notes,
+    check_iterations,
+    check_levels,
+    run_starts,
+    select_start,
+)
+from ngbrain.inverse.elastography.result import Inversion, build_inversion, start_result
 from ngbrain.inverse.objective.misfit import LeastSquares, MisfitKind, misfit_of
 from ngbrain.inverse.objective.regularisers import PRIORS, Prior, priors
 from ngbrain.inverse.optimise.gauss_newton_cg import Iterative
 from ngbrain.inverse.optimise.regularisation_weight import EvidenceOfNoise, Level
 from ngbrain.inverse.optimise.result import Found, Iteration
 from ngbrain.inverse.problem.discretisation import Discretisation
-from ngbrain.inverse.problem.properties import unknowns_of
-from ngbrain.inverse.problem.property_fields import composed, elements_in_space
-from ngbrain.inverse.problem.wave_problem import Experiment
+from ngbrain.inverse.problem.properties import select_properties
+from ngbrain.inverse.problem.property_fields import build_composition, discretise_volume
+from ngbrain.inverse.problem.wave_problem import ElastographyProblem
 from ngbrain.io.waves import WaveData
 from ngbrain.progress import log_progress, reporting
 from ngbrain.solvers.device import Device
@@ -77,7 +83,7 @@ def invert_in_space(
     regulariser  one of `priors.PRIORS`, or a prior of one's own
     labelled     whether each label of the data has fields of its own, which jump where labels meet
     unknowns     one of `quantities.UNKNOWNS`: moduli (ln storage and ln loss), or polar, ln G* with its phase
-    misfit       one of `misfit.MISFITS`, or one of one's own: squares, or huber for what `without_outliers` misses
+    misfit       one of `misfit.MISFITS`, or one of one's own: squares, or huber for what `remove_outliers` misses
     levels       uniform fields to start from too, as multiples of the modulus that the waves suggest: each takes about as long as
                  the start from measured waves. The lowest J at equal weights is kept
     rounds       iterations of a start at most, those from the measured waves apart
@@ -106,7 +112,7 @@ def invert_in_space(
         raise InputError("points", "in the plane", "points in space; `invert` takes those in the plane")
     if regulariser == "auto":
         raise InputError("regulariser", "'auto'", f"one of {', '.join(PRIORS)}: in space one is tried")
-    at_least_one(rounds)
+    check_iterations(rounds)
     ((kind, prior),) = priors(regulariser).items()
     for name, value in (("noise", noise), ("model_error", model_error)):
         if value is not None and not 0 <= value < np.inf:
@@ -114,36 +120,36 @@ def invert_in_space(
     multiples, made, where = multiples_of(levels), misfit_of(misfit), Device.from_name(device)
     if not isinstance(data, WaveSubset):  # a zone alone need not show its loss; the body was asked
         check_passive(data)
-    data, notes = cleaned(data) if drop_outliers else (data, [])
-    sought, elements = unknowns_of(data, unknowns), elements or elements_in_space(data, labelled)
+    data, notes = screen_outliers(data) if drop_outliers else (data, [])
+    sought, elements = select_properties(data, unknowns), elements or discretise_volume(data, labelled)
     found_noise, note = noise_level(data, noise)
-    notes += assumed_start(data) + ([note] if note else [])
-    sure = total(found_noise, LEAST, model_error)
-    experiment = Experiment(data, elements, sought, composed(data, elements, labelled), where)
-    notes += [experiment.body.device_note] if experiment.body.device_note else []
-    problem = _problem(experiment, made, sure, prior)
+    notes += assumed_start_notes(data) + ([note] if note else [])
+    sure = total_noise(found_noise, LEAST, model_error)
+    problem = ElastographyProblem(data, elements, sought, build_composition(data, elements, labelled), where)
+    notes += [problem.body.device_note] if problem.body.device_note else []
+    reduced = _reduced(problem, made, sure, prior)
     kept_in = None if checkpoint is None else Path(checkpoint).absolute()  # workers elsewhere stand in another folder
     common = made, sure, prior, rounds
     ways: dict[str, Any] = {"from waves": (_from_waves, (*common, kept_in))}
     ways |= {f"from {level:g} times": (_uniform, (*common, _beside(kept_in, level), level)) for level in multiples}
-    memory = memory_in_space(experiment.elements.form, experiment.body.mesh.ne, data.frequency)
-    (start, both, problem.weights), *others = side_by_side(experiment, ways, executor, callback, memory)
-    history, rows = [*start.history, *both.history], [row("waves", experiment, problem, start)]
-    ends = {level: _judged(problem, end) for level, end in zip(multiples, others, strict=True)}
-    kept = compared(both, ends)
+    memory = memory_in_space(problem.elements.form, problem.body.mesh.ne, data.frequency)
+    (start, both, reduced.weights), *others = run_starts(problem, ways, executor, callback, memory)
+    history, rows = [*start.history, *both.history], [start_result("waves", problem, reduced, start)]
+    ends = {level: _judged(reduced, end) for level, end in zip(multiples, others, strict=True)}
+    kept = select_start(both, ends)
     notes += kept.notes
     if kept.uniform:
         history += [each for end in ends.values() if end for each in end.history]
-        rows.append(row("uniform", experiment, problem, kept.uniform))
-    rows.append(row("both", experiment, problem, both))
-    return concluded(
-        experiment,
+        rows.append(start_result("uniform", problem, reduced, kept.uniform))
+    rows.append(start_result("both", problem, reduced, both))
+    return build_inversion(
         problem,
+        reduced,
         kept.best,
         rows,
         kept.chosen,
         noise=sure,
-        stated=overall(data, sure),
+        stated=rms_noise(data, sure),
         floor=LEAST,
         regulariser=kind,
         weight="evidence",
@@ -159,9 +165,9 @@ def memory_in_space(form: str, elements: int, frequency: Array) -> float:
 
 
 def _from_waves(
-    experiment: Experiment,
+    problem: ElastographyProblem,
     made: MisfitKind,
-    noise: Relative,
+    noise: RelativeNoise,
     prior: Prior,
     rounds: int,
     checkpoint: Path | None,
@@ -169,16 +175,16 @@ def _from_waves(
     callback: Callable[[Iteration], None],
 ) -> tuple[Found, Found, dict[str, float]]:
     """Where the way from measured waves ended, where that down from there did, and the weights by then."""
-    way = _way(experiment, made, noise, prior, checkpoint, callback)
-    both = way.from_measured(way.unknowns.start, experiment.waves, APPROACH, rounds)
+    way = _way(problem, made, noise, prior, checkpoint, callback)
+    both = way.from_measured(way.unknowns.start, problem.waves, APPROACH, rounds)
     assert way.arrived is not None  # from measured waves there is no other way
     return way.arrived, both, way.reduced.weights
 
 
 def _uniform(
-    experiment: Experiment,
+    problem: ElastographyProblem,
     made: MisfitKind,
-    noise: Relative,
+    noise: RelativeNoise,
     prior: Prior,
     rounds: int,
     checkpoint: Path | None,
@@ -187,23 +193,23 @@ def _uniform(
     callback: Callable[[Iteration], None],
 ) -> Found | None:
     """Where the way from uniform fields ended; None where no step is lower."""
-    way = _way(experiment, made, noise, prior, checkpoint, callback)
+    way = _way(problem, made, noise, prior, checkpoint, callback)
     try:
-        return way.resume(rounds) if way.started else way.descend(experiment.uniform(way.unknowns, level), rounds)
+        return way.resume(rounds) if way.started else way.descend(problem.uniform(way.unknowns, level), rounds)
     except ConvergenceError:
         return None
 
 
 def _way(
-    experiment: Experiment,
+    problem: ElastographyProblem,
     made: MisfitKind,
-    noise: Relative,
+    noise: RelativeNoise,
     prior: Prior,
     checkpoint: Path | None,
     callback: Callable[[Iteration], None],
 ) -> Iterative:
-    problem = _problem(experiment, made, noise, prior)
-    return Iterative(problem, EvidenceOfNoise(FALL, _shared(experiment)), checkpoint=checkpoint, callback=callback)
+    reduced = _reduced(problem, made, noise, prior)
+    return Iterative(reduced, EvidenceOfNoise(FALL, _shared(problem)), checkpoint=checkpoint, callback=callback)
 
 
 def _judged(judge: Reduced, found: Found | None) -> Found | None:
@@ -220,15 +226,15 @@ def _beside(path: Path | None, level: float) -> Path | None:
     return path and path.with_name(f"{path.stem}-uniform-{level:g}{path.suffix}")
 
 
-def _shared(experiment: Experiment) -> float:
+def _shared(problem: ElastographyProblem) -> float:
     """Points for each node of the elements."""
-    body = experiment.body
-    return len(experiment.model.points) * body.mesh.dim / body.displacement.ndof
+    body = problem.body
+    return len(problem.model.points) * body.mesh.dim / body.displacement.ndof
 
 
-def _problem(experiment: Experiment, made: MisfitKind, noise: Relative, prior: Prior) -> Reduced:
-    sigma = noise_of(experiment.data, noise, experiment.inside)
-    unknowns, misfit = experiment.unknowns(sigma), made(experiment.measured, sigma)
+def _reduced(problem: ElastographyProblem, made: MisfitKind, noise: RelativeNoise, prior: Prior) -> Reduced:
+    sigma = noise_deviation(problem.data, noise, problem.inside)
+    unknowns, misfit = problem.unknowns(sigma), made(problem.measured, sigma)
     blocks = {name: block for name, block in unknowns.blocks.items() if name != BOUNDARY}
-    regularisers = {name: prior(experiment.space, unknowns.start[block]) for name, block in blocks.items()}
-    return Reduced(experiment.model, misfit, unknowns, regularisers, dict.fromkeys(blocks, FIRST * misfit.count))
+    regularisers = {name: prior(problem.space, unknowns.start[block]) for name, block in blocks.items()}
+    return Reduced(problem.model, misfit, unknowns, regularisers, dict.fromkeys(blocks, FIRST * misfit.count))

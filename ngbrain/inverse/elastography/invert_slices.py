@@ -16,8 +16,8 @@ import numpy as np
 from ngbrain import parallel
 from ngbrain.errors import InputError
 from ngbrain.forward.common.solve_counts import Solves
-from ngbrain.inverse.data.quality import Strain, noise_of, overall
-from ngbrain.inverse.elastography.result import Inversion, Row
+from ngbrain.inverse.data.quality import OctahedralShearStrain, noise_deviation, rms_noise
+from ngbrain.inverse.elastography.result import Inversion, StartResult
 from ngbrain.inverse.optimise.result import status_of
 from ngbrain.io.waves import WaveData
 from ngbrain.progress import LOG
@@ -90,7 +90,7 @@ def slices_of(data: WaveData, axis: int) -> list[tuple[Array, WaveData]]:
 
 def _of_slice(invert: Callable[..., Inversion], one: WaveData, *, callback: parallel.Callback) -> Inversion:
     """Without the experiment that it ended with, which cannot be sent."""
-    return replace(invert(one, callback=callback), end=None)
+    return replace(invert(one, callback=callback), final_state=None)
 
 
 def invert_slices(
@@ -122,33 +122,33 @@ def invert_slices(
     for (own, _), found in zip(parts, each, strict=True):
         u[:, own, axis] = found.data.displacement[:, :, 0]  # without gross errors
     data, whole = replace(data, displacement=u), [own for own, _ in parts]
-    n, first, ends = len(data.points), each[0], [found.rows[-1] for found in each]
+    n, first, ends = len(data.points), each[0], [found.starts[-1] for found in each]
     noise = np.ones(n)
     for own, found in zip(whole, each, strict=True):
         # Relative to the slab's rms, not the slice's.
         share = float(np.mean(found.data.rms / data.rms[:, :, [axis]]))
         noise[own] = share * np.broadcast_to(np.asarray(found.noise), len(own))
     oss, snr = (_joined([getattr(found.strain, name) for found in each], whole, n) for name in ("oss", "snr"))
-    strain = Strain(oss, snr)
+    strain = OctahedralShearStrain(oss, snr)
     predicted = np.full(data.displacement.shape, np.nan, complex)
     for own, found in zip(whole, each, strict=True):
         predicted[:, own, axis] = found.predicted[:, :, 0]
     maps = {name: _joined([found.maps[name] for found in each], whole, n) for name in first.maps}
-    row = Row(
+    row = StartResult(
         "slices",
         maps,
         sum(end.misfit for end in ends),
         sum(end.expected for end in ends),
         sum(end.value for end in ends),
-        [entry for found in each for entry in found.rows[-1].history],
+        [entry for found in each for entry in found.starts[-1].history],
         sum(end.cpu_s for end in ends),
         all(end.converged for end in ends),
     )
     exponents = [found.checks["exponent"] for found in each if "exponent" in found.checks]
-    left = noise_of(data, noise)[:, :, axis]
+    left = noise_deviation(data, noise)[:, :, axis]
     off = (data.displacement[:, :, axis] - predicted[:, :, axis]) / left
     known = data.mask & np.isfinite(off).all(axis=0)
-    explained = float(np.sqrt(np.mean(np.abs(off[:, known]) ** 2 / 2))) * overall(data, noise)
+    explained = float(np.sqrt(np.mean(np.abs(off[:, known]) ** 2 / 2))) * rms_noise(data, noise)
     through = share_through(data, axis, maps)
     checks: dict[str, float | bool | None] = {
         "misfit_over_expected": row.misfit / row.expected,
@@ -163,7 +163,7 @@ def invert_slices(
         data=data,
         maps=maps,
         predicted=predicted,
-        rows=[row],
+        starts=[row],
         chosen=row.name,
         noise=noise,
         noise_found=explained,

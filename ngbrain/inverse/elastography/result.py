@@ -12,37 +12,44 @@ import numpy as np
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY
-from ngbrain.inverse.data.plausibility import of_frequency, of_size, of_tissue
+from ngbrain.inverse.data.plausibility import amplitude_notes, tissue_notes, wavelength_notes
 from ngbrain.inverse.data.quality import (
-    Relative,
-    Strain,
-    explaining,
-    noise_of,
-    overall,
-    resolution,
+    OctahedralShearStrain,
+    RelativeNoise,
+    map_resolution,
+    noise_deviation,
+    noise_for_misfit,
+    octahedral_shear_strain,
     resonance_distance,
-    strain_of,
+    rms_noise,
 )
 from ngbrain.inverse.data.ultrasound import is_tracked, map_notes
-from ngbrain.inverse.elastography.derived_maps import FOLLOWING, answers, by_label, derived, median_shear, shear_of
-from ngbrain.inverse.elastography.identifiability import (
-    bulk_effect,
-    moduli_of_fibres,
-    of_bulk,
-    of_exponent,
-    of_few,
-    of_fibres,
-    of_one_slice,
-    of_scale,
+from ngbrain.inverse.elastography.derived_maps import (
+    DERIVED,
+    map_statistics,
+    maps_from_shear,
+    median_shear,
+    shear_modulus_map,
+    statistics_by_label,
 )
-from ngbrain.inverse.elastography.inverse_crime import committed
+from ngbrain.inverse.elastography.identifiability import (
+    anti_plane_notes,
+    bulk_effect,
+    bulk_modulus_note,
+    exponent_note,
+    fibre_notes,
+    fibre_shear_moduli,
+    poorly_determined_notes,
+    scale_notes,
+)
+from ngbrain.inverse.elastography.inverse_crime import is_inverse_crime
 from ngbrain.inverse.elastography.usability import reasons_against
 from ngbrain.inverse.objective.parameters import Fields
 from ngbrain.inverse.optimise.result import Found, Iteration
-from ngbrain.inverse.problem.boundary_data import free_part
+from ngbrain.inverse.problem.boundary_data import free_boundary
 from ngbrain.inverse.problem.properties import EXPONENT, MODULI
 from ngbrain.inverse.problem.property_fields import property_fields
-from ngbrain.inverse.problem.wave_problem import Experiment
+from ngbrain.inverse.problem.wave_problem import ElastographyProblem
 from ngbrain.io.waves import WaveData
 from ngbrain.look import maps as drawn
 from ngbrain.result import Result, Status
@@ -51,7 +58,7 @@ Array = np.ndarray
 
 
 @dataclass
-class Row:
+class StartResult:
     """One way of inverting: its maps, misfit and expected misfit, J, what each round did, CPU seconds."""
 
     name: str
@@ -65,11 +72,11 @@ class Row:
 
 
 @dataclass(frozen=True, eq=False)
-class End:
+class FinalState:
     """Where an inversion ended: its problem, at unknowns x."""
 
-    experiment: Experiment
-    problem: Reduced
+    problem: ElastographyProblem
+    reduced: Reduced
     x: Array
 
 
@@ -92,9 +99,9 @@ class Inversion(Result):
     data: WaveData
     maps: dict[str, Array]
     predicted: Array
-    rows: list[Row]
+    starts: list[StartResult]
     chosen: str
-    noise: Relative
+    noise: RelativeNoise
     noise_found: float
     regulariser: str
     weights: dict[str, float]
@@ -103,19 +110,19 @@ class Inversion(Result):
     solves: Solves
     model: dict[str, Any]
     checks: dict[str, float | bool]
-    strain: Strain
+    strain: OctahedralShearStrain
     stated: float = np.nan
-    end: End | None = field(default=None, repr=False)
+    final_state: FinalState | None = field(default=None, repr=False)
 
     @property
-    def chosen_row(self) -> Row:
+    def chosen_start(self) -> StartResult:
         """The start that was kept."""
-        return next(row for row in self.rows if row.name == self.chosen)
+        return next(row for row in self.starts if row.name == self.chosen)
 
     @property
     def answers(self) -> dict[str, dict[str, float]]:
         """Of the maps, as in `result.json`."""
-        return answers(self.data, self.maps)
+        return map_statistics(self.data, self.maps)
 
     @property
     def reasons(self) -> list[str]:
@@ -149,26 +156,28 @@ class Inversion(Result):
         labels = self.data.labels
         if labels is None:
             return {}
-        return {name: by_label(values, labels) for name, values in {**self.maps, **self.following}.items()}
+        return {
+            name: statistics_by_label(values, labels) for name, values in {**self.maps, **self.derived_maps}.items()
+        }
 
     @property
-    def following(self) -> dict[str, Array]:
-        """Maps (n,) that follow from those found: of G*, or of μ where there are fibres, and of fibres `moduli_of_fibres`."""
-        return following(self.data, self.maps)
+    def derived_maps(self) -> dict[str, Array]:
+        """Maps (n,) that follow from those found: of G*, or of μ where there are fibres, and of fibres `fibre_shear_moduli`."""
+        return compute_derived_maps(self.data, self.maps)
 
     def arrays(self) -> dict[str, Array]:
         """Values at the points of the data, by name, SI: the maps, what follows from G*, the waves.
 
         points, measured, predicted, and residual: measured less predicted over the noise of real and of imaginary parts.
-        `magnitude, phase, damping_ratio, stiffness` are those of `derived`; along and across fibres they stand for μ alone,
-        and `shear_along`, `shear_stretch` (Pa) are what waves tell best (`moduli_of_fibres`). `oss` and `oss_snr` (loads, n) are
+        `magnitude, phase, damping_ratio, stiffness` are those of `maps_from_shear`; along and across fibres they stand for μ alone,
+        and `shear_along`, `shear_stretch` (Pa) are what waves tell best (`fibre_shear_moduli`). `oss` and `oss_snr` (loads, n) are
         the data's octahedral shear strain, and over its noise, NaN where a component is not measured.
         """
         measured = np.where(self.data.mask[:, None], self.data.displacement, np.nan)
-        residual = (measured - self.predicted) / noise_of(self.data, self.noise)
+        residual = (measured - self.predicted) / noise_deviation(self.data, self.noise)
         waves = {"measured": measured, "predicted": self.predicted, "residual": residual}
         strain = {"oss": self.strain.oss, "oss_snr": self.strain.snr}
-        return {"points": self.data.points, **self.maps, **self.following, **waves, **strain}
+        return {"points": self.data.points, **self.maps, **self.derived_maps, **waves, **strain}
 
     def _range(self) -> dict[str, list[float]]:
         if not np.ndim(self.noise):
@@ -186,11 +195,11 @@ class Inversion(Result):
                 "rounds": len(row.history),
                 "cpu_s": row.cpu_s,
                 "converged": row.converged,
-                "answers": answers(self.data, row.maps),
+                "answers": map_statistics(self.data, row.maps),
                 "misfit_over_expected": [each.misfit / each.expected for each in row.history],
                 "weights": [each.weights for each in row.history],
             }
-            for row in self.rows
+            for row in self.starts
         }
         fields = property_fields(self.maps, self.data.labels)
         return {
@@ -211,7 +220,7 @@ class Inversion(Result):
             },
             "noise": {
                 "stated": self.stated,
-                "assumed": overall(self.data, self.noise),
+                "assumed": rms_noise(self.data, self.noise),
                 "found": self.noise_found,
                 **self._range(),
             },
@@ -221,23 +230,23 @@ class Inversion(Result):
         }
 
 
-def row(name: str, experiment: Experiment, problem: Reduced, found: Found) -> Row:
+def start_result(name: str, problem: ElastographyProblem, reduced: Reduced, found: Found) -> StartResult:
     """One way of inverting, by where it ended."""
-    unknowns: Fields = problem.unknowns  # type: ignore[assignment]
-    maps = experiment.maps(unknowns, found.x)
+    unknowns: Fields = reduced.unknowns  # type: ignore[assignment]
+    maps = problem.maps(unknowns, found.x)
     maps.pop(EXPONENT, None)
     level, cpu_s = found.level, found.history[-1].cpu_s
-    return Row(name, maps, level.misfit, level.expected, found.objective, found.history, cpu_s, found.converged)
+    return StartResult(name, maps, level.misfit, level.expected, found.objective, found.history, cpu_s, found.converged)
 
 
-def concluded(
-    experiment: Experiment,
-    problem: Reduced,
+def build_inversion(
+    problem: ElastographyProblem,
+    reduced: Reduced,
     best: Found,
-    rows: list[Row],
+    rows: list[StartResult],
     chosen: str,
     *,
-    noise: Relative,
+    noise: RelativeNoise,
     stated: float,
     floor: float,
     regulariser: str,
@@ -246,13 +255,13 @@ def concluded(
     notes: list[str],
 ) -> Inversion:
     """All that follows from the end of the best way; data with less noise than `floor` are fitted as well as elements can."""
-    data, unknowns = experiment.data, problem.unknowns
+    data, unknowns = problem.data, reduced.unknowns
     assert isinstance(unknowns, Fields)
     predicted = np.full(data.displacement.shape, np.nan, complex)
-    state = experiment.model.evaluate(unknowns.theta(best.x))
-    predicted[:, experiment.inside] = state.data
-    mesh, determined = experiment.body.mesh, best.history[-1].determined
-    strain, free = strain_of(data, noise), free_part(mesh)
+    state = problem.model.evaluate(unknowns.theta(best.x))
+    predicted[:, problem.inside] = state.data
+    mesh, determined = problem.body.mesh, best.history[-1].determined
+    strain, free = octahedral_shear_strain(data, noise), free_boundary(mesh)
     checks = {
         "misfit_over_expected": best.level.ratio,
         "converged": bool(best.converged),
@@ -260,28 +269,28 @@ def concluded(
         "resonance_distance": resonance_distance(data, state.factors),
     }
     ratio = best.level.ratio
-    notes[:0] = of_end(best)
-    notes += of_misfit(ratio, overall(data, noise), floor)
-    maps = experiment.maps(unknowns, best.x)
-    of_plane, combined = of_fibres(data, maps)
-    notes += of_few(determined) + of_plane
-    crime = committed(data, experiment.body)
+    notes[:0] = convergence_notes(best)
+    notes += misfit_notes(ratio, rms_noise(data, noise), floor)
+    maps = problem.maps(unknowns, best.x)
+    of_plane, combined = fibre_notes(data, maps)
+    notes += poorly_determined_notes(determined) + of_plane
+    crime = is_inverse_crime(data, problem.body)
     if crime:
         notes.append(
             "the data were computed in the elements that invert them: errors flatter, the more the less noise there is"
         )
-    with experiment.model.solves.spent_on("checks"):
-        mismatch = _mismatch(experiment)
-        if experiment.body.bulk is not None:
-            effect = bulk_effect(experiment, unknowns.theta(best.x), noise)
+    with problem.model.solves.spent_on("checks"):
+        mismatch = _mismatch(problem)
+        if problem.body.bulk is not None:
+            effect = bulk_effect(problem, unknowns.theta(best.x), noise)
             checks["bulk_change_over_noise"] = effect
-            notes.append(of_bulk(effect))
+            notes.append(bulk_modulus_note(effect))
     median = median_shear(data, maps)
     notes += [
-        *of_scale(data),
-        *of_frequency(data, median),
-        *of_tissue(data, median),
-        *of_size(data),
+        *scale_notes(data),
+        *wavelength_notes(data, median),
+        *tissue_notes(data, median),
+        *amplitude_notes(data),
     ]
     if data.motion == "anti_plane":
         moved = experiment.model.boundary_values(unknowns.theta(best.x))[:, -1] if experiment.body.translation else None
@@ -291,25 +300,25 @@ def concluded(
     if EXPONENT in maps:
         power = float(np.nanmedian(maps.pop(EXPONENT)))
         checks[EXPONENT] = power
-        notes.append(of_exponent(data, power))
+        notes.append(exponent_note(data, power))
     return Inversion(
         data=data,
         maps=maps,
         predicted=predicted,
-        rows=rows,
+        starts=rows,
         chosen=chosen,
         noise=noise,
-        noise_found=overall(data, explaining(data, noise, ratio)),
+        noise_found=rms_noise(data, noise_for_misfit(data, noise, ratio)),
         regulariser=regulariser,
         weights=best.weights,
         determined=determined,
-        resolution=resolution(ngs.Integrate(ngs.CF(1), mesh), data.dim, determined),
-        solves=experiment.model.solves,
+        resolution=map_resolution(ngs.Integrate(ngs.CF(1), mesh), data.dim, determined),
+        solves=problem.model.solves,
         history=history,
         model={
-            "form": experiment.elements.form,
+            "form": problem.elements.form,
             "n_elements": mesh.ne,
-            "n_unknowns": experiment.body.fes.ndof,
+            "n_unknowns": problem.body.fes.ndof,
             "n_parameters": sum(q.stop - q.start for name, q in unknowns.blocks.items() if name != BOUNDARY),
             "inverse_crime": crime,
             "weight": weight,
@@ -322,17 +331,17 @@ def concluded(
         stated=stated,
         warnings=notes + ([strain.note] if strain.note else []),
         status=best.status,
-        end=End(experiment, problem, best.x),
+        final_state=FinalState(problem, reduced, best.x),
     )
 
 
-def following(data: WaveData, maps: Mapping[str, Array]) -> dict[str, Array]:
+def compute_derived_maps(data: WaveData, maps: Mapping[str, Array]) -> dict[str, Array]:
     """What follows from maps that an inversion gives, see `Inversion.following`."""
-    modulus = derived(shear_of(data, maps))
-    return {**moduli_of_fibres(maps), **{name: modulus[name] for name in FOLLOWING}}
+    modulus = maps_from_shear(shear_modulus_map(data, maps))
+    return {**fibre_shear_moduli(maps), **{name: modulus[name] for name in DERIVED}}
 
 
-def of_end(found: Found) -> list[str]:
+def convergence_notes(found: Found) -> list[str]:
     """That an inversion stopped before it had settled, and where its misfit is against its expected level."""
     if found.converged:
         return []
@@ -344,17 +353,17 @@ def of_end(found: Found) -> list[str]:
     ]
 
 
-def of_misfit(ratio: float, noise: float, floor: float) -> list[str]:
+def misfit_notes(ratio: float, noise: float, floor: float) -> list[str]:
     """What a misfit far from where it is expected means; data with less noise than `floor` are fitted as well as elements can."""
     if ratio > 1.25 or (ratio < 0.8 and noise > floor):
         return [f"the misfit is {ratio:.2f} times what noise of {100 * noise:.3g} % leaves: it is not that"]
     return []
 
 
-def _mismatch(experiment: Experiment) -> dict[str, float]:
+def _mismatch(problem: ElastographyProblem) -> dict[str, float]:
     """How far our waves of the true properties are off the data, where the truth is known."""
-    waves = experiment.of_truth()
+    waves = problem.predict_from_truth()
     if waves is None:
         return {}
-    off = np.nan_to_num(waves - experiment.measured)
-    return {"mismatch_at_truth": float(np.linalg.norm(off) / np.linalg.norm(np.nan_to_num(experiment.measured)))}
+    off = np.nan_to_num(waves - problem.measured)
+    return {"mismatch_at_truth": float(np.linalg.norm(off) / np.linalg.norm(np.nan_to_num(problem.measured)))}

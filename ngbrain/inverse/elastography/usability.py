@@ -10,8 +10,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ngbrain.inverse.data.plausibility import SOFT, STIFF, pascal, reach
-from ngbrain.inverse.elastography.derived_maps import shear_of
+from ngbrain.inverse.data.plausibility import SOFT, STIFF, format_modulus, modulus_range_factor
+from ngbrain.inverse.elastography.derived_maps import shear_modulus_map
 from ngbrain.inverse.problem.discretisation import LOCKING, bulk_ratio
 from ngbrain.io.waves import WaveData
 
@@ -39,7 +39,7 @@ def reasons_against(
 
     stated   noise relative to the waves' rms, as it was given or as a smooth fit leaves it
     found    that the misfit of the maps says
-    volume   |∇·u| over |∇×u| of the waves (`quality.Strain`)
+    volume   |∇·u| over |∇×u| of the waves (`quality.OctahedralShearStrain`)
     torn     share of the displacements beside a jump, likewise
     """
     reasons, left = [], "of the displacements (rms) are not explained"
@@ -54,8 +54,8 @@ def reasons_against(
     if torn > TORN:
         what = "tissue moves without jumps: are parts of two scans together, or is a phase wrapped?"
         reasons.append(f"{100 * torn:.2g} % of the displacements lie beside a jump: {what}")
-    shear = np.abs(shear_of(data, maps))
-    reasons += of_points(shear[data.mask & np.isfinite(shear)], data.tissue)
+    shear = np.abs(shear_modulus_map(data, maps))
+    reasons += modulus_reasons(shear[data.mask & np.isfinite(shear)], data.tissue)
     if volume is not None and volume > 1 and bulk_ratio(data) > LOCKING:
         change = f"the waves change volume {volume:.2g} times as much as they turn, and tissue that resists it has no such waves"
         reasons.append(f"{change}: are components swapped, or is one turned?")
@@ -64,28 +64,28 @@ def reasons_against(
     return reasons
 
 
-def of_points(shear: Array, tissue: str | None) -> list[str]:
+def modulus_reasons(shear: Array, tissue: str | None) -> list[str]:
     """What speaks against the moduli |G*| (n,) Pa of a map's points: the median, or a share of them that is no tissue's.
 
     A median that is none of the tissue's may be an error of a unit, which the waves cannot tell (`believable.of_tissue` warns);
     points far from their own median are no unit's, but of a map that the data do not determine.
 
-    >>> of_points(np.geomspace(1e3, 4e3, 100), "brain")
+    >>> modulus_reasons(np.geomspace(1e3, 4e3, 100), "brain")
     []
-    >>> of_points(np.geomspace(1e2, 1e5, 100), "brain")
+    >>> modulus_reasons(np.geomspace(1e2, 1e5, 100), "brain")
     ['52 % of the moduli are more than 5.2 times off their median of 3.16 kPa: no brain varies like that']
     """
     if not shear.size:
         return []
-    median, range_ = float(np.median(shear)), f"{pascal(SOFT)} to {pascal(STIFF)}"
+    median, range_ = float(np.median(shear)), f"{format_modulus(SOFT)} to {format_modulus(STIFF)}"
     if not SOFT <= median <= STIFF:
-        found = f"the median modulus is {pascal(median)}, where soft tissue has {range_}"
+        found = f"the median modulus is {format_modulus(median)}, where soft tissue has {range_}"
         return [f"{found}: frequency in Hz? points in m?"]
     reasons = []
     if (beyond := float(np.mean((shear < SOFT) | (shear > STIFF)))) > OUT:
         reasons.append(f"{100 * beyond:.2g} % of the moduli are none of soft tissue, which has {range_}")
-    most, what = reach(tissue), tissue or "tissue"
+    most, what = modulus_range_factor(tissue), tissue or "tissue"
     if (far := float(np.mean((shear < median / most) | (shear > median * most)))) > OUT:
-        off = f"more than {most:.2g} times off their median of {pascal(median)}"
+        off = f"more than {most:.2g} times off their median of {format_modulus(median)}"
         reasons.append(f"{100 * far:.2g} % of the moduli are {off}: no {what} varies like that")
     return reasons

@@ -70,7 +70,7 @@ class LeastSquares:
 class Huber(LeastSquares):
     """Φ = Σ ρ(|r|), ρ = ½ r² up to a threshold k and k |r| - ½ k² beyond: outliers pull with a bounded force.
 
-    For moderate ones: those as large as the waves spoil the start, see `outliers.without_outliers`.
+    For moderate ones: those as large as the waves spoil the start, see `outliers.remove_outliers`.
 
     Source: Huber 1964, 10.1214/aoms/1177703732.
     """

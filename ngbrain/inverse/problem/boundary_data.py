@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from ngbrain.errors import InputError
-from ngbrain.inverse.problem.voxel_lattice import NEAR, voxels
+from ngbrain.inverse.problem.voxel_lattice import NEAR, voxel_axes
 from ngbrain.io.waves import WaveData
 from ngbrain.mesh.geometry.structured import with_boundaries
 
@@ -31,7 +31,7 @@ ON = 1e-9
 """Of the body's size: points that are the same."""
 
 
-def driven(data: WaveData, mesh: ngs.Mesh) -> tuple[ngs.Mesh, str]:
+def mark_driven_boundary(data: WaveData, mesh: ngs.Mesh) -> tuple[ngs.Mesh, str]:
     """A mesh whose free sides are a boundary of their own, and the pattern of the others; the mesh itself where none is free.
 
     mesh   of straight sides, over the points of the mask
@@ -72,8 +72,8 @@ def driven(data: WaveData, mesh: ngs.Mesh) -> tuple[ngs.Mesh, str]:
     return with_boundaries(mesh, [names[s.index] if h else FREE for s, h in zip(sides, held, strict=True)]), BUT_FREE
 
 
-def free_part(mesh: ngs.Mesh) -> dict[str, Any]:
-    """Of a mesh of `driven`: share of its boundary that is free, and the box around that (mm); empty where nothing is."""
+def free_boundary(mesh: ngs.Mesh) -> dict[str, Any]:
+    """Share of a mesh's boundary that is free, and the box around it (mm); empty where nothing is free."""
     if FREE not in mesh.GetBoundaries():
         return {}
     corners = _corners(mesh)
@@ -99,7 +99,7 @@ def _nearest(data: WaveData, corners: Array, among: Array) -> tuple[Array, Array
         return among[near], distance < 0.5 * length * (1 + ON)
     a, b = (each.ravel() for each in np.meshgrid(line, line))
     shapes = np.stack([(1 - a) * (1 - b), a * (1 - b), a * b, (1 - a) * b], axis=1)
-    axes, spacing = voxels(data)
+    axes, spacing = voxel_axes(data)
     tree = KDTree(data.points[among] @ axes.T / spacing)
     distance, near = tree.query(np.einsum("kc,sci->ski", shapes, corners) @ axes.T / spacing)
     return among[near], distance < NEAR

@@ -3,7 +3,8 @@
 Our own are, in the plane, quadrilaterals of an order p on cells of p × p data points, so that elements have as many unknowns as
 there are data (of many tracked displacements at rest half as many along each axis), and triangles between scattered points; over a
 mask on a grid, and in space, quadrilaterals or hexahedra as large as the waves allow, over the points of the mask. A field is
-looked for in half that order, in those larger elements in order 1. What drives their boundary is up to the data (`driven`).
+looked for in half that order, in those larger elements in order 1. What drives their boundary is up to the data
+(`mark_driven_boundary`).
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ from ngbrain.forward.common.elements import ElementPair
 from ngbrain.forward.common.interpolation import inside as in_mesh
 from ngbrain.inverse.data.direct_inversion import uniform_shear
 from ngbrain.inverse.data.ultrasound import COARSER, FEWEST, is_tracked
-from ngbrain.inverse.problem.boundary_data import ALL, driven
-from ngbrain.inverse.problem.voxel_lattice import Lattice, lattice, over_points
+from ngbrain.inverse.problem.boundary_data import ALL, mark_driven_boundary
+from ngbrain.inverse.problem.voxel_lattice import VoxelLattice, build_lattice, lattice_of_shape
 from ngbrain.io.waves import WaveData
 from ngbrain.mesh.geometry.structured import rectangles
 
@@ -54,11 +55,11 @@ class Discretisation:
 
     mesh: ngs.Mesh
     form: str
-    fields: int
+    field_order: int
     quadrature: int | None
     inside: Array
     nodal: bool = False
-    held: str = ALL
+    driven_boundaries: str = ALL
 
     @property
     def degree(self) -> int:
@@ -66,10 +67,10 @@ class Discretisation:
         return ElementPair.named(self.form).order + 1 if self.quadrature is None else self.quadrature
 
 
-def as_made(data: WaveData) -> Discretisation:
+def original_discretisation(data: WaveData) -> Discretisation:
     """The elements `data.element` of the grid that the data were computed on: bilinear, with a 2×2 rule; q4p0 with pressures.
 
-    Raises `InputError` when the data name none, and for a boundary that cannot be driven so, see `driven`.
+    Raises `InputError` when the data name none, and for a boundary that cannot be driven so, see `mark_driven_boundary`.
     """
     if data.element is None:
         raise InputError("element", "not given", "q4 or q4p0, or a discretisation of our own (fe)")
@@ -77,45 +78,45 @@ def as_made(data: WaveData) -> Discretisation:
     assert grid is not None  # WaveData has seen to it
     lines = [start + step * np.arange(n) for start, step, n in zip(grid.origin, grid.spacing, grid.shape, strict=True)]
     form = {"q4": "Q1", "q4p0": "Q1/L2(0)"}[data.element]
-    mesh, held = driven(data, rectangles(*lines))
-    return Discretisation(mesh, form, 1, 1, np.ones(len(data.points), bool), nodal=True, held=held)
+    mesh, driven = mark_driven_boundary(data, rectangles(*lines))
+    return Discretisation(mesh, form, 1, 1, np.ones(len(data.points), bool), nodal=True, driven_boundaries=driven)
 
 
-def in_elements(data: WaveData, order: int = 3) -> Discretisation:
+def discretise(data: WaveData, order: int = 3) -> Discretisation:
     """Elements of our own, of an order; one with pressures for nearly incompressible tissue.
 
-    Raises `InputError` for points that are too scattered, and for a boundary that cannot be driven so, see `driven`.
+    Raises `InputError` for points that are too scattered, and for a boundary that cannot be driven so, see `mark_driven_boundary`.
     """
-    form = form_of(data, order)
+    form = element_form(data, order)
     if data.dim == 3:
-        return on_lattice(data, lattice(data, form, LARGEST))
+        return lattice_discretisation(data, build_lattice(data, form, LARGEST))
     grid = data.grid
     if grid is not None and grid.is_axis_aligned and not data.mask.all() and data.frequency.any():
-        return on_lattice(data, lattice(data, form))
+        return lattice_discretisation(data, build_lattice(data, form))
     if grid is not None and grid.is_axis_aligned:
         steps = np.rint(np.ptp(data.points[data.mask], axis=0) / grid.spacing)
         number = [max(1, round(n / order)) for n in steps]
         fewer = [min(n, max(FEWEST, round(n / COARSER))) for n in number]
         if is_tracked(data) and fewer != number:
-            return on_lattice(data, over_points(data, fewer, form), 1)
-        return on_lattice(data, over_points(data, number, form))
+            return lattice_discretisation(data, lattice_of_shape(data, fewer, form), 1)
+        return lattice_discretisation(data, lattice_of_shape(data, number, form))
     mesh, inside = _between(data.points, data.mask)
-    mesh, held = driven(data, mesh)
-    return Discretisation(mesh, form_of(data, LOW), 1, None, inside, held=held)
+    mesh, driven = mark_driven_boundary(data, mesh)
+    return Discretisation(mesh, element_form(data, LOW), 1, None, inside, driven_boundaries=driven)
 
 
-def form_of(data: WaveData, order: int = 3) -> str:
+def element_form(data: WaveData, order: int = 3) -> str:
     """Elements of an order in words, with pressures for nearly incompressible tissue; motion through a plane has none."""
     mixed = data.motion != "anti_plane" and bulk_ratio(data) > (LOCKING if order == LOW else NEARLY)
     return f"P{order}/P{order - 1}" if mixed else f"P{order}"
 
 
-def on_lattice(data: WaveData, cells: Lattice, fields: int | None = None) -> Discretisation:
+def lattice_discretisation(data: WaveData, cells: VoxelLattice, fields: int | None = None) -> Discretisation:
     """The elements of a lattice, which may be of more points than these; fields by default of half their order."""
-    (mesh, held), inside = driven(data, cells.mesh), data.mask.copy()
+    (mesh, driven), inside = mark_driven_boundary(data, cells.mesh), data.mask.copy()
     inside[data.mask] = in_mesh(mesh, data.points[data.mask])
     fields = _fields(ElementPair.named(cells.form).order) if fields is None else fields
-    return Discretisation(mesh, cells.form, fields, None, inside, held=held)
+    return Discretisation(mesh, cells.form, fields, None, inside, driven_boundaries=driven)
 
 
 def _fields(order: int) -> int:
@@ -130,17 +131,17 @@ def bulk_ratio(data: WaveData) -> float:
     return abs(data.bulk) / uniform_shear(data)
 
 
-def without_scale(data: WaveData) -> bool:
+def has_unknown_scale(data: WaveData) -> bool:
     """Whether all moduli times any number move the body alike, as far as data tell.
 
     So at rest with nothing but displacements known, unless all components of them are and a known bulk modulus is compressed.
     """
     if data.frequency.any():
         return False
-    return data.bulk is None or bulk_ratio(data) > NEARLY or not all_measured(data)
+    return data.bulk is None or bulk_ratio(data) > NEARLY or not measures_all_components(data)
 
 
-def all_measured(data: WaveData) -> bool:
+def measures_all_components(data: WaveData) -> bool:
     """Whether every component of every load is measured somewhere, not along the axis of ultrasound alone."""
     return bool(np.isfinite(data.displacement[:, data.mask]).any(axis=1).all())
 

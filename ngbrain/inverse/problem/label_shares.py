@@ -20,7 +20,7 @@ from ngbrain.forward.common.interpolation import quadrature_field, quadrature_po
 Array = np.ndarray
 
 
-def shares(
+def label_shares(
     mesh: ngs.Mesh, degree: int, label_at: Callable[[Array], Array], names: Sequence[str]
 ) -> dict[str, ngs.GridFunction]:
     """Name → s_l, at the quadrature points of a `Harmonic` with `quadrature=degree`; for use in its integrals alone.
@@ -31,7 +31,7 @@ def shares(
 
     >>> from ngbrain.mesh.geometry.structured import rectangles
     >>> mesh = rectangles(np.linspace(0, 1, 5), np.linspace(0, 1, 5))
-    >>> found = shares(mesh, 2, lambda points: (points[:, 0] > 0.5).astype(int), ["left", "right"])
+    >>> found = label_shares(mesh, 2, lambda points: (points[:, 0] > 0.5).astype(int), ["left", "right"])
     >>> [round(float(s.vec.FV().NumPy().mean()), 3) for s in found.values()]
     [0.5, 0.5]
     """
@@ -42,7 +42,9 @@ def shares(
     return {name: quadrature_field(space, numbers == number) for number, name in enumerate(names)}
 
 
-def by_label(shares: Mapping[str, ngs.GridFunction], fields: Mapping[str, CoefficientFunction]) -> CoefficientFunction:
+def combine_labels(
+    shares: Mapping[str, ngs.GridFunction], fields: Mapping[str, CoefficientFunction]
+) -> CoefficientFunction:
     """Σ s_l G_l; `InputError` unless every label has a field."""
     if missing := set(shares) - set(fields):
         raise InputError("fields", f"without {', '.join(sorted(missing))}", "a field for each label")

@@ -24,43 +24,43 @@ Value = TypeVar("Value")
 
 
 @dataclass(frozen=True)
-class Quantity:
+class Property:
     """A property that is looked for: where it starts, the bounds that it stays within, whether it is one number for all tissue."""
 
     name: str
     start: float
-    floor: float = 0.0
-    ceiling: float = np.inf
-    single: bool = False
+    lower: float = 0.0
+    upper: float = np.inf
+    is_uniform: bool = False
 
-    def within(self, values: np.ndarray) -> bool:
+    def contains(self, values: np.ndarray) -> bool:
         """Whether all these lie between the bounds."""
-        return bool(np.all((values > self.floor) & (values < self.ceiling)))
+        return bool(np.all((values > self.lower) & (values < self.upper)))
 
     @property
     def transform(self) -> Log | Bounded:
         """The variable that can take any value: ln(θ - floor), or one for both bounds."""
-        return Log(self.floor) if self.ceiling == np.inf else Bounded(self.floor, self.ceiling)
+        return Log(self.lower) if self.upper == np.inf else Bounded(self.lower, self.upper)
 
 
-def quantities(data: WaveData, shear: float | None = None) -> tuple[Quantity, ...]:
+def material_properties(data: WaveData, shear: float | None = None) -> tuple[Property, ...]:
     """What the data's material has: youngs, or storage and loss (isotropic); mu or storage and loss, zeta, phi (fibres).
 
     `shear` (Pa) is where moduli start; unasked what the waves suggest. Raises `InputError` where that is the modulus of no tissue.
     """
     stiff, loss = _start(data) if shear is None else (shear, LOSSY * shear)
     if data.rheology == "viscoelastic":
-        moduli = [Quantity("storage", stiff), Quantity("loss", loss)]
+        moduli = [Property("storage", stiff), Property("loss", loss)]
     elif data.symmetry == "isotropic":
-        moduli = [Quantity("youngs", float(np.real(data.youngs_of(stiff))))]
+        moduli = [Property("youngs", float(np.real(data.youngs_of(stiff))))]
     else:
-        moduli = [Quantity("mu", stiff)]
+        moduli = [Property("mu", stiff)]
     if data.symmetry == "transversely_isotropic":
-        moduli += [Quantity("zeta", FIBROUS, -0.75), Quantity("phi", FIBROUS, -1.0)]
+        moduli += [Property("zeta", FIBROUS, -0.75), Property("phi", FIBROUS, -1.0)]
     return tuple(moduli)
 
 
-def polar(data: WaveData, shear: float | None = None) -> tuple[Quantity, ...]:
+def polar_properties(data: WaveData, shear: float | None = None) -> tuple[Property, ...]:
     """The same with magnitude |G*| (Pa) and phase (rad, 0 to π/2) in place of storage and loss: ln G* = ln |G*| + i phase.
 
     Regularisers then hold the loss angle even where the modulus is not, and the other way round. Raises `InputError` for
@@ -68,24 +68,24 @@ def polar(data: WaveData, shear: float | None = None) -> tuple[Quantity, ...]:
     """
     if data.rheology != "viscoelastic":
         raise InputError("unknowns", "'polar'", "moduli: elastic data have no phase")
-    storage, loss, *others = quantities(data, shear)
+    storage, loss, *others = material_properties(data, shear)
     modulus = complex(storage.start, loss.start)
-    size, phase = Quantity("magnitude", abs(modulus)), Quantity("phase", float(np.angle(modulus)), 0.0, np.pi / 2)
+    size, phase = Property("magnitude", abs(modulus)), Property("phase", float(np.angle(modulus)), 0.0, np.pi / 2)
     return size, phase, *others
 
 
-UNKNOWNS: dict[str, Callable[..., tuple[Quantity, ...]]] = {"moduli": quantities, "polar": polar}
+UNKNOWNS: dict[str, Callable[..., tuple[Property, ...]]] = {"moduli": material_properties, "polar": polar_properties}
 """Ways of looking for a complex modulus, as `invert` offers them."""
 
 
-def unknowns_of(data: WaveData, chosen: str) -> tuple[Quantity, ...]:
+def select_properties(data: WaveData, chosen: str) -> tuple[Property, ...]:
     """Those of a name in `UNKNOWNS`; `InputError` for another one."""
     if chosen not in UNKNOWNS:
         raise InputError("unknowns", repr(chosen), nearest(chosen, tuple(UNKNOWNS)))
     return UNKNOWNS[chosen](data)
 
 
-def exponent(data: WaveData) -> Quantity:
+def frequency_exponent(data: WaveData) -> Property:
     """The exponent a of G*(x, ω) = G*₀(x) (ω/ω₀)^a, from the moduli that each frequency suggests by itself.
 
     Raises `InputError` for data of one frequency, or with loads at rest.
@@ -100,7 +100,7 @@ def exponent(data: WaveData) -> Quantity:
             uniform_shear(replace(data, displacement=data.displacement[chosen], frequency=data.frequency[chosen]))
         )
     slope = float(np.polyfit(np.log(each), np.log(moduli), 1)[0])
-    return Quantity(EXPONENT, float(np.clip(slope, 0.1, 1.5)), *EXPONENTS, single=True)
+    return Property(EXPONENT, float(np.clip(slope, 0.1, 1.5)), *EXPONENTS, is_uniform=True)
 
 
 def as_moduli(values: Mapping[str, Value], library: Any = np) -> dict[str, Value]:

@@ -11,9 +11,9 @@ from ngsolve import CoefficientFunction
 from scipy.spatial import KDTree
 
 from ngbrain.errors import InputError
-from ngbrain.inverse.problem.discretisation import Discretisation, in_elements, on_lattice
-from ngbrain.inverse.problem.label_shares import by_label, shares
-from ngbrain.inverse.problem.voxel_lattice import Lattice
+from ngbrain.inverse.problem.discretisation import Discretisation, discretise, lattice_discretisation
+from ngbrain.inverse.problem.label_shares import combine_labels, label_shares
+from ngbrain.inverse.problem.voxel_lattice import VoxelLattice
 from ngbrain.io.waves import WaveData
 
 Array = np.ndarray
@@ -35,7 +35,7 @@ class PropertyField:
         """In models, files and reports."""
         return self.quantity if self.label is None else f"{self.quantity} {self.label}"
 
-    def within(self, labels: Array | None) -> Array | bool:
+    def mask(self, labels: Array | None) -> Array | bool:
         """At which points it is: where the labels are its own, or everywhere."""
         if self.label is None:
             return True
@@ -63,14 +63,14 @@ class Composition(Protocol):
     def function(self, values: Mapping[str, CoefficientFunction]) -> CoefficientFunction:
         """The quantity from its fields' values, in integrals over elements."""
 
-    def at_points(self, values: Mapping[str, Array]) -> Array:
+    def point_values(self, values: Mapping[str, Array]) -> Array:
         """The same at the points of the data that count, (n,) from (n,) each."""
 
 
-class Whole:
+class SingleField:
     """One field.
 
-    >>> [field.name for field in Whole().fields("storage")]
+    >>> [field.name for field in SingleField().fields("storage")]
     ['storage']
     """
 
@@ -83,13 +83,13 @@ class Whole:
         (only,) = values.values()
         return only
 
-    def at_points(self, values: Mapping[str, Array]) -> Array:
+    def point_values(self, values: Mapping[str, Array]) -> Array:
         """The only one."""
         (only,) = values.values()
         return only
 
 
-class ByLabel:
+class FieldPerLabel:
     """A field for each label of the data, free to jump where labels meet; elsewhere the nearest point's label counts.
 
     Raises `InputError` for data without labels.
@@ -103,11 +103,11 @@ class ByLabel:
         self._own = data.labels[counts]
         self.labels, numbers = np.unique(self._own, return_inverse=True)
         tree, names = KDTree(data.points[counts]), [str(label) for label in self.labels]
-        self._shares = shares(elements.mesh, elements.degree, lambda x: numbers[tree.query(x)[1]], names)
+        self._shares = label_shares(elements.mesh, elements.degree, lambda x: numbers[tree.query(x)[1]], names)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """As what it is made from, so that other processes make the same one."""
-        return ByLabel, self._made_from
+        return FieldPerLabel, self._made_from
 
     def fields(self, quantity: str) -> tuple[PropertyField, ...]:
         """One for each label."""
@@ -115,9 +115,9 @@ class ByLabel:
 
     def function(self, values: Mapping[str, CoefficientFunction]) -> CoefficientFunction:
         """That of the label."""
-        return by_label(self._shares, dict(zip(self._shares, values.values(), strict=True)))
+        return combine_labels(self._shares, dict(zip(self._shares, values.values(), strict=True)))
 
-    def at_points(self, values: Mapping[str, Array]) -> Array:
+    def point_values(self, values: Mapping[str, Array]) -> Array:
         """That of the point's own label."""
         found = np.empty(len(self._own))
         for label, each in zip(self.labels, values.values(), strict=True):
@@ -125,20 +125,20 @@ class ByLabel:
         return found
 
 
-def elements_in_space(data: WaveData, labelled: bool) -> Discretisation:
-    """Those of `in_elements`, with labels for fields of first order: labels have the jumps, what is left varies slowly."""
-    return _with(in_elements(data), labelled)
+def discretise_volume(data: WaveData, labelled: bool) -> Discretisation:
+    """Those of `discretise`, with labels for fields of first order: labels have the jumps, what is left varies slowly."""
+    return _with(discretise(data), labelled)
 
 
-def elements_on(data: WaveData, cells: Lattice, labelled: bool) -> Discretisation:
+def discretise_lattice(data: WaveData, cells: VoxelLattice, labelled: bool) -> Discretisation:
     """The same of a lattice."""
-    return _with(on_lattice(data, cells), labelled)
+    return _with(lattice_discretisation(data, cells), labelled)
 
 
 def _with(elements: Discretisation, labelled: bool) -> Discretisation:
-    return replace(elements, fields=1) if labelled else elements
+    return replace(elements, field_order=1) if labelled else elements
 
 
-def composed(data: WaveData, elements: Discretisation, labelled: bool) -> Composition:
+def build_composition(data: WaveData, elements: Discretisation, labelled: bool) -> Composition:
     """A field for each label or one for all; `InputError` where there are no labels."""
-    return ByLabel(data, elements) if labelled else Whole()
+    return FieldPerLabel(data, elements) if labelled else SingleField()

@@ -22,9 +22,17 @@ from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, WaveModel
 from ngbrain.inverse.data.smoothing import SmoothField, fit_splines, moving_least_squares
 from ngbrain.inverse.objective.parameters import Fields, Scaled, Transform, Unknown
-from ngbrain.inverse.problem.discretisation import Discretisation, all_measured, without_scale
-from ngbrain.inverse.problem.properties import EXPONENT, MODULI, UNKNOWNS, Quantity, as_moduli, as_polar, quantities
-from ngbrain.inverse.problem.property_fields import Composition, Whole
+from ngbrain.inverse.problem.discretisation import Discretisation, has_unknown_scale, measures_all_components
+from ngbrain.inverse.problem.properties import (
+    EXPONENT,
+    MODULI,
+    UNKNOWNS,
+    Property,
+    as_moduli,
+    as_polar,
+    material_properties,
+)
+from ngbrain.inverse.problem.property_fields import Composition, SingleField
 from ngbrain.io.waves import WaveData
 from ngbrain.materials.linear import Shearing, TransverselyIsotropic
 from ngbrain.solvers.device import CPU, Device
@@ -40,12 +48,12 @@ HELD = 1e-9
 """Keeps a fit of a field definite where no point is."""
 
 
-class Experiment:
+class ElastographyProblem:
     """The inversion's problem for some data in some elements.
 
     data       waves; points outside of the mask or the elements are left out
     elements   see `discretise`
-    sought     the quantities, by default those of the material
+    properties the quantities, by default those of the material
     composition  of which fields they are made, by default of one each
     device     where matrices are factorised
 
@@ -57,18 +65,18 @@ class Experiment:
         self,
         data: WaveData,
         elements: Discretisation,
-        sought: tuple[Quantity, ...] | None = None,
+        properties: tuple[Property, ...] | None = None,
         composition: Composition | None = None,
         device: Device = CPU,
     ) -> None:
-        self.data, self.elements, self.composition = data, elements, composition or Whole()
-        self.sought = quantities(data) if sought is None else _of_material(data, sought)
+        self.data, self.elements, self.composition = data, elements, composition or SingleField()
+        self.properties = material_properties(data) if properties is None else _of_material(data, properties)
         self.inside = elements.inside & data.mask
-        self.space = ngs.H1(elements.mesh, order=elements.fields)
+        self.space = ngs.H1(elements.mesh, order=elements.field_order)
         self._fields = {name: self._uniform(quantity) for name, quantity in self._by_field.items()}
-        self.values = as_moduli({quantity.name: self._value(quantity) for quantity in self.sought}, ngs)
+        self.values = as_moduli({quantity.name: self._value(quantity) for quantity in self.properties}, ngs)
         """Each property of the material as a CoefficientFunction of the fields."""
-        self.squeeze = ngs.Parameter(1.0)
+        self.bulk_factor = ngs.Parameter(1.0)
         """Factor of the bulk modulus."""
         loads = [Wave(float(f)) for f in data.frequency]
         law, bulk = self._material()
@@ -76,10 +84,10 @@ class Experiment:
             elements.mesh,
             law,
             loads,
-            bulk=None if bulk is None else self.squeeze * bulk,
+            bulk=None if bulk is None else self.bulk_factor * bulk,
             density=data.density,
             form=elements.form,
-            held=elements.held,
+            held=elements.driven_boundaries,
             kinematics=AntiPlane() if data.motion == "anti_plane" else None,
             quadrature=elements.quadrature,
             device=device,
@@ -88,11 +96,11 @@ class Experiment:
         self.model = WaveModel(self.body, self._fields, data.points[self.inside])
         self.measured = data.displacement[:, self.inside]
         self.waves = self._in_elements()
-        self._made_from = data, elements, self.sought, self.composition, device
+        self._made_from = data, elements, self.properties, self.composition, device
 
     def __reduce__(self) -> tuple[Any, ...]:
         """As what it is made from, so that other processes make the same one."""
-        return Experiment, self._made_from
+        return ElastographyProblem, self._made_from
 
     def uniform(self, unknowns: Fields, level: float) -> Array:
         """x of uniform fields, moduli `level` times where they start."""
@@ -104,13 +112,13 @@ class Experiment:
         return x
 
     @property
-    def _by_field(self) -> dict[str, Quantity]:
+    def _by_field(self) -> dict[str, Property]:
         """Name of each field → the quantity that it is, or is a part of."""
-        return {name: quantity for quantity in self.sought for name in self._parts(quantity)}
+        return {name: quantity for quantity in self.properties for name in self._parts(quantity)}
 
-    def _parts(self, quantity: Quantity) -> tuple[str, ...]:
+    def _parts(self, quantity: Property) -> tuple[str, ...]:
         """Names of the fields that a quantity is made of: one number for all tissue has no parts by label."""
-        if quantity.single:
+        if quantity.is_uniform:
             return (quantity.name,)
         return tuple(field.name for field in self.composition.fields(quantity.name))
 
@@ -122,7 +130,7 @@ class Experiment:
         unknowns = {name: self._unknown(quantity) for name, quantity in self._by_field.items()}
         unknowns[BOUNDARY] = Unknown(theta[self.model.blocks[BOUNDARY]], Scaled(float(np.median(sigma))))
         fields = Fields(theta, self.model.blocks, unknowns)
-        if without_scale(self.data):
+        if has_unknown_scale(self.data):
             fields.level = self.uniform(fields, np.e) - fields.start
         return fields
 
@@ -131,14 +139,14 @@ class Experiment:
         theta = unknowns.theta(x)
         at = evaluation(self.space, self.model.points)
         maps = {}
-        for quantity in self.sought:
+        for quantity in self.properties:
             parts = {name: at @ theta[self.model.blocks[name]] for name in self._parts(quantity)}
-            found = parts[quantity.name] if quantity.single else self.composition.at_points(parts)
+            found = parts[quantity.name] if quantity.is_uniform else self.composition.point_values(parts)
             maps[quantity.name] = np.full(len(self.data.points), np.nan)
             maps[quantity.name][self.inside] = found if self.elements.nodal else quantity.transform.value(found)
         return as_moduli(maps)
 
-    def of_truth(self) -> Array | None:
+    def predict_from_truth(self) -> Array | None:
         """Waves (loads, points, dim) of the data's true properties with the measured displacements on the boundary.
 
         None where a property is not known or beyond what the fields can be, such as a loss of nothing; and of data in their own
@@ -147,27 +155,29 @@ class Experiment:
         if self.elements.nodal and not self.inside.all():
             return None
         truths = {name: np.real(values[self.inside]) for name, values in as_polar(self.data.truth_views).items()}
-        if not all(quantity.name in truths and quantity.within(truths[quantity.name]) for quantity in self.sought):
+        if not all(
+            quantity.name in truths and quantity.contains(truths[quantity.name]) for quantity in self.properties
+        ):
             return None
         unknowns = self.unknowns(np.ones(1))
         theta = unknowns.theta(unknowns.start)
         fitted = self._fit()
-        for quantity in self.sought:
+        for quantity in self.properties:
             truth = truths[quantity.name]
             field = truth if self.elements.nodal else fitted(quantity.transform.inverse(truth))
             for name in self._parts(quantity):
                 theta[self.model.blocks[name]] = field
         return self.model.evaluate(theta).data
 
-    def _value(self, quantity: Quantity) -> CoefficientFunction:
+    def _value(self, quantity: Property) -> CoefficientFunction:
         parts = {name: self._fields[name] for name in self._parts(quantity)}
-        field = parts[quantity.name] if quantity.single else self.composition.function(parts)
+        field = parts[quantity.name] if quantity.is_uniform else self.composition.function(parts)
         # Nodal values are moduli on the grid of the data; elsewhere the field is the logarithm, positive everywhere.
         return field if self.elements.nodal else quantity.transform.function(field)
 
-    def _unknown(self, quantity: Quantity) -> Unknown:
+    def _unknown(self, quantity: Property) -> Unknown:
         start, transform = self._start(quantity)
-        if not quantity.single:
+        if not quantity.is_uniform:
             return Unknown(start, transform)
         ones = self._uniform(replace(quantity, start=float(quantity.transform.value(np.array(1.0))))).vec.FV().NumPy()
         if self.elements.nodal:
@@ -175,11 +185,11 @@ class Experiment:
             return Unknown(start[:1], transform, sp.csr_array(ones[:, None]))
         return Unknown(quantity.transform.inverse(np.array([quantity.start])), transform, sp.csr_array(ones[:, None]))
 
-    def _start(self, quantity: Quantity) -> tuple[Array, Transform]:
+    def _start(self, quantity: Property) -> tuple[Array, Transform]:
         start = self._uniform(quantity).vec.FV().NumPy().copy()
         return start, quantity.transform if self.elements.nodal else Scaled()
 
-    def _uniform(self, quantity: Quantity) -> ngs.GridFunction:
+    def _uniform(self, quantity: Property) -> ngs.GridFunction:
         uniform = ngs.GridFunction(self.space)  # of a higher order not all unknowns are values
         uniform.Set(
             quantity.start if self.elements.nodal else float(quantity.transform.inverse(np.array(quantity.start)))
@@ -262,7 +272,7 @@ class Experiment:
             for k, values in enumerate(self.measured):
                 waves[k, : values.size] = values.T.ravel()
             return waves
-        every = all_measured(self.data)
+        every = measures_all_components(self.data)
         if self.data.dim == 3 and np.isfinite(self.measured).any(axis=1).sum(axis=1).min() < 2:
             wanted = "two of them at least for each load in space: there one alone tells too little"
             raise InputError("displacement", "of which one component alone is measured", wanted)
@@ -301,17 +311,17 @@ class Experiment:
         return waves
 
 
-def _of_material(data: WaveData, sought: tuple[Quantity, ...]) -> tuple[Quantity, ...]:
-    names = [quantity.name for quantity in sought if quantity.name != EXPONENT]
+def _of_material(data: WaveData, properties: tuple[Property, ...]) -> tuple[Property, ...]:
+    names = [quantity.name for quantity in properties if quantity.name != EXPONENT]
     kinds = [UNKNOWNS[kind](data, 1.0) for kind in (UNKNOWNS if data.rheology == "viscoelastic" else ("moduli",))]
     known = [[quantity.name for quantity in each] for each in kinds]
     wanted = ", or ".join(", ".join(each) for each in known)
     if "bulk" in names:
         wanted = f"{wanted}: the bulk modulus is given, as waves of shear tell next to nothing of it"
-        raise InputError("sought", "bulk", wanted)
+        raise InputError("properties", "bulk", wanted)
     if names not in known:
-        raise InputError("sought", ", ".join(names), wanted)
-    return sought
+        raise InputError("properties", ", ".join(names), wanted)
+    return properties
 
 
 def _smooth(data: WaveData) -> SmoothField:

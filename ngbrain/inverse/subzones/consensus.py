@@ -23,18 +23,18 @@ import scipy.sparse as sp
 
 from ngbrain.adjoint.reduced import Reduced, Regulariser
 from ngbrain.forward.common.solve_counts import Solves
-from ngbrain.inverse.data.quality import noise_of, overall
+from ngbrain.inverse.data.quality import noise_deviation, rms_noise
 from ngbrain.inverse.data.subset import WaveSubset
-from ngbrain.inverse.elastography.result import Inversion, concluded, row
+from ngbrain.inverse.elastography.result import Inversion, build_inversion, start_result
 from ngbrain.inverse.objective.misfit import LeastSquares
 from ngbrain.inverse.objective.regularisers import Prior
 from ngbrain.inverse.optimise.gauss_newton_cg import Iterative
 from ngbrain.inverse.optimise.regularisation_weight import Determined, Level, Policy
 from ngbrain.inverse.optimise.result import Iteration
 from ngbrain.inverse.problem.discretisation import Discretisation
-from ngbrain.inverse.problem.field_values import fields_at, fitted
-from ngbrain.inverse.problem.property_fields import composed
-from ngbrain.inverse.problem.wave_problem import Experiment
+from ngbrain.inverse.problem.field_values import field_observations, fit_field
+from ngbrain.inverse.problem.property_fields import build_composition
+from ngbrain.inverse.problem.wave_problem import ElastographyProblem
 
 Array = np.ndarray
 SURE = 0.1
@@ -61,14 +61,14 @@ class Neighbourhood:
     strength: Mapping[str, float]
 
     @property
-    def known(self) -> str:
+    def digest(self) -> str:
         """Tells it from others."""
         arrays = [*self.logarithms.values(), self.waves, self.deviation, self.foreign]
         digest = hashlib.sha256(b"".join(np.ascontiguousarray(each).tobytes() for each in arrays)).hexdigest()
         return f"{digest} {dict(self.weights)} {dict(self.strength)}"
 
 
-class Drawn:
+class ConsensusRegulariser:
     """A regulariser, and ½ Σ w_p (x(p) - v_p)² / α at points p.
 
     inner   the regulariser, of weight α
@@ -98,7 +98,7 @@ class Drawn:
 
 
 @dataclass
-class Shared(Policy):
+class SharedWeights(Policy):
     """Weights as they are, for all zones the same."""
 
     def update(
@@ -111,7 +111,7 @@ class Shared(Policy):
         return 1.0
 
 
-def invert_among(
+def invert_with_consensus(
     data: WaveSubset,
     elements: Discretisation,
     around: Neighbourhood,
@@ -128,36 +128,36 @@ def invert_among(
     are counted.
     """
     assert data.noise is not None  # `invert_by_subzones` has seen to it
-    composition = composed(data, elements, labelled)
+    composition = build_composition(data, elements, labelled)
     # Its boundary starts from the joined waves, which have less noise than the measured ones.
-    experiment = Experiment(replace(data, displacement=around.waves), elements, composition=composition)
-    experiment.model.solves = solves
-    sigma = noise_of(data, data.noise)
-    unknowns = experiment.unknowns(sigma)
+    problem = ElastographyProblem(replace(data, displacement=around.waves), elements, composition=composition)
+    problem.model.solves = solves
+    sigma = noise_deviation(data, data.noise)
+    unknowns = problem.unknowns(sigma)
     others = (around.foreign > 0.5)[:, None]
     measured = np.where(others, around.waves, data.displacement)
     deviation = np.where(others, np.clip(around.deviation, SURE * sigma, sigma), sigma)
-    misfit = LeastSquares(measured[:, experiment.inside], deviation[:, experiment.inside])
+    misfit = LeastSquares(measured[:, problem.inside], deviation[:, problem.inside])
     x, regularisers = unknowns.start.copy(), dict[str, Regulariser]()
-    for field, own, at, values in fields_at(experiment, around.logarithms):
+    for field, own, at, values in field_observations(problem, around.logarithms):
         name = field.name
         block, weight, strength = unknowns.blocks[name], around.weights[name], around.strength[field.quantity]
-        inner = prior(experiment.space, unknowns.start[block])
-        x[block] = fitted(at, values, inner, x[block])
-        regularisers[name] = Drawn(inner, at, values, strength * around.foreign[own] / weight)
+        inner = prior(problem.space, unknowns.start[block])
+        x[block] = fit_field(at, values, inner, x[block])
+        regularisers[name] = ConsensusRegulariser(inner, at, values, strength * around.foreign[own] / weight)
     weights = {name: around.weights[name] for name in regularisers}
-    problem = Reduced(experiment.model, misfit, unknowns, regularisers, weights)
-    way = Iterative(problem, Shared(), checkpoint=checkpoint, callback=callback)
+    reduced = Reduced(problem.model, misfit, unknowns, regularisers, weights)
+    way = Iterative(reduced, SharedWeights(), checkpoint=checkpoint, callback=callback)
     found = way.resume(rounds) if way.started else way.descend(x, rounds)
-    rows = [row("zones", experiment, problem, found)]
-    return concluded(
-        experiment,
+    rows = [start_result("zones", problem, reduced, found)]
+    return build_inversion(
         problem,
+        reduced,
         found,
         rows,
         "zones",
         noise=data.noise,
-        stated=overall(data, data.noise),
+        stated=rms_noise(data, data.noise),
         floor=floor,
         regulariser="smooth",
         weight="evidence",

@@ -24,7 +24,7 @@ from ngbrain.errors import ConvergenceError, InputError, NgbrainError, SolverErr
 from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.inverse.data.direct_inversion import uniform_shear
 from ngbrain.inverse.data.plausibility import check_frequency
-from ngbrain.inverse.data.quality import noise_level, total
+from ngbrain.inverse.data.quality import noise_level, total_noise
 from ngbrain.inverse.data.subset import WaveSubset
 from ngbrain.inverse.data.time_convention import check_passive
 from ngbrain.inverse.elastography.invert_3d import LEAST, ROUNDS, invert_in_space, memory_in_space
@@ -32,14 +32,14 @@ from ngbrain.inverse.elastography.result import Inversion
 from ngbrain.inverse.objective.regularisation import smooth
 from ngbrain.inverse.objective.regularisers import extent
 from ngbrain.inverse.optimise.result import Iteration
-from ngbrain.inverse.problem.discretisation import form_of
-from ngbrain.inverse.problem.property_fields import elements_on
-from ngbrain.inverse.problem.voxel_lattice import Lattice, lattice
-from ngbrain.inverse.subzones.consensus import Neighbourhood, invert_among
-from ngbrain.inverse.subzones.merge import Together, concluded
-from ngbrain.inverse.subzones.partition import FEWEST, cut, part
-from ngbrain.inverse.subzones.roughness import Rough
-from ngbrain.inverse.subzones.zone_result import Answer, told
+from ngbrain.inverse.problem.discretisation import element_form
+from ngbrain.inverse.problem.property_fields import discretise_lattice
+from ngbrain.inverse.problem.voxel_lattice import VoxelLattice, build_lattice
+from ngbrain.inverse.subzones.consensus import Neighbourhood, invert_with_consensus
+from ngbrain.inverse.subzones.merge import MergedZones, merge_inversion
+from ngbrain.inverse.subzones.partition import FEWEST, cut_zones, zone_data
+from ngbrain.inverse.subzones.roughness import Roughness
+from ngbrain.inverse.subzones.zone_result import ZoneResult, problem_digest
 from ngbrain.io.waves import WaveData
 from ngbrain.progress import log_progress, reporting
 
@@ -110,41 +110,41 @@ def invert_by_subzones(
     check_frequency(data, uniform_shear(data))
     check_passive(data)
     level, note = noise_level(data, noise)
-    cells = lattice(data, form_of(data))
-    zones = cut(data, cells, *_in_cells(data, cells, size, overlap))
+    cells = build_lattice(data, element_form(data))
+    zones = cut_zones(data, cells, *_in_cells(data, cells, size, overlap))
     if not zones:
         raise InputError("mask", "of small pieces alone", f"one of more than {FEWEST} points that touch")
-    sure = total(level, LEAST)
-    common = Common(float(np.max(np.ptp(data.points[data.mask], axis=0))), labelled, rounds, _folder(checkpoint))
-    parts = [(*part(data, zone, sure), zone.cells) for zone in zones]
+    sure = total_noise(level, LEAST)
+    common = ZoneSettings(float(np.max(np.ptp(data.points[data.mask], axis=0))), labelled, rounds, _folder(checkpoint))
+    parts = [(*zone_data(data, zone, sure), zone.cells) for zone in zones]
     names = [f"zone {i + 1} of {len(zones)}" for i in range(len(zones))]
     hear = _hearing(callback)
     tasks: list[parallel.Task] = [
         parallel.Task(name, _alone, (name, own, box, common), memory=_memory(data, box))
         for name, (own, _, box) in zip(names, parts, strict=True)
     ]
-    rough = [Rough(zone.cells, data.points[zone.points]) for zone in zones]
-    found = [Together(data, zones, rough, list(parallel.run(tasks, executor, callback=hear).values()))]
+    rough = [Roughness(zone.cells, data.points[zone.points]) for zone in zones]
+    found = [MergedZones(data, zones, rough, list(parallel.run(tasks, executor, callback=hear).values()))]
     for i in range(passes if len(zones) > 1 else 0):
         last = found[-1]
         tasks = []
-        for name, zone, answer, (own, chosen, box) in zip(names, zones, last.answers, parts, strict=True):
+        for name, zone, answer, (own, chosen, box) in zip(names, zones, last.results, parts, strict=True):
             around = _around(last, zone.points, zone.share, own, chosen)
             args = (f"{name}, pass {i + 1}", own, box, around, answer, common)
             tasks.append(parallel.Task(name, _among, args, memory=_memory(data, box)))
         found.append(
-            Together(data, zones, rough, list(parallel.run(tasks, executor, callback=hear).values()), found[0])
+            MergedZones(data, zones, rough, list(parallel.run(tasks, executor, callback=hear).values()), found[0])
         )
-    return concluded(found, cells, noise=sure, floor=LEAST, labelled=labelled, notes=[note] if note else [])
+    return merge_inversion(found, cells, noise=sure, floor=LEAST, labelled=labelled, notes=[note] if note else [])
 
 
-def _memory(data: WaveData, cells: Lattice) -> float:
+def _memory(data: WaveData, cells: VoxelLattice) -> float:
     """Bytes that a zone will take."""
     return memory_in_space(cells.form, int(cells.cells.sum()), data.frequency)
 
 
 @dataclass(frozen=True)
-class Common:
+class ZoneSettings:
     """What is the same for all zones: the body's length (m), labels, iterations, where checkpoints are."""
 
     length: float
@@ -156,7 +156,7 @@ class Common:
         """Smooth fields; with the body's length in place of the zone's, weights mean the same in all."""
         return smooth(space, reference, extent(space) / self.length)
 
-    def kept(self, name: str, problem: str, invert: Callable[[Path | None], Answer]) -> Answer:
+    def load_or_invert(self, name: str, problem: str, invert: Callable[[Path | None], ZoneResult]) -> ZoneResult:
         """A zone's answer, from its file where there is one; `invert` takes the checkpoint of its iterations."""
         try:
             if self.folder is None:
@@ -164,7 +164,7 @@ class Common:
             stem = name.replace(" ", "-").replace(",", "")
             whole, going = self.folder / f"{stem}.npz", self.folder / f"{stem}.part.npz"
             if whole.exists():
-                return Answer.load(whole, problem)
+                return ZoneResult.load(whole, problem)
             answer = invert(going)
             answer.save(whole, problem)
             going.unlink(missing_ok=True)
@@ -176,11 +176,13 @@ class Common:
             raise SolverError(f"{name}: {said}") from error
 
 
-def _alone(name: str, data: WaveSubset, cells: Lattice, common: Common, *, callback: parallel.Callback) -> Answer:
-    def invert(checkpoint: Path | None) -> Answer:
+def _alone(
+    name: str, data: WaveSubset, cells: VoxelLattice, common: ZoneSettings, *, callback: parallel.Callback
+) -> ZoneResult:
+    def invert(checkpoint: Path | None) -> ZoneResult:
         found = invert_in_space(
             data,
-            elements_on(data, cells, common.labelled),
+            discretise_lattice(data, cells, common.labelled),
             regulariser=common.prior,
             labelled=common.labelled,
             rounds=common.rounds,
@@ -188,27 +190,27 @@ def _alone(name: str, data: WaveSubset, cells: Lattice, common: Common, *, callb
             drop_outliers=False,  # by the body as a whole, if at all
             callback=_named(name, callback),
         )
-        return Answer.of(found)
+        return ZoneResult.from_inversion(found)
 
-    return common.kept(name, told(data, cells, replace(common, folder=None)), invert)
+    return common.load_or_invert(name, problem_digest(data, cells, replace(common, folder=None)), invert)
 
 
 def _among(
     name: str,
     data: WaveSubset,
-    cells: Lattice,
+    cells: VoxelLattice,
     around: Neighbourhood,
-    before: Answer,
-    common: Common,
+    before: ZoneResult,
+    common: ZoneSettings,
     *,
     callback: parallel.Callback,
-) -> Answer:
-    def invert(checkpoint: Path | None) -> Answer:
+) -> ZoneResult:
+    def invert(checkpoint: Path | None) -> ZoneResult:
         solves = Solves()
         try:
-            found = invert_among(
+            found = invert_with_consensus(
                 data,
-                elements_on(data, cells, common.labelled),
+                discretise_lattice(data, cells, common.labelled),
                 around,
                 common.prior,
                 floor=LEAST,
@@ -220,12 +222,12 @@ def _among(
             )
         except ConvergenceError:  # nothing is lower than where it starts: it has nothing new to say
             return replace(before, solves=solves)
-        return Answer.of(found)
+        return ZoneResult.from_inversion(found)
 
-    return common.kept(name, told(data, cells, replace(common, folder=None), around.known), invert)
+    return common.load_or_invert(name, problem_digest(data, cells, replace(common, folder=None), around.digest), invert)
 
 
-def _around(last: Together, points: Array, share: Array, own: WaveSubset, chosen: Array) -> Neighbourhood:
+def _around(last: MergedZones, points: Array, share: Array, own: WaveSubset, chosen: Array) -> Neighbourhood:
     """What a zone is told of the last answer; `points` are the zone's, `chosen` those of its data."""
     foreign = np.zeros(len(last.data.points))
     foreign[points] = 1 - share
@@ -259,7 +261,7 @@ def _checked(data: WaveData, size: float | None, overlap: float | None) -> None:
         raise InputError("size or overlap", "not given", "lengths in m: quasi-static data have no wave length")
 
 
-def _in_cells(data: WaveData, cells: Lattice, size: float | None, overlap: float | None) -> tuple[Array, Array]:
+def _in_cells(data: WaveData, cells: VoxelLattice, size: float | None, overlap: float | None) -> tuple[Array, Array]:
     """Size and overlap (dim,) in whole cells: a given size not exceeded, others as near as can be, an overlap at least one.
 
     Raises `InputError` where that leaves less than a cell beside the overlap, or too few points.

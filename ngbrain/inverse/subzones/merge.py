@@ -9,22 +9,34 @@ from functools import cached_property
 import numpy as np
 
 from ngbrain.forward.common.solve_counts import Solves
-from ngbrain.inverse.data.plausibility import of_frequency, of_size, of_tissue
-from ngbrain.inverse.data.quality import Relative, explaining, noise_of, overall, resolution, strain_of
+from ngbrain.inverse.data.plausibility import amplitude_notes, tissue_notes, wavelength_notes
+from ngbrain.inverse.data.quality import (
+    RelativeNoise,
+    map_resolution,
+    noise_deviation,
+    noise_for_misfit,
+    octahedral_shear_strain,
+    rms_noise,
+)
 from ngbrain.inverse.elastography.derived_maps import median_shear
-from ngbrain.inverse.elastography.identifiability import of_bulk, of_few, of_fibres, of_scale
-from ngbrain.inverse.elastography.result import Inversion, Row, of_misfit
+from ngbrain.inverse.elastography.identifiability import (
+    bulk_modulus_note,
+    fibre_notes,
+    poorly_determined_notes,
+    scale_notes,
+)
+from ngbrain.inverse.elastography.result import Inversion, StartResult, misfit_notes
 from ngbrain.inverse.objective.misfit import LeastSquares
 from ngbrain.inverse.optimise.regularisation_weight import Level
 from ngbrain.inverse.optimise.result import status_of
-from ngbrain.inverse.problem.boundary_data import driven, free_part
-from ngbrain.inverse.problem.properties import quantities
+from ngbrain.inverse.problem.boundary_data import free_boundary, mark_driven_boundary
+from ngbrain.inverse.problem.properties import material_properties
 from ngbrain.inverse.problem.property_fields import PropertyField, property_fields
-from ngbrain.inverse.problem.voxel_lattice import Lattice
-from ngbrain.inverse.subzones.global_check import level_as_one_body
-from ngbrain.inverse.subzones.partition import Zone, disagreement, joined
-from ngbrain.inverse.subzones.roughness import Rough
-from ngbrain.inverse.subzones.zone_result import Answer
+from ngbrain.inverse.problem.voxel_lattice import VoxelLattice
+from ngbrain.inverse.subzones.global_check import global_misfit
+from ngbrain.inverse.subzones.partition import Zone, disagreement, merge_values
+from ngbrain.inverse.subzones.roughness import Roughness
+from ngbrain.inverse.subzones.zone_result import ZoneResult
 from ngbrain.io.waves import WaveData
 
 Array = np.ndarray
@@ -35,19 +47,19 @@ CLOSEST = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class Together:
-    """Zones of `data`, how rough maps in each are, and an `Answer` of each; with `alone`, when they knew nothing of each other."""
+class MergedZones:
+    """Zones of `data`, how rough maps in each are, and a `ZoneResult` of each; with `alone`, those of independent zones."""
 
     data: WaveData
     zones: Sequence[Zone]
-    rough: Sequence[Rough]
-    answers: Sequence[Answer]
-    alone: Together | None = None
+    roughness: Sequence[Roughness]
+    results: Sequence[ZoneResult]
+    independent: MergedZones | None = None
 
     @cached_property
     def logarithms(self) -> dict[str, Array]:
         """Quantity → ln(value - floor) (n,), joined; NaN where no zone has one."""
-        return {name: joined(self.zones, each, len(self.data.points)) for name, each in self._own.items()}
+        return {name: merge_values(self.zones, each, len(self.data.points)) for name, each in self._own.items()}
 
     @cached_property
     def maps(self) -> dict[str, Array]:
@@ -59,7 +71,7 @@ class Together:
         """Predicted by all zones (loads, n, dim) m."""
         n, parts = len(self.data.points), []
         for i in range(self.data.dim):
-            parts.append(joined(self.zones, [answer.predicted[:, :, i] for answer in self.answers], n))
+            parts.append(merge_values(self.zones, [answer.predicted[:, :, i] for answer in self.results], n))
         return np.stack(parts, axis=-1)
 
     @cached_property
@@ -67,7 +79,7 @@ class Together:
         """Of a zone's waves, as overlaps show it (loads, 1, dim) m, real and imaginary parts each: half the rms of u_a - u_b."""
         n, loads, dim = len(self.data.points), self.data.loads, self.data.dim
         apart = [
-            [disagreement(self.zones, [answer.predicted[k, :, i] for answer in self.answers], n) for i in range(dim)]
+            [disagreement(self.zones, [answer.predicted[k, :, i] for answer in self.results], n) for i in range(dim)]
             for k in range(loads)
         ]
         return np.array(apart)[:, None] / 2
@@ -86,37 +98,37 @@ class Together:
         that of the joined one. So a rough place that several zones see counts once.
         """
         found = {}
-        for name, wanted in self.wanted.items():
-            parts = zip(self.zones, self.rough, strict=True)
+        for name, wanted in self.roughness_energy.items():
+            parts = zip(self.zones, self.roughness, strict=True)
             joint = self.logarithms[self._fields[name].quantity]
             found[name] = wanted / sum(
-                rough.of(self._where(name, zone, joint[zone.points]), zone.share) for zone, rough in parts
+                rough.compute(self._where(name, zone, joint[zone.points]), zone.share) for zone, rough in parts
             )
         return found
 
     @cached_property
-    def wanted(self) -> dict[str, float]:
+    def roughness_energy(self) -> dict[str, float]:
         """Field → Σ s_z α_z E_z, by zones that know nothing of each other."""
-        if self.alone:
-            return self.alone.wanted
+        if self.independent:
+            return self.independent.roughness_energy
         found: dict[str, float] = {}
-        for zone, rough, answer in zip(self.zones, self.rough, self.answers, strict=True):
+        for zone, rough, answer in zip(self.zones, self.roughness, self.results, strict=True):
             for name, weight in answer.weights.items():
                 own = self._logarithm(answer, self._fields[name].quantity)
-                part = float(np.mean(zone.share)) * weight * rough.of(self._where(name, zone, own))
+                part = float(np.mean(zone.share)) * weight * rough.compute(self._where(name, zone, own))
                 found[name] = found.get(name, 0.0) + part
         return found
 
     def _where(self, name: str, zone: Zone, values: Array) -> Array:
         """A zone's values of a quantity where a field of it is; NaN elsewhere."""
         labels = None if self.data.labels is None else self.data.labels[zone.points]
-        return np.where(self._fields[name].within(labels), values, np.nan)
+        return np.where(self._fields[name].mask(labels), values, np.nan)
 
     @cached_property
     def determined(self) -> dict[str, float]:
         """Field → how many numbers the data determine, each zone's by its share of the joined map."""
         found: dict[str, float] = {}
-        for zone, answer in zip(self.zones, self.answers, strict=True):
+        for zone, answer in zip(self.zones, self.results, strict=True):
             for name, number in answer.determined.items():
                 found[name] = found.get(name, 0.0) + float(np.mean(zone.share)) * number
         return found
@@ -131,27 +143,27 @@ class Together:
             found[quantity] = float(2 * numbers / known / max(off, CLOSEST) ** 2)
         return found
 
-    def row(self, name: str, noise: Relative) -> Row:
+    def start_result(self, name: str, noise: RelativeNoise) -> StartResult:
         """Misfit of the joined waves, and what zones expect of as many data."""
         measured = np.where(np.isnan(self.waves), np.nan, self.data.displacement)
-        misfit = LeastSquares(measured, noise_of(self.data, noise))
-        expected = sum(answer.expected for answer in self.answers) / sum(answer.count for answer in self.answers)
-        return Row(
+        misfit = LeastSquares(measured, noise_deviation(self.data, noise))
+        expected = sum(answer.expected for answer in self.results) / sum(answer.count for answer in self.results)
+        return StartResult(
             name=name,
             maps=self.maps,
             misfit=2 * misfit.value(np.nan_to_num(self.waves)),
             expected=misfit.count * expected,
-            value=sum(answer.value for answer in self.answers),
-            history=[each for answer in self.answers for each in answer.history],
-            cpu_s=sum(answer.history[-1].cpu_s for answer in self.answers),
-            converged=all(answer.converged for answer in self.answers),
+            value=sum(answer.value for answer in self.results),
+            history=[each for answer in self.results for each in answer.history],
+            cpu_s=sum(answer.history[-1].cpu_s for answer in self.results),
+            converged=all(answer.converged for answer in self.results),
         )
 
-    def of_all(self, name: str) -> float | None:
+    def rms_check(self, name: str) -> float | None:
         """Rms of a check over zones, by their shares; None where no zone has it."""
         pairs = [
             (float(np.sum(z.share)), a.checks[name])
-            for z, a in zip(self.zones, self.answers, strict=True)
+            for z, a in zip(self.zones, self.results, strict=True)
             if name in a.checks
         ]
         if not pairs:
@@ -161,9 +173,9 @@ class Together:
 
     @cached_property
     def _own(self) -> dict[str, list[Array]]:
-        return {name: [self._logarithm(answer, name) for answer in self.answers] for name in self._floors}
+        return {name: [self._logarithm(answer, name) for answer in self.results] for name in self._floors}
 
-    def _logarithm(self, answer: Answer, quantity: str) -> Array:
+    def _logarithm(self, answer: ZoneResult, quantity: str) -> Array:
         return np.log(answer.maps[quantity] - self._floors[quantity])
 
     @cached_property
@@ -172,25 +184,40 @@ class Together:
 
     @cached_property
     def _floors(self) -> dict[str, float]:
-        return {quantity.name: quantity.floor for quantity in quantities(self.data, 1.0)}
+        return {quantity.name: quantity.lower for quantity in material_properties(self.data, 1.0)}
 
 
-def concluded(
-    found: Sequence[Together], cells: Lattice, *, noise: Relative, floor: float, labelled: bool, notes: list[str]
+def merge_inversion(
+    found: Sequence[MergedZones],
+    cells: VoxelLattice,
+    *,
+    noise: RelativeNoise,
+    floor: float,
+    labelled: bool,
+    notes: list[str],
 ) -> Inversion:
     """The last of these answers, those before it as rows; data with less noise than `floor` are fitted as well as elements can."""
     first, last = found[0], found[-1]
-    data, answers, zones = last.data, last.answers, last.zones
+    data, answers, zones = last.data, last.results, last.zones
     names = ["zones", *(f"pass {i}" for i in range(1, len(found)))]
-    rows = [each.row(name, noise) for name, each in zip(names, found, strict=True)]
+    rows = [each.start_result(name, noise) for name, each in zip(names, found, strict=True)]
     level = Level(rows[-1].misfit, rows[-1].expected)
-    solves, effect, strain = _solves(found), last.of_all("bulk_change_over_noise"), strain_of(data, noise)
-    body = level_as_one_body(data, cells, last.logarithms, last.waves, noise, labelled, solves)
-    of_plane, combined = of_fibres(data, last.maps)
-    notes = [*notes, *_of_zones(found, level), *of_misfit(level.ratio, overall(data, noise), floor)]
-    notes += [*of_few(last.determined), *of_plane, *of_scale(data), *([] if effect is None else [of_bulk(effect)])]
+    solves, effect, strain = (
+        _solves(found),
+        last.rms_check("bulk_change_over_noise"),
+        octahedral_shear_strain(data, noise),
+    )
+    body = global_misfit(data, cells, last.logarithms, last.waves, noise, labelled, solves)
+    of_plane, combined = fibre_notes(data, last.maps)
+    notes = [*notes, *_of_zones(found, level), *misfit_notes(level.ratio, rms_noise(data, noise), floor)]
+    notes += [
+        *poorly_determined_notes(last.determined),
+        *of_plane,
+        *scale_notes(data),
+        *([] if effect is None else [bulk_modulus_note(effect)]),
+    ]
     median = median_shear(data, last.maps)
-    notes += [*of_frequency(data, median), *of_tissue(data, median), *of_size(data)]
+    notes += [*wavelength_notes(data, median), *tissue_notes(data, median), *amplitude_notes(data)]
     checks: dict[str, float | None] = {
         "misfit_over_expected": level.ratio,
         "converged": rows[-1].converged,
@@ -200,7 +227,7 @@ def concluded(
         **{f"disagreement_{name}_first": off for name, off in first.disagreement.items()},
         **{f"disagreement_{name}": off for name, off in last.disagreement.items()},
     }
-    free = free_part(driven(data, cells.mesh)[0])
+    free = free_boundary(mark_driven_boundary(data, cells.mesh)[0])
     volume = data.point_spacing**data.dim if data.grid is None else float(np.prod(data.grid.spacing))
     known = int(np.isfinite(np.sum(list(last.maps.values()), axis=0)).sum())
     sizes = [len(zone.points) for zone in zones]
@@ -208,14 +235,14 @@ def concluded(
         data=data,
         maps=last.maps,
         predicted=last.waves,
-        rows=rows,
+        starts=rows,
         chosen=names[-1],
         noise=noise,
-        noise_found=overall(data, explaining(data, noise, level.ratio)),
+        noise_found=rms_noise(data, noise_for_misfit(data, noise, level.ratio)),
         regulariser="smooth",
         weights=last.weights,
         determined=last.determined,
-        resolution=resolution(volume * known, data.dim, last.determined),
+        resolution=map_resolution(volume * known, data.dim, last.determined),
         solves=solves,
         history=[each for row in rows for each in row.history],
         model={
@@ -232,13 +259,13 @@ def concluded(
         },
         checks={name: value for name, value in checks.items() if value is not None},
         strain=strain,
-        stated=overall(data, noise),
+        stated=rms_noise(data, noise),
         warnings=notes + ([strain.note] if strain.note else []),
         status=status_of(rows[-1].converged),
     )
 
 
-def _of_zones(found: Sequence[Together], level: Level) -> list[str]:
+def _of_zones(found: Sequence[MergedZones], level: Level) -> list[str]:
     last, notes = found[-1], []
     far = {name: off for name, off in last.disagreement.items() if off > APART}
     if far:
@@ -248,15 +275,15 @@ def _of_zones(found: Sequence[Together], level: Level) -> list[str]:
     if lost.any():
         of_all = f"{int(lost.sum())} of {int(last.data.mask.sum())} points"
         notes.append(f"{of_all} have no map: they are in no element, at the border, or in pieces too small for a zone")
-    going = sum(not answer.converged for answer in last.answers)
+    going = sum(not answer.converged for answer in last.results)
     if going:
         notes.append(
-            f"{going} of {len(last.answers)} zones stopped before fields and weights had settled: the misfit of all is "
+            f"{going} of {len(last.results)} zones stopped before fields and weights had settled: the misfit of all is "
             f"{level.misfit:.4g}, expected are {level.expected:.4g}"
         )
     return notes
 
 
-def _solves(found: Sequence[Together]) -> Solves:
-    every = [asdict(answer.solves) for each in found for answer in each.answers]
+def _solves(found: Sequence[MergedZones]) -> Solves:
+    every = [asdict(answer.solves) for each in found for answer in each.results]
     return Solves(**{name: sum(each[name] for each in every) for name in every[0]})

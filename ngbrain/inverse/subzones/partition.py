@@ -16,9 +16,9 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from ngbrain.inverse.data.quality import Relative
+from ngbrain.inverse.data.quality import RelativeNoise
 from ngbrain.inverse.data.subset import WaveSubset
-from ngbrain.inverse.problem.voxel_lattice import Lattice
+from ngbrain.inverse.problem.voxel_lattice import VoxelLattice
 from ngbrain.io.waves import WaveData
 
 Array = np.ndarray
@@ -43,10 +43,12 @@ class Zone:
 
     points: Array
     share: Array
-    cells: Lattice
+    cells: VoxelLattice
 
 
-def cut(data: WaveData, cells: Lattice, size: Sequence[int] | Array, overlap: Sequence[int] | Array) -> list[Zone]:
+def cut_zones(
+    data: WaveData, cells: VoxelLattice, size: Sequence[int] | Array, overlap: Sequence[int] | Array
+) -> list[Zone]:
     """Zones of the points of the mask.
 
     size     (dim,) cells of a zone along each coordinate at most, its overlaps with neighbours included: more than `overlap`
@@ -57,8 +59,8 @@ def cut(data: WaveData, cells: Lattice, size: Sequence[int] | Array, overlap: Se
     >>> line = np.arange(19) * 2e-3
     >>> grid = np.array([[x, y, z] for z in line[:7] for y in line[:7] for x in line])
     >>> data = WaveData(grid, 1e-6 * np.ones((1, 931, 3)), [50.0], 1000.0, "isotropic", "elastic", poisson=0.49)
-    >>> cells = Lattice((np.linspace(0, 0.036, 7), *[np.linspace(0, 0.012, 3)] * 2), np.ones((6, 2, 2), bool), "P3")
-    >>> [(zone.cells.cells.shape, len(zone.points)) for zone in cut(data, cells, [4] * 3, [2] * 3)]
+    >>> cells = VoxelLattice((np.linspace(0, 0.036, 7), *[np.linspace(0, 0.012, 3)] * 2), np.ones((6, 2, 2), bool), "P3")
+    >>> [(zone.cells.cells.shape, len(zone.points)) for zone in cut_zones(data, cells, [4] * 3, [2] * 3)]
     [((4, 2, 2), 637), ((4, 2, 2), 637)]
     """
     points = data.points[data.mask]
@@ -68,15 +70,15 @@ def cut(data: WaveData, cells: Lattice, size: Sequence[int] | Array, overlap: Se
     shape, far = np.array(cells.cells.shape), np.full(data.dim, np.inf)
     touching = TOUCHING * data.point_spacing
     zones, numbers = [], np.flatnonzero(data.mask)
-    for box in _boxes(at, Box(0 * shape, shape, -far, far), np.asarray(size), np.asarray(overlap)):
-        near = box.holds(at)
+    for box in _boxes(at, ZoneBox(0 * shape, shape, -far, far), np.asarray(size), np.asarray(overlap)):
+        near = box.contains(at)
         near[near] = _in_large_pieces(points[near], touching)
         if near.any():
-            zones.append(Zone(numbers[near], box.ramps(at[near], np.asarray(overlap)), _seen(cells, box, at[near])))
+            zones.append(Zone(numbers[near], box.shares(at[near], np.asarray(overlap)), _seen(cells, box, at[near])))
     return _normed(zones, len(data.points))
 
 
-def part(data: WaveData, zone: Zone, noise: Relative | None = None) -> tuple[WaveSubset, Array]:
+def zone_data(data: WaveData, zone: Zone, noise: RelativeNoise | None = None) -> tuple[WaveSubset, Array]:
     """The zone's data, on the grid's box around them where there is one, and the points of all data that these are.
 
     Its noise is that of all data, unless another one (of all points) is given.
@@ -103,7 +105,7 @@ def part(data: WaveData, zone: Zone, noise: Relative | None = None) -> tuple[Wav
     return replace(own, dirichlet=own.dirichlet & ~free[chosen]) if free.any() else own, chosen
 
 
-def joined(zones: Sequence[Zone], values: Sequence[Array], n: int) -> Array:
+def merge_values(zones: Sequence[Zone], values: Sequence[Array], n: int) -> Array:
     """Σ share · value at each of n points (…, n), from values (…, k) of each zone; NaN where no zone has one.
 
     A zone without a value at a point (NaN) leaves it to the others.
@@ -123,12 +125,12 @@ def disagreement(zones: Sequence[Zone], values: Sequence[Array], n: int) -> floa
 
     √(Σ s_a s_b (v_a - v_b)² / Σ s_a s_b) over points and pairs a, b there.
 
-    >>> cells = Lattice((np.arange(2),) * 3, np.ones((1, 1, 1), bool), "P3")
+    >>> cells = VoxelLattice((np.arange(2),) * 3, np.ones((1, 1, 1), bool), "P3")
     >>> zones = [Zone(np.array([0, 1]), np.array([1, 0.5]), cells), Zone(np.array([1, 2]), np.array([0.5, 1]), cells)]
     >>> disagreement(zones, [np.array([1.0, 1.0]), np.array([1.5, 1.0])], 3)
     0.5
     """
-    mean = joined(zones, values, n)
+    mean = merge_values(zones, values, n)
     square, share = np.zeros(n), np.zeros(n)
     total = np.zeros(n)
     for zone, each in zip(zones, values, strict=True):
@@ -142,7 +144,7 @@ def disagreement(zones: Sequence[Zone], values: Sequence[Array], n: int) -> floa
 
 
 @dataclass(frozen=True, eq=False)
-class Box:
+class ZoneBox:
     """Cells `first` to `end` along each coordinate, the last ones left out, and the cuts that it is between, in cells."""
 
     first: Array
@@ -150,31 +152,31 @@ class Box:
     low: Array
     high: Array
 
-    def holds(self, at: Array) -> Array:
+    def contains(self, at: Array) -> Array:
         """Which points (n, dim), in cells, are in these cells or on their faces."""
         return np.all((at > self.first - ON) & (at < self.end + ON), axis=1)
 
-    def ramps(self, at: Array, overlap: Array) -> Array:
+    def shares(self, at: Array, overlap: Array) -> Array:
         """Shares of the points before all add up to 1; where other zones leave a point out, the least is all of it."""
         below = np.where(np.isinf(self.low), np.inf, at - self.first)
         above = np.where(np.isinf(self.high), np.inf, self.end - at)
         t = np.clip(np.minimum(below, above) / np.maximum(overlap, ON) + (overlap == 0), ON, 1)
         return np.prod(t**2 * (3 - 2 * t), axis=1)
 
-    def between(self, axis: int, first: int, end: int, low: float, high: float) -> Box:
+    def crop(self, axis: int, first: int, end: int, low: float, high: float) -> ZoneBox:
         """The part along an axis."""
         parts = [each.copy() for each in (self.first, self.end, self.low, self.high)]
         for part, value in zip(parts, (first, end, low, high), strict=True):
             part[axis] = value
-        return Box(*parts)
+        return ZoneBox(*parts)
 
 
-def _boxes(at: Array, box: Box, size: Array, overlap: Array) -> list[Box]:
+def _boxes(at: Array, box: ZoneBox, size: Array, overlap: Array) -> list[ZoneBox]:
     """Cuts in two until no box has more cells along a side than `size`; `at` (n, dim) are points, in cells."""
     inside = at[np.all((at > box.low) & (at < box.high), axis=1)]
     if not len(inside):
         return []
-    near = at[box.holds(at)]
+    near = at[box.contains(at)]
     first = np.maximum(box.first, np.floor(near.min(axis=0) + ON).astype(int))
     end = np.minimum(box.end, np.ceil(near.max(axis=0) - ON).astype(int))
     axis = int(np.argmax((end - first) / size))
@@ -187,14 +189,14 @@ def _boxes(at: Array, box: Box, size: Array, overlap: Array) -> list[Box]:
     before = np.mean(inside[:, axis, None] < middles, axis=0)
     i = int(np.argmin(np.abs(before - (number // 2) / number)))
     start, middle = int(starts[i]), float(middles[i])
-    left = box.between(axis, box.first[axis], start + shared, box.low[axis], middle)
-    right = box.between(axis, start, box.end[axis], middle, box.high[axis])
+    left = box.crop(axis, box.first[axis], start + shared, box.low[axis], middle)
+    right = box.crop(axis, start, box.end[axis], middle, box.high[axis])
     return _boxes(at, left, size, overlap) + _boxes(at, right, size, overlap)
 
 
-def _seen(cells: Lattice, box: Box, at: Array) -> Lattice:
+def _seen(cells: VoxelLattice, box: ZoneBox, at: Array) -> VoxelLattice:
     """The box's part of a lattice, without cells that no point `at` (n, dim) is in."""
-    part = cells.part(box.first, box.end)
+    part = cells.crop(box.first, box.end)
     edges = [np.arange(n + 1) for n in part.cells.shape]
     counts = np.histogramdd(np.clip(at - box.first, 0, np.array(part.cells.shape)), edges)[0]
     return replace(part, cells=part.cells & (counts > 0))

@@ -8,8 +8,8 @@ import scipy.sparse as sp
 
 from ngbrain.forward.common.interpolation import evaluation, inside
 from ngbrain.inverse.objective.regularisation import smooth
-from ngbrain.inverse.problem.field_values import fitted
-from ngbrain.inverse.problem.voxel_lattice import Lattice
+from ngbrain.inverse.problem.field_values import fit_field
+from ngbrain.inverse.problem.voxel_lattice import VoxelLattice
 
 Array = np.ndarray
 ORDER = 2
@@ -17,23 +17,23 @@ LEAST = 1e-9
 """Roughness (m) that is found at least: a map that is the same everywhere has none."""
 
 
-class Rough:
+class Roughness:
     """Of maps at `points` (n, 3) in the cells of a lattice.
 
     >>> line = np.linspace(0, 0.02, 6)
     >>> points = np.array([[x, y, z] for z in line for y in line for x in line])
-    >>> cells = Lattice((line[::5],) * 3, np.ones((1, 1, 1), bool), "P3")
-    >>> round(Rough(cells, points).of(100 * points[:, 0]), 6)  # slope² times volume
+    >>> cells = VoxelLattice((line[::5],) * 3, np.ones((1, 1, 1), bool), "P3")
+    >>> round(Roughness(cells, points).compute(100 * points[:, 0]), 6)  # slope² times volume
     0.08
     """
 
-    def __init__(self, cells: Lattice, points: Array) -> None:
+    def __init__(self, cells: VoxelLattice, points: Array) -> None:
         self._mesh = cells.mesh
         self._space = ngs.H1(self._mesh, order=ORDER)
         self._inside = inside(self._mesh, points)
         self._at = evaluation(self._space, points[self._inside])
 
-    def of(self, values: Array, share: Array | None = None) -> float:
+    def compute(self, values: Array, share: Array | None = None) -> float:
         """∫ s |∇m|² (m) of values (n,) of m, NaN where there is none; s a share (n,) of the space around, by default 1."""
         known = np.isfinite(values[self._inside])
         if not known.any():
@@ -48,5 +48,5 @@ class Rough:
         found = ngs.GridFunction(self._space)
         found.Set(float(np.mean(values)))
         start = found.vec.FV().NumPy().copy()
-        found.vec.FV().NumPy()[:] = fitted(at, values, smooth(self._space, start), start)
+        found.vec.FV().NumPy()[:] = fit_field(at, values, smooth(self._space, start), start)
         return found

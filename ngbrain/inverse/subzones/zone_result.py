@@ -15,14 +15,14 @@ from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.inverse.data.subset import WaveSubset
 from ngbrain.inverse.elastography.result import Inversion
 from ngbrain.inverse.optimise.result import Iteration
-from ngbrain.inverse.problem.voxel_lattice import Lattice
+from ngbrain.inverse.problem.voxel_lattice import VoxelLattice
 from ngbrain.reading import read_npz
 
 Array = np.ndarray
 
 
 @dataclass
-class Answer:
+class ZoneResult:
     """Of one zone; arrays are at the points of its mask.
 
     maps         quantity → (k,)
@@ -48,10 +48,10 @@ class Answer:
     history: list[Iteration]
 
     @staticmethod
-    def of(inversion: Inversion) -> Answer:
+    def from_inversion(inversion: Inversion) -> ZoneResult:
         """What is needed of a zone's inversion."""
-        mask, row = inversion.data.mask, inversion.rows[-1]
-        return Answer(
+        mask, row = inversion.data.mask, inversion.starts[-1]
+        return ZoneResult(
             maps={name: values[mask] for name, values in inversion.maps.items()},
             predicted=inversion.predicted[:, mask],
             weights=dict(inversion.weights),
@@ -76,7 +76,7 @@ class Answer:
         atomic_write(path, lambda part: np.savez(part, **arrays))  # type: ignore[arg-type]
 
     @staticmethod
-    def load(path: Path, problem: str) -> Answer:
+    def load(path: Path, problem: str) -> ZoneResult:
         """Read it. Raises `InputError` where it is of another problem, or no such file."""
         try:
             file = read_npz(path, "checkpoint")
@@ -90,10 +90,10 @@ class Answer:
                 "checkpoint", f"{path} of another problem", "the same data, noise and zones, or another folder"
             )
         history = [Iteration(**each) for each in rest.pop("history")]
-        return Answer(maps=maps, predicted=predicted, history=history, solves=Solves(**rest.pop("solves")), **rest)
+        return ZoneResult(maps=maps, predicted=predicted, history=history, solves=Solves(**rest.pop("solves")), **rest)
 
 
-def told(data: WaveSubset, cells: Lattice, *rest: object) -> str:
+def problem_digest(data: WaveSubset, cells: VoxelLattice, *rest: object) -> str:
     """Tells a zone's problem from others, by its arrays and whatever else it depends on."""
     parts = [data.points, data.displacement, data.mask, data.dirichlet, data.frequency, data.rms]
     parts += [*cells.planes, cells.cells]

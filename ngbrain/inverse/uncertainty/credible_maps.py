@@ -26,13 +26,13 @@ import scipy.sparse.linalg
 from ngbrain.adjoint.reduced import Point, Reduced
 from ngbrain.errors import InputError, nearest
 from ngbrain.forward.common.interpolation import evaluation
-from ngbrain.inverse.data.quality import resolution
+from ngbrain.inverse.data.quality import map_resolution
 from ngbrain.inverse.elastography.identifiability import FEW
-from ngbrain.inverse.elastography.result import End, Inversion, Row, following
+from ngbrain.inverse.elastography.result import FinalState, Inversion, StartResult, compute_derived_maps
 from ngbrain.inverse.objective.misfit import LeastSquares
 from ngbrain.inverse.objective.parameters import Fields
 from ngbrain.inverse.objective.regularisation import nodes
-from ngbrain.inverse.problem.properties import Quantity, as_moduli
+from ngbrain.inverse.problem.properties import Property, as_moduli
 from ngbrain.inverse.uncertainty.evidence import best_prior
 from ngbrain.inverse.uncertainty.interval import LEVEL, Band
 from ngbrain.inverse.uncertainty.posterior import DRAWS, LEAST, Posterior
@@ -60,9 +60,9 @@ class Uncertainty:
     """
 
     def __init__(self, found: Inversion, posterior: Posterior) -> None:
-        assert found.end is not None
-        self.found, self.data, self.experiment, self.posterior = found, found.data, found.end.experiment, posterior
-        self._sought = {quantity.name: quantity for quantity in self.experiment.sought}
+        assert found.final_state is not None
+        self.found, self.data, self.problem, self.posterior = found, found.data, found.final_state.problem, posterior
+        self._sought = {quantity.name: quantity for quantity in self.problem.properties}
 
     def band(self, name: str, level: float = LEVEL) -> Band:
         """Of a map at the points of the data (n,), NaN where they are left out; in the map's unit.
@@ -71,7 +71,7 @@ class Uncertainty:
         """
         if name not in self._sought:
             raise InputError("map", repr(name), nearest(name, self._sought))
-        band, inside, parts = self._band(self._rows[name], self._sought[name], level), self.experiment.inside, []
+        band, inside, parts = self._band(self._rows[name], self._sought[name], level), self.problem.inside, []
         for values in vars(band).values():
             parts.append(np.full(len(inside), np.nan))
             parts[-1][inside] = values
@@ -83,11 +83,11 @@ class Uncertainty:
         They interpolate: of first order at the vertices, of higher order between them too.
         Raises `InputError` for another name.
         """
-        composition = self.experiment.composition
+        composition = self.problem.composition
         known = {each.name: q for q in self._sought.values() for each in composition.fields(q.name)}
         if field not in known:
             raise InputError("field", repr(field), "one of " + ", ".join(known))
-        space, found = self.experiment.space, {}
+        space, found = self.problem.space, {}
         at = evaluation(space, nodes(space))
         fit = scipy.sparse.linalg.splu(sp.csc_array(at.T @ at))
         for name, values in vars(self._band(self._values(field, at), known[field], level)).items():
@@ -105,7 +105,7 @@ class Uncertainty:
 
         Raises `InputError` for another name, or where none of the points counts.
         """
-        inside = self.experiment.inside
+        inside = self.problem.inside
         chosen = np.ones(int(inside.sum()), bool) if where is None else np.asarray(where, bool)[inside]
         if not chosen.any():
             raise InputError("where", "no point of the map", "some that count")
@@ -122,48 +122,48 @@ class Uncertainty:
         `found` then has the maps of that prior.
         """
         found, posterior, begun = self.found, self.posterior, time.process_time()
-        assert found.end is not None
-        experiment, problem = found.end.experiment, found.end.problem
-        unknowns = problem.unknowns
-        if not (isinstance(unknowns, Fields) and unknowns.level is None and isinstance(problem.misfit, LeastSquares)):
+        assert found.final_state is not None
+        problem, reduced = found.final_state.problem, found.final_state.reduced
+        unknowns = reduced.unknowns
+        if not (isinstance(unknowns, Fields) and unknowns.level is None and isinstance(reduced.misfit, LeastSquares)):
             return self
-        at = evaluation(experiment.space, experiment.model.points)
+        at = evaluation(problem.space, problem.model.points)
         means = {name: float((at @ posterior.x[posterior.blocks[name]]).mean()) for name in posterior.held}
-        gaussian = best_prior(posterior, experiment.space, means)
+        gaussian = best_prior(posterior, problem.space, means)
         if gaussian is None:
             return self
         moved = posterior.under(gaussian.regularisers, gaussian.weights)
         determined = moved.determined
         if min(determined.values()) < FEW:  # uniform around a mean that would count as known
             return self
-        data = experiment.model.evaluate(unknowns.theta(moved.x)).data
-        before, misfit = found.chosen_row, problem.misfit.squares(data)
+        data = problem.model.evaluate(unknowns.theta(moved.x)).data
+        before, misfit = found.chosen_start, reduced.misfit.squares(data)
         if misfit > LOOSE * max(before.misfit, before.expected):
             return self
-        problem = Reduced(problem.model, problem.misfit, unknowns, gaussian.regularisers, gaussian.weights)
+        reduced = Reduced(reduced.model, reduced.misfit, unknowns, gaussian.regularisers, gaussian.weights)
         predicted = np.full_like(found.predicted, np.nan)
-        predicted[:, experiment.inside] = data
-        maps = {name: values for name, values in experiment.maps(unknowns, moved.x).items() if name in found.maps}
+        predicted[:, problem.inside] = data
+        maps = {name: values for name, values in problem.maps(unknowns, moved.x).items() if name in found.maps}
         note = (
             f"maps and error bars are those of Gaussian fields correlated over {1e3 * gaussian.length:.3g} mm, which fit the data "
             f"better than the regulariser {found.regulariser} (e^{gaussian.gain:.3g} times as probable)"
         )
-        value, last = problem.misfit.value(data) + problem.regular(moved.x), [before.history[-1]]
+        value, last = reduced.misfit.value(data) + reduced.regular(moved.x), [before.history[-1]]
         spent = time.process_time() - begun
         best = replace(
             found,
-            rows=[*found.rows, Row("gaussian", maps, misfit, before.expected, value, last, spent, True)],
+            starts=[*found.starts, StartResult("gaussian", maps, misfit, before.expected, value, last, spent, True)],
             chosen="gaussian",
             maps=maps,
             predicted=predicted,
             regulariser="matern",
             weights=dict(gaussian.weights),
             determined=determined,
-            resolution=resolution(ngs.Integrate(ngs.CF(1), experiment.body.mesh), found.data.dim, determined),
+            resolution=map_resolution(ngs.Integrate(ngs.CF(1), problem.body.mesh), found.data.dim, determined),
             checks={**found.checks, "misfit_over_expected": misfit / before.expected},
             warnings=[*found.warnings, note],
             status=Status.CONVERGED,
-            end=End(experiment, problem, moved.x),
+            final_state=FinalState(problem, reduced, moved.x),
         )
         return Uncertainty(best, moved)
 
@@ -186,7 +186,7 @@ class Uncertainty:
         labels = self.data.labels
         if labels is None:
             return {}
-        numbers = [int(label) for label in np.unique(labels[self.experiment.inside])]
+        numbers = [int(label) for label in np.unique(labels[self.problem.inside])]
         return {name: {label: self.mean(name, labels == label) for label in numbers} for name in self.found.maps}
 
     def arrays(self) -> dict[str, Array]:
@@ -214,32 +214,32 @@ class Uncertainty:
 
     def _following(self, level: float = LEVEL) -> dict[str, Band]:
         """Of other maps that are given, point by point from `DRAWS` draws, by parts of the points as many draws are large."""
-        x, inside = self.posterior.draws(DRAWS).T, np.flatnonzero(self.experiment.inside)
+        x, inside = self.posterior.draws(DRAWS).T, np.flatnonzero(self.problem.inside)
         tails = (1 - level) / 2, (1 + level) / 2
-        middle = {**self.found.maps, **self.found.following}
-        found = {name: np.full((4, len(self.experiment.inside)), np.nan) for name in middle if name not in self._sought}
+        middle = {**self.found.maps, **self.found.derived_maps}
+        found = {name: np.full((4, len(self.problem.inside)), np.nan) for name in middle if name not in self._sought}
         for part in np.array_split(np.arange(len(inside)), -(-len(inside) // PART)):
             drawn = {name: q.transform.value(self._rows[name][part] @ x) for name, q in self._sought.items()}
             maps = as_moduli(drawn)
-            values = {**maps, **following(self.data, maps)}
+            values = {**maps, **compute_derived_maps(self.data, maps)}
             for name, band in found.items():
                 own = inside[part]
                 band[0, own], band[1, own] = middle[name][own], values[name].std(axis=1)
                 band[2:, own] = np.quantile(values[name], tails, axis=1)
         return {name: Band(*band) for name, band in found.items()}
 
-    def _band(self, rows: sp.csr_array, quantity: Quantity, level: float) -> Band:
+    def _band(self, rows: sp.csr_array, quantity: Property, level: float) -> Band:
         deviation = np.sqrt(self.posterior.variance(rows))
         return Band.of(rows @ self.posterior.x, deviation, quantity.transform, level)
 
     @cached_property
     def _rows(self) -> dict[str, sp.csr_array]:
         """Quantity → the matrix from x to its variable (ln of it, say) at the points inside."""
-        at = evaluation(self.experiment.space, self.experiment.model.points)
-        one, composition, rows = np.ones(at.shape[0]), self.experiment.composition, {}
+        at = evaluation(self.problem.space, self.problem.model.points)
+        one, composition, rows = np.ones(at.shape[0]), self.problem.composition, {}
         for quantity in self._sought:
             names = [field.name for field in composition.fields(quantity)]
-            shares = {name: composition.at_points({each: one * (each == name) for each in names}) for name in names}
+            shares = {name: composition.point_values({each: one * (each == name) for each in names}) for name in names}
             parts = [self._values(name, sp.csr_array(sp.diags_array(share) @ at)) for name, share in shares.items()]
             rows[quantity] = sp.csr_array(sum(parts[1:], parts[0]))
         return rows
@@ -277,11 +277,11 @@ def uncertainty(found: Inversion, least: float = LEAST, prior: str = "best") -> 
 
 def products_of(found: Inversion) -> int:
     """About how many Gauss-Newton products `uncertainty` takes, see there; `InputError` for an inversion of zones or slices."""
-    if found.end is None:
+    if found.final_state is None:
         raise InputError("found", "an inversion of zones or slices", "one of a single body")
-    unknowns, held = found.end.problem.unknowns.blocks, found.end.problem.regularisers
+    unknowns, held = found.final_state.reduced.unknowns.blocks, found.final_state.reduced.regularisers
     loose = sum(block.stop - block.start for name, block in unknowns.items() if name not in held)
-    informed = min(len(found.end.x) - loose, EIGENVALUES * sum(found.determined.values()) + BLOCK)
+    informed = min(len(found.final_state.x) - loose, EIGENVALUES * sum(found.determined.values()) + BLOCK)
     return round(loose + 2 * informed)
 
 
@@ -298,8 +298,8 @@ def expected_seconds(found: Inversion) -> float:
 
 def _ended(found: Inversion) -> Point:
     """Where an inversion ended, at the weights that it ended with."""
-    if found.end is None:
+    if found.final_state is None:
         raise InputError("found", "an inversion of zones or slices", "one of a single body")
-    problem = found.end.problem
-    same = Reduced(problem.model, problem.misfit, problem.unknowns, problem.regularisers, found.weights)
-    return same.evaluate(found.end.x)
+    reduced = found.final_state.reduced
+    same = Reduced(reduced.model, reduced.misfit, reduced.unknowns, reduced.regularisers, found.weights)
+    return same.evaluate(found.final_state.x)

@@ -9,8 +9,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ngbrain.inverse.elastography.derived_maps import FOLLOWING, at_level
-from ngbrain.inverse.problem.discretisation import without_scale
+from ngbrain.inverse.elastography.derived_maps import DERIVED, scale_to_truth
+from ngbrain.inverse.problem.discretisation import has_unknown_scale
 from ngbrain.io.waves import WaveData
 from ngbrain.report.pages import parameters
 from ngbrain.report.pages.page import write_page
@@ -102,13 +102,13 @@ def maps(result: Mapping[str, Any], data: WaveData, arrays: Mapping[str, Floats]
     names = list(result["answers"])
     rows = [(name, plane) for name in names for plane in flat]
     known = any(name in truths for name in names)
-    first = "estimate, at the truth's level" if without_scale(data) else "estimate"
+    first = "estimate, at the truth's level" if has_unknown_scale(data) else "estimate"
     titles = (first, "truth", "difference (%)") if known else ("estimate",)
 
     def looks(row: int) -> list[tuple[dict[str, Any], Floats]]:
         name = rows[row][0]
         factor = PARAMETERS[name].factor
-        estimate = factor * at_level(data, name, arrays[name])
+        estimate = factor * scale_to_truth(data, name, arrays[name])
         if name not in truths:
             return [(window(MODULUS, estimate), estimate)]
         truth = np.where(data.mask, factor * np.real(truths[name]), np.nan)
@@ -139,7 +139,7 @@ def intervals(result: Mapping[str, Any], data: WaveData, arrays: Mapping[str, Fl
 
 def following(arrays: Mapping[str, Floats], flat: Sequence[Plane]) -> bytes:
     """What follows from the complex shear modulus."""
-    names = [name for name in FOLLOWING if np.nanmax(np.abs(arrays[name])) > 0]
+    names = [name for name in DERIVED if np.nanmax(np.abs(arrays[name])) > 0]
     titles = [PARAMETERS[name].label for name in names]
 
     def looks(row: int) -> list[tuple[dict[str, Any], Floats]]:

@@ -8,7 +8,7 @@ from planewaves import grid, shear_waves, waves
 from spoiled import spoiled
 
 from ngbrain.errors import InputError
-from ngbrain.inverse.data.outliers import cleaned, without_outliers
+from ngbrain.inverse.data.outliers import remove_outliers, screen_outliers
 from ngbrain.inverse.phantoms.benchmark import Phantom
 
 G = 2000 + 800j
@@ -19,7 +19,7 @@ def test_they_are_found_and_nothing_else_is(shape):
     points = grid(*shape)
     data = waves(points, shear_waves(points, G)).with_noise(0.01, seed=1)
     bad, where = spoiled(data, 0.03, 0.5, seed=2)
-    found = np.isnan(without_outliers(bad).displacement)
+    found = np.isnan(remove_outliers(bad).displacement)
     assert found[:, ~where].mean() < 0.003
     assert found[:, where].mean() > 0.9  # some are as small as noise is
 
@@ -32,20 +32,20 @@ def test_errors_side_by_side_do_not_hide_each_other(row, column, shape):
     patch = np.arange(480).reshape(20, 24)[row : row + shape[0], column : column + shape[1]].ravel()
     u = data.displacement.copy()
     u[:, patch] += 2 * data.rms.max()
-    found = np.isnan(without_outliers(replace(data, displacement=u)).displacement)
+    found = np.isnan(remove_outliers(replace(data, displacement=u)).displacement)
     assert found[:, patch].all() and found.sum() == found[:, patch].sum()
 
 
 def test_where_moduli_jump_nearly_all_stays():
     data = Phantom.named("CV-B").measured(0.01).data()
-    assert np.isnan(without_outliers(data).displacement).mean() < 2e-3
+    assert np.isnan(remove_outliers(data).displacement).mean() < 2e-3
 
 
 def test_of_good_data_every_datum_stays():
     points = grid(24, 20)
     for noise in (0.0, 0.02):
         data = waves(points, shear_waves(points, G)).with_noise(noise, seed=1)
-        np.testing.assert_array_equal(without_outliers(data).displacement, data.displacement)
+        np.testing.assert_array_equal(remove_outliers(data).displacement, data.displacement)
 
 
 def test_what_is_off_by_less_than_noise_ever_is_stays():
@@ -54,13 +54,13 @@ def test_what_is_off_by_less_than_noise_ever_is_stays():
     u = data.displacement.copy()
     u[0, 100, 0] += 1e-3 * data.rms[0, 0, 0]
     bent = replace(data, displacement=u)
-    np.testing.assert_array_equal(without_outliers(bent).displacement, u)
+    np.testing.assert_array_equal(remove_outliers(bent).displacement, u)
 
 
 def test_scattered_points(rng):
     points = rng.uniform(0, 0.05, (500, 2))
     bad, where = spoiled(waves(points, shear_waves(points, G)).with_noise(0.01, seed=1), 0.02, 1.0, seed=2)
-    found = np.isnan(without_outliers(bad).displacement)
+    found = np.isnan(remove_outliers(bad).displacement)
     assert found[:, where].mean() > 0.8 and found[:, ~where].mean() < 0.01
 
 
@@ -70,17 +70,17 @@ def test_what_is_not_measured_or_outside_stays_as_it_is():
     u, mask = data.displacement.copy(), points[:, 0] > 4e-3
     u[:, :, 1] = np.nan
     u[0, 0, 0] = 1e-3
-    found = without_outliers(replace(data, displacement=u, mask=mask, dirichlet=None))
+    found = remove_outliers(replace(data, displacement=u, mask=mask, dirichlet=None))
     np.testing.assert_array_equal(found.displacement, u)
 
 
 def test_too_few_points_to_tell_errors_by():
     """9 × 9 points of exact waves: the smallest spline misses 14 of 162 displacements."""
-    left, notes = cleaned(Phantom.named("CV-G", 9).measured(0.0).data())
+    left, notes = screen_outliers(Phantom.named("CV-G", 9).measured(0.0).data())
     assert left.measured.all() and "too few points" in notes[0]
 
 
 def test_bad_input():
     points = grid(20, 20)
     with pytest.raises(InputError, match="far is 0"):
-        without_outliers(waves(points, shear_waves(points, G)), far=0)
+        remove_outliers(waves(points, shear_waves(points, G)), far=0)

@@ -7,9 +7,9 @@ import pytest
 from planewaves import grid, shear_waves, waves
 
 from ngbrain.errors import InputError
-from ngbrain.inverse.data.plausibility import of_frequency
+from ngbrain.inverse.data.plausibility import wavelength_notes
 from ngbrain.inverse.elastography.invert import invert
-from ngbrain.inverse.problem.properties import unknowns_of
+from ngbrain.inverse.problem.properties import select_properties
 from ngbrain.inverse.subzones.invert import invert_by_subzones
 
 
@@ -23,7 +23,7 @@ def shaken(shear, frequency, said=None, shape=(16, 16), spacing=2e-3):
 def test_a_frequency_in_other_units_is_refused(shape, said, size, unit):
     """60 Hz in thousandths or as thousands: 3 kPa, waves of 28.9 mm, become 3 GPa or 3 mPa."""
     with pytest.raises(InputError) as error:
-        unknowns_of(shaken(3e3, 60.0, said, shape), "moduli")
+        select_properties(shaken(3e3, 60.0, said, shape), "moduli")
     found = re.fullmatch(
         r"frequency is (\S+), so that waves of (\S+) mm mean a shear modulus of (\S+) (\S+); wanted: .*",
         str(error.value),
@@ -42,7 +42,7 @@ def test_data_as_fast_as_kilohertz_are_more_points_than_a_wave():
     points = grid(16, 16)
     random = np.random.default_rng(0).normal(size=(1, 256, 2)) * 1e-6
     with pytest.raises(InputError, match=r"^frequency is 60000"):
-        unknowns_of(waves(points, random, (60e3,)), "moduli")
+        select_properties(waves(points, random, (60e3,)), "moduli")
 
 
 @pytest.mark.parametrize(
@@ -55,7 +55,7 @@ def test_data_as_fast_as_kilohertz_are_more_points_than_a_wave():
     ],
 )
 def test_what_is_said_of_a_frequency(shear, frequency, words):
-    notes = of_frequency(shaken(3e3, 60.0, frequency), shear)
+    notes = wavelength_notes(shaken(3e3, 60.0, frequency), shear)
     assert len(notes) == len(words) and all(word in note for word, note in zip(words, notes, strict=True))
 
 

@@ -6,7 +6,13 @@ from planewaves import grid, relative, shear_waves, wave_number, waves
 from regridded import rotation
 
 from ngbrain.errors import InputError
-from ngbrain.inverse.data.smoothing import LeastSquaresField, SplineField, fit_splines, moving_least_squares, smoothed
+from ngbrain.inverse.data.smoothing import (
+    LeastSquaresField,
+    SplineField,
+    fit_smooth_field,
+    fit_splines,
+    moving_least_squares,
+)
 
 G = 2000 + 800j
 
@@ -54,7 +60,7 @@ def test_splines_have_the_derivatives_of_polynomials(shape, turned, rng):
     if turned:
         matrix = rotation(25.0, np.array([0.0, 0, 1]) if len(shape) == 2 else np.array([1.0, 2, -1]))
         points = 0.01 + points @ matrix[: len(shape), : len(shape)].T
-    field = smoothed(waves(points, cubic(points)[0]))
+    field = fit_smooth_field(waves(points, cubic(points)[0]))
     assert isinstance(field, SplineField)
     assert_cubic(field, points, 1e-8)
     assert field.hessian() == pytest.approx(field.hessian(points + 1e-12), abs=1e-6)  # on the grid as anywhere
@@ -65,7 +71,7 @@ def test_splines_have_the_derivatives_of_polynomials(shape, turned, rng):
 @pytest.mark.parametrize("d", [2, 3])
 def test_moving_least_squares_have_the_derivatives_of_polynomials(d, rng):
     points = rng.uniform(0, 0.05, (500, d))
-    field = smoothed(waves(points, cubic(points)[0]))
+    field = fit_smooth_field(waves(points, cubic(points)[0]))
     assert isinstance(field, LeastSquaresField)
     assert_cubic(field, rng.uniform(0.005, 0.045, (30, d)), 1e-8)
     with pytest.raises(InputError, match="orders"):

@@ -50,7 +50,7 @@ def test_the_modulus_is_that_of_the_definitions_in_either_unit(files, scale, uni
     points = np.array([[-6e-3, 0, 10e-3], [6e-3, 2e-3, 8e-3]])
     for given in (unit, None):
         found = read_stiffness(*files(scale), given)
-        np.testing.assert_allclose(found.at(points), [MODULUS, 2 * MODULUS], rtol=1e-6)
+        np.testing.assert_allclose(found.interpolate(points), [MODULUS, 2 * MODULUS], rtol=1e-6)
         assert unit in found.note.split() or f"for {unit} by its size" in found.note
         assert ("by its size" in found.note) == (given is None)
     known = ~np.isnan(found.modulus)
@@ -85,8 +85,10 @@ def test_maps_off_the_head_are_refused_and_follow_a_registration(files):
     away = np.eye(4)
     away[:3, 3] = 0.05, -0.03, 0.1
     with pytest.raises(InputError, match="map is without a value at 100% of the body"):
-        found.at(points + away[:3, 3])
-    np.testing.assert_allclose(found.moved(away).at(points + away[:3, 3]), found.at(points), rtol=1e-6)
+        found.interpolate(points + away[:3, 3])
+    np.testing.assert_allclose(
+        found.transform(away).interpolate(points + away[:3, 3]), found.interpolate(points), rtol=1e-6
+    )
 
 
 def test_the_soft_rim_of_a_mean_counts_as_not_measured(files, tmp_path):
@@ -97,15 +99,15 @@ def test_the_soft_rim_of_a_mean_counts_as_not_measured(files, tmp_path):
     found = read_stiffness(write(tmp_path / "rim.nii.zip", values), damping)
     assert np.isnan(found.modulus[10, 10, 10]) and "below 300 Pa, count as not measured" in found.note
     middle = found.stiffness.to_world(np.array([[10, 10, 10], [9, 10, 10]]))
-    assert found.at(middle).real.min() > 1900
+    assert found.interpolate(middle).real.min() > 1900
 
 
 def test_fields_over_a_mesh_are_the_values_at_its_quadrature_points(files):
     found = read_stiffness(*files())
     mesh = block((0.01, 0.01, 0.01), 0.005)
     _, points = quadrature_points(mesh, 3)
-    storage, loss = found.over(mesh, 3)
-    np.testing.assert_allclose(storage.vec.FV().NumPy() + 1j * loss.vec.FV().NumPy(), found.at(points))
+    storage, loss = found.quadrature_fields(mesh, 3)
+    np.testing.assert_allclose(storage.vec.FV().NumPy() + 1j * loss.vec.FV().NumPy(), found.interpolate(points))
     rule = ngs.dx(intrules=storage.space.GetIntegrationRules())
     assert float(ngs.Integrate(loss * rule, mesh) / ngs.Integrate(storage * rule, mesh)) == pytest.approx(
         2 * XI, rel=1e-5

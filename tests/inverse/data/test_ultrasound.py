@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pressed import CONTRAST, ball, compression, contrast, plane
 
-from ngbrain.inverse.data.ultrasound import BALL, is_tracked, least_error
+from ngbrain.inverse.data.ultrasound import BALL, is_tracked, minimum_model_error
 from ngbrain.inverse.elastography.invert import invert
 
 
@@ -35,7 +35,7 @@ def test_rigid_motion_is_no_reason_for_larger_errors(pressed):
     moved = pressed.displacement.copy()
     moved[:, :, 1] += 1e-3 - 0.02 * pressed.points[:, 0]
     far = replace(pressed, displacement=moved)
-    absolute = [least_error(data) * data.rms[0, 0, 1] for data in (pressed, far)]
+    absolute = [minimum_model_error(data) * data.rms[0, 0, 1] for data in (pressed, far)]
     assert absolute[1] == pytest.approx(absolute[0], rel=1e-6)
 
 

@@ -5,7 +5,14 @@ import pytest
 from planewaves import grid, shear_waves, waves
 
 from ngbrain.errors import InputError
-from ngbrain.inverse.elastography.derived_maps import answers, by_label, derived, of_shear, relative_l2_error, spread
+from ngbrain.inverse.elastography.derived_maps import (
+    map_statistics,
+    maps_from_shear,
+    median_and_iqr,
+    parameters_from_shear,
+    relative_l2_error,
+    statistics_by_label,
+)
 from ngbrain.materials.modulus import of_stiffness
 
 
@@ -13,7 +20,7 @@ from ngbrain.materials.modulus import of_stiffness
     ("shear", "stiffness", "ratio"), [(1000 + 500j, 1180, 0.25), (2700 + 1200j, 3088, 0.22), (3000 + 2000j, 3936, 0.33)]
 )
 def test_maps_that_follow_from_a_modulus(shear, stiffness, ratio):
-    maps = derived(np.array([shear]))
+    maps = maps_from_shear(np.array([shear]))
     assert maps["stiffness"][0] == pytest.approx(stiffness, abs=0.5) and maps["damping_ratio"][0] == pytest.approx(
         ratio, abs=4e-3
     )
@@ -23,7 +30,7 @@ def test_maps_that_follow_from_a_modulus(shear, stiffness, ratio):
 
 def test_a_modulus_from_its_stiffness_and_damping_ratio():
     shear = np.array([1000 + 500j, 2700 + 1200j, 3000 + 0j, 2000 + 3000j])
-    maps = derived(shear)
+    maps = maps_from_shear(shear)
     assert of_stiffness(maps["stiffness"], maps["damping_ratio"]) == pytest.approx(shear, rel=1e-12)
     assert np.isnan(of_stiffness(np.array([2600.0, np.nan]), np.array([0.2, 0.2]))).tolist() == [False, True]
     for stiffness, ratio, name in ((-1.0, 0.2, "stiffness"), (2600.0, [-0.1], "damping_ratio")):
@@ -33,8 +40,8 @@ def test_a_modulus_from_its_stiffness_and_damping_ratio():
 
 def test_medians_are_of_what_is_there():
     values = np.array([1.0, 2, 3, 4, np.nan, 100])
-    assert spread(values) == {"median": 3.0, "iqr": 2.0} and spread(values[4:5]) == {}
-    assert by_label(values, np.array([1, 1, 1, 2, 3, 0])) == {
+    assert median_and_iqr(values) == {"median": 3.0, "iqr": 2.0} and median_and_iqr(values[4:5]) == {}
+    assert statistics_by_label(values, np.array([1, 1, 1, 2, 3, 0])) == {
         0: {"median": 100.0, "iqr": 0.0},
         1: {"median": 2.0, "iqr": 1.0},
         2: {"median": 4.0, "iqr": 0.0},
@@ -47,16 +54,16 @@ def test_answers_count_the_mask_and_know_the_truth():
     mask = points[:, 1] < 0.011
     data = waves(points, shear_waves(points, 2000), mask=mask, truth={"shear": true})
     found = np.where(mask, 1.2 * true.real - 1j * true.imag, np.nan)
-    given = answers(data, of_shear(data, found))
+    given = map_statistics(data, parameters_from_shear(data, found))
     assert given["storage"]["relative_l2_error"] == pytest.approx(0.2) and given["loss"][
         "relative_l2_error"
     ] == pytest.approx(2)
     assert given["storage"]["median"] == pytest.approx(np.median(1.2 * true.real[mask]))
     holes = np.where(points[:, 0] > 0, found, np.nan)
-    assert "relative_l2_error" not in answers(data, of_shear(data, holes))["storage"]
+    assert "relative_l2_error" not in map_statistics(data, parameters_from_shear(data, holes))["storage"]
     assert relative_l2_error(holes, true) == np.inf
     blind = waves(points, shear_waves(points, 2000))
-    assert list(answers(blind, {"mu": true.real})["mu"]) == ["median", "iqr"]
+    assert list(map_statistics(blind, {"mu": true.real})["mu"]) == ["median", "iqr"]
 
 
 def test_elastic_data_answer_with_youngs_modulus():
@@ -64,11 +71,11 @@ def test_elastic_data_answer_with_youngs_modulus():
     by_ratio = waves(
         points, shear_waves(points, 2000), rheology="elastic", poisson=0.3, truth={"youngs": np.full(25, 2600.0)}
     )
-    assert answers(by_ratio, of_shear(by_ratio, np.full(25, 1000 + 0j)))["youngs"][
+    assert map_statistics(by_ratio, parameters_from_shear(by_ratio, np.full(25, 1000 + 0j)))["youngs"][
         "relative_l2_error"
     ] == pytest.approx(0)
     by_bulk = waves(points, shear_waves(points, 2000), rheology="elastic", poisson=None, bulk=1e4)
-    assert of_shear(by_bulk, np.full(25, 3e3 + 0j))["youngs"] == pytest.approx(9e4 * 3e3 / 3.3e4)
+    assert parameters_from_shear(by_bulk, np.full(25, 3e3 + 0j))["youngs"] == pytest.approx(9e4 * 3e3 / 3.3e4)
 
 
 def test_wrong_names_and_shapes_are_named():
@@ -80,7 +87,7 @@ def test_wrong_names_and_shapes_are_named():
         ({"loss": 1j * np.ones(25)}, "real"),
     ):
         with pytest.raises(InputError, match=says):
-            answers(data, found)
+            map_statistics(data, found)
     fibres = waves(points, shear_waves(points, 2000), symmetry="transversely_isotropic", fibre=[1.0, 0.0])
     with pytest.raises(InputError, match="symmetry"):
-        of_shear(fibres, np.ones(25))
+        parameters_from_shear(fibres, np.ones(25))

@@ -10,17 +10,17 @@ from simulated import waves
 from ngbrain.errors import InputError
 from ngbrain.inverse.elastography.identifiability import (
     bulk_effect,
-    moduli_of_fibres,
-    of_bulk,
-    of_few,
-    of_fibres,
-    of_scale,
+    bulk_modulus_note,
+    fibre_notes,
+    fibre_shear_moduli,
+    poorly_determined_notes,
+    scale_notes,
 )
 from ngbrain.inverse.elastography.invert import invert
 from ngbrain.inverse.phantoms.benchmark import Phantom
-from ngbrain.inverse.problem.discretisation import in_elements
-from ngbrain.inverse.problem.properties import Quantity, quantities
-from ngbrain.inverse.problem.wave_problem import Experiment
+from ngbrain.inverse.problem.discretisation import discretise
+from ngbrain.inverse.problem.properties import Property, material_properties
+from ngbrain.inverse.problem.wave_problem import ElastographyProblem
 from ngbrain.materials import TransverselyIsotropic
 from ngbrain.mesh.geometry.structured import rectangles
 
@@ -28,7 +28,7 @@ from ngbrain.mesh.geometry.structured import rectangles
 def effect(bulk_over_shear, noise=0.02):
     """Of 10 % more bulk modulus on waves at the true moduli."""
     data = replace(waves(n=9), bulk=5e3 * bulk_over_shear)
-    experiment = Experiment(data, in_elements(data))
+    experiment = ElastographyProblem(data, discretise(data))
     unknowns = experiment.unknowns(np.ones(1))
     theta = unknowns.theta(unknowns.start)
     before = experiment.model.evaluate(theta).data
@@ -61,11 +61,11 @@ def test_an_inversion_tells():
 
 def test_it_is_not_looked_for():
     data = waves(n=9)
-    with pytest.raises(InputError, match=r"sought is bulk.*given"):
-        Experiment(data, in_elements(data), (*quantities(data, 5e3), Quantity("bulk", 2e4)))
-    with pytest.raises(InputError, match=r"sought is youngs; wanted: storage, loss"):
-        Experiment(data, in_elements(data), (Quantity("youngs", 1e4),))
-    assert "bulk" in of_bulk(0.5) and of_bulk(0.5) != of_bulk(2.0)
+    with pytest.raises(InputError, match=r"properties is bulk.*given"):
+        ElastographyProblem(data, discretise(data), (*material_properties(data, 5e3), Property("bulk", 2e4)))
+    with pytest.raises(InputError, match=r"properties is youngs; wanted: storage, loss"):
+        ElastographyProblem(data, discretise(data), (Property("youngs", 1e4),))
+    assert "bulk" in bulk_modulus_note(0.5) and bulk_modulus_note(0.5) != bulk_modulus_note(2.0)
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.4, 1.3])
@@ -86,25 +86,28 @@ def test_two_moduli_are_all_that_isochoric_strain_meets(angle, rng):
 
 def test_moduli_of_fibres():
     maps = {"mu": np.full(4, 2e3), "zeta": np.full(4, 0.5), "phi": np.full(4, 0.2)}
-    found = moduli_of_fibres(maps)
+    found = fibre_shear_moduli(maps)
     assert found["shear_along"] == pytest.approx(2400) and found["shear_stretch"] == pytest.approx(3000)
-    lossy = moduli_of_fibres({"storage": np.full(4, 2e3), **{name: maps[name] for name in ("zeta", "phi")}})
+    lossy = fibre_shear_moduli({"storage": np.full(4, 2e3), **{name: maps[name] for name in ("zeta", "phi")}})
     assert lossy["shear_along"] == pytest.approx(2400)
-    assert moduli_of_fibres({"storage": np.ones(3)}) == {} == moduli_of_fibres({"mu": np.ones(3)})
+    assert fibre_shear_moduli({"storage": np.ones(3)}) == {} == fibre_shear_moduli({"mu": np.ones(3)})
 
 
 def test_fibres_are_told_with_errors_where_the_truth_is_known():
     data = waves("transversely_isotropic", "elastic", n=9)
     maps = {name: np.real(values) for name, values in data.truth_views.items()}
     maps["mu"] = 1.1 * maps["mu"]
-    notes, errors = of_fibres(data, maps)
+    notes, errors = fibre_notes(data, maps)
     assert errors == pytest.approx({"shear_along": 0.1, "shear_stretch": 0.1}) and "off by 10 %" in notes[0]
-    notes, errors = of_fibres(replace(data, truth={}), maps)
+    notes, errors = fibre_notes(replace(data, truth={}), maps)
     assert not errors and "off by" not in notes[0]
-    assert of_fibres(waves(n=9), {"storage": np.ones(81)}) == ([], {})
+    assert fibre_notes(waves(n=9), {"storage": np.ones(81)}) == ([], {})
 
 
 def test_few_numbers_and_no_scale():
-    assert len(of_few({"mu": 40.0, "phi": 0.2})) == 1 and "0.2 numbers of phi" in of_few({"phi": 0.2})[0]
+    assert (
+        len(poorly_determined_notes({"mu": 40.0, "phi": 0.2})) == 1
+        and "0.2 numbers of phi" in poorly_determined_notes({"phi": 0.2})[0]
+    )
     still = replace(waves(n=9), frequency=np.zeros(2), bulk=None, poisson=0.4)
-    assert of_scale(still) and not of_scale(waves(n=9))
+    assert scale_notes(still) and not scale_notes(waves(n=9))

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from ngbrain.errors import InputError
-from ngbrain.inverse.elastography.initial_guess import at_maps
+from ngbrain.inverse.elastography.initial_guess import unknowns_from_maps
 from ngbrain.inverse.elastography.invert import invert
 from ngbrain.inverse.phantoms.benchmark import Phantom
-from ngbrain.inverse.problem.discretisation import as_made, in_elements
-from ngbrain.inverse.problem.properties import polar
-from ngbrain.inverse.problem.property_fields import composed
-from ngbrain.inverse.problem.wave_problem import Experiment
+from ngbrain.inverse.problem.discretisation import discretise, original_discretisation
+from ngbrain.inverse.problem.properties import polar_properties
+from ngbrain.inverse.problem.property_fields import build_composition
+from ngbrain.inverse.problem.wave_problem import ElastographyProblem
 
 NOISE = 0.01
 
@@ -23,16 +23,16 @@ def data():
     return Phantom.named("CV-G", 15).measured(NOISE).data()
 
 
-@pytest.mark.parametrize("elements", [as_made, in_elements], ids=["their own", "ours"])
-@pytest.mark.parametrize("sought", [None, polar], ids=["moduli", "polar"])
+@pytest.mark.parametrize("elements", [original_discretisation, discretise], ids=["their own", "ours"])
+@pytest.mark.parametrize("sought", [None, polar_properties], ids=["moduli", "polar"])
 def test_fields_have_the_values_of_the_maps(data, elements, sought):
-    experiment = Experiment(data, elements(data), sought and sought(data))
+    experiment = ElastographyProblem(data, elements(data), sought and sought(data))
     unknowns = experiment.unknowns(np.ones(1))
     truth = data.truth_views
     gaps = {
         name: np.where(np.arange(225) == 112, np.nan, values) for name, values in truth.items()
     }  # the middle is not known
-    found = experiment.maps(unknowns, at_maps(experiment, unknowns, gaps))
+    found = experiment.maps(unknowns, unknowns_from_maps(experiment, unknowns, gaps))
     for name, values in truth.items():
         off = np.abs(found[name] / values - 1)
         assert np.delete(off, 112).max() < 2e-2 and off[112] < 0.1
@@ -46,7 +46,7 @@ def usual(data):
 def test_maps_lead_where_measured_waves_do_and_no_uniform_field_is_tried(data, usual):
     start = {name: 1.3 * values for name, values in data.truth_views.items()}
     found = invert(data, regulariser="smooth", start=start)
-    assert found.chosen == "both" and [row.name for row in found.rows] == ["given", "both"]
+    assert found.chosen == "both" and [row.name for row in found.starts] == ["given", "both"]
     assert found.checks["converged"] and abs(found.checks["misfit_over_expected"] - 1) < 0.15
     for name, answer in usual.answers.items():
         assert found.answers[name]["relative_l2_error"] == pytest.approx(answer["relative_l2_error"], rel=0.02)
@@ -76,7 +76,7 @@ def test_what_is_no_start(data, maps, named):
 def the_same(found, other):
     """To the last bit, and as much work."""
     assert found.solves == other.solves and found.warnings == other.warnings and found.chosen == other.chosen
-    assert [row.value for row in found.rows] == [row.value for row in other.rows]
+    assert [row.value for row in found.starts] == [row.value for row in other.starts]
     for name, values in found.maps.items():
         np.testing.assert_array_equal(values, other.maps[name])
     kept = [(each.phase, each.misfit, each.weights) for each in found.history]
@@ -97,8 +97,10 @@ def test_starts_and_regularisers_side_by_side_are_the_same_to_the_last_bit(data,
 def test_an_experiment_arrives_in_another_process_as_it_is(data):
     labels = (data.points[:, 0] > data.points[:, 0].mean()).astype(int)
     labelled = replace(data, labels=labels)
-    elements = in_elements(labelled)
-    sent = Experiment(labelled, elements, polar(labelled), composed(labelled, elements, True))
+    elements = discretise(labelled)
+    sent = ElastographyProblem(
+        labelled, elements, polar_properties(labelled), build_composition(labelled, elements, True)
+    )
     arrived = pickle.loads(pickle.dumps(sent))
     np.testing.assert_array_equal(arrived.waves, sent.waves)
     theta = sent.unknowns(np.ones(1)).theta(sent.unknowns(np.ones(1)).start)

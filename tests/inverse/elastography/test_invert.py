@@ -8,12 +8,12 @@ from simulated import pressed, waves
 
 from ngbrain.errors import InputError
 from ngbrain.inverse.data.direct_inversion import uniform_shear
-from ngbrain.inverse.elastography.identifiability import FLAT, moduli_of_fibres
+from ngbrain.inverse.elastography.identifiability import FLAT, fibre_shear_moduli
 from ngbrain.inverse.elastography.invert import ASTRAY, OURS, invert
 from ngbrain.inverse.phantoms.benchmark import Phantom
-from ngbrain.inverse.problem.discretisation import as_made, bulk_ratio, in_elements
-from ngbrain.inverse.problem.properties import quantities
-from ngbrain.inverse.problem.wave_problem import Experiment
+from ngbrain.inverse.problem.discretisation import bulk_ratio, discretise, original_discretisation
+from ngbrain.inverse.problem.properties import material_properties
+from ngbrain.inverse.problem.wave_problem import ElastographyProblem
 
 BODIES = [
     (symmetry, rheology, volume)
@@ -39,8 +39,8 @@ def told_error(data, maps):
     """Of what waves tell: where fibres' volumes stay, of μ(1+φ) and μ(1+ζ), see `unseen`; else of the modulus."""
     if data.symmetry == "isotropic" or bulk_ratio(data) < 100:
         return shear_error(data, maps)
-    truth = moduli_of_fibres({name: np.real(values) for name, values in data.truth_views.items()})
-    return max(off(values, truth[name]) for name, values in moduli_of_fibres(maps).items())
+    truth = fibre_shear_moduli({name: np.real(values) for name, values in data.truth_views.items()})
+    return max(off(values, truth[name]) for name, values in fibre_shear_moduli(maps).items())
 
 
 @pytest.mark.slow
@@ -127,7 +127,7 @@ def test_a_level_that_was_raised_too_far_is_lowered_again():
 def test_starts_are_compared_at_the_same_weights():
     data = waves(n=17).with_noise(0.01, seed=4)
     found = invert(data, regulariser="smooth")
-    rows = {row.name: row for row in found.rows}
+    rows = {row.name: row for row in found.starts}
     assert list(rows) == ["waves", "uniform", "both"]
     assert shear_error(data, rows["both"].maps) < 0.02
     assert rows["uniform"].value >= rows["both"].value * (1 - 1e-6) or found.chosen == "uniform"
@@ -137,7 +137,7 @@ def test_several_levels_of_uniform_fields():
     """Without loss half the suggested modulus is stuck a cycle off, the modulus itself arrives: the least J is shown."""
     measured = Phantom.named("CE-G", 17).measured(0.01)
     ends = {levels: invert(measured.data(), regulariser="smooth", levels=levels) for levels in ((0.5,), (0.5, 1.0))}
-    rows = {levels: {row.name: row for row in found.rows} for levels, found in ends.items()}
+    rows = {levels: {row.name: row for row in found.starts} for levels, found in ends.items()}
     assert measured.errors(rows[0.5,]["uniform"].maps)["youngs"] > 0.2 and ends[0.5,].chosen == "both"
     assert measured.errors(rows[0.5, 1.0]["uniform"].maps)["youngs"] < 0.02
     assert rows[0.5, 1.0]["uniform"].value < 1e-3 * rows[0.5,]["uniform"].value
@@ -147,12 +147,12 @@ def test_several_levels_of_uniform_fields():
 
 def test_no_way_is_longer_than_its_rounds():
     found = invert(waves(n=9).with_noise(0.02, seed=0), regulariser="smooth", rounds=1)
-    assert {row.name: len(row.history) for row in found.rows if row.name != "waves"} == {"uniform": 1, "both": 1}
+    assert {row.name: len(row.history) for row in found.starts if row.name != "waves"} == {"uniform": 1, "both": 1}
 
 
 def test_no_level_is_no_uniform_start():
     found = invert(Phantom.named("CV-G", 9).measured(0.02).data(), regulariser="smooth", levels=())
-    assert [row.name for row in found.rows] == ["waves", "both"] and found.chosen == "both"
+    assert [row.name for row in found.starts] == ["waves", "both"] and found.chosen == "both"
     assert not any("uniform" in note for note in found.warnings)
 
 
@@ -197,16 +197,20 @@ def test_displacements_alone_and_no_wave_say_no_scale():
 
 def test_starting_values_come_from_the_waves():
     assert uniform_shear(waves()) == pytest.approx(5e3, rel=0.3)
-    assert [q.name for q in quantities(waves(), 1e3)] == ["storage", "loss"]
-    assert [q.name for q in quantities(waves("transversely_isotropic", "elastic"), 1e3)] == ["mu", "zeta", "phi"]
+    assert [q.name for q in material_properties(waves(), 1e3)] == ["storage", "loss"]
+    assert [q.name for q in material_properties(waves("transversely_isotropic", "elastic"), 1e3)] == [
+        "mu",
+        "zeta",
+        "phi",
+    ]
 
 
 def test_elements_have_as_many_unknowns_as_there_are_data():
     data = waves(n=17)
-    experiment = Experiment(data, in_elements(data))
+    experiment = ElastographyProblem(data, discretise(data))
     assert experiment.body.fes.ndof == pytest.approx(data.displacement[0].size, rel=0.15)
     assert bulk_ratio(waves(volume="nearly incompressible")) > 100
-    assert "/" in in_elements(waves(volume="nearly incompressible")).form
+    assert "/" in discretise(waves(volume="nearly incompressible")).form
     assert bulk_ratio(replace(data, truth={"shear": 1e-3 * data.truth["shear"]})) == bulk_ratio(data)  # no peeping
 
 
@@ -226,8 +230,8 @@ def test_exact_waves_keep_their_digits_between_points_too():
 
 
 def test_true_fields_predict_the_data():
-    experiment = Experiment(waves(), in_elements(waves()))
-    off = experiment.of_truth() - experiment.measured
+    experiment = ElastographyProblem(waves(), discretise(waves()))
+    off = experiment.predict_from_truth() - experiment.measured
     assert np.linalg.norm(off) < 0.01 * np.linalg.norm(experiment.measured)
 
 
@@ -236,8 +240,8 @@ def test_fibres_that_turn_are_no_noise():
     data = waves("transversely_isotropic", "elastic")
     flipped = replace(data, fibre=np.where(np.arange(len(data.points))[:, None] % 2, -1, 1) * data.fibre)
     for each in (data, flipped):
-        experiment = Experiment(each, in_elements(each))
-        off = experiment.of_truth() - experiment.measured
+        experiment = ElastographyProblem(each, discretise(each))
+        off = experiment.predict_from_truth() - experiment.measured
         assert np.linalg.norm(off) < 0.002 * np.linalg.norm(experiment.measured)
 
 
@@ -264,7 +268,7 @@ def test_bad_options(options, wanted):
 
 def test_elements_of_data_that_name_none():
     with pytest.raises(InputError, match="element"):
-        as_made(waves())
+        original_discretisation(waves())
 
 
 @pytest.mark.parametrize(
@@ -340,7 +344,7 @@ def test_one_component_at_rest_beside_waves_of_both():
 def test_uniform_fields_arrive_too_where_there_is_no_noise():
     measured = Phantom.named("CV-G", 21).measured()
     found = invert(measured.data(), noise=0.0, regulariser="smooth")
-    errors = {row.name: measured.errors(row.maps) for row in found.rows}
+    errors = {row.name: measured.errors(row.maps) for row in found.starts}
     assert errors["uniform"]["storage"] < 1e-3 and errors["uniform"]["loss"] < 1e-2
     assert errors["both"]["storage"] < 1e-5
     assert found.model["inverse_crime"] and any("computed in the elements" in note for note in found.warnings)

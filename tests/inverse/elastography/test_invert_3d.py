@@ -12,9 +12,9 @@ from simulated import waves
 from ngbrain.errors import InputError
 from ngbrain.inverse.elastography.invert import invert
 from ngbrain.inverse.elastography.invert_3d import _shared, invert_in_space
-from ngbrain.inverse.problem.discretisation import in_elements
-from ngbrain.inverse.problem.properties import quantities
-from ngbrain.inverse.problem.wave_problem import Experiment
+from ngbrain.inverse.problem.discretisation import discretise
+from ngbrain.inverse.problem.properties import material_properties
+from ngbrain.inverse.problem.wave_problem import ElastographyProblem
 from ngbrain.io.waves import WaveData
 
 
@@ -34,7 +34,7 @@ def test_a_ball_with_its_label(tmp_path):
     assert soft == pytest.approx(SOFT.real, rel=0.03)
     assert stiff / soft == pytest.approx(2, rel=0.15)
     assert medians(data, found.maps["loss"])[1] == pytest.approx(SOFT.imag, rel=0.05)
-    ways = {name: {row.name: row for row in each.rows} for name, each in (("stopped", stopped), ("found", found))}
+    ways = {name: {row.name: row for row in each.starts} for name, each in (("stopped", stopped), ("found", found))}
     assert found.checks["converged"] and 3 <= len(ways["found"]["both"].history) <= 6
     before = ways["stopped"]["both"].history
     assert [each.misfit for each in ways["found"]["both"].history[:2]] == [each.misfit for each in before]
@@ -46,7 +46,7 @@ def test_a_ball_with_its_label(tmp_path):
 
 def test_from_measured_waves_fields_and_waves_find_each_other():
     data, told = wave_data(), []
-    invert_in_space(data, in_elements(data, order=2), rounds=1, callback=told.append)
+    invert_in_space(data, discretise(data, order=2), rounds=1, callback=told.append)
     way = [each.misfit / each.expected for each in told if each.phase == "waves"]
     assert way[0] > 5 and way[-1] < 3
 
@@ -65,10 +65,10 @@ def test_two_components_of_three_find_a_ball_too():
 
 def test_uniform_fields_arrive_too_and_the_lower_end_is_kept(tmp_path):
     data, path = between((0.0, 0.0, 0.01), (0.04, 0.04, 0.031)), tmp_path / "part.npz"
-    elements = in_elements(data, order=2)
+    elements = discretise(data, order=2)
     found = invert_in_space(data, elements, levels=(0.7, 1.0), rounds=4, checkpoint=path)
-    assert [row.name for row in found.rows] == ["waves", "uniform", "both"]
-    _, uniform, both = found.rows
+    assert [row.name for row in found.starts] == ["waves", "uniform", "both"]
+    _, uniform, both = found.starts
     assert uniform.value == pytest.approx(both.value, rel=0.1)
     assert found.chosen == ("uniform" if uniform.value < both.value else "both")
     assert np.median(uniform.maps["storage"]) == pytest.approx(np.median(both.maps["storage"]), rel=0.05)
@@ -87,7 +87,7 @@ def test_starts_side_by_side_are_the_same_to_the_last_bit_and_go_on(tmp_path, ca
     ways = {"levels": (1.0,), "rounds": 2, "drop_outliers": False}
     alone, both = invert_in_space(data, **ways), invert_in_space(data, **ways, executor=2, checkpoint=path)
     again = invert_in_space(data, **ways, checkpoint=path)
-    assert both.solves == alone.solves and [row.value for row in both.rows] == [row.value for row in alone.rows]
+    assert both.solves == alone.solves and [row.value for row in both.starts] == [row.value for row in alone.starts]
     for name, values in alone.maps.items():
         np.testing.assert_array_equal(both.maps[name], values)
         np.testing.assert_array_equal(again.maps[name], values)
@@ -100,16 +100,18 @@ def test_loads_start_each_by_what_is_measured_of_it():
     u = data.displacement.copy()
     u[1, ::2, 0] = np.nan
     data = replace(data, displacement=u)
-    elements = in_elements(data, order=1)
-    both = Experiment(data, elements).waves
+    elements = discretise(data, order=1)
+    both = ElastographyProblem(data, elements).waves
     for k in (0, 1):
         alone = replace(data, displacement=u[[k, k]])
-        assert np.allclose(Experiment(alone, elements, quantities(data)).waves[1], both[k], rtol=1e-6, atol=1e-12)
+        assert np.allclose(
+            ElastographyProblem(alone, elements, material_properties(data)).waves[1], both[k], rtol=1e-6, atol=1e-12
+        )
 
 
 def test_killed_on_its_way_from_measured_waves_it_goes_on_there(tmp_path):
     data, first, second, path = between((0, 0, 0), (0.022, 0.022, 0.022)), [], [], tmp_path / "way.npz"
-    elements = in_elements(data, order=1)
+    elements = discretise(data, order=1)
     whole = invert_in_space(data, elements, rounds=1, callback=first.append)
 
     def killed(each):
@@ -137,12 +139,12 @@ def test_elements_cover_a_mask_and_leave_a_hollow_open():
     data = wave_data()
     away = np.linalg.norm(data.points - MIDDLE, axis=1)
     hollow = replace(data, mask=away > 0.011, dirichlet=None)
-    elements = in_elements(hollow, order=1)
+    elements = discretise(hollow, order=1)
     volume = ngs.Integrate(1, elements.mesh)
     extent = np.ptp(data.points, axis=0).prod()
     assert volume == pytest.approx(extent - 4 / 3 * np.pi * 0.011**3, rel=0.1)
     assert elements.inside[hollow.mask].mean() > 0.95 and not elements.inside[~hollow.mask].any()
-    whole = in_elements(data)
+    whole = discretise(data)
     assert whole.form == "P3" and whole.inside.all()
     assert ngs.Integrate(1, whole.mesh) == pytest.approx(extent)
     assert extent == pytest.approx((SIDE - 0.004) ** 3, rel=0.2)
@@ -150,7 +152,7 @@ def test_elements_cover_a_mask_and_leave_a_hollow_open():
 
 def test_tissue_that_hardly_changes_its_volume_gets_a_pressure():
     data = replace(wave_data(), bulk=None, poisson=0.4999)
-    assert in_elements(data).form == "P3/P2"
+    assert discretise(data).form == "P3/P2"
 
 
 @pytest.fixture
@@ -159,7 +161,7 @@ def no_work(monkeypatch):
         raise AssertionError("minutes of work were begun")
 
     monkeypatch.setattr("ngbrain.inverse.elastography.invert.invert_in_space", work)
-    monkeypatch.setattr("ngbrain.inverse.elastography.invert_3d.elements_in_space", work)
+    monkeypatch.setattr("ngbrain.inverse.elastography.invert_3d.discretise_volume", work)
 
 
 @pytest.mark.parametrize(
@@ -202,7 +204,7 @@ def test_one_component_is_not_enough(loads):
     axial = data.displacement.copy()
     axial[loads, :, :2] = np.nan
     with pytest.raises(InputError, match="one component alone is measured; wanted: two of them"):
-        invert_in_space(replace(data, displacement=axial), in_elements(data, order=1))
+        invert_in_space(replace(data, displacement=axial), discretise(data, order=1))
 
 
 def test_labels_that_are_not_there():
@@ -242,14 +244,14 @@ def test_elements_cover_long_voxels_too(short_waves, spacing, kind):
     else:
         chosen = replace(data, mask=ball, dirichlet=None)
     assert (chosen.grid is None) == (kind == "left over")
-    elements = in_elements(chosen, 1)
+    elements = discretise(chosen, 1)
     assert elements.inside[chosen.mask].mean() > 0.98 and not elements.inside[~chosen.mask].any()
     assert ngs.Integrate(1, elements.mesh) == pytest.approx(1.25 * 4 / 3 * np.pi * 0.021**3, rel=0.1)
 
 
 def test_elements_are_no_shorter_than_voxels(short_waves):
     data = voxels((2e-3, 2e-3, 6e-3), np.eye(3))[1]
-    assert in_elements(data, 2).mesh.ne == 12 * 12 * 4
+    assert discretise(data, 2).mesh.ne == 12 * 12 * 4
 
 
 @pytest.mark.parametrize("n, order", [(11, 1), (12, 2), (31, 3)])
@@ -260,7 +262,7 @@ def test_elements_of_a_block_are_all_there(n, order):
     k = 2 * np.pi * 50 / 1.5
     u = 1e-5 * np.stack([np.exp(-1j * k * points[:, i]) for i in (1, 2, 0)], axis=1)[None]
     data = WaveData(points, u, [50.0], 1000.0, "isotropic", "viscoelastic", bulk=2e5)
-    elements = in_elements(data, order)
+    elements = discretise(data, order)
     assert elements.inside.all()
     assert ngs.Integrate(1, elements.mesh) == pytest.approx(line[-1] ** 3)
 
@@ -268,6 +270,6 @@ def test_elements_of_a_block_are_all_there(n, order):
 @pytest.mark.parametrize("order", [1, 2])
 def test_points_for_each_node(order):
     data = wave_data()
-    experiment = Experiment(data, in_elements(data, order=order))
+    experiment = ElastographyProblem(data, discretise(data, order=order))
     nodes = ngs.H1(experiment.body.mesh, order=order).ndof
     assert _shared(experiment) == pytest.approx(len(experiment.model.points) / nodes)

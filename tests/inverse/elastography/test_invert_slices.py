@@ -11,7 +11,7 @@ from ngbrain.errors import InputError
 from ngbrain.inverse.data.direct_inversion import uniform_modulus
 from ngbrain.inverse.elastography.invert import invert
 from ngbrain.inverse.elastography.invert_slices import invert_slices, moving_axis, share_through, slices_of
-from ngbrain.inverse.problem.discretisation import in_elements
+from ngbrain.inverse.problem.discretisation import discretise
 from ngbrain.inverse.uncertainty.credible_maps import uncertainty
 from ngbrain.io.waves import write_waves
 
@@ -138,11 +138,11 @@ def test_no_error_bars_of_slices(found, tmp_path, capsys):
 
 def test_elements_over_a_mask_are_as_large_as_the_waves_allow():
     (_, one), *_ = slices_of(slab(), 2)
-    elements = in_elements(one)
+    elements = discretise(one)
     assert not elements.nodal and elements.mesh.ne < one.mask.sum() / 6
     assert elements.inside[one.mask].mean() > 0.95
     ring = np.linalg.norm(one.points - one.points.mean(axis=0), axis=1) > 12e-3
-    hollow = in_elements(replace(one, mask=one.mask & ring, dirichlet=None))
+    hollow = discretise(replace(one, mask=one.mask & ring, dirichlet=None))
     assert set(hollow.mesh.GetBoundaries()) == {"hull"} and hollow.mesh.ne < elements.mesh.ne
 
 

@@ -7,9 +7,9 @@ import pytest
 from planewaves import grid, wave_number, waves
 
 from ngbrain.errors import InputError
-from ngbrain.inverse.data.outliers import cleaned
-from ngbrain.inverse.data.plausibility import TISSUES, of_size, of_tissue
-from ngbrain.inverse.data.quality import strain_of
+from ngbrain.inverse.data.outliers import screen_outliers
+from ngbrain.inverse.data.plausibility import TISSUES, amplitude_notes, tissue_notes
+from ngbrain.inverse.data.quality import octahedral_shear_strain
 from ngbrain.inverse.elastography.invert import invert
 from ngbrain.inverse.elastography.usability import reasons_against
 from ngbrain.inverse.phantoms.benchmark import Phantom
@@ -85,8 +85,8 @@ def test_a_quarter_turn_of_the_displacement_alone_is_no_shear(size):
 
 def test_good_waves_whose_rim_lost_points_keep_their_volume():
     """Sums over all points would be decided by a few derivatives at the rim: the ratio would be 52."""
-    data, notes = cleaned(replace(Phantom.named("NE-G", 25).measured(0.01).data(), truth={}))
-    assert notes and strain_of(data, 0.01).volume < 0.1
+    data, notes = screen_outliers(replace(Phantom.named("NE-G", 25).measured(0.01).data(), truth={}))
+    assert notes and octahedral_shear_strain(data, 0.01).volume < 0.1
 
 
 def test_compressible_tissue_may_change_its_volume(data):
@@ -210,8 +210,8 @@ def test_points_that_are_left_out_or_have_no_map_count_for_nothing(data):
 def test_moduli_out_of_the_range_of_a_tissue_are_warned_of(data):
     assert set(TISSUES) == set(NAMES)
     brain = replace(data, tissue="brain")
-    assert of_tissue(brain, 2e3) == [] and of_tissue(data, 1e9) == []
-    (note,) = of_tissue(brain, 80e3)  # rad/s in place of Hz makes 2 kPa into this
+    assert tissue_notes(brain, 2e3) == [] and tissue_notes(data, 1e9) == []
+    (note,) = tissue_notes(brain, 80e3)  # rad/s in place of Hz makes 2 kPa into this
     assert "10 times above what brain has" in note and "rad/s" in note
     with pytest.raises(InputError, match="tissue is 'bran'; wanted: did you mean 'brain'"):
         replace(data, tissue="bran")
@@ -219,7 +219,7 @@ def test_moduli_out_of_the_range_of_a_tissue_are_warned_of(data):
 
 def test_computed_waves_near_a_resonance_may_be_larger_than_the_body(data):
     large = replace(data, displacement=300 * data.displacement)
-    (note,) = of_size(large)
-    assert "in a region of 0.12 m" in note and of_size(data) == []
+    (note,) = amplitude_notes(large)
+    assert "in a region of 0.12 m" in note and amplitude_notes(data) == []
     with pytest.raises(InputError, match="10 times the size of the region"):
         WaveData(data.points, 3e4 * data.displacement, data.frequency, 1000.0, "isotropic", "elastic", poisson=0.4)

@@ -9,15 +9,15 @@ import pytest
 
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY
-from ngbrain.inverse.data.quality import noise_of
+from ngbrain.inverse.data.quality import noise_deviation
 from ngbrain.inverse.objective.misfit import Huber, LeastSquares
 from ngbrain.inverse.objective.parameters import Fields
 from ngbrain.inverse.objective.regularisers import priors
 from ngbrain.inverse.optimise.fingerprint import differing, identity
-from ngbrain.inverse.problem.discretisation import in_elements
-from ngbrain.inverse.problem.properties import quantities
-from ngbrain.inverse.problem.property_fields import ByLabel
-from ngbrain.inverse.problem.wave_problem import Experiment
+from ngbrain.inverse.problem.discretisation import discretise
+from ngbrain.inverse.problem.properties import material_properties
+from ngbrain.inverse.problem.property_fields import FieldPerLabel
+from ngbrain.inverse.problem.wave_problem import ElastographyProblem
 from ngbrain.io.waves import WaveData
 
 START, MATERIAL = "unknowns or their start", ["material, density or fibres"]
@@ -38,10 +38,10 @@ def data():
 
 
 def problem(waves, noise=0.02, order=3, prior="smooth", labelled=False, misfit=LeastSquares, start=2000.0):
-    elements = in_elements(waves, order)
-    composition = ByLabel(waves, elements) if labelled else None
-    experiment = Experiment(waves, elements, quantities(waves, start), composition)
-    sigma = noise_of(waves, noise)
+    elements = discretise(waves, order)
+    composition = FieldPerLabel(waves, elements) if labelled else None
+    experiment = ElastographyProblem(waves, elements, material_properties(waves, start), composition)
+    sigma = noise_deviation(waves, noise)
     unknowns = experiment.unknowns(sigma)
     ((_, make),) = priors(prior).items()
     blocks = {name: block for name, block in unknowns.blocks.items() if name != "boundary"}

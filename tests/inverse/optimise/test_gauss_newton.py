@@ -8,7 +8,7 @@ import scipy.sparse as sp
 
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import InputError, SolverError
-from ngbrain.inverse.elastography.result import of_end
+from ngbrain.inverse.elastography.result import convergence_notes
 from ngbrain.inverse.objective.regularisation import total_variation
 from ngbrain.inverse.optimise.gauss_newton import GaussNewton
 from ngbrain.inverse.optimise.kkt import _column_scale
@@ -157,9 +157,9 @@ def test_an_end_says_whether_steps_or_rounds_ran_out():
     stopped = GaussNewton(inversion.reduced, Given()).descend(inversion.start, rounds=1)
     assert stopped.status is Status.STOPPED
     for end, why in ((stuck, "no step lowered the objective any more"), (stopped, "more may change the maps")):
-        (note,) = of_end(end)
+        (note,) = convergence_notes(end)
         assert note.startswith(f"stopped after 1 round, before fields and weights had settled ({why})")
-    assert uniform(small()).converged and not of_end(uniform(small()))
+    assert uniform(small()).converged and not convergence_notes(uniform(small()))
 
 
 def test_both_starts_end_alike():

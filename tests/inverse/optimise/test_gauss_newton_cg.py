@@ -19,7 +19,7 @@ from ngbrain.inverse.optimise.gauss_newton_cg import Iterative
 from ngbrain.inverse.optimise.normal_equations import Normal, likely_field
 from ngbrain.inverse.optimise.preconditioners import Extensions, by_blocks, preconditioners, regulariser_alone
 from ngbrain.inverse.optimise.regularisation_weight import Given
-from ngbrain.inverse.problem.label_shares import by_label, shares
+from ngbrain.inverse.problem.label_shares import combine_labels, label_shares
 from ngbrain.materials import Shearing, TransverselyIsotropic
 
 
@@ -31,13 +31,15 @@ def mesh_of_inversion():
 def problem(names=("tissue",), weight=1e3, boundary=False, law=None):
     """A `Reduced` with a field for each label, and its `Fields`."""
     mesh, (x, u, deviation) = mesh_of_inversion(), measured()
-    at = shares(mesh, 3, label_at if len(names) > 1 else lambda x: np.zeros(len(x), int), names)
+    at = label_shares(mesh, 3, label_at if len(names) > 1 else lambda x: np.zeros(len(x), int), names)
     space = ngs.H1(mesh, order=1)
     fields = {f"{part} {name}": ngs.GridFunction(space) for name in names for part in ("storage", "loss")}
     starts = {name: 5000.0 if name.startswith("storage") else 2000.0 for name in fields}
     for name, field in fields.items():
         field.Set(starts[name])
-    storage, loss = (by_label(at, {name: fields[f"{part} {name}"] for name in names}) for part in ("storage", "loss"))
+    storage, loss = (
+        combine_labels(at, {name: fields[f"{part} {name}"] for name in names}) for part in ("storage", "loss")
+    )
     model = WaveModel(body(mesh, (law or Shearing)(storage + 1j * loss)), fields, x)
     unknowns = {name: Unknown(start) for name, start in starts.items()}
     if boundary:

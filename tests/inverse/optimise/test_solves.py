@@ -12,7 +12,7 @@ from ngbrain.inverse.elastography.invert_3d import invert_in_space
 from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
 from ngbrain.inverse.optimise.quasi_newton import newton_cg
 from ngbrain.inverse.phantoms.benchmark import Phantom
-from ngbrain.inverse.problem.discretisation import in_elements
+from ngbrain.inverse.problem.discretisation import discretise
 from ngbrain.inverse.uncertainty.credible_maps import uncertainty
 from ngbrain.io.waves import WaveData
 from ngbrain.materials import Shearing
@@ -71,7 +71,7 @@ def with_error_bars():
 
 def in_space():
     waves = data(3)
-    return invert_in_space(waves, in_elements(waves, order=1), rounds=1).solves
+    return invert_in_space(waves, discretise(waves, order=1), rounds=1).solves
 
 
 def by_descent():

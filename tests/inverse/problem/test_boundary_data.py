@@ -10,13 +10,13 @@ from planewaves import RHO, grid
 from ngbrain.errors import InputError
 from ngbrain.inverse.elastography.invert import invert
 from ngbrain.inverse.phantoms.benchmark import Phantom
-from ngbrain.inverse.problem.boundary_data import FREE, free_part
-from ngbrain.inverse.problem.discretisation import as_made, in_elements
-from ngbrain.inverse.problem.property_fields import elements_on
-from ngbrain.inverse.problem.voxel_lattice import lattice
-from ngbrain.inverse.problem.wave_problem import Experiment
-from ngbrain.inverse.subzones.partition import cut, part
-from ngbrain.inverse.subzones.zone_result import told
+from ngbrain.inverse.problem.boundary_data import FREE, free_boundary
+from ngbrain.inverse.problem.discretisation import discretise, original_discretisation
+from ngbrain.inverse.problem.property_fields import discretise_lattice
+from ngbrain.inverse.problem.voxel_lattice import build_lattice
+from ngbrain.inverse.problem.wave_problem import ElastographyProblem
+from ngbrain.inverse.subzones.partition import cut_zones, zone_data
+from ngbrain.inverse.subzones.zone_result import problem_digest
 from ngbrain.io.waves import WaveData
 from ngbrain.report.pages.parameters import facts
 
@@ -44,10 +44,10 @@ def flagged(data, *points):
 
 
 MADE = {
-    "their own": (as_made, {"element": "q4", "spacing": STEP / 3}, (37, 37)),
-    "of third order": (in_elements, {}, (13, 13)),
-    "triangles": (in_elements, {"mask": np.arange(169) != 84}, (13, 13)),
-    "hexahedra": (in_elements, {"poisson": None, "bulk": 2e5}, (10, 10, 10)),
+    "their own": (original_discretisation, {"element": "q4", "spacing": STEP / 3}, (37, 37)),
+    "of third order": (discretise, {}, (13, 13)),
+    "triangles": (discretise, {"mask": np.arange(169) != 84}, (13, 13)),
+    "hexahedra": (discretise, {"poisson": None, "bulk": 2e5}, (10, 10, 10)),
 }
 
 
@@ -58,9 +58,11 @@ def test_waves_with_a_free_end(name):
     off = {}
     for end in ("low", "high"):
         data = standing(*shape, free=end, **changes)
-        experiment = Experiment(data, elements := make(data))
-        assert free_part(elements.mesh)["share"] == pytest.approx(1 / (2 * len(shape)), rel=0.02)
-        off[end] = np.linalg.norm(experiment.of_truth() - experiment.measured) / np.linalg.norm(experiment.measured)
+        experiment = ElastographyProblem(data, elements := make(data))
+        assert free_boundary(elements.mesh)["share"] == pytest.approx(1 / (2 * len(shape)), rel=0.02)
+        off[end] = np.linalg.norm(experiment.predict_from_truth() - experiment.measured) / np.linalg.norm(
+            experiment.measured
+        )
     assert off["low"] < 0.015 < 0.3 < off["high"]
 
 
@@ -76,7 +78,7 @@ def test_a_side_is_driven_where_more_than_half_of_it_is_flagged():
     """Sides of third order have four points; those of three flagged ones at an end are driven, of two they are not."""
     data = standing(13, 13)
     lengths = [
-        ngs.Integrate(1, in_elements(flagged(data, *range(1, n))).mesh.Boundaries(FREE)) / STEP for n in (1, 2, 3, 6)
+        ngs.Integrate(1, discretise(flagged(data, *range(1, n))).mesh.Boundaries(FREE)) / STEP for n in (1, 2, 3, 6)
     ]
     assert lengths == pytest.approx([12, 12, 9, 6])
 
@@ -86,7 +88,9 @@ def test_what_is_all_flagged_is_all_driven():
     full = replace(data, dirichlet=None)
     everywhere = replace(data, dirichlet=np.ones(72, bool) & data.border)
     for each in (full, everywhere):
-        assert as_made(each).held == ".*" and not free_part(as_made(each).mesh)
+        assert original_discretisation(each).driven_boundaries == ".*" and not free_boundary(
+            original_discretisation(each).mesh
+        )
 
 
 @pytest.mark.parametrize(
@@ -104,17 +108,17 @@ def test_what_is_all_flagged_is_all_driven():
 )
 def test_flags_that_drive_nothing(change, says):
     with pytest.raises(InputError, match=f"^dirichlet is {says}"):
-        as_made(change(standing(9, 8, element="q4")))
+        original_discretisation(change(standing(9, 8, element="q4")))
 
 
 def test_flags_of_another_mask_are_refused():
     data = standing(9, 8)
     inner = np.all((data.points > 2e-3) & (data.points < data.points.max(axis=0) - 2e-3), axis=1)
     with pytest.raises(InputError, match=r"true at 23 points outside of the mask, the first at \(0, 0\) mm"):
-        in_elements(replace(data, mask=inner))
+        discretise(replace(data, mask=inner))
     with pytest.raises(InputError, match="true at 22 points inside"):
-        in_elements(replace(replace(data, mask=inner, dirichlet=None), mask=None))
-    assert in_elements(replace(data, mask=inner, dirichlet=None)).held == ".*"
+        discretise(replace(replace(data, mask=inner, dirichlet=None), mask=None))
+    assert discretise(replace(data, mask=inner, dirichlet=None)).driven_boundaries == ".*"
 
 
 def test_sides_that_reach_out_of_the_points_are_driven():
@@ -123,7 +127,7 @@ def test_sides_that_reach_out_of_the_points_are_driven():
     off = data.points - data.points.mean(axis=0)
     ball = replace(data, mask=np.linalg.norm(off, axis=1) < 6.5 * STEP, dirichlet=None)
     lower = ball.border & (off[:, 2] < -0.1 * STEP)
-    mesh = in_elements(replace(ball, dirichlet=ball.border & ~lower)).mesh
+    mesh = discretise(replace(ball, dirichlet=ball.border & ~lower)).mesh
     vertices = np.array([v.point for v in mesh.vertices])
     names = np.array(mesh.GetBoundaries())
     far = {
@@ -155,12 +159,12 @@ def test_a_hole_between_scattered_points_is_free_where_its_border_says_so(rng):
     ring = np.linalg.norm(data.points - 0.02, axis=1) < 0.011
     low = data.points[:, 1] < 0.003
     assert not (data.border & ring).any()
-    mesh = in_elements(replace(data, dirichlet=data.border & ~low)).mesh
-    assert free_part(mesh)["to_mm"][1] < 8
+    mesh = discretise(replace(data, dirichlet=data.border & ~low)).mesh
+    assert free_boundary(mesh)["to_mm"][1] < 8
     rim = ring & _on_the_boundary(mesh, data.points)
-    assert rim.sum() > 8 and in_elements(replace(data, dirichlet=data.border | rim)).held == ".*"
-    some = free_part(in_elements(replace(data, dirichlet=(data.border & ~low) | rim)).mesh)
-    assert some["share"] == pytest.approx(free_part(mesh)["share"])
+    assert rim.sum() > 8 and discretise(replace(data, dirichlet=data.border | rim)).driven_boundaries == ".*"
+    some = free_boundary(discretise(replace(data, dirichlet=(data.border & ~low) | rim)).mesh)
+    assert some["share"] == pytest.approx(free_boundary(mesh)["share"])
 
 
 def _on_the_boundary(mesh, points):
@@ -219,14 +223,14 @@ def test_what_is_not_measured_at_a_free_edge_is_not_needed(shaken, noise, rows, 
 
 def test_zones_are_driven_at_cuts_and_where_the_body_is():
     data = standing(19, 10, 10, poisson=None, bulk=2e5)
-    cells = lattice(data, "P3")
-    body = free_part(elements_on(data, cells, labelled=False).mesh)
+    cells = build_lattice(data, "P3")
+    body = free_boundary(discretise_lattice(data, cells, labelled=False).mesh)
     assert body["from_mm"] == pytest.approx([0, 0, 0]) and body["to_mm"] == pytest.approx([54, 27, 0])
-    zones = cut(data, cells, [4, 4, 4], [1, 1, 1])
+    zones = cut_zones(data, cells, [4, 4, 4], [1, 1, 1])
     assert len(zones) > 1
     for zone in zones:
-        own, _ = part(data, zone)
-        assert told(own, zone.cells) != told(replace(own, dirichlet=None), zone.cells)
-        made = free_part(elements_on(own, zone.cells, labelled=False).mesh)
+        own, _ = zone_data(data, zone)
+        assert problem_digest(own, zone.cells) != problem_digest(replace(own, dirichlet=None), zone.cells)
+        made = free_boundary(discretise_lattice(own, zone.cells, labelled=False).mesh)
         low, high = own.points[own.mask].min(axis=0), own.points[own.mask].max(axis=0)
         assert made["from_mm"] == pytest.approx(1e3 * low) and made["to_mm"] == pytest.approx([*(1e3 * high[:2]), 0])

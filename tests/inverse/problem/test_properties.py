@@ -10,22 +10,22 @@ from simulated import waves
 from ngbrain.adjoint.check import taylor
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import InputError
-from ngbrain.inverse.data.quality import noise_of
+from ngbrain.inverse.data.quality import noise_deviation
 from ngbrain.inverse.elastography.invert import invert
 from ngbrain.inverse.elastography.invert_3d import invert_in_space
 from ngbrain.inverse.objective.misfit import LeastSquares
 from ngbrain.inverse.phantoms.benchmark import Phantom
-from ngbrain.inverse.problem.discretisation import as_made, in_elements
-from ngbrain.inverse.problem.properties import as_moduli, as_polar, polar, quantities
-from ngbrain.inverse.problem.wave_problem import Experiment
+from ngbrain.inverse.problem.discretisation import discretise, original_discretisation
+from ngbrain.inverse.problem.properties import as_moduli, as_polar, material_properties, polar_properties
+from ngbrain.inverse.problem.wave_problem import ElastographyProblem
 from ngbrain.io.waves import WaveData
 
 
 def test_polar_starts_where_the_moduli_do():
     data = waves(n=9)
-    storage, loss = quantities(data)
-    size, phase = polar(data)
-    assert (size.name, phase.name) == ("magnitude", "phase") and (phase.floor, phase.ceiling) == (0, np.pi / 2)
+    storage, loss = material_properties(data)
+    size, phase = polar_properties(data)
+    assert (size.name, phase.name) == ("magnitude", "phase") and (phase.lower, phase.upper) == (0, np.pi / 2)
     assert size.start * np.exp(1j * phase.start) == pytest.approx(storage.start + 1j * loss.start)
 
 
@@ -48,9 +48,9 @@ BODIES = {
 @pytest.mark.parametrize("body", BODIES)
 def test_gradient_of_polar_unknowns(body, rng):
     data = BODIES[body]()
-    made = as_made(data) if data.element else in_elements(data, order=2)
-    experiment = Experiment(data, made, polar(data))
-    sigma = noise_of(data, 0.1)
+    made = original_discretisation(data) if data.element else discretise(data, order=2)
+    experiment = ElastographyProblem(data, made, polar_properties(data))
+    sigma = noise_deviation(data, 0.1)
     unknowns = experiment.unknowns(sigma)
     reduced = Reduced(experiment.model, LeastSquares(experiment.measured, sigma), unknowns, {}, {})
     x = unknowns.start + 0.1 * rng.normal(size=len(unknowns.start))
@@ -61,16 +61,16 @@ def test_gradient_of_polar_unknowns(body, rng):
 
 def test_the_true_phase_predicts_the_data():
     data = waves()
-    experiment = Experiment(data, in_elements(data), polar(data))
-    off = experiment.of_truth() - experiment.measured
+    experiment = ElastographyProblem(data, discretise(data), polar_properties(data))
+    off = experiment.predict_from_truth() - experiment.measured
     assert np.linalg.norm(off) < 0.01 * np.linalg.norm(experiment.measured)
 
 
 def test_a_truth_without_loss_predicts_nothing():
     data = waves(n=9)
     lossless = replace(data, truth={"shear": np.real(data.truth["shear"]) + 0j})
-    for kind in (quantities, polar):
-        assert Experiment(lossless, in_elements(data), kind(data)).of_truth() is None
+    for kind in (material_properties, polar_properties):
+        assert ElastographyProblem(lossless, discretise(data), kind(data)).predict_from_truth() is None
 
 
 def test_where_the_loss_angle_is_the_same_everywhere_polar_unknowns_find_it():
@@ -88,7 +88,7 @@ def test_polar_in_space(bulk):
     k = wave_number(2500 + 800j, 80.0)
     u = 1e-5 * np.stack([np.exp(-1j * k * points[:, i]) for i in (1, 2, 0)], axis=1)[None]
     data = WaveData(points, u, [80.0], RHO, "isotropic", "viscoelastic", bulk=bulk).with_noise(0.02, seed=0)
-    found = invert_in_space(data, in_elements(data, order=2), unknowns="polar", rounds=3)
+    found = invert_in_space(data, discretise(data, order=2), unknowns="polar", rounds=3)
     assert np.median(found.maps["storage"]) == pytest.approx(2500, rel=0.03)
     assert np.median(found.maps["loss"]) == pytest.approx(800, rel=0.08)
     assert set(found.weights) == {"magnitude", "phase"}
@@ -113,8 +113,8 @@ def test_unknowns_that_are_none(call):
 
 def test_sought_quantities_are_of_one_kind():
     data = waves(n=9)
-    (size, _), (_, loss) = polar(data, 2e3), quantities(data, 2e3)
-    with pytest.raises(InputError, match="sought is magnitude, loss; wanted: storage, loss, or magnitude, phase"):
-        Experiment(data, in_elements(data), (size, loss))
-    with pytest.raises(InputError, match="sought is loss"):
-        Experiment(data, in_elements(data), (loss,))
+    (size, _), (_, loss) = polar_properties(data, 2e3), material_properties(data, 2e3)
+    with pytest.raises(InputError, match="properties is magnitude, loss; wanted: storage, loss, or magnitude, phase"):
+        ElastographyProblem(data, discretise(data), (size, loss))
+    with pytest.raises(InputError, match="properties is loss"):
+        ElastographyProblem(data, discretise(data), (loss,))

@@ -12,8 +12,8 @@ from planewaves import RHO, grid, shear_waves, wave_number
 
 from ngbrain.errors import ConvergenceError, InputError, SolverError
 from ngbrain.inverse.elastography.invert_3d import invert_in_space
-from ngbrain.inverse.problem.voxel_lattice import lattice
-from ngbrain.inverse.subzones.invert import Common, _in_cells, invert_by_subzones
+from ngbrain.inverse.problem.voxel_lattice import build_lattice
+from ngbrain.inverse.subzones.invert import ZoneSettings, _in_cells, invert_by_subzones
 from ngbrain.io.waves import WaveData
 from ngbrain.mesh import block
 from ngbrain.workflows.property_maps import finite
@@ -63,7 +63,7 @@ def test_zones_come_to_agree(kept):
 def test_joined_waves_are_nearer_to_the_true_ones_than_what_was_measured(kept):
     found, _, _ = kept
     residual, true = found.arrays()["residual"], clean(found.data.points)
-    assert np.sum(np.abs(residual) ** 2) == pytest.approx(found.rows[-1].misfit)
+    assert np.sum(np.abs(residual) ** 2) == pytest.approx(found.starts[-1].misfit)
     assert np.linalg.norm(found.predicted - true) < 0.9 * np.linalg.norm(found.data.displacement - true)
     assert 0.8 < found.checks["misfit_over_expected"] < 1.5  # three elements for a wave length
     assert 0.8 < found.checks["misfit_as_one_body"] < 2
@@ -97,9 +97,9 @@ def test_a_zone_that_finds_nothing_lower_keeps_what_it_had(kept, tmp_path, monke
     found, folder, _ = kept
     for path in folder.glob("zone-?-of-2.npz"):
         shutil.copy(path, tmp_path)
-    monkeypatch.setattr("ngbrain.inverse.subzones.invert.invert_among", stuck)
+    monkeypatch.setattr("ngbrain.inverse.subzones.invert.invert_with_consensus", stuck)
     again = invert_by_subzones(wave_data(), **ZONES, checkpoint=tmp_path)
-    np.testing.assert_array_equal(again.maps["storage"], found.rows[0].maps["storage"])
+    np.testing.assert_array_equal(again.maps["storage"], found.starts[0].maps["storage"])
     alone = invert_by_subzones(wave_data(), **ZONES, passes=0, checkpoint=tmp_path)
     assert again.solves == alone.solves and alone.solves.checks > 0  # what was found before is not counted again
 
@@ -143,7 +143,7 @@ def test_zones_by_default(spacing, side, shared):
     """Along the bar five elements that share two, a third of a wave each; three where voxels are a third of a wave."""
     points = grid(26, 12, 12, spacing=spacing)
     data = WaveData(points, clean(points), [HERTZ], RHO, "isotropic", "viscoelastic", bulk=2e5)
-    assert [each[0] for each in _in_cells(data, lattice(data, "P3"), None, None)] == [side, shared]
+    assert [each[0] for each in _in_cells(data, build_lattice(data, "P3"), None, None)] == [side, shared]
 
 
 def test_data_in_the_plane():
@@ -178,7 +178,7 @@ def test_weights_mean_the_same_in_a_zone_as_in_the_body():
     """A slope costs as much in two halves as in the whole."""
     sides = np.array([0.04, 0.02, 0.02])
     whole, half = (block(tuple(sides / (share, 1, 1)), maxh=0.01) for share in (1, 2))
-    common = Common(float(sides[0]), False, 1, None)
+    common = ZoneSettings(float(sides[0]), False, 1, None)
 
     def cost(mesh):
         space = ngs.H1(mesh, order=1)

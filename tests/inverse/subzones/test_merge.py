@@ -8,11 +8,11 @@ from planewaves import grid, waves
 
 from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.inverse.optimise.regularisation_weight import Level
-from ngbrain.inverse.problem.voxel_lattice import Lattice
-from ngbrain.inverse.subzones.merge import Together, _of_zones
-from ngbrain.inverse.subzones.partition import cut
-from ngbrain.inverse.subzones.roughness import Rough
-from ngbrain.inverse.subzones.zone_result import Answer
+from ngbrain.inverse.problem.voxel_lattice import VoxelLattice
+from ngbrain.inverse.subzones.merge import MergedZones, _of_zones
+from ngbrain.inverse.subzones.partition import cut_zones
+from ngbrain.inverse.subzones.roughness import Roughness
+from ngbrain.inverse.subzones.zone_result import ZoneResult
 
 LENGTH, CELL = 0.048, 4e-3
 
@@ -23,12 +23,12 @@ def bar():
     points = grid(25, 9, 9, spacing=2e-3)
     data = waves(points, 1e-6 * np.ones((1, len(points), 3), complex), bulk=2e5, poisson=None)
     lines = [np.arange(0, side + 1e-9, CELL) for side in (LENGTH, 0.016, 0.016)]
-    return data, Lattice(tuple(lines), np.ones((12, 4, 4), bool), "P3")
+    return data, VoxelLattice(tuple(lines), np.ones((12, 4, 4), bool), "P3")
 
 
 def together(data, cells, logarithm, weights, alone=None, fields=("storage", "loss")):
     """Two zones of 8 cells that share the 4 in the middle; they agree on a map, and each has a weight of its own."""
-    zones = cut(data, cells, np.full(3, 8), np.full(3, 4))
+    zones = cut_zones(data, cells, np.full(3, 8), np.full(3, 4))
     assert len(zones) == 2
     answers = []
     for zone, weight in zip(zones, weights, strict=True):
@@ -36,8 +36,8 @@ def together(data, cells, logarithm, weights, alone=None, fields=("storage", "lo
         u = data.displacement[:, zone.points]
         names = {"n_elements": 1, "n_unknowns": 1, "n_parameters": 1}
         both = dict.fromkeys(fields, weight), dict.fromkeys(fields, 10.0)
-        answers.append(Answer(maps, u, *both, 1.0, 1, 0.0, True, "P3", names, {}, Solves(), []))
-    return Together(data, zones, [Rough(zone.cells, data.points[zone.points]) for zone in zones], answers, alone)
+        answers.append(ZoneResult(maps, u, *both, 1.0, 1, 0.0, True, "P3", names, {}, Solves(), []))
+    return MergedZones(data, zones, [Roughness(zone.cells, data.points[zone.points]) for zone in zones], answers, alone)
 
 
 def test_a_slope_along_the_bar_counts_by_length(bar):
@@ -64,7 +64,7 @@ def test_fields_of_labels_are_of_their_quantity_and_of_their_places(bar):
         return np.where(x[:, 0] > LENGTH / 2, 0.0, np.sin(300 * x[:, 0]))
 
     halves = together(replace(data, labels=labels), cells, bumpy, (3.0, 6.0), fields=("storage 3", "storage 7"))
-    assert halves.wanted["storage 7"] > 100 * halves.wanted["storage 3"]
+    assert halves.roughness_energy["storage 7"] > 100 * halves.roughness_energy["storage 3"]
 
 
 def test_what_both_see_counts_once(bar):
@@ -89,7 +89,7 @@ def test_a_map_without_slopes_has_a_weight(bar):
 def test_zones_that_have_not_settled_are_said(bar):
     found = together(*bar, lambda x: np.full(len(x), 8.0), (3.0, 3.0))
     assert not _of_zones([found], Level(250.0, 100.0))
-    found.answers[1].converged = False
+    found.results[1].converged = False
     level = "the misfit of all is 250, expected are 100"
     assert _of_zones([found], Level(250.0, 100.0)) == [
         f"1 of 2 zones stopped before fields and weights had settled: {level}"

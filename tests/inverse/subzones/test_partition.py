@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from planewaves import grid, shear_waves, waves
 
-from ngbrain.inverse.data.quality import noise_of
-from ngbrain.inverse.problem.voxel_lattice import Lattice
-from ngbrain.inverse.subzones.partition import FEWEST, cut, disagreement, joined, part
+from ngbrain.inverse.data.quality import noise_deviation
+from ngbrain.inverse.problem.voxel_lattice import VoxelLattice
+from ngbrain.inverse.subzones.partition import FEWEST, cut_zones, disagreement, merge_values, zone_data
 
 SPACING, SIZE, OVERLAP = 2e-3, 6, 2
 
@@ -20,11 +20,11 @@ def cells_of(data):
         np.linspace(a, b, round((b - a) / 4e-3) + 1)
         for a, b in zip(data.points.min(0), data.points.max(0), strict=True)
     ]
-    return Lattice(tuple(lines), np.ones([len(line) - 1 for line in lines], bool), "P1")
+    return VoxelLattice(tuple(lines), np.ones([len(line) - 1 for line in lines], bool), "P1")
 
 
 def cut_up(data, size=SIZE, overlap=OVERLAP):
-    return cut(data, cells_of(data), np.full(3, size), np.full(3, overlap))
+    return cut_zones(data, cells_of(data), np.full(3, size), np.full(3, overlap))
 
 
 @pytest.fixture(scope="module")
@@ -137,7 +137,7 @@ def test_scattered_points(rng, egg):
     points = rng.random((4000, 3)) * 0.04
     data = waves(points, 1e-6 * np.ones((1, 4000, 3), complex), bulk=2e5, poisson=None)
     zones = cut_up(data, 8, 3)
-    own, chosen = part(data, zones[0])
+    own, chosen = zone_data(data, zones[0])
     assert len(zones) == 8 and np.array_equal(chosen, zones[0].points) and own.mask.all()
 
 
@@ -146,25 +146,25 @@ def test_data_of_a_zone_are_a_grid_with_the_noise_of_all():
     u = shear_waves(points, 2500 + 500j)[None] * (1 + 100 * points[None, :, :1])
     data = waves(points, u, bulk=2e5, poisson=None, labels=np.arange(len(points)) % 3)
     zone = cut_up(data)[1]
-    own, chosen = part(data, zone)
+    own, chosen = zone_data(data, zone)
     assert own.grid and own.grid.shape[1:] == (8, 8) and own.loads == 1
     np.testing.assert_array_equal(own.displacement, u[:, chosen])
     np.testing.assert_array_equal(own.labels, chosen % 3)
     np.testing.assert_array_equal(np.sort(chosen[own.mask]), zone.points)
-    np.testing.assert_allclose(noise_of(own, 0.02), noise_of(data, 0.02))
+    np.testing.assert_allclose(noise_deviation(own, 0.02), noise_deviation(data, 0.02))
 
 
 def test_what_zones_agree_on_is_joined_unchanged_and_the_rest_by_shares(egg):
     zones = cut_up(egg)
     n, truth = len(egg.points), egg.points @ [1.0, 2.0, 3.0]
     values = [truth[zone.points] for zone in zones]
-    np.testing.assert_allclose(joined(zones, values, n), np.where(egg.mask, truth, np.nan))
+    np.testing.assert_allclose(merge_values(zones, values, n), np.where(egg.mask, truth, np.nan))
     assert disagreement(zones, values, n) < 1e-9
     values[0] = values[0] + 0.1
-    off = joined(zones, values, n)[zones[0].points] - truth[zones[0].points]
+    off = merge_values(zones, values, n)[zones[0].points] - truth[zones[0].points]
     np.testing.assert_allclose(off, 0.1 * zones[0].share, atol=1e-12)
     values[0][:] = np.nan  # left to the others
-    left = joined(zones, values, n)[zones[0].points]
+    left = merge_values(zones, values, n)[zones[0].points]
     assert np.isnan(left[zones[0].share > 1 - 1e-9]).all() and np.isfinite(left[zones[0].share < 0.9]).all()
 
 

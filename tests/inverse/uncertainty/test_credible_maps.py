@@ -33,7 +33,7 @@ def cubic():
 
 
 def test_bands_of_nodal_maps(nodal):
-    there = nodal.experiment.inside
+    there = nodal.problem.inside
     for name, truth in Phantom.named("CV-G", 11).measured().truth.items():
         band = nodal.band(name)
         assert np.flatnonzero(np.isnan(band.low)).tolist() == [20]
@@ -47,19 +47,19 @@ def test_bands_of_nodal_maps(nodal):
 
 
 def test_functions_of_nodal_maps(nodal):
-    band, functions, there = nodal.band("loss"), nodal.functions("loss"), nodal.experiment.inside
-    mesh = nodal.experiment.elements.mesh
-    assert functions["deviation"].space is nodal.experiment.space
+    band, functions, there = nodal.band("loss"), nodal.functions("loss"), nodal.problem.inside
+    mesh = nodal.problem.elements.mesh
+    assert functions["deviation"].space is nodal.problem.space
     for name, function in functions.items():
         at = [function(mesh(*point)) for point in nodal.data.points[there]]
         assert at == pytest.approx(getattr(band, name)[there], rel=1e-9)
 
 
 def test_functions_of_higher_order(cubic):
-    assert cubic.experiment.space.globalorder == 2 and not cubic.experiment.elements.nodal
+    assert cubic.problem.space.globalorder == 2 and not cubic.problem.elements.nodal
     band = cubic.band("storage")
     assert band.value == pytest.approx(cubic.found.maps["storage"], rel=1e-9)
-    mesh = cubic.experiment.elements.mesh
+    mesh = cubic.problem.elements.mesh
     corners = np.array([vertex.point for vertex in mesh.vertices])
     there = np.min(np.linalg.norm(cubic.data.points[:, None] - corners, axis=2), axis=1) < 1e-9
     assert there.sum() == len(corners)
@@ -111,7 +111,7 @@ def test_fields_taken_for_uniform_are_named(nodal):
 
 
 def values_of(bars, name):
-    return {**bars.found.maps, **bars.found.following}[name]
+    return {**bars.found.maps, **bars.found.derived_maps}[name]
 
 
 def test_storage_and_loss_of_magnitude_and_phase():
@@ -124,7 +124,7 @@ def test_storage_and_loss_of_magnitude_and_phase():
     for name in ("storage", "loss"):
         assert found.mean(name).value == pytest.approx(other.mean(name).value, rel=0.1)
     assert set(found.result()) == {"storage", "loss"}
-    for name in (*found.found.maps, *found.found.following):
+    for name in (*found.found.maps, *found.found.derived_maps):
         low, high = (found.arrays()[f"{name}_{end}"] for end in ("low", "high"))
         assert np.all(low < high) and np.mean((low < values_of(found, name)) & (values_of(found, name) < high)) > 0.99
     with pytest.raises(InputError, match="map is 'storage'"):
@@ -132,7 +132,7 @@ def test_storage_and_loss_of_magnitude_and_phase():
 
 
 def test_bands_of_what_follows(nodal):
-    arrays, there, maps = nodal.arrays(), nodal.experiment.inside, nodal.found.following
+    arrays, there, maps = nodal.arrays(), nodal.problem.inside, nodal.found.derived_maps
     assert set(maps) == {"magnitude", "phase", "damping_ratio", "stiffness"}
     for name in maps:
         low, high = arrays[f"{name}_low"], arrays[f"{name}_high"]
@@ -144,7 +144,7 @@ def test_bands_of_what_follows(nodal):
 
 
 def test_what_it_takes_is_known_before(nodal):
-    solves, posterior = nodal.experiment.model.solves, nodal.posterior
+    solves, posterior = nodal.problem.model.solves, nodal.posterior
     before = solves.incremental
     uncertainty(nodal.found)
     done = (solves.incremental - before) / 2  # two solves a product, of one load

@@ -63,4 +63,4 @@ def test_total_variation_stays_where_the_truth_has_a_step():
     bars = uncertainty(found)
     assert bars.found is found
     middles = {name: float(bars.posterior.x[bars.posterior.blocks[name]].mean()) for name in ("storage", "loss")}
-    assert best_prior(bars.posterior, bars.experiment.space, middles) is None
+    assert best_prior(bars.posterior, bars.problem.space, middles) is None

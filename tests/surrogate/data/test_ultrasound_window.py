@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter
 
 pytest.importorskip("onnxruntime", reason='onnxruntime is not installed; get it with: pip install "ngbrain[surrogate]"')
 
-from ngbrain.inverse.elastography.derived_maps import at_level  # noqa: E402
+from ngbrain.inverse.elastography.derived_maps import scale_to_truth  # noqa: E402
 from ngbrain.surrogate.data.ultrasound_window import flattened, misfit  # noqa: E402
 from ngbrain.surrogate.prediction.predict import predict  # noqa: E402
 from ngbrain.surrogate.prediction.pretrained import Operator  # noqa: E402
@@ -59,7 +59,7 @@ def test_an_uneven_plate_is_no_reason_to_reject(pressed):
     assert found.usable and not found.reasons and found.scores["boundary"] == 0
     assert lesion == pytest.approx(CONTRAST, rel=0.15) and uneven < 0.3
     assert any("window cut out of a larger body" in note and "`invert`" in note for note in found.warnings)
-    level = at_level(pressed, "youngs", found.maps["youngs"])
+    level = scale_to_truth(pressed, "youngs", found.maps["youngs"])
     off = np.abs(level - pressed.truth["youngs"]) / (found.deviations["youngs"] * level / found.maps["youngs"])
     assert (off < 1.96).mean() > 0.85
     n = len(axial(pressed))
