@@ -117,7 +117,7 @@ def invert_in_space(
     for name, value in (("noise", noise), ("model_error", model_error)):
         if value is not None and not 0 <= value < np.inf:
             raise InputError(name, value, "a relative level of at least 0")
-    multiples, made, where = multiples_of(levels), misfit_of(misfit), Device.from_name(device)
+    multiples, made, where = check_levels(levels), misfit_of(misfit), Device.from_name(device)
     if not isinstance(data, WaveSubset):  # a zone alone need not show its loss; the body was asked
         check_passive(data)
     data, notes = screen_outliers(data) if drop_outliers else (data, [])

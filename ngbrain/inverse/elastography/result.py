@@ -293,8 +293,8 @@ def build_inversion(
         *amplitude_notes(data),
     ]
     if data.motion == "anti_plane":
-        moved = experiment.model.boundary_values(unknowns.theta(best.x))[:, -1] if experiment.body.translation else None
-        notes += of_one_slice(data, moved)
+        moved = problem.model.boundary_values(unknowns.theta(best.x))[:, -1] if problem.body.translation else None
+        notes += anti_plane_notes(data, moved)
     if is_tracked(data):
         notes += map_notes(data, maps["youngs"])
     if EXPONENT in maps:

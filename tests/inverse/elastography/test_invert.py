@@ -216,7 +216,7 @@ def test_elements_have_as_many_unknowns_as_there_are_data():
 
 def test_waves_in_elements_are_those_measured():
     data = waves(n=17)
-    experiment = Experiment(data, in_elements(data))
+    experiment = ElastographyProblem(data, discretise(data))
     there = np.array([experiment.model.observe(u) for u in experiment.waves])
     assert np.linalg.norm(there - data.displacement) < 0.01 * np.linalg.norm(data.displacement)
 
@@ -224,7 +224,7 @@ def test_waves_in_elements_are_those_measured():
 def test_exact_waves_keep_their_digits_between_points_too():
     """A smooth field with 37² coefficients for 41² points is off by its own size between them: here by 2 % of the waves."""
     data = waves(rheology="elastic", volume="nearly incompressible", n=41)
-    experiment = Experiment(data, in_elements(data))
+    experiment = ElastographyProblem(data, discretise(data))
     there = np.array([experiment.model.observe(u) for u in experiment.waves])
     assert np.linalg.norm(there - data.displacement) < 1e-4 * np.linalg.norm(data.displacement)
 

@@ -69,7 +69,7 @@ def test_waves_with_a_free_end(name):
 def test_in_their_own_elements_driven_nodes_are_those_that_are_flagged():
     """As in published cases, whose driven edges own their corners."""
     data = standing(9, 8, element="q4")
-    experiment = Experiment(data, as_made(data))
+    experiment = ElastographyProblem(data, original_discretisation(data))
     assert set(experiment.model.driven_dofs) == {k + i * 72 for k in np.flatnonzero(data.dirichlet) for i in (0, 1)}
     assert len(experiment.model.driven_dofs) == 2 * (30 - 7) and len(experiment.body.prescribed[0]) == 2 * 72
 
