@@ -21,8 +21,8 @@ from ngbrain.inverse.data.stiffness_maps import StiffnessMap, read_stiffness
 from ngbrain.io.cache import load_or_compute
 from ngbrain.io.waves import WaveData
 from ngbrain.materials import Shearing
-from ngbrain.mesh.geometry.sizing import Graded
-from ngbrain.mesh.routes.registry import meshed
+from ngbrain.mesh.geometry.sizing import RadialSizeField
+from ngbrain.mesh.routes.registry import mesh_elements
 
 Array = np.ndarray
 NAMES = ("grey", "white", "inclusion", "fluid")
@@ -94,7 +94,7 @@ def waves_of_head(size: float, form: str, spacing: float, maps: tuple[str, str] 
 
     def make() -> dict[str, Array]:
         mesh, degree = (
-            _cube(size) if maps else meshed(subject.labels, "hull", Graded(size, size)).mesh(),
+            _cube(size) if maps else mesh_elements(subject.labels, "hull", RadialSizeField(size, size)).mesh(),
             int(form[1]) + 1,
         )
         space, at = quadrature_points(mesh, degree)

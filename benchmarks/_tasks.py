@@ -16,7 +16,7 @@ from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.read.volume import Volume
 from ngbrain.inverse.elastography.invert import invert
 from ngbrain.inverse.elastography.invert_3d import invert_in_space
-from ngbrain.mesh.geometry.sizing import Graded
+from ngbrain.mesh.geometry.sizing import RadialSizeField
 from ngbrain.mesh.routes.registry import ROUTES
 from ngbrain.surrogate.data.dataset import _block
 
@@ -67,7 +67,7 @@ def labels(seed: int) -> list[Any]:
     affine = np.diag([1.5e-3] * 3 + [1.0])
     affine[:3, 3] = [axis[0] for axis in place]
     head = LabelMap(Volume(numbers, affine), {1: "cortex", 2: "white", 3: "ventricle"})
-    made = ROUTES["conforming"].make(head, Graded(10e-3, 10e-3)).elements
+    made = ROUTES["conforming"].make(head, RadialSizeField(10e-3, 10e-3)).elements
     return [made.points, made.tets]
 
 

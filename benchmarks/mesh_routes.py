@@ -29,7 +29,7 @@ from ngbrain.image import mni152
 from ngbrain.image.labelling import label_tissues
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.materials import NeoHooke
-from ngbrain.mesh.geometry.sizing import Graded
+from ngbrain.mesh.geometry.sizing import RadialSizeField
 from ngbrain.mesh.routes.registry import ROUTES
 from ngbrain.mesh.surface.head_outlines import outlines
 from ngbrain.mesh.tet_mesh import Elements
@@ -158,7 +158,7 @@ def records_of(
     start = time.process_time()
     record = {"method": f"ngbrain:{route}", "size_mm": size, "order": 2, "converged": False, "reason": "", "wave": None}
     try:
-        made: Elements = ROUTES[route].make(labels, Graded(size * 1e-3, size * 1e-3)).elements
+        made: Elements = ROUTES[route].make(labels, RadialSizeField(size * 1e-3, size * 1e-3)).elements
         mesh_s = time.process_time() - start
         record |= {"n_tets": len(made.tets), "mesh_s": mesh_s}
         mesh = made.mesh()

@@ -24,7 +24,7 @@ from ngbrain.errors import require
 from ngbrain.image import mni152
 from ngbrain.image.labelling import label_tissues
 from ngbrain.image.read.label_map import LabelMap
-from ngbrain.mesh.geometry.sizing import Graded
+from ngbrain.mesh.geometry.sizing import RadialSizeField
 from ngbrain.mesh.labels.indicators import Indicators
 from ngbrain.mesh.quality import Quality, deviations, volume_errors
 from ngbrain.mesh.routes.registry import ROUTES
@@ -102,7 +102,11 @@ def case(route: str, size: float | None) -> dict:
     if route == "voxels":
         return record("voxels in six", f"{size} mm", lambda: voxels(labels, size), labels, False)
     made = ROUTES[route]
-    field = Graded(2e-3, 8e-3, SITE, radius=made.radius) if size is None else Graded(size * 1e-3, size * 1e-3)
+    field = (
+        RadialSizeField(2e-3, 8e-3, SITE, radius=made.radius)
+        if size is None
+        else RadialSizeField(size * 1e-3, size * 1e-3)
+    )
     name = "2 to 8 mm" if size is None else f"{size:g} mm"
     return record(f"ngbrain:{route}", name, lambda: made.make(labels, field).elements, labels, size is None)
 

@@ -4,8 +4,8 @@ The pictures are those of the report of `ngbrain mesh`; they need the extras `re
 Nothing here needs a network, neither in a notebook nor in what is exported of it.
 
 >>> from ngbrain import viz
->>> from ngbrain.mesh.routes.registry import meshed
->>> made = meshed(labels, "lattice")  # doctest: +SKIP
+>>> from ngbrain.mesh.routes.registry import mesh_elements
+>>> made = mesh_elements(labels, "lattice")  # doctest: +SKIP
 >>> viz.slices(made, labels), viz.surfaces(made), viz.quality(made)  # doctest: +SKIP
 >>> viz.interactive(made.mesh())  # doctest: +SKIP
 """

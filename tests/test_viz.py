@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from ngbrain import viz
 from ngbrain.errors import InputError, MissingExtra
 from ngbrain.image.read.volume import Volume
-from ngbrain.mesh.geometry.sizing import Graded
+from ngbrain.mesh.geometry.sizing import RadialSizeField
 from ngbrain.mesh.routes.lattice import lattice
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -26,7 +26,7 @@ PNG = b"\x89PNG\r\n\x1a\n"
 @pytest.fixture(scope="module")
 def head():
     labels = nested((20.0, 14.0, 7.0))
-    return labels, lattice(labels, Graded(5e-3, 5e-3)).elements
+    return labels, lattice(labels, RadialSizeField(5e-3, 5e-3)).elements
 
 
 def pixels(image):

@@ -29,12 +29,12 @@ from ngbrain.image.read.landmarks import landmarks
 from ngbrain.image.read.volume import Volume
 from ngbrain.io.exchange import write_mesh
 from ngbrain.io.foreign import read_mesh
-from ngbrain.mesh.geometry.sizing import Graded
+from ngbrain.mesh.geometry.sizing import RadialSizeField
 from ngbrain.mesh.labels.indicators import Indicators
 from ngbrain.mesh.quality import Quality, deviations, volumes_ml
-from ngbrain.mesh.routes.registry import ROUTES, meshed
+from ngbrain.mesh.routes.registry import ROUTES, mesh_elements
 from ngbrain.mesh.surface.cortex import cortex
-from ngbrain.mesh.transfer import on_voxels
+from ngbrain.mesh.transfer import voxelise
 
 FAST = bool(os.environ.get("NGBRAIN_FAST"))
 ngbrain.set_threads(1)
@@ -63,7 +63,7 @@ indicators = Indicators.of(balls)
 made = {}
 for route in ROUTES:
     start = time.process_time()
-    made[route] = meshed(balls, route, Graded(5e-3, 5e-3))
+    made[route] = mesh_elements(balls, route, RadialSizeField(5e-3, 5e-3))
     quality = Quality.of(made[route]).summary()
     told = deviations(made[route], indicators) if route != "hull" else {}
     off = f"{1e3 * np.concatenate(list(told.values())).mean():.2f} mm" if told else "not followed"
@@ -98,7 +98,7 @@ plt.show()
 
 # %%
 site = (0.0, 0.0, 0.03)
-fine = meshed(balls, "hull", Graded(2e-3, 8e-3, site, radius=5e-3))
+fine = mesh_elements(balls, "hull", RadialSizeField(2e-3, 8e-3, site, radius=5e-3))
 size = np.cbrt(8.5 * np.abs(fine.volumes()))
 near = np.linalg.norm(fine.points[fine.tets].mean(axis=1) - site, axis=1) < 8e-3
 print(
@@ -111,7 +111,7 @@ print(
 
 # %%
 brain = label_tissues(mni152()).labels
-head = meshed(brain, "hull", Graded(9e-3, 9e-3) if FAST else None)
+head = mesh_elements(brain, "hull", RadialSizeField(9e-3, 9e-3) if FAST else None)
 print(len(head.tets), "tetrahedra", {name: round(ml, 1) for name, ml in volumes_ml(head).items()}, "ml")
 places = landmarks(brain)
 print({name: (1e3 * places[name]).round().tolist() for name in ("front", "left ventricle", "right ventricle")}, "mm")
@@ -144,7 +144,7 @@ print(f"thickness {1e3 * sheet.thickness.mean():.2f} mm")
 # %%
 mesh = head.mesh()
 print(mesh.GetMaterials(), set(mesh.GetBoundaries()), f"{1e6 * ngs.Integrate(ngs.CF(1), mesh):.1f} ml")
-back, _, _ = on_voxels(head, brain.volume.affine, brain.volume.data.shape)
+back, _, _ = voxelise(head, brain.volume.affine, brain.volume.data.shape)
 print(f"back on the scan's voxels: {back.voxel_volume * 1e6 * (back.data > 0).sum():.1f} ml")
 with tempfile.TemporaryDirectory() as folder:
     write_mesh(Path(folder) / "head.msh", head)

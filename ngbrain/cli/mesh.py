@@ -16,7 +16,7 @@ from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.read.volume import Volume
 from ngbrain.io.foreign import is_mesh
 from ngbrain.io.surfacefile import is_surface
-from ngbrain.mesh.geometry.sizing import Graded
+from ngbrain.mesh.geometry.sizing import RadialSizeField
 from ngbrain.mesh.head_mesh import HeadMesh
 from ngbrain.mesh.imported import write_imported
 from ngbrain.mesh.routes.craniotomy import Opening
@@ -73,7 +73,9 @@ def _meshed(arguments: argparse.Namespace, callback: Callable[[str], None]) -> d
     )
     coarse = ROUTES[arguments.route].size if arguments.size is None else arguments.size
     radius = ROUTES[arguments.route].radius if arguments.radius is None else arguments.radius
-    size = Graded(coarse if site is None and floor is None else min(arguments.near, coarse), coarse, site, radius)
+    size = RadialSizeField(
+        coarse if site is None and floor is None else min(arguments.near, coarse), coarse, site, radius
+    )
     callback("meshing")
     try:
         opening = Opening(floor, **shape) if floor else None

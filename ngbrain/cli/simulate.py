@@ -95,7 +95,7 @@ def _answers(result: dict[str, Any]) -> list[str]:
         f"{name:<44}{value:>14}{error:>10}{tolerance:>11}" for name, value, error, tolerance in page.answers(result)
     ]
     lines += ["", f"{'left out':<58}{'would change':>12}"]
-    lines += [f"{what:<58}{change:>12}" for what, change, *_ in page.left_out(result)]
+    lines += [f"{what:<58}{change:>12}" for what, change, *_ in page.omitted_effects(result)]
     return [*lines, "", "model: " + ", ".join(f"{axis} {level}" for axis, level in result["model"].items())]
 
 

@@ -55,7 +55,7 @@ def write_result(
     return result
 
 
-def writable(path: Path) -> None:
+def check_writable(path: Path) -> None:
     """Try the folder, or the one that it would be made in; raises `InputError` for a folder and `OSError` where nothing can be."""
     if path.is_dir():
         raise InputError("-o", repr(str(path)), "a file, not a folder")

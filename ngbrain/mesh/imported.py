@@ -39,7 +39,7 @@ def write_imported(source: str | os.PathLike[str], path: str | os.PathLike[str],
     """
     path, started = Path(path), time.monotonic()
     files.stem(path)
-    files.writable(path)
+    files.check_writable(path)
     made = read_mesh(source, unit)
     low, high = made.points.min(axis=0), made.points.max(axis=0)
     wide = " by ".join(f"{1e3 * side:.0f}" for side in high - low)

@@ -19,7 +19,7 @@ QUESTIONS: Mapping[str, tuple[str, str, str, float]] = {
 
 
 @dataclass(frozen=True)
-class Need:
+class MeshRecommendation:
     """What a question needs.
 
     within       difference asked for, relative
@@ -30,9 +30,9 @@ class Need:
     """
 
     question: str
-    within: float
-    known: float
-    enough: bool
+    tolerance: float
+    reference_error: float
+    adequate: bool
     route: str
     size: float
     order: int
@@ -42,11 +42,12 @@ class Need:
     def __str__(self) -> str:
         """In a sentence."""
         mesh = f"{self.route} of {1e3 * self.size:g} mm, order {self.order}"
-        if self.enough:
-            found = f"{mesh} ({self.difference:.1%} from the finest, which is known to {self.known:.1%}; {self.cpu_s:.0f} s)"
+        known = f"is known to {self.reference_error:.1%}"
+        if self.adequate:
+            found = f"{mesh} ({self.difference:.1%} from the finest, which {known}; {self.cpu_s:.0f} s)"
         else:
-            found = f"finer than any mesh measured: the finest, {mesh}, is known to {self.known:.1%} only ({self.cpu_s:.0f} s)"
-        return f"{self.question} within {self.within:.0%}: {found}"
+            found = f"finer than any mesh measured: the finest, {mesh}, {known} only ({self.cpu_s:.0f} s)"
+        return f"{self.question} within {self.tolerance:.0%}: {found}"
 
 
 @cache
@@ -54,7 +55,9 @@ def _records() -> tuple[dict, ...]:
     return tuple(json.loads(files("ngbrain.mesh").joinpath(TABLE).read_text()))
 
 
-def need(question: str, within: float | None = None, records: tuple[dict, ...] | None = None) -> Need:
+def recommend_mesh(
+    question: str, tolerance: float | None = None, records: tuple[dict, ...] | None = None
+) -> MeshRecommendation:
     """The cheapest mesh for one of `QUESTIONS`, by records of the benchmark (those that come with the library).
 
     Differences are from the finest mesh of all routes, so that what a route leaves out counts as what its elements do. A
@@ -64,21 +67,21 @@ def need(question: str, within: float | None = None, records: tuple[dict, ...] |
     >>> rows = [("hull", 9, 0.03, 4.0, 100), ("lattice", 6, 0.01, 7.0, 200), ("lattice", 5, 0.0, 9.0, 300)]
     >>> keys = ("method", "size_mm", "pressure_error", "cpu_s", "ndof")
     >>> records = tuple(dict(zip(keys, row, strict=True)) | {"order": 2, "converged": True} for row in rows)
-    >>> print(need("mean pressure under a dent of 5 mm", 0.05, records))
+    >>> print(recommend_mesh("mean pressure under a dent of 5 mm", 0.05, records))
     mean pressure under a dent of 5 mm within 5%: hull of 9 mm, order 2 (3.0% from the finest, which is known to 1.0%; 4 s)
     """
     key, spent, unknowns, usual = QUESTIONS[question]
-    within = usual if within is None else within
+    tolerance = usual if tolerance is None else tolerance
     rows = [r for r in (records or _records()) if r["converged"] and r.get(key) is not None]
     rows.sort(key=lambda r: float(r[unknowns]))
-    known = float(rows[-2][key])
-    enough = [r for r in rows if r[key] + known <= within]
-    best = min(enough, key=lambda r: float(r[spent])) if enough else rows[-1]
-    return Need(
+    reference_error = float(rows[-2][key])
+    adequate = [r for r in rows if r[key] + reference_error <= tolerance]
+    best = min(adequate, key=lambda r: float(r[spent])) if adequate else rows[-1]
+    return MeshRecommendation(
         question,
-        within,
-        known,
-        bool(enough),
+        tolerance,
+        reference_error,
+        bool(adequate),
         str(best["method"]).removeprefix("ngbrain:"),
         1e-3 * best["size_mm"],
         int(best["order"]),
@@ -87,6 +90,6 @@ def need(question: str, within: float | None = None, records: tuple[dict, ...] |
     )
 
 
-def needs() -> tuple[Need, ...]:
+def recommend_meshes() -> tuple[MeshRecommendation, ...]:
     """Of all questions."""
-    return tuple(map(need, QUESTIONS))
+    return tuple(map(recommend_mesh, QUESTIONS))

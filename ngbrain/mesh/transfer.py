@@ -11,7 +11,7 @@ _CHUNK = 4_000_000
 _SLACK = 1e-9
 
 
-def on_voxels(
+def voxelise(
     elements: Elements, affine: np.ndarray, shape: tuple[int, int, int]
 ) -> tuple[Volume, np.ndarray, np.ndarray]:
     """The regions of a mesh on a grid, and in which element each voxel's middle lies.
@@ -24,7 +24,7 @@ def on_voxels(
     >>> tet = np.array([[0, 0, 0], [4, 0, 0], [0, 4, 0], [0, 0, 4.0]]) * 1e-3
     >>> none = np.zeros((0, 3), int)
     >>> one = Elements(tet, np.array([[1, 0, 2, 3]]), np.zeros(1, int), none, np.zeros(0, int), ("brain",), ())
-    >>> on_voxels(one, np.diag([1e-3, 1e-3, 1e-3, 1]), (4, 4, 4))[0].data.sum().item()
+    >>> voxelise(one, np.diag([1e-3, 1e-3, 1e-3, 1]), (4, 4, 4))[0].data.sum().item()
     32
     """
     owner = np.full(int(np.prod(shape)), -1, np.int64)

@@ -22,7 +22,7 @@ from ngbrain.io.cache import Arrays, load_or_compute
 from ngbrain.mesh import Cleft, Elements, Sizes, idealised_head, smallest_angles, tet_mesh
 from ngbrain.mesh.geometry import cleft_walls, level_set, primitives
 from ngbrain.mesh.routes import cleft_head
-from ngbrain.mesh.routes.craniotomy import cleft_in
+from ngbrain.mesh.routes.craniotomy import find_cleft
 from ngbrain.mesh.surface import head_outlines, manifold, remeshing
 from ngbrain.mesh.surface.head_outlines import Outlines, outlines
 from ngbrain.scene import Geometry, Scene
@@ -116,7 +116,7 @@ class Scanned:
         """By the shortest way to the surface, or along `approach`; the target must lie in tissue."""
         target = np.asarray(target, float)
         shape = self.outlines
-        return cleft_in(shape.brain, shape.ventricles, target, opening, width, approach, across)
+        return find_cleft(shape.brain, shape.ventricles, target, opening, width, approach, across)
 
     def open_cleft(self, cleft: Cleft, craniotomy: float, sizes: Sizes) -> ngs.Mesh:
         """From the cache, or made by `from_labels.head`."""

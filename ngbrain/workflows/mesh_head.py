@@ -25,12 +25,12 @@ from ngbrain.image.segment.topology import clean_labels
 from ngbrain.io.surfacefile import read_surface
 from ngbrain.mesh import files
 from ngbrain.mesh.geometry.cleft import Cleft
-from ngbrain.mesh.geometry.sizing import Graded
+from ngbrain.mesh.geometry.sizing import RadialSizeField
 from ngbrain.mesh.head_mesh import HeadMesh
-from ngbrain.mesh.improve.curving import Curving, bent
-from ngbrain.mesh.resolution_study import needs
-from ngbrain.mesh.routes.craniotomy import Opening, opened
-from ngbrain.mesh.routes.registry import ROUTES, described, meshed_by, min_jacobian
+from ngbrain.mesh.improve.curving import CurvingResult, second_order_mesh
+from ngbrain.mesh.resolution_study import recommend_meshes
+from ngbrain.mesh.routes.craniotomy import Opening, mesh_with_cleft
+from ngbrain.mesh.routes.registry import ROUTES, mesh_labels, min_jacobian, summarise_mesh
 from ngbrain.mesh.surface.cortical_files import write_cortex
 from ngbrain.mesh.surface.head_outlines import LESION, VENTRICLES, Repair, excessive
 from ngbrain.mesh.tet_mesh import Elements
@@ -184,7 +184,7 @@ def write_subject(
     subject: Subject,
     path: str | os.PathLike[str],
     route: str = "hull",
-    size: Graded | None = None,
+    size: RadialSizeField | None = None,
     curve: bool = False,
     opening: Opening | None = None,
     cortex: bool = False,
@@ -202,7 +202,7 @@ def write_subject(
     opening  cut it open first (`ngbrain.mesh.routes.craniotomy`), with elements of `size.near` at the walls
 
     The result reads as `result.json` does. Raises `InputError` for another suffix, for a curved mesh that is not
-    .vtkhdf, has an opening or is by the route `hull`, which has no tissues' interfaces, and what `meshed_by`, `opened` and
+    .vtkhdf, has an opening or is by the route `hull`, which has no tissues' interfaces, and what `mesh_labels`, `mesh_with_cleft` and
     `curved` raise.
     """
     path, started = Path(path), time.monotonic()
@@ -215,22 +215,22 @@ def write_subject(
         )
     if curve and opening:
         raise InputError("--curve", "given with --cut", "one of them: what is curved would leave the walls' planes")
-    files.writable(path)  # before the work, not after it
+    files.check_writable(path)  # before the work, not after it
     clean, tidying = clean_labels(LabelMap(_numbered(subject.labels), dict(enumerate(subject.labels.regions, 1))))
     if not clean.regions:
         found = f"{np.count_nonzero(subject.labels.volume.data)} voxels in islands, which are left out"
         raise InputError("labels", found, "a head")
-    size = size or Graded(ROUTES[route].size, ROUTES[route].size)
+    size = size or RadialSizeField(ROUTES[route].size, ROUTES[route].size)
     whole, cut = clean, {}
     if opening:
         cut = {"cut": _cut(opening.cleft(clean), opening)}
-        clean, done = opened(clean, opening, route, size.near, size.far)
+        clean, done = mesh_with_cleft(clean, opening, route, size.near, size.far)
     else:
-        done = meshed_by(clean, route, size)
+        done = mesh_labels(clean, route, size)
     made = done.elements
-    told = described(made, clean)
+    told = summarise_mesh(made, clean)
     if curve:
-        mesh, curving = bent(made, clean)
+        mesh, curving = second_order_mesh(made, clean)
         told |= {"curved": _summary(curving)}
         for name, volume in zip(mesh.GetMaterials(), ngs.Integrate(ngs.CF(1), mesh, region_wise=True), strict=True):
             told["regions"][name]["volume_ml"] = 1e6 * float(volume)
@@ -262,7 +262,7 @@ def write_subject(
         **({"snaps": dict(done.snaps)} if done.snaps else {}),
         **({"surfaces": surfaces} if surfaces else {}),
         repairs=[_placed(repair) for repair in done.repairs],
-        needs=[str(need) for need in needs()],
+        needs=[str(each) for each in recommend_meshes()],
         landmarks_mm={name: (1e3 * point).round(2).tolist() for name, point in points.items()},
         shown_mm=(1e3 * shown).round(2).tolist(),
         files=[path.name, labels.name, *(surfaces["files"] if surfaces else ()), "result.json"],
@@ -279,10 +279,10 @@ def _placed(repair: Repair) -> dict[str, Any]:
     return {"region": repair.region, "kind": repair.kind, "ml": repair.ml, "at_mm": at}
 
 
-def _summary(curving: Curving) -> dict[str, float]:
+def _summary(curving: CurvingResult) -> dict[str, float]:
     """Distances of interfaces from where labels meet, before and after, mean and 95th percentile; share of nodes held back."""
-    found = {"held_back": curving.held}
-    for name, off in (("before", curving.before), ("after", curving.after)):
+    found = {"held_back": curving.held_back}
+    for name, off in (("before", curving.distance_before), ("after", curving.distance_after)):
         found |= {f"mean_mm_{name}": 1e3 * float(off.mean()), f"p95_mm_{name}": 1e3 * float(np.percentile(off, 95))}
     return found
 

@@ -15,9 +15,9 @@ import numpy as np
 from ngbrain.errors import InputError
 from ngbrain.ladder.models.bodies import ModelHierarchy
 from ngbrain.report.pages import preview as page
-from ngbrain.report.pages.preview import Condition, Drawing, Solid
+from ngbrain.report.pages.preview import Condition, Drawing, RigidBodyDrawing
 from ngbrain.report.pictures.slices import ScanImage
-from ngbrain.report.pictures.tool import TOOLS, drawn
+from ngbrain.report.pictures.tool import TOOLS, tool_drawings
 from ngbrain.scene import Contact, DisplacementBC, Scene
 from ngbrain.surgery.head_models import Head, load_head
 from ngbrain.surgery.model import RetractionModel
@@ -117,11 +117,11 @@ def _operation(scene: Scene) -> Drawing:
         Condition("walls of the cleft", "what the tool pushes, and what faces it", _matching("wall_.*", names)),
     ]
     made, cleft = geometry(model)["blade"], model.cleft
-    at, end = (drawn(made, cleft, way) for way in (0.0, scene.tool.travel))
+    at, end = (tool_drawings(made, cleft, way) for way in (0.0, scene.tool.travel))
     solids = []
     for first, last in zip(at, end, strict=True):
         points, triangles = first.solid()
-        solids.append(Solid(TOOLS[scene.tool.kind], points, triangles, last.solid()))
+        solids.append(RigidBodyDrawing(TOOLS[scene.tool.kind], points, triangles, last.solid()))
     image = _image(model.head)
     found = [each for each in conditions if each is not None]
     return Drawing(
@@ -173,7 +173,7 @@ def _displacement(bc: DisplacementBC, names: Sequence[str], scene: Scene) -> Con
     return Condition("moved", f"moved by {_listed(bc.toml_value('value'))} mm{along}{face}", mine, moved)
 
 
-def _rigid(body: Contact, long: float, scene: Scene) -> Solid:
+def _rigid(body: Contact, long: float, scene: Scene) -> RigidBodyDrawing:
     """A ball, a piece of a cylinder or of a plane."""
     middle, r = np.array(body.point), body.radius or 0.0
     angle = np.linspace(0, 2 * np.pi, ROUND, endpoint=False)
@@ -202,7 +202,7 @@ def _rigid(body: Contact, long: float, scene: Scene) -> Solid:
         i = np.arange(2, ROUND)
         tris.append(start + np.column_stack([0 * i, i - 1, i]))
     end = np.array([float(each) for each in body.displacement(scene.time.end, 1.0)])
-    return Solid(body.shape, points, np.concatenate(tris), (points + end, np.concatenate(tris)))
+    return RigidBodyDrawing(body.shape, points, np.concatenate(tris), (points + end, np.concatenate(tris)))
 
 
 def _listed(values: Any) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ngbrain.report.pages.ladder import shown_in
+from ngbrain.report.pages.ladder import display_unit
 from ngbrain.report.pages.parameters import PARAMETERS
 
 OPERATION = (
@@ -134,7 +134,7 @@ def _spread(name: str, answer: Mapping[str, float], region: str = "") -> Iterato
 
 def _asked(result: Mapping[str, Any]) -> Iterator[Number]:
     for each in result["answers"]:
-        name, (unit, factor) = each["quantity"], shown_in(each["unit"])
+        name, (unit, factor) = each["quantity"], display_unit(each["unit"])
         yield Number(f"{name} ({unit})" if unit else name, name[:1].upper() + name[1:], unit, each["value"] * factor)
 
 

@@ -11,14 +11,14 @@ from phantoms import nested
 from ngbrain.errors import InputError
 from ngbrain.io.exchange import write_mesh
 from ngbrain.io.foreign import read_mesh
-from ngbrain.mesh.geometry.sizing import Graded
+from ngbrain.mesh.geometry.sizing import RadialSizeField
 from ngbrain.mesh.quality import volumes_ml
 from ngbrain.mesh.routes.hull import hull
 
 
 @pytest.fixture(scope="module")
 def made():
-    return hull(nested((20.0, 15.0, 8.0)), Graded(7e-3, 7e-3)).elements
+    return hull(nested((20.0, 15.0, 8.0)), RadialSizeField(7e-3, 7e-3)).elements
 
 
 @pytest.mark.parametrize("suffix", [".msh", ".inp"])

@@ -8,7 +8,7 @@ from scipy.spatial import Delaunay, cKDTree
 
 from ngbrain.mesh.geometry.level_set import LevelSet
 from ngbrain.mesh.surface.manifold import boundary, faults
-from ngbrain.mesh.surface.remeshing import _circumcentres, _dense, _spread, triangulated
+from ngbrain.mesh.surface.remeshing import _circumcentres, _dense, _spread, remesh_surface
 
 VOXEL, SIZE = 1e-3, 5e-3
 FINER, ROUNDS = 0.7, 8
@@ -55,7 +55,7 @@ def test_naive_refinement_makes_more_faults_than_it_mends(walls):
 
 
 def test_ours_closes_and_says_by_how_much(walls):
-    surface = triangulated(walls, size, np.zeros((0, 3)))
+    surface = remesh_surface(walls, size, np.zeros((0, 3)))
     changed = np.abs(surface.changed[:, 3]).sum()
     enclosed = (walls.values < 0).sum() * VOXEL**3
     print("faults 0, changed", changed * 1e6, "of", enclosed * 1e6, "ml at", len(surface.changed), "places")

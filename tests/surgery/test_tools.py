@@ -16,7 +16,7 @@ from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.io.surfacefile import read_surface
 from ngbrain.materials import NeoHooke
 from ngbrain.mesh import Cleft, block
-from ngbrain.report.pictures.tool import drawn
+from ngbrain.report.pictures.tool import tool_drawings
 from ngbrain.report.render.surface import area
 from ngbrain.scene import Scene, Tool
 from ngbrain.surgery.tools import Ball, ClosedSurface, Spatula, make_tools
@@ -58,7 +58,7 @@ def test_what_is_drawn_is_what_contact_sees(kind, cleft):
         f"{name}_m": getattr(KINDS[kind], name)
         for name in ("width", "thickness", "edge_radius", "tip_clearance", "height")
     }
-    shown = drawn(blade, cleft, advance)
+    shown = tool_drawings(blade, cleft, advance)
     assert len(shown) == (2 if kind == "two spatulas" else 1)
     for each, tool in zip(shown, tools.values(), strict=False):
         points, triangles = each.solid()
@@ -78,7 +78,7 @@ def test_what_is_drawn_is_what_contact_sees(kind, cleft):
 
 
 def test_a_ball_has_the_area_of_one():
-    (shown,) = drawn({"kind": "ball", "width_m": 6e-3}, CLEFT, 2e-3)
+    (shown,) = tool_drawings({"kind": "ball", "width_m": 6e-3}, CLEFT, 2e-3)
     assert area(*shown.solid()) == pytest.approx(np.pi * 36e-6, rel=0.015)
     assert shown.across(4e-3 + 3e-3) == pytest.approx(2e-3, abs=1e-4)
 

@@ -5,7 +5,7 @@ import pytest
 
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.read.volume import Volume
-from ngbrain.mesh.geometry.sizing import Graded
+from ngbrain.mesh.geometry.sizing import RadialSizeField
 from ngbrain.mesh.routes.hull import hull
 from ngbrain.mesh.routes.registry import ROUTES
 
@@ -85,7 +85,7 @@ def measured(mesh):
 @pytest.mark.parametrize("phantom", PHANTOMS)
 def test_volumes_areas_and_holes(phantom, route):
     labels, size, volumes, areas, euler = PHANTOMS[phantom]
-    mesh = ROUTES[route].make(labels(), Graded(size * MM, size * MM)).elements
+    mesh = ROUTES[route].make(labels(), RadialSizeField(size * MM, size * MM)).elements
     got = dict(zip(mesh.regions, np.bincount(mesh.region, mesh.volumes() / MM**3), strict=True))
     found, holes = measured(mesh)
     print({name: round(100 * (got[name] / volumes[name] - 1), 2) for name in volumes})
@@ -97,7 +97,7 @@ def test_volumes_areas_and_holes(phantom, route):
 
 def test_the_hull_of_nested_spheres():
     labels = painted(lambda *at: np.select([radius(*at) < 8, radius(*at) < 18], [2, 1]), "grey", "ventricles")
-    mesh = hull(labels, Graded(4 * MM, 4 * MM)).elements
+    mesh = hull(labels, RadialSizeField(4 * MM, 4 * MM)).elements
     got = np.bincount(mesh.region, mesh.volumes() / MM**3)
     found, holes = measured(mesh)
     assert got == pytest.approx([BALL * (18**3 - 8**3), BALL * 8**3], rel=0.01)

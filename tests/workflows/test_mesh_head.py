@@ -19,7 +19,7 @@ from ngbrain.image.read.nifti import resample_labels, write_nifti
 from ngbrain.image.read.volume import Volume
 from ngbrain.io import load
 from ngbrain.io.foreign import read_mesh
-from ngbrain.mesh.geometry.sizing import Graded
+from ngbrain.mesh.geometry.sizing import RadialSizeField
 from ngbrain.mesh.quality import volumes_ml
 from ngbrain.mesh.routes.registry import ROUTES
 from ngbrain.report.pages import anatomy
@@ -35,7 +35,7 @@ def test_labels_with_islands_and_holes_by_every_route(route, tmp_path):
     data[middle + 14, middle, middle] = 0  # a hole
     nibabel.save(nibabel.Nifti1Image(data, np.diag([1e3, 1e3, 1e3, 1]) @ clean.volume.affine), tmp_path / "labels.nii")
     subject = Subject.from_labels(tmp_path / "labels.nii", {1: "grey", 2: "white", 3: "ventricles"})
-    result = write_subject(subject, tmp_path / f"{route}.msh", route, Graded(3e-3, 3e-3))
+    result = write_subject(subject, tmp_path / f"{route}.msh", route, RadialSizeField(3e-3, 3e-3))
     made = result.elements
     assert result["relabelled_voxels"] == 3 and result.usable and result.value == pytest.approx(volumes_ml(made))
     assert repr(result).startswith(f"HeadMesh: {next(iter(result.value))} ") and f"{len(made.tets)} tetrahedra" in repr(
@@ -64,7 +64,7 @@ def test_labels_with_islands_and_holes_by_every_route(route, tmp_path):
 def told(names, tmp_path, inner=8.0, **change):
     labels = nested((20.0, 15.0, inner), names)
     subject = Subject(labels, None, labels.volume.affine, labels.volume.data.shape, "labels")
-    return write_subject(subject, tmp_path / "head.vtkhdf", **({"size": Graded(6e-3, 6e-3)} | change)).data
+    return write_subject(subject, tmp_path / "head.vtkhdf", **({"size": RadialSizeField(6e-3, 6e-3)} | change)).data
 
 
 def test_a_result_says_which_regions_a_hull_has_not_and_which_are_off(tmp_path):
@@ -82,14 +82,14 @@ def test_a_result_says_which_regions_a_hull_has_not_and_which_are_off(tmp_path):
         LabelMap(Volume(data, labels.volume.affine), {1: "grey", 2: "white", 3: "ventricles"}),
         None, labels.volume.affine, data.shape, "labels",
     )  # fmt: skip
-    result = write_subject(subject, tmp_path / "head.vtkhdf", size=Graded(6e-3, 6e-3))
+    result = write_subject(subject, tmp_path / "head.vtkhdf", size=RadialSizeField(6e-3, 6e-3))
     assert "ventricles, too thin or too close" in result["left_out"]
     (repair,) = result["repairs"]
     assert (repair["region"], repair["kind"]) == ("ventricles", "left out")
     assert repair["ml"] == pytest.approx(1e-3 * (data == 3).sum()) and repair["at_mm"][2] == pytest.approx(18, abs=1.0)
     assert result["checks"]["changed_ml"] == {"ventricles": pytest.approx(repair["ml"])}
     assert not result.usable and "ventricles is not as in the labels" in result.reasons[0]
-    result = told(("grey", "white", "ventricles"), tmp_path, route="lattice", size=Graded(13e-3, 13e-3))
+    result = told(("grey", "white", "ventricles"), tmp_path, route="lattice", size=RadialSizeField(13e-3, 13e-3))
     assert max(abs(error) for error in result["checks"]["regions_off"].values()) > 0.1
 
 
@@ -97,7 +97,7 @@ def test_the_contrast_of_a_scan_is_in_the_result_and_on_its_page(tmp_path):
     labels = nested((20.0, 15.0, 8.0))
     without = Subject(labels, None, labels.volume.affine, labels.volume.data.shape, "labels")
     for subject, number in ((without, None), (replace(without, contrast=2.43), 2.43)):
-        result = write_subject(subject, tmp_path / "head.vtkhdf", size=Graded(6e-3, 6e-3))
+        result = write_subject(subject, tmp_path / "head.vtkhdf", size=RadialSizeField(6e-3, 6e-3))
         made = result.elements
         assert json.loads((tmp_path / "result.json").read_text()).get("grey_white_contrast") == number
         page = anatomy.build(tmp_path / "report.html", result.data, made, labels, None, np.zeros(3)).read_text(
@@ -120,7 +120,7 @@ def test_output_is_tried_before_the_work(tmp_path):
 def test_the_suffix_may_be_in_capitals(tmp_path):
     labels = nested((20.0, 15.0, 8.0))
     subject = Subject(labels, None, labels.volume.affine, labels.volume.data.shape, "labels")
-    write_subject(subject, tmp_path / "HEAD.VTKHDF", size=Graded(6e-3, 6e-3))
+    write_subject(subject, tmp_path / "HEAD.VTKHDF", size=RadialSizeField(6e-3, 6e-3))
     assert load(tmp_path / "HEAD.VTKHDF").mesh.ne > 100 and (tmp_path / "HEAD_labels.nii.gz").exists()
 
 
@@ -155,7 +155,7 @@ def test_an_atlas_of_one_head_in_another(tmp_path):
 @pytest.mark.parametrize("route", ROUTES)
 def test_a_raw_scan_with_its_skull_by_every_route(route, tmp_path):
     subject = Subject.from_scan(colin27().source)
-    result = write_subject(subject, tmp_path / "head.vtkhdf", route, Graded(5e-3, 5e-3))
+    result = write_subject(subject, tmp_path / "head.vtkhdf", route, RadialSizeField(5e-3, 5e-3))
     made = result.elements
     print(result["regions"], result["quality"], result["time_s"])
     for name, region in result["regions"].items():
@@ -170,7 +170,7 @@ def test_a_raw_scan_with_its_skull_by_every_route(route, tmp_path):
 @pytest.mark.slow
 def test_a_raw_scan_with_its_structures(tmp_path):
     subject = Subject.from_structures(colin27().source)
-    result = write_subject(subject, tmp_path / "head.vtkhdf", "lattice", Graded(5e-3, 5e-3))
+    result = write_subject(subject, tmp_path / "head.vtkhdf", "lattice", RadialSizeField(5e-3, 5e-3))
     made = result.elements
     print(result["regions"], result["quality"], result["time_s"])
     for name, region in result["regions"].items():

@@ -18,8 +18,8 @@ from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.read.label_schemes import TISSUES
 from ngbrain.image.segment.tissue_classes import WHITE
 from ngbrain.mesh.geometry.primitives import Sizes, idealised_head
-from ngbrain.mesh.geometry.sizing import Graded
-from ngbrain.mesh.routes.registry import meshed
+from ngbrain.mesh.geometry.sizing import RadialSizeField
+from ngbrain.mesh.routes.registry import mesh_elements
 from ngbrain.mesh.surface.head_outlines import BRAIN
 from ngbrain.mesh.tet_mesh import centres
 from ngbrain.reading import check_in_subprocess, check_regular
@@ -126,7 +126,7 @@ def scanned_head_mesh(geometry: Geometry, size: float) -> meshing.Mesh:
     """
     scan = mni152() if geometry.kind == "mni152" else read_scan(str(geometry.image))
     labels = label_tissues(scan).volume
-    mesh = meshed(LabelMap(labels, TISSUES), "hull", Graded(size, size)).mesh()
+    mesh = mesh_elements(LabelMap(labels, TISSUES), "hull", RadialSizeField(size, size)).mesh()
     made = mesh.ngmesh.Copy()
     numbers = {name: i for i, name in enumerate((GREY_MATTER, WHITE_MATTER, *mesh.GetMaterials()[1:]), 1)}
     white = labels.interpolate(centres(mesh), order=0) == WHITE

@@ -19,7 +19,7 @@ START = 16e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Slot:
+class CleftWalls:
     """Grids on the five sides of a cleft, sharing their edges.
 
     points   (n, 3) m, of which the first `mouth` go round its mouth on the surface
@@ -32,7 +32,7 @@ class Slot:
     sides: dict[str, np.ndarray]
 
     @classmethod
-    def of(cls, cleft: Cleft, surface: LevelSet, site: float) -> Slot:
+    def of(cls, cleft: Cleft, surface: LevelSet, site: float) -> CleftWalls:
         """Cut by a surface, with elements of size `site` (m) and at least two across the floor."""
         na = max(LEAST_ACROSS, int(np.ceil(cleft.opening / site - 1e-9)))
         nb, nc = (max(2, int(np.ceil(length / site - 1e-9))) for length in (cleft.width, cleft.depth))
@@ -42,7 +42,7 @@ class Slot:
         ring += [(i, nb) for i in range(na, 0, -1)] + [(0, j) for j in range(nb, 0, -1)]
         number: dict[tuple[int, int, int], int] = {(i, j, nc): n for n, (i, j) in enumerate(ring)}
         feet = np.array([_at(cleft, a[i], b[j], 0.0) for i, j in ring])
-        top = surface.along(feet, cleft.out, cleft.depth + BEYOND)
+        top = surface.ray_distance(feet, cleft.out, cleft.depth + BEYOND)
         if np.isnan(top).any() or np.ptp(top) > cleft.depth / 2 + cleft.width:
             raise InputError("cleft.approach", "such that the walls do not end on the surface", "a steeper way out")
         points = [foot + t * cleft.out for foot, t in zip(feet, top, strict=True)]
@@ -76,7 +76,7 @@ def rim(cleft: Cleft, surface: LevelSet, diameter: float, size: float) -> Points
     angle = 2 * np.pi * (np.arange(n) + 0.5) / n
     below = max(cleft.depth - START, 0.0)
     feet = np.array([_at(cleft, diameter / 2 * np.cos(q), diameter / 2 * np.sin(q), below) for q in angle])
-    top = surface.along(feet, cleft.out, START + BEYOND)
+    top = surface.ray_distance(feet, cleft.out, START + BEYOND)
     if np.isnan(top).any():
         wanted = "less, or another cleft.approach: the surface of the brain curves away under its rim"
         raise InputError("cleft.craniotomy_mm", f"{1e3 * diameter:g}", wanted)

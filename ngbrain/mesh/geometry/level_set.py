@@ -104,7 +104,7 @@ class LevelSet:
             points -= (step * limit)[:, None] * gradient
         return points
 
-    def along(self, start: Points, direction: np.ndarray, longest: float) -> np.ndarray:
+    def ray_distance(self, start: Points, direction: np.ndarray, longest: float) -> np.ndarray:
         """How far (n,) from points inside, along a unit vector, φ = 0 is first met (m); NaN where it is not."""
         s = np.arange(0.0, longest, self.spacing / 2)
         path = start[:, None] + s[:, None] * direction

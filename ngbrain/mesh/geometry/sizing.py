@@ -11,14 +11,14 @@ from ngbrain.errors import InputError
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.mesh.geometry.cleft import Cleft
 
-Sizes = Callable[[np.ndarray], np.ndarray]
+SizeField = Callable[[np.ndarray], np.ndarray]
 """Points (n, 3) m → element size (n,) m: what every route takes."""
 ACROSS = 2
 """Elements across a cleft at least: larger ones bridge it."""
 
 
 @dataclass(frozen=True)
-class Graded:
+class RadialSizeField:
     """Element size h(x) = min(far, near + growth · max(|x - site| - radius, 0)), all in m.
 
     near, far  sizes at the site and away from it; growth per distance
@@ -27,7 +27,7 @@ class Graded:
 
     Raises `InputError` unless 0 < near ≤ far, and for a radius below 0.
 
-    >>> size = Graded(0.002, 0.008, site=(0.0, 0.0, 0.0))
+    >>> size = RadialSizeField(0.002, 0.008, site=(0.0, 0.0, 0.0))
     >>> size(np.array([[0, 0, 0.01], [0, 0, 0.025], [0, 0, 0.1]])).round(4).tolist()
     [0.002, 0.004, 0.008]
     """
@@ -54,7 +54,7 @@ class Graded:
 
 
 @dataclass(frozen=True)
-class Along:
+class CleftSizeField:
     """Element size (m) `near` at the walls of a cleft, growing with the distance from them up to `far`.
 
     Raises `InputError` unless 0 < near ≤ far and `ACROSS` elements fit between the walls.
@@ -78,7 +78,7 @@ class Along:
         return np.minimum(self.far, self.near + self.growth * self.cleft.distance_to_walls(points))
 
 
-def asked(labels: LabelMap, size: Sizes, per_cube: float, most: float) -> np.ndarray:
+def sample_sizes(labels: LabelMap, size: SizeField, per_cube: float, most: float) -> np.ndarray:
     """Sizes (n,) m in the voxels of a map that have a label.
 
     Raises `InputError` where there is none, for sizes that are not positive numbers, and such that, with so many tetrahedra in a

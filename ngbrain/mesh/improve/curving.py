@@ -11,7 +11,7 @@ import numpy as np
 from ngbrain.errors import InputError
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.mesh.geometry.curved_elements import determinants, folds
-from ngbrain.mesh.improve.volume_matching import Curved
+from ngbrain.mesh.improve.volume_matching import QuadraticInterfaces
 from ngbrain.mesh.labels.indicators import Indicators, Points
 from ngbrain.mesh.labels.volume_zones import Zones
 from ngbrain.mesh.tet_mesh import Elements
@@ -36,7 +36,7 @@ _BASIS = np.concatenate([_AT * (2 * _AT - 1), 4 * _AT[:, [0, 0, 1]] * _AT[:, [1,
 
 
 @dataclass(frozen=True, eq=False)
-class Curving:
+class CurvingResult:
     """How a mesh was curved.
 
     deformation  the displacement (m) that the mesh now has, `mesh.SetDeformation`'s
@@ -49,22 +49,22 @@ class Curving:
     """
 
     deformation: ngs.GridFunction
-    at: Points
-    before: np.ndarray
-    after: np.ndarray
-    held: float
-    nodes: np.ndarray
-    places: Points
+    sample_points: Points
+    distance_before: np.ndarray
+    distance_after: np.ndarray
+    held_back: float
+    element_nodes: np.ndarray
+    node_positions: Points
 
 
-def curved(
+def curve_interfaces(
     mesh: ngs.Mesh,
     indicators: Indicators,
     order: int = 2,
     furthest: float = FURTHEST,
     towards: Indicators | None = None,
     volumes: np.ndarray | None = None,
-) -> Curving:
+) -> CurvingResult:
     """Give a mesh of straight tetrahedra a deformation that brings its interfaces onto where the labels' regions meet.
 
     Interfaces are the boundaries `outer_<a>` and `<a>_<b>` of regions of the indicators. Their vertices and, of order 2,
@@ -105,7 +105,7 @@ def curved(
     for side in (ends[:, 0], ends[:, 1], np.arange(len(points), len(straight))):
         np.minimum.at(shortest, side, length)
     move = np.zeros_like(straight)
-    move[moved] = (towards or indicators).onto(straight[moved], meeting[moved]) - straight[moved]
+    move[moved] = (towards or indicators).project_to_interface(straight[moved], meeting[moved]) - straight[moved]
     on = np.zeros(len(straight), bool)
     on[moved] = True
     far, reach = np.linalg.norm(move, axis=1), np.where(on, np.minimum(furthest, shortest / 4), 0)
@@ -116,7 +116,7 @@ def curved(
         found = surface.volumes(straight + shift)
         wanted = found + RETURNED * (volumes - found)
         for _ in range(MATCHES):
-            shift = surface.matched(straight + shift, wanted, MATCHED * np.where(held, 0, reach)) - straight
+            shift = surface.match_volumes(straight + shift, wanted, MATCHED * np.where(held, 0, reach)) - straight
             back, shift = _backtracked(straight, nodes, ends, shift, on)
             held |= back
 
@@ -132,10 +132,10 @@ def curved(
     mesh.SetDeformation(deformation)
     at, there = (np.einsum("pn,tnd->tpd", _BASIS, x[six]).reshape(-1, 3) for x in (straight, straight + shift))
     before, after = _distances(at, pairs, indicators), _distances(there, pairs, indicators)
-    return Curving(deformation, at, before, after, float(held[moved].mean()), nodes, straight + shift)
+    return CurvingResult(deformation, at, before, after, float(held[moved].mean()), nodes, straight + shift)
 
 
-def bent(elements: Elements, labels: LabelMap) -> tuple[ngs.Mesh, Curving]:
+def second_order_mesh(elements: Elements, labels: LabelMap) -> tuple[ngs.Mesh, CurvingResult]:
     """A mesh whose own geometry is curved, of second order, without a deformation; and what `curved` says of it.
 
     It can be saved, loaded, and deformed by whatever is computed on it. Of the volume that films of tissue lose `RETURNED` is
@@ -145,16 +145,18 @@ def bent(elements: Elements, labels: LabelMap) -> tuple[ngs.Mesh, Curving]:
     >>> from ngbrain.mesh.routes.lattice import lattice
     >>> ball = np.linalg.norm(np.indices((24, 24, 24)) - 11.5, axis=0) < 10
     >>> labels = LabelMap(Volume(ball.astype(int), np.diag([1e-3, 1e-3, 1e-3, 1])), {1: "grey"})
-    >>> mesh, done = bent(lattice(labels, lambda points: np.full(len(points), 4e-3)).elements, labels)
+    >>> mesh, done = second_order_mesh(lattice(labels, lambda points: np.full(len(points), 4e-3)).elements, labels)
     >>> mesh.deformation, float(round(1e6 * ngs.Integrate(ngs.CF(1), mesh) / labels.volumes_ml()["grey"], 2))
     (None, 1.0)
     """
     indicators = Indicators.of(labels)
     wanted = 1e-6 * np.array(list(labels.volumes_ml().values()))
-    done = curved(elements.mesh(), indicators, towards=indicators.filled(Zones.whole(labels)), volumes=wanted)
+    done = curve_interfaces(
+        elements.mesh(), indicators, towards=indicators.correct_volumes(Zones.whole(labels)), volumes=wanted
+    )
     solid = elements.mesh().ngmesh
     solid.SecondOrder()
-    solid.Coordinates()[solid.Elements3D().NumPy()["nodes"] - 1] = done.places[done.nodes]
+    solid.Coordinates()[solid.Elements3D().NumPy()["nodes"] - 1] = done.node_positions[done.element_nodes]
     return ngs.Mesh(solid), done
 
 
@@ -181,9 +183,9 @@ def _read(mesh: ngs.Mesh, indicators: Indicators) -> tuple[Points, np.ndarray, n
 
 def _surface(
     mesh: ngs.Mesh, straight: Points, tets: np.ndarray, six: np.ndarray, pairs: np.ndarray, indicators: Indicators
-) -> Curved:
+) -> QuadraticInterfaces:
     """The interfaces; raises `InputError` unless they enclose what the tetrahedra of each region fill."""
-    surface = Curved(six, np.where(pairs[:, :1] == 0, pairs[:, ::-1], pairs), len(indicators.regions))
+    surface = QuadraticInterfaces(six, np.where(pairs[:, :1] == 0, pairs[:, ::-1], pairs), len(indicators.regions))
     numbers = np.array([0, *(1 + indicators.regions.index(name) for name in mesh.GetMaterials())])
     x = straight[tets]
     filled = np.bincount(

@@ -17,14 +17,14 @@ _HALVINGS = 2
 _CHUNK = 1 << 15
 
 
-def guarded(points: Points, tets: np.ndarray, target: Points) -> tuple[Points, np.ndarray]:
+def apply_guarded_moves(points: Points, tets: np.ndarray, target: Points) -> tuple[Points, np.ndarray]:
     """Points (n, 3) moved to their targets, or a half or a quarter of the way, or not at all; and which (n,) have arrived.
 
     All move at once; of each tetrahedron (in Netgen's orientation) that is then bad, the point that went farthest goes half
     the way back, until none is bad. That ends, as every tetrahedron whose points have not moved is taken for good.
 
     >>> points, tets = np.array([[0, 0, 0], [0, 1, 0], [1, 0, 0], [0, 0, 1.0]]), np.array([[0, 1, 2, 3]])
-    >>> moved, arrived = guarded(points, tets, np.array([[0, 0, 0.1], [0, 1, 0], [1, 0, 0], [0, 0, -1.0]]))
+    >>> moved, arrived = apply_guarded_moves(points, tets, np.array([[0, 0, 0.1], [0, 1, 0], [1, 0, 0], [0, 0, -1.0]]))
     >>> moved[:, 2].tolist(), arrived.tolist()
     ([0.1, 0.0, 0.0, 0.5], [True, True, True, False])
     """

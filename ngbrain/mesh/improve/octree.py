@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ngbrain.errors import InputError
-from ngbrain.mesh.geometry.sizing import Sizes
+from ngbrain.mesh.geometry.sizing import SizeField
 
 Points = np.ndarray
 Cells = np.ndarray
@@ -26,8 +26,8 @@ _BESIDE = np.array([s for s in np.ndindex(3, 3, 3) if 0 < np.abs(np.array(s) - 1
 _CHILDREN = np.array(list(np.ndindex(2, 2, 2)))
 
 
-def body_centred(
-    low: Points, high: Points, size: Sizes, finest: float, inside: Callable[[Points], np.ndarray]
+def body_centred_lattice(
+    low: Points, high: Points, size: SizeField, finest: float, inside: Callable[[Points], np.ndarray]
 ) -> tuple[Points, np.ndarray]:
     """Points (n, 3) in m and tetrahedra (m, 4), in Netgen's orientation, around what lies in a box from `low` to `high` (3,) m.
 
@@ -42,7 +42,7 @@ def body_centred(
     `MOST` tetrahedra, or differ by more than 2^`FINEST`.
 
     >>> half, every = lambda x: np.full(len(x), 0.5), lambda x: np.ones(len(x), bool)
-    >>> points, tets = body_centred(np.zeros(3), np.ones(3), half, 0.5, every)
+    >>> points, tets = body_centred_lattice(np.zeros(3), np.ones(3), half, 0.5, every)
     >>> points.min(axis=0).tolist(), points.max(axis=0).tolist(), len(tets)
     ([-0.5, -0.5, -0.5], [1.5, 1.5, 1.5], 576)
     """
@@ -90,7 +90,7 @@ def _among(keys: np.ndarray, ordered: np.ndarray) -> np.ndarray:
     return np.asarray(ordered[np.minimum(at, len(ordered) - 1)] == keys)
 
 
-def _leaves(count: np.ndarray, origin: Points, root: float, size: Sizes) -> list[np.ndarray]:
+def _leaves(count: np.ndarray, origin: Points, root: float, size: SizeField) -> list[np.ndarray]:
     """Packed cubes that are not halved, from the largest to the smallest; those next to each other differ by 2 at most."""
     cells = np.stack(np.meshgrid(*(np.arange(n) for n in count), indexing="ij"), axis=-1).reshape(-1, 3)
     halved: list[np.ndarray] = []

@@ -7,7 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
-from ngbrain.mesh.improve.smoothing import FLATTEST, Stars, shapes
+from ngbrain.mesh.improve.smoothing import FLATTEST, Stars, shape_quality
 
 LARGEST = 7
 """Most tetrahedra around an edge that is removed: of more, the others get worse."""
@@ -49,7 +49,7 @@ class Reconnection:
 
     def __init__(self, points: np.ndarray, tets: np.ndarray, region: np.ndarray) -> None:
         self.points, self.tets, self.region = points, tets.tolist(), region.tolist()
-        self.quality = shapes(points[tets]).tolist()
+        self.quality = shape_quality(points[tets]).tolist()
         self.dead: set[int] = set()
         self.goal = 0.0
         self._stars = Stars.of(tets, len(points))
@@ -72,7 +72,7 @@ class Reconnection:
         alive[list(self.dead)] = False
         return np.array(self.tets)[alive], np.array(self.region)[alive]
 
-    def around(self, vertex: int) -> set[int]:
+    def tets_of_vertex(self, vertex: int) -> set[int]:
         """Numbers of the tetrahedra around a vertex."""
         if vertex not in self._around:
             first, last = self._stars.start[vertex : vertex + 2]
@@ -85,7 +85,7 @@ class Reconnection:
         faces = [self._pair(t, apex) for apex in self.tets[t]]
         offers: list[_Ring | _Pair] = [offer for offer in (*edges, *faces) if offer is not None]
         if offers:  # their shapes at once: a call for each takes several times as long
-            shape = shapes(self.points[np.concatenate([offer.corners for offer in offers])])
+            shape = shape_quality(self.points[np.concatenate([offer.corners for offer in offers])])
             ends = np.cumsum([len(offer.corners) for offer in offers])
             for offer, mine in zip(offers, np.split(shape, ends[:-1]), strict=True):
                 found = self._without_edge(offer, mine) if isinstance(offer, _Ring) else self._without_face(offer, mine)
@@ -99,14 +99,14 @@ class Reconnection:
         _, old, new = best
         for k in old:
             for v in self.tets[k]:
-                self.around(v).discard(k)
+                self.tets_of_vertex(v).discard(k)
         self.dead |= old
         for corners, region in new:
             for v in corners:
-                self.around(v).add(len(self.tets))
+                self.tets_of_vertex(v).add(len(self.tets))
             self.tets.append(corners)
             self.region.append(region)
-        self.quality += shapes(self.points[np.array([corners for corners, _ in new])]).tolist()
+        self.quality += shape_quality(self.points[np.array([corners for corners, _ in new])]).tolist()
         return True
 
     def _outside(self, t: int) -> Found | None:
@@ -119,12 +119,12 @@ class Reconnection:
         beyond: list[int] = []  # corners opposite to a face on the surface; and the others
         for apex in tet:
             p, q, r = (v for v in tet if v != apex)
-            sharing = (self.around(p) & self.around(q) & self.around(r)) - {t}
+            sharing = (self.tets_of_vertex(p) & self.tets_of_vertex(q) & self.tets_of_vertex(r)) - {t}
             (beyond if sharing and not any(self.region[k] for k in sharing) else within).append(apex)
         if not beyond:
             return None
         # What the surface gets to: the corner or the edge that all faces within share, which no surface may have yet.
-        shared = set.intersection(*(self.around(v) for v in beyond))
+        shared = set.intersection(*(self.tets_of_vertex(v) for v in beyond))
         if len(within) > 1 and not all(self.region[k] for k in shared):
             return None
         return self.goal, {t}, [(tet, 0)]
@@ -136,7 +136,7 @@ class Reconnection:
     def _pair(self, t: int, apex: int) -> _Pair | None:
         """Two tetrahedra of a region, the first without one apex, and the three around the line between their apices."""
         p, q, r = (v for v in self.tets[t] if v != apex)
-        sharing = (self.around(p) & self.around(q) & self.around(r)) - {t}
+        sharing = (self.tets_of_vertex(p) & self.tets_of_vertex(q) & self.tets_of_vertex(r)) - {t}
         if len(sharing) != 1:  # at the hull
             return None
         (other,) = sharing
@@ -158,7 +158,7 @@ class Reconnection:
 
     def _ring(self, a: int, b: int) -> _Ring | None:
         """The tetrahedra around an edge, and those that triangles of the ring around it make with its ends."""
-        old = self.around(a) & self.around(b)
+        old = self.tets_of_vertex(a) & self.tets_of_vertex(b)
         if not 3 <= len(old) <= LARGEST:
             return None
         follows = {}

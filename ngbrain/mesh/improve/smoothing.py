@@ -16,7 +16,7 @@ _EDGES = ((0, 1, 2, 3), (0, 2, 1, 3), (0, 3, 1, 2), (1, 2, 0, 3), (1, 3, 0, 2), 
 """Of each edge its corners, and the corners opposite to the two faces that it lies between."""
 
 
-def shapes(x: np.ndarray) -> np.ndarray:
+def shape_quality(x: np.ndarray) -> np.ndarray:
     """Smallest sine (n,) of the angles between two faces of tetrahedra (n, 4, 3) in Netgen's orientation.
 
     Small for angles near 0 and near 180°; negative where the tetrahedron is inside out (sin = 3/2 V l / (A B) for faces of
@@ -59,14 +59,14 @@ class Stars:
         order = np.argsort(tets.ravel(), kind="stable")
         return cls(np.r_[0, np.cumsum(np.bincount(tets.ravel(), minlength=n))], order // 4)
 
-    def around(self, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def tets_of_vertices(self, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The tetrahedra around vertices, one after the other, and where those of each vertex start."""
         count = self.start[vertices + 1] - self.start[vertices]
         first = np.r_[0, np.cumsum(count)[:-1]]
         return self.tets[np.repeat(self.start[vertices] - first, count) + np.arange(count.sum())], first
 
 
-def improved(
+def smooth_vertices(
     points: Points,
     tets: np.ndarray,
     kept: np.ndarray,
@@ -85,13 +85,13 @@ def improved(
     """
     points = points.copy()
     stars = Stars.of(tets, len(points))
-    quality = np.where(kept, shapes(points[tets]), np.inf)
+    quality = np.where(kept, shape_quality(points[tets]), np.inf)
     for _ in range(rounds):
         bad = np.flatnonzero(quality < goal)
         if not len(bad):
             break
         movable = _apart(tets, stars, quality, np.unique(tets[bad]), len(points), rng)
-        around, first = stars.around(movable)
+        around, first = stars.tets_of_vertices(movable)
         owner = np.repeat(np.arange(len(movable)), np.diff(np.r_[first, len(around)]))
         corner = (tets[around] == movable[owner, None]).argmax(axis=1)
         x = points[tets[around]]
@@ -105,7 +105,7 @@ def improved(
             )
             trial = place(movable, points[movable] + step)
             x[rows, corner] = trial[owner]
-            shape = shapes(x)
+            shape = shape_quality(x)
             shape = np.where(kept[around], shape, np.where(shape > FLATTEST, np.inf, -np.inf))
             worst = np.minimum.reduceat(shape, first)
             better = worst > best
@@ -123,6 +123,6 @@ def _apart(
     """Those of the active vertices of which no two share a tetrahedron: the ones that come first in a random order."""
     turn = np.full(n, np.inf)
     turn[active] = rng.random(len(active))
-    around, first = stars.around(active)
+    around, first = stars.tets_of_vertices(active)
     earliest = np.minimum.reduceat(turn[tets[around]].min(axis=1), first)
     return active[turn[active] <= earliest]

@@ -8,7 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
-from ngbrain.mesh.labels.volume_fractions import Shares
+from ngbrain.mesh.labels.volume_fractions import VolumeFractions
 from ngbrain.mesh.labels.volume_zones import everywhere
 
 Points = np.ndarray
@@ -29,7 +29,7 @@ _MANY = (np.array([(i, j, k, 3 - i - j - k) for i, j, k in np.ndindex(4, 4, 4) i
 
 
 @dataclass(eq=False)
-class Net:
+class SnappedLattice:
     """Points and tetrahedra among regions.
 
     points   (n, 3) m; tets (m, 4) in Netgen's orientation; `shares` of the regions, 0 is outside
@@ -42,7 +42,7 @@ class Net:
 
     points: Points
     tets: np.ndarray
-    shares: Shares
+    fractions: VolumeFractions
     width: float
     scale: np.ndarray
     zone: Callable[[Points], np.ndarray] = everywhere
@@ -53,14 +53,14 @@ class Net:
     sampled: Points = field(init=False)
 
     def __post_init__(self) -> None:
-        self.bias = np.zeros((self.zone(self.points[:1]).shape[1], self.shares.count))
+        self.bias = np.zeros((self.zone(self.points[:1]).shape[1], self.fractions.count))
         self.beside = _beside(self.tets)
         cubes = np.cbrt(12 * volumes(self.points, self.tets))
         self.weight = self.scale / self.scale.max()
-        shares = self.shares(self.points)
-        number, deep = shares.argmax(axis=1)[self.tets], (shares.max(axis=1) > _DEEP)[self.tets].all(axis=1)
+        fractions = self.fractions(self.points)
+        number, deep = fractions.argmax(axis=1)[self.tets], (fractions.max(axis=1) > _DEEP)[self.tets].all(axis=1)
         deep &= (number == number[:, :1]).all(axis=1) & (cubes < _LARGE * self.width)
-        self.means = np.zeros((len(self.tets), self.shares.count), np.float32)
+        self.means = np.zeros((len(self.tets), self.fractions.count), np.float32)
         self.means[np.arange(len(self.tets)), number[:, 0]] = 1
         self.sampled = np.where(np.isin(np.arange(len(self.points)), self.tets[~deep])[:, None], np.inf, self.points)
 
@@ -69,7 +69,7 @@ class Net:
         """Of s_a - s_b across an interface (1/m)."""
         return slope_across(self.width)
 
-    def lift(self) -> np.ndarray:
+    def bias_at_points(self) -> np.ndarray:
         """What is added to the shares at the points (n, regions + 1)."""
         return (self.weight[:, None] * (self.zone(self.points) @ self.bias)).clip(-_LIFTED, _LIFTED)
 
@@ -82,7 +82,7 @@ class Net:
         for which, weights in ((stale & ~large, _GAUSS), (stale & large, _MANY)):
             for at in np.array_split(np.flatnonzero(which), 1 + which.sum() // (1 << 15)):
                 x = self.points[self.tets[at]]
-                total = sum(self.shares(np.einsum("i,nij->nj", w, x)) for w in weights)
+                total = sum(self.fractions(np.einsum("i,nij->nj", w, x)) for w in weights)
                 self.means[at] = total / np.float32(len(weights))
 
     def _regions(self) -> np.ndarray:
@@ -90,7 +90,7 @@ class Net:
 
         One that none of its neighbours agrees with takes the region of that neighbour which has the largest share in it.
         """
-        lift = self.lift().astype(np.float32)
+        lift = self.bias_at_points().astype(np.float32)
         score = self.means + sum(lift[corner] for corner in self.tets.T) / np.float32(4)
         region = score.argmax(axis=1)
         around = np.where(self.beside >= 0, region[self.beside], -1)
@@ -116,9 +116,9 @@ class Net:
         a zone together are held back a little: where hardly any of it is at the outside, there is nobody to give them room.
         """
         self._sample()
-        size, n = volumes(self.points, self.tets), self.shares.count
+        size, n = volumes(self.points, self.tets), self.fractions.count
         region = self._regions()
-        t, k, other = self.facing(region)
+        t, k, other = self.interface_faces(region)
         x = self.points[self.tets[t[:, None], FACES[k]]]
         area = np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1) / 2
         area *= self.weight[self.tets[t]].mean(axis=1)
@@ -134,12 +134,12 @@ class Net:
         self.bias = self.bias.clip(-most, most)
         return self._regions()
 
-    def volumes_off(self, region: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    def volume_errors(self, region: np.ndarray, wanted: np.ndarray) -> np.ndarray:
         """How far regions are from the volumes (regions,) wanted (m³), as parts of these."""
-        found = np.bincount(region, volumes(self.points, self.tets), self.shares.count)[1:]
+        found = np.bincount(region, volumes(self.points, self.tets), self.fractions.count)[1:]
         return np.asarray(abs(found / wanted - 1))
 
-    def facing(self, region: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def interface_faces(self, region: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Tetrahedra, their faces (numbers in FACES) between regions, and the other region there: each face once.
 
         From the region of the smaller number, but from inside where nothing lies beyond.
@@ -148,22 +148,22 @@ class Net:
         t, k = np.nonzero((across > region[:, None]) | ((self.beside < 0) & (region > 0)[:, None]))
         return t, k, across[t, k]
 
-    def border(self, region: np.ndarray) -> np.ndarray:
+    def adjacent_regions(self, region: np.ndarray) -> np.ndarray:
         """Which regions (n, regions + 1) the tetrahedra around each point have, if more than one."""
-        has = np.zeros((len(self.points), self.shares.count), bool)
+        has = np.zeros((len(self.points), self.fractions.count), bool)
         for k in range(4):
             has[self.tets[:, k], region] = True
         return has & (has.sum(axis=1) > 1)[:, None]
 
-    def off(self, points: Points, lift: np.ndarray, has: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def interface_offset(self, points: Points, lift: np.ndarray, has: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """How far (n,) in m points with regions `has` (n, regions + 1) are from where these meet, and the way there (n, 3).
 
         To first order; where more than two meet, from the interface that is farthest off.
         """
-        values, gradients = self.shares.slopes(points)
+        values, gradients = self.fractions.slopes(points)
         values = values + lift
         farthest, way = np.full(len(points), -1.0), np.zeros((len(points), 3))
-        for a, b in combinations(range(self.shares.count), 2):
+        for a, b in combinations(range(self.fractions.count), 2):
             i = np.flatnonzero(has[:, a] & has[:, b])
             value, slope = values[i, a] - values[i, b], gradients[i, a] - gradients[i, b]
             steep = np.maximum(np.linalg.norm(slope, axis=1), 1e-9)
@@ -173,11 +173,11 @@ class Net:
             way[i[further]] = (-value / steep**2)[further, None] * slope[further]
         return farthest, way
 
-    def steps(self, region: np.ndarray) -> Points:
+    def target_positions(self, region: np.ndarray) -> Points:
         """Where the points (n, 3) are to go: those near an interface towards the middle of the tetrahedra around, and those of
         interfaces from there onto these.
         """
-        has = self.border(region)
+        has = self.adjacent_regions(region)
         border = np.asarray(has.any(axis=1))
         on = np.flatnonzero(border)
         near = self.tets[border[self.tets].any(axis=1)]
@@ -186,17 +186,17 @@ class Net:
         total = np.stack([np.bincount(near.ravel(), middle[:, j], len(count)) for j in range(3)], axis=1)
         relaxed = self.points + _RELAXED * (total / np.maximum(count, 1)[:, None] - self.points)
         target = np.where(count[:, None] > 0, relaxed, self.points)
-        lift = self.lift()[on]
+        lift = self.bias_at_points()[on]
         for _ in range(2):
-            far, way = self.off(target[on], lift, has[on])
+            far, way = self.interface_offset(target[on], lift, has[on])
             target[on] += way * np.minimum(1, _FARTHEST * self.scale[on] / np.maximum(far, 1e-12))[:, None]
         return target
 
-    def settled(self, region: np.ndarray) -> np.ndarray:
+    def is_on_interface(self, region: np.ndarray) -> np.ndarray:
         """For each point of an interface (n,), whether it is on it to a part of its element's size."""
-        has = self.border(region)
+        has = self.adjacent_regions(region)
         on = np.flatnonzero(has.any(axis=1))
-        far, _ = self.off(self.points[on], self.lift()[on], has[on])
+        far, _ = self.interface_offset(self.points[on], self.bias_at_points()[on], has[on])
         return np.asarray(far < _ON * self.scale[on])
 
 

@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 
 from ngbrain.mesh.improve.guarded_moves import good
-from ngbrain.mesh.labels.volume_fractions import Shares
+from ngbrain.mesh.labels.volume_fractions import VolumeFractions
 
 Points = np.ndarray
 _EDGES = np.array(list(combinations(range(4), 2)))
@@ -17,20 +17,20 @@ _STEEP = 0.1  # part of an interface's usual slope above which a direction is to
 _CLEAR = 0.15  # part of an edge that is left on both sides of a cut, at least
 
 
-def crossings(points: Points, tets: np.ndarray, shares: Shares, slope: float) -> Points:
+def snap_targets(points: Points, tets: np.ndarray, fractions: VolumeFractions, slope: float) -> Points:
     """Where the points (n, 3) are to go: onto the interface, if one cuts an edge of theirs in the half nearer to them."""
-    number = shares(points).argmax(axis=1)
+    number = fractions(points).argmax(axis=1)
     p, q = _parted(tets, number)
     a, b = number[p], number[q]
-    place = _where(shares, points[p], points[q], a, b)
-    s = shares(place)
+    place = _where(fractions, points[p], points[q], a, b)
+    s = fractions(place)
     c, i = s.argmax(axis=1), np.arange(len(s))
     c = np.where(s[i, c] > np.maximum(s[i, a], s[i, b]) + 0.1, c, -1)
     third = np.flatnonzero(c >= 0)
     node, own, other, place = np.r_[p, q], np.r_[a, b], np.r_[b, a], np.r_[place, place]
     between = np.r_[third, third + len(p)]  # a third region lies across the edge, and is met first
     other[between] = np.r_[c[third], c[third]]
-    place[between] = _where(shares, points[node[between]], place[between], own[between], other[between])
+    place[between] = _where(fractions, points[node[between]], place[between], own[between], other[between])
     distance = np.linalg.norm(place - points[node], axis=1)
     whole = np.linalg.norm(points[p] - points[q], axis=1)
     order = np.lexsort([distance, node])
@@ -38,52 +38,54 @@ def crossings(points: Points, tets: np.ndarray, shares: Shares, slope: float) ->
     node, first = np.unique(node[order], return_index=True)
     chosen = order[first]
     target = points.copy()
-    target[node] = _foot(shares, slope, points[node], place[chosen], own[chosen], other[chosen])
+    target[node] = _foot(fractions, slope, points[node], place[chosen], own[chosen], other[chosen])
     return target
 
 
-def _where(shares: Shares, p: Points, q: Points, a: np.ndarray, b: np.ndarray) -> Points:
+def _where(fractions: VolumeFractions, p: Points, q: Points, a: np.ndarray, b: np.ndarray) -> Points:
     """Between p, where s_a > s_b, and q, where it is not: where they are about the same (n, 3)."""
     i, low, high = np.arange(len(p)), np.zeros(len(p)), np.ones(len(p))
     for _ in range(_HALVINGS):
         middle = (low + high) / 2
-        s = shares(p + middle[:, None] * (q - p))
+        s = fractions(p + middle[:, None] * (q - p))
         before = s[i, a] > s[i, b]
         low, high = np.where(before, middle, low), np.where(before, high, middle)
     return np.asarray(p + ((low + high) / 2)[:, None] * (q - p))
 
 
-def _foot(shares: Shares, usual: float, start: Points, place: Points, a: np.ndarray, b: np.ndarray) -> Points:
+def _foot(
+    fractions: VolumeFractions, usual: float, start: Points, place: Points, a: np.ndarray, b: np.ndarray
+) -> Points:
     """What is nearest to `start` on the interface's tangent plane at `place`, and a Newton step; `place` where in doubt."""
     reach = np.linalg.norm(place - start, axis=1)
-    value, slope, steep = _difference(shares, place, a, b)
+    value, slope, steep = _difference(fractions, place, a, b)
     normal = slope / steep[:, None]
     foot = start - ((start - place) * normal).sum(axis=1)[:, None] * normal
-    value, slope, steep = _difference(shares, foot, a, b)
+    value, slope, steep = _difference(fractions, foot, a, b)
     foot -= (np.clip(value / steep, -_FARTHEST * reach, _FARTHEST * reach) / steep)[:, None] * slope
     good = (steep > _STEEP * usual) & (np.linalg.norm(foot - start, axis=1) < reach)
     return np.where(good[:, None], foot, place)
 
 
 def _difference(
-    shares: Shares, points: Points, a: np.ndarray, b: np.ndarray
+    fractions: VolumeFractions, points: Points, a: np.ndarray, b: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """φ = s_a - s_b (n,), its gradient (n, 3) and the gradient's length (n,), in 1/m."""
-    values, gradients = shares.slopes(points)
+    values, gradients = fractions.slopes(points)
     i = np.arange(len(points))
     slope = gradients[i, a] - gradients[i, b]
     return values[i, a] - values[i, b], slope, np.maximum(np.linalg.norm(slope, axis=1), 1e-9)
 
 
-def cut(
-    points: Points, tets: np.ndarray, shares: Shares, scale: np.ndarray, longest: float
+def cut_edges(
+    points: Points, tets: np.ndarray, fractions: VolumeFractions, scale: np.ndarray, longest: float
 ) -> tuple[Points, np.ndarray, np.ndarray]:
     """Points, tetrahedra and `scale` (of points) with edges cut in two where they cross an interface well away from their ends.
 
     Edges above `longest` (m) are left alone, and those with a tetrahedron around them that would become bad. As every
     tetrahedron is cut at one edge at a time, those that share a face are cut alike.
     """
-    number = shares(points).argmax(axis=1)
+    number = fractions(points).argmax(axis=1)
     work, tried = tets, np.zeros(0, np.int64)
     done: list[np.ndarray] = []
     while True:
@@ -91,7 +93,7 @@ def cut(
         length = np.linalg.norm(points[p] - points[q], axis=1)
         fresh = (length <= longest) & ~np.isin(p << 32 | q, tried)
         p, q, length = p[fresh], q[fresh], length[fresh]
-        place = _where(shares, points[p], points[q], number[p], number[q])
+        place = _where(fractions, points[p], points[q], number[p], number[q])
         along = np.linalg.norm(place - points[p], axis=1) / length
         clear = np.abs(along - 0.5) < 0.5 - _CLEAR
         p, q, place, along = p[clear], q[clear], place[clear], along[clear]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ngbrain.mesh.improve.smoothing import FLATTEST, shapes
+from ngbrain.mesh.improve.smoothing import FLATTEST, shape_quality
 from ngbrain.mesh.labels.volume_zones import Zones
 
 FURTHEST = 0.2
@@ -20,7 +20,7 @@ _FACES = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))
 """Opposite to each corner of a tetrahedron in Netgen's orientation, turning such that normals point to the corner."""
 
 
-def matched(
+def match_volumes(
     points: np.ndarray, tets: np.ndarray, region: np.ndarray, zones: Zones, size: np.ndarray, sound: float
 ) -> np.ndarray:
     """Points (n, 3) with interfaces moved along their normals, by the same part of the element size all over each in a zone.
@@ -34,16 +34,16 @@ def matched(
     """
     count, kept = zones.wanted.shape[1], region > 0
     start, points, limit, wanted = points, points.copy(), FURTHEST * size, zones.wanted.copy()
-    shares = np.mean([zones.share(np.einsum("k,nkd->nd", where, points[tets])) for where in INSIDE], axis=0)
+    fractions = np.mean([zones.share(np.einsum("k,nkd->nd", where, points[tets])) for where in INSIDE], axis=0)
     vertices = zones.share(points).argmax(axis=1)
-    floor = np.minimum(shapes(points[tets]), np.where(kept, sound, FLATTEST))
+    floor = np.minimum(shape_quality(points[tets]), np.where(kept, sound, FLATTEST))
     free = np.ones(len(points), bool)
     for k in range(ROUNDS):
         each, slopes = _volumes(points[tets], tets, region, len(points), count)
         slopes[~free] = 0
         weight = size / np.maximum(np.linalg.norm(slopes, axis=(1, 2)), 1e-30)
         off = points - start
-        for zone, share in enumerate(shares.T):
+        for zone, share in enumerate(fractions.T):
             mine = vertices == zone
             volumes, steep = np.bincount(region, share * each, count + 1)[1:], slopes[mine]
             if k == 0:
@@ -53,7 +53,7 @@ def matched(
             factors = np.linalg.lstsq(matrix, wanted[zone] - volumes, rcond=1e-9)[0]
             off[mine] += weight[mine, None] * (steep @ factors)
         new = start + off * np.minimum(1, limit / np.maximum(np.linalg.norm(off, axis=1), 1e-12))[:, None]
-        while len(stuck := np.unique(tets[shapes(new[tets]) < floor])):
+        while len(stuck := np.unique(tets[shape_quality(new[tets]) < floor])):
             stuck = stuck[(new[stuck] != points[stuck]).any(axis=1)]
             if not len(stuck):
                 break
@@ -111,7 +111,7 @@ _VALUES, _ALONG, _ACROSS = _six()
 
 
 @dataclass(frozen=True, eq=False)
-class Curved:
+class QuadraticInterfaces:
     """Interfaces of second order, and the volumes that they enclose: V = ⅓ ∮ x·n, ∂V/∂x_i = ∮ N_i n.
 
     six     (k, 6) nodes of triangles: corners, then middles of the edges 01, 02, 12; outwards of the first region
@@ -144,7 +144,7 @@ class Curved:
         x = places[self.six]
         return np.cross(_ALONG @ x, _ACROSS @ x)
 
-    def matched(self, places: np.ndarray, wanted: np.ndarray, reach: np.ndarray) -> np.ndarray:
+    def match_volumes(self, places: np.ndarray, wanted: np.ndarray, reach: np.ndarray) -> np.ndarray:
         """Places (n, 3) moved along normals, all by about the same part of `reach` (n,) m, until volumes are those wanted.
 
         Not where `reach` is 0, and never farther than it.

@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from ngbrain.errors import InputError
 from ngbrain.image.read.label_map import LabelMap
-from ngbrain.mesh.labels.volume_fractions import Shares
+from ngbrain.mesh.labels.volume_fractions import VolumeFractions
 from ngbrain.mesh.labels.volume_zones import Zones
 
 Points = np.ndarray
@@ -36,7 +36,7 @@ class Indicators:
     affine   (4, 4), indices to m
     """
 
-    shares: np.ndarray
+    fractions: np.ndarray
     affine: np.ndarray
     regions: tuple[str, ...]
 
@@ -56,7 +56,7 @@ class Indicators:
         left = (
             np.float32(1) if labels.cut is None else np.pad(1 - labels.cut.astype(np.float32), pad, constant_values=1)
         )
-        shares = np.stack(
+        fractions = np.stack(
             [
                 ndimage.gaussian_filter((numbered == k) * left + (k == 0) * (1 - left), sigma)
                 for k in range(len(labels.regions) + 1)
@@ -64,42 +64,44 @@ class Indicators:
         )
         affine = labels.volume.affine.copy()
         affine[:3, 3] = labels.volume.to_world(np.full((1, 3), -pad))[0]
-        return cls(shares, affine, labels.regions)
+        return cls(fractions, affine, labels.regions)
 
     @cached_property
-    def _together(self) -> Shares:
-        return Shares.of(self.shares, self.affine)
+    def _together(self) -> VolumeFractions:
+        return VolumeFractions.of(self.fractions, self.affine)
 
-    def filled(self, zones: Zones) -> Indicators:
+    def correct_volumes(self, zones: Zones) -> Indicators:
         """With constants added to regions' shares, in each zone its own, so that those of the largest share come closer to the
         volumes wanted there.
 
         Smoothing thins whatever is bent or thin: a constant of 0.1 moves an interface by about 0.1 mm on voxels of 1 mm. What
         is left to be missing (see `FILLED`) would move interfaces farther than the volume is worth.
         """
-        count, wanted = len(self.shares), zones.wanted / abs(np.linalg.det(self.affine[:3, :3]))
-        zone, shares = self._voxels_in(zones), self.shares.reshape(count, -1)
-        sure = shares.max(axis=0) > 0.5 + MOST  # stays the largest whatever is added
-        inside = [np.bincount(shares[:, sure].argmax(axis=0), part[sure], count) for part in zone]
-        shares, there, given = shares[:, ~sure], zone[:, ~sure], np.zeros((len(wanted), count), np.float32)
+        count, wanted = len(self.fractions), zones.wanted / abs(np.linalg.det(self.affine[:3, :3]))
+        zone, fractions = self._voxels_in(zones), self.fractions.reshape(count, -1)
+        sure = fractions.max(axis=0) > 0.5 + MOST  # stays the largest whatever is added
+        inside = [np.bincount(fractions[:, sure].argmax(axis=0), part[sure], count) for part in zone]
+        fractions, there, given = fractions[:, ~sure], zone[:, ~sure], np.zeros((len(wanted), count), np.float32)
         for step in _STEPS:
-            number = (shares + given.T @ there).argmax(axis=0)
+            number = (fractions + given.T @ there).argmax(axis=0)
             got = (inside + np.stack([np.bincount(number, part, count) for part in there]))[:, 1:]
             missing = wanted / np.maximum(got, 1) - 1
             given[:, 1:] = np.clip(given[:, 1:] + np.clip(missing, -step, step), -MOST, MOST)
-        return replace(self, shares=self.shares + np.float32(FILLED) * (given.T @ zone).reshape(self.shares.shape))
+        return replace(
+            self, fractions=self.fractions + np.float32(FILLED) * (given.T @ zone).reshape(self.fractions.shape)
+        )
 
     def volumes(self, zones: Zones) -> np.ndarray:
         """Volumes (zones, regions) m³ where regions have the largest share."""
-        number = self.shares.reshape(len(self.shares), -1).argmax(axis=0)
-        voxels = np.stack([np.bincount(number, part, len(self.shares)) for part in self._voxels_in(zones)])
+        number = self.fractions.reshape(len(self.fractions), -1).argmax(axis=0)
+        voxels = np.stack([np.bincount(number, part, len(self.fractions)) for part in self._voxels_in(zones)])
         return np.asarray(voxels[:, 1:] * abs(np.linalg.det(self.affine[:3, :3])))
 
     def _voxels_in(self, zones: Zones) -> np.ndarray:
         """How far each voxel is of each zone (zones, voxels)."""
-        _, *sheet = self.shares.shape[1:]
+        _, *sheet = self.fractions.shape[1:]
         at = np.indices((1, *sheet)).reshape(3, -1).T @ self.affine[:3, :3].T + self.affine[:3, 3]
-        sheets = [zones.share(at + i * self.affine[:3, 0]).astype(np.float32) for i in range(self.shares.shape[1])]
+        sheets = [zones.share(at + i * self.affine[:3, 0]).astype(np.float32) for i in range(self.fractions.shape[1])]
         return np.concatenate(sheets).T
 
     def __call__(self, points: Points) -> np.ndarray:
@@ -113,7 +115,7 @@ class Indicators:
     def distance(self, points: Points, a: int, b: int) -> np.ndarray:
         """First-order distance (n,) in m from where regions a and b meet: |φ|/|∇φ| with φ = s_a - s_b, at most `FAR`."""
         at = np.linalg.solve(self.affine[:3, :3], (np.asarray(points) - self.affine[:3, 3]).T)
-        phi = self.shares[a] - self.shares[b]
+        phi = self.fractions[a] - self.fractions[b]
 
         def value(where: np.ndarray) -> np.ndarray:
             return ndimage.map_coordinates(phi, where, float, order=1, mode="nearest")
@@ -135,12 +137,12 @@ class Indicators:
 
     def spread(self, points: Points, meeting: np.ndarray) -> np.ndarray:
         """Largest less smallest share (n,) of the regions that are True in `meeting` (n, regions + 1): 0 where they meet."""
-        shares = self(points)
+        fractions = self(points)
         return np.asarray(
-            np.where(meeting, shares, -np.inf).max(axis=1) - np.where(meeting, shares, np.inf).min(axis=1)
+            np.where(meeting, fractions, -np.inf).max(axis=1) - np.where(meeting, fractions, np.inf).min(axis=1)
         )
 
-    def onto(self, points: Points, meeting: np.ndarray, steps: int = 3) -> Points:
+    def project_to_interface(self, points: Points, meeting: np.ndarray, steps: int = 3) -> Points:
         """Points (n, 3) moved to where all the regions that are True in `meeting` (n, regions + 1) have the same share.
 
         The shortest Newton steps, of at most a voxel each; a condition that hardly changes in space is left alone.
@@ -151,15 +153,15 @@ class Indicators:
         last = meeting.shape[1] - 1 - meeting[:, ::-1].argmax(axis=1)
         longest, steepest = np.linalg.norm(self.affine[:3, :3], axis=0).min(), 0.1 / np.linalg.norm(self.affine[:3, 0])
         for _ in range(steps):
-            shares, slopes = self._together.slopes(points)
-            phi = shares[rows, last] - shares[rows, first]
+            fractions, slopes = self._together.slopes(points)
+            phi = fractions[rows, last] - fractions[rows, first]
             gradient = slopes[rows, last] - slopes[rows, first]
             step = (phi / np.maximum((gradient**2).sum(axis=1), steepest**2))[:, None] * gradient
             if not two.all():
                 among = meeting[~two].astype(float)
                 off = [
                     f[~two] - np.einsum("nk...,nk->n...", f[~two], among / among.sum(axis=1)[:, None])[:, None]
-                    for f in (shares, slopes)
+                    for f in (fractions, slopes)
                 ]
                 off[0] *= among
                 off[1] *= among[..., None]

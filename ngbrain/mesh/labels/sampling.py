@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ngbrain.mesh.geometry.sizing import Sizes
+from ngbrain.mesh.geometry.sizing import SizeField
 from ngbrain.mesh.labels.indicators import Indicators
 
 Points = np.ndarray
@@ -23,20 +23,20 @@ FILM = 1e-3
 """The sides of a film count as farther apart by √6 times this (m), so that both have samples where elements are below 3 mm."""
 
 
-def where_regions_meet(indicators: Indicators) -> tuple[Points, np.ndarray]:
+def interface_points(indicators: Indicators) -> tuple[Points, np.ndarray]:
     """Points (n, 3) in m all over the interfaces, one for each pair of neighbouring voxels of two regions, and the pairs (n, 2).
 
     On the line between the two voxels, where their regions' shares are equal.
     """
-    shares = indicators.shares
-    numbers = shares.argmax(axis=0)
+    fractions = indicators.fractions
+    numbers = fractions.argmax(axis=0)
     found, pairs = [], []
     for axis in range(3):
         first = np.moveaxis(numbers, axis, 0)[:-1]
         second = np.moveaxis(numbers, axis, 0)[1:]
         i, j, k = np.nonzero(first != second)
         one, other = first[i, j, k], second[i, j, k]
-        along = np.moveaxis(shares, axis + 1, 1)
+        along = np.moveaxis(fractions, axis + 1, 1)
         here = along[one, i, j, k] - along[other, i, j, k]
         there = along[other, i + 1, j, k] - along[one, i + 1, j, k]
         at = np.stack([i + here / np.maximum(here + there, 1e-12), j, k], axis=1)
@@ -46,14 +46,14 @@ def where_regions_meet(indicators: Indicators) -> tuple[Points, np.ndarray]:
     return voxels @ indicators.affine[:3, :3].T + indicators.affine[:3, 3], np.concatenate(pairs)
 
 
-def on_interfaces(indicators: Indicators, size: Sizes, rng: np.random.Generator) -> Points:
+def sample_interfaces(indicators: Indicators, size: SizeField, rng: np.random.Generator) -> Points:
     """Samples (n, 3) on the interfaces, `APART` sizes apart; nearer than that only across a film or a sheet of a tissue.
 
     A maximal set thrown at random (dart throwing), first on the lines where three regions meet.
     Of two points with normals n, m between regions a→b and c→d, those are
     neighbours for which |x - y|² + FILM² |n⊗(e_b - e_a) - m⊗(e_d - e_c)|² is small: facing sides of a film are not.
     """
-    points, pairs = where_regions_meet(indicators)
+    points, pairs = interface_points(indicators)
     lines, here = _where_three_meet(indicators, points)
     points, pairs = np.concatenate([lines, points]), np.concatenate([pairs[here], pairs])
     normals = indicators.normals(points, pairs)
@@ -76,20 +76,20 @@ def on_interfaces(indicators: Indicators, size: Sizes, rng: np.random.Generator)
 
 def _where_three_meet(indicators: Indicators, points: Points) -> tuple[Points, np.ndarray]:
     """Points (n, 3) on lines where three regions meet, and which of the points on interfaces they come from."""
-    shares = indicators(points)
-    if shares.shape[1] < 3:
+    fractions = indicators(points)
+    if fractions.shape[1] < 3:
         return np.zeros((0, 3)), np.zeros(0, int)
-    lowest = np.sort(shares, axis=1)[:, -3]
+    lowest = np.sort(fractions, axis=1)[:, -3]
     near = np.flatnonzero(lowest > THIRD)
-    three = shares[near] >= lowest[near, None]
-    lines = indicators.onto(points[near], three, 4)
-    shares = indicators(lines)
-    spread = np.where(three, shares, -np.inf).max(axis=1) - np.where(three, shares, np.inf).min(axis=1)
+    three = fractions[near] >= lowest[near, None]
+    lines = indicators.project_to_interface(points[near], three, 4)
+    fractions = indicators(lines)
+    spread = np.where(three, fractions, -np.inf).max(axis=1) - np.where(three, fractions, np.inf).min(axis=1)
     there = spread < 0.02
     return lines[there], near[there]
 
 
-def inside(indicators: Indicators, size: Sizes, rng: np.random.Generator) -> Points:
+def sample_interior(indicators: Indicators, size: SizeField, rng: np.random.Generator) -> Points:
     """Samples (n, 3) inside the regions, `APART` sizes from one another and `CLEAR` from all of the interfaces.
 
     And outside, within `AROUND` sizes of the surface, so that nothing is bridged where the surface is hollow.
@@ -97,7 +97,7 @@ def inside(indicators: Indicators, size: Sizes, rng: np.random.Generator) -> Poi
     candidates = _darts(indicators, size, rng)
     h = size(candidates)
     solid, away = indicators.region(candidates) > 0, np.full(len(candidates), np.inf)
-    interfaces = cKDTree(where_regions_meet(indicators)[0])
+    interfaces = cKDTree(interface_points(indicators)[0])
     for part, reach in (
         (solid, CLEAR),
         (~solid, AROUND),
@@ -118,9 +118,9 @@ def inside(indicators: Indicators, size: Sizes, rng: np.random.Generator) -> Poi
     return candidates[chosen]
 
 
-def _darts(indicators: Indicators, size: Sizes, rng: np.random.Generator) -> Points:
+def _darts(indicators: Indicators, size: SizeField, rng: np.random.Generator) -> Points:
     """Points thrown one into each of the cells of an octree of 0.7 sizes."""
-    inside = np.argwhere(indicators.shares[0] < 0.5)
+    inside = np.argwhere(indicators.fractions[0] < 0.5)
     low, high = (indicators.affine[:3, :3] @ inside.min(axis=0), indicators.affine[:3, :3] @ inside.max(axis=0))
     low, high = np.minimum(low, high) + indicators.affine[:3, 3], np.maximum(low, high) + indicators.affine[:3, 3]
     around = AROUND * float(size(np.stack([low, high, (low + high) / 2])).max())

@@ -11,7 +11,7 @@ _CHUNK = 1 << 12
 
 
 @dataclass(frozen=True, eq=False)
-class Shares:
+class VolumeFractions:
     """Shares on a grid (`Indicators`), laid out so that all shares around a point lie together, which is several times as fast.
 
     values   (nx · ny · nz, regions + 1) float32, voxels in C order
@@ -19,7 +19,7 @@ class Shares:
     matrix   (3, 3) and origin (3,), from m to indices
 
     >>> share = np.tile(np.array([0, 0.5, 1, 1], np.float32), (4, 4, 1))
-    >>> Shares.of(np.stack([share, 1 - share]), np.diag([1e-3, 1e-3, 1e-3, 1]))(1e-3 * np.array([[1, 1, 0], [1, 2, 1.5]]))
+    >>> VolumeFractions.of(np.stack([share, 1 - share]), np.diag([1e-3, 1e-3, 1e-3, 1]))(1e-3 * np.array([[1, 1, 0], [1, 2, 1.5]]))
     array([[0. , 1. ], [0.75, 0.25]], dtype=float32)
     """
 
@@ -29,10 +29,10 @@ class Shares:
     origin: np.ndarray
 
     @classmethod
-    def of(cls, shares: np.ndarray, affine: np.ndarray) -> Shares:
+    def of(cls, fractions: np.ndarray, affine: np.ndarray) -> VolumeFractions:
         """A copy of shares (regions + 1, nx, ny, nz), whose indices `affine` (4, 4) takes to m."""
-        regions, *shape = shares.shape
-        values = np.ascontiguousarray(np.moveaxis(shares, 0, -1)).reshape(-1, regions)
+        regions, *shape = fractions.shape
+        values = np.ascontiguousarray(np.moveaxis(fractions, 0, -1)).reshape(-1, regions)
         return cls(values, np.array(shape), np.linalg.inv(affine[:3, :3]), affine[:3, 3])
 
     @property

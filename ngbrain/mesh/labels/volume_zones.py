@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ngbrain.image.read.label_map import LabelMap
-from ngbrain.mesh.geometry.sizing import Sizes
+from ngbrain.mesh.geometry.sizing import SizeField
 
 GRADED = 2.0
 """Sizes that differ by that factor make a mesh graded, with a fine part of its own."""
@@ -33,7 +33,7 @@ class Zones:
         return cls(everywhere, 1e-6 * np.array([list(labels.volumes_ml().values())]))
 
     @classmethod
-    def of(cls, labels: LabelMap, size: Sizes, fine: Fine) -> Zones:
+    def of(cls, labels: LabelMap, size: SizeField, fine: Fine) -> Zones:
         """Of labels that are meshed to a size, with a fine part where that is `GRADED`.
 
         >>> from ngbrain.image.read.volume import Volume
@@ -59,13 +59,13 @@ class Zones:
         near = labels.volume.voxel_volume * np.bincount(number, mine, len(total) + 1)[1:]
         return cls(share, np.stack([near, total - near]))
 
-    def eased(self, there: np.ndarray, part: float, film: float) -> Zones:
+    def relax_targets(self, there: np.ndarray, part: float, film: float) -> Zones:
         """Wanting a part less of what regions lack that have `there` (zones, regions) m³; those that have too much get it.
 
         A region of which less than the share `film` is there wants all of it. The last zone makes up for the others.
 
         >>> zones = Zones(everywhere, np.array([[4.0, 4.0], [6.0, 1.0]]))
-        >>> zones.eased(np.array([[3.0, 5.0], [5.0, 2.0]]), 0.5, 0.7).wanted.tolist()
+        >>> zones.relax_targets(np.array([[3.0, 5.0], [5.0, 2.0]]), 0.5, 0.7).wanted.tolist()
         [[3.5, 4.5], [6.5, 0.5]]
         """
         lacks = np.where(there < film * self.wanted, 0, np.maximum(self.wanted - there, 0))

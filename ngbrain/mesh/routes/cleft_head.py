@@ -8,12 +8,12 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.mesh.geometry.cleft import Cleft
-from ngbrain.mesh.geometry.cleft_walls import Slot, rim
+from ngbrain.mesh.geometry.cleft_walls import CleftWalls, rim
 from ngbrain.mesh.geometry.level_set import LevelSet, Points
 from ngbrain.mesh.geometry.primitives import Sizes
-from ngbrain.mesh.geometry.sizing import Sizes as Field
+from ngbrain.mesh.geometry.sizing import SizeField
 from ngbrain.mesh.surface.head_outlines import BRAIN, VENTRICLES, Outlines, Repair, changes
-from ngbrain.mesh.surface.remeshing import Closed, triangulated
+from ngbrain.mesh.surface.remeshing import RemeshedSurface, remesh_surface
 from ngbrain.mesh.tet_mesh import Elements, Surface
 
 GROWTH = 0.4
@@ -46,7 +46,7 @@ def head(shape: Outlines, cleft: Cleft, craniotomy: float, sizes: Sizes) -> Hull
     Raises `InputError` for a cleft that opens a ventricle or does not reach the surface, and where no mesh is found.
     """
     brain = shape.brain
-    slot = Slot.of(cleft, brain, sizes.site)
+    slot = CleftWalls.of(cleft, brain, sizes.site)
     if shape.ventricles is not None:
         _clear(slot, shape.ventricles)
 
@@ -57,8 +57,8 @@ def head(shape: Outlines, cleft: Cleft, craniotomy: float, sizes: Sizes) -> Hull
         return np.clip(sizes.site + GROWTH * cleft.distance_to_walls(points), sizes.site, largest)
 
     fixed = np.concatenate([slot.points[: slot.mouth], rim(cleft, brain, craniotomy, sizes.near)])
-    skull = triangulated(brain, size, fixed)
-    outer, triangles = enclosing(brain, skull.points, skull.triangles, slot.mouth), skull.triangles
+    skull = remesh_surface(brain, size, fixed)
+    outer, triangles = match_enclosed_volume(brain, skull.points, skull.triangles, slot.mouth), skull.triangles
     repairs = [*shape.repairs, *changes(BRAIN, skull)]
     # Points: the slot's, of which the first are the hull's first too; then the rest of the hull's; then those of what is inside.
     n, m = slot.mouth, len(slot.points)
@@ -74,25 +74,25 @@ def head(shape: Outlines, cleft: Cleft, craniotomy: float, sizes: Sizes) -> Hull
         raise InputError("mesh sizes", "such that the surface does not close around the cleft", "smaller elements")
     inner = {name: outline for name, outline in shape.inner.items() if outline(slot.points).min() >= CLEARANCE}
     for i, (name, outline) in enumerate(inner.items(), 1):
-        wall = walled_in(outline, size)
+        wall = inner_surface(outline, size)
         repairs += changes(name, wall)
-        surfaces.append(Surface(wall_of(name), wall.triangles + len(points), i, 0))
+        surfaces.append(Surface(wall_name(name), wall.triangles + len(points), i, 0))
         points = np.concatenate([points, wall.points])
     return Hull(Elements.enclosed(points, surfaces, (BRAIN, *inner), sizes.far), tuple(repairs))
 
 
-def walled_in(outline: LevelSet, size: Field) -> Closed:
+def inner_surface(outline: LevelSet, size: SizeField) -> RemeshedSurface:
     """The surface of ventricles or a lesion, with their volume."""
-    wall = triangulated(outline, lambda points: np.minimum(size(points), HORNS), np.zeros((0, 3)))
-    return replace(wall, points=enclosing(outline, wall.points, wall.triangles))
+    wall = remesh_surface(outline, lambda points: np.minimum(size(points), HORNS), np.zeros((0, 3)))
+    return replace(wall, points=match_enclosed_volume(outline, wall.points, wall.triangles))
 
 
-def wall_of(region: str) -> str:
+def wall_name(region: str) -> str:
     """The name of its boundary."""
     return f"{region.removesuffix('s') if region == VENTRICLES else region}_wall"
 
 
-def _clear(slot: Slot, ventricles: LevelSet) -> None:
+def _clear(slot: CleftWalls, ventricles: LevelSet) -> None:
     nearest = ventricles(slot.points).min()
     if nearest < CLEARANCE:
         wanted = f"a target, approach and size of the cleft that leave {1e3 * CLEARANCE:g} mm to the ventricles"
@@ -100,7 +100,7 @@ def _clear(slot: Slot, ventricles: LevelSet) -> None:
         raise InputError("cleft.target_mm", f"({where}) mm with a cleft that opens a ventricle", wanted)
 
 
-def enclosing(surface: LevelSet, points: Points, triangles: np.ndarray, fixed: int = 0) -> Points:
+def match_enclosed_volume(surface: LevelSet, points: Points, triangles: np.ndarray, fixed: int = 0) -> Points:
     """Points moved along their normals, but for the first `fixed`, so that flat triangles enclose what the outline does."""
     wanted = float((surface.values < 0).sum()) * surface.spacing**3
     points = points.copy()

@@ -7,12 +7,12 @@ from scipy.spatial import Delaunay, QhullError
 
 from ngbrain.errors import InputError
 from ngbrain.image.read.label_map import LabelMap
-from ngbrain.mesh.geometry.sizing import Sizes, asked
+from ngbrain.mesh.geometry.sizing import SizeField, sample_sizes
 from ngbrain.mesh.improve.reconnection import Reconnection
-from ngbrain.mesh.improve.smoothing import FLATTEST, improved, shapes
-from ngbrain.mesh.improve.volume_matching import INSIDE, matched
+from ngbrain.mesh.improve.smoothing import FLATTEST, shape_quality, smooth_vertices
+from ngbrain.mesh.improve.volume_matching import INSIDE, match_volumes
 from ngbrain.mesh.labels.indicators import SMOOTHING, Indicators, Points
-from ngbrain.mesh.labels.sampling import inside, on_interfaces
+from ngbrain.mesh.labels.sampling import sample_interfaces, sample_interior
 from ngbrain.mesh.labels.volume_zones import Zones
 from ngbrain.mesh.tet_mesh import Elements, named_elements
 
@@ -49,7 +49,7 @@ SOUND = np.sin(np.radians(8))
 """What matching volumes may make of good ones; flatter ones may leave their interfaces, by `OFF`, to get there."""
 
 
-def conforming(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING, seed: int = 0) -> Elements:
+def conforming(labels: LabelMap, size: SizeField, smoothing: float = SMOOTHING, seed: int = 0) -> Elements:
     """Tetrahedra of every region of a map of labels, which meet in common triangles; the same bits every time.
 
     Samples on the interfaces of the labels' smoothed indicators and inside the regions; their Delaunay tetrahedra, each
@@ -77,11 +77,11 @@ def conforming(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING, seed
     >>> mesh.boundaries, bool((mesh.volumes() > 0).all()), float(round(mesh.volumes().sum() / ball.sum() / 1e-9, 2))
     (('outer_gel',), True, 1.0)
     """
-    asked(labels, size, PER_CUBE, MOST)
+    sample_sizes(labels, size, PER_CUBE, MOST)
     zones, indicators = Zones.of(labels, size, _fine), Indicators.of(labels, smoothing)
-    zones, rng = zones.eased(indicators.volumes(zones), FORGONE, FILM), np.random.default_rng(seed)
-    indicators = indicators.filled(zones)
-    points = np.concatenate([on_interfaces(indicators, size, rng), inside(indicators, size, rng)])
+    zones, rng = zones.relax_targets(indicators.volumes(zones), FORGONE, FILM), np.random.default_rng(seed)
+    indicators = indicators.correct_volumes(zones)
+    points = np.concatenate([sample_interfaces(indicators, size, rng), sample_interior(indicators, size, rng)])
     for turn in range(PASSES):
         tets, region = _triangulated(points, indicators, zones)
         points, off = _settled(points, tets, region, indicators)
@@ -95,7 +95,7 @@ def conforming(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING, seed
         tets, region = swaps.arrays()
         points = _improved(points, tets, region, indicators, LAST_MOVES, rng)
     points = _freed(points, tets, region, OFF * size(points), rng)
-    points = matched(points, tets, region, zones, size(points), SOUND)
+    points = match_volumes(points, tets, region, zones, size(points), SOUND)
     return named_elements(points, tets[region > 0], region[region > 0] - 1, labels.regions)
 
 
@@ -110,7 +110,7 @@ def _freed(points: Points, tets: np.ndarray, region: np.ndarray, far: np.ndarray
         step, most = wanted - points[vertices], far[vertices]
         return points[vertices] + step * np.minimum(1, most / np.maximum(np.linalg.norm(step, axis=1), 1e-12))[:, None]
 
-    return improved(points, tets, region > 0, place, SOUND, LAST_MOVES, rng)
+    return smooth_vertices(points, tets, region > 0, place, SOUND, LAST_MOVES, rng)
 
 
 def _triangulated(points: Points, indicators: Indicators, zones: Zones) -> tuple[np.ndarray, np.ndarray]:
@@ -123,22 +123,22 @@ def _triangulated(points: Points, indicators: Indicators, zones: Zones) -> tuple
     x = points[tets]
     swapped = np.linalg.det(x[:, 1:] - x[:, :1]) > 0
     tets[swapped] = tets[swapped][:, [1, 0, 2, 3]]
-    shares, zone = np.zeros((len(tets), zones.wanted.shape[1] + 1)), np.zeros((len(tets), len(zones.wanted)))
+    fractions, zone = np.zeros((len(tets), zones.wanted.shape[1] + 1)), np.zeros((len(tets), len(zones.wanted)))
     for at in INSIDE:
         where = np.einsum("k,nkd->nd", at, x)
-        shares += indicators(where) / len(INSIDE)
+        fractions += indicators(where) / len(INSIDE)
         zone += zones.share(where) / len(INSIDE)
     volume = np.abs(np.linalg.det(x[:, 1:] - x[:, :1])) / 6
     # First what is inside at all, then which region: fluid that is short of volume shall not grow thorns into the air, nor is
     # anything inside that reaches into it, as its corner could not be brought back.
     air = (indicators(points)[:, 0] > AIR)[tets].any(axis=1)
-    deep, favour = shares[:, 1:].max(axis=1) - shares[:, 0], np.zeros((len(zones.wanted), shares.shape[1]))
+    deep, favour = fractions[:, 1:].max(axis=1) - fractions[:, 0], np.zeros((len(zones.wanted), fractions.shape[1]))
     wanted = np.column_stack([zones.wanted.sum(axis=1), zones.wanted])
     for _ in range(BALANCING):
         mine = zone @ favour
         within = _without_thorns((deep + mine[:, 0] > 0) & ~air, beside)
-        region = np.where(within, 1 + (shares[:, 1:] + mine[:, 1:]).argmax(axis=1), 0)
-        got = np.stack([np.bincount(region, volume * part, shares.shape[1]) for part in zone.T])
+        region = np.where(within, 1 + (fractions[:, 1:] + mine[:, 1:]).argmax(axis=1), 0)
+        got = np.stack([np.bincount(region, volume * part, fractions.shape[1]) for part in zone.T])
         got[:, 0] = got[:, 1:].sum(axis=1)
         favour += 0.1 * np.clip((wanted - got) / np.maximum(got, 1e-12), -0.5, 0.5)
         favour = np.clip(favour, -FAVOUR, FAVOUR)
@@ -171,10 +171,10 @@ def _settled(points: Points, tets: np.ndarray, region: np.ndarray, indicators: I
     meeting = _meeting(tets, region, len(points), len(indicators.regions) + 1)
     border = meeting.sum(axis=1) > 1
     on = points.copy()
-    on[border] = indicators.onto(points[border], meeting[border], 2)
-    floor = np.minimum(FLATTEST, shapes(points[tets]))
+    on[border] = indicators.project_to_interface(points[border], meeting[border], 2)
+    floor = np.minimum(FLATTEST, shape_quality(points[tets]))
     new = on.copy()
-    while len(stuck := np.unique(tets[shapes(new[tets]) < floor])):
+    while len(stuck := np.unique(tets[shape_quality(new[tets]) < floor])):
         stuck = stuck[(new[stuck] != points[stuck]).any(axis=1)]
         if not len(stuck):
             break
@@ -197,7 +197,7 @@ def _improved(
     def place(vertices: np.ndarray, wanted: Points) -> Points:
         placed, on = wanted.copy(), border[vertices]
         mine = vertices[on]
-        there = indicators.onto(wanted[on], meeting[mine], 1)
+        there = indicators.project_to_interface(wanted[on], meeting[mine], 1)
         astray = indicators.spread(there, meeting[mine]) > np.maximum(
             STRAY, indicators.spread(points[mine], meeting[mine])
         )
@@ -205,4 +205,4 @@ def _improved(
         placed[on] = there
         return placed
 
-    return improved(points, tets, region > 0, place, GOAL, moves, rng)
+    return smooth_vertices(points, tets, region > 0, place, GOAL, moves, rng)

@@ -18,10 +18,10 @@ from ngbrain.mesh.geometry import cleft_walls
 from ngbrain.mesh.geometry.cleft import Cleft, frame
 from ngbrain.mesh.geometry.level_set import LevelSet
 from ngbrain.mesh.geometry.primitives import Sizes
-from ngbrain.mesh.geometry.sizing import Along
-from ngbrain.mesh.improve.guarded_moves import guarded
+from ngbrain.mesh.geometry.sizing import CleftSizeField
+from ngbrain.mesh.improve.guarded_moves import apply_guarded_moves
 from ngbrain.mesh.routes import cleft_head
-from ngbrain.mesh.routes.registry import ROUTES, LabelMesh, meshed_by, told
+from ngbrain.mesh.routes.registry import ROUTES, LabelMesh, mesh_labels, size_as_dict
 from ngbrain.mesh.surface.head_outlines import outlines
 from ngbrain.mesh.tet_mesh import Elements
 
@@ -72,10 +72,10 @@ class Opening:
         """Where it lies in a head of labels; raises what `cleft_in` raises."""
         ways = [None if way is None else np.array(way) for way in (self.approach, self.across)]
         shape = outlines(labels)
-        return cleft_in(shape.brain, shape.ventricles, np.array(self.target), self.opening, self.width, *ways)
+        return find_cleft(shape.brain, shape.ventricles, np.array(self.target), self.opening, self.width, *ways)
 
 
-def cleft_in(
+def find_cleft(
     brain: LevelSet,
     ventricles: LevelSet | None,
     target: Points,
@@ -97,13 +97,15 @@ def cleft_in(
         surface = brain.outline().mean(axis=1)
         approach = np.asarray(surface[np.linalg.norm(surface - target, axis=1).argmin()] - target)
     out, across = frame(approach, across)
-    depth = float(brain.along(target[None], out, 0.3)[0])
+    depth = float(brain.ray_distance(target[None], out, 0.3)[0])
     if np.isnan(depth):
         raise InputError("cleft.approach", out.tolist(), "a direction that leads out of the brain")
     return Cleft(target, out, across, depth, opening, width)
 
 
-def opened(labels: LabelMap, opening: Opening, route: str, near: float, far: float) -> tuple[LabelMap, LabelMesh]:
+def mesh_with_cleft(
+    labels: LabelMap, opening: Opening, route: str, near: float, far: float
+) -> tuple[LabelMap, LabelMesh]:
     """What is left of labels when a head is opened, and its mesh by a route, from the cache if it was made before.
 
     By `hull` the walls are exact planes and the craniotomy's rim a circle; lesions that the cleft touches are no regions of it.
@@ -116,12 +118,12 @@ def opened(labels: LabelMap, opening: Opening, route: str, near: float, far: flo
     Raises `InputError` for a cleft that cannot be, sizes that do not fit it, and what `meshed_by` raises.
     """
     cleft = opening.cleft(labels)
-    size, left = Along(cleft, near, far), carved(labels, cleft)
+    size, left = CleftSizeField(cleft, near, far), remove_cleft(labels, cleft)
     if route != "hull":
-        made = meshed_by(left, route, size)
+        made = mesh_labels(left, route, size)
         spacing = float(labels.volume.spacing.max())
-        return left, replace(made, elements=walled(made.elements, cleft, opening.craniotomy, spacing))
-    made_from = [labels.volume.digest(), dict(enumerate(labels.regions)), told(size), opening.craniotomy]
+        return left, replace(made, elements=fit_cleft_walls(made.elements, cleft, opening.craniotomy, spacing))
+    made_from = [labels.volume.digest(), dict(enumerate(labels.regions)), size_as_dict(size), opening.craniotomy]
     modules = (sys.modules[__name__], cleft_module, cleft_walls, tet_mesh, *ROUTES["hull"].modules)
 
     def make() -> dict[str, np.ndarray]:
@@ -131,7 +133,7 @@ def opened(labels: LabelMap, opening: Opening, route: str, near: float, far: flo
     return left, LabelMesh.from_arrays(load_or_compute("opened", [*made_from, version("netgen-mesher")], modules, make))
 
 
-def carved(labels: LabelMap, cleft: Cleft) -> LabelMap:
+def remove_cleft(labels: LabelMap, cleft: Cleft) -> LabelMap:
     """Labels that are cut away in a cleft, voxels on its walls by their share in it, so that planes stay planes.
 
     Raises `InputError` where that opens a ventricle, or nothing is left of a region.
@@ -141,7 +143,7 @@ def carved(labels: LabelMap, cleft: Cleft) -> LabelMap:
     >>> labels = LabelMap(Volume(ball.astype(int), np.diag([1e-3, 1e-3, 1e-3, 1])), {1: "grey"})
     >>> z, x = np.eye(3)[[2, 0]]
     >>> slot = Cleft(1e-3 * np.array([11.5, 11.5, 14.0]), z, x, 7.5e-3, opening=4e-3, width=6e-3)
-    >>> round(labels.volumes_ml()["grey"] - carved(labels, slot).volumes_ml()["grey"], 3)  # 4 by 6 by 7.5
+    >>> round(labels.volumes_ml()["grey"] - remove_cleft(labels, slot).volumes_ml()["grey"], 3)  # 4 by 6 by 7.5
     0.180
     """
     data = labels.volume.data
@@ -159,15 +161,15 @@ def carved(labels: LabelMap, cleft: Cleft) -> LabelMap:
     if any(name.startswith("ventricle") for name in lost):
         found = f"({where}) mm with a cleft that opens a ventricle"
         raise InputError("cleft.target_mm", found, "a target, approach and size of the cleft that do not")
-    opened = replace(labels, cut=cleft_walls)
-    if missing := [name for name, ml in opened.volumes_ml().items() if not ml]:
+    mesh_with_cleft = replace(labels, cut=cleft_walls)
+    if missing := [name for name, ml in mesh_with_cleft.volumes_ml().items() if not ml]:
         raise InputError(
             "cleft.target_mm", f"({where}) mm with a cleft that takes all of {missing[0]}", "another cleft"
         )
-    return opened
+    return mesh_with_cleft
 
 
-def walled(elements: Elements, cleft: Cleft, craniotomy: float, voxel: float) -> Elements:
+def fit_cleft_walls(elements: Elements, cleft: Cleft, craniotomy: float, voxel: float) -> Elements:
     """A mesh of carved labels with the boundaries of the cleft named and put onto its planes where elements stay good.
 
     Outer triangles that face the cleft become `wall_plus`, `wall_minus`, `end_plus`, `end_minus` and `floor` (see `Cleft`), those
@@ -224,6 +226,6 @@ def _eased(elements: Elements, walls: np.ndarray, onto: Callable[[Points], Point
     for turn in range(TURNS):
         if turn:
             middle = np.stack([np.bincount(pairs[:, 0], x, len(points)) for x in points[pairs[:, 1]].T], axis=1) / count
-            points, _ = guarded(points, tets, np.where(near[:, None], middle, points))
-        points, _ = guarded(points, tets, onto(points))
+            points, _ = apply_guarded_moves(points, tets, np.where(near[:, None], middle, points))
+        points, _ = apply_guarded_moves(points, tets, onto(points))
     return points

@@ -8,13 +8,13 @@ import numpy as np
 
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.mesh.geometry.level_set import LevelSet
-from ngbrain.mesh.geometry.sizing import Sizes, asked
+from ngbrain.mesh.geometry.sizing import SizeField, sample_sizes
 from ngbrain.mesh.improve.reconnection import Reconnection
-from ngbrain.mesh.improve.smoothing import improved
-from ngbrain.mesh.routes.cleft_head import Hull, enclosing, wall_of, walled_in
+from ngbrain.mesh.improve.smoothing import smooth_vertices
+from ngbrain.mesh.routes.cleft_head import Hull, inner_surface, match_enclosed_volume, wall_name
 from ngbrain.mesh.routes.conforming import PER_CUBE
 from ngbrain.mesh.surface.head_outlines import BRAIN, changes, outlines
-from ngbrain.mesh.surface.remeshing import triangulated
+from ngbrain.mesh.surface.remeshing import remesh_surface
 from ngbrain.mesh.tet_mesh import Elements, Surface, named_elements
 
 GOAL, MOVES = float(np.sin(np.radians(16))), 40
@@ -25,7 +25,7 @@ MOST = 5e6
 """Tetrahedra of a mesh that is refused, as Netgen would not end."""
 
 
-def hull(labels: LabelMap, size: Sizes) -> Hull:
+def hull(labels: LabelMap, size: SizeField) -> Hull:
     """Tetrahedra of the head as a whole, region `brain`, around those that are called `ventricles` or as in `LESION`, if any.
 
     Boundaries `skull` (the surface), `ventricle_wall` and `<lesion>_wall`, at least `WALL` apart. The head is the
@@ -44,17 +44,20 @@ def hull(labels: LabelMap, size: Sizes) -> Hull:
     >>> round(float(mesh.volumes().sum() / labels.volume.voxel_volume / ball.sum()), 2), mesh.regions, mesh.boundaries
     (1.0, ('brain',), ('skull',))
     """
-    asked(labels, size, PER_CUBE, MOST)
+    sample_sizes(labels, size, PER_CUBE, MOST)
     shape = outlines(labels)
-    skull = triangulated(shape.brain, size, np.zeros((0, 3)))
-    points, repairs = enclosing(shape.brain, skull.points, skull.triangles), [*shape.repairs, *changes(BRAIN, skull)]
+    skull = remesh_surface(shape.brain, size, np.zeros((0, 3)))
+    points, repairs = (
+        match_enclosed_volume(shape.brain, skull.points, skull.triangles),
+        [*shape.repairs, *changes(BRAIN, skull)],
+    )
     surfaces, walls = [Surface("skull", skull.triangles, 0)], {"skull": shape.brain}
     for i, (name, outline) in enumerate(shape.inner.items(), 1):
-        wall = walled_in(outline, size)
+        wall = inner_surface(outline, size)
         repairs += changes(name, wall)
-        surfaces.append(Surface(wall_of(name), wall.triangles + len(points), i, 0))
+        surfaces.append(Surface(wall_name(name), wall.triangles + len(points), i, 0))
         points = np.concatenate([points, wall.points])
-        walls[wall_of(name)] = outline
+        walls[wall_name(name)] = outline
     corners = np.array([points.min(axis=0), points.max(axis=0)])
     made = Elements.enclosed(points, surfaces, (BRAIN, *shape.inner), float(size(corners).max()), size)
     return Hull(_rounded(made, walls), tuple(repairs))
@@ -62,17 +65,17 @@ def hull(labels: LabelMap, size: Sizes) -> Hull:
 
 def _rounded(elements: Elements, outlines: dict[str, LevelSet]) -> Elements:
     """Without flat elements, and the surfaces moved back to where they enclose what they should."""
-    elements = rounder(elements, outlines)
+    elements = smooth_hull(elements, outlines)
     for _ in range(SWAPS):
         swaps = Reconnection(elements.points, elements.tets, elements.region + 1)
         if not swaps.improve(GOAL):
             break
-        elements = rounder(_swapped(elements, *swaps.arrays()), outlines)
+        elements = smooth_hull(_swapped(elements, *swaps.arrays()), outlines)
     points = elements.points
     for name, outline in outlines.items():
         mine = elements.triangles[elements.boundary == elements.boundaries.index(name)]
-        points = enclosing(outline, points, mine)
-    return rounder(replace(elements, points=points), {})
+        points = match_enclosed_volume(outline, points, mine)
+    return smooth_hull(replace(elements, points=points), {})
 
 
 def _swapped(elements: Elements, tets: np.ndarray, region: np.ndarray) -> Elements:
@@ -83,7 +86,7 @@ def _swapped(elements: Elements, tets: np.ndarray, region: np.ndarray) -> Elemen
     return replace(made, triangles=triangles, boundaries=elements.boundaries)
 
 
-def rounder(elements: Elements, outlines: dict[str, LevelSet]) -> Elements:
+def smooth_hull(elements: Elements, outlines: dict[str, LevelSet]) -> Elements:
     """With corners of flat elements moved, those of boundaries on the level of the outline that they are on, or not at all."""
     start, tets = elements.points, elements.tets
     on = np.full(len(start), -1)
@@ -100,4 +103,4 @@ def rounder(elements: Elements, outlines: dict[str, LevelSet]) -> Elements:
         return placed
 
     kept = np.ones(len(tets), bool)
-    return replace(elements, points=improved(start, tets, kept, place, GOAL, MOVES, np.random.default_rng(0)))
+    return replace(elements, points=smooth_vertices(start, tets, kept, place, GOAL, MOVES, np.random.default_rng(0)))

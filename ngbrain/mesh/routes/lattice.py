@@ -8,13 +8,13 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.image.read.label_map import LabelMap
-from ngbrain.mesh.geometry.sizing import Sizes, asked
-from ngbrain.mesh.improve.guarded_moves import guarded
-from ngbrain.mesh.improve.octree import MOST, PER_CUBE, body_centred
-from ngbrain.mesh.improve.snapped_lattice import FACES, Net, scales, slope_across
-from ngbrain.mesh.improve.snapping import crossings, cut
+from ngbrain.mesh.geometry.sizing import SizeField, sample_sizes
+from ngbrain.mesh.improve.guarded_moves import apply_guarded_moves
+from ngbrain.mesh.improve.octree import MOST, PER_CUBE, body_centred_lattice
+from ngbrain.mesh.improve.snapped_lattice import FACES, SnappedLattice, scales, slope_across
+from ngbrain.mesh.improve.snapping import cut_edges, snap_targets
 from ngbrain.mesh.labels.indicators import SMOOTHING, Indicators
-from ngbrain.mesh.labels.volume_fractions import Shares
+from ngbrain.mesh.labels.volume_fractions import VolumeFractions
 from ngbrain.mesh.labels.volume_zones import Zones
 from ngbrain.mesh.tet_mesh import Elements
 
@@ -43,14 +43,14 @@ class Lattice:
     rejected: int
 
 
-def lattice(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING) -> Lattice:
+def lattice(labels: LabelMap, size: SizeField, smoothing: float = SMOOTHING) -> Lattice:
     """Tetrahedra of all regions of a map of labels, as large as `size` asks, with the labels' volumes.
 
     size        points (n, 3) m → element size (n,) m: the edge of the cubes whose middles and corners are the lattice; there
                 are 12 tetrahedra in h³, with edges of h and 0.87 h, where h is `size` times 0.7 to 1.4
     smoothing   standard deviation (m) of the Gaussian that rounds the voxels' steps (`Indicators`)
 
-    The lattice is an octree of cubes (`octree.body_centred`). Points close to where an edge changes region are snapped onto
+    The lattice is an octree of cubes (`octree.body_centred_lattice`). Points close to where an edge changes region are snapped onto
     the interface; edges that still cross one are cut there in two, unless they are longer than `CUT` times the blur of
     interfaces; each tetrahedron takes the region of the largest mean share in it; then, for a few rounds, points of
     interfaces go on to where the two shares are equal, and their neighbours to the middle of theirs. No move or cut is made
@@ -77,27 +77,27 @@ def lattice(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING) -> Latt
     """
     low, high, finest = _extent(labels, size)
     zones = Zones.of(labels, size, _fine)
-    indicators = Indicators.of(labels, smoothing).filled(zones)
-    shares = Shares.of(indicators.shares, indicators.affine)
-    points, tets = body_centred(low, high, size, finest, lambda points: shares(points).argmax(axis=1) > 0)
+    indicators = Indicators.of(labels, smoothing).correct_volumes(zones)
+    fractions = VolumeFractions.of(indicators.fractions, indicators.affine)
+    points, tets = body_centred_lattice(low, high, size, finest, lambda points: fractions(points).argmax(axis=1) > 0)
     if not len(tets):
         raise InputError("size", "so large that no point of the lattice is inside", "smaller elements")
     # Voxels are boxes, and read linearly: each widens an interface as a Gaussian of the same variance would.
     width = float(np.sqrt(smoothing**2 + (labels.volume.spacing**2).mean() / 4))
     scale = scales(points, tets)
-    points, _ = guarded(points, tets, crossings(points, tets, shares, slope_across(width)))
-    points, tets, scale = cut(points, tets, shares, scale, CUT * width)
-    net = Net(points, tets, shares, width, scale, zones.share)
+    points, _ = apply_guarded_moves(points, tets, snap_targets(points, tets, fractions, slope_across(width)))
+    points, tets, scale = cut_edges(points, tets, fractions, scale, CUT * width)
+    net = SnappedLattice(points, tets, fractions, width, scale, zones.share)
     most = SHIFT * float(net.scale.max()) * net.slope
     region = net.balance(zones.wanted, most)
     for done in range(ROUNDS + MORE):
-        if done >= ROUNDS and net.volumes_off(region, zones.wanted.sum(axis=0)).max() < OFF:
+        if done >= ROUNDS and net.volume_errors(region, zones.wanted.sum(axis=0)).max() < OFF:
             break
-        net.points, _ = guarded(net.points, net.tets, net.steps(region))
+        net.points, _ = apply_guarded_moves(net.points, net.tets, net.target_positions(region))
         region = net.balance(zones.wanted, most)
-    if len(lost := np.setdiff1d(np.arange(1, shares.count), region)):
+    if len(lost := np.setdiff1d(np.arange(1, fractions.count), region)):
         raise InputError("size", f"so large that {labels.regions[lost[0] - 1]} has no element", "smaller sizes there")
-    settled = net.settled(region)
+    settled = net.is_on_interface(region)
     return Lattice(_elements(net, region, labels.regions), int(settled.sum()), int((~settled).sum()))
 
 
@@ -107,18 +107,18 @@ def _fine(h: np.ndarray, smallest: float, largest: float) -> np.ndarray:
     return ((end - h / largest) / (end - begin)).clip(0, 1)
 
 
-def _extent(labels: LabelMap, size: Sizes) -> tuple[np.ndarray, np.ndarray, float]:
+def _extent(labels: LabelMap, size: SizeField) -> tuple[np.ndarray, np.ndarray, float]:
     """Corners (3,), (3,) m of a box around the labels, and the smallest size (m) asked for in them."""
-    finest = float(asked(labels, size, PER_CUBE, MOST).min())
+    finest = float(sample_sizes(labels, size, PER_CUBE, MOST).min())
     inside = np.argwhere(labels.volume.data != 0)
     first, last = inside.min(axis=0) - 0.5, inside.max(axis=0) + 0.5
     corners = labels.volume.to_world(first + (last - first) * np.array(list(np.ndindex(2, 2, 2))))
     return corners.min(axis=0), corners.max(axis=0), finest
 
 
-def _elements(net: Net, region: np.ndarray, names: tuple[str, ...]) -> Elements:
+def _elements(net: SnappedLattice, region: np.ndarray, names: tuple[str, ...]) -> Elements:
     """Without what is outside."""
-    t, k, other = net.facing(region)
+    t, k, other = net.interface_faces(region)
     triangles, flip = net.tets[t[:, None], FACES[k]], region[t] == 0
     triangles[flip] = triangles[flip][:, [0, 2, 1]]
     pairs, boundary = np.unique(np.sort(np.stack([region[t], other], axis=1), axis=1), axis=0, return_inverse=True)

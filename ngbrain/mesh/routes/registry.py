@@ -19,7 +19,7 @@ from ngbrain.image.read.label_map import LabelMap
 from ngbrain.io.cache import load_or_compute
 from ngbrain.mesh import tet_mesh
 from ngbrain.mesh.geometry import level_set, sizing
-from ngbrain.mesh.geometry.sizing import Along, Graded, Sizes
+from ngbrain.mesh.geometry.sizing import CleftSizeField, RadialSizeField, SizeField
 from ngbrain.mesh.head_mesh import middle_slice
 from ngbrain.mesh.improve import (
     guarded_moves,
@@ -99,7 +99,7 @@ class Route:
     modules   source files that decide its result
     """
 
-    make: Callable[[LabelMap, Sizes], LabelMesh]
+    make: Callable[[LabelMap, SizeField], LabelMesh]
     size: float
     radius: float
     left_out: str
@@ -139,29 +139,33 @@ def _latticed(done: lattice.Lattice) -> LabelMesh:
     return LabelMesh(done.elements, {"snapped": done.snapped, "rejected": done.rejected})
 
 
-def meshed(labels: LabelMap, route: str = "hull", size: Graded | Along | None = None) -> Elements:
+def mesh_elements(
+    labels: LabelMap, route: str = "hull", size: RadialSizeField | CleftSizeField | None = None
+) -> Elements:
     """The mesh that `meshed_by` makes."""
-    return meshed_by(labels, route, size).elements
+    return mesh_labels(labels, route, size).elements
 
 
-def meshed_by(labels: LabelMap, route: str = "hull", size: Graded | Along | None = None) -> LabelMesh:
+def mesh_labels(
+    labels: LabelMap, route: str = "hull", size: RadialSizeField | CleftSizeField | None = None
+) -> LabelMesh:
     """A mesh of labels by a route, from the cache if the same labels were meshed to the same size before.
 
     size   None: as fine everywhere as the route takes by itself
 
     Raises `InputError` for a route that there is none of, and what the route raises.
 
-    >>> meshed_by(None, "hul")
+    >>> mesh_labels(None, "hul")
     Traceback (most recent call last):
     ngbrain.errors.InputError: route is 'hul'; wanted: did you mean 'hull'?
     """
     if route not in ROUTES:
         raise InputError("route", repr(route), nearest(route, ROUTES))
     way = ROUTES[route]
-    size = size or Graded(way.size, way.size)
+    size = size or RadialSizeField(way.size, way.size)
     names = {str(number): name for number, name in labels.names.items()}
     cut = None if labels.cut is None else volume.Volume(labels.cut, labels.volume.affine).digest()
-    made_from = [route, labels.volume.digest(), cut, names, told(size), version("netgen-mesher")]
+    made_from = [route, labels.volume.digest(), cut, names, size_as_dict(size), version("netgen-mesher")]
     modules = (label_map, volume, tet_mesh, sizing, *way.modules)
 
     made = LabelMesh.from_arrays(load_or_compute("meshed", made_from, modules, lambda: way.make(labels, size).arrays()))
@@ -169,20 +173,20 @@ def meshed_by(labels: LabelMap, route: str = "hull", size: Graded | Along | None
     return made
 
 
-def told(size: Graded | Along) -> dict[str, Any]:
+def size_as_dict(size: RadialSizeField | CleftSizeField) -> dict[str, Any]:
     """A size field that is a dataclass, fit for JSON."""
     found: dict[str, Any] = json.loads(json.dumps(asdict(size), default=np.ndarray.tolist))
     return found
 
 
-def described(made: Elements, labels: LabelMap) -> dict[str, Any]:
+def summarise_mesh(made: Elements, labels: LabelMap) -> dict[str, Any]:
     """For a result: `regions` (name → volume_ml, label_volume_ml) and `quality`.
 
     The hull's own region stands for all labels that no other region has.
     """
-    meshed, wanted = volumes_ml(made), labels.volumes_ml()
-    wanted[BRAIN] = sum(ml for name, ml in wanted.items() if name not in set(meshed) - {BRAIN})
-    regions = {name: {"volume_ml": ml, "label_volume_ml": wanted[name]} for name, ml in meshed.items()}
+    volumes, wanted = volumes_ml(made), labels.volumes_ml()
+    wanted[BRAIN] = sum(ml for name, ml in wanted.items() if name not in set(volumes) - {BRAIN})
+    regions = {name: {"volume_ml": ml, "label_volume_ml": wanted[name]} for name, ml in volumes.items()}
     return {"regions": regions, "quality": {**Quality.of(made).summary(), "min_jacobian": min_jacobian(made.mesh())}}
 
 

@@ -12,7 +12,7 @@ from ngbrain.errors import InputError
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.segment.topology_correction import NEIGHBOURS, correct_topology, largest_filled_component
 from ngbrain.mesh.surface.mask_surface import contour
-from ngbrain.mesh.surface.self_intersections import faired
+from ngbrain.mesh.surface.self_intersections import smooth_surfaces
 from ngbrain.mesh.surface.triangle_mesh import SurfaceMesh
 
 WHITE = ("white", "corpus_callosum", "deep_grey", "brain_stem", "ventricles")
@@ -110,7 +110,7 @@ def _of(labels: LabelMap, spheres: bool) -> Cortex:
         points, triangles = contour(mask)
         rough.append(SurfaceMesh(origin + spacing * points, triangles))
     wanted = {name: float(mask.sum()) * voxels.volume.voxel_volume for name, mask in masks.items()}
-    found = dict(zip(masks, faired(rough, list(wanted.values()), STEPS), strict=True))
+    found = dict(zip(masks, smooth_surfaces(rough, list(wanted.values()), STEPS), strict=True))
     return Cortex(
         found["white"],
         found["pial"],
@@ -148,10 +148,10 @@ def _masks(labels: LabelMap, spheres: bool) -> tuple[dict[str, np.ndarray], dict
     cavities = _without_specks(cavities & ndimage.binary_erosion(inner, _CUBE), labels.volume.voxel_volume)
     outer = shaped((data > 0) | ndimage.binary_dilation(pial, _CUBE))
     masks = {"white": inner, "pial": pial, "outer": outer}
-    asked = {"ventricles": fluid, "white": white, "pial": tissue, "outer": data > 0}
+    sample_sizes = {"ventricles": fluid, "white": white, "pial": tissue, "outer": data > 0}
     if cavities.any():
         masks = {"ventricles": cavities, **masks}
-    return masks, {name: int((mask != asked[name]).sum()) for name, mask in masks.items()}
+    return masks, {name: int((mask != sample_sizes[name]).sum()) for name, mask in masks.items()}
 
 
 def part_of(name: str, whole: str) -> bool:

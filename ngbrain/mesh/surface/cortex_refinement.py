@@ -10,7 +10,7 @@ from scipy import ndimage, sparse
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.read.volume import Volume
 from ngbrain.mesh.surface.cortex import FLUID, Cortex, part_of, thickness
-from ngbrain.mesh.surface.self_intersections import untangled
+from ngbrain.mesh.surface.self_intersections import resolve_intersections
 from ngbrain.mesh.surface.triangle_mesh import SurfaceMesh
 
 REACH, STEP = 1.5e-3, 0.1e-3
@@ -25,7 +25,7 @@ _FEW = 1e-3
 """Part of the voxels around a place that are of a tissue, below which the whole tissue's grey value counts more."""
 
 
-def refined(cortex: Cortex, labels: LabelMap, t1: Volume) -> Cortex:
+def refine_cortex(cortex: Cortex, labels: LabelMap, t1: Volume) -> Cortex:
     """The white and pial surfaces moved to where the scan is halfway between the grey values of the tissues on both sides.
 
     At a straight edge between two tissues that is where it lies, whatever share of which a voxel has. A vertex whose normal meets
@@ -55,7 +55,7 @@ def refined(cortex: Cortex, labels: LabelMap, t1: Volume) -> Cortex:
             surface = _moved(surface, t1, bright, dark)
         moved[name] = surface
     before = list(cortex.surfaces.values())
-    after = untangled(before, [moved.get(name, surface) for name, surface in cortex.surfaces.items()])
+    after = resolve_intersections(before, [moved.get(name, surface) for name, surface in cortex.surfaces.items()])
     found = dict(zip(cortex.surfaces, after, strict=True))
     white, pial = found["white"], found["pial"]
     return replace(cortex, white=white, pial=pial, thickness=thickness(white, pial))

@@ -12,7 +12,7 @@ from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.read.volume import Volume
 from ngbrain.io.surfacefile import write_surface, write_values
 from ngbrain.mesh.surface.cortex import THICKEST, Cortex, spherical_cortex
-from ngbrain.mesh.surface.cortex_refinement import refined
+from ngbrain.mesh.surface.cortex_refinement import refine_cortex
 from ngbrain.mesh.surface.self_intersections import crossings
 
 
@@ -45,7 +45,7 @@ def write_cortex(labels: LabelMap, t1: Volume | None, folder: Path, stem: str) -
     """
     found = spherical_cortex(labels)
     if t1 is not None:
-        found = refined(found, labels, t1)
+        found = refine_cortex(found, labels, t1)
     files = [f"{stem}_white.surf.gii", f"{stem}_pial.surf.gii", f"{stem}_thickness.shape.gii"]
     both = {"white": found.white, "pial": found.pial}
     for file, surface in zip(files, both.values(), strict=False):

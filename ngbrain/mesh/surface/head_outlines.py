@@ -12,7 +12,7 @@ from scipy import ndimage
 from ngbrain.errors import InputError
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.mesh.geometry.level_set import LevelSet
-from ngbrain.mesh.surface.remeshing import SPECK, Closed
+from ngbrain.mesh.surface.remeshing import SPECK, RemeshedSurface
 
 BRAIN, VENTRICLES = "brain", "ventricles"
 SMOOTHING = 2e-3
@@ -129,7 +129,7 @@ def outlines(labels: LabelMap) -> Outlines:
     return Outlines(brain, inner, tuple(repairs))
 
 
-def changes(region: str, surface: Closed) -> Iterator[Repair]:
+def changes(region: str, surface: RemeshedSurface) -> Iterator[Repair]:
     """What was changed of a region's outline for it to be a surface."""
     for x, y, z, volume in surface.changed.tolist():
         yield Repair(region, "closed" if volume > 0 else "cut", 1e6 * abs(volume), (x, y, z))

@@ -62,7 +62,9 @@ def pieces(neighbours: np.ndarray, chosen: np.ndarray) -> np.ndarray:
     return found
 
 
-def mended(tets: np.ndarray, neighbours: np.ndarray, inside: np.ndarray, volumes: np.ndarray, free: int) -> np.ndarray:
+def repair_manifold(
+    tets: np.ndarray, neighbours: np.ndarray, inside: np.ndarray, volumes: np.ndarray, free: int
+) -> np.ndarray:
     """Which tetrahedra (m,) are inside, a few of them changed so that their boundary is a surface everywhere.
 
     At a vertex the boundary is a surface if the tetrahedra around it that are inside hang together by their faces, and so do the
@@ -73,7 +75,7 @@ def mended(tets: np.ndarray, neighbours: np.ndarray, inside: np.ndarray, volumes
     free               vertices from this number on are outside for good
 
     >>> two = np.array([[0, 1, 2, 3], [3, 4, 5, 6]])  # they touch at vertex 3; the smaller one goes
-    >>> mended(two, np.full((2, 4), -1), np.ones(2, bool), np.array([1.0, 2.0]), 7).tolist()
+    >>> repair_manifold(two, np.full((2, 4), -1), np.ones(2, bool), np.array([1.0, 2.0]), 7).tolist()
     [False, True]
     """
     inside, n = inside.copy(), int(tets.max()) + 1

@@ -9,8 +9,8 @@ from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from ngbrain.errors import InputError
 from ngbrain.mesh.geometry.level_set import LevelSet, Points
-from ngbrain.mesh.geometry.sizing import Sizes
-from ngbrain.mesh.surface.manifold import boundary, faults, mended, pieces
+from ngbrain.mesh.geometry.sizing import SizeField
+from ngbrain.mesh.surface.manifold import boundary, faults, pieces, repair_manifold
 
 CLOSE = 0.72
 """Samples are first this part of the element size apart; spread evenly they end up a size apart."""
@@ -29,7 +29,7 @@ SPECK = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
-class Closed:
+class RemeshedSurface:
     """A closed surface without crossings.
 
     points      (n, 3) m; triangles (m, 3), outwards
@@ -41,7 +41,7 @@ class Closed:
     changed: np.ndarray
 
 
-def triangulated(surface: LevelSet, size: Sizes, fixed: Points, seed: int = 0) -> Closed:
+def remesh_surface(surface: LevelSet, size: SizeField, fixed: Points, seed: int = 0) -> RemeshedSurface:
     """The surface φ = 0 as triangles, the `fixed` points (n, 3) m on it first among the vertices.
 
     The triangles are the facets of the samples' Delaunay tetrahedra that part those with a circumcentre inside from the
@@ -61,7 +61,7 @@ def triangulated(surface: LevelSet, size: Sizes, fixed: Points, seed: int = 0) -
         cells = _Cells.of(surface, points)
         bad = faults(boundary(cells.tets, cells.neighbours, cells.inside)[0], len(points))
         if not len(bad):
-            return Closed(points, cells.outwards(), np.zeros((0, 4)))
+            return RemeshedSurface(points, cells.outwards(), np.zeros((0, 4)))
         reach, _ = cKDTree(points[bad]).query(dense)
         finer = np.where(reach < NEAR * h, np.maximum(FINER * h, finest), h)
         if (finer == h).all():
@@ -73,7 +73,7 @@ def triangulated(surface: LevelSet, size: Sizes, fixed: Points, seed: int = 0) -
         points = _spread(surface, dense[anew], area[anew], h[anew], points[kept], np.random.default_rng(seed))
 
 
-def _dense(surface: LevelSet, size: Sizes) -> tuple[Points, np.ndarray]:
+def _dense(surface: LevelSet, size: SizeField) -> tuple[Points, np.ndarray]:
     """Points (n, 3) that stand for the whole surface, and the area (m²) of each: pieces well below the size there."""
     pieces = surface.outline()
     kept = []
@@ -149,10 +149,10 @@ class _Cells:
         three[turned] = three[turned][:, [0, 2, 1]]
         return three
 
-    def closed(self, fixed: int) -> Closed:
+    def closed(self, fixed: int) -> RemeshedSurface:
         """Their surface, closed or cut where it is none, without specks, and without points that it does not use."""
         volumes = np.abs(np.linalg.det(self.points[self.tets[:, 1:]] - self.points[self.tets[:, :1]])) / 6
-        inside = mended(self.tets, self.neighbours, self.inside, volumes, self.count)
+        inside = repair_manifold(self.tets, self.neighbours, self.inside, volumes, self.count)
         for side in (True, False):
             piece = pieces(self.neighbours, inside == side)
             small = np.bincount(piece, volumes) < SPECK
@@ -160,7 +160,7 @@ class _Cells:
             inside ^= small[piece]
         triangles = replace(self, inside=inside).outwards()
         used = np.union1d(np.arange(fixed), triangles)
-        return Closed(self.points[used], np.searchsorted(used, triangles), self._changed(inside, volumes))
+        return RemeshedSurface(self.points[used], np.searchsorted(used, triangles), self._changed(inside, volumes))
 
     def _changed(self, inside: np.ndarray, volumes: np.ndarray) -> np.ndarray:
         """Middle and signed volume (k, 4) of each part that is on the other side than before."""

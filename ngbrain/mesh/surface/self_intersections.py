@@ -68,7 +68,7 @@ def _volume(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.nd
     return np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a))
 
 
-def faired(surfaces: list[SurfaceMesh], volumes: list[float], steps: int) -> list[SurfaceMesh]:
+def smooth_surfaces(surfaces: list[SurfaceMesh], volumes: list[float], steps: int) -> list[SurfaceMesh]:
     """Smoother surfaces that enclose given volumes (m³), and cross neither themselves nor each other if they did not before.
 
     Taubin's steps (Taubin 1995, doi:10.1145/218380.218473): a vertex moves half of the way to the middle of its neighbours,
@@ -77,15 +77,15 @@ def faired(surfaces: list[SurfaceMesh], volumes: list[float], steps: int) -> lis
 
     >>> from ngbrain.mesh.surface.mask_surface import contour
     >>> rough = SurfaceMesh(*contour(np.linalg.norm(np.indices((15, 15, 15)) - 7, axis=0) < 5))
-    >>> smooth = faired([rough], [rough.volume], 10)[0]
+    >>> smooth = smooth_surfaces([rough], [rough.volume], 10)[0]
     >>> bool(smooth.area < rough.area), round(smooth.volume / rough.volume, 3), smooth.genus
     (True, 1.0, 0)
     """
     smooth = [SurfaceMesh(_smooth(s, v, steps), s.triangles) for s, v in zip(surfaces, volumes, strict=True)]
-    return untangled(surfaces, smooth)
+    return resolve_intersections(surfaces, smooth)
 
 
-def untangled(surfaces: list[SurfaceMesh], moved: list[SurfaceMesh]) -> list[SurfaceMesh]:
+def resolve_intersections(surfaces: list[SurfaceMesh], moved: list[SurfaceMesh]) -> list[SurfaceMesh]:
     """Surfaces with moved vertices, but for those of triangles that would cross: they go back, and more of those around.
 
     In 12 rounds at most: `crossings` tells what is left.

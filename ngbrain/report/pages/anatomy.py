@@ -139,7 +139,7 @@ def space(elements: Elements, at: Floats) -> bytes:
                 level = at[1] + 1e-7 - elements.points[:, 1]
                 cut = cut_tets(elements.tets, level, np.arange(len(elements.tets)))
                 shades = np.array([_rgba(name, i)[:3] for i, name in enumerate(elements.regions)])
-                corners = cut.at(elements.points)[cut.simplices].reshape(-1, 3)
+                corners = cut.interpolate(elements.points)[cut.simplices].reshape(-1, 3)
                 colour = np.repeat(shades[elements.region[cut.parent]], 3, axis=0)
                 face = Layer(corners, np.arange(len(corners)).reshape(-1, 3), colour, lit=0.15)
                 lines = _edges(elements, level)
@@ -196,7 +196,7 @@ def _cuts(axes: Any, elements: Elements, where: float, normal: int, flat: list[i
     faces = np.unique(np.sort(faces[:, [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]].reshape(-1, 3), axis=1), axis=0)
     for triangles, colour, width in ((faces, "#7f8c8d", 0.3), (elements.triangles, "#B2182B", 0.9)):
         cut = cut_surface(triangles, level)
-        lines = 1e3 * cut.at(elements.points[:, flat])[cut.simplices]
+        lines = 1e3 * cut.interpolate(elements.points[:, flat])[cut.simplices]
         axes.add_collection(collections.LineCollection(lines, colors=colour, linewidths=width), autolim=False)
 
 
@@ -207,7 +207,7 @@ def _edges(elements: Elements, level: Floats) -> Layer:
         np.sort(near[:, [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]].reshape(-1, 3), axis=1), axis=0
     )
     cut = cut_surface(faces, level)
-    points = cut.at(elements.points) + np.array([0, 0.25e-3, 0])
+    points = cut.interpolate(elements.points) + np.array([0, 0.25e-3, 0])
     p, q = points[cut.simplices[:, 0]], points[cut.simplices[:, 1]]
     beside = np.cross(q - p, np.array([0, 1.0, 0]))
     beside *= 0.12e-3 / np.maximum(np.linalg.norm(beside, axis=1, keepdims=True), 1e-12)

@@ -45,7 +45,7 @@ def build(
     pictures = {f"waves_{load}": waves(data, arrays, load, flat) for load in range(loads)}
     pictures |= {
         "maps": maps(result, data, arrays, flat),
-        "following": following(arrays, flat),
+        "following": derived_maps(arrays, flat),
         "intervals": intervals(result, data, arrays, flat),
         "strain": strain(data, arrays, flat),
         "residuals": residuals(result, arrays["residual"]),
@@ -65,7 +65,7 @@ def build(
         label_heads=parameters.label_heads(result),
         labels=parameters.labels(result),
         starts=parameters.starts(result),
-        facts=[*given(data), *parameters.facts(result)],
+        facts=[*data_facts(data), *parameters.facts(result)],
         known=any("relative_l2_error" in answer for answer in result["answers"].values()),
     )
 
@@ -137,7 +137,7 @@ def intervals(result: Mapping[str, Any], data: WaveData, arrays: Mapping[str, Fl
     return table([plane for _, plane in rows], titles, [PARAMETERS[name].label for name, _ in rows], looks)
 
 
-def following(arrays: Mapping[str, Floats], flat: Sequence[Plane]) -> bytes:
+def derived_maps(arrays: Mapping[str, Floats], flat: Sequence[Plane]) -> bytes:
     """What follows from the complex shear modulus."""
     names = [name for name in DERIVED if np.nanmax(np.abs(arrays[name])) > 0]
     titles = [PARAMETERS[name].label for name in names]
@@ -282,7 +282,7 @@ def load_name(data: WaveData, load: int) -> str:
     return f"Load {load + 1}, " + (f"{frequency:g} Hz" if frequency else "quasi-static")
 
 
-def given(data: WaveData) -> list[tuple[str, str]]:
+def data_facts(data: WaveData) -> list[tuple[str, str]]:
     """What the data are and say of the material."""
     grid = data.grid
     form = "grid of " + " × ".join(map(str, grid.shape)) if grid else "scattered"

@@ -16,10 +16,10 @@ SHOWN = {"m": ("mm", 1e3), "": ("%", 100.0)}
 """Unit → how it is shown, and how many of that are one of it; others as they are."""
 
 
-def shown_in(unit: str) -> tuple[str, float]:
+def display_unit(unit: str) -> tuple[str, float]:
     """What a unit is shown in, and how many of that are one of it.
 
-    >>> shown_in("m"), shown_in("N")
+    >>> display_unit("m"), display_unit("N")
     (('mm', 1000.0), ('N', 1.0))
     """
     return SHOWN.get(unit, (unit, 1.0))
@@ -37,7 +37,7 @@ def build(path: str | os.PathLike[str], result: Mapping[str, Any]) -> Path:
         {"way": _way(result)},
         result=result,
         answers=answers(result),
-        left_out=left_out(result),
+        left_out=omitted_effects(result),
     )
 
 
@@ -45,13 +45,13 @@ def answers(result: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
     """Quantity, value with its unit, estimated error, tolerance."""
     rows = []
     for each in result["answers"]:
-        unit, factor = shown_in(each["unit"])
+        unit, factor = display_unit(each["unit"])
         shown = f"{each['value'] * factor:.4g} {unit}".strip()
         rows.append((each["quantity"], shown, percent(each["error_estimate"]), percent(each["tolerance"])))
     return rows
 
 
-def left_out(result: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
+def omitted_effects(result: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
     """What the model lacks, the largest change that it would make, how that was found, and why to doubt it."""
     rows = [(each["what"], _largest(each["change"]), each["how"], each["doubt"]) for each in result["left_out"]]
     return [(what, percent(change), *rest) for what, change, *rest in sorted(rows, key=lambda row: -(row[1] or np.inf))]

@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ngbrain.report.pages.tables import Row
+from ngbrain.report.pages.tables import TableRow
 from ngbrain.report.words import number
 
 
 @dataclass(frozen=True)
-class Parameter:
+class ParameterLabel:
     """How a map is called and shown: SI times `factor` is in `unit`."""
 
     name: str
@@ -31,20 +31,20 @@ class Parameter:
 
 
 PARAMETERS = {
-    "youngs": Parameter("Young's modulus", "E", "kPa", 1e-3),
-    "storage": Parameter("Storage modulus", "G′", "kPa", 1e-3),
-    "loss": Parameter("Loss modulus", "G″", "kPa", 1e-3),
-    "mu": Parameter("Shear modulus across fibres", "μ", "kPa", 1e-3),
-    "zeta": Parameter("Tensile anisotropy", "ζ"),
-    "phi": Parameter("Shear anisotropy", "φ"),
-    "shear_along": Parameter("Shear along fibres", "μ(1+φ)", "kPa", 1e-3),
-    "shear_stretch": Parameter("Shear by stretch along fibres", "μ(1+ζ)", "kPa", 1e-3),
-    "magnitude": Parameter("Magnitude", "|G*|", "kPa", 1e-3),
-    "phase": Parameter("Phase angle", "arg G*", "rad"),
-    "damping_ratio": Parameter("Damping ratio", "ξ"),
-    "stiffness": Parameter("Shear stiffness", "ρc²", "kPa", 1e-3),
-    "oss": Parameter("Octahedral shear strain", "OSS", "10⁻³", 1e3),
-    "oss_snr": Parameter("Its ratio to noise", "OSS-SNR"),
+    "youngs": ParameterLabel("Young's modulus", "E", "kPa", 1e-3),
+    "storage": ParameterLabel("Storage modulus", "G′", "kPa", 1e-3),
+    "loss": ParameterLabel("Loss modulus", "G″", "kPa", 1e-3),
+    "mu": ParameterLabel("Shear modulus across fibres", "μ", "kPa", 1e-3),
+    "zeta": ParameterLabel("Tensile anisotropy", "ζ"),
+    "phi": ParameterLabel("Shear anisotropy", "φ"),
+    "shear_along": ParameterLabel("Shear along fibres", "μ(1+φ)", "kPa", 1e-3),
+    "shear_stretch": ParameterLabel("Shear by stretch along fibres", "μ(1+ζ)", "kPa", 1e-3),
+    "magnitude": ParameterLabel("Magnitude", "|G*|", "kPa", 1e-3),
+    "phase": ParameterLabel("Phase angle", "arg G*", "rad"),
+    "damping_ratio": ParameterLabel("Damping ratio", "ξ"),
+    "stiffness": ParameterLabel("Shear stiffness", "ρc²", "kPa", 1e-3),
+    "oss": ParameterLabel("Octahedral shear strain", "OSS", "10⁻³", 1e3),
+    "oss_snr": ParameterLabel("Its ratio to noise", "OSS-SNR"),
 }
 
 
@@ -72,14 +72,14 @@ STARTS = {
 """What the rows of the table of starts are."""
 
 
-def parameters(result: Mapping[str, Any]) -> list[Row]:
+def parameters(result: Mapping[str, Any]) -> list[TableRow]:
     """A row for each parameter: median, interquartile range and, with truth, the relative error."""
     rows = []
     for name, answer in result["answers"].items():
         shown = PARAMETERS[name]
         values = [number(shown.factor * answer[key]) if key in answer else "–" for key in ("median", "iqr")]
         error = answer.get("relative_l2_error")
-        rows.append(Row(f"{shown.name} {shown.symbol}", shown.unit, [(v, "") for v in (*values, percent(error))]))
+        rows.append(TableRow(f"{shown.name} {shown.symbol}", shown.unit, [(v, "") for v in (*values, percent(error))]))
     return rows
 
 
@@ -89,11 +89,13 @@ def intervals(result: Mapping[str, Any]) -> list[str]:
     return [_ends(name, bars[name]["mean"]) if name in bars else "–" for name in result["answers"] if bars]
 
 
-def labels(result: Mapping[str, Any]) -> list[Row]:
+def labels(result: Mapping[str, Any]) -> list[TableRow]:
     """A row for each label: median and interquartile range of every map that `label_heads` names."""
     found = _of_labels(result)
     names = sorted({label for each in found.values() for label in each}, key=int)
-    return [Row(label, "", [_spread(name, each.get(label) or {}) for name, each in found.items()]) for label in names]
+    return [
+        TableRow(label, "", [_spread(name, each.get(label) or {}) for name, each in found.items()]) for label in names
+    ]
 
 
 def label_heads(result: Mapping[str, Any]) -> list[str]:
@@ -107,7 +109,7 @@ def _of_labels(result: Mapping[str, Any]) -> dict[str, Mapping[str, Mapping[str,
     return {name: each for name, each in found.items() if any(any(spread.values()) for spread in each.values())}
 
 
-def starts(result: Mapping[str, Any]) -> list[Row]:
+def starts(result: Mapping[str, Any]) -> list[TableRow]:
     """A row for each start: error of every parameter, misfit over its expected level, J, rounds, settled or not, CPU s."""
     rows = []
     for name, start in result["starts"].items():
@@ -116,7 +118,7 @@ def starts(result: Mapping[str, Any]) -> list[Row]:
         settled = "yes" if start["converged"] else "no"
         texts = [*errors, ratio, number(start["objective"], 5), str(start["rounds"]), settled, number(start["cpu_s"])]
         kept = "kept" if name == result["chosen"] else ""
-        rows.append(Row(STARTS.get(name, name), kept, [(text, "") for text in texts]))
+        rows.append(TableRow(STARTS.get(name, name), kept, [(text, "") for text in texts]))
     return rows
 
 

@@ -14,7 +14,7 @@ from ngbrain.report.pages import elastography, parameters
 from ngbrain.report.pages.elastography import MODULUS, WAVE, table, window
 from ngbrain.report.pages.page import write_page
 from ngbrain.report.pages.parameters import PARAMETERS
-from ngbrain.report.pages.tables import Row
+from ngbrain.report.pages.tables import TableRow
 from ngbrain.report.pictures.planes import planes
 from ngbrain.report.render.surface import Floats
 from ngbrain.report.words import number
@@ -37,7 +37,7 @@ def build(
         lambda _: [(window(MODULUS, values), values) for values in (_share(arrays, name) for name in names)],
     )
     if "magnitude" in arrays:
-        pictures["following"] = elastography.following(arrays, flat)
+        pictures["following"] = elastography.derived_maps(arrays, flat)
     seen = [(load, i) for load in range(min(data.loads, elastography.MOST_LOADS)) for i in range(data.dim)]
     seen = [(load, i) for load, i in seen if not np.isnan(arrays["measured"][load][:, i]).all()]
 
@@ -59,7 +59,7 @@ def build(
         label_heads=parameters.label_heads(result),
         labels=parameters.labels(result),
         trust=trust(result),
-        facts=[*elastography.given(data), *facts(result)],
+        facts=[*elastography.data_facts(data), *facts(result)],
         known=any("relative_l2_error" in answer for answer in result["answers"].values()),
     )
 
@@ -80,13 +80,14 @@ WORDS = {
 """What the numbers that decide on trust are."""
 
 
-def trust(result: Mapping[str, Any]) -> list[Row]:
+def trust(result: Mapping[str, Any]) -> list[TableRow]:
     """A row for each number that decides on trust, over its bound, the largest first."""
     scores = result["trust"]["scores"]
     limit = result["trust"]["threshold"]
     names = sorted(scores, key=scores.get, reverse=True)
     return [
-        Row(WORDS[name], "over" if scores[name] > limit else "", [(number(scores[name] / limit), "")]) for name in names
+        TableRow(WORDS[name], "over" if scores[name] > limit else "", [(number(scores[name] / limit), "")])
+        for name in names
     ]
 
 

@@ -57,7 +57,7 @@ class Condition:
 
 
 @dataclass(frozen=True, eq=False)
-class Solid:
+class RigidBodyDrawing:
     """A rigid body, a tool or an indenter: points (m) and triangles, where it begins and at its furthest."""
 
     name: str
@@ -94,7 +94,7 @@ class Drawing:
     focus: Floats
     head: bool
     conditions: Sequence[Condition] = ()
-    solids: Sequence[Solid] = ()
+    solids: Sequence[RigidBodyDrawing] = ()
     image: ScanImage | None = None
     coarse: bool = False
     tables: dict[str, list[tuple[str, ...]]] = field(default_factory=dict)
@@ -106,7 +106,7 @@ class Drawing:
         names = sorted(set(self.region.tolist()))
         return {name: REGIONS[i % len(REGIONS)] for i, name in enumerate(names)}
 
-    def of(self, name: str) -> str:
+    def boundary_colour(self, name: str) -> str:
         """The colour of a boundary: of the last thing that acts on it."""
         kinds = [each.kind for each in self.conditions if name in each.boundaries]
         return KINDS[kinds[-1]] if kinds else FREE
@@ -155,13 +155,13 @@ def _slice(drawing: Drawing, normal: int, across: int, up: int) -> bytes:
         _scan(axes, drawing.image, normal, across, up, drawing.focus[normal])
     else:
         cut = cut_tets(drawing.tets, level, np.arange(len(drawing.tets)))
-        corners = 1e3 * cut.at(drawing.points)[:, flat][cut.simplices]
+        corners = 1e3 * cut.interpolate(drawing.points)[:, flat][cut.simplices]
         fill = [drawing.colours[name] for name in drawing.region[cut.parent]]
         axes.add_collection(
             collections.PolyCollection(corners, facecolors=fill, edgecolors="#00000030", linewidths=0.3)
         )
     for name, tris in drawing.faces.items():
-        lines, colour = _lines(drawing.points, tris, level, flat), drawing.of(name)
+        lines, colour = _lines(drawing.points, tris, level, flat), drawing.boundary_colour(name)
         free = colour == FREE
         look = {"colors": "#555555" if free else colour, "linewidths": 0.7 if free else 2.6, "capstyle": "round"}
         axes.add_collection(collections.LineCollection(lines, **look))
@@ -180,7 +180,7 @@ def _slice(drawing: Drawing, normal: int, across: int, up: int) -> bytes:
 def _lines(points: Floats, tris: Ints, level: Floats, flat: list[int]) -> Floats:
     """Where triangles meet a plane (k, 2, 2), mm."""
     cut = cut_surface(tris, level)
-    return np.asarray(1e3 * cut.at(points)[:, flat][cut.simplices])
+    return np.asarray(1e3 * cut.interpolate(points)[:, flat][cut.simplices])
 
 
 def _scan(axes: Any, image: ScanImage, normal: int, across: int, up: int, where: float) -> None:
@@ -248,10 +248,10 @@ def _space(drawing: Drawing) -> bytes:
     layers = []
     colors = require("matplotlib.colors", "report")
     for name, tris in drawing.faces.items():
-        colour = np.array(colors.to_rgb(drawing.of(name)))
+        colour = np.array(colors.to_rgb(drawing.boundary_colour(name)))
         normals = vertex_normals(drawing.points, tris) if drawing.head else None
         # The head's own surface is seen through: the cleft and the tool are behind it.
-        through = drawing.head and drawing.of(name) in (FREE, KINDS["held"], KINDS["slides"])
+        through = drawing.head and drawing.boundary_colour(name) in (FREE, KINDS["held"], KINDS["slides"])
         layers.append(
             Layer(
                 drawing.points,

@@ -19,7 +19,7 @@ ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
-class Row:
+class TableRow:
     """A line of a table: its name, unit, and one (text, remark) for each column."""
 
     name: str
@@ -122,7 +122,7 @@ CHECKS: dict[str, Check] = {
 }
 
 
-def comparison(answers: Mapping[str, Any]) -> list[Row]:
+def comparison(answers: Mapping[str, Any]) -> list[TableRow]:
     """One row a metric, one column a protocol; lowest and highest said in words."""
     rows = []
     for key, name, unit, ranked in METRICS:
@@ -242,7 +242,7 @@ def band(given: Mapping[str, Any], status: Mapping[str, str]) -> list[tuple[str,
     return rows
 
 
-def worth(errors: Mapping[str, Any]) -> list[tuple[str, str, list[str]]]:
+def error_budget(errors: Mapping[str, Any]) -> list[tuple[str, str, list[str]]]:
     """(name, unit, texts) for each number: its value, what mesh, order and steps move it by, their sum, its range by material."""
     above = {key: of["part"] for key, of in errors.items() if of.get("quantity") == "volume_mps_above"}
     strained = [(key, _strained(above[key]), "ml") for key in sorted(above, key=lambda key: float(above[key]))]
@@ -255,7 +255,7 @@ def worth(errors: Mapping[str, Any]) -> list[tuple[str, str, list[str]]]:
     return rows
 
 
-def worth_of_peak(errors: Mapping[str, Any]) -> str:
+def peak_error_sentence(errors: Mapping[str, Any]) -> str:
     """Of the peak pressure of one opening held to the end, in a sentence; nothing where there is none."""
     if not (of := errors.get("peak_pressure_mmHg")):
         return ""
@@ -295,10 +295,10 @@ def _shown(value: Any, unit: str, digits: int = 3) -> str:
     return number(100 * value if unit == "%" and _is_number(value) else value, digits)
 
 
-def _row(name: str, unit: str, values: list[Any], ranked: bool) -> Row:
+def _row(name: str, unit: str, values: list[Any], ranked: bool) -> TableRow:
     known = ranked and all(_is_number(v) for v in values)
     marks = _marks(values) if known else [""] * len(values)
-    return Row(name, unit, [(_shown(v, unit), mark) for v, mark in zip(values, marks, strict=True)])
+    return TableRow(name, unit, [(_shown(v, unit), mark) for v, mark in zip(values, marks, strict=True)])
 
 
 def _marks(values: list[float]) -> list[str]:

@@ -12,9 +12,9 @@ import numpy as np
 from ngbrain.adjoint.time_curve import TimeCurve
 from ngbrain.errors import require
 from ngbrain.report.pictures import style as looks
-from ngbrain.report.pictures.cut_plane import Section
+from ngbrain.report.pictures.cut_plane import CutPlane
 from ngbrain.report.pictures.figures import pressures, spans
-from ngbrain.report.pictures.frame import State
+from ngbrain.report.pictures.frame import DeformedHead
 from ngbrain.report.pictures.style import StrainScale, bar_mm, colour, direction, figure, png, style
 from ngbrain.report.pictures.timeline import Run
 from ngbrain.report.render.surface import Floats
@@ -35,7 +35,7 @@ HEIGHT, CURVES = 2.75, 2.1
 
 
 @dataclass(frozen=True)
-class Moment:
+class AnimationFrame:
     """All protocols at a time: s, what is to be said in words, a WebP picture."""
 
     t: float
@@ -44,7 +44,7 @@ class Moment:
 
 
 @dataclass(frozen=True)
-class Axis:
+class TimeAxis:
     """Where times are on a picture, in shares of its size: from `left` on, `width` for `end` s; from `top` down, `height`."""
 
     left: float
@@ -53,7 +53,7 @@ class Axis:
     height: float
     end: float
 
-    def at(self, t: float) -> float:
+    def position(self, t: float) -> float:
         """Where a time (s) is, from the left."""
         return self.left + self.width * t / self.end
 
@@ -62,10 +62,10 @@ class Axis:
 class Animation:
     """What a viewer needs: moments in order, the one it starts with, and curves with the axes that a mark moves along."""
 
-    moments: list[Moment]
+    frames: list[AnimationFrame]
     start: int
     curves: bytes
-    axes: list[Axis]
+    axes: list[TimeAxis]
 
 
 def animation(runs: Mapping[str, Run], answers: Mapping[str, Any], scale: StrainScale) -> Animation:
@@ -76,8 +76,8 @@ def animation(runs: Mapping[str, Run], answers: Mapping[str, Any], scale: Strain
         now = {name: _now(answers[name], t) for name in runs}
         titles = {name: title for name, (title, _) in now.items()}
         text = "; ".join(f"{name}: {title}" for name, title in titles.items())
-        page = _panels([run.at(t) for run in runs.values()], titles, answers, scale)
-        shown.append(Moment(float(t), f"{moment(t)} after first contact. {text}", _webp(page)))
+        page = _panels([run.frame_at(t) for run in runs.values()], titles, answers, scale)
+        shown.append(AnimationFrame(float(t), f"{moment(t)} after first contact. {text}", _webp(page)))
         pressure = max(pressure for _, pressure in now.values())
         if pressure > highest:
             start, highest = len(shown) - 1, pressure
@@ -121,7 +121,9 @@ def _now(answer: Mapping[str, Any], t: float) -> tuple[str, float]:
     return f"{round(opened, 1) + 0.0:.1f} mm, {abs(pressure):.0f} mmHg{ended}".replace("-", "−"), pressure
 
 
-def _panels(states: Sequence[State], titles: Mapping[str, str], answers: Mapping[str, Any], scale: StrainScale) -> Any:
+def _panels(
+    states: Sequence[DeformedHead], titles: Mapping[str, str], answers: Mapping[str, Any], scale: StrainScale
+) -> Any:
     """The same part of the slice for each state, with one scale of strain."""
     columns = min(len(states), ACROSS)
     rows = -(-len(states) // columns)
@@ -141,7 +143,7 @@ def _panels(states: Sequence[State], titles: Mapping[str, str], answers: Mapping
             axes.tick_params(left=False, bottom=False, labelleft=False, labelbottom=False)
             for spine in axes.spines.values():
                 spine.set(visible=True, color="#999999")
-            Section(state).draw(axes, scale)
+            CutPlane(state).draw(axes, scale)
             bar_mm(axes, 10)
             for v, x in ((state.cleft.across, 0.975), (-state.cleft.across, 0.025)):
                 look = {"transform": axes.transAxes, "ha": "right" if x > 0.5 else "left", "path_effects": [halo]}
@@ -157,7 +159,7 @@ def _panels(states: Sequence[State], titles: Mapping[str, str], answers: Mapping
         return page
 
 
-def _curves(answers: Mapping[str, Any]) -> tuple[bytes, list[Axis]]:
+def _curves(answers: Mapping[str, Any]) -> tuple[bytes, list[TimeAxis]]:
     """Pressure over time, in the same width."""
     found = []
     with style():
@@ -175,7 +177,7 @@ def _curves(answers: Mapping[str, Any]) -> tuple[bytes, list[Axis]]:
             axes.tick_params(labelleft=column == 0)
             axes.set_ylabel("pressure (mmHg)" if column == 0 else "")
             box = axes.get_position()
-            found.append(Axis(*map(float, (box.x0, 1 - box.y1, box.width, box.height, span.end))))
+            found.append(TimeAxis(*map(float, (box.x0, 1 - box.y1, box.width, box.height, span.end))))
         return png(page), found
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ngbrain.errors import require
-from ngbrain.report.pictures.frame import State
+from ngbrain.report.pictures.frame import DeformedHead
 from ngbrain.report.pictures.style import FLUID, StrainScale
 from ngbrain.report.render.surface import Cut, Floats, Ints, cut_surface, cut_volume, vertex_normals
 
@@ -17,15 +17,15 @@ SKULL_THICKNESS = 5e-3
 REGIONS = {"white": "white matter"}
 
 
-class Section:
+class CutPlane:
     """The displaced mesh cut by the plane of approach and push through the target; coordinates (across, height), m."""
 
-    def __init__(self, state: State) -> None:
+    def __init__(self, state: DeformedHead) -> None:
         self.state = state
         at = state.cleft.coordinates(state.points)
         self._flat, self._level = at[:, [0, 2]], at[:, 1]
         self.cut: Cut = cut_volume(state.tets, self._level)
-        self.points = self.cut.at(self._flat)
+        self.points = self.cut.interpolate(self._flat)
 
     def extent(self) -> tuple[Floats, Floats]:
         """Corners of the section."""
@@ -36,7 +36,7 @@ class Section:
         tri = require("matplotlib.tri", "report")
         patches = require("matplotlib.patches", "report")
         mesh = tri.Triangulation(*(1e3 * self.points).T, self.cut.simplices)
-        strain = np.maximum(self.cut.at(self.state.strain), 0)
+        strain = np.maximum(self.cut.interpolate(self.state.strain), 0)
         self._skull(axes)
         axes.tricontourf(mesh, strain, scale.edges, cmap=scale.cmap, norm=scale.norm, extend="max", zorder=2)
         fluid = np.char.startswith(self.state.region[self.cut.parent].astype(str), "ventricle")
@@ -55,7 +55,7 @@ class Section:
         centres = np.einsum("ij,kjl->kil", inside, corners).reshape(-1, 2)
         region = np.repeat(self.state.region[self.cut.parent], len(inside))
         outlines = cut_surface(self.state.borders, self._level)
-        ends = outlines.at(self._flat)[outlines.simplices]
+        ends = outlines.interpolate(self._flat)[outlines.simplices]
         share = np.linspace(0, 1, 9)[:, None, None]
         room = cKDTree(((1 - share) * ends[:, 0] + share * ends[:, 1]).reshape(-1, 2)).query(centres)[0]
         halo = require("matplotlib.patheffects", "report").withStroke(linewidth=2.5, foreground="white")
@@ -69,7 +69,9 @@ class Section:
     def _lines(self, axes: Any, tris: Ints, **look: Any) -> None:
         lines = require("matplotlib.collections", "report")
         cut = cut_surface(tris, self._level)
-        axes.add_collection(lines.LineCollection(1e3 * cut.at(self._flat)[cut.simplices], capstyle="round", **look))
+        axes.add_collection(
+            lines.LineCollection(1e3 * cut.interpolate(self._flat)[cut.simplices], capstyle="round", **look)
+        )
 
     def _skull(self, axes: Any) -> None:
         """A band outside the held surface."""
@@ -80,7 +82,7 @@ class Section:
         normals = self.state.cleft.coordinates(vertex_normals(self.state.rest, tris) + self.state.cleft.target)[
             :, [0, 2]
         ]
-        points, outward = cut.at(self._flat), cut.at(normals)
+        points, outward = cut.interpolate(self._flat), cut.interpolate(normals)
         outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-12)
         outer = points + SKULL_THICKNESS * outward
         p, q = cut.simplices.T

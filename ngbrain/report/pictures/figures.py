@@ -10,8 +10,8 @@ import numpy as np
 
 from ngbrain.adjoint.time_curve import TimeCurve
 from ngbrain.errors import require
-from ngbrain.report.pictures.cut_plane import Section
-from ngbrain.report.pictures.frame import State
+from ngbrain.report.pictures.cut_plane import CutPlane
+from ngbrain.report.pictures.frame import DeformedHead
 from ngbrain.report.pictures.style import (
     DASHES,
     StrainScale,
@@ -125,14 +125,14 @@ def course(answer: Mapping[str, Any], name: str) -> tuple[Floats, Floats]:
     return fine, TimeCurve(t, values, answer.get("events_s", t))(fine)
 
 
-def strain_slice(peak: State, scale: StrainScale) -> bytes:
+def strain_slice(peak: DeformedHead, scale: StrainScale) -> bytes:
     """Maximum principal strain on the plane of approach and push through the target, displaced: whole and near."""
     with style():
         page = figure(4.75)
         centre = peak.cleft.depth / 2 + 3e-3
         whole = page.add_axes((0.01, 0.02, 0.44, 0.88))
         near = page.add_axes((0.475, 0.02, 0.455, 0.88))
-        plane = Section(peak)
+        plane = CutPlane(peak)
         low, high = plane.extent()
         half = max(high - low) / 2 + 11e-3
         for axes, middle, reach in ((whole, (low + high) / 2, half), (near, np.array([0.0, centre]), 30e-3)):
@@ -166,7 +166,7 @@ def strain_slice(peak: State, scale: StrainScale) -> bytes:
         return png(page)
 
 
-def _ends(axes: Any, peak: State) -> None:
+def _ends(axes: Any, peak: DeformedHead) -> None:
     cleft = peak.cleft
     for v, at in ((cleft.across, (0.985, 0.45)), (-cleft.across, (0.015, 0.45)), (-cleft.out, (0.5, 0.015))):
         axes.text(*at, direction(v), transform=axes.transAxes, ha="center", va="center", fontsize=11, fontweight="bold")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ngbrain.mesh import Cleft
-from ngbrain.report.pictures.tool import Drawn
+from ngbrain.report.pictures.tool import ToolDrawing
 from ngbrain.report.render.surface import Floats, Ints, faces, triangles
 
 OPENED = re.compile(r"craniotomy|wall_|end_|floor|lid")
@@ -20,7 +20,7 @@ _MIDDLE = {frozenset(pair): 4 + k for k, pair in enumerate([(0, 1), (1, 2), (2, 
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class DeformedHead:
     """What is drawn of one protocol.
 
     points, rest   (n, 3) m, displaced and as they were
@@ -44,7 +44,7 @@ class State:
     cleft: Cleft
     craniotomy: float
     tool: str
-    blades: tuple[Drawn, ...]
+    blades: tuple[ToolDrawing, ...]
 
     def surface(self) -> Ints:
         """Triangles of the outer surface."""
@@ -72,7 +72,7 @@ class State:
         return triangles(np.concatenate(parts)) if parts else np.zeros((0, 3), int)
 
 
-def unfolded(tets: Ints, rest: Floats, points: Floats, strain: Floats) -> Floats:
+def smooth_folded_strain(tets: Ints, rest: Floats, points: Floats, strain: Floats) -> Floats:
     """Strain (n,) with the values at nodes of folded tetrahedra replaced by a mean over the tetrahedra there.
 
     A curved tetrahedron can be all but flat at a corner, and the gradient of any field is then without meaning there.

@@ -12,7 +12,7 @@ import numpy as np
 from ngbrain.errors import InputError, require
 from ngbrain.image.segment.tissue_classes import CSF, VENTRICLE, WHITE
 from ngbrain.reading import read_npz
-from ngbrain.report.pictures.frame import State
+from ngbrain.report.pictures.frame import DeformedHead
 from ngbrain.report.pictures.style import WIDTH, direction, figure, png, style
 from ngbrain.report.render.surface import Floats, Ints, cut_surface
 
@@ -85,7 +85,7 @@ class ScanImage:
         return float(a - half), float(b + half), float(c - half), float(d + half)
 
 
-def slices(image: ScanImage, peak: State) -> bytes:
+def slices(image: ScanImage, peak: DeformedHead) -> bytes:
     """Sagittal, coronal and axial through the target: the scan with its labels above, with the mesh at rest below.
 
     The planes are those of the voxels' centres next to the target; scan, labels and mesh are cut by the same plane.
@@ -153,7 +153,7 @@ def volumes(head: Mapping[str, Any], model: Mapping[str, Any]) -> list[tuple[str
     return [(text, sum(labels[name] for name in of), head.get(key, model.get(key))) for text, of, key in rows if of]
 
 
-def _bounds(image: ScanImage, peak: State) -> tuple[Floats, Floats]:
+def _bounds(image: ScanImage, peak: DeformedHead) -> tuple[Floats, Floats]:
     """Corners (mm) of what is shown: head and mesh, and a margin."""
     filled = np.argwhere(image.labels > 0)
     corners = np.stack([filled.min(axis=0), filled.max(axis=0)]) * image.spacing + image.origin
@@ -181,7 +181,7 @@ def _labels(axes: Any, image: ScanImage, layer: int, normal: int, across: int, u
     return [*(_line(colour, text, lw=1.6) for _, colour, _, text in kinds), tint]
 
 
-def _mesh(axes: Any, peak: State, where: float, normal: int, flat: list[int]) -> list[Any]:
+def _mesh(axes: Any, peak: DeformedHead, where: float, normal: int, flat: list[int]) -> list[Any]:
     """The elements' edges in the plane and the mesh's surfaces; what the legend says of them."""
     elements = np.unique(np.sort(peak.tets[:, _CORNERS].reshape(-1, 3), axis=1), axis=0)
     none = np.zeros((0, 3), int)
@@ -194,14 +194,14 @@ def _mesh(axes: Any, peak: State, where: float, normal: int, flat: list[int]) ->
     collections = require("matplotlib.collections", "report")
     for tris, colour, width, _ in kinds:
         cut = cut_surface(tris, peak.rest[:, normal] - where)
-        lines = 1e3 * cut.at(peak.rest[:, flat])[cut.simplices]
+        lines = 1e3 * cut.interpolate(peak.rest[:, flat])[cut.simplices]
         axes.add_collection(
             collections.LineCollection(lines, colors=colour, linewidths=width, capstyle="round"), autolim=False
         )
     return [_line(colour, text, lw=max(width, 0.8)) for _, colour, width, text in kinds]
 
 
-def _furnish(axes: Any, peak: State, across: int, up: int) -> None:
+def _furnish(axes: Any, peak: DeformedHead, across: int, up: int) -> None:
     """Target, letters at the borders, scale bar."""
     axes.set_facecolor("black")
     axes.tick_params(left=False, bottom=False, labelleft=False, labelbottom=False)

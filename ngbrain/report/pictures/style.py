@@ -11,7 +11,7 @@ import numpy as np
 
 from ngbrain.errors import require
 from ngbrain.look import STYLE
-from ngbrain.report.pictures.frame import State
+from ngbrain.report.pictures.frame import DeformedHead
 from ngbrain.report.render.surface import Floats
 
 DPI = 150
@@ -111,6 +111,6 @@ def direction(v: Floats, words: bool = False) -> str:
     return "".join(names[k][0 if v[k] > 0 else 1] for k in order)
 
 
-def viewed_from(peak: State) -> str:
+def viewed_from(peak: DeformedHead) -> str:
     """The slice is drawn with `across` to the right and `out` upwards: seen from -along."""
     return f", seen from {direction(-peak.cleft.along, words=True)}"

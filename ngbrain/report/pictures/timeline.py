@@ -13,8 +13,8 @@ import numpy as np
 from ngbrain.errors import InputError
 from ngbrain.io import Frame, QuadraticGrid, load
 from ngbrain.mesh import Cleft
-from ngbrain.report.pictures.frame import State, unfolded
-from ngbrain.report.pictures.tool import TOOLS, drawn
+from ngbrain.report.pictures.frame import DeformedHead, smooth_folded_strain
+from ngbrain.report.pictures.tool import TOOLS, tool_drawings
 from ngbrain.report.render.surface import Floats, Ints, faces, triangles
 
 
@@ -74,11 +74,11 @@ class Run:
         """Of the frames (s)."""
         return np.array([frame.time for frame in self.frames])
 
-    def peak(self) -> State:
+    def peak(self) -> DeformedHead:
         """The frame nearest to when strain peaked."""
-        return self.at(min(self.times, key=lambda t: abs(t - self.peak_time)))
+        return self.frame_at(min(self.times, key=lambda t: abs(t - self.peak_time)))
 
-    def at(self, t: float) -> State:
+    def frame_at(self, t: float) -> DeformedHead:
         """At a time (s): a frame, or between two of them in proportion; before the first and after the last, these.
 
         The blade goes in straight pieces with a frame at each end: between frames, too, it is where it was.
@@ -95,12 +95,12 @@ class Run:
 
         grid = self.grid
         points = grid.points + between("displacement")
-        return State(
+        return DeformedHead(
             self.protocol,
             t,
             points,
             grid.points,
-            unfolded(grid.connectivity, grid.points, points, between("max_principal_strain")),
+            smooth_folded_strain(grid.connectivity, grid.points, points, between("max_principal_strain")),
             grid.connectivity,
             np.array(grid.region_names)[grid.region],
             self.outer,
@@ -108,7 +108,7 @@ class Run:
             self.cleft,
             self.craniotomy,
             TOOLS[self.blade.get("kind", "spatula")],
-            drawn(self.blade, self.cleft, float(np.interp(t, *self.advance))),
+            tool_drawings(self.blade, self.cleft, float(np.interp(t, *self.advance))),
         )
 
 

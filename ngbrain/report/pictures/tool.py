@@ -32,16 +32,16 @@ _SIX = np.array([[0, 1, 3, 7], [0, 1, 5, 7], [0, 2, 3, 7], [0, 2, 6, 7], [0, 4, 
 """Tetrahedra of a cube, whose corner 4i + 2j + k is at (i, j, k)."""
 
 
-def drawn(blade: Mapping[str, Any], cleft: Cleft, advance: float) -> tuple[Drawn, ...]:
+def tool_drawings(blade: Mapping[str, Any], cleft: Cleft, advance: float) -> tuple[ToolDrawing, ...]:
     """The tools that `geometry.blade` of a result tells of, when they have gone `advance` (m) together."""
     given = {key.removesuffix("_m"): value for key, value in blade.items() if value is not None}
     tools = list(make_tools(Tool(**given), cleft).values())
     shown = tools[:1] if tools[0].single else tools
-    return tuple(Drawn(each, cleft, advance / len(tools)) for each in shown)
+    return tuple(ToolDrawing(each, cleft, advance / len(tools)) for each in shown)
 
 
 @dataclass(frozen=True)
-class Drawn:
+class ToolDrawing:
     """A tool where it stands at some time, `advance` (m) from where it touched; `cleft` is what pictures are drawn in."""
 
     tool: RigidTool
@@ -88,7 +88,7 @@ class Drawn:
         tets = cubes[:, _SIX].reshape(-1, 4)
         cut = cut_tets(tets, -self.tool.signed_distance(self.advance, at), np.arange(len(tets)))
         frame = self.tool.cleft
-        return frame.target + cut.at(at) @ np.stack([frame.across, frame.along, frame.out]), cut.simplices
+        return frame.target + cut.interpolate(at) @ np.stack([frame.across, frame.along, frame.out]), cut.simplices
 
     def _axes(self, step: float, which: tuple[int, ...]) -> list[Floats]:
         """Of a grid around it."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ngbrain.report.pictures.frame import State
+from ngbrain.report.pictures.frame import DeformedHead
 from ngbrain.report.pictures.style import (
     BONE,
     FLUID,
@@ -26,7 +26,7 @@ from ngbrain.report.render.surface import Floats, Ints, cut_surface, cut_volume,
 RIM = "#333333"
 
 
-def head(peak: State, scale: StrainScale) -> bytes:
+def head(peak: DeformedHead, scale: StrainScale) -> bytes:
     """The head with blade and opening from outside; beside it the site, near and cut open along the blade's push."""
     with style():
         page = figure(4.9)
@@ -69,7 +69,7 @@ def _palette(scale: StrainScale) -> Callable[[Floats], Floats]:
     return lambda strain: np.asarray(scale.cmap(scale.norm(np.maximum(strain, 0))))[:, :3]
 
 
-def _opened_layers(peak: State, scale: StrainScale, clip: Floats | None = None) -> list[Layer]:
+def _opened_layers(peak: DeformedHead, scale: StrainScale, clip: Floats | None = None) -> list[Layer]:
     """Craniotomy and cleft, coloured by strain."""
     parts, palette = [peak.window(), *peak.cleft_faces().values()], _palette(scale)
     return [
@@ -79,11 +79,11 @@ def _opened_layers(peak: State, scale: StrainScale, clip: Floats | None = None) 
     ]
 
 
-def _blade_layers(peak: State) -> list[Layer]:
+def _blade_layers(peak: DeformedHead) -> list[Layer]:
     return [Layer(*blade.solid(), STEEL, shine=0.35) for blade in peak.blades]
 
 
-def _cutaway(axes: Any, peak: State, scale: StrainScale) -> None:
+def _cutaway(axes: Any, peak: DeformedHead, scale: StrainScale) -> None:
     """The half of the site beyond the slice's plane, seen from the side that the slice is seen from, from above."""
     cleft = peak.cleft
     level = cleft.coordinates(peak.points)[:, 1]
@@ -96,18 +96,24 @@ def _cutaway(axes: Any, peak: State, scale: StrainScale) -> None:
     hull = Layer(peak.points, skull, BONE, vertex_normals(peak.points, skull), clip=level)
     cut = cut_volume(peak.tets, level)
     fluid = np.char.startswith(peak.region[cut.parent].astype(str), "ventricle")
-    tissue = Layer(cut.at(peak.points), cut.simplices[~fluid], cut.at(peak.strain), lit=0.15, palette=_palette(scale))
-    drops = Layer(cut.at(peak.points), cut.simplices[fluid], FLUID, lit=0.15)
+    tissue = Layer(
+        cut.interpolate(peak.points),
+        cut.simplices[~fluid],
+        cut.interpolate(peak.strain),
+        lit=0.15,
+        palette=_palette(scale),
+    )
+    drops = Layer(cut.interpolate(peak.points), cut.simplices[fluid], FLUID, lit=0.15)
     lines = [_ribbons(peak, triangles(faces(peak.tets, group)), level) for group in (None, peak.region)]
     _show(axes, camera, [*_opened_layers(peak, scale, level), hull, tissue, drops, *lines, *_blade_layers(peak)])
     _triad(axes, camera, (0.85, 0.10))
     bar_mm(axes, 10)
 
 
-def _ribbons(peak: State, tris: Ints, level: Floats, half_width: float = 0.11e-3) -> Layer:
+def _ribbons(peak: DeformedHead, tris: Ints, level: Floats, half_width: float = 0.11e-3) -> Layer:
     """The lines in which triangles meet the slice's plane, as thin strips just before it."""
     cut = cut_surface(tris, level)
-    points = cut.at(peak.points) - 0.15e-3 * peak.cleft.along
+    points = cut.interpolate(peak.points) - 0.15e-3 * peak.cleft.along
     p, q = points[cut.simplices[:, 0]], points[cut.simplices[:, 1]]
     beside = np.cross(q - p, peak.cleft.along)
     beside *= half_width / np.maximum(np.linalg.norm(beside, axis=1, keepdims=True), 1e-12)
@@ -127,7 +133,7 @@ def _show(axes: Any, camera: Camera, layers: list[Layer]) -> None:
     axes.axis("off")
 
 
-def _rim_points(peak: State) -> Floats:
+def _rim_points(peak: DeformedHead) -> Floats:
     """The craniotomy's edge, (k, 3), in order around the axis."""
     window = peak.window()
     sides = np.sort(np.concatenate([window[:, [0, 1]], window[:, [1, 2]], window[:, [2, 0]]]), axis=1)
@@ -139,7 +145,7 @@ def _rim_points(peak: State) -> Floats:
     return peak.points[nodes[np.argsort(np.arctan2(at[:, 1], at[:, 0]))]]
 
 
-def _rim(axes: Any, camera: Camera, peak: State) -> None:
+def _rim(axes: Any, camera: Camera, peak: DeformedHead) -> None:
     ring = 1e3 * camera.project(_rim_points(peak))
     if len(ring):
         axes.plot(*np.vstack([ring, ring[:1]])[:, :2].T, color=RIM, lw=1.3)

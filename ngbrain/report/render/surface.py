@@ -64,7 +64,7 @@ class Cut:
     simplices: Ints
     parent: Ints
 
-    def at(self, nodal: npt.NDArray[Any]) -> Floats:
+    def interpolate(self, nodal: npt.NDArray[Any]) -> Floats:
         """Nodal values (n,) or (n, k) at the vertices."""
         values = np.asarray(nodal, float)
         w = self.weight.reshape((-1,) + (1,) * (values.ndim - 1))

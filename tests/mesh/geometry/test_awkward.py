@@ -5,13 +5,13 @@ import pytest
 
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.read.volume import Volume
-from ngbrain.mesh.geometry.sizing import Graded
+from ngbrain.mesh.geometry.sizing import RadialSizeField
 from ngbrain.mesh.quality import Quality
 from ngbrain.mesh.routes.registry import ROUTES
 
 MM = 1e-3
 NAMES = {1: "csf", 2: "grey", 3: "white", 4: "ventricles"}
-SIZE = Graded(3 * MM, 3 * MM)
+SIZE = RadialSizeField(3 * MM, 3 * MM)
 X, Y, Z = np.indices((46, 46, 46)) - 22.5
 
 

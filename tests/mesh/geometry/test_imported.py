@@ -10,14 +10,14 @@ from phantoms import nested
 from ngbrain.cli import main
 from ngbrain.io import load
 from ngbrain.io.exchange import write_mesh
-from ngbrain.mesh.geometry.sizing import Graded
+from ngbrain.mesh.geometry.sizing import RadialSizeField
 from ngbrain.mesh.quality import volumes_ml
 from ngbrain.mesh.routes.hull import hull
 from ngbrain.mesh.surface.mask_surface import contour
 
 
 def test_a_mesh_of_gmsh_becomes_one_of_ours(tmp_path, capsys):
-    made = hull(nested((20.0, 15.0, 8.0)), Graded(7e-3, 7e-3)).elements
+    made = hull(nested((20.0, 15.0, 8.0)), RadialSizeField(7e-3, 7e-3)).elements
     write_mesh(tmp_path / "head.msh", made)
     out = tmp_path / "out" / "head.vtkhdf"
     assert main(["mesh", str(tmp_path / "head.msh"), "--unit", "m", "-o", str(out)]) == 0

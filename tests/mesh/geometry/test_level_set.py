@@ -103,7 +103,7 @@ def test_along_is_the_way_to_the_surface(ellipsoid, directions, rng):
     level, _ = ellipsoid
     start = CENTRE + 0.7 * rng.random((len(directions), 1)) * SEMI_AXES * directions
     for direction in (np.array([0.48, 0.6, 0.64]), np.array([0, -1.0, 0])):
-        way = level.along(start, direction, 70e-3)
+        way = level.ray_distance(start, direction, 70e-3)
         assert np.abs(way - way_out(start, direction, SEMI_AXES)).max() < 0.6 * VOXEL
         assert np.abs(level(start + way[:, None] * direction)).max() < 0.05 * VOXEL
 
@@ -113,7 +113,7 @@ def test_along_is_nan_where_the_surface_is_not_met(ellipsoid):
     up = np.array([0, 0, 1.0])
     start = CENTRE + np.array([[0, 0, 0], [0, 0, 12e-3], [0, 0, 22e-3], [0, 0, -22e-3]])
     # Too far; near enough; from outside, away from and towards the shape.
-    assert np.isnan(level.along(start, up, 10e-3)).tolist() == [True, False, True, True]
+    assert np.isnan(level.ray_distance(start, up, 10e-3)).tolist() == [True, False, True, True]
 
 
 def test_the_outline_is_closed_and_on_the_surface(ball):

@@ -10,13 +10,13 @@ from ngbrain.image.labelling import label_tissues
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.read.volume import Volume
 from ngbrain.image.segment.topology import clean_labels
-from ngbrain.mesh.geometry.sizing import Graded
+from ngbrain.mesh.geometry.sizing import RadialSizeField
 from ngbrain.mesh.quality import Quality, interfaces, volumes_ml
 from ngbrain.mesh.routes.registry import ROUTES
 from ngbrain.mesh.surface.head_outlines import WALL
 
 MM = 1e-3
-EVEN = Graded(3 * MM, 3 * MM)
+EVEN = RadialSizeField(3 * MM, 3 * MM)
 
 
 def painted(labels, centre, radius, number, name="lesion", within=None):
@@ -139,7 +139,7 @@ def operated():
 @pytest.mark.parametrize("route", ROUTES)
 def test_a_head_with_a_lesion_and_a_cavity(route):
     labels, _ = clean_labels(operated())
-    size = Graded(2 * MM, 8 * MM, (-28 * MM, -10 * MM, 28 * MM), ROUTES[route].radius)
+    size = RadialSizeField(2 * MM, 8 * MM, (-28 * MM, -10 * MM, 28 * MM), ROUTES[route].radius)
     made = ROUTES[route].make(labels, size).elements
     sound(made, route)
     found, wanted = volumes_ml(made), labels.volumes_ml()

@@ -14,7 +14,7 @@ from ngbrain.image.preprocess.skull_strip import align_template
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.read.nifti import resample_labels
 from ngbrain.image.read.volume import Volume
-from ngbrain.mesh.geometry.sizing import Graded
+from ngbrain.mesh.geometry.sizing import RadialSizeField
 from ngbrain.mesh.routes.registry import ROUTES
 from ngbrain.workflows.mesh_head import Subject, write_subject
 
@@ -57,7 +57,7 @@ def test_coarse_heads_are_found_and_their_labels_meshed(seed, tmp_path):
     assert off(align_template(head.scan(2 * MM)).affine, head) < 12
     subject = Subject.from_labels(written(head.parts, tmp_path / "aseg.nii"), "freesurfer")
     assert any(note.startswith("sulci without a label are filled") for note in subject.notes)
-    check(subject, tmp_path / "head.vtkhdf", size=Graded(10 * MM, 10 * MM))
+    check(subject, tmp_path / "head.vtkhdf", size=RadialSizeField(10 * MM, 10 * MM))
 
 
 @pytest.mark.slow

@@ -42,7 +42,7 @@ def scan():
 
 def cleft_to(scan, target, opening=4e-3):
     out, across = frame(target / SEMI_AXES**2)
-    depth = float(scan.brain.along(target[None], out, 0.1)[0])
+    depth = float(scan.brain.ray_distance(target[None], out, 0.1)[0])
     return Cleft(target, out, across, depth, opening, 12e-3)
 
 
@@ -170,7 +170,7 @@ def test_a_cleft_through_a_ventricle_is_refused(scan, height):
     # The floor in it; the floor within its clearance; the walls through it.
     target = np.array([*CENTRE[:2], height])
     out, across = frame(np.array([0, 0, 1.0]))
-    depth = float(scan.brain.along(target[None], out, 0.1)[0])
+    depth = float(scan.brain.ray_distance(target[None], out, 0.1)[0])
     with pytest.raises(InputError, match=r"cleft\.target_mm is .* opens a ventricle"):
         head(scan.outlines, Cleft(target, out, across, depth, 4e-3, 12e-3), CRANIOTOMY, SIZES)
 

@@ -10,9 +10,9 @@ from scipy.spatial import Delaunay
 from ngbrain.errors import InputError
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.read.volume import Volume
-from ngbrain.mesh.geometry.sizing import Graded
+from ngbrain.mesh.geometry.sizing import RadialSizeField
 from ngbrain.mesh.improve.reconnection import Reconnection
-from ngbrain.mesh.improve.smoothing import improved, shapes
+from ngbrain.mesh.improve.smoothing import shape_quality, smooth_vertices
 from ngbrain.mesh.labels.indicators import MOST, Indicators
 from ngbrain.mesh.labels.volume_zones import Zones
 from ngbrain.mesh.quality import Quality, deviations, interfaces, volume_errors
@@ -226,19 +226,19 @@ def test_shapes_are_sines_and_negative_inside_out():
         p, q = (np.cross(edge, x[:, c] - x[:, i]) for c in (k, m))
         sine = np.linalg.norm(np.cross(p, q), axis=1) / np.linalg.norm(p, axis=1) / np.linalg.norm(q, axis=1)
         sines = np.minimum(sines, sine)
-    assert shapes(x) == pytest.approx(sines, rel=1e-6)
-    assert shapes(x[:, [1, 0, 2, 3]]) == pytest.approx(-sines, rel=1e-6)
+    assert shape_quality(x) == pytest.approx(sines, rel=1e-6)
+    assert shape_quality(x[:, [1, 0, 2, 3]]) == pytest.approx(-sines, rel=1e-6)
 
 
 def test_swaps_keep_the_space_and_make_the_worst_better():
     points, tets = cloud()
     region = np.where(points[tets].mean(axis=1)[:, 0] < 0.5, 1, 2)
-    before, hull = shapes(points[tets]), hull_of(points, tets)
+    before, hull = shape_quality(points[tets]), hull_of(points, tets)
     swaps = Reconnection(points, tets, region)
     assert swaps.improve(0.2) > 50
     new, regions = swaps.arrays()
     x = points[new]
-    after, volumes = shapes(x), -np.linalg.det(x[:, 1:] - x[:, :1]) / 6
+    after, volumes = shape_quality(x), -np.linalg.det(x[:, 1:] - x[:, :1]) / 6
     was = -np.linalg.det(points[tets][:, 1:] - points[tets][:, :1]) / 6
     assert (volumes > 0).all() and volumes.sum() == pytest.approx(was.sum(), rel=1e-12)
     deep = [~np.isin(t, hull).any(axis=1) for t in (tets, new)]
@@ -277,15 +277,15 @@ def test_vertices_that_fell_together_on_an_interface_part_again():
     grey_white = mesh.triangles[mesh.boundary == mesh.boundaries.index("grey_white")]
     points, region = mesh.points.copy(), mesh.region + 1
     points[grey_white[0, 0]] += 0.97 * (points[grey_white[0, 1]] - points[grey_white[0, 0]])
-    before = shapes(points[mesh.tets])
+    before = shape_quality(points[mesh.tets])
     assert 0 < before.min() < np.sin(np.radians(3))
     far = np.full(len(points), 0.6 * MM)
     parted = _freed(points, mesh.tets, region, far, np.random.default_rng(0))
     assert (
-        shapes(parted[mesh.tets]).min() > np.sin(np.radians(5))
+        shape_quality(parted[mesh.tets]).min() > np.sin(np.radians(5))
         and np.linalg.norm(parted - points, axis=1).max() < 0.601 * MM
     )
-    good = shapes(points[mesh.tets]) > np.sin(np.radians(8))
+    good = shape_quality(points[mesh.tets]) > np.sin(np.radians(8))
     away = np.setdiff1d(np.arange(len(points)), mesh.tets[~good])
     assert np.array_equal(parted[away], points[away])
 
@@ -294,13 +294,13 @@ def test_a_face_is_swapped_inside_a_region_only():
     corners = [[np.cos(a), np.sin(a), 0.0] for a in 2 * np.pi / 3 * np.arange(3)]
     points = np.array([*corners, [0, 0, 0.25], [0, 0, -0.25]])
     tets = np.array([[0, 2, 1, 3], [0, 1, 2, 4]])
-    if shapes(points[tets])[0] < 0:
+    if shape_quality(points[tets])[0] < 0:
         tets = tets[:, [0, 2, 1, 3]]
-    assert (shapes(points[tets]) > 0).all()
+    assert (shape_quality(points[tets]) > 0).all()
     for region, count in (([1, 1], 3), ([1, 2], 2)):
         swaps = Reconnection(points, tets, np.array(region))
         assert swaps.improve(0.8) == count - 2 and len(swaps.arrays()[0]) == count
-        assert (shapes(points[swaps.arrays()[0]]) > 0).all()
+        assert (shape_quality(points[swaps.arrays()[0]]) > 0).all()
 
 
 def test_a_flat_element_on_the_surface_joins_the_outside_unless_surfaces_would_touch():
@@ -312,7 +312,7 @@ def test_a_flat_element_on_the_surface_joins_the_outside_unless_surfaces_would_t
     ]  # flat, its upper edge from 2 to 3, its lower one from 0 to 1
     points = np.array([*corners, [1, 0, 3.0], [1, 0.5, -3.0], [1, -0.5, -3.0]])
     tets = np.array([[0, 1, 2, 3], [0, 2, 3, 4], [1, 2, 3, 4], [0, 1, 2, 5], [0, 1, 3, 6], [0, 1, 5, 6]])
-    turned = shapes(points[tets]) < 0
+    turned = shape_quality(points[tets]) < 0
     tets[turned] = tets[turned][:, [1, 0, 2, 3]]
     for region, joins in (([1, 0, 0, 1, 1, 1], True), ([1, 1, 1, 0, 0, 0], True), ([1, 0, 0, 1, 1, 0], False)):
         swaps = Reconnection(points, tets, np.array(region))
@@ -328,12 +328,12 @@ def test_shares_that_are_filled_have_the_volume_of_a_thin_shell_but_for_a_quarte
         np.bincount(numbers.ravel(), minlength=3)[1]
         for numbers in (
             labels.region_numbers(),
-            smooth.shares.argmax(axis=0),
-            smooth.filled(Zones.whole(labels)).shares.argmax(axis=0),
+            smooth.fractions.argmax(axis=0),
+            smooth.correct_volumes(Zones.whole(labels)).fractions.argmax(axis=0),
         )
     )
     assert before < 0.9 * wanted and abs(wanted - after) < 0.4 * (wanted - before)
-    assert (np.abs(smooth.filled(Zones.whole(labels)).shares - smooth.shares) <= MOST).all()
+    assert (np.abs(smooth.correct_volumes(Zones.whole(labels)).fractions - smooth.fractions) <= MOST).all()
 
 
 def test_a_film_is_filled_where_the_mesh_is_fine_though_the_head_has_fluid_enough():
@@ -345,8 +345,12 @@ def test_a_film_is_filled_where_the_mesh_is_fine_though_the_head_has_fluid_enoug
     smooth = Indicators.of(labels, 1.2e-3)
     near = np.linalg.norm(voxels_of(smooth) - site, axis=1) < 8 * MM
     plain, even, ours = (
-        np.sum(shares.argmax(axis=0).ravel()[near] == 1) * MM**3 / zones.wanted[0, 0]
-        for shares in (smooth.shares, smooth.filled(Zones.whole(labels)).shares, smooth.filled(zones).shares)
+        np.sum(fractions.argmax(axis=0).ravel()[near] == 1) * MM**3 / zones.wanted[0, 0]
+        for fractions in (
+            smooth.fractions,
+            smooth.correct_volumes(Zones.whole(labels)).fractions,
+            smooth.correct_volumes(zones).fractions,
+        )
     )
     assert plain < 0.7 and even < 0.5 and ours == pytest.approx(1, abs=0.1)
 
@@ -356,7 +360,7 @@ def finest(h, smallest, largest):
 
 
 def voxels_of(indicators):
-    return np.argwhere(indicators.shares[0] >= 0) @ indicators.affine[:3, :3].T + indicators.affine[:3, 3]
+    return np.argwhere(indicators.fractions[0] >= 0) @ indicators.affine[:3, :3].T + indicators.affine[:3, 3]
 
 
 def test_large_elements_leave_no_spikes():
@@ -374,9 +378,9 @@ def test_moves_make_the_worst_better_and_stay_where_they_may():
     def place(vertices, wanted):
         return np.where(hull[vertices, None], points[vertices], wanted)
 
-    new = improved(points, tets, np.ones(len(tets), bool), place, 0.2, 10, np.random.default_rng(0))
+    new = smooth_vertices(points, tets, np.ones(len(tets), bool), place, 0.2, 10, np.random.default_rng(0))
     assert np.array_equal(new[hull], points[hull]) and not np.array_equal(new, points)
-    before, after = shapes(points[tets]), shapes(new[tets])
+    before, after = shape_quality(points[tets]), shape_quality(new[tets])
     deep = ~hull[tets].any(axis=1)
     assert (after > 0).all() and np.mean(after[deep] < 0.1) < 0.75 * np.mean(before[deep] < 0.1)
 
@@ -391,7 +395,7 @@ def test_a_graded_head(site, p95):
     from ngbrain.surgery.head_models import Scanned
 
     labels = LabelMap(Scanned.from_scan(mni152()).labels, {**NAMES, 4: "ventricle"})
-    mesh = conforming(labels, Graded(2e-3, 8e-3, site, ROUTES["conforming"].radius))
+    mesh = conforming(labels, RadialSizeField(2e-3, 8e-3, site, ROUTES["conforming"].radius))
     quality, errors = Quality.of(mesh), volume_errors(mesh, labels)
     assert quality.n_tets < 80_000 and quality.dihedrals.min() > 3 and (quality.ratios < 0.1).mean() < 1e-3
     assert abs(errors["white"]) < 0.01 and abs(errors["ventricle"]) < 0.01

@@ -10,9 +10,9 @@ from regridded import rotation
 from ngbrain.errors import InputError
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.read.volume import Volume
-from ngbrain.mesh.geometry.sizing import Along, Graded
+from ngbrain.mesh.geometry.sizing import CleftSizeField, RadialSizeField
 from ngbrain.mesh.quality import Quality, interfaces, volumes_ml
-from ngbrain.mesh.routes.craniotomy import SIDES, Opening, carved, opened, walled
+from ngbrain.mesh.routes.craniotomy import SIDES, Opening, fit_cleft_walls, mesh_with_cleft, remove_cleft
 from ngbrain.mesh.routes.registry import ROUTES
 
 MM = 1e-3
@@ -27,7 +27,7 @@ def labels():
 
 @pytest.fixture(scope="module", params=TISSUES)
 def made(request, labels):
-    left, found = opened(labels, CUT, request.param, 2 * MM, 4 * MM)
+    left, found = mesh_with_cleft(labels, CUT, request.param, 2 * MM, 4 * MM)
     return request.param, left, found.elements
 
 
@@ -80,12 +80,12 @@ def test_elements_stay_sound_and_boundaries_are_all_there(made, labels):
 
 
 def test_the_same_cleft_in_a_hull_has_exact_planes(labels):
-    _, found = opened(labels, CUT, "hull", 2.5 * MM, 6 * MM)
+    _, found = mesh_with_cleft(labels, CUT, "hull", 2.5 * MM, 6 * MM)
     mesh, cleft = found.elements, CUT.cleft(labels)
     local = cleft.coordinates(corners(mesh, "wall_plus").reshape(-1, 3))
     assert np.abs(local[:, 0] - cleft.opening / 2).max() < 1e-9
     assert {"skull", "craniotomy", "ventricle_wall", *SIDES} == set(mesh.boundaries)
-    _, found = opened(nested((30.0, 20.0), ("grey", "white")), CUT, "hull", 2.5 * MM, 6 * MM)
+    _, found = mesh_with_cleft(nested((30.0, 20.0), ("grey", "white")), CUT, "hull", 2.5 * MM, 6 * MM)
     assert found.elements.regions == ("brain",) and "ventricle_wall" not in found.elements.boundaries
 
 
@@ -95,7 +95,7 @@ def test_lesions_are_regions_of_a_hull_that_is_cut_unless_the_cleft_touches_them
     for number, centre in ((4, (-14, 0, 8)), (5, (6, 6, 13))):
         data[np.linalg.norm(at - MM * np.array(centre), axis=-1) < 4 * MM] = number
     both = LabelMap(Volume(data, labels.volume.affine), {**labels.names, 4: "tumour", 5: "lesion"})
-    left, found = opened(both, CUT, "hull", 2.5 * MM, 6 * MM)
+    left, found = mesh_with_cleft(both, CUT, "hull", 2.5 * MM, 6 * MM)
     mesh = found.elements
     assert mesh.regions == ("brain", "ventricles", "tumour") and "tumour_wall" in mesh.boundaries
     assert volumes_ml(mesh)["tumour"] == pytest.approx(left.volumes_ml()["tumour"], rel=0.05)
@@ -107,9 +107,9 @@ def test_a_turned_head_is_cut_at_the_same_place(labels):
     cut = replace(CUT, target=tuple(turn @ CUT.target), approach=tuple(turn @ CUT.approach))
     there = cut.cleft(turned(labels, turn))
     assert there.depth == pytest.approx(CUT.cleft(labels).depth, abs=0.3 * MM)
-    left = carved(turned(labels, turn), there)
+    left = remove_cleft(turned(labels, turn), there)
     assert sum(left.volumes_ml().values()) == pytest.approx(
-        sum(carved(labels, CUT.cleft(labels)).volumes_ml().values()), rel=0.01
+        sum(remove_cleft(labels, CUT.cleft(labels)).volumes_ml().values()), rel=0.01
     )
 
 
@@ -129,13 +129,13 @@ def test_a_turned_head_is_cut_at_the_same_place(labels):
 )
 def test_refusals(labels, change, message):
     with pytest.raises(InputError, match=message) as caught:
-        opened(labels, replace(CUT, **change), "lattice", 2 * MM, 4 * MM)
+        mesh_with_cleft(labels, replace(CUT, **change), "lattice", 2 * MM, 4 * MM)
     assert "\n" not in str(caught.value)
 
 
 def test_sizes_grow_from_the_walls(labels):
     cleft = CUT.cleft(labels)
-    size = Along(cleft, 2 * MM, 4 * MM)
+    size = CleftSizeField(cleft, 2 * MM, 4 * MM)
     at = cleft.target + np.outer([0, 2.5e-3, 5e-3, 50e-3], cleft.across)
     assert size(at) == pytest.approx([2e-3 + 0.3 * 2.5e-3, 2e-3, 2e-3 + 0.3 * 2.5e-3, 4e-3])
 
@@ -147,11 +147,11 @@ def test_a_cut_that_takes_a_whole_region(labels):
     data.ravel()[(np.abs(local) < 1.5 * MM).all(axis=1)] = 4
     with_speck = LabelMap(Volume(data, labels.volume.affine), {**labels.names, 4: "lesion"})
     with pytest.raises(InputError, match="a cleft that takes all of lesion; wanted: another cleft"):
-        carved(with_speck, CUT.cleft(labels))
+        remove_cleft(with_speck, CUT.cleft(labels))
 
 
 def test_walls_that_a_mesh_is_too_coarse_for(labels):
     cleft = CUT.cleft(labels)
-    coarse = ROUTES["lattice"].make(labels, Graded(6 * MM, 6 * MM)).elements
+    coarse = ROUTES["lattice"].make(labels, RadialSizeField(6 * MM, 6 * MM)).elements
     with pytest.raises(InputError, match=r"such that the cleft has no \w+; wanted: smaller elements near it"):
-        walled(coarse, cleft, CUT.craniotomy, MM)
+        fit_cleft_walls(coarse, cleft, CUT.craniotomy, MM)

@@ -10,14 +10,14 @@ from regridded import rotation
 from ngbrain.errors import InputError
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.read.volume import Volume
-from ngbrain.mesh.geometry.sizing import Graded
+from ngbrain.mesh.geometry.sizing import RadialSizeField
 from ngbrain.mesh.quality import Quality, volumes_ml
-from ngbrain.mesh.routes.hull import hull, rounder
-from ngbrain.mesh.routes.registry import described, meshed, min_jacobian
+from ngbrain.mesh.routes.hull import hull, smooth_hull
+from ngbrain.mesh.routes.registry import mesh_elements, min_jacobian, summarise_mesh
 from ngbrain.mesh.surface.head_outlines import outlines
-from ngbrain.mesh.transfer import on_voxels
+from ngbrain.mesh.transfer import voxelise
 
-EVEN = Graded(7e-3, 7e-3)
+EVEN = RadialSizeField(7e-3, 7e-3)
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def test_volumes_are_those_of_the_labels(labels, made):
     assert volumes_ml(made) == pytest.approx(
         {"brain": wanted["grey"] + wanted["white"], "ventricles": wanted["ventricles"]}
     )
-    regions = described(made, labels)["regions"]
+    regions = summarise_mesh(made, labels)["regions"]
     assert regions["brain"]["label_volume_ml"] == pytest.approx(wanted["grey"] + wanted["white"])
     away = {
         name: np.linalg.norm(made.points[made.triangles[made.boundary == i]], axis=2)
@@ -57,7 +57,7 @@ def test_elements_are_sound_and_ngsolve_takes_them(made):
 
 def test_elements_are_fine_around_a_site(labels):
     site = np.array([0.025, 0.0, 0.0])
-    graded = hull(labels, Graded(2.5e-3, 9e-3, tuple(site), radius=5e-3)).elements
+    graded = hull(labels, RadialSizeField(2.5e-3, 9e-3, tuple(site), radius=5e-3)).elements
     size = np.cbrt(8.49 * np.abs(graded.volumes()))
     away = np.linalg.norm(graded.points[graded.tets].mean(axis=1) - site, axis=1)
     near, far = size[away < 5e-3], size[away > 40e-3]
@@ -77,11 +77,11 @@ def test_flat_elements_become_round(labels):
         flat = replace(good, points=points)
         if (flat.volumes() > 0).all():
             break
-    before, after = Quality.of(flat), Quality.of(rounder(flat, {}))
+    before, after = Quality.of(flat), Quality.of(smooth_hull(flat, {}))
     print(before.summary(), after.summary())
     assert before.dihedrals.min() < 8 and after.dihedrals.min() > 11
     fixed = np.unique(good.triangles)
-    assert np.array_equal(rounder(flat, {}).points[fixed], points[fixed])
+    assert np.array_equal(smooth_hull(flat, {}).points[fixed], points[fixed])
 
 
 def test_ventricles_that_touch_the_surface_are_kept_under_it():
@@ -135,7 +135,7 @@ def test_without_ventricles_there_is_one_region(labels):
 
 def test_the_map_of_a_mesh_on_voxels_is_the_labels(labels, made):
     volume = labels.volume
-    found, voxels, owner = on_voxels(made, volume.affine, volume.data.shape)
+    found, voxels, owner = voxelise(made, volume.affine, volume.data.shape)
     assert np.array_equal(found.data.ravel()[voxels], made.region[owner] + 1)
     for number, truth in ((2, volume.data == 3), (1, (volume.data > 0) & (volume.data < 3))):
         mine = found.data == number
@@ -149,29 +149,29 @@ def test_the_map_of_a_mesh_on_voxels_is_the_labels(labels, made):
 
 def test_a_mesh_comes_from_the_cache_unless_size_or_labels_change(labels, tmp_path, monkeypatch):
     monkeypatch.setenv("NGBRAIN_CACHE", str(tmp_path))
-    first = meshed(labels, "hull", EVEN)
+    first = mesh_elements(labels, "hull", EVEN)
     assert len(list(tmp_path.iterdir())) == 1
-    again = meshed(labels, "hull", EVEN)
+    again = mesh_elements(labels, "hull", EVEN)
     assert np.array_equal(first.points, again.points) and len(list(tmp_path.iterdir())) == 1
-    assert len(meshed(labels, "hull", Graded(8e-3, 8e-3)).tets) != len(first.tets)
+    assert len(mesh_elements(labels, "hull", RadialSizeField(8e-3, 8e-3)).tets) != len(first.tets)
     assert len(list(tmp_path.iterdir())) == 2
     other = LabelMap(labels.volume, {1: "grey", 2: "white", 3: "lesion"})
-    assert meshed(other, "hull", EVEN).regions == ("brain", "lesion")
+    assert mesh_elements(other, "hull", EVEN).regions == ("brain", "lesion")
 
 
 def test_what_cannot_be_meshed_is_refused(labels):
     with pytest.raises(InputError, match="labels is less than a millilitre; wanted: a head"):
         outlines(nested((3.0, 2.0, 1.0)))
     with pytest.raises(InputError, match="mesh size is 0 mm near and 5 mm far"):
-        Graded(0.0, 5e-3)
+        RadialSizeField(0.0, 5e-3)
     with pytest.raises(InputError, match="mesh size is 6 mm near and 5 mm far"):
-        Graded(6e-3, 5e-3)
+        RadialSizeField(6e-3, 5e-3)
     with pytest.raises(InputError, match="route is 'hul'; wanted: did you mean 'hull'"):
-        meshed(labels, "hul")
+        mesh_elements(labels, "hul")
     with pytest.raises(InputError, match="mesh size is inf mm near and inf mm far"):
-        Graded(np.inf, np.inf)
+        RadialSizeField(np.inf, np.inf)
     for radius in (-5e-3, np.nan):
         with pytest.raises(InputError, match=r"radius is (-5|nan) mm; wanted: a length from 0 on"):
-            Graded(2e-3, 5e-3, (0.0, 0.0, 0.0), radius)
+            RadialSizeField(2e-3, 5e-3, (0.0, 0.0, 0.0), radius)
     with pytest.raises(InputError, match=r"size is so small that \S+ tetrahedra would result; wanted: at most 5e\+06"):
-        meshed(labels, "hull", Graded(5e-5, 5e-5))
+        mesh_elements(labels, "hull", RadialSizeField(5e-5, 5e-5))

@@ -10,12 +10,12 @@ from scipy import ndimage
 from ngbrain.errors import InputError
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.read.volume import Volume
-from ngbrain.mesh.geometry.sizing import Graded
-from ngbrain.mesh.improve.guarded_moves import ANGLE, RATIO, guarded, worst_cosines
-from ngbrain.mesh.improve.octree import body_centred
-from ngbrain.mesh.improve.snapped_lattice import FACES, Net, scales
+from ngbrain.mesh.geometry.sizing import RadialSizeField
+from ngbrain.mesh.improve.guarded_moves import ANGLE, RATIO, apply_guarded_moves, worst_cosines
+from ngbrain.mesh.improve.octree import body_centred_lattice
+from ngbrain.mesh.improve.snapped_lattice import FACES, SnappedLattice, scales
 from ngbrain.mesh.labels.indicators import FAR, Indicators
-from ngbrain.mesh.labels.volume_fractions import Shares
+from ngbrain.mesh.labels.volume_fractions import VolumeFractions
 from ngbrain.mesh.labels.volume_zones import Zones
 from ngbrain.mesh.quality import Quality, deviations, interfaces, volume_errors
 from ngbrain.mesh.routes.lattice import _fine, lattice
@@ -213,12 +213,17 @@ def test_sizes_follow_the_field_and_neighbours_differ_little():
 
     elements = lattice(labels, size).elements
     sound(elements)
-    asked = size(elements.points[elements.tets].mean(axis=1))
-    share = sizes_of(elements) / asked
+    sample_sizes = size(elements.points[elements.tets].mean(axis=1))
+    share = sizes_of(elements) / sample_sizes
     print(np.percentile(share, [1, 50, 99]), len(elements.tets))
     assert 0.6 < np.median(share) < 1.2
     assert np.percentile(share, 1) > 0.3 and np.percentile(share, 99) < 1.6
-    assert sizes_of(elements)[asked < 2 * MM].mean() < 2.2 * MM < 6 * MM < sizes_of(elements)[asked > 12 * MM].mean()
+    assert (
+        sizes_of(elements)[sample_sizes < 2 * MM].mean()
+        < 2.2 * MM
+        < 6 * MM
+        < sizes_of(elements)[sample_sizes > 12 * MM].mean()
+    )
     assert elements.volumes().sum() * 1e9 == pytest.approx((labels.volume.data > 0).sum(), rel=0.02)
 
 
@@ -268,7 +273,7 @@ def test_what_cannot_be_meshed_is_said_in_a_line():
 @pytest.mark.parametrize("grade", [0.0, 0.2, 1.0])
 def test_the_lattice_fills_space_and_has_large_angles(grade):
     corner = np.array([0.3, 0.4, 0.5])
-    points, tets = body_centred(
+    points, tets = body_centred_lattice(
         np.zeros(3),
         np.ones(3),
         lambda x: 0.05 + grade * np.linalg.norm(x - corner, axis=1),
@@ -286,14 +291,14 @@ def test_the_lattice_fills_space_and_has_large_angles(grade):
 
 
 def test_moves_are_held_back_where_they_would_flatten():
-    points, tets = body_centred(
+    points, tets = body_centred_lattice(
         np.zeros(3), np.ones(3), lambda x: np.full(len(x), 0.25), 0.25, lambda x: np.ones(len(x), bool)
     )
     wild = points + 0.3 * np.random.default_rng(0).normal(size=points.shape)
-    moved, arrived = guarded(points, tets, wild)
+    moved, arrived = apply_guarded_moves(points, tets, wild)
     assert worst_cosines(moved, tets).max() < np.cos(np.radians(ANGLE))
     assert (moved[arrived] == wild[arrived]).all() and 0.02 < arrived.mean() < 0.9
-    still, arrived = guarded(points, tets, points + 1e-3 * (wild - points))
+    still, arrived = apply_guarded_moves(points, tets, points + 1e-3 * (wild - points))
     assert arrived.all() and (still != points).all()
 
 
@@ -315,7 +320,7 @@ def volumes_near(mesh, labels, share):
 
 def test_a_graded_lattice_has_the_labels_volumes_where_it_is_fine():
     labels = phantom(folded, n=50, names={1: "csf", 2: "grey", 3: "white"})
-    size = Graded(2 * MM, 8 * MM, (0.0, 0.0, 20 * MM), radius=6 * MM)
+    size = RadialSizeField(2 * MM, 8 * MM, (0.0, 0.0, 20 * MM), radius=6 * MM)
     zones = Zones.of(labels, size, _fine)
     made = lattice(labels, size).elements
     found, wanted = volumes_near(made, labels, lambda points: zones.share(points)[:, 0])
@@ -327,7 +332,7 @@ def test_a_graded_lattice_has_the_labels_volumes_where_it_is_fine():
 
 def test_a_fine_zone_inside_of_one_region():
     labels = phantom(nested, names={1: "grey", 2: "white"})
-    size = Graded(1 * MM, 4 * MM, (0.0, 0.0, 0.0), radius=1 * MM, growth=0.6)
+    size = RadialSizeField(1 * MM, 4 * MM, (0.0, 0.0, 0.0), radius=1 * MM, growth=0.6)
     assert Zones.of(labels, size, _fine).wanted[0] == pytest.approx([0, 0.6e-6], abs=0.35e-6)
     errors = volume_errors(lattice(labels, size).elements, labels)
     assert abs(errors["grey"]) < 0.01 and abs(errors["white"]) < 0.04  # whose ball is four elements wide
@@ -355,24 +360,26 @@ def test_more_regions_than_memory():
 
 def test_the_rim_of_a_lattice_that_is_all_inside_is_its_boundary():
     indicators = Indicators.of(phantom(nested))
-    shares = Shares.of(indicators.shares, indicators.affine)
-    points, tets = body_centred(np.zeros(3), np.full(3, 4 * MM), uniform(2), 2 * MM, lambda x: np.ones(len(x), bool))
-    net = Net(points, tets, shares, MM, scales(points, tets))
-    t, k, other = net.facing(np.ones(len(tets), int))
+    fractions = VolumeFractions.of(indicators.fractions, indicators.affine)
+    points, tets = body_centred_lattice(
+        np.zeros(3), np.full(3, 4 * MM), uniform(2), 2 * MM, lambda x: np.ones(len(x), bool)
+    )
+    net = SnappedLattice(points, tets, fractions, MM, scales(points, tets))
+    t, k, other = net.interface_faces(np.ones(len(tets), int))
     assert (other == 0).all() and characteristic(tets[t[:, None], FACES[k]]) == 2
 
 
 def test_shares_are_those_of_the_indicators():
     labels = phantom(nested, turn=turned(0.2), spacing=(1, 2, 0.7))
     indicators = Indicators.of(labels)
-    shares = Shares.of(indicators.shares, indicators.affine)
+    fractions = VolumeFractions.of(indicators.fractions, indicators.affine)
     points = np.random.default_rng(0).uniform(-40 * MM, 40 * MM, (3000, 3))
     at = np.linalg.solve(indicators.affine[:3, :3], (points - indicators.affine[:3, 3]).T)
-    read = [ndimage.map_coordinates(share, at, float, order=1, mode="nearest") for share in indicators.shares]
-    assert shares(points) == pytest.approx(np.stack(read, axis=1), abs=2e-6)
-    values, slopes = shares.slopes(points)
-    assert values == pytest.approx(shares(points), abs=1e-7)
-    assert indicators(points) == pytest.approx(shares(points), abs=1e-7)
+    read = [ndimage.map_coordinates(share, at, float, order=1, mode="nearest") for share in indicators.fractions]
+    assert fractions(points) == pytest.approx(np.stack(read, axis=1), abs=2e-6)
+    values, slopes = fractions.slopes(points)
+    assert values == pytest.approx(fractions(points), abs=1e-7)
+    assert indicators(points) == pytest.approx(fractions(points), abs=1e-7)
     phi, slope = values[:, 1] - values[:, 2], slopes[:, 1] - slopes[:, 2]
     steep = np.linalg.norm(slope, axis=1) > 1
     distance = np.abs(phi) / np.maximum(np.linalg.norm(slope, axis=1), 1e-12)
@@ -432,7 +439,7 @@ def test_the_average_head_finely_at_one_site(site, bounds):
     def near(points):
         return np.linalg.norm(points - site, axis=1) < 20 * MM
 
-    size = Graded(2 * MM, 8 * MM, tuple(site.tolist()), ROUTES["lattice"].radius)
+    size = RadialSizeField(2 * MM, 8 * MM, tuple(site.tolist()), ROUTES["lattice"].radius)
     mesh, errors = checked(labels, size, near, *bounds)
     assert len(mesh.tets) < 80_000
     ml = labels.volumes_ml()

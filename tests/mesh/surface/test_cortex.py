@@ -12,7 +12,7 @@ from ngbrain.image.segment.topology_correction import NEIGHBOURS
 from ngbrain.mesh.surface import self_intersections as crossing
 from ngbrain.mesh.surface.cortex import cortex, spherical_cortex
 from ngbrain.mesh.surface.mask_surface import contour
-from ngbrain.mesh.surface.self_intersections import crossings, faired
+from ngbrain.mesh.surface.self_intersections import crossings, smooth_surfaces
 from ngbrain.mesh.surface.triangle_mesh import SurfaceMesh
 
 NAMES = {1: "csf", 2: "grey", 3: "white", 4: "ventricles"}
@@ -168,8 +168,8 @@ def test_smoothing_goes_back_where_surfaces_would_cross():
     rough = [SurfaceMesh(needle, x.triangles), SurfaceMesh(points, x.triangles)]
     assert len(crossings(*joined(rough))) == 0
     volumes = [s.volume for s in rough]
-    alone = [faired([s], [v], 10)[0] for s, v in zip(rough, volumes, strict=True)]
-    together = faired(rough, volumes, 10)
+    alone = [smooth_surfaces([s], [v], 10)[0] for s, v in zip(rough, volumes, strict=True)]
+    together = smooth_surfaces(rough, volumes, 10)
     print(len(crossings(*joined(alone))), [np.ptp(s.points, axis=0) for s in (*alone, *together)])
     assert len(crossings(*joined(alone))) > 0 and len(crossings(*joined(together))) == 0
     moved = np.linalg.norm(together[1].points - rough[1].points, axis=1)

@@ -9,9 +9,9 @@ from phantoms import MM, grid
 
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.read.volume import Volume
-from ngbrain.mesh.geometry.sizing import Graded
+from ngbrain.mesh.geometry.sizing import RadialSizeField
 from ngbrain.mesh.surface.cortex import spherical_cortex
-from ngbrain.mesh.surface.cortex_refinement import refined
+from ngbrain.mesh.surface.cortex_refinement import refine_cortex
 from ngbrain.mesh.surface.cortical_files import write_cortex
 from ngbrain.mesh.surface.self_intersections import crossings
 from ngbrain.workflows.mesh_head import Subject, write_subject
@@ -52,7 +52,7 @@ def errors(cortex, outer, aside=0.0):
 def test_thickness_from_1_5_to_4_5_mm(outer, aside):
     labels, t1 = constructed(outer, aside)
     plain = spherical_cortex(labels)
-    found = refined(plain, labels, t1)
+    found = refine_cortex(plain, labels, t1)
     before, after = errors(plain, outer, aside), errors(found, outer, aside)
     print(
         f"labels {np.median(abs(before)):.3f}, {before.mean():+.3f} mm; scan {np.median(abs(after)):.3f}, {after.mean():+.3f}"
@@ -71,7 +71,7 @@ def test_thickness_from_1_5_to_4_5_mm(outer, aside):
 def test_a_coils_field_does_not_move_the_surfaces():
     labels, t1 = constructed(25.0)
     field = np.exp(0.25 * np.moveaxis(t1.to_world(np.argwhere(t1.data > -9)), -1, 0)[0] / 22e-3).reshape(t1.data.shape)
-    found = refined(spherical_cortex(labels), labels, Volume(t1.data * field, t1.affine))
+    found = refine_cortex(spherical_cortex(labels), labels, Volume(t1.data * field, t1.affine))
     off = errors(found, 25.0)
     assert np.median(np.abs(off)) < 0.15 and abs(off.mean()) < 0.1
 
@@ -79,7 +79,7 @@ def test_a_coils_field_does_not_move_the_surfaces():
 def test_surfaces_are_written_in_the_scans_space(tmp_path):
     labels, t1 = constructed(25.0)
     subject = Subject(labels, t1, labels.volume.affine, labels.volume.data.shape, "t1")
-    result = write_subject(subject, tmp_path / "head.vtkhdf", size=Graded(7e-3, 7e-3), cortex=True)
+    result = write_subject(subject, tmp_path / "head.vtkhdf", size=RadialSizeField(7e-3, 7e-3), cortex=True)
     found = result["surfaces"]
     assert found["by"] == "grey values of the scan" and found["crossings"] == 0
     assert found["thickness_mm"]["mean"] == pytest.approx(3.0, abs=0.05)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial import Delaunay
 
-from ngbrain.mesh.surface.manifold import boundary, faults, mended, pieces
+from ngbrain.mesh.surface.manifold import boundary, faults, pieces, repair_manifold
 
 
 def triangulation(rng, n=150):
@@ -25,7 +25,7 @@ def test_any_set_of_tetrahedra_becomes_one_with_a_surface(share, rng):
     tets, neighbours, volumes = triangulation(rng)
     within = (tets < 150).all(axis=1)
     inside = within & (rng.random(len(tets)) < share)
-    after = mended(tets, neighbours, inside, volumes, 150)
+    after = repair_manifold(tets, neighbours, inside, volumes, 150)
     before = bad(tets, neighbours, inside)
     print(share, len(before), "faults,", (inside != after).sum(), "of", within.sum(), "tetrahedra changed")
     assert len(before) > 20 and len(bad(tets, neighbours, after)) == 0
@@ -37,14 +37,14 @@ def test_what_is_a_surface_is_left_alone(rng):
     stars = ((tets == vertex).any(axis=1) for vertex in range(150))
     star = next(star for star in stars if (tets[star] < 150).all())
     assert len(bad(tets, neighbours, star)) == 0
-    assert np.array_equal(mended(tets, neighbours, star, volumes, 150), star)
+    assert np.array_equal(repair_manifold(tets, neighbours, star, volumes, 150), star)
 
 
 def test_an_edge_with_four_triangles_is_a_fault():
     two = np.array([[0, 1, 2, 3], [0, 1, 4, 5]])  # on either side of the edge 0-1
     none, both = np.full((2, 4), -1), np.ones(2, bool)
     assert bad(two, none, both, 6).tolist() == [0, 1]
-    assert mended(two, none, both, np.array([2.0, 1.0]), 6).tolist() == [True, False]
+    assert repair_manifold(two, none, both, np.array([2.0, 1.0]), 6).tolist() == [True, False]
 
 
 def test_pieces_hang_together_by_faces():

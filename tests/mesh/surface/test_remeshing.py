@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ngbrain.mesh import LevelSet
-from ngbrain.mesh.surface.remeshing import triangulated
+from ngbrain.mesh.surface.remeshing import remesh_surface
 
 VOXEL = 1e-3
 NONE = np.zeros((0, 3))
@@ -43,7 +43,7 @@ SHAPES = {
 def made(request):
     inside, size, euler = SHAPES[request.param]
     level = voxelised(inside)
-    surface = triangulated(level, size, NONE)
+    surface = remesh_surface(level, size, NONE)
     assert not len(surface.changed)
     return level, size, euler, surface.points, surface.triangles
 
@@ -94,12 +94,12 @@ def test_edges_are_as_long_as_asked(made):
 
 def test_the_same_bits_twice(made):
     level, size, _, points, triangles = made
-    again = triangulated(level, size, NONE)
+    again = remesh_surface(level, size, NONE)
     assert np.array_equal(points, again.points) and np.array_equal(triangles, again.triangles)
 
 
 def test_another_seed_gives_other_points(ball):
-    first, second = (triangulated(ball, same(6e-3), NONE, seed=seed).points for seed in (0, 1))
+    first, second = (remesh_surface(ball, same(6e-3), NONE, seed=seed).points for seed in (0, 1))
     assert not np.array_equal(first, second)
 
 
@@ -107,7 +107,7 @@ def test_fixed_points_come_first_and_neighbours_stay_joined(ball):
     n = 24
     angle = 2 * np.pi * np.arange(n) / n
     ring = ball.project(RADIUS * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1))
-    surface = triangulated(ball, same(5e-3), ring)
+    surface = remesh_surface(ball, same(5e-3), ring)
     points, triangles = surface.points, surface.triangles
     assert np.array_equal(points[:n], ring)
     joined = set(map(tuple, edges(triangles).tolist()))

@@ -20,7 +20,7 @@ from ngbrain.report.pages import retraction, tables
 from ngbrain.report.pages.retraction import Report, build
 from ngbrain.report.pictures import animation, figures, style
 from ngbrain.report.pictures.timeline import Run
-from ngbrain.report.pictures.tool import drawn
+from ngbrain.report.pictures.tool import tool_drawings
 from ngbrain.report.render import renderer
 from ngbrain.surgery import answers
 from ngbrain.surgery.measures.dose_response import dose_response_points
@@ -373,7 +373,7 @@ def test_the_blade_is_where_the_run_put_it(made: Path) -> None:
 def test_blades_share_the_way_and_a_tube_goes_half_of_it_on_each_side(kind: str, low: list, high: list) -> None:
     cleft = Cleft(np.zeros(3), np.array([0, 0, 1.0]), np.array([1.0, 0, 0]), 30e-3, 4e-3, 12e-3)
     sizes = {"kind": kind, "width_m": 0.01, "tip_clearance_m": 0.004, "thickness_m": 0.002, "edge_radius_m": 0.001}
-    solids = [cleft.coordinates(one.solid()[0]) for one in drawn(sizes, cleft, 5e-3)]
+    solids = [cleft.coordinates(one.solid()[0]) for one in tool_drawings(sizes, cleft, 5e-3)]
     assert [x.min(axis=0) for x in solids] == [pytest.approx(np.array(x), abs=GRID) for x in low]
     assert [x.max(axis=0) for x in solids] == [pytest.approx(np.array(x), abs=GRID) for x in high]
 
@@ -382,7 +382,7 @@ def test_a_blade_is_drawn_as_contact_sees_it() -> None:
     """Bent, with a rounded tip: the picture's front is the rigid body's surface."""
     cleft = Cleft(np.zeros(3), np.array([0, 0, 1.0]), np.array([1.0, 0, 0]), 30e-3, 4e-3, 12e-3)
     sizes = {"width_m": 0.01, "tip_clearance_m": 0.004, "thickness_m": 0.002, "edge_radius_m": 0.001}
-    (one,) = drawn(sizes | {"face_radius_m": 0.04}, cleft, 1e-3)
+    (one,) = tool_drawings(sizes | {"face_radius_m": 0.04}, cleft, 1e-3)
     phi = Spatula(cleft, 0.01, 0.001, 0.004, 0.002, bend=0.04).distance(ng.CF(1e-3))
     mesh = ng.Mesh(occ.OCCGeometry(occ.Box((0, 0, 0), (1, 1, 1))).GenerateMesh(maxh=2.0))
     at = one.profile()

@@ -86,7 +86,7 @@ def film(runs):
 def test_a_run_is_at_its_frames_and_between_them_in_proportion(runs):
     run = runs["long"]
     for t, now in ((-1.0, 0.0), (0.0, 0.0), (1.0, 1.0), (2.0, 2.0), (6.5, 6.5), (8.0, 8.0), (99.0, 8.0)):
-        state = run.at(t)
+        state = run.frame_at(t)
         assert state.time == now and state.rest is run.grid.points
         assert state.points - state.rest == pytest.approx(np.outer(np.ones(len(state.rest)), [gone(now, "long"), 0, 0]))
         assert state.strain == pytest.approx(strained(now, "long"))
@@ -99,11 +99,11 @@ def test_at_its_peak_a_run_is_at_the_frame_nearest_to_it(runs):
 
 
 def test_moments_are_the_frames_of_all(film):
-    assert [moment.t for moment in film.moments] == [0.0, 1.0, 2.0, 4.0, 8.0]
+    assert [moment.t for moment in film.frames] == [0.0, 1.0, 2.0, 4.0, 8.0]
 
 
 def test_moments_say_the_time_and_what_each_protocol_has_then(film):
-    texts = [moment.text for moment in film.moments]
+    texts = [moment.text for moment in film.frames]
     assert texts[2] == "2 s after first contact. long: 0.7 mm, 13 mmHg; short: 1.4 mm, 90 mmHg"
     assert texts[3] == "4 s after first contact. long: 1.4 mm, 27 mmHg; short: 2.7 mm, 30 mmHg"
     assert texts[4] == "8 s after first contact. long: 2.7 mm, 10 mmHg; short: 2.7 mm, 30 mmHg (ended, 4 s)"
@@ -122,7 +122,7 @@ def panels(moment):
 @pytest.mark.parametrize("number", range(5))
 def test_each_panel_shows_its_own_run_at_the_moments_time(film, number):
     """Strain by its colour; the tissue's way by where the right face of the cube is."""
-    moment, start = film.moments[number], film.moments[0]
+    moment, start = film.frames[number], film.frames[0]
     (shown, scale), (first, _) = panels(moment), panels(start)
     for name, picture, still in zip(ENDS, shown, first, strict=True):
         t = min(moment.t, ENDS[name])
@@ -144,8 +144,8 @@ def test_the_mark_is_where_the_curves_have_that_time(film):
     assert np.flatnonzero(dark)[0] == pytest.approx(axis.left * width, abs=1.5)  # the axis of pressures, t = 0
     wanted = np.array([int(style.colour("short", ENDS)[k : k + 2], 16) / 255 for k in (1, 3, 5)])
     rows, columns = np.nonzero((np.abs(picture - wanted) < 0.1).all(axis=2))
-    assert columns[rows == rows.min()].mean() == pytest.approx(axis.at(2.0) * width, abs=1.5)
-    assert axis.at(ENDS["long"]) == pytest.approx(axis.left + axis.width)
+    assert columns[rows == rows.min()].mean() == pytest.approx(axis.position(2.0) * width, abs=1.5)
+    assert axis.position(ENDS["long"]) == pytest.approx(axis.left + axis.width)
 
 
 def test_many_frames_are_thinned_evenly_in_time_and_way():
@@ -163,7 +163,7 @@ def test_many_frames_are_thinned_evenly_in_time_and_way():
 
 def test_long_names_stay_over_their_own_panel(runs):
     name = "Two mm now and SIX mm more after Many long minutes"
-    states = [replace(run, protocol=one).at(1.0) for run, one in zip(runs.values(), (name, "b"), strict=True)]
+    states = [replace(run, protocol=one).frame_at(1.0) for run, one in zip(runs.values(), (name, "b"), strict=True)]
     titles = {name: "0.0 mm, 0 mmHg", "b": "2.0 mm, 9 mmHg"}
     page = animation._panels([*states, states[1]], titles, {name: {}, "b": {}}, SCALE)
     axes = page.axes[0]

@@ -17,7 +17,7 @@ from ngbrain.io import Frame, QuadraticGrid, save
 from ngbrain.mesh import Cleft
 from ngbrain.report.pages.retraction import build
 from ngbrain.report.pictures import animation, figures, slices, style
-from ngbrain.report.pictures.frame import State
+from ngbrain.report.pictures.frame import DeformedHead
 from ngbrain.report.pictures.slices import ScanImage, volumes
 from ngbrain.report.render.surface import faces, triangles
 
@@ -63,12 +63,12 @@ def grid() -> QuadraticGrid:
 
 
 @pytest.fixture(scope="module")
-def peak(grid: QuadraticGrid) -> State:
+def peak(grid: QuadraticGrid) -> DeformedHead:
     tets = grid.connectivity
     cleft = Cleft(TARGET, np.array([0, 0, 1.0]), np.array([1.0, 0, 0]), 0.048, 0.004, 0.01)
     regions = np.array(grid.region_names)[grid.region]
     outer = {"skull": faces(tets)}
-    return State(
+    return DeformedHead(
         "a",
         0.0,
         grid.points,
@@ -85,12 +85,12 @@ def peak(grid: QuadraticGrid) -> State:
     )
 
 
-def picture(arrays: dict[str, np.ndarray], peak: State) -> np.ndarray:
+def picture(arrays: dict[str, np.ndarray], peak: DeformedHead) -> np.ndarray:
     return np.asarray(imread(io.BytesIO(slices.slices(image_of(arrays), peak)), format="png"))[..., :3]
 
 
 @pytest.fixture(scope="module")
-def plain(peak: State) -> np.ndarray:
+def plain(peak: DeformedHead) -> np.ndarray:
     return picture(scan(), peak)
 
 
@@ -134,7 +134,13 @@ def test_the_picture_is_three_slices_wide_and_two_rows_high(plain: np.ndarray) -
     ],
 )
 def test_a_dark_spot_is_where_radiologists_look_for_it(
-    peak: State, plain: np.ndarray, row: int, view: int, mark: tuple[float, float, float], right: float, up: float
+    peak: DeformedHead,
+    plain: np.ndarray,
+    row: int,
+    view: int,
+    mark: tuple[float, float, float],
+    right: float,
+    up: float,
 ) -> None:
     """The spot is told by its difference to a scan with another; its place is measured from its slice's middle."""
     with_it = picture(scan(mark), peak)

@@ -76,10 +76,10 @@ def test_a_section_of_a_box_has_its_area_and_keeps_linear_fields(
     centre = np.array([0.5, 1.0, 1.5])  # on the plane between the regions, for the normal along z: nodes lie on it
     cut = surface.cut_volume(box.connectivity, (box.points - centre) @ n)
     area = {(1, 0, 0): 6.0, (0, 0, 1): 2.0, (1, 1, 0): 3 * np.sqrt(2)}[normal]
-    points = cut.at(box.points)
+    points = cut.interpolate(box.points)
     assert surface.area(points, cut.simplices) == pytest.approx(area, rel=1e-12)
     assert np.abs((points - centre) @ n).max() < 1e-12
-    assert cut.at(box.points @ [1, 2, 3]) == pytest.approx(points @ [1, 2, 3])
+    assert cut.interpolate(box.points @ [1, 2, 3]) == pytest.approx(points @ [1, 2, 3])
 
 
 def test_a_section_of_a_ball_and_its_outline(ball: QuadraticGrid) -> None:
@@ -87,9 +87,9 @@ def test_a_section_of_a_ball_and_its_outline(ball: QuadraticGrid) -> None:
     radius = np.sqrt(RADIUS**2 - height**2)
     level = ball.points[:, 2] - height
     cut = surface.cut_volume(ball.connectivity, level)
-    assert surface.area(cut.at(ball.points), cut.simplices) == pytest.approx(np.pi * radius**2, rel=0.02)
+    assert surface.area(cut.interpolate(ball.points), cut.simplices) == pytest.approx(np.pi * radius**2, rel=0.02)
     line = surface.cut_surface(surface.triangles(surface.faces(ball.connectivity)), level)
-    ends = line.at(ball.points)[line.simplices]
+    ends = line.interpolate(ball.points)[line.simplices]
     assert np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum() == pytest.approx(2 * np.pi * radius, rel=0.02)
     assert (np.bincount(line.simplices.ravel()) == 2).all()  # closed
 
@@ -99,12 +99,12 @@ def test_strain_at_a_folded_corner_is_replaced_and_no_other(ball: QuadraticGrid)
     points = ball.points * [stretch, 1, 1]
     true = (stretch**2 - 1) / 2
     strain = np.full(len(points), true)
-    assert frame.unfolded(ball.connectivity, ball.points, points, strain) is strain
+    assert frame.smooth_folded_strain(ball.connectivity, ball.points, points, strain) is strain
     rest = ball.points.copy()
     a, _, _, d, *middles = ball.connectivity[0]
     rest[middles[3]] = rest[a] + 0.26 * (rest[d] - rest[a])  # the edge's map stands nearly still at a
     strain[a] = 40.0
-    mended = frame.unfolded(ball.connectivity, rest, rest * [stretch, 1, 1], strain)
+    mended = frame.smooth_folded_strain(ball.connectivity, rest, rest * [stretch, 1, 1], strain)
     assert mended == pytest.approx(true, rel=1e-12)
 
 
