@@ -202,8 +202,8 @@ def write_subject(
     opening  cut it open first (`ngbrain.mesh.routes.craniotomy`), with elements of `size.near` at the walls
 
     The result reads as `result.json` does. Raises `InputError` for another suffix, for a curved mesh that is not
-    .vtkhdf, has an opening or is by the route `hull`, which has no tissues' interfaces, and what `mesh_labels`, `mesh_with_cleft` and
-    `curved` raise.
+    .vtkhdf, has an opening or is by the route `hull`, which has no tissues' interfaces, and what `mesh_labels`,
+    `mesh_with_cleft` and `curve_interfaces` raise.
     """
     path, started = Path(path), time.monotonic()
     stem, own = files.stem(path), path.name.lower().endswith(files.OWN)
