@@ -6,7 +6,7 @@ from scipy import ndimage
 
 from ngbrain.mesh.geometry.level_set import LevelSet
 from ngbrain.mesh.surface.head_outlines import AROUND, MARGIN, SMOOTHING
-from ngbrain.mesh.surface.remeshing import SPECK, triangulated
+from ngbrain.mesh.surface.remeshing import SPECK, remesh_surface
 
 VOXEL = 1e-3
 ORIGIN = -15 * VOXEL
@@ -42,6 +42,6 @@ def test_naive_smoothing_makes_specks_of_the_horn(horned):
 def test_ours_keeps_it_in_one_piece_that_closes(horned):
     level, pieces, left = outline(horned, AROUND)
     assert len(pieces) == 1 and left > 0.9
-    surface = triangulated(level, lambda points: np.full(len(points), 5e-3), np.zeros((0, 3)))
+    surface = remesh_surface(level, lambda points: np.full(len(points), 5e-3), np.zeros((0, 3)))
     assert np.abs(surface.changed[:, 3]).sum() < SPECK
     assert surface.points[:, 0].max() > 42e-3
