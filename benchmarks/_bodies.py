@@ -13,7 +13,7 @@ from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.io.waves import WaveData
 from ngbrain.materials import Shearing, TransverselyIsotropic
-from ngbrain.materials.linear import OfSmallStrain
+from ngbrain.materials.linear import SmallStrainLaw
 
 SIDE = 0.08
 BULK = {"compressible": 2e4, "nearly incompressible": 1e7}
@@ -40,7 +40,7 @@ def waves(
     bulk, mixed = BULK[volume], volume != "compressible"
     lossy = 1 + (0.15j if rheology == "viscoelastic" else 0j)
     stiff = (5e3 + 2.5e3 * bump(ngs.x, ngs.y, ngs.exp)) * lossy
-    law: OfSmallStrain = Shearing(stiff)
+    law: SmallStrainLaw = Shearing(stiff)
     if symmetry != "isotropic":
         angle = fibre_angle(ngs.x)
         fibre = ngs.CF((ngs.cos(angle), ngs.sin(angle)))

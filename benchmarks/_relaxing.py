@@ -121,7 +121,7 @@ def plain(rule: Rule, times: np.ndarray, protocol: ToolMotion, grid: Grid) -> Pr
     shares = [ngs.Parameter(1.0) for _ in LAW.branches]
     F = ngs.Id(3) + ngs.Grad(u)
     C = isochoric(F.trans * F)
-    energy = LAW.density(Deformation.of_stretch(C), shares)
+    energy = LAW.density(Deformation.from_stretch(C), shares)
     energy += BULK / 2 * (ngs.Det(F) - 1) ** 2 if p is None else p * (ngs.Det(F) - 1) - p * p / (2 * BULK)
     energy += sum(0.5 * ngs.InnerProduct(pull, C) for pull in pulls)
     form = ngs.BilinearForm(fes)
@@ -130,11 +130,11 @@ def plain(rule: Rule, times: np.ndarray, protocol: ToolMotion, grid: Grid) -> Pr
     form += ngs.Variation(plate.energy(u).Compile() * plate.measure())
     state = gfu.components[0] if order > 1 else gfu
     F = ngs.Id(3) + ngs.Grad(state)
-    stresses = [branch.stress(isochoric(F.trans * F)).Compile() for branch in LAW.hereditary]
+    stresses = [branch.stress(isochoric(F.trans * F)).Compile() for branch in LAW.hereditary_branches]
     forces = [0.0]
     for before, now in pairwise(times):
         level.Set(protocol.value(now))
-        factors = [rule(now - before, branch.tau) for branch in LAW.hereditary]
+        factors = [rule(now - before, branch.tau) for branch in LAW.hereditary_branches]
         for (e, beta), share, pull, h, s in zip(factors, shares, pulls, over, old, strict=True):
             share.Set(beta)
             pull.vec.data = e * h.vec - beta * s.vec

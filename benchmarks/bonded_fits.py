@@ -131,7 +131,7 @@ def searches(quick: bool) -> list[Record]:
         else:
             more = {"hessp": product} if method == "Newton-CG" else {}
             ended = minimize(value, np.ones(2), jac=gradient, method=method, **more)
-            found = problem.named(scale * ended.x)
+            found = problem.parameter_values(scale * ended.x)
         bodies = len(problem.model.equilibria)
         records.append(
             {

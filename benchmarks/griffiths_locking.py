@@ -89,7 +89,7 @@ def stress(body: Problem) -> tuple[float, float]:
     points = body.mesh.MapToAllElements(body.tissue.rules, ngs.VOL)
     F = deformation_gradient(body.u).MakeVariable()
     (material,) = body.materials.values()
-    P = material.energy(Deformation.of(F), body.p).Diff(F)
+    P = material.energy(Deformation.from_gradient(F), body.p).Diff(F)
     x, volume = (
         np.asarray(f(points))
         for f in (ngs.CF((ngs.x, ngs.y, ngs.z)), ngs.Norm(ngs.Det(ngs.specialcf.JacobianMatrix(3))))

@@ -102,7 +102,7 @@ def mixed(mesh: ngs.Mesh, law: Law) -> tuple[ngs.FESpace, ngs.CF]:
     """P2/P1 and the energy of an elastic law on it."""
     fes = ngs.VectorH1(mesh, order=2) * ngs.H1(mesh, order=1)
     u, p = fes.TrialFunction()
-    at = Deformation.of(ngs.Id(3) + ngs.Grad(u))
+    at = Deformation.from_gradient(ngs.Id(3) + ngs.Grad(u))
     return fes, density(law, at) + perturbed_lagrangian(at.J, p, BULK)
 
 
@@ -112,12 +112,12 @@ def flowing(mesh: ngs.Mesh, law: Law) -> tuple[ngs.FESpace, ngs.CF, dict]:
     material = Viscous(law, (Maxwell(law, 1e3), Maxwell(law, 1e5)))
     history = History(mesh, {"tissue": material}, 1)
     state = strained(fes).components[0]
-    history.follow(Deformation.of(ngs.Id(3) + ngs.Grad(state)).shape)
+    history.follow(Deformation.from_gradient(ngs.Id(3) + ngs.Grad(state)).shape)
     history.begin(1.0)
     history.relax()
     history.flows.stiffen()
     u, p = fes.TrialFunction()
-    at = Deformation.of(ngs.Id(3) + ngs.Grad(u))
+    at = Deformation.from_gradient(ngs.Id(3) + ngs.Grad(u))
     energy = material.density(at, []) + history.energy(material, at.shape) + perturbed_lagrangian(at.J, p, BULK)
     return fes, energy, history.rules
 

@@ -44,7 +44,7 @@ from ngbrain.inverse.problem.wave_problem import ElastographyProblem
 from ngbrain.io.waves import WaveData
 from ngbrain.surrogate.data.dataset import DENSITY, SIDES, Sample, sample
 from ngbrain.surrogate.data.random_fields import SHARP, SMOOTH
-from ngbrain.surrogate.operator.encoding import GRAIN, spoilt
+from ngbrain.surrogate.operator.encoding import GRAIN, add_noise
 from ngbrain.surrogate.prediction.predict import predict
 from ngbrain.surrogate.prediction.pretrained import Operator
 
@@ -80,7 +80,7 @@ def measured(modality: str, family: str, index: int, noise: float, grain: float 
     """A test sample as wave data, with its truth; ultrasound has the axial component alone."""
     one = clean(modality, family, index)
     seed = [index, round(1000 * noise)]
-    u = spoilt(one.displacement[None], np.array([noise]), np.random.default_rng(seed), np.array([grain]))[0]
+    u = add_noise(one.displacement[None], np.array([noise]), np.random.default_rng(seed), np.array([grain]))[0]
     if modality == "compression":
         u = np.concatenate([np.full_like(u, np.nan), u], axis=-1)
     line = np.linspace(0, SIDES[modality], ACROSS)
@@ -109,7 +109,7 @@ def clean(modality: str, family: str, index: int) -> Sample:
 def of_surrogate(data: WaveData) -> dict[str, np.ndarray]:
     """Maps of the shipped operator, and their deviations: what it sees, and its answer."""
     name = "waves" if data.frequency[0] else "compression"
-    operator = Operator.shipped(name)
+    operator = Operator.load_default(name)
     u = data.displacement.reshape(1, ACROSS, ACROSS, 2)[..., slice(None) if name == "waves" else slice(1, None)]
     u = u if name == "waves" else u.real
     (mean,), _ = operator(operator.kind.features(u / SIDES[name], np.array([data.poisson])))

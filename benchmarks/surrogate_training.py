@@ -91,7 +91,7 @@ def network(run: Run) -> Any:
 
 def row(run: Run, training: DataSet, validation: DataSet, epochs: int) -> Record:
     """Train with some of the samples, for as many maps as `epochs` of all are, and judge."""
-    from ngbrain.surrogate.operator.wavelet_operator import weights
+    from ngbrain.surrogate.operator.wavelet_operator import count_weights
     from ngbrain.surrogate.training.training import Settings, train
 
     epochs = round(epochs * len(training) / run.samples)
@@ -106,7 +106,7 @@ def row(run: Run, training: DataSet, validation: DataSet, epochs: int) -> Record
     made: Record = {
         "method": f"ngbrain:{run.network}",
         "order": 0,
-        "ndof": weights(model),
+        "ndof": count_weights(model),
         "modality": training.modality,
     }
     made |= {**run._asdict(), "epochs": epochs, "error": gaussian(told[-1]), "errors": told[-1], "cpu_s": cpu}

@@ -31,11 +31,11 @@ from _command import main
 from _front import figure
 
 from ngbrain.surrogate.data import dataset as made
-from ngbrain.surrogate.data.dataset import DENSITY, FINE, FREQUENCY, SHEAR, SIDES, Sample, sample, shaken
+from ngbrain.surrogate.data.dataset import DENSITY, FINE, FREQUENCY, SHEAR, SIDES, Sample, sample, solve_displacement
 from ngbrain.surrogate.data.random_fields import SHARP, SMOOTH, family
-from ngbrain.surrogate.operator.encoding import GRAIN, errors, spoilt
+from ngbrain.surrogate.operator.encoding import GRAIN, add_noise, relative_errors
 from ngbrain.surrogate.prediction.pretrained import Operator
-from ngbrain.surrogate.prediction.tiling import Look
+from ngbrain.surrogate.prediction.tiling import TilePrediction
 from ngbrain.surrogate.prediction.trust import auc, scores
 
 Record = dict
@@ -75,7 +75,9 @@ def waves(
         loss = random.uniform(*made.LOSS) * storage
         poisson = random.uniform(*(made.COMPRESSIBLE if random.random() < 0.5 else made.NEARLY))
         angle = random.uniform(0, 2 * np.pi)
-        u = shaken(storage + 1j * loss, hertz, poisson, drive(1e-3 * np.cos(angle), 1e-3 * np.sin(angle)), ACROSS, held)
+        u = solve_displacement(
+            storage + 1j * loss, hertz, poisson, drive(1e-3 * np.cos(angle), 1e-3 * np.sin(angle)), ACROSS, held
+        )
         return Sample(u, made._at(storage, ACROSS), made._at(loss, ACROSS), hertz, poisson)
 
     return at(change)
@@ -90,7 +92,7 @@ def compression(power: float = 1.0, held: dict[str, str] | None = None) -> Drawn
         contrast = random.uniform(6, 10) if power != 1 else 1.0
         inside = np.abs(relative - 1) > 0.25
         youngs = 1e4 * (np.where(inside, contrast, 1.0) if power != 1 else relative)
-        u = shaken(
+        u = solve_displacement(
             youngs / (2 * (1 + poisson)),
             0.0,
             poisson,
@@ -156,19 +158,19 @@ UNASKED = ("misstated", "unseen", "as learnt")
 
 def seen(
     operator: Operator, many: int, drawn: Drawn, noise: float, grain: float = 0.0
-) -> tuple[list[Look], np.ndarray, np.ndarray]:
+) -> tuple[list[TilePrediction], np.ndarray, np.ndarray]:
     """What the operator says of samples; errors of the first answer; and how many deviations it is off, (answers, …)."""
     kind, looks, off, far = operator.kind, [], [], []
     for i in range(many):
         one = drawn(i)
         random = np.random.default_rng([i, round(1000 * noise)])
-        u = spoilt(one.displacement[None], np.array([noise]), random, np.array([grain])) / SIDES[kind.name]
+        u = add_noise(one.displacement[None], np.array([noise]), random, np.array([grain])) / SIDES[kind.name]
         features = kind.features(u, np.array([one.poisson]))
         mean, scale = operator(features)
         unit = kind.unit(one.storage[None], np.array([one.frequency]), DENSITY, SIDES[kind.name])
         truth = kind.targets(one.storage[None], one.loss[None], unit)
-        looks.append(Look(kind, u[0], one.frequency, one.poisson, features[0], mean[0], scale[0]))
-        off.append(errors(mean, truth)[0, 0])
+        looks.append(TilePrediction(kind, u[0], one.frequency, one.poisson, features[0], mean[0], scale[0]))
+        off.append(relative_errors(mean, truth)[0, 0])
         far.append(np.abs(truth - mean)[0] / scale[0])
     return looks, np.array(off), np.array(far)
 
@@ -178,10 +180,10 @@ def measure(quick: bool) -> list[Record]:
     many = 7 if quick else MANY
     records = []
     for name, outsiders in OUTSIDERS.items():
-        operator = Operator.shipped(name)
+        operator = Operator.load_default(name)
         trust = operator.card.trust
 
-        def judged(looks: list[Look], trust: dict = trust) -> tuple[np.ndarray, list[dict[str, float]]]:
+        def judged(looks: list[TilePrediction], trust: dict = trust) -> tuple[np.ndarray, list[dict[str, float]]]:
             each = [scores(look, trust) for look in looks]
             return np.array([max(numbers.values()) for numbers in each]), each
 
@@ -197,7 +199,9 @@ def measure(quick: bool) -> list[Record]:
         finer = seen(operator, many, usual(name, 101), NOISE)[1].mean() / off[:many].mean()
         base |= speed(operator)
         coverage = {
-            str(level): [float((far[:, k] < within).mean()) for k, within in enumerate(operator.card.within(level))]
+            str(level): [
+                float((far[:, k] < within).mean()) for k, within in enumerate(operator.card.coverage_factors(level))
+            ]
             for level in LEVELS
         }
         flagged = float((inside > trust["threshold"]).mean())
@@ -258,7 +262,7 @@ def chart(records: list[Record], png: str) -> None:
         title="Outsiders told from insiders",
     )
     for r, colour in zip([r for r in records if r["who"] == "insiders"], ("#0072B2", "#009E73"), strict=True):
-        kinds = Operator.shipped(r["modality"]).kind.answers
+        kinds = Operator.load_default(r["modality"]).kind.answers
         for k, answer in enumerate(kinds):
             held = [100 * r["coverage"][str(level)][k] for level in LEVELS]
             right.plot(

@@ -6,8 +6,8 @@ from functools import lru_cache
 import numpy as np
 
 from ngbrain.io.waves import WaveData
-from ngbrain.surrogate.data.dataset import DENSITY, SIDES, DataSet, sample, shaken
-from ngbrain.surrogate.operator.encoding import spoilt
+from ngbrain.surrogate.data.dataset import DENSITY, SIDES, DataSet, sample, solve_displacement
+from ngbrain.surrogate.operator.encoding import add_noise
 from ngbrain.surrogate.prediction.pretrained import Card, Operator
 from ngbrain.surrogate.prediction.trust import calibrate
 
@@ -33,7 +33,7 @@ class OfCompression:
 
 def noisy(u, sigma, seed=0):
     """Fields (batch, n, n, components) with noise."""
-    return spoilt(u, np.full(len(u), sigma), np.random.default_rng(seed))
+    return add_noise(u, np.full(len(u), sigma), np.random.default_rng(seed))
 
 
 @lru_cache
@@ -55,12 +55,14 @@ def algebraic(modality="waves"):
     """An operator of a modality, calibrated on few squares."""
     bare = Operator(Card({"modality": modality}), {"waves": OfWaves, "compression": OfCompression}[modality]())
     found = calibrate(bare, few(modality), few(modality, "validation"))
-    return replace(bare, card=Card({**bare.card.told, **found}))
+    return replace(bare, card=Card({**bare.card.content, **found}))
 
 
 def uniform(shear=6e3 * (1 + 0.2j), frequency=50.0, across=41, **changes):
     """A uniform square shaken at its top, as wave data."""
-    u = shaken(np.full((5, 5), shear), frequency, changes.get("poisson") or 0.3, {"top": (1e-3, 5e-4)}, across)
+    u = solve_displacement(
+        np.full((5, 5), shear), frequency, changes.get("poisson") or 0.3, {"top": (1e-3, 5e-4)}, across
+    )
     return square(u, SIDES["waves"], frequency=frequency, truth={"shear": np.full(across**2, shear)}, **changes)
 
 

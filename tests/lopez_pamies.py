@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from ngbrain.materials.base import Addable, positive
+from ngbrain.materials.base import Addable, check_positive
 from ngbrain.materials.registry import MU, LawEntry, Parameter
 
 
@@ -17,7 +17,7 @@ class LopezPamies(Addable):
     a: float
 
     def __post_init__(self) -> None:
-        positive(self.mu, "LopezPamies.mu")
+        check_positive(self.mu, "LopezPamies.mu")
 
     @property
     def initial_modulus(self):

@@ -15,19 +15,19 @@ def _at(F):
 def energy(law, F):
     """W, (n,)."""
     points, at = _at(F)
-    return points(density(law, Deformation.of(at)))[0]
+    return points(density(law, Deformation.from_gradient(at)))[0]
 
 
 def stress(law, F):
     """Nominal stress ∂W/∂F, (n, 3, 3)."""
     points, at = _at(F)
-    return points(density(law, Deformation.of(at)).Diff(at)).T.reshape(-1, 3, 3)
+    return points(density(law, Deformation.from_gradient(at)).Diff(at)).T.reshape(-1, 3, 3)
 
 
 def tangent(law, F):
     """∂²W/∂F∂F, (n, 9, 9)."""
     points, at = _at(F)
-    return points(density(law, Deformation.of(at)).Diff(at).Diff(at)).T.reshape(-1, 9, 9)
+    return points(density(law, Deformation.from_gradient(at)).Diff(at).Diff(at)).T.reshape(-1, 9, 9)
 
 
 def cauchy(law, F):

@@ -65,8 +65,8 @@ def test_a_picture_of_what_is_listed(capsys, tmp_path, monkeypatch, name, lines)
     """A line over the stretches of its data each, and a thin one of what is left where it relaxes, of the stresses of the lab."""
     pytest.importorskip("matplotlib")
     pages = []
-    drawn = lab.plot_published
-    monkeypatch.setattr(lab, "plot_published", lambda entries: pages.append(drawn(entries)) or pages[0])
+    drawn = lab.plot_catalogue
+    monkeypatch.setattr(lab, "plot_catalogue", lambda entries: pages.append(drawn(entries)) or pages[0])
     file = tmp_path / "plot.png"
     assert str(file) in said(capsys, name, "--plot", str(file)) and file.read_bytes()[:4] == b"\x89PNG"
     tension, shear = (axes.lines[:-2] for axes in pages[0].axes)

@@ -125,7 +125,7 @@ print(f"largest nodal force, pressed by a tenth: {1e3 * np.abs(body.tissue_force
 # %%
 mu = ngs.GridFunction(ngs.L2(body.mesh, order=0))
 mu.Set(1000 + 4e4 * ngs.x)
-W = density(Softening(mu, 1000.0), Deformation.of(ngs.Id(3) + ngs.Grad(body.u)))
+W = density(Softening(mu, 1000.0), Deformation.from_gradient(ngs.Id(3) + ngs.Grad(body.u)))
 print(f"dW/dμ · 1 = {ngs.Integrate(W.Diff(mu), body.mesh):.3e} m³, W = {ngs.Integrate(W, body.mesh):.3e} J")
 
 # %% [markdown]

@@ -21,8 +21,8 @@ import ngbrain
 from ngbrain.inverse.elastography.invert import invert
 from ngbrain.inverse.problem.discretisation import discretise
 from ngbrain.io.waves import WaveData
-from ngbrain.surrogate.data.dataset import DENSITY, FINE, SIDES, sample, shaken
-from ngbrain.surrogate.operator.encoding import spoilt
+from ngbrain.surrogate.data.dataset import DENSITY, FINE, SIDES, sample, solve_displacement
+from ngbrain.surrogate.operator.encoding import add_noise
 from ngbrain.surrogate.prediction.predict import predict
 
 FAST = bool(os.environ.get("NGBRAIN_FAST"))
@@ -45,7 +45,7 @@ def as_data(u, side, frequency, poisson, rheology, **truth):
 
 def axial(u, noise, grain=0.0):
     """The axial component with noise, the lateral one not measured."""
-    u = spoilt(u[None], np.array([noise]), np.random.default_rng(0), np.array([grain]))[0]
+    u = add_noise(u[None], np.array([noise]), np.random.default_rng(0), np.array([grain]))[0]
     return np.concatenate([np.full_like(u, np.nan), u], axis=-1)
 
 
@@ -56,13 +56,13 @@ found = predict(data)
 true = spot.storage.ravel() / spot.storage.mean()
 error = np.linalg.norm(found.maps["youngs"] - true) / np.linalg.norm(true)
 off, deviation = np.abs(found.maps["youngs"] - true), found.deviations["youngs"]
-held = off < found.within(0.95)["youngs"] * deviation
+held = off < found.coverage_factors(0.95)["youngs"] * deviation
 print(f"E is off by {100 * error:.2f} %, stated {100 * np.median(found.deviations['youngs']):.2f} %; ")
 print(
     f"its 95 % intervals hold {100 * held.mean():.0f} % of the points; usable: {found.usable}, score {found.score:.2f}"
 )
 # Most errors are small and some are large, so that half of them are closer than a normal distribution has it (0.67 deviations).
-half = found.within(0.5)["youngs"]
+half = found.coverage_factors(0.5)["youngs"]
 print(
     f"half of all errors should be within {half:.2f} deviations; of these points {np.mean(off < half * deviation):.0%} are"
 )
@@ -114,7 +114,7 @@ y, x = np.meshgrid(*2 * (np.linspace(0, 1, FINE),), indexing="ij")
 fine = 1 + 0.8 * np.exp(-((x - 0.5) ** 2 + (y - 0.4) ** 2) / 0.02)
 shear = 1e4 * fine / (2 * (1 + spot.poisson))
 sides = {"x": "bottom|left|right", "y": "bottom|top"}
-boxed = shaken(shear, 0.0, spot.poisson, {"top": (0, -0.01 * SIDE)}, 51, sides, SIDE).real[..., 1:]
+boxed = solve_displacement(shear, 0.0, spot.poisson, {"top": (0, -0.01 * SIDE)}, 51, sides, SIDE).real[..., 1:]
 boxed = predict(as_data(axial(boxed, 0.01), SIDE, 0.0, spot.poisson, "elastic"))
 for name, each in (("10 % noise", noisy), ("sides held", boxed)):
     print(f"{name}: usable: {each.usable}; {'; '.join(each.reasons)}")
@@ -129,7 +129,7 @@ show({"10 % noise": noisy.maps["youngs"], "sides held": boxed.maps["youngs"]}, "
 
 # %%
 wave = sample("waves", "gaussian_place", 0, "test", 2 if FAST else 0, 26 if FAST else 51)
-u = spoilt(wave.displacement[None], np.array([0.01]), np.random.default_rng(0))[0]
+u = add_noise(wave.displacement[None], np.array([0.01]), np.random.default_rng(0))[0]
 rheology = "viscoelastic" if wave.loss.any() else "elastic"
 shear = wave.storage + 1j * wave.loss
 waves = as_data(u, SIDES["waves"], wave.frequency, wave.poisson, rheology, shear=shear)

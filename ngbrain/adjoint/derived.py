@@ -15,7 +15,7 @@ import numpy as np
 from ngbrain.adjoint.reduced import Model
 from ngbrain.adjoint.time_curve import Interpolation, TimeCurve
 from ngbrain.errors import InputError, check_shape
-from ngbrain.materials.base import checked
+from ngbrain.materials.base import check_parameter
 
 Array = np.ndarray
 CLOSE = 1e-4
@@ -222,7 +222,9 @@ class TimeAbove(OverTime):
     ) -> None:
         super().__init__(times, interpolation, events)
         self.threshold = threshold
-        self.width = float(checked(width, "width", lambda w: w > 0, "a positive number, in the unit of the data"))
+        self.width = float(
+            check_parameter(width, "width", lambda w: w > 0, "a positive number, in the unit of the data")
+        )
 
     def value(self, data: Array) -> Array:
         """Smoothed."""

@@ -66,7 +66,7 @@ def draw(entries: list[Published], file: Path, replace: bool) -> None:
         raise InputError(
             "NAME", f"of {len(entries)} entries", f"a part of the names of at most {MOST}, such as a region"
         )
-    lab.plot_published(entries).savefig(file, dpi=150)
+    lab.plot_catalogue(entries).savefig(file, dpi=150)
     print(f"plot: {file}\n")
 
 
@@ -109,7 +109,7 @@ def describe_law(law: Viscous) -> str:
     >>> describe_law(viscous(CATALOGUE["miller2002:brain"].law()))
     'Ogden, 2 hereditary branches (Prony)'
     """
-    kind = {"Maxwell branches": len(law.flowing), "hereditary branches (Prony)": len(law.hereditary)}
+    kind = {"Maxwell branches": len(law.maxwell_branches), "hereditary branches (Prony)": len(law.hereditary_branches)}
     return ", ".join([_named(law.equilibrium), *(f"{count} {words}" for words, count in kind.items() if count)])
 
 
@@ -170,8 +170,8 @@ def _constants(law: Viscous) -> list[str]:
     """A line for each part; of a Prony series the law of a sudden strain, and what relaxes of it."""
     stays = law.equilibrium
     if isinstance(stays, Scaled):
-        shares = [branch.law.factor for branch in law.hereditary if isinstance(branch.law, Scaled)]
-        series = zip(shares, law.hereditary, strict=True)
+        shares = [branch.law.factor for branch in law.hereditary_branches if isinstance(branch.law, Scaled)]
+        series = zip(shares, law.hereditary_branches, strict=True)
         return [
             f"at once: {_values(stays.law)}",
             *(f"branch {k}: g = {g:g}, τ = {branch.tau:g} s" for k, (g, branch) in enumerate(series, 1)),

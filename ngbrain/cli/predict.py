@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
         **follows,
         "measured": np.where(found.data.mask[:, None], found.data.displacement, np.nan),
     }
-    card = operator.card.told
+    card = operator.card.content
     labels = found.data.labels
     told = {
         "verb": "predict",
@@ -78,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
             "rejected": found.rejected,
             "threshold": found.threshold,
             "scores": found.scores,
-            "within": {f"{share:g}": found.within(share) for share in TOLD},
+            "within": {f"{share:g}": found.coverage_factors(share) for share in TOLD},
         },
         "model": {
             "operator": found.modality,
@@ -105,7 +105,7 @@ def runtime_version() -> str:
 def load_operator(data: WaveData, weights: Path | None = None) -> Operator:
     """The operator for data, shipped or of a folder."""
     name = "waves" if (data.frequency > 0).any() else "compression"
-    return Operator.of(weights, name) if weights else Operator.shipped(name)
+    return Operator.load(weights, name) if weights else Operator.load_default(name)
 
 
 def scale_to_level(found: Prediction) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], list[str]]:

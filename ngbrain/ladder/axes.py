@@ -176,7 +176,7 @@ def axes_of(scene: Scene, richest: Model | None = None, questions: Sequence[Labe
             continue
         last = axis.index(bounds.get(name, axis.levels[-1])) + 1
         least, last = (first, max(first + 1, min(last, most))) if name == "tissue" else (0, last)
-        if name == "time" and not any(law.flowing for law in laws):  # hereditary branches are all there is
+        if name == "time" and not any(law.maxwell_branches for law in laws):  # hereditary branches are all there is
             last = min(last, axis.index(TimeLevel.PRONY) + 1)
         if name == "time" and scene.is_timed:  # moduli as they are at one moment stand for a ramp and a hold alone
             least, last = axis.index(TimeLevel.PRONY), max(last, axis.index(TimeLevel.PRONY) + 1)

@@ -12,7 +12,7 @@ from ngbrain.errors import InputError
 from ngbrain.forward.observables import Displacements, Force, Observable, StrainPercentile
 from ngbrain.forward.observables.percentiles import Percentile
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.materials.base import checked
+from ngbrain.materials.base import check_parameter
 from ngbrain.scene import Quantity, Scene
 
 Array = np.ndarray
@@ -94,7 +94,9 @@ class Question:
     def __post_init__(self) -> None:
         if not isinstance(self.observable, Observable):
             raise InputError("Question.observable", type(self.observable).__name__, "an Observable")
-        checked(self.tolerance, "Question.tolerance", lambda t: 1e-4 <= t <= 1, "a relative error of 0.0001 to 1")
+        check_parameter(
+            self.tolerance, "Question.tolerance", lambda t: 1e-4 <= t <= 1, "a relative error of 0.0001 to 1"
+        )
         if self.when not in WHEN:
             raise InputError("Question.when", repr(self.when), " or ".join(map(repr, WHEN)))
 

@@ -1,7 +1,7 @@
 """Tissue laws: an energy density each; stress, tangent and sensitivities are derived from it."""
 
 from ngbrain.materials.base import Deformation, Law, Scaled, Sum, density
-from ngbrain.materials.catalogue import CATALOGUE, constants, published
+from ngbrain.materials.catalogue import CATALOGUE, constants, find_published
 from ngbrain.materials.families import RelaxingOgden, mix
 from ngbrain.materials.fibre import Fung, Guccione, HolzapfelGasserOgden
 from ngbrain.materials.flow import Flow, Flows, Maxwell
@@ -52,12 +52,12 @@ __all__ = [
     "barrier",
     "constants",
     "density",
+    "find_published",
     "fourier",
     "logarithmic",
     "mix",
     "perturbed_lagrangian",
     "perturbed_logarithm",
-    "published",
     "quadratic",
     "squared_log",
     "step_factors",

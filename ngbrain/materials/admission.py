@@ -83,7 +83,7 @@ def _at(law: Law, F: np.ndarray) -> tuple[Points, ngs.CoefficientFunction, ngs.C
     field = points.field(F.reshape(-1, 9).T)
     entries = ngs.CF(tuple(field[i] for i in range(9))).MakeVariable()
     gradient = ngs.CF(tuple(entries[i] for i in range(9)), dims=(3, 3))
-    return points, density(law, Deformation.of(gradient)), entries
+    return points, density(law, Deformation.from_gradient(gradient)), entries
 
 
 def _check_objective(law: Law, name: str) -> None:
@@ -129,7 +129,7 @@ def _moduli_at_rest(law: Law) -> np.ndarray:
         shear = ngs.CF(1.0 * points.field(np.zeros((1, 1)))[0]).MakeVariable()
         entries: list[Any] = [1, 0, 0, 0, 1, 0, 0, 0, 1]
         entries[3 * i + j] = shear
-        energy = density(law, Deformation.of(tensor(*entries)))
+        energy = density(law, Deformation.from_gradient(tensor(*entries)))
         found.append(points(energy.Diff(shear).Diff(shear))[0, 0])
     return np.array(found)
 
@@ -144,7 +144,9 @@ def _check_rest(law: Law, name: str, modulus: float) -> None:
 
 def _ellipticity(law: Law, name: str, modulus: float) -> list[str]:
     """What is lost, in words."""
-    from ngbrain.materials.lab.elastic import acoustic  # scipy's optimisers, which scenes of other laws do without
+    from ngbrain.materials.lab.elastic import (
+        smallest_acoustic_eigenvalue,  # scipy's optimisers, which scenes of other laws do without
+    )
 
     low, high = getattr(law, "stretch", STRETCH)
     if not 0 < low <= 1 <= high < np.inf:
@@ -156,7 +158,7 @@ def _ellipticity(law: Law, name: str, modulus: float) -> list[str]:
     for kind, stretched in kinds.items():
         for stretches in sides:
             at = np.array([np.diag(np.roll(stretched(s), turn)) for s in (1.0, *stretches) for turn in turns])
-            least = acoustic(law, at).reshape(-1, len(turns))
+            least = smallest_acoustic_eigenvalue(law, at).reshape(-1, len(turns))
             worst = np.where(np.isfinite(least).all(axis=1), least.min(axis=1), np.nan)
             if not worst[0] > ALIKE * modulus:
                 raise InputError(

@@ -34,7 +34,7 @@ class Deformation:
     """What a law may ask of a state: C̄ (`shape`), C = FᵀF, J = det F and F itself (`gradient`), 3×3 but for J.
 
     >>> import ngsolve as ngs
-    >>> tuple(Deformation.of(2 * ngs.Id(3)).shape.dims)
+    >>> tuple(Deformation.from_gradient(2 * ngs.Id(3)).shape.dims)
     (3, 3)
     """
 
@@ -44,13 +44,13 @@ class Deformation:
     gradient: CoefficientFunction | None = None
 
     @classmethod
-    def of(cls, F: CoefficientFunction) -> Deformation:
+    def from_gradient(cls, F: CoefficientFunction) -> Deformation:
         """All of it from the deformation gradient."""
         C = right_cauchy_green(F)
         return cls(isochoric(C), C, ngs.Det(F), F)
 
     @classmethod
-    def of_stretch(cls, C: CoefficientFunction) -> Deformation:
+    def from_stretch(cls, C: CoefficientFunction) -> Deformation:
         """A state without change of volume, of which C is all that is known."""
         return cls(C, C, ngs.CF(1.0))
 
@@ -67,7 +67,7 @@ def density(law: Law, at: Deformation) -> CoefficientFunction:
 
     >>> import ngsolve as ngs
     >>> from ngbrain.materials import NeoHooke
-    >>> density(NeoHooke(1000.0), Deformation.of(ngs.Id(3))).dim
+    >>> density(NeoHooke(1000.0), Deformation.from_gradient(ngs.Id(3))).dim
     1
     """
     own = getattr(law, "density", None)
@@ -82,23 +82,23 @@ def density(law: Law, at: Deformation) -> CoefficientFunction:
     return found
 
 
-def density_of_logs(law: Law, logs: Sequence[CoefficientFunction]) -> CoefficientFunction:
+def density_of_log_strains(law: Law, logs: Sequence[CoefficientFunction]) -> CoefficientFunction:
     """Energy density (Pa) of an isotropic law at three logarithmic strains that add up to 0.
 
-    A law may have `of_logs`, which says it without a search for eigenvalues; of a law made of others each part says its own.
+    A law may have `log_strain_energy`, which needs no eigenvalue computation; of a composite law each part uses its own.
 
     >>> import ngsolve as ngs
     >>> from ngbrain.materials import Ogden
-    >>> density_of_logs(Scaled(Ogden(900.0, -19.0), 0.5), [ngs.x, -ngs.x, ngs.CF(0.0)]).dim
+    >>> density_of_log_strains(Scaled(Ogden(900.0, -19.0), 0.5), [ngs.x, -ngs.x, ngs.CF(0.0)]).dim
     1
     """
-    own = getattr(law, "of_logs", None)
+    own = getattr(law, "log_strain_energy", None)
     if own is not None:
         return cast(CoefficientFunction, own(logs))
     zero = ngs.CF(0.0)
     squares = [ngs.exp(2 * log) for log in logs]
     stretch = ngs.CF((squares[0], zero, zero, zero, squares[1], zero, zero, zero, squares[2]), dims=(3, 3))
-    return density(law, Deformation.of_stretch(stretch))
+    return density(law, Deformation.from_stretch(stretch))
 
 
 class Addable:
@@ -122,10 +122,10 @@ class Composite(Addable):
 
     def energy(self, C: CoefficientFunction) -> CoefficientFunction:
         """Energy density (Pa) where C is C̄."""
-        return self.density(Deformation.of_stretch(C))
+        return self.density(Deformation.from_stretch(C))
 
 
-class OfWholeStretch(Addable):
+class TotalStretchLaw(Addable):
     """A law of C with its change of volume, such as one of fibres: split off, a dilatation would not stretch them."""
 
     def energy(self, C: CoefficientFunction) -> CoefficientFunction:
@@ -148,9 +148,9 @@ class Sum(Composite):
         first, *rest = (density(part, at) for part in self.parts)
         return sum(rest, first)
 
-    def of_logs(self, logs: Sequence[CoefficientFunction]) -> CoefficientFunction:
-        """The same (Pa) at logarithmic strains, see `density_of_logs`."""
-        first, *rest = (density_of_logs(part, logs) for part in self.parts)
+    def log_strain_energy(self, logs: Sequence[CoefficientFunction]) -> CoefficientFunction:
+        """The same (Pa) at logarithmic strains, see `density_of_log_strains`."""
+        first, *rest = (density_of_log_strains(part, logs) for part in self.parts)
         return sum(rest, first)
 
 
@@ -165,12 +165,14 @@ class Scaled(Composite):
         """Energy density (Pa)."""
         return self.factor * density(self.law, at)
 
-    def of_logs(self, logs: Sequence[CoefficientFunction]) -> CoefficientFunction:
-        """The same (Pa) at logarithmic strains, see `density_of_logs`."""
-        return self.factor * density_of_logs(self.law, logs)
+    def log_strain_energy(self, logs: Sequence[CoefficientFunction]) -> CoefficientFunction:
+        """The same (Pa) at logarithmic strains, see `density_of_log_strains`."""
+        return self.factor * density_of_log_strains(self.law, logs)
 
 
-def checked(value: Value, name: str, fits: Callable[[float], bool], wanted: str, complex_too: bool = False) -> Value:
+def check_parameter(
+    value: Value, name: str, fits: Callable[[float], bool], wanted: str, complex_too: bool = False
+) -> Value:
     """A parameter of a law, as it is.
 
     Parameters
@@ -209,6 +211,6 @@ def checked(value: Value, name: str, fits: Callable[[float], bool], wanted: str,
     return value
 
 
-def positive(value: Value, name: str, complex_too: bool = False) -> Value:
-    """The value itself, or an `InputError` naming the parameter when it is a number that is not positive; see `checked`."""
-    return checked(value, name, lambda number: number > 0, "a positive number", complex_too)
+def check_positive(value: Value, name: str, complex_too: bool = False) -> Value:
+    """The value itself, or an `InputError` naming the parameter when it is a number that is not positive; see `check_parameter`."""
+    return check_parameter(value, name, lambda number: number > 0, "a positive number", complex_too)

@@ -406,10 +406,10 @@ def constants(name: str) -> Published:
     return CATALOGUE[name]
 
 
-def published(law: object) -> Published | None:
+def find_published(law: object) -> Published | None:
     """The entry whose law equals this one, or None.
 
-    >>> published(Ogden(670.0, -19.0)).name
+    >>> find_published(Ogden(670.0, -19.0)).name
     'bennion2022:brain'
     """
     wanted = viscous(cast(Law, law))

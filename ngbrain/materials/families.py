@@ -15,7 +15,7 @@ import numpy as np
 from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
-from ngbrain.materials.base import Composite, Deformation, Law, Scaled, Sum, Value, density, density_of_logs
+from ngbrain.materials.base import Composite, Deformation, Law, Scaled, Sum, Value, density, density_of_log_strains
 from ngbrain.materials.fibre import Fung, Guccione, HolzapfelGasserOgden
 from ngbrain.materials.flow import Maxwell
 from ngbrain.materials.isotropic import Demiray, Gent, MooneyRivlin, NeoHooke, Ogden, Polynomial, UnsplitNeoHooke
@@ -63,9 +63,9 @@ class Piecewise(Composite):
         first, *rest = (ngs.IfPos(share - 0.5, density(law, at), 0.0) for law, share in self.parts)
         return sum(rest, first)
 
-    def of_logs(self, logs: Sequence[CoefficientFunction]) -> CoefficientFunction:
-        """The same (Pa) at logarithmic strains, see `density_of_logs`."""
-        first, *rest = (ngs.IfPos(share - 0.5, density_of_logs(law, logs), 0.0) for law, share in self.parts)
+    def log_strain_energy(self, logs: Sequence[CoefficientFunction]) -> CoefficientFunction:
+        """The same (Pa) at logarithmic strains, see `density_of_log_strains`."""
+        first, *rest = (ngs.IfPos(share - 0.5, density_of_log_strains(law, logs), 0.0) for law, share in self.parts)
         return sum(rest, first)
 
 
@@ -288,10 +288,10 @@ def mix(tissues: Sequence[tuple[Viscous | Law, Value]]) -> Viscous:
     return Viscous(equilibrium, (*flowing, *remembering))
 
 
-def by_family(tissues: Mapping[str, Viscous | Law]) -> list[list[str]]:
+def group_by_family(tissues: Mapping[str, Viscous | Law]) -> list[list[str]]:
     """Names of tissues in groups that have one energy each, by the families of their laws at rest.
 
-    >>> by_family({"grey": NeoHooke(1e3), "white": Ogden(2e3, -20.0), "lesion": Gent(3e3, 0.1)})
+    >>> group_by_family({"grey": NeoHooke(1e3), "white": Ogden(2e3, -20.0), "lesion": Gent(3e3, 0.1)})
     [['grey', 'white'], ['lesion']]
     """
     laws = {name: _simple(viscous(law).equilibrium) for name, law in tissues.items()}

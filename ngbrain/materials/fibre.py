@@ -15,7 +15,7 @@ from ngsolve import CoefficientFunction
 
 from ngbrain.arguments import check_sequence
 from ngbrain.errors import InputError
-from ngbrain.materials.base import Composite, Deformation, OfWholeStretch, Value, checked, positive
+from ngbrain.materials.base import Composite, Deformation, TotalStretchLaw, Value, check_parameter, check_positive
 
 Fibre: TypeAlias = CoefficientFunction | Sequence[Value]
 """A direction: a CoefficientFunction or GridFunction with a component for each axis, or as many numbers."""
@@ -58,10 +58,10 @@ class HolzapfelGasserOgden(Composite):
     fibre: Fibre | Sequence[Fibre]
 
     def __post_init__(self) -> None:
-        positive(self.mu, "HolzapfelGasserOgden.mu")
-        checked(self.k1, "HolzapfelGasserOgden.k1", lambda k: k >= 0, "a number of at least 0")
-        positive(self.k2, "HolzapfelGasserOgden.k2")
-        checked(self.kappa, "HolzapfelGasserOgden.kappa", lambda k: 0 <= k <= 1 / 3, "a number from 0 to 1/3")
+        check_positive(self.mu, "HolzapfelGasserOgden.mu")
+        check_parameter(self.k1, "HolzapfelGasserOgden.k1", lambda k: k >= 0, "a number of at least 0")
+        check_positive(self.k2, "HolzapfelGasserOgden.k2")
+        check_parameter(self.kappa, "HolzapfelGasserOgden.kappa", lambda k: 0 <= k <= 1 / 3, "a number from 0 to 1/3")
         self._families()
 
     def _families(self) -> list[CoefficientFunction]:
@@ -82,7 +82,7 @@ class HolzapfelGasserOgden(Composite):
 
 
 @dataclass(frozen=True)
-class Fung(OfWholeStretch):
+class Fung(TotalStretchLaw):
     """W = c/2 (exp(Q) - 1), Q = E:B:E = vᵀBv with v = (E_xx, E_yy, E_zz, 2E_yz, 2E_xz, 2E_xy), E = (C - 1)/2.
 
     c   scale (Pa); c B is the stiffness at rest
@@ -101,7 +101,7 @@ class Fung(OfWholeStretch):
     B: Sequence[Sequence[Value]] | np.ndarray | CoefficientFunction
 
     def __post_init__(self) -> None:
-        positive(self.c, "Fung.c")
+        check_positive(self.c, "Fung.c")
         self._matrix()
 
     def _matrix(self) -> CoefficientFunction:
@@ -133,7 +133,7 @@ class Fung(OfWholeStretch):
 
 
 @dataclass(frozen=True)
-class Guccione(OfWholeStretch):
+class Guccione(TotalStretchLaw):
     """W = c/2 (exp(Q) - 1), Q = b_f E_ff² + b_t (E_ss² + E_nn² + 2E_sn²) + 2b_fs (E_fs² + E_fn²), E = (C - 1)/2.
 
     c            scale (Pa)
@@ -157,7 +157,7 @@ class Guccione(OfWholeStretch):
 
     def __post_init__(self) -> None:
         for name in ("c", "bf", "bt", "bfs"):
-            positive(getattr(self, name), f"Guccione.{name}")
+            check_positive(getattr(self, name), f"Guccione.{name}")
         structural(self.fibre, "Guccione.fibre")
 
     def energy(self, C: CoefficientFunction) -> CoefficientFunction:

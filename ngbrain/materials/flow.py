@@ -30,7 +30,7 @@ import numpy as np
 from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
-from ngbrain.materials.base import Law, Value, density_of_logs, positive
+from ngbrain.materials.base import Law, Value, check_positive, density_of_log_strains
 from ngbrain.materials.points import EVERYWHERE, Points, initial_modulus, isotropic, number, varies
 from ngbrain.tensors import from_voigt, principal_values, to_voigt
 
@@ -64,7 +64,7 @@ class Maxwell:
     eta: Value
 
     def __post_init__(self) -> None:
-        positive(self.eta, "Maxwell.eta")
+        check_positive(self.eta, "Maxwell.eta")
         if not varies(self.law) and not isotropic(self.law):
             raise InputError("Maxwell.law", self.law, "an isotropic law; fibres can stand beside it, in what stays")
 
@@ -77,7 +77,7 @@ class Maxwell:
         """W, ∂W (2 entries) and ∂²W (11, 12, 22) at elastic strains given by their two coordinates (see `PLANE`)."""
         first, second = ((1.0 * strain[i]).MakeVariable() for i in range(2))
         logs = [float(PLANE[0, i]) * first + float(PLANE[1, i]) * second for i in range(3)]
-        W = density_of_logs(self.law, logs)
+        W = density_of_log_strains(self.law, logs)
         by = W.Diff(first), W.Diff(second)
         return ngs.CF((W, *by, by[0].Diff(first), by[0].Diff(second), by[1].Diff(second))).Compile()
 
@@ -117,7 +117,7 @@ class Flow:
         self.points = points
         self._strain = points.field(np.zeros((2, n)))
         self._slopes = slopes(self._strain)
-        self.rest(eta)
+        self.reset(eta)
         self._pulled = points.field(np.outer(REST, np.ones(n)))
         a = ngs.CF(tuple(self._pulled[i] for i in range(6))).MakeVariable()
         stretches = principal_values(from_voigt(a))
@@ -128,7 +128,7 @@ class Flow:
         self._first = ngs.CF((x, by_a.Reshape((12,)))).Compile()
         self._second = by_a.Diff(a).Reshape((72,)).Compile()
 
-    def rest(self, eta: float | np.ndarray) -> None:
+    def reset(self, eta: float | np.ndarray) -> None:
         """Forget: rest, with this η and the law as its parameters are now."""
         n = len(self.points.mapped)
         self.eta = np.broadcast_to(np.asarray(eta, float), (n,))
@@ -163,7 +163,7 @@ class Flow:
         self._elastic = e + flowed
         self._set(self.G @ _stretched(axes, flowed))
 
-    def go_on(self, begun: np.ndarray, start: np.ndarray) -> None:
+    def resume_step(self, begun: np.ndarray, start: np.ndarray) -> None:
         """The rest of a step that has `begun` so, from elastic strains `start` (2, n)."""
         self.kappa, self._start = begun[9], start
         self._set(begun[:9].T.reshape(-1, 3, 3))
@@ -205,16 +205,16 @@ class Flow:
         return axes, e
 
     @property
-    def settled(self) -> np.ndarray:
+    def step_solution(self) -> np.ndarray:
         """What the present step found: e of the last `relax`, e at its start, and the share of the first half's flow (5, n)."""
         return np.vstack([self._elastic, self._start, self._share])
 
     @property
-    def begun(self) -> np.ndarray:
+    def step_state(self) -> np.ndarray:
         """G after the first half of the present step, by rows, and κ (10, n)."""
         return np.vstack([self._step.reshape(-1, 9).T, self.kappa])
 
-    def halved(self, half: float, middle: np.ndarray, end: np.ndarray) -> np.ndarray:
+    def half_step_stress(self, half: float, middle: np.ndarray, end: np.ndarray) -> np.ndarray:
         """`stress` at the end of two steps of `half` seconds by way of these shapes; the step that was begun stays as it is."""
         twin = copy(self)  # its arrays are replaced, never written into
         twin._begin(half, self._axes, self._start)
@@ -247,7 +247,7 @@ class Flow:
             det = h11 * h22 - h12 * h12
             safe = np.where(det > 0, det, np.inf)
             step = -np.array([h22 * gradient[0] - h12 * gradient[1], h11 * gradient[1] - h12 * gradient[0]]) / safe
-            going = self.points.beside(left, np.max(np.abs(step), axis=0) > SHORT)
+            going = self.points.share_element(left, np.max(np.abs(step), axis=0) > SHORT)
             _last(e, slopes, left[~going], step[:, ~going])
             left, step, size = left[going], step[:, going], np.sum(gradient[:, going] ** 2, axis=0)
             if not left.size:

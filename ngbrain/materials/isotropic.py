@@ -11,7 +11,7 @@ import numpy as np
 from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
-from ngbrain.materials.base import Addable, Composite, Deformation, Value, checked, positive
+from ngbrain.materials.base import Addable, Composite, Deformation, Value, check_parameter, check_positive
 from ngbrain.tensors import principal_values
 
 
@@ -27,7 +27,7 @@ class NeoHooke(Addable):
     mu: Value
 
     def __post_init__(self) -> None:
-        positive(self.mu, "NeoHooke.mu")
+        check_positive(self.mu, "NeoHooke.mu")
 
     def energy(self, C: CoefficientFunction) -> CoefficientFunction:
         """Energy density (Pa)."""
@@ -51,7 +51,7 @@ class UnsplitNeoHooke(Composite):
     mu: Value
 
     def __post_init__(self) -> None:
-        positive(self.mu, "UnsplitNeoHooke.mu")
+        check_positive(self.mu, "UnsplitNeoHooke.mu")
 
     def density(self, at: Deformation) -> CoefficientFunction:
         """Energy density (Pa)."""
@@ -103,7 +103,7 @@ class Polynomial(Addable):
         if not self.c:
             raise InputError("Polynomial.c", "empty", "a coefficient or more")
         for power, value in self.c.items():
-            checked(value, f"Polynomial.c[{power[0]}, {power[1]}]", lambda _: True, "a finite number")
+            check_parameter(value, f"Polynomial.c[{power[0]}, {power[1]}]", lambda _: True, "a finite number")
         if first := [self.c[power] for power in ((1, 0), (0, 1)) if power in self.c]:
             _stiff("Polynomial", "c[1, 0] + c[0, 1]", *first)
 
@@ -143,8 +143,8 @@ class Gent(Addable):
     jm: Value
 
     def __post_init__(self) -> None:
-        positive(self.mu, "Gent.mu")
-        positive(self.jm, "Gent.jm")
+        check_positive(self.mu, "Gent.mu")
+        check_positive(self.jm, "Gent.jm")
 
     def energy(self, C: CoefficientFunction) -> CoefficientFunction:
         """Energy density (Pa)."""
@@ -167,8 +167,8 @@ class Demiray(Addable):
     b: Value
 
     def __post_init__(self) -> None:
-        positive(self.mu, "Demiray.mu")
-        positive(self.b, "Demiray.b")
+        check_positive(self.mu, "Demiray.mu")
+        check_positive(self.b, "Demiray.b")
 
     def energy(self, C: CoefficientFunction) -> CoefficientFunction:
         """Energy density (Pa)."""
@@ -197,14 +197,14 @@ class Ogden(Addable):
         if len(mu) != len(alpha):
             raise InputError("Ogden.alpha", f"{len(alpha)} values", f"as many as mu has: {len(mu)}")
         for m, a in zip(mu, alpha, strict=True):
-            positive(m, "Ogden.mu")
-            checked(a, "Ogden.alpha", lambda exponent: exponent != 0, "a number other than 0")
+            check_positive(m, "Ogden.mu")
+            check_parameter(a, "Ogden.alpha", lambda exponent: exponent != 0, "a number other than 0")
 
     def energy(self, C: CoefficientFunction) -> CoefficientFunction:
         """Energy density (Pa)."""
-        return self.of_logs(_principal_logs(C))
+        return self.log_strain_energy(_principal_logs(C))
 
-    def of_logs(self, logs: Sequence[CoefficientFunction]) -> CoefficientFunction:
+    def log_strain_energy(self, logs: Sequence[CoefficientFunction]) -> CoefficientFunction:
         """Energy density (Pa) of the three ln λ_i."""
         terms = [
             2 * m / a**2 * (ngs.exp(a * logs[0]) + ngs.exp(a * logs[1]) + ngs.exp(a * logs[2]) - 3)
@@ -236,9 +236,9 @@ def _power(base: CoefficientFunction, exponent: int) -> CoefficientFunction:
 def _stiff(law: str, name: str, *parts: Value) -> None:
     """Raise `InputError` if numbers add up to no initial stiffness."""
     for part in parts:
-        checked(part, f"{law}.{name}", lambda _: True, "finite numbers")
+        check_parameter(part, f"{law}.{name}", lambda _: True, "finite numbers")
     if not any(isinstance(part, CoefficientFunction) for part in parts):
-        positive(sum(parts), f"{law}.{name}")
+        check_positive(sum(parts), f"{law}.{name}")
 
 
 def _terms(value: Value | Sequence[Value]) -> list[Value]:

@@ -12,11 +12,11 @@ import ngsolve as ngs
 from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
-from ngbrain.materials.base import Addable, Deformation, OfWholeStretch, Value, checked, positive
+from ngbrain.materials.base import Addable, Deformation, TotalStretchLaw, Value, check_parameter, check_positive
 from ngbrain.materials.fibre import Fibre, structural
 
 
-class OfSmallStrain(Addable):
+class SmallStrainLaw(Addable):
     """A law of ε = sym F - 1."""
 
     def energy(self, strain: CoefficientFunction) -> CoefficientFunction:
@@ -29,7 +29,7 @@ class OfSmallStrain(Addable):
 
 
 @dataclass(frozen=True)
-class LinearElastic(OfSmallStrain):
+class LinearElastic(SmallStrainLaw):
     """W = μ ε:ε + λ/2 (tr ε)²; shear modulus μ (Pa), bulk modulus λ + 2μ/3 (2μ/3 without λ: for use with a pressure).
 
     >>> import ngsolve as ngs
@@ -49,7 +49,7 @@ class LinearElastic(OfSmallStrain):
 
 
 @dataclass(frozen=True)
-class Shearing(OfSmallStrain):
+class Shearing(SmallStrainLaw):
     """W = μ |dev ε|², dev ε = ε - (tr ε/3) 1: shear alone, μ in Pa and complex for harmonic work (G* = G' + iG'').
 
     Change of volume is left to a bulk modulus.
@@ -62,7 +62,7 @@ class Shearing(OfSmallStrain):
     mu: Value
 
     def __post_init__(self) -> None:
-        positive(self.mu, "Shearing.mu", complex_too=True)
+        check_positive(self.mu, "Shearing.mu", complex_too=True)
 
     def energy(self, strain: CoefficientFunction) -> CoefficientFunction:
         """The quadratic form (Pa) of a strain ε: 3×3, or 2×2 for plane strain."""
@@ -71,7 +71,7 @@ class Shearing(OfSmallStrain):
 
 
 @dataclass(frozen=True)
-class SaintVenant(OfWholeStretch):
+class SaintVenant(TotalStretchLaw):
     """W = μ E:E + λ/2 (tr E)², E = (C - 1)/2; initial shear modulus μ₀ = μ (Pa), bulk modulus λ + 2μ/3 as in linear theory.
 
     For small strain at any rotation: pressed to less than 1/√3 of its length it resists ever less.
@@ -93,7 +93,7 @@ class SaintVenant(OfWholeStretch):
 
 
 @dataclass(frozen=True)
-class TransverselyIsotropic(OfSmallStrain):
+class TransverselyIsotropic(SmallStrainLaw):
     """W = μ |dev ε|² + 2φμ (|εa|² - (a·εa)²) + 2ζμ (a·dev ε a)², with a the unit vector along the fibre.
 
     mu     shear modulus across the fibre, μ₂ (Pa)
@@ -116,9 +116,11 @@ class TransverselyIsotropic(OfSmallStrain):
     fibre: Fibre
 
     def __post_init__(self) -> None:
-        positive(self.mu, "TransverselyIsotropic.mu", complex_too=True)
-        checked(self.zeta, "TransverselyIsotropic.zeta", lambda z: z > -0.75, "a number above -3/4", complex_too=True)
-        checked(self.phi, "TransverselyIsotropic.phi", lambda p: p > -1, "a number above -1", complex_too=True)
+        check_positive(self.mu, "TransverselyIsotropic.mu", complex_too=True)
+        check_parameter(
+            self.zeta, "TransverselyIsotropic.zeta", lambda z: z > -0.75, "a number above -3/4", complex_too=True
+        )
+        check_parameter(self.phi, "TransverselyIsotropic.phi", lambda p: p > -1, "a number above -1", complex_too=True)
         self._structural()
 
     def _structural(self) -> CoefficientFunction:
@@ -143,9 +145,9 @@ def _quadratic(strain: CoefficientFunction, mu: Value, lam: Value) -> Coefficien
 
 
 def _elastic(law: str, mu: Value, lam: Value) -> None:
-    positive(mu, f"{law}.mu", complex_too=True)
+    check_positive(mu, f"{law}.mu", complex_too=True)
     if not isinstance(mu, CoefficientFunction):
         least = -2 / 3 * mu.real
-        checked(
+        check_parameter(
             lam, f"{law}.lam", lambda value: value > least, f"a number above -2/3 mu, {least:.6g}", complex_too=True
         )

@@ -24,7 +24,7 @@ from ngsolve import CoefficientFunction
 
 from ngbrain.arguments import check_sequence
 from ngbrain.errors import InputError
-from ngbrain.materials.base import Law, Value, checked, positive
+from ngbrain.materials.base import Law, Value, check_parameter, check_positive
 from ngbrain.materials.points import initial_modulus
 from ngbrain.materials.viscous import Viscous, viscous
 
@@ -33,7 +33,7 @@ Frequency: TypeAlias = float | np.ndarray | CoefficientFunction
 Complex: TypeAlias = complex | np.ndarray | CoefficientFunction
 
 
-def of_stiffness(stiffness: np.ndarray | float, damping_ratio: np.ndarray | float) -> np.ndarray:
+def modulus_from_stiffness(stiffness: np.ndarray | float, damping_ratio: np.ndarray | float) -> np.ndarray:
     """The complex shear modulus of maps of shear stiffness and damping ratio, as elastography publishes them (MRE134, say).
 
     Stiffness is μ = 2|G*|²/(G' + |G*|), ρ times the square of the speed of a plane shear wave, and damping ratio ξ = G''/2G', so
@@ -59,7 +59,7 @@ def of_stiffness(stiffness: np.ndarray | float, damping_ratio: np.ndarray | floa
 
     Examples
     --------
-    >>> of_stiffness(2234.07, 0.2).round(-1)
+    >>> modulus_from_stiffness(2234.07, 0.2).round(-1)
     np.complex128(2000+800j)
     """
     found = []
@@ -110,7 +110,7 @@ class KelvinVoigt(Modulus):
     eta: Value
 
     def __post_init__(self) -> None:
-        positive(self.mu, "KelvinVoigt.mu")
+        check_positive(self.mu, "KelvinVoigt.mu")
         _not_negative(self.eta, "KelvinVoigt.eta")
 
     def __call__(self, omega: Frequency) -> Complex:
@@ -119,10 +119,10 @@ class KelvinVoigt(Modulus):
 
 
 @dataclass(frozen=True)
-class Maxwell(Modulus):
+class MaxwellModulus(Modulus):
     """G* = μ iωτ/(1 + iωτ), τ = η/μ: a spring μ (Pa) and a dashpot η (Pa s) one behind the other.
 
-    >>> Maxwell(mu=1000.0, eta=10.0)(100.0)
+    >>> MaxwellModulus(mu=1000.0, eta=10.0)(100.0)
     (500+500j)
     """
 
@@ -130,8 +130,8 @@ class Maxwell(Modulus):
     eta: Value
 
     def __post_init__(self) -> None:
-        positive(self.mu, "Maxwell.mu")
-        positive(self.eta, "Maxwell.eta")
+        check_positive(self.mu, "Maxwell.mu")
+        check_positive(self.eta, "Maxwell.eta")
 
     def __call__(self, omega: Frequency) -> Complex:
         """G* (Pa) at ω (rad/s)."""
@@ -140,7 +140,7 @@ class Maxwell(Modulus):
 
 @dataclass(frozen=True)
 class Zener(Modulus):
-    """G* = μ_∞ + μ iωτ/(1 + iωτ), τ = η/μ: a spring beside a `Maxwell` element, the standard linear solid.
+    """G* = μ_∞ + μ iωτ/(1 + iωτ), τ = η/μ: a spring beside a `MaxwellModulus` element, the standard linear solid.
 
     >>> Zener(mu_inf=500.0, mu=1000.0, eta=10.0)(100.0)
     (1000+500j)
@@ -151,9 +151,9 @@ class Zener(Modulus):
     eta: Value
 
     def __post_init__(self) -> None:
-        positive(self.mu_inf, "Zener.mu_inf")
-        positive(self.mu, "Zener.mu")
-        positive(self.eta, "Zener.eta")
+        check_positive(self.mu_inf, "Zener.mu_inf")
+        check_positive(self.mu, "Zener.mu")
+        check_positive(self.eta, "Zener.eta")
 
     def __call__(self, omega: Frequency) -> Complex:
         """G* (Pa) at ω (rad/s)."""
@@ -178,8 +178,8 @@ class Springpot(Modulus):
     exponent: Value
 
     def __post_init__(self) -> None:
-        positive(self.kappa, "Springpot.kappa")
-        checked(self.exponent, "Springpot.exponent", lambda a: 0 < a < 1, "a number between 0 and 1")
+        check_positive(self.kappa, "Springpot.kappa")
+        check_parameter(self.exponent, "Springpot.exponent", lambda a: 0 < a < 1, "a number between 0 and 1")
 
     def __call__(self, omega: Frequency) -> Complex:
         """G* (Pa) at ω (rad/s)."""
@@ -213,10 +213,10 @@ class PowerLaw(Modulus):
     reference: Value
 
     def __post_init__(self) -> None:
-        positive(self.storage, "PowerLaw.storage")
+        check_positive(self.storage, "PowerLaw.storage")
         _not_negative(self.loss, "PowerLaw.loss")
         _not_negative(self.exponent, "PowerLaw.exponent")
-        positive(self.reference, "PowerLaw.reference")
+        check_positive(self.reference, "PowerLaw.reference")
 
     def __call__(self, omega: Frequency) -> Complex:
         """G* (Pa) at ω (rad/s)."""
@@ -240,13 +240,13 @@ class PronySeries(Modulus):
     tau: Sequence[Value]
 
     def __post_init__(self) -> None:
-        positive(self.mu, "PronySeries.mu")
+        check_positive(self.mu, "PronySeries.mu")
         check_sequence("PronySeries.g", self.g, 0), check_sequence("PronySeries.tau", self.tau, 0)
         if len(self.g) != len(self.tau):
             raise InputError("PronySeries.tau", f"{len(self.tau)} values", f"as many as g has: {len(self.g)}")
         for g, tau in zip(self.g, self.tau, strict=True):
-            positive(g, "PronySeries.g")
-            positive(tau, "PronySeries.tau")
+            check_positive(g, "PronySeries.g")
+            check_positive(tau, "PronySeries.tau")
         numbers = [g for g in self.g if not isinstance(g, CoefficientFunction)]
         if not sum(numbers) < 1:
             raise InputError("PronySeries.g", list(numbers), "fractions that add up to less than 1")
@@ -303,7 +303,7 @@ def shear_wave(G: complex | np.ndarray, rho: float, omega: float | np.ndarray) -
     >>> round(1e3 * float(wave.length), 1), round(1e3 * float(wave.depth), 1)
     (29.9, 24.7)
     """
-    positive(rho, "shear_wave.rho")
+    check_positive(rho, "shear_wave.rho")
     if not np.all(np.imag(G) >= 0):
         raise InputError("shear_wave.G", G, "a modulus without gain: an imaginary part of at least 0")
     return ShearWave(omega, omega * np.sqrt(rho / np.asarray(G, complex)))
@@ -334,4 +334,4 @@ def _checked(omega: Frequency) -> Frequency:
 
 
 def _not_negative(value: Value, name: str) -> None:
-    checked(value, name, lambda number: number >= 0, "a number of at least 0")
+    check_parameter(value, name, lambda number: number >= 0, "a number of at least 0")

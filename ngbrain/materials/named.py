@@ -12,7 +12,16 @@ from ngbrain.errors import InputError, nearest
 from ngbrain.materials import admission
 from ngbrain.materials.base import Law
 from ngbrain.materials.flow import Maxwell
-from ngbrain.materials.registry import REGISTRY, LawEntry, Number, Parameter, entry_at, in_words, laws_of, register
+from ngbrain.materials.registry import (
+    REGISTRY,
+    LawEntry,
+    Number,
+    Parameter,
+    describe_error,
+    entry_at,
+    laws_of,
+    register,
+)
 
 ETA = Parameter("eta", "Pa_s", 1e-6, 1e12)
 """Of a branch, whatever its law is."""
@@ -75,7 +84,7 @@ class NamedLaw:
             elif parameter.default is None:
                 raise InputError(f"{path}.{key}", "missing", parameter.wanted)
         made = cls(str(name), tuple(values))
-        if not entry.is_own:
+        if not entry.is_user_defined:
             made.law()
             return made
         try:
@@ -96,7 +105,7 @@ class NamedLaw:
     @property
     def cautions(self) -> list[str]:
         """Where a law of one's own is not elliptic, or has no energy, in words."""
-        return list(_admitted(self)) if self.entry.is_own else []
+        return list(_admitted(self)) if self.entry.is_user_defined else []
 
     def to_dict(self) -> dict[str, Any]:
         """As a file has it."""
@@ -168,5 +177,7 @@ def _admitted(named: NamedLaw) -> tuple[str, ...]:
     except InputError:
         raise
     except Exception as error:
-        raise InputError(name, f"a class that raises {in_words(error)}", "one that takes these parameters") from None
+        raise InputError(
+            name, f"a class that raises {describe_error(error)}", "one that takes these parameters"
+        ) from None
     return tuple(admission.admit(law, name))

@@ -56,7 +56,7 @@ class Points:
         """Set the values (components, n) of a `field`."""
         field.vec.FV().NumPy().reshape(len(values), -1)[:, : len(self.mapped)] = values
 
-    def beside(self, numbers: np.ndarray, some: np.ndarray) -> np.ndarray:
+    def share_element(self, numbers: np.ndarray, some: np.ndarray) -> np.ndarray:
         """Which points, of these numbers, are in an element with some of them (both masks)."""
         element = self.mapped["nr"][numbers]
         busy = np.zeros(element.max(initial=-1) + 1, bool)
@@ -71,10 +71,10 @@ class Points:
             field = ngs.GridFunction(self.space if function.dim == 1 else ngs.VectorValued(self.space, function.dim))
             field.Interpolate(function)
             return np.array(field.vec.FV().NumPy().reshape(function.dim, -1)[:, where])
-        return np.ascontiguousarray(evaluated(function, self.mapped[where]).T)
+        return np.ascontiguousarray(evaluate_at_points(function, self.mapped[where]).T)
 
 
-def evaluated(function: CoefficientFunction, mapped: np.ndarray) -> np.ndarray:
+def evaluate_at_points(function: CoefficientFunction, mapped: np.ndarray) -> np.ndarray:
     """Values (n, components) at the points of elements of one shape, each with all of its points, `AT_ONCE` at most.
 
     NGSolve gives every thread an equal share of the points, and fields at quadrature points know a point by its place in its
@@ -109,7 +109,7 @@ def initial_modulus(law: Law) -> Value:
     1200.00000...
     """
     F, shear = _sheared()
-    curvature = density(law, Deformation.of(F)).Diff(shear).Diff(shear)
+    curvature = density(law, Deformation.from_gradient(F)).Diff(shear).Diff(shear)
     return curvature.Compile() if varies(law) else float(Points.line(1)(curvature)[0, 0])
 
 
@@ -120,7 +120,7 @@ def varies(law: Law) -> bool:
     >>> varies(Demiray(1e3, 2.0)), varies(Demiray(1e3, ngs.Parameter(2.0)))
     (False, True)
     """
-    lines = str(density(law, Deformation.of(_sheared()[0])).Compile()).strip().splitlines()
+    lines = str(density(law, Deformation.from_gradient(_sheared()[0])).Compile()).strip().splitlines()
     begins = [a for a, b in pairwise([*lines, ""]) if a.startswith("Step") and "input:" not in b]
     return not all(_CONSTANT.match(begin.partition(": ")[2]) for begin in begins)
 
@@ -142,5 +142,7 @@ def isotropic(law: Law) -> bool:
     stretch = np.diag([1.1, 1.0, 1 / 1.1])
     points = Points.line(2)
     C = points.field(np.array([stretch.ravel(), (turn @ stretch @ turn.T).ravel()]).T)
-    plain, turned = points(density(law, Deformation.of_stretch(ngs.CF(tuple(C[i] for i in range(9)), dims=(3, 3)))))[0]
+    plain, turned = points(density(law, Deformation.from_stretch(ngs.CF(tuple(C[i] for i in range(9)), dims=(3, 3)))))[
+        0
+    ]
     return bool(abs(turned - plain) <= 1e-8 * (abs(plain) + abs(turned)))

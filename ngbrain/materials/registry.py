@@ -93,7 +93,7 @@ class LawEntry:
     source: str = ""
 
     @property
-    def is_own(self) -> bool:
+    def is_user_defined(self) -> bool:
         """Whether it is none of the package."""
         return not self.make.__module__.startswith("ngbrain.")
 
@@ -229,7 +229,7 @@ def _run(place: str, path: str) -> ModuleType:
     except InputError:
         raise
     except (Exception, SystemExit) as error:
-        raise InputError(path, f"{place}, which ends in {in_words(error)}", "a file that can be run") from None
+        raise InputError(path, f"{place}, which ends in {describe_error(error)}", "a file that can be run") from None
 
 
 def _arguments(make: type, path: str) -> tuple[Parameter, ...]:
@@ -247,7 +247,7 @@ def _arguments(make: type, path: str) -> tuple[Parameter, ...]:
     return tuple(found)
 
 
-def in_words(error: BaseException) -> str:
+def describe_error(error: BaseException) -> str:
     """What went wrong in code of a user's, in a line."""
     return f"{type(error).__name__}: {' '.join(str(error).split())}"
 

@@ -21,7 +21,7 @@ from ngsolve import CoefficientFunction
 
 from ngbrain.arguments import check_sequence
 from ngbrain.errors import InputError
-from ngbrain.materials.base import Deformation, Law, Scaled, Sum, Value, checked, density, positive
+from ngbrain.materials.base import Deformation, Law, Scaled, Sum, Value, check_parameter, check_positive, density
 from ngbrain.materials.flow import Maxwell
 from ngbrain.materials.isotropic import Polynomial
 from ngbrain.materials.points import Points, number
@@ -36,12 +36,12 @@ class Branch:
     tau: Value
 
     def __post_init__(self) -> None:
-        positive(self.tau, "Branch.tau")
+        check_positive(self.tau, "Branch.tau")
 
     def stress(self, C: CoefficientFunction) -> CoefficientFunction:
         """S̄ = DEV{2 ∂W/∂C̄} (Pa) at the isochoric C̄, a 3×3 CoefficientFunction; zero at rest."""
         C = C.MakeVariable()
-        return overstress(density(self.law, Deformation.of_stretch(C)), C)
+        return overstress(density(self.law, Deformation.from_stretch(C)), C)
 
     def overstress(self, points: Points, C: CoefficientFunction, times: np.ndarray) -> np.ndarray:
         """H (Pa), shape (histories, times, 3, 3), under given histories of C̄; at the first time H = S̄.
@@ -84,12 +84,12 @@ class Viscous:
     __radd__ = __add__
 
     @property
-    def hereditary(self) -> tuple[Branch, ...]:
+    def hereditary_branches(self) -> tuple[Branch, ...]:
         """The branches that remember overstress."""
         return tuple(branch for branch in self.branches if isinstance(branch, Branch))
 
     @property
-    def flowing(self) -> tuple[Maxwell, ...]:
+    def maxwell_branches(self) -> tuple[Maxwell, ...]:
         """The branches that have an inner state."""
         return tuple(branch for branch in self.branches if isinstance(branch, Maxwell))
 
@@ -100,8 +100,10 @@ class Viscous:
 
     def density(self, at: Deformation, shares: Sequence[Value]) -> CoefficientFunction:
         """W_∞ + Σ β_k W_k(C̄) (Pa) over the hereditary branches; `shares` are their β_k, 1 at once and 0 in the end."""
-        shape = Deformation.of_stretch(at.shape)
-        relaxing = (beta * density(branch.law, shape) for beta, branch in zip(shares, self.hereditary, strict=True))
+        shape = Deformation.from_stretch(at.shape)
+        relaxing = (
+            beta * density(branch.law, shape) for beta, branch in zip(shares, self.hereditary_branches, strict=True)
+        )
         return sum(relaxing, density(self.equilibrium, at))
 
 
@@ -129,7 +131,7 @@ def Prony(law: Law, g: Sequence[Value], tau: Sequence[Value]) -> Viscous:  # noq
     if len(g) != len(tau):
         raise InputError("Prony.tau", f"{len(tau)} values", f"as many as g has: {len(g)}")
     for value in g:
-        positive(value, "Prony.g")
+        check_positive(value, "Prony.g")
     if not any(isinstance(value, CoefficientFunction) for value in g) and not sum(g) < 1:
         raise InputError("Prony.g", list(g), "fractions that add up to less than 1")
     rest = Scaled(law, 1 - sum(g))
@@ -160,7 +162,7 @@ def RelaxingPolynomial(  # noqa: N802  (reads as a law)
     for power in c0:
         lost, index = c0[power] - c_inf[power], f"[{power[0]}, {power[1]}]"
         if sum(power) == 1:
-            checked(lost, f"RelaxingPolynomial.c0{index} - c_inf{index}", lambda drop: drop >= 0, "at least 0")
+            check_parameter(lost, f"RelaxingPolynomial.c0{index} - c_inf{index}", lambda drop: drop >= 0, "at least 0")
         for share, time in zip(*_shares_of(power, gamma, tau), strict=True):
             if isinstance(lost, CoefficientFunction) or lost:
                 terms = relaxing.setdefault(time, {})
@@ -179,7 +181,7 @@ def _shares_of(
         if not len(values):
             raise InputError(f"RelaxingPolynomial.{name}", f"empty for {power}", "a value for each branch")
         for value in values:
-            positive(value, f"RelaxingPolynomial.{name}")
+            check_positive(value, f"RelaxingPolynomial.{name}")
     shares, times = given
     if len(shares) != len(times):
         raise InputError("RelaxingPolynomial.tau", f"{len(times)} values", f"as many as gamma has: {len(shares)}")

@@ -9,7 +9,7 @@ import ngsolve as ngs
 from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
-from ngbrain.materials.base import Addable, Deformation, Value, positive
+from ngbrain.materials.base import Addable, Deformation, Value, check_positive
 
 STEEPNESS = 30
 """m of `barrier`: its resistance is 10 times κ at J = 0.9 and 400 times at 0.8."""
@@ -44,12 +44,12 @@ def squared_log(J: CoefficientFunction, bulk: Value) -> CoefficientFunction:
     return bulk / 2 * log * log
 
 
-def coupled(
+def mixed_form(
     change: Callable[[CoefficientFunction, Value], CoefficientFunction],
 ) -> Callable[[CoefficientFunction, CoefficientFunction, Value], CoefficientFunction]:
     """The energy of J and a pressure that is stationary in it where U(J) is: the same law in mixed form.
 
-    >>> coupled(quadratic) is perturbed_lagrangian
+    >>> mixed_form(quadratic) is perturbed_lagrangian
     True
     """
     if change is quadratic:
@@ -67,7 +67,7 @@ class Compressible(Addable):
 
     >>> import ngsolve as ngs
     >>> from ngbrain.materials import Deformation, NeoHooke, density
-    >>> density(NeoHooke(1000.0) + Compressible(50e3), Deformation.of(ngs.Id(3))).dim
+    >>> density(NeoHooke(1000.0) + Compressible(50e3), Deformation.from_gradient(ngs.Id(3))).dim
     1
     """
 
@@ -75,7 +75,7 @@ class Compressible(Addable):
     change: Callable[[CoefficientFunction, Value], CoefficientFunction] = logarithmic
 
     def __post_init__(self) -> None:
-        positive(self.bulk, "Compressible.bulk")
+        check_positive(self.bulk, "Compressible.bulk")
 
     def density(self, at: Deformation) -> CoefficientFunction:
         """Energy density (Pa)."""

@@ -269,7 +269,10 @@ class Tissue(Section):
         if is_neo_hooke(law):
             return self
         mu = tuple(float(shear_modulus(part)) for part in (law.equilibrium, *(branch.law for branch in law.branches)))
-        times: dict[str, Any] = {"eta": tuple(b.eta for b in law.flowing), "tau": tuple(b.tau for b in law.hereditary)}
+        times: dict[str, Any] = {
+            "eta": tuple(b.eta for b in law.maxwell_branches),
+            "tau": tuple(b.tau for b in law.hereditary_branches),
+        }
         own: dict[str, Any] = {name: values or None for name, values in times.items()}
         own |= {
             "prony_g": None,

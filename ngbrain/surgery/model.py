@@ -25,7 +25,7 @@ from ngbrain.image.read.volume import Volume
 from ngbrain.ladder.models.property_maps import fibre_field
 from ngbrain.materials import Law, Viscous, mix
 from ngbrain.materials.base import Value
-from ngbrain.materials.families import by_family, law_after, stiffen
+from ngbrain.materials.families import group_by_family, law_after, stiffen
 from ngbrain.materials.viscous import viscous
 from ngbrain.mesh import Cleft, Sizes
 from ngbrain.mesh.tet_mesh import centres
@@ -125,7 +125,7 @@ class RetractionModel:
         for region, shares in mixtures.items():
             where = tissue_elements(self.mesh, region, shares)
             laws = {name: tissues[name].with_fibres(tissues[name].law(), SOME_FIBRE) for name in shares}
-            groups = by_family(laws)
+            groups = group_by_family(laws)
             if len(groups) > 1:
                 masks = [np.any([where[name] for name in group], axis=0) for group in groups]
                 self.mesh = split_region(self.mesh, region, masks)

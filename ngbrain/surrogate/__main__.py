@@ -88,7 +88,7 @@ def learn(folder: Path, name: str, of: dict[str, Any], start: Path | None) -> No
     """Train with settings on what is in the folder and write the weights there."""
     import torch
 
-    from ngbrain.surrogate.operator.wavelet_operator import WaveletOperator, weights
+    from ngbrain.surrogate.operator.wavelet_operator import WaveletOperator, count_weights
     from ngbrain.surrogate.training.export import export
     from ngbrain.surrogate.training.training import Settings, train
 
@@ -105,14 +105,14 @@ def learn(folder: Path, name: str, of: dict[str, Any], start: Path | None) -> No
         "command": " && ".join(_command(name, i, each) for i, each in enumerate(trainings)),
         "modality": name,
         "settings": trainings,
-        "weights": weights(model),
+        "weights": count_weights(model),
         "families": TRAINING,
         "sha256": {"train": training.sha256, "validation": validation.sha256},
         "torch": torch.__version__,
         "curve": [{key: _short(value) for key, value in epoch.items()} for epoch in checkpoint["curve"]],
     }
     card = export(model, folder, name, card)
-    card |= calibrate(Operator.of(folder, name), training, validation, settings.seed)
+    card |= calibrate(Operator.load(folder, name), training, validation, settings.seed)
     write_json(folder / f"{name}.json", card)
 
 

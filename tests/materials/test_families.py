@@ -29,11 +29,11 @@ from ngbrain.materials import (
     density,
     mix,
 )
-from ngbrain.materials.base import density_of_logs
+from ngbrain.materials.base import density_of_log_strains
 from ngbrain.materials.families import (
     FAMILIES,
     Piecewise,
-    by_family,
+    group_by_family,
     hereditary_form,
     instantaneous_law,
     is_neo_hooke,
@@ -76,7 +76,7 @@ PARTS = [
 
 def energy(law, F=STRETCH):
     """Energies (Pa) at both places."""
-    return np.array(density(law, Deformation.of(ngs.CF(tuple(np.ravel(F)), dims=(3, 3))))(PLACES)).ravel()
+    return np.array(density(law, Deformation.from_gradient(ngs.CF(tuple(np.ravel(F)), dims=(3, 3))))(PLACES)).ravel()
 
 
 def energies(material, F=STRETCH):
@@ -114,11 +114,11 @@ def test_laws_made_of_others_say_their_energy_at_logarithmic_strains():
     C = ngs.CF(tuple(np.diag(np.exp(2 * np.array([0.03, -0.05, 0.02]))).ravel()), dims=(3, 3))
     ogden, gent = Ogden(900.0, -19.0), Gent(500.0, 1.0)
     for law in (ogden, gent, Scaled(ogden, 0.3), ogden + gent, Piecewise(((ogden, LEFT), (gent, 1 - LEFT)))):
-        found, wanted = density_of_logs(law, logs)(PLACES), density(law, Deformation.of_stretch(C))(PLACES)
+        found, wanted = density_of_log_strains(law, logs)(PLACES), density(law, Deformation.from_stretch(C))(PLACES)
         assert found == pytest.approx(wanted, rel=1e-6)
         assert (np.ptp(found) > 0) == isinstance(law, Piecewise)
-        assert "acos" not in str(density_of_logs(law, logs))
-    assert "acos" in str(density(ogden, Deformation.of_stretch(C)))
+        assert "acos" not in str(density_of_log_strains(law, logs))
+    assert "acos" in str(density(ogden, Deformation.from_stretch(C)))
 
 
 def test_stiffer_tissue_relaxes_as_quickly():
@@ -192,7 +192,7 @@ KINDS = {
 def slopes(law, F):
     """∂W/∂F at both places."""
     variable = ngs.CF(tuple(np.ravel(F)), dims=(3, 3)).MakeVariable()
-    return np.array(density(law, Deformation.of(variable)).Diff(variable)(PLACES))
+    return np.array(density(law, Deformation.from_gradient(variable)).Diff(variable)(PLACES))
 
 
 NAMES = list(KINDS)
@@ -210,13 +210,13 @@ def test_each_tissue_has_its_own_energy_where_it_is(left, right):
         for place, kind in enumerate(kinds):
             wanted = slopes(kind.equilibrium, F)[place]
             assert np.allclose(slopes(both.equilibrium, F)[place], wanted, rtol=1e-10, atol=1e-9, equal_nan=True)
-            for k, branch in enumerate(both.flowing):
-                own = kind.flowing[k] if k < len(kind.flowing) else None
+            for k, branch in enumerate(both.maxwell_branches):
+                own = kind.maxwell_branches[k] if k < len(kind.maxwell_branches) else None
                 _same(branch, own, "eta", place, F)
-            for k, branch in enumerate(both.hereditary):
-                own = kind.hereditary[k] if k < len(kind.hereditary) else None
+            for k, branch in enumerate(both.hereditary_branches):
+                own = kind.hereditary_branches[k] if k < len(kind.hereditary_branches) else None
                 _same(branch, own, "tau", place, F)
-    assert len(both.flowing) == max(len(kind.flowing) for kind in kinds)
+    assert len(both.maxwell_branches) == max(len(kind.maxwell_branches) for kind in kinds)
 
 
 def _same(branch, own, time, place, F):
@@ -240,7 +240,7 @@ def _same(branch, own, time, place, F):
 def test_tissues_of_one_family_share_one_energy(left, right, law):
     found = mix([(KINDS[left], LEFT), (KINDS[right], 1 - LEFT)])
     assert type(found.equilibrium) is law
-    groups = by_family({"left": KINDS[left], "right": KINDS[right]})
+    groups = group_by_family({"left": KINDS[left], "right": KINDS[right]})
     assert groups == ([["left"], ["right"]] if law is Piecewise else [["left", "right"]])
 
 

@@ -139,7 +139,7 @@ def test_prony_splits_the_instantaneous_law():
             self.shares = shares
 
         def energy(self, C):
-            return material.density(Deformation.of_stretch(C), self.shares)
+            return material.density(Deformation.from_stretch(C), self.shares)
 
     assert np.allclose(stress(At([1, 1]), C), stress(NeoHooke(842.0), C))
     assert np.allclose(stress(At([0, 0]), C), stress(NeoHooke(842.0 * 0.185), C))
@@ -188,7 +188,7 @@ def test_bad_parameters_are_named(make, field):
 
 def test_viscous_without_branches_is_its_law():
     C = ngs.CF(tuple(np.diag([1.1, 1.0, 0.9]).ravel()), dims=(3, 3))
-    assert Viscous(NeoHooke(3.0)).density(Deformation.of_stretch(C), [])(POINT) == pytest.approx(
+    assert Viscous(NeoHooke(3.0)).density(Deformation.from_stretch(C), [])(POINT) == pytest.approx(
         NeoHooke(3.0).energy(C)(POINT)
     )
 

@@ -32,7 +32,10 @@ def test_fields_of_many_points_in_an_element_are_read_where_they_are(hexes, orde
     points = crowded(hexes, order)
     assert len(points.mapped) == each * points.space.mesh.ne
     values = np.arange(3.0 * len(points.mapped)).reshape(3, -1)
-    field, some = points.field(values), points.beside(np.arange(len(points.mapped)), np.arange(len(points.mapped)) < 5)
+    field, some = (
+        points.field(values),
+        points.share_element(np.arange(len(points.mapped)), np.arange(len(points.mapped)) < 5),
+    )
     with threads(n):
         assert np.array_equal(points(field), values)
         assert np.array_equal(points(2 * field[1], some), 2 * values[1:2, some])
@@ -42,7 +45,7 @@ def test_fields_of_many_points_in_an_element_are_read_where_they_are(hexes, orde
 def test_fields_are_read_where_they_are_on_any_number_of_threads(points, n):
     values = np.arange(2.0 * len(points.mapped)).reshape(2, -1)
     field = points.field(values)
-    some = points.beside(np.arange(len(points.mapped)), np.arange(len(points.mapped)) % 28 == 0)
+    some = points.share_element(np.arange(len(points.mapped)), np.arange(len(points.mapped)) % 28 == 0)
     with threads(n):
         assert np.array_equal(points(field), values)
         assert np.array_equal(points(2 * field, some), 2 * values[:, some])

@@ -121,7 +121,7 @@ def test_maxwell_branches_are_of_any_isotropic_law(tmp_path, own):
     assert tissue.initial_modulus == pytest.approx(2000.0) and tissue.with_scale(2.0).initial_modulus == pytest.approx(
         4000.0
     )
-    assert tissue.with_alpha(-4.7).law().flowing[0].law == Ogden(600.0, -4.7)
+    assert tissue.with_alpha(-4.7).law().maxwell_branches[0].law == Ogden(600.0, -4.7)
     levels = {"space": "solid", "strain": "finite", "pressure": "unknown", "time": "flowing"}
     assert axes_of(scene)["time"].levels[-1] == "flowing"
     found = solve(ModelHierarchy(scene), cheapest(axes_of(scene)) | levels).answers[0]

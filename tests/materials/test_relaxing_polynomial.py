@@ -70,7 +70,7 @@ def test_coefficients_that_relax_alike_are_quasi_linear():
     c_inf = {power: (1 - sum(g)) * c for power, c in C0.items()}
     ours = RelaxingPolynomial(C0, c_inf, [gk / sum(g) for gk in g], TIMES)
     for shares in ([1, 1], [0, 0], [0.7, 0.2]):
-        energies = [m.density(Deformation.of_stretch(number(SHAPE)), shares)(POINT) for m in (ours, prony)]
+        energies = [m.density(Deformation.from_stretch(number(SHAPE)), shares)(POINT) for m in (ours, prony)]
         assert energies[0] == pytest.approx(energies[1], rel=1e-12)
     for a, b in zip(ours.branches, prony.branches, strict=True):
         assert a.tau == b.tau

@@ -86,7 +86,7 @@ def test_of_c_alone_it_is_the_same(rng):
     points = Points.line(5)
     C = points.field((F.transpose(0, 2, 1) @ F).reshape(5, 9).T.copy()).Reshape((3, 3))
     assert points(Compressible(BULK).energy(C))[0] == pytest.approx(energy(Compressible(BULK), F), rel=1e-12)
-    held = points(Compressible(BULK).density(Deformation.of_stretch(C)))[0]
+    held = points(Compressible(BULK).density(Deformation.from_stretch(C)))[0]
     assert held == pytest.approx(0, abs=1e-12)  # a state known to keep its volume
 
 

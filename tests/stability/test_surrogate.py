@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from ngbrain.surrogate.data.dataset import SIDES, sample, shaken
+from ngbrain.surrogate.data.dataset import SIDES, sample, solve_displacement
 from ngbrain.surrogate.data.random_fields import family
-from ngbrain.surrogate.operator.encoding import spoilt
-from ngbrain.surrogate.prediction.tiling import Look
+from ngbrain.surrogate.operator.encoding import add_noise
+from ngbrain.surrogate.prediction.tiling import TilePrediction
 
 pytest.importorskip("onnxruntime")
 
@@ -24,28 +24,28 @@ def squares(held: dict[str, str]) -> tuple[np.ndarray, np.ndarray]:
     for seed in range(MANY):
         youngs = 1e4 * family("gaussian_width")(np.random.default_rng(seed), x, y)
         shear = youngs / (2 * (1 + POISSON))
-        u = shaken(shear, 0.0, POISSON, {"top": (0, -0.01 * SIDE)}, 51, held, SIDE).real[..., 1:]
+        u = solve_displacement(shear, 0.0, POISSON, {"top": (0, -0.01 * SIDE)}, 51, held, SIDE).real[..., 1:]
         found.append((u, youngs[::4, ::4] / youngs[::4, ::4].mean()))
     u, truth = (np.array(each) for each in zip(*found, strict=True))
-    return spoilt(u, np.full(MANY, 0.01), np.random.default_rng(0)) / SIDE, truth
+    return add_noise(u, np.full(MANY, 0.01), np.random.default_rng(0)) / SIDE, truth
 
 
-def told(u: np.ndarray) -> list[Look]:
-    operator = Operator.shipped("compression")
+def told(u: np.ndarray) -> list[TilePrediction]:
+    operator = Operator.load_default("compression")
     poisson = np.full(len(u), POISSON)
     features = operator.kind.features(u, poisson)
     each = zip(u, np.zeros(len(u)), poisson, features, *operator(features), strict=True)
-    return [Look(operator.kind, *parts) for parts in each]
+    return [TilePrediction(operator.kind, *parts) for parts in each]
 
 
-def covered(looks: list[Look], truth: np.ndarray) -> float:
+def covered(looks: list[TilePrediction], truth: np.ndarray) -> float:
     """Share of points inside of 95 % intervals."""
     off = [np.abs(np.log(t) - look.mean[0]) < 1.96 * look.scale[0] for look, t in zip(looks, truth, strict=True)]
     return float(np.mean(off))
 
 
-def largest(looks: list[Look]) -> np.ndarray:
-    trust = Operator.shipped("compression").card.trust
+def largest(looks: list[TilePrediction]) -> np.ndarray:
+    trust = Operator.load_default("compression").card.trust
     return np.array([max(scores(look, trust).values()) / trust["threshold"] for look in looks])
 
 
@@ -65,7 +65,7 @@ def test_ours_are_not():
 
 def test_fields_cleaner_than_the_training_are_no_strangers():
     """The noise that is found is a channel: as it is, a perfect field would lie 2.5 decades beyond what was learnt."""
-    operator = Operator.shipped("compression")
+    operator = Operator.load_default("compression")
     one = sample("compression", "gaussian_width", 0, "test", 1, 51)
     u, poisson = one.displacement[None] / SIDE, np.array([one.poisson])
     truth = one.storage / one.storage.mean()

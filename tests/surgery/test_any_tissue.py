@@ -109,7 +109,10 @@ def test_elements_have_the_laws_of_the_tissues_in_them():
     assert set(materials) == {"tissue", "tissue.1", "tissue.2"} == set(made.mesh.GetMaterials())
     kinds = {name: type(material.viscous.equilibrium) for name, material in materials.items()}
     assert kinds == {"tissue": Piecewise, "tissue.1": Demiray, "tissue.2": Ogden}
-    assert (len(materials["tissue"].viscous.flowing), len(materials["tissue.1"].viscous.flowing)) == (2, 0)
+    assert (len(materials["tissue"].viscous.maxwell_branches), len(materials["tissue.1"].viscous.maxwell_branches)) == (
+        2,
+        0,
+    )
     whole = RetractionModel(scene, made.head, block((SIZE,) * 3, SIZE / 4), None, {})
     forces = []
     for each in (made, whole):

@@ -23,7 +23,7 @@ KEPT = {"cortex": 0.469, "corpus_callosum": 0.414}
 
 def left(entry):
     """F(END)/F(RAMP) at small strain: F(t) ∝ ∫ G(t - s) ds over the ramp, G = μ∞ + Σ μ_k exp(-t/τ_k), whatever the shape."""
-    stays, (mu, eta) = entry.law().equilibrium.mu, np.array([(b.law.mu, b.eta) for b in entry.law().flowing]).T
+    stays, (mu, eta) = entry.law().equilibrium.mu, np.array([(b.law.mu, b.eta) for b in entry.law().maxwell_branches]).T
     tau = eta / mu
     opened, ended = ((tau * (np.exp(-(t - RAMP) / tau) - np.exp(-t / tau)) / RAMP) @ mu for t in (RAMP, END))
     return (stays + ended) / (stays + opened)

@@ -32,7 +32,7 @@ MANY = intermittent_retraction(OPENING, 10.0, 6 * 310 + 5 * 310, 300.0, 310.0)
 def linear(entry):
     """The entry's springs and dashpots at small strain, hereditary."""
     law = entry.law()
-    branches = (Branch(NeoHooke(each.law.mu), each.eta / each.law.mu) for each in law.flowing)
+    branches = (Branch(NeoHooke(each.law.mu), each.eta / each.law.mu) for each in law.maxwell_branches)
     return Viscous(NeoHooke(law.equilibrium.mu), tuple(branches))
 
 
@@ -60,7 +60,7 @@ def springs(entry, protocol, t):
 
     Dashpots' strains v: v_k' = (e - v_k)/τ_k with e the larger of the blade's and that without stress.
     """
-    mu, eta = np.array([(each.law.mu, each.eta) for each in entry.law().flowing]).T
+    mu, eta = np.array([(each.law.mu, each.eta) for each in entry.law().maxwell_branches]).T
 
     def strain(t, v):
         return np.maximum(np.interp(t, protocol.times, protocol.advance) / OPENING, mu @ v / entry.initial_modulus)

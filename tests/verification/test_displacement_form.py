@@ -24,7 +24,7 @@ def test_pulled_cube(law):
     fes = ngs.VectorH1(mesh, order=2, dirichletx="left|right", dirichlety="front", dirichletz="bottom")
     u, state = fes.TrialFunction(), ngs.GridFunction(fes)
     form = ngs.BilinearForm(fes, symmetric=True)
-    form += ngs.Variation(density(law, Deformation.of(deformation_gradient(u))).Compile() * ngs.dx)
+    form += ngs.Variation(density(law, Deformation.from_gradient(deformation_gradient(u))).Compile() * ngs.dx)
     state.components[0].Set(0.2 * ngs.x, definedon=mesh.Boundaries("left|right"))
     failed, steps = Newton(form, state, printing=False, maxerr=1e-12)
     assert failed == 0 and steps < 10

@@ -204,7 +204,7 @@ CONSTANTS = {
 def test_parameters_may_be_fields_and_have_derivatives(make, values, rng):
     F = stretched(rng)
     parameters = [ngs.Parameter(value) for value in values]
-    at = Deformation.of(ngs.CF(tuple(F.ravel()), dims=(3, 3)))
+    at = Deformation.from_gradient(ngs.CF(tuple(F.ravel()), dims=(3, 3)))
     law, point = make(*parameters), Points.line(1)
     assert point(density(law, at))[0, 0] == pytest.approx(energy(make(*values), F)[0], rel=1e-12)
     for i, parameter in enumerate(parameters):

@@ -57,7 +57,7 @@ def test_of_the_whole_potential_only_the_explicit_part_is_left(rng):
     body = Problem(mesh, {".*": material}, {"left": 0}, loads, element="P2/P1")
 
     def stored(at):
-        return material.energy(Deformation.of(at.F), at.p) * at.inside(".*")
+        return material.energy(Deformation.from_gradient(at.F), at.p) * at.inside(".*")
 
     def potential(at):
         return stored(at) + loads[0].energy(at) + loads[1].energy(at)
@@ -66,7 +66,7 @@ def test_of_the_whole_potential_only_the_explicit_part_is_left(rng):
     there = model.evaluate(model.theta)
     assert there.data == pytest.approx([body.energy], rel=1e-12)
     gradient = there.gradient(np.ones(1))
-    per_mu = density(NeoHooke(1.0), Deformation.of(body.kinematics.gradient(body.u, ngs.Grad(body.u))))
+    per_mu = density(NeoHooke(1.0), Deformation.from_gradient(body.kinematics.gradient(body.u, ngs.Grad(body.u))))
     explicit = ngs.LinearForm(per_mu * mu.space.TestFunction() * ngs.dx(intrules=body.tissue.rules)).Assemble()
     assert gradient[:-1] == pytest.approx(np.array(explicit.vec.FV().NumPy()), rel=1e-8)
     shifted = ngs.Integrate(body.u[0] * ngs.ds("right"), mesh)

@@ -88,9 +88,9 @@ def test_fibres_of_simple_shear_in_closed_form():
 def test_a_pulled_body_with_oblique_fibres_has_free_sides(direction):
     """The traction of the chosen state vanishes on the sides, by a Cauchy stress written out here."""
     law, test = Fibres(direction), MODES["uniaxial"]
-    specimen = lab.specimen.Specimen.of_law(law, test, 3)
+    specimen = lab.specimen.Specimen.from_law(law, test, 3)
     specimen.stretch_to(np.array([0.8, 1.3, 1.6]))
-    for F, P11 in zip(specimen.motion()[0], specimen.stress, strict=True):
+    for F, P11 in zip(specimen.deformation_gradient()[0], specimen.stress, strict=True):
         a = F @ law.a
         E = a @ a - 1
         fibre = 2 * law.k1 * E * np.exp(law.k2 * E**2) * (E > 0)
@@ -102,7 +102,7 @@ def test_a_pulled_body_with_oblique_fibres_has_free_sides(direction):
 
 def test_oblique_fibres_do_no_worse_than_the_symmetric_state():
     law, s = Fibres([1, 1, 0]), np.array([1.3, 1.6])
-    specimen = lab.specimen.Specimen.of_law(law, MODES["uniaxial"], 2)
+    specimen = lab.specimen.Specimen.from_law(law, MODES["uniaxial"], 2)
     specimen.state = MODES["uniaxial"].isotropic(s)
     symmetric = specimen.energy
     specimen.stretch_to(s)
@@ -126,9 +126,9 @@ def test_initial_modulus(law):
 @pytest.mark.parametrize("mode", ["uniaxial", "equibiaxial", "planar", "shear"])
 def test_neo_hooke_is_elliptic_everywhere(mode):
     s = np.array([0.2, 0.7, 1.0, 1.5, 4.0])
-    F = lab.specimen.Specimen.of_law(NeoHooke(3.0), MODES[mode], len(s))
+    F = lab.specimen.Specimen.from_law(NeoHooke(3.0), MODES[mode], len(s))
     F.stretch_to(s)
-    F = F.motion()[0]
+    F = F.deformation_gradient()[0]
     least = 3.0 * np.linalg.eigvalsh(F @ F.transpose(0, 2, 1))[:, 0]  # μ n·B n
     assert np.allclose(lab.ellipticity(NeoHooke(3.0), mode, s), least, rtol=1e-9)
 
@@ -137,9 +137,9 @@ def test_neo_hooke_is_elliptic_everywhere(mode):
 def test_slowest_wave_of_mooney_rivlin(mode):
     """Along the shortest axis, swinging along the longest: ρc² = 2 (c₁₀ + c₀₁ b₂) b₃, b₁ ≥ b₂ ≥ b₃ eigenvalues of FFᵀ."""
     s = np.array([0.4, 0.9, 1.3, 2.0])
-    specimen = lab.specimen.Specimen.of_law(NeoHooke(1.0), MODES[mode], len(s))
+    specimen = lab.specimen.Specimen.from_law(NeoHooke(1.0), MODES[mode], len(s))
     specimen.stretch_to(s)
-    F = specimen.motion()[0]
+    F = specimen.deformation_gradient()[0]
     b = np.linalg.eigvalsh(F @ F.transpose(0, 2, 1))
     wanted = 2 * (0.7 + 0.4 * b[:, 1]) * b[:, 0]
     assert np.allclose(lab.ellipticity(MooneyRivlin(0.7, 0.4), mode, s), wanted, rtol=1e-9)
@@ -149,9 +149,9 @@ def test_slowest_wave_of_mooney_rivlin(mode):
 def test_no_rank_one_change_bends_less_than_the_slowest_wave(mode, rng):
     """Second differences of the energy written out here, over F + ε a⊗(Fᵀn) with a ⟂ n."""
     law = Fibres([0.3, -1.0, 0.6])
-    specimen = lab.specimen.Specimen.of_law(law, MODES[mode], 1)
+    specimen = lab.specimen.Specimen.from_law(law, MODES[mode], 1)
     specimen.stretch_to(np.array([1.3]))
-    F, eps = specimen.motion()[0][0], 1e-4
+    F, eps = specimen.deformation_gradient()[0][0], 1e-4
 
     def energy(F):
         E = np.sum((F @ law.a) ** 2, axis=-1) - 1

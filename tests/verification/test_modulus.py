@@ -9,7 +9,7 @@ from ngbrain.errors import InputError
 from ngbrain.materials import Branch, Demiray, NeoHooke, Ogden, Prony, Viscous, constants, fourier, step_factors
 from ngbrain.materials.modulus import (
     KelvinVoigt,
-    Maxwell,
+    MaxwellModulus,
     PowerLaw,
     PronySeries,
     Springpot,
@@ -26,7 +26,7 @@ OMEGA = np.geomspace(1e-3, 1e5, 33)
 MODULI = {
     "Kelvin-Voigt": (KelvinVoigt(2e3, 1.5), lambda w: (2e3 + 0 * w, 1.5 * w)),
     "Maxwell": (
-        Maxwell(2e3, 5.0),
+        MaxwellModulus(2e3, 5.0),
         lambda w: (2e3 * (w / 400) ** 2 / (1 + (w / 400) ** 2), 2e3 * (w / 400) / (1 + (w / 400) ** 2)),
     ),
     "Zener": (
@@ -91,7 +91,7 @@ def test_a_parameter_can_be_changed_later_and_derived_by():
 
 
 def test_sum_adds_and_stays_flat():
-    parts = [KelvinVoigt(1e3, 0.5), Springpot(50.0, 0.5), Maxwell(200.0, 1.0)]
+    parts = [KelvinVoigt(1e3, 0.5), Springpot(50.0, 0.5), MaxwellModulus(200.0, 1.0)]
     total = parts[0] + parts[1] + parts[2]
     assert len(total.parts) == 3 and len((parts[0] + (parts[1] + parts[2])).parts) == 3
     assert np.allclose(total(OMEGA), sum(part(OMEGA) for part in parts), rtol=1e-12)
@@ -99,7 +99,9 @@ def test_sum_adds_and_stays_flat():
 
 def test_zener_is_a_prony_series_of_one_term():
     assert np.allclose(Zener(500.0, 1500.0, 30.0)(OMEGA), PronySeries(2e3, [0.75], [0.02])(OMEGA), rtol=1e-12)
-    assert np.allclose(Zener(500.0, 1500.0, 30.0)(OMEGA), (KelvinVoigt(500.0, 0.0) + Maxwell(1500.0, 30.0))(OMEGA))
+    assert np.allclose(
+        Zener(500.0, 1500.0, 30.0)(OMEGA), (KelvinVoigt(500.0, 0.0) + MaxwellModulus(1500.0, 30.0))(OMEGA)
+    )
 
 
 @pytest.mark.parametrize("a", [0.05, 0.3, 0.5, 0.95])
@@ -213,8 +215,8 @@ def test_wave_over_frequencies_and_without_loss():
     [
         (lambda: KelvinVoigt(0.0, 1.0), r"KelvinVoigt\.mu", "0.0"),
         (lambda: KelvinVoigt(1.0, -0.5), r"KelvinVoigt\.eta", "-0.5"),
-        (lambda: Maxwell(-1.0, 1.0), r"Maxwell\.mu", "-1.0"),
-        (lambda: Maxwell(1.0, -2.0), r"Maxwell\.eta", "-2.0"),
+        (lambda: MaxwellModulus(-1.0, 1.0), r"Maxwell\.mu", "-1.0"),
+        (lambda: MaxwellModulus(1.0, -2.0), r"Maxwell\.eta", "-2.0"),
         (lambda: Zener(0.0, 1.0, 1.0), r"Zener\.mu_inf", "0.0"),
         (lambda: Zener(1.0, -3.0, 1.0), r"Zener\.mu", "-3.0"),
         (lambda: Zener(1.0, 1.0, 0.0), r"Zener\.eta", "0.0"),
@@ -230,7 +232,7 @@ def test_wave_over_frequencies_and_without_loss():
         (lambda: PronySeries(1.0, [0.6, 0.4], [1.0, 2.0]), r"PronySeries\.g", r"\[0\.6, 0\.4\]"),
         (lambda: PronySeries(1.0, [0.5], [0.0]), r"PronySeries\.tau", "0.0"),
         (lambda: PronySeries(1.0, [0.5], [1.0, 2.0]), r"PronySeries\.tau", "2 values"),
-        (lambda: Maxwell(1.0, 1.0)(-5.0), "omega", "-5.0"),
+        (lambda: MaxwellModulus(1.0, 1.0)(-5.0), "omega", "-5.0"),
         (lambda: Springpot(1.0, 0.5)(np.array([1.0, float("nan")])), "omega", "nan"),
         (lambda: shear_wave(1000.0 - 1.0j, 1000.0, 1.0), r"shear_wave\.G", r"1000-1j"),
         (lambda: shear_wave(1000.0, 0.0, 1.0), r"shear_wave\.rho", "0.0"),

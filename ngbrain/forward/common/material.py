@@ -13,10 +13,10 @@ from ngsolve.comp import IntegrationRuleSpace
 
 from ngbrain.errors import InputError
 from ngbrain.materials import Law, Viscous, barrier, quadratic
-from ngbrain.materials.base import Deformation, Value, checked, density
+from ngbrain.materials.base import Deformation, Value, check_parameter, density
 from ngbrain.materials.points import initial_modulus
 from ngbrain.materials.viscous import viscous
-from ngbrain.materials.volumetric import coupled
+from ngbrain.materials.volumetric import mixed_form
 
 Change = Callable[[CoefficientFunction, Value], CoefficientFunction]
 
@@ -41,8 +41,8 @@ class Material:
         if not any(hasattr(self.law, name) for name in ("energy", "density", "branches")):
             raise InputError("Material.law", repr(self.law), "an object with `energy(C)`, W in Pa of a 3×3 tensor C")
         if not self.bulk_is_infinite:
-            checked(self.bulk, "Material.bulk", lambda k: k >= 0, "a number of at least 0")
-        checked(self.pointwise, "Material.pointwise", lambda kappa: kappa >= 0, "a number of at least 0")
+            check_parameter(self.bulk, "Material.bulk", lambda k: k >= 0, "a number of at least 0")
+        check_parameter(self.pointwise, "Material.pointwise", lambda kappa: kappa >= 0, "a number of at least 0")
 
     @property
     def bulk_is_infinite(self) -> bool:
@@ -67,7 +67,7 @@ class Material:
 
     def of_volume(self, J: CoefficientFunction, p: CoefficientFunction | None) -> CoefficientFunction:
         """The part of the density (Pa) that a change of volume has."""
-        energy = self.change(J, self.bulk) if p is None else coupled(self.change)(J, p, self.bulk)
+        energy = self.change(J, self.bulk) if p is None else mixed_form(self.change)(J, p, self.bulk)
         return energy + barrier(J, self.pointwise) if self.pointwise else energy
 
 

@@ -15,7 +15,7 @@ from ngbrain.forward.common.kinematics import Solid
 from ngbrain.forward.common.state import Term
 from ngbrain.forward.common.unknowns import Fields, Layout
 from ngbrain.forward.contact.rigid import SURFACE_ORDER, Contact
-from ngbrain.materials.base import Value, checked, positive
+from ngbrain.materials.base import Value, check_parameter, check_positive
 
 TINY = 1e-14
 """Keeps roots and quotients of numbers about 1 finite at zero."""
@@ -58,8 +58,8 @@ class Friction:
     moves: Moves | None = None
 
     def __post_init__(self) -> None:
-        checked(self.coefficient, "friction coefficient", lambda mu: mu >= 0, "a number of at least 0")
-        positive(self.slip, "slip of friction")
+        check_parameter(self.coefficient, "friction coefficient", lambda mu: mu >= 0, "a number of at least 0")
+        check_positive(self.slip, "slip of friction")
 
     @property
     def wall(self) -> str:

@@ -23,7 +23,7 @@ from ngbrain.forward.contact.rigid import offsets
 from ngbrain.forward.harmonic.integrands import complexified
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.virtual_work import Seen, Terms, Work
-from ngbrain.materials.base import Deformation, Value, checked, density, positive
+from ngbrain.materials.base import Deformation, Value, check_parameter, check_positive, density
 from ngbrain.solvers.device import AUTO, CPU, PIVOTED, Device
 
 Array = np.ndarray
@@ -40,8 +40,8 @@ class AboutState:
         if any(material.viscous.branches for material in body.materials.values()):
             raise InputError("body", "one that relaxes", "an elastic one; `loss` says how waves decay")
         self.body = body
-        self.loss = checked(loss, "loss", lambda ratio: ratio >= 0, "a number of at least 0")
-        self.density = positive(density, "density")
+        self.loss = check_parameter(loss, "loss", lambda ratio: ratio >= 0, "a number of at least 0")
+        self.density = check_positive(density, "density")
         self.work = Work(body)
 
     def supports(self) -> dict[str, str]:
@@ -101,7 +101,7 @@ class AboutState:
 
     def lossy(self, at: Seen) -> ngs.comp.SumOfIntegrals:
         """η times the energy of shape."""
-        body, deformation = self.body, Deformation.of(at.F)
+        body, deformation = self.body, Deformation.from_gradient(at.F)
         first, *rest = (
             at.kinematics.weight()
             * self.loss

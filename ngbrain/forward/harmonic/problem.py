@@ -30,8 +30,8 @@ from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.forward.harmonic.factors import Factorised
 from ngbrain.forward.harmonic.integrands import Change, Terms, derivative, dot, gradient, same, vanishes
 from ngbrain.forward.harmonic.wave import Absorbing, Wave, held_axes, vector
-from ngbrain.materials.base import Value, positive
-from ngbrain.materials.linear import OfSmallStrain
+from ngbrain.materials.base import Value, check_positive
+from ngbrain.materials.linear import SmallStrainLaw
 from ngbrain.solvers.device import CPU, Device
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from ngbrain.forward.solid.problem import Problem
 
 Array = np.ndarray
-LawOfFrequency: TypeAlias = OfSmallStrain | Callable[[float], OfSmallStrain]
+LawOfFrequency: TypeAlias = SmallStrainLaw | Callable[[float], SmallStrainLaw]
 """A law of ε with complex moduli, or a function that gives it for ω (rad/s)."""
 
 
@@ -258,7 +258,7 @@ class Harmonic:
         """
         (u, p, grad_u), (v, q, grad_v) = self.split(trial), self.split(test)
         strain, along = self.strain(u, grad_u).MakeVariable(), self.strain(v, grad_v)
-        law = self.law if isinstance(self.law, OfSmallStrain) else self.law(omega)
+        law = self.law if isinstance(self.law, SmallStrainLaw) else self.law(omega)
         works = [derivative(law.energy(strain), strain, along, "law")]
         if p is not None and self.bulk is not None:
             pressure = p.MakeVariable()
@@ -357,10 +357,10 @@ class Harmonic:
             boundaries(self.mesh, wall.boundary)
         if self.form.pressure is not None and self.bulk is None:
             raise InputError("bulk", None, f"a bulk modulus in Pa for the form {self.form}")
-        positive(self.density, "density")
+        check_positive(self.density, "density")
         if self.bulk is not None:
-            positive(self.bulk, "bulk", complex_too=True)
-        if not isinstance(self.law, OfSmallStrain) and not callable(self.law):
+            check_positive(self.bulk, "bulk", complex_too=True)
+        if not isinstance(self.law, SmallStrainLaw) and not callable(self.law):
             raise InputError(
                 "law", type(self.law).__name__, "a law of small strain such as Shearing, or a function of ω"
             )

@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 from ngbrain.forward.common.kinematics import AntiPlane, PlaneStrain
 from ngbrain.forward.harmonic.problem import Harmonic
-from ngbrain.materials.linear import OfSmallStrain
+from ngbrain.materials.linear import SmallStrainLaw
 from ngbrain.solvers.matrices import to_ngsolve, to_scipy
 
 Array = np.ndarray
@@ -31,9 +31,9 @@ def shear_stiffness(body: Harmonic, omega: float) -> ngs.CoefficientFunction:
     return total
 
 
-def law_of(body: Harmonic, omega: float) -> OfSmallStrain:
+def law_of(body: Harmonic, omega: float) -> SmallStrainLaw:
     """The law at an angular frequency (rad/s)."""
-    return body.law if isinstance(body.law, OfSmallStrain) else body.law(omega)
+    return body.law if isinstance(body.law, SmallStrainLaw) else body.law(omega)
 
 
 def unit(n: int, entry: tuple[int, int], value: float) -> ngs.CoefficientFunction:

@@ -81,7 +81,7 @@ class StrainEnergy(Observable):
         def stored(at: Seen) -> ngs.comp.SumOfIntegrals:
             parts = [
                 at.kinematics.weight()
-                * material.energy(Deformation.of(at.F), at.p)
+                * material.energy(Deformation.from_gradient(at.F), at.p)
                 * ngs.dx(definedon=problem.mesh.Materials(pattern) * within, intrules=problem.tissue.rules)
                 for pattern, material in problem.materials.items()
             ]

@@ -16,7 +16,7 @@ from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables.base import Observable, Observed, Symbolic
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.virtual_work import Motion, Seen, StateView, Terms
-from ngbrain.materials.base import Deformation, checked
+from ngbrain.materials.base import Deformation, check_parameter
 from ngbrain.tensors import octahedral_shear
 
 Array = np.ndarray
@@ -72,8 +72,8 @@ class Quantile(Observable):
     where: ngs.CoefficientFunction | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
-        checked(self.percent, "percent", lambda p: 0 <= p <= 100, "0 to 100")
-        checked(self.band, "band", lambda b: 0.001 <= b <= 0.5, "0.001 to 0.5 of the volume")
+        check_parameter(self.percent, "percent", lambda p: 0 <= p <= 100, "0 to 100")
+        check_parameter(self.band, "band", lambda b: 0.001 <= b <= 0.5, "0.001 to 0.5 of the volume")
         if (self.centre is None) != (self.within is None):
             raise InputError("within", self.within, "a distance (m) and a centre, or neither")
 
@@ -306,7 +306,7 @@ class Stresses(Symbolic, Percentile):
 
     def _von_mises(self, material: Material, at: Seen) -> ngs.CoefficientFunction:
         F = at.F.MakeVariable()
-        nominal = material.energy(Deformation.of(F), at.p).Diff(F)
+        nominal = material.energy(Deformation.from_gradient(F), at.p).Diff(F)
         stress = nominal * F.trans / ngs.Det(F)
         deviator = stress - ngs.Trace(stress) / 3 * ngs.Id(3)
         least = (STILL * self.problem.modulus) ** 2  # a root of nothing has no slope

@@ -15,7 +15,7 @@ from ngbrain.forward.common.kinematics import Solid
 from ngbrain.forward.common.regions import check_regions
 from ngbrain.forward.common.state import Term
 from ngbrain.forward.common.unknowns import Layout
-from ngbrain.materials.base import Value, positive
+from ngbrain.materials.base import Value, check_positive
 
 Array = np.ndarray
 
@@ -163,7 +163,7 @@ class Inertia:
     amplitude: float = 1e-3
 
     def __post_init__(self) -> None:
-        positive(self.amplitude, "amplitude")
+        check_positive(self.amplitude, "amplitude")
 
 
 class Momentum(Term):
@@ -181,7 +181,9 @@ class Momentum(Term):
         density = mass.density
         if isinstance(density, Mapping):
             check_regions(mesh, density, "density")
-            density = mesh.MaterialCF({name: positive(rho, f"density of {name}") for name, rho in density.items()})
+            density = mesh.MaterialCF(
+                {name: check_positive(rho, f"density of {name}") for name, rho in density.items()}
+            )
         self.scheme, self.amplitude, self._layout, self._gfu, self._n = (
             mass.scheme,
             mass.amplitude,

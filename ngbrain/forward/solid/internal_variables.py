@@ -36,9 +36,9 @@ class History:
         tensors = ngs.VectorValued(self.space, 6)
         self.pull = ngs.GridFunction(tensors)
         self.points = Points(self.space, mesh.MapToAllElements(dict(self.rules), ngs.VOL))
-        self.n_branches = max((len(region.hereditary) for region in regions.values()), default=0)
+        self.n_branches = max((len(region.hereditary_branches) for region in regions.values()), default=0)
         self.shares = [ngs.GridFunction(self.space) for _ in range(self.n_branches)]
-        most = max((len(region.flowing) for region in regions.values()), default=0)
+        most = max((len(region.maxwell_branches) for region in regions.values()), default=0)
         self.flows = Flows(self.points, [self._flow(k) for k in range(most)])
         self.rest()
         self._stress_cf: list[CoefficientFunction] = []
@@ -53,18 +53,20 @@ class History:
         self.overstress = np.zeros((self.n_branches, 6, points))
         self._tau = np.full((self.n_branches, points), REST)
         for k in range(self.n_branches):
-            times = {name: r.hereditary[k].tau for name, r in self.regions.items() if len(r.hereditary) > k}
+            times = {
+                name: r.hereditary_branches[k].tau for name, r in self.regions.items() if len(r.hereditary_branches) > k
+            }
             self._tau[k] = self._values(times, REST)
         for k, flow in enumerate(self.flows.flows):
-            flow.rest(self._viscosity(k))
+            flow.reset(self._viscosity(k))
 
     def _viscosity(self, k: int) -> np.ndarray:
-        etas = {name: r.flowing[k].eta for name, r in self.regions.items() if len(r.flowing) > k}
+        etas = {name: r.maxwell_branches[k].eta for name, r in self.regions.items() if len(r.maxwell_branches) > k}
         return self._values(etas, 0.0)
 
     def _flow(self, k: int) -> Flow:
         """The k-th Maxwell branch of all regions that have one; stiff without viscosity elsewhere, so that it rests."""
-        branches = {name: r.flowing[k] for name, r in self.regions.items() if len(r.flowing) > k}
+        branches = {name: r.maxwell_branches[k] for name, r in self.regions.items() if len(r.maxwell_branches) > k}
         absent = ngs.CF((0.0, 0.0, 0.0, 1.0, 0.0, 1.0))
 
         def slopes(strain: CoefficientFunction) -> CoefficientFunction:
@@ -80,23 +82,23 @@ class History:
 
     def energy(self, region: Viscous, C: CoefficientFunction) -> CoefficientFunction:
         """½ Σ (e_k H_k - β_k S̄_k) : C̄ + Maxwell branches, but for a constant; one `pull` holds the sum over k."""
-        return self._pulled(region, C) + (self.flows.energy(C) if region.flowing else 0.0)
+        return self._pulled(region, C) + (self.flows.energy(C) if region.maxwell_branches else 0.0)
 
     def work(self, region: Viscous, C: CoefficientFunction) -> CoefficientFunction:
         """What has the slope of `energy` at the present state, for forces alone."""
-        return self._pulled(region, C) + (self.flows.work(C) if region.flowing else 0.0)
+        return self._pulled(region, C) + (self.flows.work(C) if region.maxwell_branches else 0.0)
 
     def _pulled(self, region: Viscous, C: CoefficientFunction) -> CoefficientFunction:
-        return 0.5 * ngs.InnerProduct(from_voigt(self.pull), C) if region.hereditary else ngs.CF(0.0)
+        return 0.5 * ngs.InnerProduct(from_voigt(self.pull), C) if region.hereditary_branches else ngs.CF(0.0)
 
     def follow(self, C: CoefficientFunction) -> None:
         """Set the isochoric C̄ (of the current state) that `relax` and `finish` evaluate the branches at."""
         self._stress_cf, self._shape_cf = [], to_voigt(C).Compile()
         for k in range(self.n_branches):
             by_region = {
-                name: to_voigt(r.hereditary[k].stress(C)).Compile()
+                name: to_voigt(r.hereditary_branches[k].stress(C)).Compile()
                 for name, r in self.regions.items()
-                if len(r.hereditary) > k
+                if len(r.hereditary_branches) > k
             }
             self._stress_cf.append(self.mesh.MaterialCF(by_region, default=ngs.CF((0.0,) * 6)))
 
@@ -150,7 +152,7 @@ class History:
             twice = e * (e * self.overstress[k] + beta * first) + beta * last
             change, size = change + twice - once, size + twice
         for flow in self.flows.flows:
-            twice = flow.halved(half, middle[0], end[0])
+            twice = flow.half_step_stress(half, middle[0], end[0])
             change, size = change + twice - flow.stress, size + twice
         return float(np.sqrt(np.mean(change**2))), float(np.sqrt(np.mean(size**2)))
 

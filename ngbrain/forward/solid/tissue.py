@@ -82,7 +82,7 @@ class Tissue(Term):
     def energies(self) -> list[ngs.comp.BFI]:
         """Of each region, made once and compiled: uncompiled, shared subexpressions are evaluated again at every use."""
         trial = self.layout.fields(self.gfu.space.TrialFunction())
-        state = Deformation.of(self.kinematics.gradient(trial.u, ngs.Grad(trial.u)))
+        state = Deformation.from_gradient(self.kinematics.gradient(trial.u, ngs.Grad(trial.u)))
         found = []
         for pattern, material in self.materials.items():
             density = material.energy if self.history is None else self.density(material, self.history.energy)
@@ -99,7 +99,7 @@ class Tissue(Term):
         assert history is not None
 
         def density(at: Deformation, p: CoefficientFunction | None) -> CoefficientFunction:
-            energy = law.density(at, history.shares[: len(law.hereditary)]) + remembered(law, at.shape)
+            energy = law.density(at, history.shares[: len(law.hereditary_branches)]) + remembered(law, at.shape)
             return energy + material.of_volume(at.J, p)
 
         return density

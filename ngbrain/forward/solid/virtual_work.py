@@ -195,7 +195,7 @@ class Work(StateView):
         body = self.body
         energies = [
             Term(
-                at.kinematics.weight() * m.energy(Deformation.of(at.F), at.p),
+                at.kinematics.weight() * m.energy(Deformation.from_gradient(at.F), at.p),
                 ngs.dx(definedon=body.mesh.Materials(pattern), intrules=body.tissue.rules),
             )
             for pattern, m in body.materials.items()

@@ -17,7 +17,7 @@ from ngbrain.errors import InputError, file_context
 from ngbrain.forward.common.interpolation import quadrature_field, quadrature_points
 from ngbrain.image.read.property_maps import interpolate_map, measured_mask, read_map
 from ngbrain.image.read.volume import Volume
-from ngbrain.materials.modulus import of_stiffness
+from ngbrain.materials.modulus import modulus_from_stiffness
 
 UNITS = {"Pa": 1.0, "kPa": 1e3}
 STIFFNESS = (300.0, 30e3)
@@ -46,7 +46,7 @@ class StiffnessMap:
     @property
     def modulus(self) -> np.ndarray:
         """G* (Pa) of every voxel, complex, NaN where nothing was measured."""
-        return of_stiffness(self.stiffness.data, self.damping_ratio.data)
+        return modulus_from_stiffness(self.stiffness.data, self.damping_ratio.data)
 
     def interpolate(self, points: np.ndarray) -> np.ndarray:
         """G* (n,) Pa at points.
@@ -68,7 +68,7 @@ class StiffnessMap:
             More than half of the points lie where nothing was measured: another space, or another unit of length.
         """
         measured_mask(self.stiffness, points)
-        return of_stiffness(interpolate_map(self.stiffness, points), interpolate_map(self.damping_ratio, points))
+        return modulus_from_stiffness(interpolate_map(self.stiffness, points), interpolate_map(self.damping_ratio, points))
 
     def quadrature_fields(self, mesh: ngs.Mesh, degree: int) -> tuple[ngs.GridFunction, ngs.GridFunction]:
         """G' and G'' (Pa) at the points of a `Harmonic` with `quadrature=degree` on a mesh, for its integrals alone.

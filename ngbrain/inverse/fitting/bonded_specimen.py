@@ -25,7 +25,7 @@ from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.materials.base import Law
 from ngbrain.materials.lab.curves import Curve, checked_curves
 from ngbrain.materials.lab.fit import Bounds, CurveFit, Fit
-from ngbrain.materials.lab.modes import mode_named
+from ngbrain.materials.lab.modes import find_mode
 from ngbrain.materials.points import initial_modulus
 from ngbrain.materials.viscous import Viscous
 from ngbrain.mesh import block
@@ -69,7 +69,7 @@ class Bonded:
 
     def stress(self, law: Law, mode: str, stretches: object) -> Array:
         """Nominal stress (Pa, (n,)) at stretches λ or shears γ (n,), as `lab.stress` gives it for a homogeneous body."""
-        where = mode_named(mode).checked(stretches)
+        where = find_mode(mode).check_stretches(stretches)
         bodies, matrix = self._tests(mode, where, Material(law, self._bulk(law)))
         for body in bodies:
             LoadPath(body).solve()
@@ -100,7 +100,7 @@ class Bonded:
         if mode not in MOTIONS:
             raise InputError("mode", repr(mode), f"a test between plates: {' or '.join(MOTIONS)}")
         mesh = block(self.size, self.maxh or min(self.size) / 3)
-        levels, parts = _levels(stretches - mode_named(mode).rest, self.levels)
+        levels, parts = _levels(stretches - find_mode(mode).rest, self.levels)
         ways = (tuple(float(e) * self.size[2] * along for along in MOTIONS[mode]) for e in levels)
         bodies = [Problem(mesh, {".*": material}, {"bottom": 0, "top": way}, element=self.form) for way in ways]
         return bodies, parts / (self.size[0] * self.size[1])
@@ -145,7 +145,7 @@ class Blocks(CurveFit):
         for curve in curves:
             if curve.times is not None:
                 raise InputError(f"data[{curve.label!r}].times", "given", "an elastic curve, without times")
-            if not np.any(curve.stretches != mode_named(curve.mode).rest):
+            if not np.any(curve.stretches != find_mode(curve.mode).rest):
                 raise InputError(f"data[{curve.label!r}].stretches", "all at rest", "some that deform")
         self._plates = plates
         super().__init__(law, curves, start, bounds, weights)
@@ -173,7 +173,7 @@ class Blocks(CurveFit):
     def gradient(self, x: Array) -> Array:
         """Derivative of the misfits (data, parameters)."""
         there = self._at(x)
-        return np.array([self.scaled(self._along(there.jvp(unit))) for unit in np.eye(len(x))]).T
+        return np.array([self.scale_stresses(self._along(there.jvp(unit))) for unit in np.eye(len(x))]).T
 
     def _at(self, x: Array) -> StaticLinearisation:
         if self._last is None or not np.array_equal(self._last.theta, x):

@@ -7,7 +7,7 @@ Everything is a nominal stress (first Piola-Kirchhoff, Pa) of an incompressible 
 from ngbrain.materials.lab.curves import Curve, budday
 from ngbrain.materials.lab.elastic import ellipticity, stress
 from ngbrain.materials.lab.fit import Fit, fit
-from ngbrain.materials.lab.plot import plot, plot_published
+from ngbrain.materials.lab.plot import plot, plot_catalogue
 from ngbrain.materials.lab.relaxing import creep, history, press, relaxation, storage_loss
 from ngbrain.materials.points import initial_modulus
 
@@ -21,7 +21,7 @@ __all__ = [
     "history",
     "initial_modulus",
     "plot",
-    "plot_published",
+    "plot_catalogue",
     "press",
     "relaxation",
     "storage_loss",

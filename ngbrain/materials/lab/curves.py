@@ -10,7 +10,7 @@ from importlib import resources
 import numpy as np
 
 from ngbrain.errors import InputError, nearest
-from ngbrain.materials.lab.modes import mode_named
+from ngbrain.materials.lab.modes import find_mode
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +34,7 @@ class Curve:
     times: np.ndarray | None = None
 
     def __post_init__(self) -> None:
-        stretches = mode_named(self.mode).checked(self.stretches)
+        stretches = find_mode(self.mode).check_stretches(self.stretches)
         stress = np.asarray(self.stress, dtype=float)
         if stretches.ndim != 1 or stress.shape != stretches.shape:
             raise InputError("Curve.stress", f"of shape {stress.shape}", f"one for each stretch: {stretches.shape}")

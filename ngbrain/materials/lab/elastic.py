@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ngbrain.materials.base import Deformation, Law, density
-from ngbrain.materials.lab.modes import mode_named
-from ngbrain.materials.lab.specimen import Specimen, checked, warn_beyond
+from ngbrain.materials.lab.modes import find_mode
+from ngbrain.materials.lab.specimen import Specimen, check_elastic, warn_beyond
 from ngbrain.materials.points import Points
 
 
@@ -27,9 +27,9 @@ def stress(law: Law, mode: str, stretches: ArrayLike) -> np.ndarray:
     >>> stress(NeoHooke(mu=1000.0), "uniaxial", [0.5, 1.0, 2.0])
     array([-3500.,     0.,  1750.])
     """
-    test = mode_named(mode)
-    values = test.checked(stretches)
-    specimen = Specimen.of_law(law, test, values.size)
+    test = find_mode(mode)
+    values = test.check_stretches(stretches)
+    specimen = Specimen.from_law(law, test, values.size)
     warn_beyond(law, test, values)
     specimen.stretch_to(values.ravel())
     return specimen.stress.reshape(values.shape)
@@ -48,18 +48,18 @@ def ellipticity(law: Law, mode: str, stretches: ArrayLike) -> np.ndarray:
     >>> round(float(ellipticity(NeoHooke(1000.0), "planar", 2.0)), 6)
     250.0
     """
-    test = mode_named(mode)
-    values = test.checked(stretches)
-    specimen = Specimen.of_law(law, test, values.size)
+    test = find_mode(mode)
+    values = test.check_stretches(stretches)
+    specimen = Specimen.from_law(law, test, values.size)
     specimen.stretch_to(values.ravel())
-    return acoustic(law, specimen.motion()[0]).reshape(values.shape)
+    return smallest_acoustic_eigenvalue(law, specimen.deformation_gradient()[0]).reshape(values.shape)
 
 
-def acoustic(law: Law, F: np.ndarray) -> np.ndarray:
+def smallest_acoustic_eigenvalue(law: Law, F: np.ndarray) -> np.ndarray:
     """The same at any deformations F (n, 3, 3) of determinant 1.
 
     >>> from ngbrain.materials import NeoHooke
-    >>> round(float(acoustic(NeoHooke(1000.0), np.diag([2.0, 1.0, 0.5])[None])[0]), 6)
+    >>> round(float(smallest_acoustic_eigenvalue(NeoHooke(1000.0), np.diag([2.0, 1.0, 0.5])[None])[0]), 6)
     250.0
     """
     return _slowest(_moduli(law, F), F)
@@ -67,7 +67,7 @@ def acoustic(law: Law, F: np.ndarray) -> np.ndarray:
 
 def _moduli(law: Law, F: np.ndarray) -> np.ndarray:
     """A_iJkL (Pa), shape (n, 3, 3, 3, 3), at given F (n, 3, 3)."""
-    checked(law)
+    check_elastic(law)
     points = Points.line(len(F))
     field = points.field(F.reshape(-1, 9).T)
     entries = ngs.CF(tuple(field[i] for i in range(9))).MakeVariable()

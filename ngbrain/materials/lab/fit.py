@@ -167,7 +167,7 @@ class CurveFit:
         self._specimens = dict[str, Specimen]()
         if plain:  # a relaxing law need not take parameters
             law = cast(Law, self.law(**self.parameters))
-            self._specimens |= {c.label: Specimen.of_law(law, MODES[c.mode], len(c.stretches)) for c in plain}
+            self._specimens |= {c.label: Specimen.from_law(law, MODES[c.mode], len(c.stretches)) for c in plain}
 
     def stresses(self, values: Mapping[str, float]) -> list[np.ndarray]:
         """Nominal stress (Pa) along each curve."""
@@ -184,23 +184,23 @@ class CurveFit:
                 answers.append(history(cast(Viscous, law), curve.mode, curve.times, curve.stretches))
         return answers
 
-    def named(self, x: np.ndarray) -> dict[str, float]:
+    def parameter_values(self, x: np.ndarray) -> dict[str, float]:
         """Parameters by name."""
         return dict(zip(self.names, x.tolist(), strict=True))
 
     def misfits(self, x: np.ndarray) -> np.ndarray:
         """(P - data)/peak at all data, one curve after the other."""
         try:
-            stresses = self.stresses(self.named(x))
+            stresses = self.stresses(self.parameter_values(x))
         except (InputError, SolverError):
             return np.full(sum(len(curve.stress) for curve in self.curves), np.inf)
-        return self.scaled([stress - curve.stress for stress, curve in zip(stresses, self.curves, strict=True)])
+        return self.scale_stresses([stress - curve.stress for stress, curve in zip(stresses, self.curves, strict=True)])
 
-    def scaled(self, stresses: list[np.ndarray]) -> np.ndarray:
+    def scale_stresses(self, stresses: list[np.ndarray]) -> np.ndarray:
         """Stresses (Pa) along all curves over each one's peak, one curve after the other."""
         return np.concatenate([scale * stress for scale, stress in zip(self._scales, stresses, strict=True)])
 
-    def guesses(self, count: int, seed: int) -> list[np.ndarray]:
+    def initial_guesses(self, count: int, seed: int) -> list[np.ndarray]:
         """The start, and others that the law accepts."""
         if count < 1:
             raise InputError("starts", count, "at least 1")
@@ -227,7 +227,7 @@ class CurveFit:
 
     def best(self, starts: int, seed: int) -> Fit:
         """The best of several starts; `ConvergenceError` when none ends."""
-        results = [result for guess in self.guesses(starts, seed) if (result := self.solve(guess)) is not None]
+        results = [result for guess in self.initial_guesses(starts, seed) if (result := self.solve(guess)) is not None]
         if not results:
             raise ConvergenceError("none of the starts of the fit ended; try another guess or bounds")
         best = min(results, key=lambda result: result.cost)
@@ -246,7 +246,7 @@ class CurveFit:
 
     def report(self, result: OptimizeResult, reached: int, starts: int) -> Fit:
         """Numbers of the optimum, with what the data say about them."""
-        values = self.named(result.x)
+        values = self.parameter_values(result.x)
         stresses = self.stresses(values)
         active = self._active(result)
         return Fit(

@@ -28,7 +28,7 @@ class Mode:
     deformation: Callable[[CoefficientFunction], CoefficientFunction]
     isotropic: Callable[[np.ndarray], np.ndarray]
 
-    def checked(self, stretches: object) -> np.ndarray:
+    def check_stretches(self, stretches: object) -> np.ndarray:
         """The stretches as an array; `InputError` unless they are finite and, where they are ratios, > 0."""
         try:
             values = np.asarray(stretches, dtype=float)
@@ -78,7 +78,7 @@ MODES = {
 }
 
 
-def mode_named(name: str) -> Mode:
+def find_mode(name: str) -> Mode:
     """The test of that name; `InputError` for an unknown one."""
     if name not in MODES:
         raise InputError("mode", repr(name), nearest(str(name), MODES))

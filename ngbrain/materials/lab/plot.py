@@ -14,7 +14,7 @@ from ngbrain.materials.catalogue import Published
 from ngbrain.materials.families import instantaneous_law
 from ngbrain.materials.lab.curves import Curve
 from ngbrain.materials.lab.elastic import stress
-from ngbrain.materials.lab.modes import MODES, mode_named
+from ngbrain.materials.lab.modes import MODES, find_mode
 from ngbrain.materials.viscous import viscous
 
 LINES = (
@@ -38,7 +38,7 @@ def plot(laws: Mapping[str, Law], data: Iterable[Curve] = (), modes: Sequence[st
         raise InputError("laws", "empty", "at least one law or one curve")
     if len(laws) > len(LINES):
         raise InputError("laws", f"{len(laws)} laws", f"at most {len(LINES)}, so that lines can be told apart")
-    shown = [mode_named(m).name for m in modes or [m for m in MODES if not curves or m in {c.mode for c in curves}]]
+    shown = [find_mode(m).name for m in modes or [m for m in MODES if not curves or m in {c.mode for c in curves}]]
 
     with require("matplotlib", "report").rc_context(STYLE):
         page = figure(max(4.5, 3.6 * len(shown)), 3.9)
@@ -77,7 +77,7 @@ def _panel(axes: Any, mode: str, laws: Mapping[str, Law], curves: list[tuple[Cur
     axes.set_xlabel("stretch λ" if rest else "amount of shear γ")
 
 
-def plot_published(entries: Sequence[Published]) -> Any:
+def plot_catalogue(entries: Sequence[Published]) -> Any:
     """Nominal stress (kPa) of published laws in tension, compression and shear, each over the stretches of its data.
 
     Parameters
@@ -99,7 +99,7 @@ def plot_published(entries: Sequence[Published]) -> Any:
     Examples
     --------
     >>> from ngbrain.materials import constants
-    >>> page = plot_published([constants("budday2017:cortex"), constants("griffiths2024:cortex")])
+    >>> page = plot_catalogue([constants("budday2017:cortex"), constants("griffiths2024:cortex")])
     >>> [axes.get_xlabel() for axes in page.axes]
     ['stretch λ', 'amount of shear γ']
     """

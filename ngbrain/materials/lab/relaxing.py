@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 from ngbrain.errors import InputError
 from ngbrain.materials.base import Deformation
 from ngbrain.materials.flow import REST, SUDDEN, Flow, Flows
-from ngbrain.materials.lab.modes import Mode, mode_named
-from ngbrain.materials.lab.specimen import STATIONARY, Specimen, named, placed, warn_beyond
+from ngbrain.materials.lab.modes import Mode, find_mode
+from ngbrain.materials.lab.specimen import STATIONARY, Specimen, check_homogeneous, describe_law, warn_beyond
 from ngbrain.materials.modulus import PronySeries
 from ngbrain.materials.points import Points, initial_modulus, number
 from ngbrain.materials.viscous import Viscous, step_factors
@@ -58,7 +58,7 @@ def relaxation(material: Viscous, mode: str, stretch: float, times: ArrayLike, r
     ramp = np.linspace(0, rise, RAMP_STEPS + 1) if rise else np.zeros(1)
     grid = np.union1d(ramp, wanted)
     share = np.minimum(grid / rise, 1.0) if rise else np.ones_like(grid)
-    stretches = test.rest + (float(test.checked(stretch)) - test.rest) * share
+    stretches = test.rest + (float(test.check_stretches(stretch)) - test.rest) * share
     return history(material, mode, grid, stretches)[np.searchsorted(grid, wanted)]
 
 
@@ -92,7 +92,7 @@ def press(material: Viscous, mode: str, times: ArrayLike, stretches: ArrayLike) 
         held, stress[:, n] = specimen.state, np.minimum(specimen.stress, 0.0)
         free = specimen.stress > 0
         if free.any():
-            specimen.settle(0)
+            specimen.find_equilibrium(0)
             specimen.state = np.where(free, specimen.state, held)
         found[:, n] = specimen.state[0]
         march.end()
@@ -117,7 +117,7 @@ def creep(material: Viscous, mode: str, stress: ArrayLike, times: ArrayLike) -> 
     stretches = []
     for dt, load in zip(np.diff(times, prepend=times[0]), np.broadcast_to(loads, times.shape), strict=True):
         march.begin(dt)
-        march.specimen.settle(0, load=load)
+        march.specimen.find_equilibrium(0, load=load)
         march.end()
         stretches.append(march.specimen.state[0, 0])
     return np.array(stretches)
@@ -139,12 +139,14 @@ def storage_loss(material: Viscous, omega: ArrayLike) -> np.ndarray:
 
 def _test(material: Viscous, mode: str) -> Mode:
     if not isinstance(material, Viscous):
-        raise InputError("material", named(material), "a relaxing one, such as Viscous(law) or Prony(law, g, tau)")
-    placed(material.instantaneous)
+        raise InputError(
+            "material", describe_law(material), "a relaxing one, such as Viscous(law) or Prony(law, g, tau)"
+        )
+    check_homogeneous(material.instantaneous)
     for branch in material.branches:
         if isinstance(branch.tau, CoefficientFunction) and not hasattr(branch.tau, "Get"):
             raise InputError("tau", "a CoefficientFunction", "a number or an ngsolve Parameter")
-    return mode_named(mode)
+    return find_mode(mode)
 
 
 def _checked_times(times: ArrayLike, from_rest: bool = True) -> np.ndarray:
@@ -156,7 +158,7 @@ def _checked_times(times: ArrayLike, from_rest: bool = True) -> np.ndarray:
 
 
 def _checked_histories(test: Mode, times: np.ndarray, stretches: ArrayLike) -> np.ndarray:
-    values = test.checked(stretches)
+    values = test.check_stretches(stretches)
     if values.ndim not in (1, 2) or values.shape[-1] != len(times):
         raise InputError("stretches", f"of shape {values.shape}", f"({len(times)},) or (histories, {len(times)})")
     return values
@@ -164,15 +166,15 @@ def _checked_histories(test: Mode, times: np.ndarray, stretches: ArrayLike) -> n
 
 def _symmetric(material: Viscous, test: Mode, times: np.ndarray, stretches: np.ndarray) -> np.ndarray | None:
     """All times at once in the symmetric state, or None where that is no equilibrium."""
-    specimen = Specimen.of_law(material.equilibrium, test, stretches.size)
+    specimen = Specimen.from_law(material.equilibrium, test, stretches.size)
     specimen.state = test.isotropic(stretches.ravel())
     force = specimen.force
-    specimen.demand_energy(stretches.ravel(), specimen.energy + force.sum(axis=0))
-    F, dF = specimen.motion()
+    specimen.check_finite_energy(stretches.ravel(), specimen.energy + force.sum(axis=0))
+    F, dF = specimen.deformation_gradient()
     for branch in material.branches:
         H = branch.overstress(specimen.points, specimen.C, times).reshape(-1, 3, 3)
         force = force + np.einsum("nij,njk,nika->an", F, H, dF, optimize=True)
-    specimen.demand_energy(stretches.ravel(), force.sum(axis=0))
+    specimen.check_finite_energy(stretches.ravel(), force.sum(axis=0))
     transverse = force[test.given :]
     if transverse.size and np.abs(transverse).max() > STATIONARY * np.abs(force).max():
         return None
@@ -197,20 +199,22 @@ class _March:
     """Time steps as energies, W_∞ + Σ β_k W_k + ½ Σ (e_k H_k - β_k S̄_k) : C + Maxwell branches; the first is sudden."""
 
     def __init__(self, material: Viscous, test: Mode, count: int) -> None:
-        hereditary = material.hereditary
+        hereditary = material.hereditary_branches
         self._tau = np.array([number(branch.tau) for branch in hereditary])
         self._beta = [ngs.Parameter(1.0) for _ in hereditary]
         points = Points.line(count)
         self._memory = points.field(np.zeros((9, count)))
         memory = ngs.CF(tuple(self._memory[i] for i in range(9)), dims=(3, 3))
-        self._flows = Flows(points, [Flow(points, branch.slopes, number(branch.eta)) for branch in material.flowing])
-        self._sudden = SUDDEN * min((number(branch.tau) for branch in material.flowing), default=1.0)
+        self._flows = Flows(
+            points, [Flow(points, branch.slopes, number(branch.eta)) for branch in material.maxwell_branches]
+        )
+        self._sudden = SUDDEN * min((number(branch.tau) for branch in material.maxwell_branches), default=1.0)
 
         def energy(at: Deformation) -> CoefficientFunction:
             hereditary = material.density(at, self._beta) + 0.5 * ngs.InnerProduct(memory, at.C)
             return hereditary + self._flows.energy(at.C) if self._flows else hereditary
 
-        self.specimen = Specimen(energy, test, count, named(material))
+        self.specimen = Specimen(energy, test, count, describe_law(material))
         C = self.specimen.C
         self._stress = [branch.stress(C).Compile() for branch in hereditary]
         self._shape = to_voigt(C).Compile()
@@ -237,7 +241,7 @@ class _March:
         state = self.specimen.state.copy()
         state[:given] = stretches
         self.specimen.state = state
-        self.specimen.settle(given)
+        self.specimen.find_equilibrium(given)
 
     def _relax(self) -> None:
         self._flows.relax(self.specimen.points(self._shape))

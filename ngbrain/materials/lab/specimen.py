@@ -13,7 +13,7 @@ from ngsolve import CoefficientFunction
 
 from ngbrain.errors import ConvergenceError, InputError
 from ngbrain.materials.base import Deformation, Law, density
-from ngbrain.materials.catalogue import published
+from ngbrain.materials.catalogue import find_published
 from ngbrain.materials.lab.modes import Mode
 from ngbrain.materials.points import Points
 
@@ -31,7 +31,7 @@ class Specimen:
 
     >>> from ngbrain.materials import NeoHooke
     >>> from ngbrain.materials.lab.modes import MODES
-    >>> specimen = Specimen.of_law(NeoHooke(2.0), MODES["planar"], 1)
+    >>> specimen = Specimen.from_law(NeoHooke(2.0), MODES["planar"], 1)
     >>> specimen.state = MODES["planar"].isotropic(np.array([2.0]))
     >>> specimen.stress
     array([3.75])
@@ -50,10 +50,10 @@ class Specimen:
         self._energy = energy(self.at)
 
     @classmethod
-    def of_law(cls, law: Law, mode: Mode, count: int) -> Specimen:
+    def from_law(cls, law: Law, mode: Mode, count: int) -> Specimen:
         """Of an elastic law."""
-        checked(law)
-        return cls(lambda at: density(law, at), mode, count, named(law))
+        check_elastic(law)
+        return cls(lambda at: density(law, at), mode, count, describe_law(law))
 
     @property
     def state(self) -> np.ndarray:
@@ -100,7 +100,7 @@ class Specimen:
         entries = len(self._state)
         return self.points(self._second).T.reshape(-1, entries, entries)
 
-    def motion(self) -> tuple[np.ndarray, np.ndarray]:
+    def deformation_gradient(self) -> tuple[np.ndarray, np.ndarray]:
         """F, shape (n, 3, 3), and ∂F/∂x, shape (n, 3, 3, entries)."""
         n, entries = len(self.points.mapped), len(self._state)
         return (
@@ -112,12 +112,12 @@ class Specimen:
         """Put the test to these stretches (n,) and let the body choose the rest, from the symmetric state on."""
         self.state = self.mode.isotropic(stretches)
         force = self.force
-        self.demand_energy(stretches, self.energy + force.sum(axis=0))
+        self.check_finite_energy(stretches, self.energy + force.sum(axis=0))
         transverse = force[self.mode.given :]
         if transverse.size and np.abs(transverse).max() > STATIONARY * np.abs(force).max():
-            self.settle(self.mode.given)
+            self.find_equilibrium(self.mode.given)
 
-    def demand_energy(self, stretches: np.ndarray, values: np.ndarray) -> None:
+    def check_finite_energy(self, stretches: np.ndarray, values: np.ndarray) -> None:
         """`InputError` that names the stretch nearest to rest without a finite value, and where values end."""
         bad = stretches[~np.isfinite(values)]
         if bad.size:
@@ -142,7 +142,7 @@ class Specimen:
             return "a law that has one near rest"
         return f"{'less' if bad > self.mode.rest else 'more'} than {low:.6g}"
 
-    def settle(self, first: int, load: np.ndarray | float = 0.0) -> None:
+    def find_equilibrium(self, first: int, load: np.ndarray | float = 0.0) -> None:
         """Least energy W - load (x₀ + … of the given entries) over the entries of x from `first` on.
 
         Newton's method at all points at once, on the absolute curvature, each with its own step length. Stretches stay
@@ -196,23 +196,23 @@ class Specimen:
             length = np.where(well, length, length / 2)
 
 
-def checked(law: Law) -> None:
+def check_elastic(law: Law) -> None:
     """`InputError` unless `law` is elastic and without fields in space."""
     if hasattr(law, "branches"):
         raise InputError("law", type(law).__name__, "an elastic one: material.equilibrium or material.instantaneous")
     if not isinstance(law, Law):
         raise InputError("law", repr(law), "an object with energy(C)")
-    placed(law)
+    check_homogeneous(law)
 
 
 def warn_beyond(material: object, mode: Mode, stretches: np.ndarray) -> None:
     """Warn, once for each entry, if a material of the catalogue is taken beyond its data; a shear γ counts as 1 ± γ/2."""
-    if entry := published(material):
+    if entry := find_published(material):
         met = stretches if mode.rest else 1 + np.outer([-0.5, 0.5], stretches.ravel())
         entry.check(float(met.min()), float(met.max()))
 
 
-def placed(law: Law) -> None:
+def check_homogeneous(law: Law) -> None:
     """`InputError` for parameters that vary in space: the laboratory has no place."""
     found = _FIELDS.search(str(density(law, Deformation(ngs.Id(3), ngs.Id(3), ngs.CF(1.0), ngs.Id(3)))))
     if found:
@@ -221,7 +221,7 @@ def placed(law: Law) -> None:
         )
 
 
-def named(law: object) -> str:
+def describe_law(law: object) -> str:
     """A law as a message shows it."""
     text = repr(law)
     return text if len(text) < 100 and " object at " not in text else type(law).__name__

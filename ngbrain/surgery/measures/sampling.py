@@ -12,7 +12,7 @@ import numpy as np
 from ngbrain.forward.observables import StrainPercentile
 from ngbrain.forward.observables.percentiles import weighted_percentile
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.materials.points import evaluated
+from ngbrain.materials.points import evaluate_at_points
 from ngbrain.mesh.geometry.cleft import Cleft
 from ngbrain.surgery.measures.injury import Strain, stretching_rate, von_mises
 from ngbrain.surgery.tools import coordinates
@@ -165,7 +165,7 @@ class Sampler:
         self.body = body
         rule = body.history.rules[ngs.TET]
         points = body.mesh.MapToAllElements({ngs.TET: rule}, ngs.VOL)
-        shares = np.column_stack([evaluated(part.where, points) for part in parts.values()])
+        shares = np.column_stack([evaluate_at_points(part.where, points) for part in parts.values()])
         self._tissue = np.flatnonzero(shares.max(axis=1) > 0.5)
         self._points = points[self._tissue]
         jacobian = np.abs(ngs.Det(ngs.specialcf.JacobianMatrix(3))(self._points)).ravel()

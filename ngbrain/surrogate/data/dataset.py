@@ -78,7 +78,7 @@ def waves(random: np.random.Generator, relative: Array, across: int) -> Sample:
     poisson = random.uniform(*(COMPRESSIBLE if random.random() < 0.5 else NEARLY))
     angle = random.uniform(0, 2 * np.pi)
     drive = {"top": (1e-3 * np.cos(angle), 1e-3 * np.sin(angle))}
-    u = shaken(storage + 1j * loss, frequency, poisson, drive, across)
+    u = solve_displacement(storage + 1j * loss, frequency, poisson, drive, across)
     return Sample(u, _at(storage, across), _at(np.broadcast_to(loss, storage.shape), across), frequency, poisson)
 
 
@@ -88,7 +88,7 @@ def compression(random: np.random.Generator, relative: Array, across: int) -> Sa
     youngs = 1e4 * relative
     side = SIDES["compression"]
     held = {"x": "bottom", "y": "bottom|top"}
-    u = shaken(youngs / (2 * (1 + poisson)), 0.0, poisson, {"top": (0, -0.01 * side)}, across, held, side)
+    u = solve_displacement(youngs / (2 * (1 + poisson)), 0.0, poisson, {"top": (0, -0.01 * side)}, across, held, side)
     return Sample(u.real[..., 1:], _at(youngs, across), np.zeros((across, across)), 0.0, poisson)
 
 
@@ -100,7 +100,7 @@ SIDES = {"waves": 0.12, "compression": 0.04}
 """m, an edge of the square."""
 
 
-def shaken(
+def solve_displacement(
     shear: Array,
     frequency: float,
     poisson: float,
@@ -116,7 +116,7 @@ def shaken(
 
     Raises `SolverError` at a resonance without loss.
 
-    >>> u = shaken(np.full((5, 5), 5e3 + 1e3j), 50.0, 0.3, {"top": (1e-3, 0)}, 11)
+    >>> u = solve_displacement(np.full((5, 5), 5e3 + 1e3j), 50.0, 0.3, {"top": (1e-3, 0)}, 11)
     >>> u.shape, bool(np.allclose(u[-1], [1e-3, 0]))
     ((11, 11, 2), True)
     """

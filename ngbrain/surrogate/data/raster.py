@@ -45,7 +45,7 @@ class Raster:
     notes: list[str] = field(default_factory=list)
 
     @staticmethod
-    def of(data: WaveData) -> Raster:
+    def from_data(data: WaveData) -> Raster:
         """The raster of data on a plane grid, or on one layer in space. Cells that are not square are resampled, and that is noted.
 
         Raises `InputError` for points that are no plane grid.
@@ -85,7 +85,7 @@ class Raster:
             )
         return Raster(step, fields, counts, places, grid.axes, notes)
 
-    def at_points(self, image: Array) -> Array:
+    def interpolate_to_points(self, image: Array) -> Array:
         """Values (n,) at the points of the data of a map (ny, nx), linear between; NaN where one next to it is."""
         found = ndimage.map_coordinates(image, self.places.T, order=1, mode="nearest")
         near = np.rint(self.places).astype(int)
@@ -93,12 +93,12 @@ class Raster:
         found[whole] = image[near[whole, 0], near[whole, 1]]  # zero times NaN is NaN
         return np.asarray(found)
 
-    def turned(self) -> Raster:
+    def transpose(self) -> Raster:
         """The same with x and y exchanged."""
         u, counts = (each.swapaxes(1, 2)[..., ::-1] for each in (self.displacement, self.counts))
         return Raster(self.spacing, u, counts, self.places[:, ::-1], self.axes[::-1], self.notes)
 
-    def upside_down(self) -> Raster:
+    def flip(self) -> Raster:
         """The same seen from the other end of y; components keep their directions."""
         places = np.array([self.counts.shape[1] - 1, 0]) + self.places * [-1, 1]
         return Raster(self.spacing, self.displacement[:, ::-1], self.counts[:, ::-1], places, self.axes, self.notes)

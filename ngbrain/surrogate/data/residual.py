@@ -19,8 +19,8 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import SolverError
-from ngbrain.surrogate.data.dataset import SIDES, shaken
-from ngbrain.surrogate.operator.encoding import FINEST, NOISE, noise_of, partial, without_affine
+from ngbrain.surrogate.data.dataset import SIDES, solve_displacement
+from ngbrain.surrogate.operator.encoding import FINEST, NOISE, estimate_noise, partial_derivative, remove_affine
 
 Array = np.ndarray
 BUMPS = 13
@@ -34,7 +34,7 @@ SLOPES = 3
 """Degree of the polynomials that strains are the slopes of."""
 
 
-def of_waves(u: Array, modulus: Array) -> tuple[float, float]:
+def wave_residual(u: Array, modulus: Array) -> tuple[float, float]:
     """r inside, and how far the square is from one edge shaken as a whole with the others free.
 
     u        (n, n, 2), first axis y, in any unit
@@ -46,11 +46,11 @@ def of_waves(u: Array, modulus: Array) -> tuple[float, float]:
 
     >>> y, x = np.meshgrid(*2 * (np.linspace(0, 1, 41),), indexing="ij")
     >>> wave = np.stack([np.cos(9 * y), 0 * y], axis=-1)  # k = 9: G/ρω²L² = 1/81; both edges across it are free at k y = 0 alone
-    >>> right, wrong = (of_waves(wave, np.full((41, 41), g))[0] for g in (1 / 81, 2 / 81))
+    >>> right, wrong = (wave_residual(wave, np.full((41, 41), g))[0] for g in (1 / 81, 2 / 81))
     >>> right < 0.01, round(wrong, 2)
     (True, 0.45)
     """
-    elastic, inertia = works(u, modulus)
+    elastic, inertia = virtual_works(u, modulus)
     inner = slice(REACH, -REACH)
     size = (np.abs(u) ** 2).sum(axis=2).mean()
     i, j = np.indices((BUMPS, BUMPS))
@@ -63,10 +63,10 @@ def of_waves(u: Array, modulus: Array) -> tuple[float, float]:
     return _relative(elastic[inner, inner], inertia[inner, inner]), min(driven)
 
 
-def works(u: Array, modulus: Array) -> tuple[Array, Array]:
+def virtual_works(u: Array, modulus: Array) -> tuple[Array, Array]:
     """A(v) and M(v) of all bumps, (BUMPS, BUMPS), first axis y: v = (∂ψ/∂y, -∂ψ/∂x)."""
     ux, uy = u[..., 0], u[..., 1]
-    slope = [[partial(each, FINEST, *way, SLOPES) for way in ((1, 0), (0, 1))] for each in (ux, uy)]
+    slope = [[partial_derivative(each, FINEST, *way, SLOPES) for way in ((1, 0), (0, 1))] for each in (ux, uy)]
     (xx, xy), (yx, yy) = slope
     b, db, ddb = _bumps(len(u))
     elastic = 2 * db @ (modulus * (xx - yy)) @ db.T
@@ -74,25 +74,25 @@ def works(u: Array, modulus: Array) -> tuple[Array, Array]:
     return elastic, db @ ux @ b.T - b @ uy @ db.T
 
 
-def of_compression(u: Array, youngs: Array, poisson: float) -> tuple[float, float]:
+def compression_residual(u: Array, youngs: Array, poisson: float) -> tuple[float, float]:
     """The misfit inside, relative to the rms of u less its affine part; and how uneven the motion of the two plates is, over noise.
 
     u       (n, n, 1), axial, first axis y, in edges
     youngs  (n, n), any unit
 
-    The second is 1 for plates that move as a whole, whatever the noise (`noise_of`, at least the least of the training).
+    The second is 1 for plates that move as a whole, whatever the noise (`estimate_noise`, at least the least of the training).
     """
     n, side = len(u), SIDES["compression"]
     axial = ngs.VoxelCoefficient((0, 0), (side, side), (side * u[..., 0]).astype(complex), linear=True)
     shear = youngs / (2 * (1 + poisson))
     held = {"x": "bottom", "y": ".*"}
     try:
-        fitted = shaken(shear, 0.0, poisson, {".*": ngs.CF((0, axial))}, n, held, side)[..., 1].real / side
+        fitted = solve_displacement(shear, 0.0, poisson, {".*": ngs.CF((0, axial))}, n, held, side)[..., 1].real / side
     except SolverError:  # moduli of noise may be beyond what can be solved with
         fitted = np.full((n, n), np.inf)
-    size = np.sqrt((without_affine(u[None]) ** 2).mean())
+    size = np.sqrt((remove_affine(u[None]) ** 2).mean())
     plates = np.sqrt(max(float(np.var(u[end])) for end in (0, -1)))
-    noise = max(float(noise_of(u[None])[0]), NOISE[0])
+    noise = max(float(estimate_noise(u[None])[0]), NOISE[0])
     left = np.sqrt(((fitted - u[..., 0]) ** 2).mean()) / size
     return float(min(left, UNSOLVED)), float(plates / size / noise)
 

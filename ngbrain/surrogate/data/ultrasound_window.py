@@ -12,9 +12,9 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import SolverError
-from ngbrain.surrogate.data.dataset import SIDES, shaken
+from ngbrain.surrogate.data.dataset import SIDES, solve_displacement
 from ngbrain.surrogate.data.residual import UNSOLVED
-from ngbrain.surrogate.operator.encoding import GRAIN, partial, without_affine
+from ngbrain.surrogate.operator.encoding import GRAIN, partial_derivative, remove_affine
 
 Array = np.ndarray
 HALF, DEGREE = 4 * GRAIN, 3
@@ -24,7 +24,7 @@ TREND, ROUNDS, LEAST = 2, 30, 0.1
 """Degree of the trend, and of its fit by least absolute differences: reweighted rounds, least difference over the median one."""
 
 
-def flattened(u: Array) -> Array:
+def remove_strain_trend(u: Array) -> Array:
     """The displacement as under plates.
 
     Parameters
@@ -41,7 +41,7 @@ def flattened(u: Array) -> Array:
     Examples
     --------
     >>> y, x = np.meshgrid(*2 * (np.linspace(0, 1, 51),), indexing="ij")
-    >>> found = flattened(y + 0.2 * y**2 + 0.1 * x * y)  # uniform tissue under a bent plate
+    >>> found = remove_strain_trend(y + 0.2 * y**2 + 0.1 * x * y)  # uniform tissue under a bent plate
     >>> bool(np.ptp(found, axis=1).max() < 1e-9)
     True
     """
@@ -72,15 +72,15 @@ def misfit(u: Array, youngs: Array, poisson: float) -> float:
     )
     shear = youngs / (2 * (1 + poisson))
     try:
-        fitted = shaken(shear, 0.0, poisson, {".*": ngs.CF((x, y))}, n, ".*", side)[..., 1].real / side
+        fitted = solve_displacement(shear, 0.0, poisson, {".*": ngs.CF((x, y))}, n, ".*", side)[..., 1].real / side
     except SolverError:  # moduli of noise may be beyond what can be solved with
         return UNSOLVED
-    size = np.sqrt((without_affine(smooth[None, ..., None]) ** 2).mean())
+    size = np.sqrt((remove_affine(smooth[None, ..., None]) ** 2).mean())
     return float(np.sqrt(((fitted - smooth) ** 2).mean()) / size)
 
 
 def _smooth(u: Array) -> Array:
-    return np.asarray(partial(u[None], HALF, 0, 0, DEGREE)[0])
+    return np.asarray(partial_derivative(u[None], HALF, 0, 0, DEGREE)[0])
 
 
 def _trend(strain: Array) -> Array:

@@ -21,8 +21,8 @@ Array = np.ndarray
 SMALL, FINEST = 0.1, 0.04
 """Half a window's width, in edges."""
 PATCHES, COARSE = 10, 2.8
-"""Along an edge, see `jump_of`; and the power of the distance between points with which it grows on coarse grids: of 99 % of the
-waves of the validation the patch is off by less than 4.4 % of the rms on 51 × 51 points, 31 % on 26 × 26."""
+"""Along an edge, see `estimate_jump`; and the power of the distance between points with which it grows on coarse grids: of 99 % of
+the waves of the validation the patch is off by less than 4.4 % of the rms on 51 × 51 points, 31 % on 26 × 26."""
 DEGREE = 5
 CURLS = ((0.1, 5, 0.1), (0.1, 5, 0.06), (0.16, 7, 0.06), (0.22, 7, 0.1))
 LAPLACIANS = ((0.1, 5, 0.1), (0.16, 5, 0.1))
@@ -66,7 +66,7 @@ class Modality:
             channels[:-4] = np.concatenate(of(each))
         found[:, -4] = np.linspace(-1, 1, n)
         found[:, -3] = found[:, -4].swapaxes(1, 2)
-        numbers = np.stack([1 - 2 * poisson, np.maximum(noise_of(u), NOISE[0])], axis=1)
+        numbers = np.stack([1 - 2 * poisson, np.maximum(estimate_noise(u), NOISE[0])], axis=1)
         found[:, -2:] = np.log10(numbers)[..., None, None]
         return found
 
@@ -76,10 +76,10 @@ class Modality:
         both = [first, loss / storage] if self.name == "waves" else [first]
         return np.stack(both, axis=1).astype(np.float32)
 
-    def spoilt(self, u: Array, noise: Array, random: np.random.Generator) -> Array:
-        """What training sees of fields: `spoilt`, of ultrasound half of them with a grain of any length up to the longest."""
+    def add_noise(self, u: Array, noise: Array, random: np.random.Generator) -> Array:
+        """What training sees of fields: `add_noise`, of ultrasound half of them with a grain of any length up to the longest."""
         grain = self.grain * np.maximum(random.uniform(-1, 1, len(u)), 0) if self.grain else None
-        return spoilt(u, noise, random, grain)
+        return add_noise(u, noise, random, grain)
 
     def unit(self, storage: Array, frequency: Array, density: float, side: float) -> Array:
         """Of moduli (batch,), Pa: ρω²L², or the mean of E, which compression alone does not know."""
@@ -106,11 +106,11 @@ def modality(name: str) -> Modality:
 
 
 @cache
-def derivative(n: int, half: float, order: int, degree: int = DEGREE) -> Array:
+def derivative_matrix(n: int, half: float, order: int, degree: int = DEGREE) -> Array:
     """The matrix (n, n) that takes values on a line of length 1 to their derivative of an order; at the ends windows stay inside.
 
     >>> x = np.linspace(0, 1, 51)
-    >>> float(np.abs(derivative(51, 0.1, 2) @ x**4 - 12 * x**2).max()) < 1e-6
+    >>> float(np.abs(derivative_matrix(51, 0.1, 2) @ x**4 - 12 * x**2).max()) < 1e-6
     True
     """
     reach = max(round(half * (n - 1)), (degree + 1) // 2)
@@ -124,51 +124,51 @@ def derivative(n: int, half: float, order: int, degree: int = DEGREE) -> Array:
     return matrix
 
 
-def partial(u: Array, half: float, along_x: int, along_y: int, degree: int = DEGREE) -> Array:
+def partial_derivative(u: Array, half: float, along_x: int, along_y: int, degree: int = DEGREE) -> Array:
     """∂^(along_x + along_y) u of fields (…, n, n), first axis y."""
-    return partials(u, half, [(along_x, along_y)], degree)[along_x, along_y]
+    return partial_derivatives(u, half, [(along_x, along_y)], degree)[along_x, along_y]
 
 
-def partials(
+def partial_derivatives(
     u: Array, half: float, ways: Iterable[tuple[int, int]], degree: int = DEGREE
 ) -> dict[tuple[int, int], Array]:
     """Several derivatives of fields (…, n, n), by their orders along x and y; in one product what has one in common.
 
     >>> y, x = np.meshgrid(*2 * (np.linspace(0, 1, 51),), indexing="ij")
-    >>> found = partials(x**2 * y, 0.1, [(1, 1), (2, 0)])
+    >>> found = partial_derivatives(x**2 * y, 0.1, [(1, 1), (2, 0)])
     >>> bool(np.allclose(found[1, 1], 2 * x) and np.allclose(found[2, 0], 2 * y))
     True
     """
     if np.iscomplexobj(u):  # real matrices are not made complex for it
-        parts = partials(np.stack([u.real, u.imag]), half, ways, degree)
+        parts = partial_derivatives(np.stack([u.real, u.imag]), half, ways, degree)
         return {way: each[0] + 1j * each[1] for way, each in parts.items()}
     n = u.shape[-1]
     orders: dict[int, list[int]] = {}
     for along_x, along_y in ways:
         orders.setdefault(along_x, []).append(along_y)
-    along = u @ np.vstack([derivative(n, half, order, degree) for order in orders]).T
+    along = u @ np.vstack([derivative_matrix(n, half, order, degree) for order in orders]).T
     found: dict[tuple[int, int], Array] = {}
     for i, (x, ys) in enumerate(orders.items()):
-        both = np.vstack([derivative(n, half, y, degree) for y in ys]) @ along[..., i * n : (i + 1) * n]
+        both = np.vstack([derivative_matrix(n, half, y, degree) for y in ys]) @ along[..., i * n : (i + 1) * n]
         found |= {(x, y): both[..., k * n : (k + 1) * n, :] for k, y in enumerate(ys)}
     return found
 
 
-def noise_of(u: Array) -> Array:
+def estimate_noise(u: Array) -> Array:
     """Noise (batch,) of fields (batch, n, n, components), relative to their rms without the affine part: what a local cubic leaves.
 
     Median over the points, so that edges of tissue do not count as noise; the size of its parts is that of white noise.
     """
     off, n = _off_cubics(u), u.shape[1]
-    kept = float((((np.eye(n) - derivative(n, FINEST, 0, 3)) ** 2).sum(axis=1)).mean())
+    kept = float((((np.eye(n) - derivative_matrix(n, FINEST, 0, 3)) ** 2).sum(axis=1)).mean())
     kept = 2 * kept - kept**2 if kept < 1 else 1.0
     sizes = np.median(np.abs(off), axis=(-2, -1)) / 0.6745
     total = np.sqrt((sizes**2).sum(axis=0) / kept)
-    scale = np.sqrt((np.abs(without_affine(u)) ** 2).mean(axis=(1, 2)))
+    scale = np.sqrt((np.abs(remove_affine(u)) ** 2).mean(axis=(1, 2)))
     return np.asarray((total.T / np.maximum(scale, 1e-300)).mean(axis=-1))
 
 
-def jump_of(u: Array) -> Array:
+def estimate_jump(u: Array) -> Array:
     """How far fields (batch, n, n, components) are off a local cubic in the patch that it fits worst, relative to their rms.
 
     Displacements are continuous, so that a cubic misses edges of tissue by little; the seam between two scans, or the border of a
@@ -178,11 +178,11 @@ def jump_of(u: Array) -> Array:
     >>> y, x = np.meshgrid(*2 * (np.linspace(0, 1, 51),), indexing="ij")
     >>> wave = np.cos(9 * y)[None, ..., None]
     >>> torn = np.where(x < 0.5, np.cos(9 * y), np.sin(9 * y))[None, ..., None]
-    >>> [round(float(jump_of(each)[0]), 3) for each in (wave, torn)]
+    >>> [round(float(estimate_jump(each)[0]), 3) for each in (wave, torn)]
     [0.0, 0.35]
     """
     off, n = _off_cubics(u), u.shape[1]
-    scale = (np.abs(without_affine(u)) ** 2).mean(axis=(1, 2, 3))  # of all components: one may hardly move
+    scale = (np.abs(remove_affine(u)) ** 2).mean(axis=(1, 2, 3))  # of all components: one may hardly move
     squares = (off**2).sum(axis=0).mean(axis=0) / np.maximum(scale, 1e-300)[:, None, None]
     across = max(3, round(n / PATCHES))
     patches = np.lib.stride_tricks.sliding_window_view(squares, (across, across), axis=(1, 2)).mean(axis=(3, 4))
@@ -194,22 +194,22 @@ def _off_cubics(u: Array) -> Array:
     """What local cubics leave of fields (batch, n, n, components): (parts, components, batch, n, n), real and imaginary parts."""
     fields = u.transpose(3, 0, 1, 2)
     parts = np.stack([fields.real, fields.imag] if np.iscomplexobj(u) else [fields])
-    return np.asarray(parts - partial(parts, FINEST, 0, 0, 3))
+    return np.asarray(parts - partial_derivative(parts, FINEST, 0, 0, 3))
 
 
-def without_affine(u: Array) -> Array:
+def remove_affine(u: Array) -> Array:
     """Fields (batch, n, n, components) less their best a + bx + cy."""
     return u - _affine(u)[0]
 
 
-def spoilt(u: Array, noise: Array, random: np.random.Generator, grain: Array | None = None) -> Array:
+def add_noise(u: Array, noise: Array, random: np.random.Generator, grain: Array | None = None) -> Array:
     """Fields (batch, n, n, components) plus η = σ · rms(component without its affine part) · (a + ib)/√2; real data take a alone.
 
     noise  σ (batch,)
     grain  g (batch,), edges: the correlation of a is exp(-(x/g)² - (y/`FLAT` g)²), as speckle's is, that of white noise where
            g = 0, the default
     """
-    rms = np.sqrt((np.abs(without_affine(u)) ** 2).mean(axis=(1, 2), keepdims=True))
+    rms = np.sqrt((np.abs(remove_affine(u)) ** 2).mean(axis=(1, 2), keepdims=True))
     a = random.standard_normal(u.shape)
     if np.iscomplexobj(u):
         a = (a + 1j * random.standard_normal(u.shape)) / np.sqrt(2)
@@ -226,7 +226,7 @@ def _blur(n: int, reach: Array) -> Array:
     return np.asarray(rows / np.sqrt((rows**2).sum(axis=2, keepdims=True)))
 
 
-def errors(mean: Array, targets: Array) -> Array:
+def relative_errors(mean: Array, targets: Array) -> Array:
     """‖found - true‖/‖true‖ of each modulus of each sample: (batch, answers). Loss is that of its own, NaN where there is none."""
     found, true = np.exp(mean[:, :1]), np.exp(targets[:, :1])
     if targets.shape[1] == 2:
@@ -280,7 +280,7 @@ def _derivatives(fields: Array) -> dict[tuple[float, int], dict[tuple[int, int],
     for settings, needed in ((CURLS, OF_CURLS), (LAPLACIANS, OF_LAPLACIANS)):
         for half, degree, _ in settings:
             ways.setdefault((half, degree), {}).update(dict.fromkeys(needed))
-    return {key: partials(fields, key[0], orders, key[1]) for key, orders in ways.items()}
+    return {key: partial_derivatives(fields, key[0], orders, key[1]) for key, orders in ways.items()}
 
 
 def _mirror(field: Array) -> Array:
@@ -298,7 +298,7 @@ def _moduli(told: list[Array]) -> list[Array]:
     made: dict[int, list[Array]] = {}
     for around in set(arounds):
         own = [i for i, each in enumerate(arounds) if each == around]
-        above, real, imaginary = partial(np.stack([told[i] for i in own], axis=1), around, 0, 0, 0)
+        above, real, imaginary = partial_derivative(np.stack([told[i] for i in own], axis=1), around, 0, 0, 0)
         size = above / np.maximum(np.sqrt(real**2 + imaginary**2), 1e-300)
         size, angle = np.log(np.clip(size, LEAST, MOST)), np.clip(np.arctan2(imaginary, -real), -STEEP, STEEP)
         made |= {i: [size[k], angle[k]] for k, i in enumerate(own)}
@@ -310,6 +310,6 @@ def _of_compression(u: Array) -> list[Array]:
     affine, (_, _, strain) = _affine(u)
     mean = strain[:, 0, None, None]
     axial = u[..., 0]
-    along = [partial(axial, half, 0, 1, 3) / mean for half in (FINEST, SMALL)]
-    across = partial(axial, SMALL, 1, 0, 3) / mean
+    along = [partial_derivative(axial, half, 0, 1, 3) / mean for half in (FINEST, SMALL)]
+    across = partial_derivative(axial, SMALL, 1, 0, 3) / mean
     return [20 * (axial - affine[..., 0]) / mean, *along, *(np.log(np.maximum(each, 0.02)) for each in along), across]

@@ -7,7 +7,7 @@ import numpy as np
 Array = np.ndarray
 
 
-def turned(name: str, u: Array, maps: Array, random: np.random.Generator) -> tuple[Array, Array]:
+def apply_random_symmetry(name: str, u: Array, maps: Array, random: np.random.Generator) -> tuple[Array, Array]:
     """The same squares seen in a mirror, for waves also lying on another side and at another phase; maps (batch, k, n, n)."""
     u, maps = u.copy(), maps.copy()
     for i in range(len(u)):

@@ -16,22 +16,22 @@ import torch
 from torch import Tensor, nn
 
 from ngbrain.errors import InputError
-from ngbrain.surrogate.operator.wavelets import Level, Wavelet
+from ngbrain.surrogate.operator.wavelets import Wavelet, WaveletLevel
 
 NATIVE = 50
 """Intervals across the grid to whose spacing the levels belong."""
 
 
-def weights(module: nn.Module) -> int:
+def count_weights(module: nn.Module) -> int:
     """How many numbers a network learns.
 
-    >>> weights(nn.Linear(3, 2))
+    >>> count_weights(nn.Linear(3, 2))
     8
     """
     return sum(p.numel() for p in module.parameters() if p.requires_grad)
 
 
-def start(net: nn.Module) -> None:
+def initialise_weights(net: nn.Module) -> None:
     """Random weights of variance 1/inputs, no bias: the sum M x + W x has twice the variance of x, of which act keeps half.
 
     PyTorch's own, a third of that, lose the field from block to block, and training spends its first epochs on finding it. What
@@ -46,10 +46,10 @@ def start(net: nn.Module) -> None:
         layers[-1].weight *= 0.1
 
 
-def native(ny: int, nx: int) -> tuple[int, int]:
+def native_grid(ny: int, nx: int) -> tuple[int, int]:
     """Points along y and x of the native grid over the field that ny × nx points cover.
 
-    >>> native(101, 101), native(64, 33)
+    >>> native_grid(101, 101), native_grid(64, 33)
     ((51, 51), (51, 26))
     """
     longer = (ny + nx + abs(ny - nx)) // 2 - 1  # max is not traced
@@ -69,21 +69,21 @@ class WaveletMix(nn.Module):
         self.details = nn.ModuleList(kernel(reach, bands=3) for _ in range(levels))
         self.means = nn.Sequential(kernel(coarse_reach), nn.GELU(), kernel(coarse_reach))
 
-    def forward(self, x: Tensor, levels: list[tuple[Level, Level]]) -> Tensor:  # noqa: D102
+    def forward(self, x: Tensor, levels: list[tuple[WaveletLevel, WaveletLevel]]) -> Tensor:  # noqa: D102
         mean, details = Wavelet.decompose(x, levels)
         mixed = [kernel(d) for kernel, d in zip(self.details, details, strict=True)]
         mean = self.means(mean.permute(2, 3, 0, 1).contiguous(memory_format=torch.channels_last)).permute(2, 3, 0, 1)
         return Wavelet.compose(mean, mixed, levels)
 
 
-class Block(nn.Module):
+class WaveletBlock(nn.Module):
     """x ↦ x + act(M x + W x) of (ny, nx, batch, width)."""
 
     def __init__(self, width: int, mix: WaveletMix) -> None:
         super().__init__()
         self.mix, self.point = mix, nn.Linear(width, width)
 
-    def forward(self, x: Tensor, levels: list[tuple[Level, Level]]) -> Tensor:  # noqa: D102
+    def forward(self, x: Tensor, levels: list[tuple[WaveletLevel, WaveletLevel]]) -> Tensor:  # noqa: D102
         return x + nn.functional.gelu(self.mix(x, levels) + self.point(x))
 
 
@@ -115,18 +115,18 @@ class WaveletOperator(nn.Module):
         self.wavelet, self.levels = Wavelet(wavelet), levels
         self.lift = nn.Sequential(nn.Linear(channels_in, width), nn.GELU(), nn.Linear(width, width))
         self.blocks = nn.ModuleList(
-            Block(width, WaveletMix(width, levels - 1, reach, coarse_reach)) for _ in range(blocks)
+            WaveletBlock(width, WaveletMix(width, levels - 1, reach, coarse_reach)) for _ in range(blocks)
         )
         self.project = nn.Sequential(nn.Linear(width, 2 * width), nn.GELU(), nn.Linear(2 * width, channels_out))
-        start(self)
+        initialise_weights(self)
 
     def forward(self, x: Tensor) -> Tensor:  # noqa: D102
         if not torch.jit.is_tracing() and (x.ndim != 4 or x.shape[1] != self.channels_in or min(x.shape[2:]) < 4):
             raise InputError("x.shape", tuple(x.shape), f"(batch, {self.channels_in}, ny, nx), ny and nx at least 4")
         ny, nx = x.shape[2], x.shape[3]
-        levels = self.wavelet.levels(*native(ny, nx), self.levels)
+        levels = self.wavelet.levels(*native_grid(ny, nx), self.levels)
         (finest_y, finest_x), (y_level, x_level), *coarser = levels
-        levels = [(y_level.below(finest_y).seen_from(ny), x_level.below(finest_x).seen_from(nx)), *coarser]
+        levels = [(y_level.chain(finest_y).resample(ny), x_level.chain(finest_x).resample(nx)), *coarser]
         y = self.lift(x.permute(2, 3, 0, 1).contiguous())
         for block in self.blocks:
             y = block(y, levels)

@@ -21,22 +21,22 @@ from torch import Tensor, nn
 from ngbrain.errors import InputError, nearest, require
 
 
-class Level(NamedTuple):
+class WaveletLevel(NamedTuple):
     """Matrices of one level along one axis of n points: analysis (2m, n), means over details; synthesis (n, 2m)."""
 
     analysis: Tensor
     synthesis: Tensor
 
-    def below(self, finer: Level) -> Level:
+    def chain(self, finer: WaveletLevel) -> WaveletLevel:
         """The same coefficients, of a field that has `finer` under this level and no details there."""
         m = self.synthesis.shape[0]
-        return Level(self.analysis @ finer.analysis[:m], finer.synthesis[:, :m] @ self.synthesis)
+        return WaveletLevel(self.analysis @ finer.analysis[:m], finer.synthesis[:, :m] @ self.synthesis)
 
-    def seen_from(self, n: int) -> Level:
+    def resample(self, n: int) -> WaveletLevel:
         """The same coefficients of a field given at n points over the same length, read and written by interpolation."""
         own = self.synthesis.shape[0]
         there, back = interpolation(n, own, self.analysis), interpolation(own, n, self.analysis)
-        return Level(self.analysis @ there, back @ self.synthesis)
+        return WaveletLevel(self.analysis @ there, back @ self.synthesis)
 
 
 def interpolation(n: int, to: int, like: Tensor) -> Tensor:
@@ -85,7 +85,7 @@ class Wavelet(nn.Module):
         self.register_buffer("decomposing", (bank[:2] / 2**0.5).float(), persistent=False)
         self.register_buffer("composing", (bank[2:] * 2**0.5).float(), persistent=False)
 
-    def axis(self, n: int) -> Level:
+    def axis(self, n: int) -> WaveletLevel:
         """Matrices for n points along an axis.
 
         Mean i is Σ_k lo_k x(2i + 1 − k); sample j is Σ_i lo′_(j − 2i + L − 2) mean_i, and the same of the details.
@@ -98,12 +98,12 @@ class Wavelet(nn.Module):
         hit = (seen[..., None] == samples).to(self.decomposing)  # mean, tap, sample
         tap = samples[:, None] - 2 * coarse + length - 2
         used = (tap[..., None] == taps).to(self.composing)  # sample, mean, tap
-        return Level(
+        return WaveletLevel(
             torch.cat([(f[:, None] * hit).sum(1) for f in self.decomposing.unbind()]),
             torch.cat([(f * used).sum(2) for f in self.composing.unbind()], 1),
         )
 
-    def levels(self, ny: int, nx: int, count: int) -> list[tuple[Level, Level]]:
+    def levels(self, ny: int, nx: int, count: int) -> list[tuple[WaveletLevel, WaveletLevel]]:
         """Matrices along y and x of the levels 1 … count of a grid of ny × nx points."""
         found = []
         for _ in range(count):
@@ -113,7 +113,7 @@ class Wavelet(nn.Module):
         return found
 
     @staticmethod
-    def split(x: Tensor, level: tuple[Level, Level]) -> tuple[Tensor, Tensor]:
+    def split(x: Tensor, level: tuple[WaveletLevel, WaveletLevel]) -> tuple[Tensor, Tensor]:
         """One level: (ny, nx, batch, c) to means (my, mx, batch, c) and details (batch, 3c, my, mx): along y, x and both."""
         along_y, along_x = level
         my, mx = along_y.analysis.shape[0] // 2, along_x.analysis.shape[0] // 2
@@ -125,7 +125,7 @@ class Wavelet(nn.Module):
         return mean.transpose(0, 1), details.permute(0, 3, 1, 2)
 
     @staticmethod
-    def join(mean: Tensor, details: Tensor, level: tuple[Level, Level]) -> Tensor:
+    def join(mean: Tensor, details: Tensor, level: tuple[WaveletLevel, WaveletLevel]) -> Tensor:
         """The inverse of `split`."""
         along_y, along_x = level
         my, mx, batch, c = mean.shape
@@ -135,7 +135,7 @@ class Wavelet(nn.Module):
         return (along_y.synthesis @ half.transpose(0, 1).reshape(2 * my, -1)).reshape(-1, half.shape[0], batch, c)
 
     @classmethod
-    def decompose(cls, x: Tensor, levels: list[tuple[Level, Level]]) -> tuple[Tensor, list[Tensor]]:
+    def decompose(cls, x: Tensor, levels: list[tuple[WaveletLevel, WaveletLevel]]) -> tuple[Tensor, list[Tensor]]:
         """(ny, nx, batch, c) to its coarsest means and the details of the levels, the finest first."""
         details = []
         for level in levels:
@@ -144,7 +144,7 @@ class Wavelet(nn.Module):
         return x, details
 
     @classmethod
-    def compose(cls, mean: Tensor, details: list[Tensor], levels: list[tuple[Level, Level]]) -> Tensor:
+    def compose(cls, mean: Tensor, details: list[Tensor], levels: list[tuple[WaveletLevel, WaveletLevel]]) -> Tensor:
         """The inverse of `decompose`."""
         for d, level in zip(reversed(details), reversed(levels), strict=True):
             mean = cls.join(mean, d, level)

@@ -15,7 +15,7 @@ from ngbrain.look import maps as drawn
 from ngbrain.result import Result, Status
 from ngbrain.surrogate.data.raster import UPRIGHT, Raster
 from ngbrain.surrogate.prediction.pretrained import Card, Operator
-from ngbrain.surrogate.prediction.tiling import Answered, View, answered
+from ngbrain.surrogate.prediction.tiling import FieldPrediction, RasterField, predict_field
 from ngbrain.surrogate.prediction.trust import scores
 
 Array = np.ndarray
@@ -52,13 +52,13 @@ class Prediction(Result):
     squares: int
     solves: Solves
 
-    def within(self, share: float) -> dict[str, float]:
+    def coverage_factors(self, share: float) -> dict[str, float]:
         """name → how many deviations on either side of the map hold that share of the points, as in the operator's validation.
 
         The most of it are closer than of a normal distribution, as most errors are small. Of one load: several are taken as
         independent, which errors of the operator are not. `InputError` beyond the shares of the calibration.
         """
-        return {name: float(number) for name, number in zip(self.maps, self.card.within(share), strict=False)}
+        return {name: float(number) for name, number in zip(self.maps, self.card.coverage_factors(share), strict=False)}
 
     @property
     def score(self) -> float:
@@ -130,15 +130,15 @@ def predict(data: WaveData, operator: Operator | None = None) -> Prediction:
         wanted = "complex displacements, or elastic data: the operator reads a loss of next to nothing from real parts"
         raise InputError("displacement", "without imaginary parts", wanted)
     raster, views, notes, data = _views(data, name)
-    operator = operator or Operator.shipped(name)
+    operator = operator or Operator.load_default(name)
     if operator.kind.name != name:
         raise InputError("operator", f"of {operator.kind.name}", f"one of {name}")
     poisson = _poisson(data, TYPICAL)
-    found = [answered(operator, view, data.density, poisson) for view in views]
+    found = [predict_field(operator, view, data.density, poisson) for view in views]
     if data.bulk is not None:
         if name == "waves":
             poisson = _poisson(data, float(np.exp(np.nanmedian([np.nanmedian(each.mean[0]) for each in found]))))
-            found = [answered(operator, view, data.density, poisson) for view in views]
+            found = [predict_field(operator, view, data.density, poisson) for view in views]
         whose = (
             "one shear modulus" if name == "waves" else f"a shear modulus of {TYPICAL / 1e3:g} kPa, which is assumed"
         )
@@ -147,7 +147,7 @@ def predict(data: WaveData, operator: Operator | None = None) -> Prediction:
     of_loads = [_scores(each, trust) for each in found]
     checks = 1
     if name == "compression" and max(each["boundary"] for each in of_loads) > trust["threshold"]:
-        cut = [answered(operator, view, data.density, poisson, window=True) for view in views]
+        cut = [predict_field(operator, view, data.density, poisson, window=True) for view in views]
         of_cut, checks = [_scores(each, trust) for each in cut], 2
     if checks > 1 and _largest(of_cut) < _largest(of_loads):  # else plates, but for the noise
         found, of_loads, wide = cut, of_cut, WINDOW
@@ -163,7 +163,7 @@ def predict(data: WaveData, operator: Operator | None = None) -> Prediction:
         notes.append(f"{left} of {len(data.points)} points lie in no square of measured points and are left out")
     if name == "compression":
         notes.append("Young's modulus is known up to one factor: it is over its mean")
-    count = sum(len(each.looks) for each in found)
+    count = sum(len(each.tiles) for each in found)
     return Prediction(
         data,
         name,
@@ -179,9 +179,9 @@ def predict(data: WaveData, operator: Operator | None = None) -> Prediction:
     )
 
 
-def _views(data: WaveData, name: str) -> tuple[Raster, list[View], list[str], WaveData]:
+def _views(data: WaveData, name: str) -> tuple[Raster, list[RasterField], list[str], WaveData]:
     """The fields that the operator of a modality looks at, their raster, what to say of it, and the data as far as it sees them."""
-    raster = Raster.of(data)
+    raster = Raster.from_data(data)
     notes = list(raster.notes)
     loads = [load for load, frequency in enumerate(data.frequency) if (frequency > 0) == (name == "waves")]
     if len(loads) < data.loads:
@@ -200,7 +200,7 @@ def _views(data: WaveData, name: str) -> tuple[Raster, list[View], list[str], Wa
     fields = raster.displacement[..., chosen]
     if name == "compression":
         fields = fields.real
-    views = [View(fields[k], whole[k], float(data.frequency[k]), raster.spacing) for k in kept]
+    views = [RasterField(fields[k], whole[k], float(data.frequency[k]), raster.spacing) for k in kept]
     return raster, views, notes, data
 
 
@@ -220,9 +220,9 @@ def _axial(raster: Raster, data: WaveData) -> tuple[Raster, WaveData, str]:
         note = "of both components the operator takes the axial one alone, as it has learnt from ultrasound"
     else:
         axial = int(measured.argmax())
-    raster = raster if axial == 1 else raster.turned()
+    raster = raster if axial == 1 else raster.transpose()
     first, last = (np.abs(raster.displacement[:, end, :, 1]).sum() for end in (0, -1))
-    return (raster if first <= last else raster.upside_down()), data, note
+    return (raster if first <= last else raster.flip()), data, note
 
 
 def _poisson(data: WaveData, shear: float) -> float:
@@ -233,14 +233,16 @@ def _poisson(data: WaveData, shear: float) -> float:
     return (3 * bulk - 2 * shear) / (6 * bulk + 2 * shear)
 
 
-def _combined(data: WaveData, raster: Raster, found: Sequence[Answered]) -> tuple[dict[str, Array], dict[str, Array]]:
+def _combined(
+    data: WaveData, raster: Raster, found: Sequence[FieldPrediction]
+) -> tuple[dict[str, Array], dict[str, Array]]:
     """Maps of all loads at the points of the data, and their standard deviations: lognormal, that of the loss to first order."""
     weight = np.array([np.where(np.isnan(each.mean), 0, 1 / each.variance) for each in found])
     with np.errstate(divide="ignore", invalid="ignore"):
         mean = np.nansum(weight * np.array([np.nan_to_num(each.mean) for each in found]), axis=0) / weight.sum(axis=0)
         variance = 1 / weight.sum(axis=0)
     mean, variance = (
-        np.array([raster.at_points(each) for each in images])
+        np.array([raster.interpolate_to_points(each) for each in images])
         for images in (mean, np.where(np.isnan(mean), np.nan, variance))
     )
     size = np.exp(mean[0])
@@ -256,8 +258,8 @@ def _combined(data: WaveData, raster: Raster, found: Sequence[Answered]) -> tupl
     return {"storage": size, "loss": loss}, {"storage": relative * size, "loss": off}
 
 
-def _scores(found: Answered, trust: Mapping[str, Any]) -> dict[str, float]:
-    return _middle([scores(look, trust) for look in found.looks])
+def _scores(found: FieldPrediction, trust: Mapping[str, Any]) -> dict[str, float]:
+    return _middle([scores(look, trust) for look in found.tiles])
 
 
 def _largest(of_loads: Sequence[dict[str, float]]) -> float:

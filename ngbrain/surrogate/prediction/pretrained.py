@@ -33,7 +33,7 @@ class Card:
     told  all of it: command, settings, data and curve of the training; what `trust.calibrate` found
     """
 
-    told: Mapping[str, Any]
+    content: Mapping[str, Any]
 
     @staticmethod
     def read(path: Path) -> Card:
@@ -48,7 +48,7 @@ class Card:
 
     def check(self) -> None:
         """`InputError` where what calibration found is not what `trust.calibrate` gives; it may be missing."""
-        count, told = len(self.kind.answers), self.told
+        count, told = len(self.kind.answers), self.content
         wanted = "what `ngbrain.surrogate.prediction.trust.calibrate` has found"
         if "temperature" in told and not (_numbers(told["temperature"], (count,)) and np.all(self.temperature > 0)):
             raise InputError("temperature", brief(told["temperature"]), f"{count} positive numbers")
@@ -67,7 +67,7 @@ class Card:
             self._check_trust(wanted)
 
     def _check_trust(self, wanted: str) -> None:
-        trust = self.told["trust"] if isinstance(self.told["trust"], dict) else {}
+        trust = self.content["trust"] if isinstance(self.content["trust"], dict) else {}
         ranges, bounds, axes = (trust.get(key) for key in ("ranges", "bounds", "axes"))
         known = {"frequency", "wavelength", "modulus"} if self.kind.name == "waves" else {"contrast"}
         if not (isinstance(ranges, dict) and known | {"softness"} == set(ranges)):
@@ -93,19 +93,19 @@ class Card:
     @property
     def kind(self) -> Modality:
         """What the operator looks at."""
-        return modality(self.told["modality"])
+        return modality(self.content["modality"])
 
     @property
     def temperature(self) -> Array:
         """(answers,): what a scale is multiplied by; 1 before calibration."""
-        return np.asarray(self.told.get("temperature", np.ones(len(self.kind.answers))))
+        return np.asarray(self.content.get("temperature", np.ones(len(self.kind.answers))))
 
-    def within(self, share: float) -> Array:
+    def coverage_factors(self, share: float) -> Array:
         """(answers,): how many standard deviations hold that share of errors, by calibration; between its shares linear.
 
         Raises `InputError` before calibration, and for a share beyond those that it has seen.
         """
-        told = self.told.get("within")
+        told = self.content.get("within")
         if told is None:
             raise InputError(
                 "card", "without `within`", "weights that `ngbrain.surrogate.prediction.trust.calibrate` has seen"
@@ -118,11 +118,11 @@ class Card:
     @property
     def trust(self) -> Mapping[str, Any]:
         """What `trust.calibrate` found; `InputError` before it has."""
-        if "trust" not in self.told:
+        if "trust" not in self.content:
             raise InputError(
                 "card", "without trust", "weights that `ngbrain.surrogate.prediction.trust.calibrate` has seen"
             )
-        return dict(self.told["trust"])
+        return dict(self.content["trust"])
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,24 +134,26 @@ class Operator:
 
     @staticmethod
     @cache
-    def shipped(name: str) -> Operator:
+    def load_default(name: str) -> Operator:
         """The operator of a modality that comes with the package; errors as `of`.
 
-        >>> Operator.shipped("wave")
+        >>> Operator.load_default("wave")
         Traceback (most recent call last):
         ngbrain.errors.InputError: modality is 'wave'; wanted: did you mean 'waves'?
         """
-        return Operator.of(WEIGHTS, modality(name).name)
+        return Operator.load(WEIGHTS, modality(name).name)
 
     @staticmethod
-    def of(folder: Path, name: str) -> Operator:
+    def load(folder: Path, name: str) -> Operator:
         """NAME.onnx and NAME.json of a folder. Raises `InputError` where there are none, `MissingExtra` without onnxruntime."""
         runtime = require("onnxruntime", "surrogate")
         weights = folder / f"{name}.onnx"
         card, raw = Card.read(weights.with_suffix(".json")), read_bytes(weights, "weights", MOST_WEIGHTS)
-        if card.told.get(DIGEST) != hashlib.sha256(raw).hexdigest():
+        if card.content.get(DIGEST) != hashlib.sha256(raw).hexdigest():
             found = (
-                "not those that the card was written for" if DIGEST in card.told else "without a digest in their card"
+                "not those that the card was written for"
+                if DIGEST in card.content
+                else "without a digest in their card"
             )
             wanted = (
                 f"those whose SHA-256 stands in the card as `{DIGEST}`, as `python -m ngbrain.surrogate` writes both"

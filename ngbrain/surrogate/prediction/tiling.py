@@ -9,7 +9,7 @@ import numpy as np
 
 from ngbrain.surrogate.data.dataset import DENSITY, SIDES
 from ngbrain.surrogate.data.raster import squares
-from ngbrain.surrogate.data.ultrasound_window import flattened
+from ngbrain.surrogate.data.ultrasound_window import remove_strain_trend
 from ngbrain.surrogate.operator.encoding import Modality
 from ngbrain.surrogate.prediction.pretrained import Operator
 
@@ -20,7 +20,7 @@ LARGEST = 50.0
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class RasterField:
     """A field on a raster: displacement (ny, nx, components) m, which points count (ny, nx), Hz, spacing (m)."""
 
     displacement: Array
@@ -30,7 +30,7 @@ class View:
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class TilePrediction:
     """A square: what the operator saw, and what it said.
 
     displacement  (n, n, components), first axis y, in edges
@@ -57,15 +57,17 @@ class Look:
 
 
 @dataclass(frozen=True, eq=False)
-class Answered:
+class FieldPrediction:
     """Mean and variance (answers, ny, nx) of ln G (Pa) and G″/G′, or of ln E; NaN in no square. And the squares."""
 
     mean: Array
     variance: Array
-    looks: list[Look]
+    tiles: list[TilePrediction]
 
 
-def answered(operator: Operator, view: View, density: float, poisson: float, window: bool = False) -> Answered:
+def predict_field(
+    operator: Operator, view: RasterField, density: float, poisson: float, window: bool = False
+) -> FieldPrediction:
     """What an operator says of a field; density in kg/m³. Squares of a `window` are looked at as if under plates.
 
     Squares of waves are no larger than trained ones at the highest trained frequency, where there are several. Means are weighted
@@ -82,7 +84,7 @@ def answered(operator: Operator, view: View, density: float, poisson: float, win
             for i, j, n in places
         }
     else:
-        level = levels({place: mean[0] for place, (_, mean, _) in told.items()})
+        level = align_levels({place: mean[0] for place, (_, mean, _) in told.items()})
     shape = (len(kind.answers), *view.counts.shape)
     total, weight, count = np.zeros(shape), np.zeros(shape), np.zeros(view.counts.shape)
     for (i, j, n), (_, mean, scale) in told.items():
@@ -101,11 +103,11 @@ def answered(operator: Operator, view: View, density: float, poisson: float, win
         frequency = view.frequency * side / SIDES[kind.name] * np.sqrt(density / DENSITY)
         u = seen[i, j, n] / side
         measured = view.displacement[here[1:]][..., 0] / side if window else None
-        looks.append(Look(kind, u, frequency, poisson, features, blended, scale, measured))
-    return Answered(mean, variance, looks)
+        looks.append(TilePrediction(kind, u, frequency, poisson, features, blended, scale, measured))
+    return FieldPrediction(mean, variance, looks)
 
 
-def _most(operator: Operator, view: View, density: float) -> float:
+def _most(operator: Operator, view: RasterField, density: float) -> float:
     """Points across the largest square that is within the trained frequencies."""
     if operator.kind.name != "waves":
         return np.inf
@@ -114,7 +116,7 @@ def _most(operator: Operator, view: View, density: float) -> float:
 
 
 def _seen(u: Array, window: bool) -> Array:
-    return flattened(u[..., 0])[..., None] if window else u
+    return remove_strain_trend(u[..., 0])[..., None] if window else u
 
 
 def _said(
@@ -128,10 +130,10 @@ def _said(
     return dict(zip(own, zip(features, mean.clip(-LARGEST, LARGEST), scale, strict=True), strict=True))
 
 
-def levels(logarithms: dict[Square, Array]) -> dict[Square, float]:
+def align_levels(logarithms: dict[Square, Array]) -> dict[Square, float]:
     """What to add to the logarithms of each square, so that they agree where squares overlap, by least squares.
 
-    >>> found = levels({(0, 0, 4): np.zeros((4, 4)), (0, 2, 4): np.ones((4, 4))})
+    >>> found = align_levels({(0, 0, 4): np.zeros((4, 4)), (0, 2, 4): np.ones((4, 4))})
     >>> [round(value, 6) for value in found.values()]
     [0.5, -0.5]
     """

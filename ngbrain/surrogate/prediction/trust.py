@@ -8,7 +8,7 @@ softness    log10(1 - 2ν), likewise
 modulus     three percentiles of the storage modulus found (Pa, likewise), and `wavelength` of it in ρω²L²; of compression
             `contrast`, of E over its mean
 noise       what a local cubic leaves of the displacement
-jump        the same of the patch where it leaves most, see `features.jump_of`: the seam of two scans, a wrapped patch
+jump        the same of the patch where it leaves most, see `encoding.estimate_jump`: the seam of two scans, a wrapped patch
 features    how far means and standard deviations of the channels over nine parts of the square are from those of the training:
             Mahalanobis' distance along their principal axes, with all that is across these as one more
 deviation   rms of the standard deviations that the operator states
@@ -29,10 +29,10 @@ import numpy as np
 from ngbrain.errors import InputError
 from ngbrain.surrogate.data import residual, ultrasound_window
 from ngbrain.surrogate.data.dataset import DENSITY, SIDES, DataSet
-from ngbrain.surrogate.operator.encoding import NOISE, Modality, jump_of, noise_of
-from ngbrain.surrogate.operator.symmetries import turned
+from ngbrain.surrogate.operator.encoding import NOISE, Modality, estimate_jump, estimate_noise
+from ngbrain.surrogate.operator.symmetries import apply_random_symmetry
 from ngbrain.surrogate.prediction.pretrained import Operator
-from ngbrain.surrogate.prediction.tiling import Look
+from ngbrain.surrogate.prediction.tiling import TilePrediction
 
 Array = np.ndarray
 JUDGED = 0.01
@@ -58,7 +58,7 @@ SHARES = (0.1, 0.25, 0.5, 0.68, 0.8, 0.9, 0.95, 0.98)
 """Of which a card tells how many standard deviations hold them: errors are not normal, most are small and some are large."""
 
 
-def scores(look: Look, trust: Mapping[str, Any]) -> dict[str, float]:
+def scores(look: TilePrediction, trust: Mapping[str, Any]) -> dict[str, float]:
     """The module's numbers of a square, over their bounds; `trust` as `calibrate` gives it."""
     raw = _raw(look, trust["ranges"], trust["axes"])
     return {name: value / trust["bounds"].get(name, 1.0) for name, value in raw.items()}
@@ -77,11 +77,11 @@ def calibrate(operator: Operator, training: DataSet, validation: DataSet, seed: 
     kind, random = operator.kind, np.random.default_rng(seed)
     ranges = _ranges(kind, training)
     some = np.sort(random.permutation(len(training))[:ENOUGH])
-    u, _ = turned(kind.name, training.displacement[some], training.storage[some, None], random)
-    u = kind.spoilt(u, np.exp(random.uniform(np.log(NOISE[0]), np.log(NOISE[1]), len(some))), random)
+    u, _ = apply_random_symmetry(kind.name, training.displacement[some], training.storage[some, None], random)
+    u = kind.add_noise(u, np.exp(random.uniform(np.log(NOISE[0]), np.log(NOISE[1]), len(some))), random)
     axes = _axes(kind, u, training.poisson[some])
-    noise = np.concatenate([noise_of(each[None]) for each in u])
-    spoils = kind.spoilt(validation.displacement, np.full(len(validation), JUDGED), random)
+    noise = np.concatenate([estimate_noise(each[None]) for each in u])
+    spoils = kind.add_noise(validation.displacement, np.full(len(validation), JUDGED), random)
     validation = replace(validation, displacement=spoils)
     looks = _looks(operator, validation)
     if not all(np.isfinite(look.mean).all() for look in looks):
@@ -123,7 +123,7 @@ def auc(inside: Array, outside: Array) -> float:
     return float((1 + more).mean() / 2)
 
 
-def _raw(look: Look, ranges: Mapping[str, Any], axes: Mapping[str, Any]) -> dict[str, float]:
+def _raw(look: TilePrediction, ranges: Mapping[str, Any], axes: Mapping[str, Any]) -> dict[str, float]:
     seen = {"softness": np.log10(1 - 2 * look.poisson), **_percentiles(look.kind, look.mean[0], look.frequency)}
     if look.kind.name == "waves":
         seen["frequency"] = np.log(look.frequency)
@@ -131,8 +131,8 @@ def _raw(look: Look, ranges: Mapping[str, Any], axes: Mapping[str, Any]) -> dict
     left, boundary = _physics(look)
     return {
         **beyond,
-        "noise": float(noise_of(look.displacement[None])[0]),
-        "jump": float(jump_of(look.displacement[None])[0]),
+        "noise": float(estimate_noise(look.displacement[None])[0]),
+        "jump": float(estimate_jump(look.displacement[None])[0]),
         "features": _distance(_summary(look.features), axes),
         "deviation": float(np.sqrt((look.scale**2).mean())),
         "residual": left,
@@ -140,13 +140,13 @@ def _raw(look: Look, ranges: Mapping[str, Any], axes: Mapping[str, Any]) -> dict
     }
 
 
-def _physics(look: Look) -> tuple[float, float]:
+def _physics(look: TilePrediction) -> tuple[float, float]:
     """Residual and boundary; see `residual`. A window has no plates, and its residual is asked of what was measured."""
     if look.measured is not None:
         return ultrasound_window.misfit(look.measured, look.modulus, look.poisson), 0.0
     if look.kind.name == "waves":
-        return residual.of_waves(look.displacement, look.modulus)
-    return residual.of_compression(look.displacement, look.modulus, look.poisson)
+        return residual.wave_residual(look.displacement, look.modulus)
+    return residual.compression_residual(look.displacement, look.modulus, look.poisson)
 
 
 def _percentiles(kind: Modality, logarithm: Array, frequency: float) -> dict[str, Array]:
@@ -198,9 +198,11 @@ def _units(kind: Modality, data: DataSet) -> Array:
     return kind.unit(data.storage, data.frequency, DENSITY, data.side)
 
 
-def _looks(operator: Operator, data: DataSet) -> list[Look]:
+def _looks(operator: Operator, data: DataSet) -> list[TilePrediction]:
     """All squares of a data set."""
     u, nu = data.displacement / data.side, data.poisson
     features = operator.kind.features(u, nu)
     mean, scale = operator(features)
-    return [Look(operator.kind, *each) for each in zip(u, data.frequency, nu, features, mean, scale, strict=True)]
+    return [
+        TilePrediction(operator.kind, *each) for each in zip(u, data.frequency, nu, features, mean, scale, strict=True)
+    ]

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from ngbrain.surrogate.operator.wavelet_operator import start
+from ngbrain.surrogate.operator.wavelet_operator import initialise_weights
 
 
 class UNet(nn.Module):
@@ -29,7 +29,7 @@ class UNet(nn.Module):
         self.down = nn.ModuleList([pair(channels_in, width), pair(width, 2 * width), pair(2 * width, 4 * width)])
         self.up = nn.ModuleList([pair(6 * width, 2 * width), pair(3 * width, width)])
         self.project = nn.Conv2d(width, channels_out, 1)
-        start(self)
+        initialise_weights(self)
 
     def forward(self, x: Tensor) -> Tensor:  # noqa: D102
         skips: list[Tensor] = []
@@ -42,7 +42,7 @@ class UNet(nn.Module):
         return self.project(x)
 
 
-class Spectrum(nn.Module):
+class FourierLayer(nn.Module):
     """Channels mixed mode by mode: the lowest `modes` of x and, of either sign, of y; the others are left out."""
 
     def __init__(self, width: int, modes: int) -> None:
@@ -77,10 +77,10 @@ class FourierOperator(nn.Module):
             return nn.Conv2d(before, after, 1)
 
         self.lift = nn.Sequential(point(channels_in, width), nn.GELU(), point(width, width))
-        self.spectra = nn.ModuleList(Spectrum(width, modes) for _ in range(blocks))
+        self.spectra = nn.ModuleList(FourierLayer(width, modes) for _ in range(blocks))
         self.points = nn.ModuleList(point(width, width) for _ in range(blocks))
         self.project = nn.Sequential(point(width, 4 * width), nn.GELU(), point(4 * width, channels_out))
-        start(self)
+        initialise_weights(self)
 
     def forward(self, x: Tensor) -> Tensor:  # noqa: D102
         ny, nx = x.shape[2:]

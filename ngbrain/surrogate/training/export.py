@@ -28,13 +28,13 @@ def export(model: Surrogate, folder: Path, name: str, card: Mapping[str, Any]) -
     """
     channels = model.centre.shape[1]
     folder.mkdir(parents=True, exist_ok=True)
-    atomic_write(folder / f"{name}.onnx", lambda part: as_onnx(model, part, channels, ["features", "mean", "scale"]))
+    atomic_write(folder / f"{name}.onnx", lambda part: write_onnx(model, part, channels, ["features", "mean", "scale"]))
     written = {**card, DIGEST: hashlib.sha256((folder / f"{name}.onnx").read_bytes()).hexdigest()}
     write_json(folder / f"{name}.json", written)
     return written
 
 
-def as_onnx(net: nn.Module, file: Path, channels: int, names: list[str]) -> None:
+def write_onnx(net: nn.Module, file: Path, channels: int, names: list[str]) -> None:
     """Write a network as ONNX for any batch and grid; `names` are those of what goes in, the first, and of what comes out.
 
     Raises `MissingExtra` without onnx.

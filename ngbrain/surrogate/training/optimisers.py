@@ -20,7 +20,7 @@ from torch import nn
 MATRICES, BIASES = 0.01, 0.2
 """Decay of matrices; learning rate of all else, over that of matrices."""
 QUINTIC, ROUNDS = (3.4445, -4.775, 2.0315), 5
-"""Of `polar`."""
+"""Of `polar_factor`."""
 LONGEST = 3.0
 """Gradients are cut to this length."""
 
@@ -96,14 +96,14 @@ class Muon(torch.optim.Optimizer):
             average.lerp_(p.grad, 1 - each["momentum"])
             slopes = torch.lerp(p.grad, average, each["momentum"]).reshape(each["groups"], len(p) // each["groups"], -1)
             longer = max(1.0, slopes.shape[1] / slopes.shape[2]) ** 0.5
-            steps = torch.stack([polar(slope) for slope in slopes])  # batched products of MKL were seen to crash
+            steps = torch.stack([polar_factor(slope) for slope in slopes])  # batched products of MKL were seen to crash
             p.mul_(1 - each["lr"] * MATRICES).add_(steps.view_as(p), alpha=-each["lr"] * longer)
 
 
-def polar(matrix: torch.Tensor) -> torch.Tensor:
+def polar_factor(matrix: torch.Tensor) -> torch.Tensor:
     """About UVᵀ of a matrix UΣVᵀ, singular values .7 to 1.2, by polynomials in it.
 
-    >>> polar(torch.tensor([[3.0, 0.0], [0.0, -0.2]])).round(decimals=0).tolist()
+    >>> polar_factor(torch.tensor([[3.0, 0.0], [0.0, -0.2]])).round(decimals=0).tolist()
     [[1.0, 0.0], [0.0, -1.0]]
     """
     a, b, c = QUINTIC

@@ -28,8 +28,8 @@ from ngbrain.errors import InputError, nearest
 from ngbrain.io.json_file import write_json
 from ngbrain.progress import log_progress, reporting
 from ngbrain.surrogate.data.dataset import DENSITY, DataSet
-from ngbrain.surrogate.operator.encoding import NOISE, Modality, errors, modality, spoilt
-from ngbrain.surrogate.operator.symmetries import turned
+from ngbrain.surrogate.operator.encoding import NOISE, Modality, add_noise, modality, relative_errors
+from ngbrain.surrogate.operator.symmetries import apply_random_symmetry
 from ngbrain.surrogate.training.optimisers import Descent
 
 Array = np.ndarray
@@ -110,22 +110,22 @@ class Learner:
     maps: Array
 
     @staticmethod
-    def of(data: DataSet) -> Learner:
+    def from_data(data: DataSet) -> Learner:
         """Targets in their units."""
         kind = modality(data.modality)
         unit = kind.unit(data.storage, data.frequency, DENSITY, data.side)
         return Learner(data, kind, kind.targets(data.storage, data.loss, unit))
 
-    def seen(self, rows: Array, noise: tuple[float, float], random: np.random.Generator) -> tuple[Array, Array]:
+    def draw_batch(self, rows: Array, noise: tuple[float, float], random: np.random.Generator) -> tuple[Array, Array]:
         """Features and targets of samples, turned and spoilt at random."""
-        u, maps = turned(self.data.modality, self.data.displacement[rows], self.maps[rows], random)
+        u, maps = apply_random_symmetry(self.data.modality, self.data.displacement[rows], self.maps[rows], random)
         sigma = np.exp(random.uniform(np.log(noise[0]), np.log(noise[1]), len(rows)))
-        return self.kind.features(self.kind.spoilt(u, sigma, random), self.data.poisson[rows]), maps
+        return self.kind.features(self.kind.add_noise(u, sigma, random), self.data.poisson[rows]), maps
 
-    def measured(self, noise: float, seed: int = 0) -> Array:
+    def noisy_features(self, noise: float, seed: int = 0) -> Array:
         """Features of all, as they lie, with that noise."""
         random = np.random.default_rng(seed)
-        u = spoilt(self.data.displacement, np.full(len(self.data), noise), random)
+        u = add_noise(self.data.displacement, np.full(len(self.data), noise), random)
         return self.kind.features(u, self.data.poisson)
 
 
@@ -153,12 +153,12 @@ def train(
     for name in settings.twice:
         if name not in training.names:
             raise InputError("twice", repr(name), nearest(name, list(training.names)))
-    learner, judge = Learner.of(training), Learner.of(validation)
+    learner, judge = Learner.from_data(training), Learner.from_data(validation)
     folder.mkdir(parents=True, exist_ok=True)
     torch.manual_seed(settings.seed)
     kind, random = learner.kind, np.random.default_rng(settings.seed)
     model = Surrogate(operator(kind.channels, 2 * len(kind.answers)), kind)
-    model.fit(*learner.seen(random.permutation(len(training))[:512], settings.noise, random))
+    model.fit(*learner.draw_batch(random.permutation(len(training))[:512], settings.noise, random))
     steps = settings.epochs * (len(training) // settings.batch)
     descent = Descent(model, settings.rate, steps)
     curve: list[dict[str, float]] = []
@@ -179,7 +179,7 @@ def train(
         model.load_state_dict(saved["model"])
         descent.load_state_dict(saved["descent"])
         curve = saved["curve"]
-    seen = judge.measured(0.01)
+    seen = judge.noisy_features(0.01)
     again = np.isin(training.family, [training.names.index(name) for name in settings.twice])
     shown = np.concatenate([np.arange(len(training)), np.flatnonzero(again)])
     for epoch in range(len(curve), last):
@@ -193,7 +193,7 @@ def train(
             value = objective(mean, scale, torch.from_numpy(targets))
             if descent.step(value):
                 losses.append(value.item())
-        off = errors(predicted(model, seen)[0], judge.maps)
+        off = relative_errors(predict_batches(model, seen)[0], judge.maps)
         curve.append({"epoch": epoch + 1, "objective": float(np.mean(losses)), **_means(off, judge)})
         states = {"model": model.state_dict(), "descent": descent.state_dict()}
         atomic_write(checkpoint, partial(torch.save, {**states, "curve": curve, "made_by": made_by}))
@@ -207,15 +207,15 @@ def _ahead(
 ) -> Iterator[tuple[Array, Array]]:
     """What is seen of batches, the next one made while one is learnt."""
     with ThreadPoolExecutor(1) as beside:
-        coming = [beside.submit(learner.seen, batches[0], noise, random)]
+        coming = [beside.submit(learner.draw_batch, batches[0], noise, random)]
         for rows in (*batches[1:], None):
             here = coming.pop().result()
             if rows is not None:
-                coming.append(beside.submit(learner.seen, rows, noise, random))
+                coming.append(beside.submit(learner.draw_batch, rows, noise, random))
             yield here
 
 
-def predicted(model: Surrogate, features: Array, batch: int = 25) -> tuple[Array, Array]:
+def predict_batches(model: Surrogate, features: Array, batch: int = 25) -> tuple[Array, Array]:
     """Means and scales (not their logarithms) for many samples."""
     model.eval()
     with torch.no_grad():

@@ -13,7 +13,7 @@ from ngbrain.inverse.elastography.derived_maps import (
     relative_l2_error,
     statistics_by_label,
 )
-from ngbrain.materials.modulus import of_stiffness
+from ngbrain.materials.modulus import modulus_from_stiffness
 
 
 @pytest.mark.parametrize(
@@ -31,11 +31,11 @@ def test_maps_that_follow_from_a_modulus(shear, stiffness, ratio):
 def test_a_modulus_from_its_stiffness_and_damping_ratio():
     shear = np.array([1000 + 500j, 2700 + 1200j, 3000 + 0j, 2000 + 3000j])
     maps = maps_from_shear(shear)
-    assert of_stiffness(maps["stiffness"], maps["damping_ratio"]) == pytest.approx(shear, rel=1e-12)
-    assert np.isnan(of_stiffness(np.array([2600.0, np.nan]), np.array([0.2, 0.2]))).tolist() == [False, True]
+    assert modulus_from_stiffness(maps["stiffness"], maps["damping_ratio"]) == pytest.approx(shear, rel=1e-12)
+    assert np.isnan(modulus_from_stiffness(np.array([2600.0, np.nan]), np.array([0.2, 0.2]))).tolist() == [False, True]
     for stiffness, ratio, name in ((-1.0, 0.2, "stiffness"), (2600.0, [-0.1], "damping_ratio")):
         with pytest.raises(InputError, match=name):
-            of_stiffness(stiffness, ratio)
+            modulus_from_stiffness(stiffness, ratio)
 
 
 def test_medians_are_of_what_is_there():

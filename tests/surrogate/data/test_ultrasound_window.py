@@ -10,10 +10,10 @@ from scipy.ndimage import gaussian_filter
 pytest.importorskip("onnxruntime", reason='onnxruntime is not installed; get it with: pip install "ngbrain[surrogate]"')
 
 from ngbrain.inverse.elastography.derived_maps import scale_to_truth  # noqa: E402
-from ngbrain.surrogate.data.ultrasound_window import flattened, misfit  # noqa: E402
+from ngbrain.surrogate.data.ultrasound_window import remove_strain_trend, misfit  # noqa: E402
 from ngbrain.surrogate.prediction.predict import predict  # noqa: E402
 from ngbrain.surrogate.prediction.pretrained import Operator  # noqa: E402
-from ngbrain.surrogate.prediction.tiling import View, answered  # noqa: E402
+from ngbrain.surrogate.prediction.tiling import RasterField, predict_field  # noqa: E402
 
 
 @pytest.fixture(scope="module")
@@ -34,14 +34,14 @@ def moved(data, u):
 @pytest.mark.parametrize("bend", [0.2, -0.4])
 def test_uniform_tissue_under_a_bent_plate_is_as_under_an_even_one(bend):
     y, x = np.meshgrid(*2 * (np.linspace(0, 1, 57),), indexing="ij")
-    found = flattened(-0.01 * (y + bend * y**2 + 0.1 * x * y + 0.1 * x**2 * y))
+    found = remove_strain_trend(-0.01 * (y + bend * y**2 + 0.1 * x * y + 0.1 * x**2 * y))
     assert np.ptp(found, axis=1).max() < 1e-9
     np.testing.assert_allclose(found[:, 0] / found[-1, 0], y[:, 0], atol=1e-9)
 
 
 def test_what_is_no_compression_stays_as_it_is(rng):
     y, _ = np.meshgrid(*2 * (np.linspace(-1, 1, 41),), indexing="ij")
-    assert np.array_equal(flattened(y**2), y**2)  # pulled below, pressed above
+    assert np.array_equal(remove_strain_trend(y**2), y**2)  # pulled below, pressed above
 
 
 def test_the_truth_explains_a_window_and_other_maps_do_not(pressed):
@@ -63,8 +63,8 @@ def test_an_uneven_plate_is_no_reason_to_reject(pressed):
     off = np.abs(level - pressed.truth["youngs"]) / (found.deviations["youngs"] * level / found.maps["youngs"])
     assert (off < 1.96).mean() > 0.85
     n = len(axial(pressed))
-    view = View(axial(pressed)[..., None], np.ones((n, n), bool), 0.0, WINDOW / (n - 1))
-    plates = np.exp(answered(Operator.shipped("compression"), view, 1000.0, 0.495).mean[0])
+    view = RasterField(axial(pressed)[..., None], np.ones((n, n), bool), 0.0, WINDOW / (n - 1))
+    plates = np.exp(predict_field(Operator.load_default("compression"), view, 1000.0, 0.495).mean[0])
     naive, _ = contrast(pressed.points, plates.ravel())
     assert abs(naive - CONTRAST) > 2 * abs(lesion - CONTRAST)
 

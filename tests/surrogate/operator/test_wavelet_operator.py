@@ -12,8 +12,8 @@ pytest.importorskip("pywt")
 torch.set_num_threads(1)
 
 from ngbrain.surrogate.operator import wavelet_operator  # noqa: E402
-from ngbrain.surrogate.operator.wavelet_operator import WaveletOperator, native, weights  # noqa: E402
-from ngbrain.surrogate.training.export import as_onnx  # noqa: E402
+from ngbrain.surrogate.operator.wavelet_operator import WaveletOperator, count_weights, native_grid  # noqa: E402
+from ngbrain.surrogate.training.export import write_onnx  # noqa: E402
 
 
 def smooth(n: int, phase: float = 0.0):
@@ -41,7 +41,7 @@ def test_a_finer_grid_gives_the_same_answer(net, monkeypatch):
     assert off(fine[..., ::2, ::2], coarse) < 1e-5
     between = torch.nn.functional.interpolate(coarse, size=(101, 101), mode="bicubic", align_corners=True)
     assert off(fine, between) < 0.04
-    monkeypatch.setattr(wavelet_operator, "native", lambda ny, nx: (ny, nx))
+    monkeypatch.setattr(wavelet_operator, "native_grid", lambda ny, nx: (ny, nx))
     assert off(net(smooth(101))[..., ::2, ::2], coarse) > 0.3
 
 
@@ -52,13 +52,13 @@ def test_grids_without_the_native_points_come_near(net, n):
 
 
 def test_the_native_grid_has_square_cells():
-    assert native(101, 51) == (51, 26)
-    assert native(31, 64) == (25, 51)
+    assert native_grid(101, 51) == (51, 26)
+    assert native_grid(31, 64) == (25, 51)
 
 
 def test_every_weight_learns_and_there_are_few():
     net = WaveletOperator(24, 4)
-    assert 2e5 <= weights(net) <= 6e5
+    assert 2e5 <= count_weights(net) <= 6e5
     net(torch.randn(1, 24, 51, 51)).square().sum().backward()
     assert all(p.grad.abs().max() > 0 for p in net.parameters())
 
@@ -88,7 +88,7 @@ def test_what_was_learned_on_51_points_holds_on_101():
 def test_one_onnx_file_serves_all_grids(net, tmp_path):
     runtime = pytest.importorskip("onnxruntime")
     pytest.importorskip("onnx")
-    as_onnx(net, tmp_path / "net.onnx", net.channels_in, ["x", "y"])
+    write_onnx(net, tmp_path / "net.onnx", net.channels_in, ["x", "y"])
     session = runtime.InferenceSession(tmp_path / "net.onnx", providers=["CPUExecutionProvider"])
     for shape in ((1, 5, 51, 51), (2, 5, 64, 64), (1, 5, 101, 101), (3, 5, 40, 61), (1, 5, 61, 26)):
         x = torch.randn(shape)

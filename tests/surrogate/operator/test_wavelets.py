@@ -56,21 +56,21 @@ def test_a_finer_grid_gives_the_native_coefficients(field):
     """101 points hold the 51; 64 do not, but tell a smooth field."""
     wavelet, fine = Wavelet("db2"), field(101, 101)
     native = wavelet.axis(51)
-    finer = native.seen_from(101)
+    finer = native.resample(101)
     for ours, wanted in zip(
         wavelet.split(fine, (finer, finer)), wavelet.split(fine[::2, ::2], (native, native)), strict=True
     ):
         torch.testing.assert_close(ours, wanted)
     wave = torch.sin(2 * torch.pi * torch.linspace(0, 1, 64))
     torch.testing.assert_close(
-        native.seen_from(64).synthesis @ (native.seen_from(64).analysis @ wave), wave, rtol=0, atol=2e-4
+        native.resample(64).synthesis @ (native.resample(64).analysis @ wave), wave, rtol=0, atol=2e-4
     )
 
 
 def test_a_level_below_another_is_the_second_of_two(field):
     wavelet, x = Wavelet("db2"), field(51, 51)
     (first, _), (second, _) = wavelet.levels(51, 51, 2)
-    both = second.below(first)
+    both = second.chain(first)
     mean, _ = wavelet.split(x, (first, first))
     for ours, wanted in zip(wavelet.split(x, (both, both)), wavelet.split(mean, (second, second)), strict=True):
         torch.testing.assert_close(ours, wanted)

@@ -9,12 +9,12 @@ import pytest
 from algebraic import noisy
 
 from ngbrain.inverse.phantoms.benchmark import Phantom
-from ngbrain.surrogate.data.dataset import DENSITY, FINE, SIDES, sample, shaken
+from ngbrain.surrogate.data.dataset import DENSITY, FINE, SIDES, sample, solve_displacement
 from ngbrain.surrogate.data.random_fields import family
-from ngbrain.surrogate.operator.encoding import errors, modality
+from ngbrain.surrogate.operator.encoding import modality, relative_errors
 from ngbrain.surrogate.prediction.predict import predict
 from ngbrain.surrogate.prediction.pretrained import Operator
-from ngbrain.surrogate.prediction.tiling import Look
+from ngbrain.surrogate.prediction.tiling import TilePrediction
 from ngbrain.surrogate.prediction.trust import auc, scores
 
 pytest.importorskip("onnxruntime")
@@ -28,14 +28,14 @@ def looks(operator, rows, sigma=0.01):
     nu = np.array([row.poisson for row in rows])
     features = operator.kind.features(u, nu)
     each = zip(u, [row.frequency for row in rows], nu, features, *operator(features), strict=True)
-    return [Look(operator.kind, *parts) for parts in each]
+    return [TilePrediction(operator.kind, *parts) for parts in each]
 
 
 def off(operator, rows, seen):
     kind = operator.kind
     storage, loss = np.array([row.storage for row in rows]), np.array([row.loss for row in rows])
     unit = kind.unit(storage, np.array([row.frequency for row in rows]), DENSITY, SIDES[kind.name])
-    return errors(np.array([look.mean for look in seen]), kind.targets(storage, loss, unit))[:, 0]
+    return relative_errors(np.array([look.mean for look in seen]), kind.targets(storage, loss, unit))[:, 0]
 
 
 def samples(name, count, across=51):
@@ -45,7 +45,7 @@ def samples(name, count, across=51):
 
 @pytest.fixture(scope="module")
 def waves():
-    return Operator.shipped("waves"), samples("waves", 6)
+    return Operator.load_default("waves"), samples("waves", 6)
 
 
 def largest(operator, seen):
@@ -54,7 +54,7 @@ def largest(operator, seen):
 
 @pytest.mark.parametrize("name, wanted", [("waves", 0.08), ("compression", 0.04)])
 def test_new_squares(name, wanted):
-    operator, rows = Operator.shipped(name), samples(name, 4)
+    operator, rows = Operator.load_default(name), samples(name, 4)
     assert operator.kind is modality(name)
     assert np.mean(off(operator, rows, looks(operator, rows))) < wanted
 
@@ -79,7 +79,10 @@ def test_right_maps_pass_and_those_of_another_square_do_not(waves):
     seen = looks(operator, rows)
     trust = operator.card.trust
     right = np.array([scores(look, trust)["residual"] for look in seen])
-    wrong = [scores(Look(**{**vars(look), "mean": seen[i - 1].mean}), trust)["residual"] for i, look in enumerate(seen)]
+    wrong = [
+        scores(TilePrediction(**{**vars(look), "mean": seen[i - 1].mean}), trust)["residual"]
+        for i, look in enumerate(seen)
+    ]
     assert (right <= trust["threshold"]).mean() > 0.8 and auc(right, np.array(wrong)) > 0.9
 
 
@@ -95,7 +98,7 @@ def driven(drive=None, frequency=None, shear=None, count=4):
         edges = {"top": way, **({"bottom": tuple(drive * part for part in way)} if drive is not None else {})}
         fine = (shear or 6e3) * family("gaussian_width")(random, x, y) * (1 + 0.1j)
         hertz = frequency or row.frequency
-        u = shaken(fine, hertz, row.poisson, edges, 51)
+        u = solve_displacement(fine, hertz, row.poisson, edges, 51)
         found.append(type(row)(u, row.storage, row.loss, hertz, row.poisson))
     return found
 
@@ -135,13 +138,13 @@ def test_ten_per_cent_of_noise(waves):
 
 @pytest.mark.parametrize("name", ["waves", "compression"])
 def test_twice_the_noise_that_bounds_are_found_with_is_still_within_the_training(name):
-    operator, rows = Operator.shipped(name), samples(name, 4)
+    operator, rows = Operator.load_default(name), samples(name, 4)
     assert largest(operator, looks(operator, rows, 0.02)).max() < operator.card.trust["threshold"]
 
 
 def test_no_torch():
     """Neither for the command line nor for the operator."""
-    code = "import sys, ngbrain.cli.predict as _, ngbrain.surrogate.prediction.pretrained as s; s.Operator.shipped('waves')"
+    code = "import sys, ngbrain.cli.predict as _, ngbrain.surrogate.prediction.pretrained as s; s.Operator.load_default('waves')"
     done = subprocess.run(
         [sys.executable, "-c", code + "; print('torch' in sys.modules)"], capture_output=True, text=True, check=True
     )

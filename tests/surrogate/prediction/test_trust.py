@@ -10,9 +10,9 @@ import pytest
 from algebraic import algebraic, few, noisy
 
 from ngbrain.errors import InputError
-from ngbrain.surrogate.operator.encoding import GRAIN, MODALITIES, modality, spoilt
+from ngbrain.surrogate.operator.encoding import GRAIN, MODALITIES, add_noise, modality
 from ngbrain.surrogate.prediction.pretrained import DIGEST, WEIGHTS, Card, Operator
-from ngbrain.surrogate.prediction.tiling import Look
+from ngbrain.surrogate.prediction.tiling import TilePrediction
 from ngbrain.surrogate.prediction.trust import auc, calibrate, scores
 
 
@@ -20,7 +20,7 @@ def looks(operator, data):
     u = data.displacement / data.side
     features = operator.kind.features(u, data.poisson)
     each = zip(u, data.frequency, data.poisson, features, *operator(features), strict=True)
-    return [Look(operator.kind, *parts) for parts in each]
+    return [TilePrediction(operator.kind, *parts) for parts in each]
 
 
 def with_noise(data, sigma=0.01):
@@ -39,23 +39,23 @@ def test_scales_are_calibrated_so_that_they_cover_what_they_say():
     covered = (np.abs(truth - mean) < 1.96 * scale).mean(axis=(0, 2, 3))
     np.testing.assert_allclose(covered, 0.95, atol=0.02)
     for share in (0.25, 0.5, 0.9):
-        inside = np.abs(truth - mean) < operator.card.within(share)[:, None, None] * scale
+        inside = np.abs(truth - mean) < operator.card.coverage_factors(share)[:, None, None] * scale
         np.testing.assert_allclose(inside.mean(axis=(0, 2, 3)), share, atol=0.03)
     again = calibrate(
         operator, few("waves"), few("waves", "validation")
     )  # a card that has been calibrated stays as it is
     np.testing.assert_allclose(again["temperature"], operator.card.temperature, rtol=1e-6)
-    assert again["within"]["deviations"][1] == pytest.approx(operator.card.told["within"]["deviations"][1])
+    assert again["within"]["deviations"][1] == pytest.approx(operator.card.content["within"]["deviations"][1])
     assert operator.card.temperature[0] != 1
 
 
 def test_shares_between_those_of_the_calibration_and_beyond_them():
     card = Card({"within": {"shares": [0.5, 0.9], "deviations": [[0.4, 1.2], [1.0, 2.0]]}})
-    np.testing.assert_allclose(card.within(0.7), [0.8, 1.5])
+    np.testing.assert_allclose(card.coverage_factors(0.7), [0.8, 1.5])
     with pytest.raises(InputError, match=r"share is 0\.95; wanted: 0\.5 to 0\.9"):
-        card.within(0.95)
+        card.coverage_factors(0.95)
     with pytest.raises(InputError, match="card is without `within`"):
-        Card({}).within(0.5)
+        Card({}).coverage_factors(0.5)
 
 
 def test_what_was_validated_on_is_within_its_bounds():
@@ -116,7 +116,7 @@ def test_noise_with_the_longest_grain():
     """It looks smoother than it is, and is told all the same."""
     operator, data = algebraic("compression"), few("compression", "validation")
     count = len(data.displacement)
-    u = spoilt(data.displacement, np.full(count, 0.1), np.random.default_rng(0), np.full(count, GRAIN))
+    u = add_noise(data.displacement, np.full(count, 0.1), np.random.default_rng(0), np.full(count, GRAIN))
     found = [scores(look, operator.card.trust) for look in looks(operator, replace(data, displacement=u))]
     assert min(each["noise"] for each in found) > 1.5
 
@@ -153,7 +153,7 @@ def test_an_operator_that_answers_nothing_is_not_calibrated():
 def test_cards_and_weights_that_are_none(tmp_path):
     pytest.importorskip("onnxruntime")
     with pytest.raises(InputError, match="missing"):
-        Operator.of(tmp_path, "waves")
+        Operator.load(tmp_path, "waves")
     (tmp_path / "waves.json").write_text('{"modality": "sound"}')
     with pytest.raises(InputError, match=r"waves\.json.*modality"):
         Card.read(tmp_path / "waves.json")
@@ -210,15 +210,15 @@ def test_weights_that_are_not_those_of_the_card_are_refused(tmp_path):
     pytest.importorskip("onnxruntime")
     for suffix in ("json", "onnx"):
         shutil.copy(WEIGHTS / f"waves.{suffix}", tmp_path)
-    Operator.of(tmp_path, "waves")
+    Operator.load(tmp_path, "waves")
     weights, card = tmp_path / "waves.onnx", json.loads((tmp_path / "waves.json").read_text())
     raw = weights.read_bytes()
     for damaged, opens in ((raw[:-100] + bytes([raw[-100] ^ 1]) + raw[-99:], True), (raw[:5000], False)):
         weights.write_bytes(damaged)
         with pytest.raises(InputError, match=r"waves\.onnx: weights is not those that the card"):
-            Operator.of(tmp_path, "waves")
+            Operator.load(tmp_path, "waves")
         (tmp_path / "waves.json").write_text(json.dumps(card | {DIGEST: hashlib.sha256(damaged).hexdigest()}))
         if not opens:
             with pytest.raises(InputError, match="weights is unreadable"):
-                Operator.of(tmp_path, "waves")
+                Operator.load(tmp_path, "waves")
         (tmp_path / "waves.json").write_text(json.dumps(card))

@@ -6,8 +6,8 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("pywt")
 torch.set_num_threads(1)
 
-from ngbrain.surrogate.operator.wavelet_operator import WaveletOperator, weights  # noqa: E402
-from ngbrain.surrogate.training.baselines import FourierOperator, Spectrum, UNet  # noqa: E402
+from ngbrain.surrogate.operator.wavelet_operator import WaveletOperator, count_weights  # noqa: E402
+from ngbrain.surrogate.training.baselines import FourierLayer, FourierOperator, UNet  # noqa: E402
 
 RIVALS = [UNet, FourierOperator]
 
@@ -15,7 +15,7 @@ RIVALS = [UNet, FourierOperator]
 @pytest.mark.parametrize("rival", RIVALS)
 @pytest.mark.parametrize("channels", [(24, 4), (10, 2)])
 def test_as_many_weights_as_the_operator(rival, channels):
-    assert weights(rival(*channels)) == pytest.approx(weights(WaveletOperator(*channels)), rel=0.1)
+    assert count_weights(rival(*channels)) == pytest.approx(count_weights(WaveletOperator(*channels)), rel=0.1)
 
 
 @pytest.mark.parametrize("network", [WaveletOperator, *RIVALS])
@@ -37,7 +37,7 @@ def test_any_grid_and_every_weight_learns(rival):
 
 def test_a_spectrum_sees_low_modes_alone_and_the_same_on_every_grid():
     torch.manual_seed(0)
-    spectrum = Spectrum(1, 4)
+    spectrum = FourierLayer(1, 4)
 
     def wave(n: int, mode: int):
         s = 2 * torch.pi * torch.arange(n) / n

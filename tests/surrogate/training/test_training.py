@@ -10,14 +10,14 @@ torch = pytest.importorskip("torch", reason='torch is not installed; get it with
 from ngbrain.errors import InputError  # noqa: E402
 from ngbrain.surrogate.__main__ import _command, _trainings  # noqa: E402
 from ngbrain.surrogate.data.dataset import DataSet, generate  # noqa: E402
-from ngbrain.surrogate.operator.encoding import errors, modality, spoilt, without_affine  # noqa: E402
+from ngbrain.surrogate.operator.encoding import add_noise, modality, relative_errors, remove_affine  # noqa: E402
 from ngbrain.surrogate.operator.wavelet_operator import WaveletOperator  # noqa: E402
 from ngbrain.surrogate.training.training import (  # noqa: E402
     Learner,
     Settings,
     Surrogate,
     objective,
-    predicted,
+    predict_batches,
     train,
     turned,
 )
@@ -40,8 +40,8 @@ def sets(request, tmp_path_factory):
 
 def test_noise_is_relative_to_what_is_not_affine(sets, rng):
     u = sets[0].displacement[:4]
-    eta = spoilt(u, np.full(4, 0.1), rng) - u
-    rms = np.sqrt((np.abs(without_affine(u)) ** 2).mean(axis=(1, 2)))
+    eta = add_noise(u, np.full(4, 0.1), rng) - u
+    rms = np.sqrt((np.abs(remove_affine(u)) ** 2).mean(axis=(1, 2)))
     assert np.allclose(np.sqrt((np.abs(eta) ** 2).mean(axis=(1, 2))), 0.1 * rms, rtol=0.15)
     assert np.iscomplexobj(eta) == np.iscomplexobj(u)
 
@@ -49,7 +49,7 @@ def test_noise_is_relative_to_what_is_not_affine(sets, rng):
 @pytest.mark.parametrize("sets", ["waves"], indirect=True)
 def test_what_is_turned_is_a_square_of_the_same_kind(sets, rng):
     """Features of turned waves tell turned moduli: those of the curl are turned with the truth."""
-    learner = Learner.of(sets[0])
+    learner = Learner.from_data(sets[0])
     kind = learner.kind
     u, maps = turned(kind.name, sets[0].displacement, learner.maps, rng)
     assert not np.allclose(maps, learner.maps)
@@ -74,9 +74,9 @@ def test_errors_are_those_of_moduli():
     truth = np.log(np.full((1, 1, 4, 4), 2e-3))
     lossy = np.concatenate([truth, np.full_like(truth, 0.1)], axis=1)
     found = lossy + np.array([np.log(1.1), 0.01]).reshape(1, 2, 1, 1)
-    assert np.allclose(errors(found, lossy), [[0.1, 1.1 * 1.1 - 1]])
+    assert np.allclose(relative_errors(found, lossy), [[0.1, 1.1 * 1.1 - 1]])
     lossless = lossy * np.array([1, 0]).reshape(1, 2, 1, 1)
-    assert np.isnan(errors(found, lossless)[0, 1])
+    assert np.isnan(relative_errors(found, lossless)[0, 1])
 
 
 def test_scales_do_not_move_means():
@@ -108,9 +108,9 @@ def test_a_tenth_less_is_worth_as_much_of_any_error():
 
 
 def test_normalisers_are_of_the_training_data(sets):
-    learner = Learner.of(sets[0])
+    learner = Learner.from_data(sets[0])
     model = Surrogate(small(learner.kind.channels, 2), learner.kind)
-    features = learner.measured(0.01)
+    features = learner.noisy_features(0.01)
     model.fit(features, learner.maps)
     assert np.allclose(model.centre.numpy().ravel(), features.mean(axis=(0, 2, 3)), atol=1e-5)
     assert np.allclose(model.width.numpy().ravel(), learner.maps.std(axis=(0, 2, 3)), rtol=1e-4, atol=1e-5)
@@ -118,17 +118,17 @@ def test_normalisers_are_of_the_training_data(sets):
 
 def test_an_operator_corrects_a_first_estimate_by_the_spread_of_the_targets(sets):
     """Of waves the modulus that their curl tells, of compression the mean of the training."""
-    learner = Learner.of(sets[0])
+    learner = Learner.from_data(sets[0])
     kind, answers = learner.kind, len(learner.kind.answers)
     constant = torch.nn.Conv2d(kind.channels, 2 * answers, 1)
     torch.nn.init.zeros_(constant.weight)
     torch.nn.init.constant_(constant.bias, 0.5)
     model = Surrogate(constant, kind)
-    features = learner.measured(0.01)
+    features = learner.noisy_features(0.01)
     model.fit(features, learner.maps)
     middle, width = (f(learner.maps, axis=(0, 2, 3), keepdims=True) for f in (np.mean, np.std))
     first = features[:, list(kind.estimates)] if kind.name == "waves" else middle
-    mean, scale = predicted(model, features)
+    mean, scale = predict_batches(model, features)
     assert np.allclose(mean, first + 0.5 * width, atol=1e-4)
     assert np.allclose(scale, np.exp(0.5) * width, rtol=1e-3)
 
@@ -149,8 +149,8 @@ def test_a_stopped_training_goes_on_as_if_never_stopped(sets, tmp_path):
     told: list[dict[str, float]] = []
     resumed = train(small, *sets, tmp_path / "stopped", settings, told.append)
     assert [each["epoch"] for each in told] == [3]
-    features = Learner.of(sets[1]).measured(0.0)
-    assert np.array_equal(predicted(through, features)[0], predicted(resumed, features)[0])
+    features = Learner.from_data(sets[1]).noisy_features(0.0)
+    assert np.array_equal(predict_batches(through, features)[0], predict_batches(resumed, features)[0])
     with pytest.raises(InputError, match=r"checkpoint\.pt"):
         train(small, *sets, tmp_path / "stopped", replace(settings, rate=1e-4))
 
@@ -160,8 +160,8 @@ def test_a_training_begins_with_the_weights_of_another(sets, tmp_path):
     first = train(small, *sets, tmp_path / "first", Settings(epochs=2, batch=4))
     start, told = tmp_path / "first/checkpoint.pt", list[dict[str, float]]()
     second = train(small, *sets, tmp_path / "second", Settings(epochs=2, batch=4, rate=1e-9), told.append, start)
-    features = Learner.of(sets[1]).measured(0.0)
-    assert np.allclose(predicted(first, features)[0], predicted(second, features)[0], atol=1e-5)
+    features = Learner.from_data(sets[1]).noisy_features(0.0)
+    assert np.allclose(predict_batches(first, features)[0], predict_batches(second, features)[0], atol=1e-5)
     saved = torch.load(tmp_path / "second/checkpoint.pt", weights_only=True)
     assert [each["epoch"] for each in saved["curve"]] == [1, 2, 3, 4] and told == saved["curve"][2:]
     assert saved["made_by"]["start"] == torch.load(start, weights_only=True)["made_by"]
@@ -180,7 +180,7 @@ def test_a_training_begins_with_the_weights_of_another(sets, tmp_path):
 def test_families_that_matter_most_are_seen_twice_as_often(sets, tmp_path, monkeypatch):
     both = replace(sets[0], family=np.arange(16) % 2, names=("sinc", "halves"))
     seen: list[np.ndarray] = []
-    plain = Learner.seen
+    plain = Learner.draw_batch
     monkeypatch.setattr(Learner, "seen", lambda self, rows, *of: seen.append(rows) or plain(self, rows, *of))
     train(small, both, sets[1], tmp_path, Settings(epochs=30, batch=4, twice=("halves",)))
     share = np.mean(np.concatenate(seen[1:]) % 2)  # the first sight is for the normalisers
@@ -208,13 +208,13 @@ def test_onnx_answers_as_torch_does(sets, tmp_path):
     from ngbrain.surrogate.training.export import export
 
     kind = modality(sets[0].modality)
-    learner = Learner.of(sets[0])
+    learner = Learner.from_data(sets[0])
     model = Surrogate(small(kind.channels, 2 * len(kind.answers)), kind)
-    features = learner.measured(0.01)
+    features = learner.noisy_features(0.01)
     model.fit(features, learner.maps)
     export(model, tmp_path, kind.name, {"seed": 0})
     session = runtime.InferenceSession(str(tmp_path / f"{kind.name}.onnx"))
     mean, scale = session.run(None, {"features": features})
-    ours = predicted(model, features)
+    ours = predict_batches(model, features)
     assert np.abs(mean - ours[0]).max() < 1e-5 * np.abs(ours[0]).max()
     assert np.allclose(np.exp(scale), ours[1], rtol=1e-4)

@@ -86,7 +86,7 @@ class MaxwellStart:
 
     shape, G  C̄ and G at the start
     moved     from `made` to one whose parameters change
-    settled   what `Flow.settled` has: the strains in a law of which parameters are differentiated, and a share
+    settled   what `Flow.step_solution` has: the strains in a law of which parameters are differentiated, and a share
     """
 
     def __init__(

@@ -121,7 +121,7 @@ class StepForms:
             way = self.body.layout.fields(motion)
             F = F + number * self.body.kinematics.change(way.u, ngs.Grad(way.u))
             p = None if p is None else p + number * way.p
-        return Deformation.of(F), p
+        return Deformation.from_gradient(F), p
 
     # What is asked of a step.
 
@@ -138,8 +138,8 @@ class StepForms:
     def read_maxwell_states(self) -> None:
         """Take from the Maxwell branches what they began the step with, and where they settled."""
         for flow, half, settled in zip(self.body.history.flows.flows, self._half, self._settled, strict=True):
-            set_rows([half], "value", flow.begun)
-            set_rows([settled], "value", flow.settled)
+            set_rows([half], "value", flow.step_state)
+            set_rows([settled], "value", flow.step_solution)
 
     def residual_derivative(self, history: Array, theta: Mapping[str, Array]) -> Array:
         """R_h δh + R_m δm + R_θ δθ, one number for each unknown of the body."""
@@ -184,7 +184,7 @@ class StepForms:
 
     def _check(self, material: Material) -> None:
         """`slopes` are by values at points: a law that sees the gradient of a parameter would have others."""
-        at = Deformation.of(self.deformation_gradient(self.body.u))
+        at = Deformation.from_gradient(self.deformation_gradient(self.body.u))
         flows = [ngs.CF((ended.law, ended.branch.eta)) for ended in self._ended(material, at.shape, UNPERTURBED)]
         for name, parameter in self.parameters.items():
             if isinstance(parameter, ngs.GridFunction):
@@ -222,7 +222,7 @@ class StepForms:
     ) -> list[QuadratureFunction]:
         """W, as `Tissue` has it."""
         law = material.viscous
-        factors = [step_factors(self.dt, branch.tau) for branch in law.hereditary]
+        factors = [step_factors(self.dt, branch.tau) for branch in law.hereditary_branches]
         energy = law.density(at, [beta for _, beta in factors]) + material.of_volume(at.J, p)
         for (e, beta), (stress, over) in zip(factors, self._pairs, strict=False):
             energy += 0.5 * ngs.InnerProduct(from_voigt(e * seen(over) - beta * seen(stress)), at.shape)
@@ -230,7 +230,7 @@ class StepForms:
         return [QuadratureFunction(energy, self.parameter_derivatives(energy)), *flows]
 
     def _ended(self, material: Material, shape: CoefficientFunction, seen: View) -> list[MaxwellEnd]:
-        parts = zip(material.viscous.flowing, self._half, self._settled, strict=False)
+        parts = zip(material.viscous.maxwell_branches, self._half, self._settled, strict=False)
         return [
             MaxwellEnd(branch, shape, seen(half), settled.variable, *self._ways(seen))
             for branch, half, settled in parts
@@ -247,8 +247,8 @@ class StepForms:
     def updates(self, material: Material, shape: CoefficientFunction, seen: View) -> list[QuadratureFunction]:
         """U at a C̄, block by block; branches that a region has not stay at rest."""
         found, C = list[QuadratureFunction](), shape.MakeVariable()
-        for branch, (stress, over) in zip(material.viscous.hereditary, self._pairs, strict=False):
-            W = density(branch.law, Deformation.of_stretch(C))
+        for branch, (stress, over) in zip(material.viscous.hereditary_branches, self._pairs, strict=False):
+            W = density(branch.law, Deformation.from_stretch(C))
             new = QuadratureFunction(
                 to_voigt(overstress(W, C)), [to_voigt(overstress(slope, C)) for slope in self.parameter_derivatives(W)]
             )
@@ -267,7 +267,7 @@ class StepForms:
     def maxwell_starts(self, material: Material, seen: View) -> list[MaxwellStart]:
         """How the Maxwell branches begin."""
         found = list[MaxwellStart]()
-        for branch, G, settled in zip(material.viscous.flowing, self._G, self._settled, strict=False):
+        for branch, G, settled in zip(material.viscous.maxwell_branches, self._G, self._settled, strict=False):
             nine, strain = seen(G), from_voigt(seen(self._strain[0]))
             three = ngs.CF(tuple(nine[i] for i in range(9)), dims=(3, 3))
             found.append(MaxwellStart(branch, self.dt, strain, three, settled.variable, *self._ways(seen)))
@@ -302,7 +302,7 @@ class StepForms:
     def _backward(self, material: Material) -> CoefficientFunction:
         """∂ℓ by h, m and θ."""
         F = self.deformation_gradient(self.body.u).MakeVariable()
-        moving, held = Deformation.of(F), Deformation.of(self.deformation_gradient(self.body.u))
+        moving, held = Deformation.from_gradient(F), Deformation.from_gradient(self.deformation_gradient(self.body.u))
         motion = self.body.layout.fields(self._motion)
         t = ngs.Parameter(0.0)
         names = ("shape", "C", "J", "F")
@@ -322,7 +322,7 @@ class StepForms:
         """δh⁺."""
         moving = self.body.layout.fields(self._moving).u
         F = self.deformation_gradient(self.body.u) + self._s * self.body.kinematics.change(moving, ngs.Grad(moving))
-        updates = self.updates(material, Deformation.of(F).shape, PERTURBED)
+        updates = self.updates(material, Deformation.from_gradient(F).shape, PERTURBED)
         return ngs.CF((0.0, *map(self._along, updates))).Compile()
 
     def _inner_backward(self, material: Material) -> CoefficientFunction:

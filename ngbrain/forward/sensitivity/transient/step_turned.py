@@ -143,7 +143,7 @@ class DifferenceTissueHessian:
             set_rows(forms.blocks, "value", history + s * back)
             begun, shapes = forms.points(self._begun)[1:], body.history.shapes()
             for flow, found in zip(flows, begun.reshape(len(flows), 12, begun.shape[1]), strict=True):
-                flow.go_on(found[2:], found[:2])
+                flow.resume_step(found[2:], found[:2])
                 flow.relax(shapes)
             forms.read_maxwell_states()
 

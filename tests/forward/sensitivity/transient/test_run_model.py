@@ -368,8 +368,8 @@ def stale_factor(patch):
 
 def unsettled(patch):
     """A step's own minimum differentiated where it is not."""
-    settled = Flow.settled.fget
-    patch.setattr(Flow, "settled", property(lambda self: settled(self) * np.array([[0.5], [0.5], [1], [1], [1]])))
+    settled = Flow.step_solution.fget
+    patch.setattr(Flow, "step_solution", property(lambda self: settled(self) * np.array([[0.5], [0.5], [1], [1], [1]])))
 
 
 def rest_forgotten(patch):
