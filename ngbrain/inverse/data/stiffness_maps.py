@@ -68,7 +68,9 @@ class StiffnessMap:
             More than half of the points lie where nothing was measured: another space, or another unit of length.
         """
         measured_mask(self.stiffness, points)
-        return modulus_from_stiffness(interpolate_map(self.stiffness, points), interpolate_map(self.damping_ratio, points))
+        return modulus_from_stiffness(
+            interpolate_map(self.stiffness, points), interpolate_map(self.damping_ratio, points)
+        )
 
     def quadrature_fields(self, mesh: ngs.Mesh, degree: int) -> tuple[ngs.GridFunction, ngs.GridFunction]:
         """G' and G'' (Pa) at the points of a `Harmonic` with `quadrature=degree` on a mesh, for its integrals alone.
