@@ -82,13 +82,17 @@ class StepShapeDerivatives:
         """The integrand of a tissue's virtual work, moved."""
         body = self._forms.body
         F = self._F(body.u, way) + self._r * self._gradient(virtual[0], way)
-        energies = self._forms.energies(material, Deformation.from_gradient(F), 1.0 * body.p + self._r * virtual[1], UNPERTURBED)
+        energies = self._forms.energies(
+            material, Deformation.from_gradient(F), 1.0 * body.p + self._r * virtual[1], UNPERTURBED
+        )
         work = reduce(add, (part.value for part in energies)).Diff(self._r)
         return self._along(work, way) + work * ngs.Trace(ngs.Grad(way))
 
     def _ends(self, material: Material, way: CoefficientFunction) -> list[CoefficientFunction]:
         """A history's blocks, moved."""
-        updates = self._forms.updates(material, Deformation.from_gradient(self._F(self._forms.body.u, way)).shape, UNPERTURBED)
+        updates = self._forms.updates(
+            material, Deformation.from_gradient(self._F(self._forms.body.u, way)).shape, UNPERTURBED
+        )
         return [self._along(part.value, way) for part in updates]
 
     def _weighed(self, material: Material, way: CoefficientFunction) -> CoefficientFunction:
