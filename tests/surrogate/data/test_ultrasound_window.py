@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter
 pytest.importorskip("onnxruntime", reason='onnxruntime is not installed; get it with: pip install "ngbrain[surrogate]"')
 
 from ngbrain.inverse.elastography.derived_maps import scale_to_truth  # noqa: E402
-from ngbrain.surrogate.data.ultrasound_window import remove_strain_trend, misfit  # noqa: E402
+from ngbrain.surrogate.data.ultrasound_window import misfit, remove_strain_trend  # noqa: E402
 from ngbrain.surrogate.prediction.predict import predict  # noqa: E402
 from ngbrain.surrogate.prediction.pretrained import Operator  # noqa: E402
 from ngbrain.surrogate.prediction.tiling import RasterField, predict_field  # noqa: E402
