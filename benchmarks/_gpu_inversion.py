@@ -27,10 +27,10 @@ from ngbrain.forward.sensitivity.harmonic.slopes import FieldGradient
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, WaveLinearisation
 from ngbrain.inverse.data.quality import noise_deviation
 from ngbrain.inverse.objective.misfit import LeastSquares
-from ngbrain.inverse.objective.parameters import Fields
+from ngbrain.inverse.objective.parameters import ParameterFields
 from ngbrain.inverse.objective.regularisation import smooth
 from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
-from ngbrain.inverse.optimise.regularisation_weight import Given
+from ngbrain.inverse.optimise.regularisation_weight import FixedWeights
 from ngbrain.inverse.phantoms.benchmark import SIDE, Phantom
 from ngbrain.inverse.problem.discretisation import Discretisation
 from ngbrain.inverse.problem.wave_problem import ElastographyProblem
@@ -123,7 +123,7 @@ def problem(case: str, data: WaveData, n: int, device: Device) -> tuple[Elastogr
     sigma = noise_deviation(data, data.noise)
     whole = experiment.unknowns(sigma)
     moduli = {name: unknown for name, unknown in whole.unknowns.items() if name != BOUNDARY}
-    fields = Fields(whole.theta(whole.start), experiment.model.blocks, moduli)
+    fields = ParameterFields(whole.theta(whole.start), experiment.model.blocks, moduli)
     regularisers = {name: smooth(experiment.space, fields.start[fields.blocks[name]]) for name in moduli}
     weights = dict.fromkeys(moduli, WEIGHTS[case])
     return experiment, Reduced(
@@ -147,7 +147,7 @@ def inversions(case: str, n: int) -> tuple[Record, dict[str, Callable[[], Record
         clock.seconds.clear()
         begun = clock.now()
         with assembly(clock):
-            end = levenberg_marquardt(reduced, reduced.unknowns.start, Given(), dense=0)
+            end = levenberg_marquardt(reduced, reduced.unknowns.start, FixedWeights(), dense=0)
         seconds, spent = clock.now() - begun, dict(clock.seconds)
         maps = experiment.maps(reduced.unknowns, end.x)
         modulus, truth = maps["storage"] + 1j * maps["loss"], data.truth["shear"]

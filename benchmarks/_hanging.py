@@ -17,11 +17,11 @@ from ngbrain.forward.sensitivity.reference_shape import Positions
 from ngbrain.forward.sensitivity.static_model import LoadCase, NodePositions, StaticModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.inverse.objective.misfit import LeastSquares
-from ngbrain.inverse.objective.parameters import Fields, Scaled, Unknown
-from ngbrain.inverse.objective.regularisation import Quadratic, smooth
+from ngbrain.inverse.objective.parameters import ParameterFields, ScaledTransform, Unknown
+from ngbrain.inverse.objective.regularisation import QuadraticRegulariser, smooth
 from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
-from ngbrain.inverse.optimise.regularisation_weight import Discrepancy
-from ngbrain.inverse.optimise.result import Found
+from ngbrain.inverse.optimise.regularisation_weight import DiscrepancyPrinciple
+from ngbrain.inverse.optimise.result import OptimisationResult
 from ngbrain.materials import NeoHooke
 
 Array = np.ndarray
@@ -95,16 +95,20 @@ class Hanging:
             shape = shape + missed
         return shape, rms(missed)
 
-    def found(self, search: Callable[..., Found] = levenberg_marquardt) -> tuple[Array, Found]:
+    def found(
+        self, search: Callable[..., OptimisationResult] = levenberg_marquardt
+    ) -> tuple[Array, OptimisationResult]:
         """By the derivatives."""
         self.model.model.forget()
         inner, nodes = self.model.model, self.model.model.parts["nodes"]
         basis = sp.eye_array(inner.size, format="csr")[:, np.flatnonzero(self._free)]
-        fields = Fields(np.zeros(inner.size), inner.blocks, {"nodes": Unknown(0.0, Scaled(SIDE), basis)})
+        fields = ParameterFields(
+            np.zeros(inner.size), inner.blocks, {"nodes": Unknown(0.0, ScaledTransform(SIDE), basis)}
+        )
         assert isinstance(nodes, NodePositions)
         smoothed = smooth(nodes.shift.space, 0.0).matrix(np.zeros(inner.size))
-        drawn = Quadratic(sp.csr_array(basis.T @ smoothed @ basis), fields.start)
+        drawn = QuadraticRegulariser(sp.csr_array(basis.T @ smoothed @ basis), fields.start)
         misfit = LeastSquares(self.seen.ravel(), np.full(self.seen.size, self.sigma))
         reduced = Reduced(self.model, misfit, fields, {"nodes": drawn}, {"nodes": 10.0})
-        found = search(reduced, fields.start, Discrepancy())
+        found = search(reduced, fields.start, DiscrepancyPrinciple())
         return self.square + fields.theta(found.x).reshape(2, -1).T, found

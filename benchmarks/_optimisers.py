@@ -7,10 +7,10 @@ from functools import partial
 
 from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
 from ngbrain.inverse.optimise.quasi_newton import bfgs, l_bfgs, newton_cg
-from ngbrain.inverse.optimise.result import Found
+from ngbrain.inverse.optimise.result import OptimisationResult
 
 OURS = "Levenberg-Marquardt"
-OPTIMISERS: dict[str, Callable[..., Found]] = {
+OPTIMISERS: dict[str, Callable[..., OptimisationResult]] = {
     OURS: levenberg_marquardt,
     "Gauss-Newton": partial(levenberg_marquardt, first=1e-6),
     "BFGS": bfgs,

@@ -24,7 +24,7 @@ from _command import main
 from _front import figure
 from scipy.optimize import minimize
 
-from ngbrain.inverse.fitting.bonded_specimen import Blocks, Bonded
+from ngbrain.inverse.fitting.bonded_specimen import BondedFit, BondedSpecimen
 from ngbrain.materials import Ogden, lab
 from ngbrain.materials.lab.fit import Fit
 
@@ -41,9 +41,9 @@ NOISY = ("P3/P2", 0.0025)
 REGIONS = ("cortex", "corona_radiata", "basal_ganglia", "corpus_callosum")
 
 
-def cube(form: str, maxh: float) -> Bonded:
+def cube(form: str, maxh: float) -> BondedSpecimen:
     """Of 5 mm."""
-    return Bonded(form=form, maxh=maxh)
+    return BondedSpecimen(form=form, maxh=maxh)
 
 
 def exact(quick: bool) -> list[lab.Curve]:
@@ -112,16 +112,16 @@ def searches(quick: bool) -> list[Record]:
     curves, records = exact(quick), []
     scale = np.array(list(GUESS.values()))
     for method in SEARCHES:
-        problem = Blocks(cube("P2/P1", 0.0025), Ogden, curves, GUESS, {}, {})
+        problem = BondedFit(cube("P2/P1", 0.0025), Ogden, curves, GUESS, {}, {})
         solves = problem.model.solves
 
-        def value(x: np.ndarray, problem: Blocks = problem) -> float:
+        def value(x: np.ndarray, problem: BondedFit = problem) -> float:
             return 0.5 * float(np.sum(problem.misfits(scale * x) ** 2))
 
-        def gradient(x: np.ndarray, problem: Blocks = problem) -> np.ndarray:
+        def gradient(x: np.ndarray, problem: BondedFit = problem) -> np.ndarray:
             return scale * (problem.gradient(scale * x).T @ problem.misfits(scale * x))
 
-        def product(x: np.ndarray, p: np.ndarray, problem: Blocks = problem) -> np.ndarray:
+        def product(x: np.ndarray, p: np.ndarray, problem: BondedFit = problem) -> np.ndarray:
             slope = problem.gradient(scale * x) * scale
             return slope.T @ (slope @ p)
 

@@ -31,9 +31,9 @@ from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity.static_model import LoadCase, StaticModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.inverse.objective.misfit import LeastSquares
-from ngbrain.inverse.objective.parameters import Fields, Unknown
+from ngbrain.inverse.objective.parameters import ParameterFields, Unknown
 from ngbrain.inverse.objective.regularisation import smooth
-from ngbrain.inverse.optimise.regularisation_weight import Discrepancy
+from ngbrain.inverse.optimise.regularisation_weight import DiscrepancyPrinciple
 from ngbrain.materials import NeoHooke
 
 Record = dict
@@ -133,10 +133,10 @@ def inverted(block: Block, method: str, noise: float) -> Record:
     model.evaluate(model.theta)
     forward = time.process_time() - begun
     data, sigma = block.measured(noise)
-    fields = Fields(model.theta, model.blocks, {"mu": Unknown(START)})
+    fields = ParameterFields(model.theta, model.blocks, {"mu": Unknown(START)})
     reduced = Reduced(model, LeastSquares(data, sigma), fields, {"mu": smooth(mu.space, fields.start)}, {"mu": 10.0})
     begun = time.process_time()
-    found = OPTIMISERS[method](reduced, fields.start, Discrepancy())
+    found = OPTIMISERS[method](reduced, fields.start, DiscrepancyPrinciple())
     cpu = time.process_time() - begun
     mu.vec.FV().NumPy()[:] = fields.theta(found.x)
     away = ngs.CF((ngs.x, ngs.y, ngs.z)[: block.dim]) - ngs.CF(CENTRE[: block.dim])

@@ -25,8 +25,8 @@ from ngbrain.inverse.data import direct_inversion
 from ngbrain.inverse.optimise.gauss_newton import GaussNewton
 from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
 from ngbrain.inverse.optimise.quasi_newton import bfgs, l_bfgs, newton_cg
-from ngbrain.inverse.optimise.result import Found
-from ngbrain.inverse.phantoms.benchmark import Inversion, Measured, Phantom
+from ngbrain.inverse.optimise.result import OptimisationResult
+from ngbrain.inverse.phantoms.benchmark import Phantom, PhantomData, PhantomInversion
 
 Record = dict
 CASE = "CV-G"
@@ -55,21 +55,21 @@ def measure(quick: bool) -> list[Record]:
     return records
 
 
-def blank(measured: Measured, method: str, start: str) -> Record:
+def blank(measured: PhantomData, method: str, start: str) -> Record:
     """What all records have."""
     ndof = len(measured.truth) * len(measured.points)
     fixed = {"method": method, "order": 1, "ndof": ndof, "error": None, "cpu_s": None, "converged": False}
     return fixed | {"noise": measured.noise, "case": CASE, "seed": 0, "start": start, "n": measured.phantom.nodes}
 
 
-def judged(measured: Measured, fields: dict[str, np.ndarray]) -> Record:
+def judged(measured: PhantomData, fields: dict[str, np.ndarray]) -> Record:
     """Errors of storage and loss, and of both together."""
     truth = measured.truth["storage"] + 1j * measured.truth["loss"]
     found = fields["storage"] + 1j * fields["loss"]
     return {"error": float(np.linalg.norm(found - truth) / np.linalg.norm(truth)), **measured.errors(fields)}
 
 
-def record(measured: Measured, method: str, way: Callable) -> Record:
+def record(measured: PhantomData, method: str, way: Callable) -> Record:
     """Of a method that needs no start."""
     begun = time.process_time()
     shear = way(measured.data())
@@ -81,7 +81,7 @@ def record(measured: Measured, method: str, way: Callable) -> Record:
     return blank(measured, method, "none") | {"error": error, "cpu_s": cpu_s, "converged": error < 1}
 
 
-def published(measured: Measured, limit: float) -> Iterator[Record]:
+def published(measured: PhantomData, limit: float) -> Iterator[Record]:
     """BFGS without a regulariser, at several iterations and at its end; an error beyond 1 is no answer."""
     begun, last = time.process_time(), None
     for iterate in measured.as_published():
@@ -94,14 +94,14 @@ def published(measured: Measured, limit: float) -> Iterator[Record]:
         yield _published(measured, last, time.process_time() - begun)
 
 
-def _published(measured: Measured, iterate, cpu_s: float) -> Record:  # type: ignore[no-untyped-def]
+def _published(measured: PhantomData, iterate, cpu_s: float) -> Record:  # type: ignore[no-untyped-def]
     found = judged(measured, iterate.fields)
     known = {"cpu_s": cpu_s, "converged": found["error"] < 1, "iterations": iterate.number}
     known |= {} if known["converged"] else {"reason": "off by more than the modulus"}
     return blank(measured, PUBLISHED, "uniform") | found | known
 
 
-def descended(measured: Measured, method: str, start: str, descend: Callable, limit: float) -> Record:
+def descended(measured: PhantomData, method: str, start: str, descend: Callable, limit: float) -> Record:
     """Of a descent with a regulariser, weighed by the evidence."""
     inversion, begun = measured.inversion(), time.process_time()
     steps: list[object] = []
@@ -113,7 +113,7 @@ def descended(measured: Measured, method: str, start: str, descend: Callable, li
 
     made = blank(measured, method, start)
     try:
-        found: Found = descend(inversion, callback)
+        found: OptimisationResult = descend(inversion, callback)
     except (OutOfTime, NgbrainError) as error:
         reason = "out of time" if isinstance(error, OutOfTime) else str(error)
         return made | {"cpu_s": time.process_time() - begun, "reason": reason, "iterations": len(steps)}
@@ -121,17 +121,17 @@ def descended(measured: Measured, method: str, start: str, descend: Callable, li
     return made | judged(measured, inversion.fields(found.x)) | known | {"misfit": found.level.ratio}
 
 
-def gauss_newton(inversion: Inversion, callback: Callable) -> Found:
+def gauss_newton(inversion: PhantomInversion, callback: Callable) -> OptimisationResult:
     """From the uniform start."""
     return GaussNewton(inversion.reduced, callback=callback).descend(inversion.start)
 
 
-def from_waves(inversion: Inversion, callback: Callable) -> Found:
+def from_waves(inversion: PhantomInversion, callback: Callable) -> OptimisationResult:
     """From the measured waves."""
     return GaussNewton(inversion.reduced, callback=callback).from_waves(inversion.start, inversion.waves)
 
 
-def both(inversion: Inversion, callback: Callable) -> Found:
+def both(inversion: PhantomInversion, callback: Callable) -> OptimisationResult:
     """From where `from_waves` ends."""
     return GaussNewton(inversion.reduced, callback=callback).descend(from_waves(inversion, callback).x)
 

@@ -43,17 +43,19 @@ from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity.static_model import LoadCase, StaticModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.inverse.objective.misfit import LeastSquares
-from ngbrain.inverse.objective.parameters import Bounded, Fields, Scaled, Unknown
+from ngbrain.inverse.objective.parameters import BoundedTransform, ParameterFields, ScaledTransform, Unknown
 from ngbrain.inverse.objective.regularisation import ridge, smooth
-from ngbrain.inverse.optimise.regularisation_weight import EvidenceOfNoise
-from ngbrain.inverse.optimise.result import Found
+from ngbrain.inverse.optimise.regularisation_weight import EvidenceWithModelError
+from ngbrain.inverse.optimise.result import OptimisationResult
 from ngbrain.inverse.uncertainty.posterior import Posterior
 from ngbrain.materials import HolzapfelGasserOgden, Ogden
 
 Record = dict
 Array = np.ndarray
 OURS = "ngbrain:Levenberg-Marquardt"
-SEARCHES: dict[str, Callable[..., Found]] = {f"ngbrain:{name}": search for name, search in OPTIMISERS.items()}
+SEARCHES: dict[str, Callable[..., OptimisationResult]] = {
+    f"ngbrain:{name}": search for name, search in OPTIMISERS.items()
+}
 
 
 def lattice(n: int, dim: int) -> Array:
@@ -68,7 +70,7 @@ def off(found: ngs.CoefficientFunction, truth: ngs.CoefficientFunction, mesh: ng
     return float(np.sqrt(wrong / whole))
 
 
-def record(problem: str, method: str, found: Found | None, model: StaticModel, begun: float) -> Record:
+def record(problem: str, method: str, found: OptimisationResult | None, model: StaticModel, begun: float) -> Record:
     """What all problems have."""
     return {
         "problem": problem,
@@ -174,10 +176,12 @@ def ogden(
     of = {"mu": mu, "alpha": alpha}
     model = CUBE.model(mesh, Material(Ogden(mu, alpha), 2e4), names, "P2/P1", of)
     unit, begun = resting(model), time.process_time()
-    fields = Fields(model.theta, model.blocks, {"mu": Unknown(1500.0), "alpha": Unknown(-4.0, Bounded(-30, -0.5))})
+    fields = ParameterFields(
+        model.theta, model.blocks, {"mu": Unknown(1500.0), "alpha": Unknown(-4.0, BoundedTransform(-30, -0.5))}
+    )
     drawn = {name: smooth(space, fields.start[block]) for name, block in fields.blocks.items()}
     reduced = Reduced(model, together([data[n] for n in names]), fields, drawn, dict.fromkeys(of, 10.0))
-    found = SEARCHES[method](reduced, fields.start, EvidenceOfNoise(), rounds=rounds)
+    found = SEARCHES[method](reduced, fields.start, EvidenceWithModelError(), rounds=rounds)
     made = record("Ogden", method, found, model, begun)
     point = reduced.evaluate(found.x)
     posterior = Posterior(point)
@@ -219,11 +223,13 @@ def fibres(
     angle.vec[:] = np.radians(degrees)
     model = SQUARE.model(mesh, fibred(angle, k1), names, "P2/P1", {"angle": angle, "k1": k1})
     unit, begun, found = resting(model), time.process_time(), None
-    fields = Fields(model.theta, model.blocks, {"angle": Unknown(np.radians(degrees), Scaled()), "k1": Unknown(K1 / 2)})
+    fields = ParameterFields(
+        model.theta, model.blocks, {"angle": Unknown(np.radians(degrees), ScaledTransform()), "k1": Unknown(K1 / 2)}
+    )
     drawn = {"angle": smooth(angle.space, np.radians(degrees)), "k1": ridge(fields.start[fields.blocks["k1"]])}
     reduced = Reduced(model, together([data[n] for n in names]), fields, drawn, {"angle": 10.0, "k1": 0.01})
     try:
-        found = SEARCHES[method](reduced, fields.start, EvidenceOfNoise(), rounds=rounds)
+        found = SEARCHES[method](reduced, fields.start, EvidenceWithModelError(), rounds=rounds)
     except ConvergenceError:
         pass  # it stays where it started
     model.set_parameters(fields.theta(fields.start if found is None else found.x))

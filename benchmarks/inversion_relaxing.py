@@ -36,9 +36,9 @@ from ngbrain.forward.contact.rigid import Contact, Sliding
 from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.inverse.fitting.estimate import Recovered, recover
-from ngbrain.inverse.objective.parameters import Bounded, Transform, Unknown
-from ngbrain.inverse.optimise.result import Found
+from ngbrain.inverse.fitting.estimate import ParameterEstimate, estimate
+from ngbrain.inverse.objective.parameters import BoundedTransform, Transform, Unknown
+from ngbrain.inverse.optimise.result import OptimisationResult
 from ngbrain.materials import Law, Maxwell, NeoHooke, Prony, Viscous
 from ngbrain.surgery.protocols import Drive, ToolMotion
 
@@ -92,7 +92,7 @@ PROBLEMS = {
         lambda p: {"tissue": Prony(NeoHooke(p["mu"]), [p["fast"], p["slow"]], [p["tau_fast"], p["tau_slow"]])},
         {"mu": 900.0, "fast": 0.35, "tau_fast": 1.5, "slow": 0.3, "tau_slow": 20.0},
         {"mu": 1500.0, "fast": 0.15, "tau_fast": 4.0, "slow": 0.15, "tau_slow": 50.0},
-        {"fast": Bounded(0.0, 0.5), "slow": Bounded(0.0, 0.5)},
+        {"fast": BoundedTransform(0.0, 0.5), "slow": BoundedTransform(0.0, 0.5)},
     ),
     "spring and dashpot": Case(
         lambda p: {"tissue": Viscous(NeoHooke(p["rest"]), (Maxwell(NeoHooke(p["spring"]), p["eta"]),))},
@@ -206,7 +206,7 @@ def searches(name: str, grid: Grid, data: np.ndarray, noise: float, seed: int, o
     measured = noisy(of, data, noise, seed)
     unknowns = {key: Unknown(problem.start[key], transform) for key, transform in problem.transforms.items()}
 
-    def record(method: str, spent: Record, found: Found | Recovered, misfit: float) -> Record:
+    def record(method: str, spent: Record, found: OptimisationResult | ParameterEstimate, misfit: float) -> Record:
         values = {key: float(v[0]) for key, v in got.problem.unknowns.values(found.x).items()}
         errors = {key: values[key] / value - 1 for key, value in problem.truth.items()}
         made = {"method": f"ngbrain:{method}", **common, "errors": errors, "error": max(map(abs, errors.values()))}
@@ -220,7 +220,7 @@ def searches(name: str, grid: Grid, data: np.ndarray, noise: float, seed: int, o
         return made
 
     counts = Counts(of)
-    got = recover(of, measured, noise, unknowns=unknowns)
+    got = estimate(of, measured, noise, unknowns=unknowns)
     made = [record(OURS, counts.spent(run), got, got.misfit)]
     for method, search in OTHERS.items() if others else ():
         counts.begin()

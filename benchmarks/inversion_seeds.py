@@ -27,7 +27,7 @@ from ngbrain import parallel
 from ngbrain.errors import NgbrainError
 from ngbrain.inverse.elastography.invert import SHORT
 from ngbrain.inverse.optimise.gauss_newton import GaussNewton
-from ngbrain.inverse.optimise.result import Found
+from ngbrain.inverse.optimise.result import OptimisationResult
 from ngbrain.inverse.phantoms.benchmark import Phantom
 
 Record = dict
@@ -58,7 +58,9 @@ def rows(name: str, noise: float, seed: int, nodes: int | None) -> list[Record]:
     """The three starts of one set of data."""
     measured = Phantom.named(name, nodes).measured(noise, seed)
 
-    def record(start: str, search: Callable[[GaussNewton], Found], begin: np.ndarray | None = None) -> tuple:
+    def record(
+        start: str, search: Callable[[GaussNewton], OptimisationResult], begin: np.ndarray | None = None
+    ) -> tuple:
         inversion = measured.inversion()
         begun, x = time.process_time(), inversion.start if begin is None else begin
         made: Record = {"method": "ngbrain:GN", "order": 1, "ndof": inversion.model.body.fes.ndof, "case": name}

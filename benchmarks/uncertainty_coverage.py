@@ -25,12 +25,12 @@ from scipy.special import ndtri
 
 from ngbrain import parallel
 from ngbrain.adjoint.reduced import Reduced
-from ngbrain.inverse.objective.parameters import Fields
+from ngbrain.inverse.objective.parameters import ParameterFields
 from ngbrain.inverse.objective.regularisation import matern
 from ngbrain.inverse.optimise.gauss_newton import GaussNewton
-from ngbrain.inverse.optimise.regularisation_weight import Evidence, Given, Policy
-from ngbrain.inverse.phantoms.benchmark import Inversion, Phantom
-from ngbrain.inverse.phantoms.prior_draws import drawn
+from ngbrain.inverse.optimise.regularisation_weight import Evidence, FixedWeights, WeightPolicy
+from ngbrain.inverse.phantoms.benchmark import Phantom, PhantomInversion
+from ngbrain.inverse.phantoms.prior_draws import draw_phantom
 from ngbrain.inverse.uncertainty.posterior import Posterior
 
 Record = dict
@@ -45,16 +45,16 @@ def prior(space, x):  # type: ignore[no-untyped-def]
     return matern(space, x, LENGTH)
 
 
-def as_it_is(inversion: Inversion) -> Reduced:
+def as_it_is(inversion: PhantomInversion) -> Reduced:
     """With the boundary unknown."""
     return inversion.reduced
 
 
-def exact_boundary(inversion: Inversion) -> Reduced:
+def exact_boundary(inversion: PhantomInversion) -> Reduced:
     """With the boundary as measured."""
     reduced = inversion.reduced
     unknowns = {name: reduced.unknowns.unknowns[name] for name in FIELDS}
-    fields = Fields(reduced.unknowns.theta(inversion.start), inversion.model.blocks, unknowns)
+    fields = ParameterFields(reduced.unknowns.theta(inversion.start), inversion.model.blocks, unknowns)
     return Reduced(reduced.model, reduced.misfit, fields, reduced.regularisers, reduced.weights)
 
 
@@ -68,11 +68,11 @@ def of_moduli(off: np.ndarray, deviation: np.ndarray) -> np.ndarray:
     return np.expm1(off) / deviation
 
 
-METHODS: dict[str, tuple[Callable, type[Policy], Callable]] = {
-    "ngbrain:posterior": (as_it_is, Given, of_logarithms),
+METHODS: dict[str, tuple[Callable, type[WeightPolicy], Callable]] = {
+    "ngbrain:posterior": (as_it_is, FixedWeights, of_logarithms),
     "ngbrain:posterior, weights found": (as_it_is, Evidence, of_logarithms),
-    "naive ± in Pa": (as_it_is, Given, of_moduli),
-    "naive exact boundary": (exact_boundary, Given, of_logarithms),
+    "naive ± in Pa": (as_it_is, FixedWeights, of_moduli),
+    "naive exact boundary": (exact_boundary, FixedWeights, of_logarithms),
 }
 
 
@@ -88,7 +88,7 @@ def record(method: str, noise: float, number: int) -> Record:
     problem, policy, score = METHODS[method]
     scores, below, after, begun, settled = [], [], 0.0, time.process_time(), True
     for seed in range(number):
-        measured = drawn(Phantom.named("CV-G", NODES), prior, WEIGHT, seed).measured(noise, seed)
+        measured = draw_phantom(Phantom.named("CV-G", NODES), prior, WEIGHT, seed).measured(noise, seed)
         reduced = problem(measured.inversion(prior, WEIGHT))
         found = GaussNewton(reduced, policy()).descend(reduced.unknowns.start)
         arrived = time.process_time()

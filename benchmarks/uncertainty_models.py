@@ -34,11 +34,11 @@ from ngbrain.forward.sensitivity.static_model import LoadCase, StaticModel
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.inverse.objective.misfit import LeastSquares
-from ngbrain.inverse.objective.parameters import Fields, Log, Scaled, Unknown
+from ngbrain.inverse.objective.parameters import LogTransform, ParameterFields, ScaledTransform, Unknown
 from ngbrain.inverse.objective.regularisation import matern
 from ngbrain.inverse.optimise.gauss_newton_hessian import Metric
 from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
-from ngbrain.inverse.optimise.regularisation_weight import Given
+from ngbrain.inverse.optimise.regularisation_weight import FixedWeights
 from ngbrain.inverse.uncertainty.posterior import Posterior
 from ngbrain.materials import NeoHooke, Ogden, Prony
 from ngbrain.mesh import block
@@ -67,7 +67,10 @@ def large_strain() -> tuple[StaticModel, dict[str, Unknown]]:
     for top in ((0.0, -0.15 * SIDE), (0.2 * SIDE, 0.0)):
         body = Problem(mesh, {".*": Material(Ogden(mu, alpha), 5e4)}, {"bottom": 0, "top": top}, element="P2/P1")
         cases.append(LoadCase(body, [Displacements(points), Force("top")]))
-    unknowns = {"mu": Unknown(mu.vec.FV().NumPy().copy(), Log()), "alpha": Unknown(ALPHA, Scaled(-ALPHA))}
+    unknowns = {
+        "mu": Unknown(mu.vec.FV().NumPy().copy(), LogTransform()),
+        "alpha": Unknown(ALPHA, ScaledTransform(-ALPHA)),
+    }
     return StaticModel(cases, {"mu": mu, "alpha": alpha}), unknowns
 
 
@@ -80,7 +83,7 @@ def relaxing() -> tuple[RunModel, dict[str, Unknown]]:
     body = Problem(block((side,) * 3, side), {"tissue": tissue}, {"bottom": 0}, contacts=[plate], element="P2/P1")
     times = np.concatenate([np.linspace(0, 4, 6), 4 + np.geomspace(0.5, 36, 9)])
     return RunModel(body, drive, times, p, [Force("top", (0, 0, 1))]), {
-        name: Unknown(q.Get(), Log()) for name, q in p.items()
+        name: Unknown(q.Get(), LogTransform()) for name, q in p.items()
     }
 
 
@@ -102,7 +105,7 @@ def listed(case: str, noise: float, number: int) -> list[Record]:
 def records(case: str, noise: float, number: int) -> Iterator[Record]:
     """Coverage over so many repetitions, of ours and of the rival."""
     model, unknowns = CASES[case]()
-    fields = Fields(model.theta, model.blocks, unknowns)
+    fields = ParameterFields(model.theta, model.blocks, unknowns)
     held = {}
     if case == "large strain":
         space = model.parts["mu"].gfu.space
@@ -127,7 +130,7 @@ def records(case: str, noise: float, number: int) -> Iterator[Record]:
         misfit = LeastSquares(data + sigma * random.normal(size=data.shape), sigma)
         reduced = Reduced(model, misfit, fields, held, dict.fromkeys(held, WEIGHT))
         try:
-            found = levenberg_marquardt(reduced, begun_at, Given())
+            found = levenberg_marquardt(reduced, begun_at, FixedWeights())
             posterior = Posterior(reduced.evaluate(found.x), least=0.0)
         except (InputError, SolverError):  # data of this noise leave a number open, which is said
             refused += 1
@@ -135,7 +138,7 @@ def records(case: str, noise: float, number: int) -> Iterator[Record]:
         for name, block_ in fields.blocks.items():
             off.append(truth[block_] - found.x[block_])
             deviations.append(posterior.deviation(name))
-            slopes.append(np.full(len(off[-1]), isinstance(unknowns[name].transform, Log)))
+            slopes.append(np.full(len(off[-1]), isinstance(unknowns[name].transform, LogTransform)))
         settled &= found.converged
     spent = (time.process_time() - begun) / number
     z, deviation, log = (np.concatenate(each) for each in (off, deviations, slopes))

@@ -9,7 +9,7 @@ from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.forward.sensitivity.harmonic.wave_model import WaveModel
 from ngbrain.inverse.objective.misfit import LeastSquares
-from ngbrain.inverse.objective.parameters import Fields, Scaled, Unknown
+from ngbrain.inverse.objective.parameters import ParameterFields, ScaledTransform, Unknown
 from ngbrain.inverse.objective.regularisation import ridge
 from ngbrain.materials import Shearing
 from ngbrain.mesh.geometry.structured import rectangles
@@ -65,6 +65,6 @@ class Tangent:
 def reduced_of(model, start):
     """Its data at θ = 0.3 with weak ridges: the minimum is close to where it has no solution."""
     truth = np.full(model.A.shape[1], 0.3)
-    fields = Fields(truth, {"theta": slice(0, len(truth))}, {"theta": Unknown(start, Scaled())})
+    fields = ParameterFields(truth, {"theta": slice(0, len(truth))}, {"theta": Unknown(start, ScaledTransform())})
     misfit = LeastSquares(model.evaluate(truth).data, 0.05)
     return Reduced(model, misfit, fields, {"theta": ridge(truth)}, {"theta": 1.0})

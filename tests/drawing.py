@@ -1,12 +1,12 @@
 """Inversions of phantoms whose truth is drawn from what the inversion assumes of it."""
 
 from ngbrain.adjoint.reduced import Reduced
-from ngbrain.inverse.objective.parameters import Fields
+from ngbrain.inverse.objective.parameters import ParameterFields
 from ngbrain.inverse.objective.regularisation import matern
 from ngbrain.inverse.optimise.gauss_newton import GaussNewton
-from ngbrain.inverse.optimise.regularisation_weight import Given
+from ngbrain.inverse.optimise.regularisation_weight import FixedWeights
 from ngbrain.inverse.phantoms.benchmark import Phantom
-from ngbrain.inverse.phantoms.prior_draws import drawn
+from ngbrain.inverse.phantoms.prior_draws import draw_phantom
 
 
 def prior(space, x):
@@ -16,7 +16,9 @@ def prior(space, x):
 
 def begun(weight=5.0, noise=0.02, nodes=7, seed=0):
     """A viscoelastic phantom's inversion, not yet begun; ln moduli deviate by about .44/√weight."""
-    return drawn(Phantom.named("CV-G", nodes), prior, weight, seed).measured(noise, seed).inversion(prior, weight)
+    return (
+        draw_phantom(Phantom.named("CV-G", nodes), prior, weight, seed).measured(noise, seed).inversion(prior, weight)
+    )
 
 
 def settled(weight=5.0, noise=0.02, nodes=7, seed=0):
@@ -27,12 +29,12 @@ def settled(weight=5.0, noise=0.02, nodes=7, seed=0):
 
 def descended(reduced):
     """The minimum of J, at the weights as they are."""
-    return reduced.evaluate(GaussNewton(reduced, Given()).descend(reduced.unknowns.start).x)
+    return reduced.evaluate(GaussNewton(reduced, FixedWeights()).descend(reduced.unknowns.start).x)
 
 
 def boundary_as_measured(inversion):
     """The problem without unknown displacements of the boundary: they are what was measured, noise included."""
     reduced = inversion.reduced
     unknowns = {name: each for name, each in reduced.unknowns.unknowns.items() if name != "boundary"}
-    fields = Fields(reduced.unknowns.theta(inversion.start), inversion.model.blocks, unknowns)
+    fields = ParameterFields(reduced.unknowns.theta(inversion.start), inversion.model.blocks, unknowns)
     return Reduced(reduced.model, reduced.misfit, fields, reduced.regularisers, reduced.weights)

@@ -9,7 +9,7 @@ from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.forward.sensitivity.harmonic.wave_model import WaveModel
 from ngbrain.inverse.objective.misfit import LeastSquares
-from ngbrain.inverse.objective.parameters import Fields, Log, Unknown
+from ngbrain.inverse.objective.parameters import LogTransform, ParameterFields, Unknown
 from ngbrain.inverse.objective.regularisation import ridge, smooth
 from ngbrain.materials import Shearing
 from ngbrain.mesh.geometry.structured import rectangles
@@ -50,7 +50,7 @@ def one_modulus(loss, start, nodes=17):
     held = u[model.driven_dofs]
     theta[model.blocks["boundary"]] = np.concatenate([held.real, held.imag])
     alike = sp.csr_array(np.ones((nodes**2, 1)))
-    fields = Fields(theta, model.blocks, {"storage": Unknown(start, Log(), alike)})
+    fields = ParameterFields(theta, model.blocks, {"storage": Unknown(start, LogTransform(), alike)})
     return Reduced(model, LeastSquares(measured, sigma), fields, {"storage": ridge(fields.start)}, {"storage": 1.0}), u[
         None
     ]
@@ -60,7 +60,7 @@ def two_moduli(bulk_over_shear, nodes=13):
     """Shear and bulk modulus at every node, at their truth, of nearly incompressible tissue."""
     model = square(nodes, "Q2/L2(1)", 0.2, bulk_over_shear)
     data = model.evaluate(model.theta).data
-    fields = Fields(
+    fields = ParameterFields(
         model.theta, model.blocks, {"storage": Unknown(MODULUS), "bulk": Unknown(bulk_over_shear * MODULUS)}
     )
     space = model.fields["storage"].space

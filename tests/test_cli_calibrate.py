@@ -12,9 +12,9 @@ pytest.importorskip("jinja2")
 
 from ngbrain.cli import calibrate as verb
 from ngbrain.cli import main
-from ngbrain.inverse.optimise.regularisation_weight import Level
+from ngbrain.inverse.optimise.regularisation_weight import MisfitLevel
 from ngbrain.inverse.optimise.result import Iteration
-from ngbrain.inverse.uncertainty.interval import Band
+from ngbrain.inverse.uncertainty.interval import CredibleInterval
 from ngbrain.result import Status
 from ngbrain.scene import Protocol, Scene
 from ngbrain.surgery.calibrate import Calibrated, Retracted
@@ -53,9 +53,9 @@ def searched(monkeypatch):
         given.update(seen=seen, tissues=tissues, protocol=protocol, spread=spread, start=start, finer=finer)
         callback(Iteration("", 9.0, 3.0, {}, 1.0, 1.0, 0.1), {"white": 0.8})
         stiff = tuple(t.with_scale(0.7) if t.region == "white" else t for t in scene.tissues)
-        bands, stiffer = {"white": Band(0.7, 0.05, 0.6, 0.8)}, replace(scene, tissues=stiff)
+        bands, stiffer = {"white": CredibleInterval(0.7, 0.05, 0.6, 0.8)}, replace(scene, tissues=stiff)
         moved = {"white": 0.95} if finer else None
-        return Calibrated(bands, stiffer, 0.9 * seen.data, Level(9.0, 3.0), moved, status=Status.CONVERGED)
+        return Calibrated(bands, stiffer, 0.9 * seen.data, MisfitLevel(9.0, 3.0), moved, status=Status.CONVERGED)
 
     monkeypatch.setattr(verb, "calibrate", calibrate)
     return given

@@ -14,7 +14,7 @@ from ngbrain.image.read.label_schemes import SCHEMES
 from ngbrain.inverse.elastography.invert_3d import ROUNDS
 from ngbrain.inverse.objective.misfit import MISFITS
 from ngbrain.inverse.objective.regularisers import PRIORS
-from ngbrain.inverse.optimise.weight_selection import WEIGHTINGS, Settling
+from ngbrain.inverse.optimise.weight_selection import WEIGHTINGS, WeightSelection
 from ngbrain.inverse.problem.properties import UNKNOWNS
 from ngbrain.mesh.routes.registry import ROUTES
 from ngbrain.solvers.device import DEVICES
@@ -34,7 +34,7 @@ def test_names_are_those_of_the_library():
 
 def test_rounds_are_those_of_the_library():
     shown = " ".join(common.parsers()["invert"].format_help().split())
-    assert f"({Settling().rounds} in the plane, {ROUNDS} in space)" in shown
+    assert f"({WeightSelection().rounds} in the plane, {ROUNDS} in space)" in shown
 
 
 def test_nothing_heavy_is_imported_for_help():

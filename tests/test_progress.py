@@ -146,7 +146,7 @@ def test_functions_of_the_library_report():
 
     for function in (
         solve, model_selection.solve, retraction.solve, calibrate.calibrate, invert.invert, invert_3d.invert_in_space,
-        subzones.invert_by_subzones, estimate.recover,
+        subzones.invert_by_subzones, estimate.estimate,
     ):  # fmt: skip
         assert inspect.signature(function).parameters["callback"].default is log_progress and hasattr(
             function, "__wrapped__"

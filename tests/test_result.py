@@ -10,9 +10,9 @@ import pytest
 
 import ngbrain
 from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
-from ngbrain.inverse.optimise.regularisation_weight import Level
+from ngbrain.inverse.optimise.regularisation_weight import MisfitLevel
 from ngbrain.inverse.phantoms.benchmark import Phantom
-from ngbrain.inverse.uncertainty.interval import Band
+from ngbrain.inverse.uncertainty.interval import CredibleInterval
 from ngbrain.materials import NeoHooke
 from ngbrain.materials.lab import Curve, fit
 from ngbrain.result import Result, Status
@@ -43,7 +43,9 @@ def test_a_line_a_card_and_a_file(tmp_path):
     told = json.loads(root.save(tmp_path / "root.json").read_text())
     assert told["value"] == {"x": 1.5, "field": [1.0, 3.0]} and told["usable"] and told["warnings"] == ["near <0>"]
     assert [path.name for path in tmp_path.iterdir()] == ["root.json"]
-    bands = Calibrated({"white": Band(0.7, np.nan, 0.6, 0.8)}, None, None, Level(9.0, 3.0), status=Status.CONVERGED)
+    bands = Calibrated(
+        {"white": CredibleInterval(0.7, np.nan, 0.6, 0.8)}, None, None, MisfitLevel(9.0, 3.0), status=Status.CONVERGED
+    )
     kept = json.loads(bands.save(tmp_path / "bands.json").read_text())["value"]
     assert kept == {"white": {"value": 0.7, "deviation": None, "low": 0.6, "high": 0.8}}
     assert repr(SceneResult({})) == "SceneResult: ; stopped before it converged; 0 s"

@@ -15,7 +15,7 @@ import numpy as np
 import ngbrain
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.inverse.fitting.bonded_specimen import Bonded
+from ngbrain.inverse.fitting.bonded_specimen import BondedSpecimen
 from ngbrain.materials import (
     CATALOGUE,
     Deformation,
@@ -77,7 +77,7 @@ lab.plot({name: found.law for name, found in fits.items()}, data)
 # in μ), with exact derivatives by the constants.
 
 # %%
-cube = Bonded(size=(0.005, 0.005, 0.005), maxh=0.0025)
+cube = BondedSpecimen(size=(0.005, 0.005, 0.005), maxh=0.0025)
 for mode, stretch in (("uniaxial", 0.9), ("uniaxial", 1.1), ("shear", 0.2)):
     glued, free = (float(test(best.law, mode, [stretch])[0]) for test in (cube.stress, lab.stress))
     print(f"{mode:<9} {stretch}: {glued:8.1f} Pa glued, {free:8.1f} Pa homogeneous, {glued / free:.2f} times")

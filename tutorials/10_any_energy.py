@@ -29,7 +29,7 @@ from ngbrain.forward.sensitivity.static_model import LoadCase, StaticModel
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.statics.load_path import LoadPath
-from ngbrain.inverse.fitting.estimate import recover
+from ngbrain.inverse.fitting.estimate import estimate
 from ngbrain.materials import NeoHooke, Prony
 from ngbrain.materials.base import Law
 from ngbrain.mesh import block
@@ -105,7 +105,7 @@ data = exact.evaluate(exact.theta).data
 for where in exact.observed:
     data[where] += 0.01 * np.sqrt(np.mean(data[where] ** 2)) * rng.normal(size=where.stop - where.start)
 mu.Set(1500.0)
-own = recover(model, data, noise=0.01)
+own = estimate(model, data, noise=0.01)
 wrong = np.sqrt(ngs.Integrate((mu / rising - 1) ** 2, coarse) / 0.01)
 bar = own.posterior.band("k")
 print(f"μ is off by {wrong:.1%}; k = {k.Get():.3f}, 95 % between {bar.low[0]:.3f} and {bar.high[0]:.3f}; .8 in truth")
@@ -140,7 +140,7 @@ sigma = np.hypot(0.01, 0.005) * size  # noise, and what elements that do not kno
 
 mu.Set(1500.0)
 model = seen(pressed(coarse, NeoHooke(mu)), {"mu": mu})
-found = recover(model, data, sigma)  # and mu is what was found
+found = estimate(model, data, sigma)  # and mu is what was found
 there = mu(coarse(*points.T)).ravel()
 inside = np.linalg.norm(points - [0.055, 0.05], axis=1) < 0.022
 contrast = np.median(there[inside]) / np.median(there[~inside])
@@ -216,7 +216,7 @@ curve = (run := relaxing(relaxes)).evaluate(run.theta).data
 spread = 0.01 * np.abs(curve).max()
 curve = curve + spread * rng.normal(size=curve.shape)
 run = relaxing({"mu": 2000.0, "g": 0.2, "tau": 10.0})  # started far off
-answer = recover(run, curve, np.full_like(curve, spread))
+answer = estimate(run, curve, np.full_like(curve, spread))
 bars, got = answer.posterior, answer.values
 for name, value in relaxes.items():
     bar = bars.band(name)
@@ -268,7 +268,7 @@ numbers = six.evaluate(six.theta).data
 held, draws = 0, 10 if FAST else 20
 for _ in range(draws):
     k.Set(0.4)
-    alone = recover(six, numbers * (1 + 0.01 * rng.normal(size=6)), 0.01 * np.abs(numbers), callback=lambda _: None)
+    alone = estimate(six, numbers * (1 + 0.01 * rng.normal(size=6)), 0.01 * np.abs(numbers), callback=lambda _: None)
     bar = alone.posterior.band("k")
     held += bool(bar.low[0] < 0.8 < bar.high[0])
 print(f"k = {alone.values['k']:.3f}, 95 % between {bar.low[0]:.3f} and {bar.high[0]:.3f} from the last draw of noise")

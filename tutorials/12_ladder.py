@@ -21,7 +21,7 @@ from ngbrain import ladder
 from ngbrain.forward import LoadCase, Material, Problem, StaticModel
 from ngbrain.forward.observables import Displacements, Force, Observable
 from ngbrain.forward.observables.base import Linear
-from ngbrain.inverse.fitting.estimate import recover
+from ngbrain.inverse.fitting.estimate import estimate
 from ngbrain.materials import NeoHooke
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Time, Tissue
 
@@ -184,7 +184,7 @@ inside, draws = 0, 20
 for _ in range(draws):
     mu.Set(500.0)
     bulk.Set(2e3)
-    found = recover(model, seen * (1 + 0.01 * rng.normal(size=3)), 0.01 * np.abs(seen), callback=lambda _: None)
+    found = estimate(model, seen * (1 + 0.01 * rng.normal(size=3)), 0.01 * np.abs(seen), callback=lambda _: None)
     bar = found.posterior.band("bulk")
     inside += bool(bar.low[0] < 14e3 / 3 < bar.high[0])
 print(

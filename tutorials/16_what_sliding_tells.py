@@ -21,7 +21,7 @@ import ngbrain
 from ngbrain.adjoint.check import taylor
 from ngbrain.forward import Contact, Friction, Material, Problem, RunModel
 from ngbrain.forward.observables import Force
-from ngbrain.inverse.fitting.estimate import recover
+from ngbrain.inverse.fitting.estimate import estimate
 from ngbrain.materials import NeoHooke, Prony
 
 ngbrain.set_threads(1)
@@ -99,7 +99,7 @@ for name, place in model.blocks.items():
 cells = 3 if FAST else 5
 rng = np.random.default_rng(0)
 measured = exact + noise * rng.normal(size=exact.shape)
-both = recover(run(guess, cells, "P2/P1", STEPS, [Force("top")]), measured, noise, callback=lambda _: None)
+both = estimate(run(guess, cells, "P2/P1", STEPS, [Force("top")]), measured, noise, callback=lambda _: None)
 print(both)
 
 # %% [markdown]
@@ -108,7 +108,7 @@ print(both)
 
 # %%
 normal = run(guess, cells, "P2/P1", STEPS, [Force("top", (0, 1))])
-alone = recover(normal, measured[:, 1:], noise[:, 1:], callback=lambda _: None)
+alone = estimate(normal, measured[:, 1:], noise[:, 1:], callback=lambda _: None)
 print(alone)
 
 # %%

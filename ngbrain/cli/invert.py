@@ -26,7 +26,7 @@ from ngbrain.inverse.elastography.result import Inversion
 from ngbrain.inverse.optimise.result import Iteration
 from ngbrain.inverse.problem.discretisation import Discretisation, discretise, original_discretisation
 from ngbrain.inverse.subzones.invert import invert_by_subzones
-from ngbrain.inverse.uncertainty.credible_maps import expected_seconds, products_of, uncertainty
+from ngbrain.inverse.uncertainty.credible_maps import count_hessian_products, estimate_seconds, uncertainty
 from ngbrain.io import write_json
 from ngbrain.io.versions import versions
 from ngbrain.io.waves import WaveData, read_waves
@@ -81,7 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
                 inversion = (_in_zones if arguments.subzones else _at_once)(data, arguments, callback, executor)
             bars = None
             if arguments.bars:
-                about = f"error bars: about {expected_seconds(inversion):.0f} s, {products_of(inversion)} products"
+                about = f"error bars: about {estimate_seconds(inversion):.0f} s, {count_hessian_products(inversion)} products"
                 line.callback(about)
                 LOG.info(about)
                 bars = uncertainty(inversion, prior="best" if arguments.regulariser == "auto" else "own")

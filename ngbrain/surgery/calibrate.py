@@ -27,13 +27,13 @@ from ngbrain.forward.common.interpolation import inside
 from ngbrain.forward.observables import Displacements, Force, Observable
 from ngbrain.forward.sensitivity.transient.replay import accepted_times
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
-from ngbrain.inverse.fitting.defect_correction import corrected
-from ngbrain.inverse.objective.parameters import Fields, Log, Unknown
+from ngbrain.inverse.fitting.defect_correction import defect_correction_step
+from ngbrain.inverse.objective.parameters import LogTransform, ParameterFields, Unknown
 from ngbrain.inverse.objective.regularisation import ridge
 from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
-from ngbrain.inverse.optimise.regularisation_weight import Given, Level, Policy
-from ngbrain.inverse.optimise.result import Found, Iteration, plotted
-from ngbrain.inverse.uncertainty.interval import LEVEL, Band
+from ngbrain.inverse.optimise.regularisation_weight import FixedWeights, MisfitLevel, WeightPolicy
+from ngbrain.inverse.optimise.result import Iteration, OptimisationResult, plot_misfit_history
+from ngbrain.inverse.uncertainty.interval import LEVEL, CredibleInterval
 from ngbrain.inverse.uncertainty.posterior import Posterior
 from ngbrain.progress import log_progress, reporting
 from ngbrain.result import Result
@@ -44,7 +44,7 @@ from ngbrain.surgery.plausibility import check_moduli
 from ngbrain.surgery.protocols import ToolMotion
 
 Array = np.ndarray
-Search = Callable[[Reduced, Array, Policy, Callable[[Iteration], None]], Found]
+Search = Callable[[Reduced, Array, WeightPolicy, Callable[[Iteration], None]], OptimisationResult]
 """An optimiser of `inverse`: from an objective and where to begin down, weights as a policy has them."""
 SPREAD = 3.0
 """r: by what factor published moduli of brain are to either side of one another (one standard deviation)."""
@@ -62,18 +62,18 @@ class Calibrated(Result):
     moved    tissue → by what finer elements multiplied its factor; None where they were not tried
     """
 
-    factors: dict[str, Band]
+    factors: dict[str, CredibleInterval]
     scene: Scene
     fitted: Array
-    level: Level
+    level: MisfitLevel
     moved: dict[str, float] | None = None
 
     def plot(self) -> Any:
         """The misfit over iterations."""
-        return plotted(self.history)
+        return plot_misfit_history(self.history)
 
     @property
-    def value(self) -> dict[str, Band]:
+    def value(self) -> dict[str, CredibleInterval]:
         """Factors."""
         return self.factors
 
@@ -172,7 +172,7 @@ def calibrate(
     check_moduli(model)
     retracted = Retracted(model, np.asarray(seen.landmarks, float), np.asarray(seen.times, float), tissues, protocol)
     run = retracted.run
-    fields = Fields(run.theta, run.blocks, {name: Unknown(1.0, Log()) for name in retracted.factors})
+    fields = ParameterFields(run.theta, run.blocks, {name: Unknown(1.0, LogTransform()) for name in retracted.factors})
     held = {name: ridge(fields.start[place]) for name, place in fields.blocks.items()}
     weights = dict.fromkeys(held, 1 / math.log(spread) ** 2)
 
@@ -180,7 +180,7 @@ def calibrate(
         callback(iteration, {name: factor.Get() for name, factor in retracted.factors.items()})
 
     first = np.log([(start or {}).get(name, 1.0) for name in retracted.factors])
-    found = search(Reduced(run, seen.misfit(), fields, held, weights), first, Given(), told)
+    found = search(Reduced(run, seen.misfit(), fields, held, weights), first, FixedWeights(), told)
     missed = math.sqrt(max(1.0, found.level.ratio))
     point = Reduced(run, seen.misfit(missed), fields, held, weights).evaluate(found.x)
     posterior = Posterior(point, least=0.0)
@@ -192,7 +192,7 @@ def calibrate(
             notes.append(f"intervals are without the error of elements, of which finer ones give none: {error}")
     off = np.sqrt(posterior.variance(np.eye(len(found.x))) + moved**2)
     bands = {
-        name: _single(Band.of((found.x + moved)[place], off[place], fields.unknowns[name].transform, level))
+        name: _single(CredibleInterval.of((found.x + moved)[place], off[place], fields.unknowns[name].transform, level))
         for name, place in fields.blocks.items()
     }
     parts = [_stiff(t, float(bands[t.region].value)) if t.region in bands else t for t in model.scene.tissues]
@@ -222,7 +222,7 @@ def _finer(model: RetractionModel, retracted: Retracted, point: Point, posterior
         retracted.protocol,
         retracted.grid,
     )
-    return corrected(point, posterior, other.run.evaluate(point.reduced.unknowns.theta(point.x)).data)
+    return defect_correction_step(point, posterior, other.run.evaluate(point.reduced.unknowns.theta(point.x)).data)
 
 
 def _stiff(tissue: Tissue, factor: float) -> Tissue:
@@ -230,5 +230,5 @@ def _stiff(tissue: Tissue, factor: float) -> Tissue:
     return replace(tissue.with_scale(factor), bulk_to_shear_ratio=tissue.volume_ratio / factor, poissons_ratio=None)
 
 
-def _single(band: Band) -> Band:
-    return Band(*(float(np.ravel(value)[0]) for value in (band.value, band.deviation, band.low, band.high)))
+def _single(band: CredibleInterval) -> CredibleInterval:
+    return CredibleInterval(*(float(np.ravel(value)[0]) for value in (band.value, band.deviation, band.low, band.high)))

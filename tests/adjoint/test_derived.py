@@ -14,7 +14,7 @@ from ngbrain.errors import InputError
 from ngbrain.forward import Contact, Material, Problem, RunModel
 from ngbrain.forward.observables import Force, patch_pressure
 from ngbrain.inverse.objective.misfit import LeastSquares
-from ngbrain.inverse.objective.parameters import Fields, Log, Unknown
+from ngbrain.inverse.objective.parameters import LogTransform, ParameterFields, Unknown
 from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
 from ngbrain.materials import NeoHooke, Prony
 from ngbrain.mesh import block
@@ -129,7 +129,7 @@ def test_a_modulus_from_a_dose():
     theta = model.theta
     dose = Derived(model, Dose(model.times))
     wanted = dose.evaluate(theta * [1.5, 1.0]).data
-    unknowns = Fields(theta, model.blocks, {"mu": Unknown(theta[model.blocks["mu"]], Log())})
+    unknowns = ParameterFields(theta, model.blocks, {"mu": Unknown(theta[model.blocks["mu"]], LogTransform())})
     reduced = Reduced(dose, LeastSquares(wanted, 0.01 * wanted), unknowns, {}, {})
     found = levenberg_marquardt(reduced, unknowns.start)
     assert unknowns.theta(found.x)[model.blocks["mu"]] == pytest.approx([1500.0], rel=1e-4)

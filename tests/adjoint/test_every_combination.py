@@ -9,7 +9,7 @@ from ngbrain.adjoint.check import taylor
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.forward.common.interpolation import evaluation
 from ngbrain.inverse.objective.misfit import Huber, LeastSquares
-from ngbrain.inverse.objective.parameters import Fields, Log, Scaled, Unknown
+from ngbrain.inverse.objective.parameters import LogTransform, ParameterFields, ScaledTransform, Unknown
 from ngbrain.inverse.objective.regularisation import matern, ridge, smooth, total_variation
 from ngbrain.inverse.subzones.consensus import ConsensusRegulariser
 
@@ -48,9 +48,9 @@ def unknowns_of(model):
     theta, unknowns = model.theta, {}
     for name, where in model.blocks.items():
         nodal = name in model.fields and model.fields[name].space.globalorder == 1
-        transform = Log(FLOORS.get(name, 0.0)) if nodal else Scaled(np.abs(theta[where]).max())
+        transform = LogTransform(FLOORS.get(name, 0.0)) if nodal else ScaledTransform(np.abs(theta[where]).max())
         unknowns[name] = Unknown(theta[where], transform)
-    return Fields(theta, model.blocks, unknowns)
+    return ParameterFields(theta, model.blocks, unknowns)
 
 
 class Remembered:

@@ -11,7 +11,13 @@ from ngbrain.adjoint.check import dot, taylor
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import InputError
 from ngbrain.inverse.objective.misfit import Huber, LeastSquares
-from ngbrain.inverse.objective.parameters import Bounded, Fields, Log, Scaled, Unknown
+from ngbrain.inverse.objective.parameters import (
+    BoundedTransform,
+    LogTransform,
+    ParameterFields,
+    ScaledTransform,
+    Unknown,
+)
 from ngbrain.inverse.objective.regularisation import matern, ridge, smooth, total_variation
 from ngbrain.inverse.phantoms.benchmark import Phantom
 
@@ -24,7 +30,12 @@ REGULARISERS = {
     "ridge": lambda _, x: ridge(x),
     "total variation": lambda space, x: total_variation(space, x, 0.03),
 }
-TRANSFORMS = {"log": Log(), "floor": Log(-500.0), "bounded": Bounded(100.0, 1e5), "scaled": Scaled(1e4)}
+TRANSFORMS = {
+    "log": LogTransform(),
+    "floor": LogTransform(-500.0),
+    "bounded": BoundedTransform(100.0, 1e5),
+    "scaled": ScaledTransform(1e4),
+}
 
 
 def problem(misfit="squares", regulariser="smooth", transform="log"):
@@ -32,7 +43,7 @@ def problem(misfit="squares", regulariser="smooth", transform="log"):
     reduced, start = inversion.reduced, MEASURED.phantom.start
     boundary = reduced.unknowns.unknowns["boundary"]
     unknowns = {name: Unknown(value, TRANSFORMS[transform]) for name, value in start.items()}
-    fields = Fields(inversion.model.theta, inversion.model.blocks, unknowns | {"boundary": boundary})
+    fields = ParameterFields(inversion.model.theta, inversion.model.blocks, unknowns | {"boundary": boundary})
     space = next(iter(inversion.model.fields.values())).space
     made = {name: REGULARISERS[regulariser](space, fields.start[fields.blocks[name]]) for name in start}
     weighed = MISFITS[misfit](MEASURED.displacement, MEASURED.sigma)
@@ -90,7 +101,7 @@ def test_product_is_the_hessian_where_the_data_fit(rng):
     clean = Phantom.named("CV-G", 6).measured()
     reduced = clean.inversion().reduced
     truth = {name: Unknown(value) for name, value in clean.truth.items()}
-    x = Fields(reduced.model.theta, reduced.model.blocks, truth).start
+    x = ParameterFields(reduced.model.theta, reduced.model.blocks, truth).start
     dx = rng.normal(size=len(x))
     point = reduced.evaluate(x)
     product_of, gradient = point.product(dx), point.gradient()

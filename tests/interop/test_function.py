@@ -14,7 +14,7 @@ from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import ConvergenceError, InputError
 from ngbrain.interop.function import DataFunction, ObjectiveFunction, function
 from ngbrain.inverse.objective.misfit import LeastSquares
-from ngbrain.inverse.objective.parameters import Fields, Scaled, Unknown
+from ngbrain.inverse.objective.parameters import ParameterFields, ScaledTransform, Unknown
 from ngbrain.inverse.objective.regularisation import ridge
 
 
@@ -159,7 +159,9 @@ def test_objective_follows_the_weights(inversion):
 def test_unknown_that_only_a_regulariser_sees(real):
     """θ stays, J does not."""
     basis = sp.csr_array(np.eye(8, 9))
-    fields = Fields(np.zeros(8), {"theta": slice(0, 8)}, {"theta": Unknown(np.zeros(9), Scaled(), basis)})
+    fields = ParameterFields(
+        np.zeros(8), {"theta": slice(0, 8)}, {"theta": Unknown(np.zeros(9), ScaledTransform(), basis)}
+    )
     f = function(Reduced(real, LeastSquares(np.ones(10), 1.0), fields, {"theta": ridge(np.zeros(9))}, {"theta": 1.0}))
     x = np.zeros(9)
     before = float(f.value(x))

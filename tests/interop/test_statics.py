@@ -20,7 +20,7 @@ from ngbrain.interop import umbridge as to_umbridge
 from ngbrain.interop.function import function
 from ngbrain.interop.scipy import Objective
 from ngbrain.inverse.objective.misfit import LeastSquares
-from ngbrain.inverse.objective.parameters import Fields, Scaled, Unknown
+from ngbrain.inverse.objective.parameters import ParameterFields, ScaledTransform, Unknown
 from ngbrain.inverse.objective.regularisation import ridge
 from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
 from ngbrain.materials import NeoHooke, Ogden
@@ -96,7 +96,7 @@ def pressed():
     truth = of.theta
     data = of.evaluate(truth).data
     part = sp.csr_array((truth / 0.35)[:, None])
-    fields = Fields(truth, of.blocks, {"top": Unknown(0.01, Scaled(), part)})
+    fields = ParameterFields(truth, of.blocks, {"top": Unknown(0.01, ScaledTransform(), part)})
     misfit = LeastSquares(data, 0.01 * np.abs(data).max())
     return Reduced(of, misfit, fields, {"top": ridge(fields.start)}, {"top": 1e-6})
 

@@ -13,7 +13,7 @@ from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity.static_model import LoadCase, StaticModel
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.inverse.fitting.estimate import recover
+from ngbrain.inverse.fitting.estimate import estimate
 from ngbrain.materials import lab
 from ngbrain.materials.registry import REGISTRY
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Protocol, Quantity, Scene, Time, Tissue
@@ -91,7 +91,7 @@ def test_in_an_inversion(rng):
     mesh = square(8, size=SIDE)
     mu, a = ngs.GridFunction(ngs.H1(mesh, order=1)), ngs.Parameter(4.0)
     mu.Set(1000.0)
-    recover(seen(mesh, "P2/P1", LopezPamies(mu, a), {"mu": mu, "a": a}), data, 0.005)
+    estimate(seen(mesh, "P2/P1", LopezPamies(mu, a), {"mu": mu, "a": a}), data, 0.005)
     off = np.sqrt(ngs.Integrate((mu / truth - 1) ** 2, mesh) / SIDE**2)
     print(off, a.Get())
     assert off < 0.1 and a.Get() == pytest.approx(9.0, rel=0.15)

@@ -14,7 +14,7 @@ from ngbrain.errors import InputError, MissingExtra, SolverError
 from ngbrain.inverse.elastography.invert import invert
 from ngbrain.inverse.optimise.gauss_newton import GaussNewton
 from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
-from ngbrain.inverse.optimise.regularisation_weight import Given
+from ngbrain.inverse.optimise.regularisation_weight import FixedWeights
 from ngbrain.inverse.phantoms.benchmark import Phantom
 from ngbrain.io.waves import WaveData
 from ngbrain.mesh import block
@@ -77,7 +77,7 @@ def test_waves_and_their_gradient_on_the_host_reference_device(rng):
 @pytest.mark.slow
 def test_a_whole_inversion_on_the_host_reference_device():
     both = [small(device) for device in (CPU, HOST)]
-    there, here = (levenberg_marquardt(each.reduced, each.start, Given()) for each in both)
+    there, here = (levenberg_marquardt(each.reduced, each.start, FixedWeights()) for each in both)
     assert here.converged and np.linalg.norm(here.x - there.x) <= 1e-8 * np.linalg.norm(there.x)
 
 
@@ -109,7 +109,7 @@ def test_waves_and_their_derivatives(cudss, rng):
 @pytest.mark.parametrize(("dense", "off"), [(0, 1e-5), (1000, 1e-8)])  # conjugate gradients magnify round-off
 def test_a_whole_inversion_by_levenberg_and_marquardt(dense, off, cudss):
     both = [small(device) for device in (CPU, Device.from_name("cuda"))]
-    there, here = (levenberg_marquardt(each.reduced, each.start, Given(), dense=dense) for each in both)
+    there, here = (levenberg_marquardt(each.reduced, each.start, FixedWeights(), dense=dense) for each in both)
     done = both[1].model.solves
     assert len(cudss.made) - 1 == done.factorisations  # all of it there; one for trying the device
     assert cudss.solves - 1 == done.back_substitutions
@@ -119,7 +119,7 @@ def test_a_whole_inversion_by_levenberg_and_marquardt(dense, off, cudss):
 
 def test_conditions_of_optimality(cudss):
     both = [small(device) for device in (CPU, Device.from_name("cuda"))]
-    there, here = (GaussNewton(each.reduced, Given()).from_waves(each.start, each.waves, 3) for each in both)
+    there, here = (GaussNewton(each.reduced, FixedWeights()).from_waves(each.start, each.waves, 3) for each in both)
     assert len(cudss.made) - 1 == len(here.history) > 0  # conditions alone: no waves are solved for
     assert np.linalg.norm(here.x - there.x) <= 1e-8 * np.linalg.norm(there.x)
 

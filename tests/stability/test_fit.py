@@ -7,7 +7,7 @@ Data are mean tension curves of human brain, and Ogden's law starts from a wrong
 import numpy as np
 import pytest
 
-from ngbrain.inverse.fitting.bonded_specimen import Bonded
+from ngbrain.inverse.fitting.bonded_specimen import BondedSpecimen
 from ngbrain.materials import Ogden, lab
 
 REGIONS = ["cortex", "corona_radiata", "basal_ganglia", "corpus_callosum"]
@@ -50,7 +50,7 @@ def test_shear_alone_cannot_tell_the_sign_of_the_exponent():
 @pytest.fixture(scope="module")
 def glued():
     """Curves of a cube that sticks to its plates, of the law that homogeneous fits give the cortex: μ 1442 Pa, α -19.2."""
-    cube, curves = Bonded(maxh=0.0025, form="P4/P3", levels=4), []
+    cube, curves = BondedSpecimen(maxh=0.0025, form="P4/P3", levels=4), []
     for name, mode, far in (("compression", "uniaxial", 0.9), ("tension", "uniaxial", 1.1), ("shear", "shear", 0.2)):
         where = np.linspace(float(mode == "uniaxial"), far, 7)
         curves.append(lab.Curve(mode, where, cube.stress(Ogden(1442.0, -19.2), mode, where), name))
@@ -64,7 +64,7 @@ def test_naive_homogeneous_fits_of_glued_cubes_are_wrong(glued):
 
 
 def test_whole_fields_give_the_constants(glued):
-    found = Bonded(maxh=0.0025, levels=3).fit(Ogden, glued, {"mu": 1e3, "alpha": -10.0})
+    found = BondedSpecimen(maxh=0.0025, levels=3).fit(Ogden, glued, {"mu": 1e3, "alpha": -10.0})
     print(found.parameters, found.r2)
     assert abs(found.parameters["mu"] / 1442 - 1) < 0.03 and abs(found.parameters["alpha"] / -19.2 - 1) < 0.02
     assert min(found.r2.values()) > 0.999

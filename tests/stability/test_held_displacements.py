@@ -16,8 +16,12 @@ from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY
 from ngbrain.inverse.data.quality import noise_deviation
 from ngbrain.inverse.objective.misfit import LeastSquares
 from ngbrain.inverse.objective.regularisation import smooth
-from ngbrain.inverse.optimise.normal_equations import Normal
-from ngbrain.inverse.optimise.preconditioners import Extensions, by_blocks, preconditioners
+from ngbrain.inverse.optimise.normal_equations import NormalEquations
+from ngbrain.inverse.optimise.preconditioners import (
+    BoundaryExtensionPreconditioner,
+    block_preconditioner,
+    diagonal_block_inverses,
+)
 from ngbrain.inverse.problem.discretisation import discretise
 from ngbrain.inverse.problem.wave_problem import ElastographyProblem
 
@@ -34,7 +38,7 @@ def normal():
     blocks = {name: block for name, block in unknowns.blocks.items() if name != BOUNDARY}
     prior = {name: smooth(experiment.space, unknowns.start[block]) for name, block in blocks.items()}
     reduced = Reduced(experiment.model, misfit, unknowns, prior, dict.fromkeys(prior, 0.05 * misfit.count))
-    return Normal(reduced.evaluate(unknowns.start), forcing=1e-9, most=MOST)
+    return NormalEquations(reduced.evaluate(unknowns.start), forcing=1e-9, most=MOST)
 
 
 def local(normal):
@@ -53,7 +57,9 @@ def local(normal):
 
 def above(normal, held, least):
     """How far `MOST` iterations stay above what can be had, over what noise leaves; without a least value, that value."""
-    normal.precondition = by_blocks(preconditioners(normal.point, Extensions()) | held, normal.point.reduced)
+    normal.precondition = block_preconditioner(
+        diagonal_block_inverses(normal.point, BoundaryExtensionPreconditioner()) | held, normal.point.reduced
+    )
     normal.directions.arrays = []
     gradient = normal.gradient()
     x = normal.solve(-gradient)

@@ -16,11 +16,11 @@ from ngbrain.forward.sensitivity import tangent_inverse as implicit_solve
 from ngbrain.forward.sensitivity.static_model import LoadCase, StaticLinearisation, StaticModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.inverse.objective.misfit import LeastSquares
-from ngbrain.inverse.objective.parameters import Fields, Scaled, Unknown
+from ngbrain.inverse.objective.parameters import ParameterFields, ScaledTransform, Unknown
 from ngbrain.inverse.objective.regularisation import ridge
 from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
 from ngbrain.inverse.optimise.quasi_newton import bfgs, l_bfgs, newton_cg
-from ngbrain.inverse.optimise.regularisation_weight import Given
+from ngbrain.inverse.optimise.regularisation_weight import FixedWeights
 from ngbrain.materials import Demiray, HolzapfelGasserOgden, NeoHooke
 
 MESH = square(3, size=SIDE)
@@ -45,7 +45,7 @@ class Counted:
 def problem(model, data, start, transform=None):
     """One number looked for; hardly drawn to the start."""
     (name,) = model.blocks
-    fields = Fields(model.theta, model.blocks, {name: Unknown(start, *([transform] if transform else []))})
+    fields = ParameterFields(model.theta, model.blocks, {name: Unknown(start, *([transform] if transform else []))})
     counted = Counted(model)
     parts = [np.full(len(part), 0.01 * np.abs(part).max()) for part in model.split(data)[0]]
     misfit = LeastSquares(data, np.concatenate(parts))
@@ -82,7 +82,7 @@ def test_ours_turns_back(optimiser):
     model, _, _ = heavy()
     truth = model.evaluate([1e3]).data
     reduced, counted = problem(model, truth, 8e3)
-    found = optimiser(reduced, reduced.unknowns.start, Given())
+    found = optimiser(reduced, reduced.unknowns.start, FixedWeights())
     print(optimiser.__name__, found.x, counted.failed)
     assert np.exp(found.x) == pytest.approx([1e3], rel=1e-3)
     assert counted.failed or optimiser not in (l_bfgs, bfgs)
@@ -104,11 +104,11 @@ class Unsteady:
 
 
 def test_an_equilibrium_without_a_derivative_is_turned_back_from():
-    fields = Fields(np.array([0.5]), {"theta": slice(0, 1)}, {"theta": Unknown(0.5, Scaled(100.0))})
+    fields = ParameterFields(np.array([0.5]), {"theta": slice(0, 1)}, {"theta": Unknown(0.5, ScaledTransform(100.0))})
     misfit = LeastSquares(np.array([1.9]), 0.01)
     reduced = Reduced(Unsteady(), misfit, fields, {"theta": ridge(fields.start)}, {"theta": 1e-3})
     for optimiser in (l_bfgs, bfgs):
-        found = optimiser(reduced, fields.start, Given())
+        found = optimiser(reduced, fields.start, FixedWeights())
         assert fields.theta(found.x) == pytest.approx([1.9], rel=1e-3)
 
 
@@ -127,11 +127,11 @@ class Lost(Unsteady):
 
 def test_a_solution_that_is_lost_is_told():
     """One step of length 1, after which 2e-8 are left to go: halved, nothing."""
-    fields = Fields(np.zeros(1), {"theta": slice(0, 1)}, {"theta": Unknown(0.0, Scaled())})
+    fields = ParameterFields(np.zeros(1), {"theta": slice(0, 1)}, {"theta": Unknown(0.0, ScaledTransform())})
     misfit = LeastSquares(np.array([1 + 3e-8]), 1e-4)
     reduced = Reduced(Lost(), misfit, fields, {"theta": ridge(fields.start)}, {"theta": 1.0})
     with pytest.raises(SolverError, match="no equilibrium"):
-        bfgs(reduced, fields.start, Given())
+        bfgs(reduced, fields.start, FixedWeights())
 
 
 # A law that grows exponentially, its exponent unknown: a step too far overflows.
@@ -165,7 +165,7 @@ def test_ours_finds_the_exponent_from_a_five_hundredth(optimiser):
     model, _, _ = exponential()
     truth = model.evaluate([5.0]).data
     reduced, counted = problem(model, truth, 0.01)
-    found = optimiser(reduced, reduced.unknowns.start, Given())
+    found = optimiser(reduced, reduced.unknowns.start, FixedWeights())
     print(optimiser.__name__, np.exp(found.x), counted.failed)
     assert np.exp(found.x) == pytest.approx([5.0], rel=1e-4)
     assert all(tried > 1e4 for tried in counted.failed)  # where nothing solves; bounded steps need not go there
@@ -235,7 +235,7 @@ def test_ours_crosses_it(start, truth, touches):
         return state
 
     counted.evaluate = watched
-    found = levenberg_marquardt(reduced, reduced.unknowns.start, Given())
+    found = levenberg_marquardt(reduced, reduced.unknowns.start, FixedWeights())
     print(found.x, contact, len(found.history))
     assert np.exp(found.x) == pytest.approx([truth], rel=1e-4) and found.converged
     assert {touches, 0} <= set(contact)
@@ -247,7 +247,7 @@ def test_ours_crosses_it_from_a_fifth(optimiser):
     """Where trials fail, too; bounded steps go nowhere near the moduli with which they would."""
     model, _ = below_a_plate()
     reduced, counted = problem(model, model.evaluate([3e3]).data, 600.0)
-    found = optimiser(reduced, reduced.unknowns.start, Given())
+    found = optimiser(reduced, reduced.unknowns.start, FixedWeights())
     print(optimiser.__name__, np.exp(found.x), counted.failed)
     assert np.exp(found.x) == pytest.approx([3e3], rel=1e-4)
     assert bool(counted.failed) == (optimiser in (bfgs, l_bfgs))
@@ -276,17 +276,17 @@ def test_what_has_no_influence_is_told_and_not_moved():
     model = pressed()
     there = model.evaluate(model.theta)
     assert there.influence() == {"mu": 1.0, "k1": 0.0}
-    fields = Fields(model.theta, model.blocks, {"mu": Unknown(2e3), "k1": Unknown(1e3)})
+    fields = ParameterFields(model.theta, model.blocks, {"mu": Unknown(2e3), "k1": Unknown(1e3)})
     misfit = LeastSquares(there.data, 0.01 * np.abs(there.data).max())
     naive = Reduced(model, misfit, fields, {}, {})
     for optimiser in OPTIMISERS:
         with pytest.raises(
             InputError, match="k1, of which data tell nothing; wanted: those that they tell of, or a regular"
         ):
-            optimiser(naive, fields.start, Given())
+            optimiser(naive, fields.start, FixedWeights())
     drawn = {name: ridge(fields.start[block]) for name, block in fields.blocks.items()}
     ours = Reduced(model, misfit, fields, drawn, {"mu": 1e-3, "k1": 1e-3})
-    found = fields.values(levenberg_marquardt(ours, fields.start, Given()).x)
+    found = fields.values(levenberg_marquardt(ours, fields.start, FixedWeights()).x)
     assert found["k1"] == pytest.approx([1e3], rel=1e-12) and found["mu"] == pytest.approx([1e3], rel=1e-3)
 
 
@@ -303,9 +303,9 @@ def turned():
 
 def from_degrees(model, truth, degrees):
     """Where it ends (°), and its value."""
-    reduced, _ = problem(model, truth, np.radians(degrees), Scaled())
+    reduced, _ = problem(model, truth, np.radians(degrees), ScaledTransform())
     try:
-        found = levenberg_marquardt(reduced, reduced.unknowns.start, Given())
+        found = levenberg_marquardt(reduced, reduced.unknowns.start, FixedWeights())
     except ConvergenceError:
         return degrees, np.inf
     return float(np.degrees(found.x[0])), found.objective

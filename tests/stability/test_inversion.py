@@ -11,8 +11,8 @@ from ngbrain.errors import SolverError
 from ngbrain.inverse.elastography.identifiability import fibre_shear_moduli
 from ngbrain.inverse.elastography.inverse_crime import is_inverse_crime
 from ngbrain.inverse.optimise.gauss_newton import GaussNewton
-from ngbrain.inverse.optimise.gauss_newton_hessian import Curvature, Metric
-from ngbrain.inverse.optimise.regularisation_weight import Given
+from ngbrain.inverse.optimise.gauss_newton_hessian import GaussNewtonHessian, Metric
+from ngbrain.inverse.optimise.regularisation_weight import FixedWeights
 from ngbrain.inverse.phantoms.benchmark import Phantom
 
 FAR = MODULUS * np.exp(np.random.default_rng(1).uniform(np.log(0.3), np.log(3), 6))
@@ -22,7 +22,7 @@ FAR = MODULUS * np.exp(np.random.default_rng(1).uniform(np.log(0.3), np.log(3), 
 def ended(loss, start, way):
     """Modulus over truth where a search ends; None where it says that it cannot go on."""
     reduced, waves = one_modulus(loss, start)
-    search = GaussNewton(reduced, Given())
+    search = GaussNewton(reduced, FixedWeights())
     try:
         x = way(search, reduced.unknowns.start, waves).x
     except SolverError:
@@ -118,7 +118,7 @@ def test_ten_times_longer_changes_nothing(spot):
 
 def test_naive_weight_lowered_at_once(spot):
     inversion = spot.inversion(weight=1e-3)
-    found = GaussNewton(inversion.reduced, Given()).descend(inversion.start, rounds=15)
+    found = GaussNewton(inversion.reduced, FixedWeights()).descend(inversion.start, rounds=15)
     assert inversion.errors(found.x)["storage"] > 0.1 and inversion.errors(found.x)["loss"] > 0.5
 
 
@@ -130,7 +130,7 @@ def test_weight_that_follows_the_data(spot):
 
 def determined(reduced):
     x = reduced.unknowns.start
-    curvature = Curvature(reduced.evaluate(x), Metric.of(reduced.evaluate(x)))
+    curvature = GaussNewtonHessian(reduced.evaluate(x), Metric.of(reduced.evaluate(x)))
     blocks = reduced.unknowns.blocks
     regular = {name: reduced.weights[name] * r.matrix(x[blocks[name]]) for name, r in reduced.regularisers.items()}
     directions = {name: np.zeros(len(x)) for name in blocks}
@@ -158,7 +158,7 @@ def test_level_of_moduli_at_rest_is_open_where_only_displacements_drive(frequenc
     reduced, x = inversion.reduced, inversion.start
     level = np.zeros(len(x))
     level[: reduced.unknowns.blocks["boundary"].start] = 1
-    assert low <= Curvature(reduced.evaluate(x), Metric.of(reduced.evaluate(x))).share(level) <= high
+    assert low <= GaussNewtonHessian(reduced.evaluate(x), Metric.of(reduced.evaluate(x))).share(level) <= high
 
 
 def test_inverse_crime_is_told():

@@ -14,7 +14,7 @@ from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables import Force
 from ngbrain.forward.sensitivity.static_model import LoadCase, StaticModel
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.inverse.fitting.estimate import recover
+from ngbrain.inverse.fitting.estimate import estimate
 from ngbrain.inverse.optimise import levenberg_marquardt as optimiser
 from ngbrain.inverse.optimise.gauss_newton_hessian import Metric
 from ngbrain.mesh import block
@@ -55,7 +55,7 @@ def fitted(truth):
     model.forget()
     for number, value in zip(numbers.values(), START, strict=False):
         number.Set(value)
-    return recover(model, data, 0.01 * np.abs(data), callback=lambda _: None)
+    return estimate(model, data, 0.01 * np.abs(data), callback=lambda _: None)
 
 
 @pytest.mark.filterwarnings("ignore:An ill-conditioned matrix")

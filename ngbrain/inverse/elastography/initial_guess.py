@@ -12,9 +12,9 @@ from ngbrain import parallel
 from ngbrain.errors import InputError
 from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.inverse.data.direct_inversion import uniform_modulus
-from ngbrain.inverse.objective.parameters import Fields
+from ngbrain.inverse.objective.parameters import ParameterFields
 from ngbrain.inverse.objective.regularisation import smooth
-from ngbrain.inverse.optimise.result import Found
+from ngbrain.inverse.optimise.result import OptimisationResult
 from ngbrain.inverse.problem.field_values import field_observations, fit_field
 from ngbrain.inverse.problem.properties import as_polar
 from ngbrain.inverse.problem.wave_problem import ElastographyProblem
@@ -29,9 +29,9 @@ LOWER = 1e-6
 class SelectedStart:
     """The end that is kept and its name, the best that uniform fields came to, and what to say."""
 
-    best: Found
+    best: OptimisationResult
     chosen: str = "both"
-    uniform: Found | None = None
+    uniform: OptimisationResult | None = None
     notes: list[str] = field(default_factory=list)
 
 
@@ -87,7 +87,7 @@ def assumed_start_notes(data: WaveData) -> list[str]:
     return [note] if note else []
 
 
-def select_start(both: Found, ends: Mapping[float, Found | None]) -> SelectedStart:
+def select_start(both: OptimisationResult, ends: Mapping[float, OptimisationResult | None]) -> SelectedStart:
     """What measured waves led to against the ends of uniform fields by their level, None where no step was lower; J decides."""
     kept = SelectedStart(both)
     arrived = {level: end for level, end in ends.items() if end is not None}
@@ -105,7 +105,7 @@ def select_start(both: Found, ends: Mapping[float, Found | None]) -> SelectedSta
     return kept
 
 
-def unknowns_from_maps(problem: ElastographyProblem, unknowns: Fields, maps: Mapping[str, Array]) -> Array:
+def unknowns_from_maps(problem: ElastographyProblem, unknowns: ParameterFields, maps: Mapping[str, Array]) -> Array:
     """x of fields that have the values of maps, name → (n,) at the points of the data, and are smooth where these are NaN.
 
     Raises `InputError` where a quantity of the material is missing, of another shape, known nowhere or out of its bounds.

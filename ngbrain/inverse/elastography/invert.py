@@ -42,11 +42,11 @@ from ngbrain.inverse.elastography.initial_guess import (
 from ngbrain.inverse.elastography.invert_3d import ROUNDS, invert_in_space
 from ngbrain.inverse.elastography.invert_slices import invert_slices, moving_axis
 from ngbrain.inverse.elastography.result import Inversion, build_inversion, start_result
-from ngbrain.inverse.objective.misfit import MisfitKind, misfit_of
-from ngbrain.inverse.objective.regularisers import PRIORS, Prior, priors
-from ngbrain.inverse.optimise.regularisation_weight import Level
-from ngbrain.inverse.optimise.result import Found, Iteration
-from ngbrain.inverse.optimise.weight_selection import Settling, weighting
+from ngbrain.inverse.objective.misfit import MisfitKind, resolve_misfit
+from ngbrain.inverse.objective.regularisers import PRIORS, Prior, resolve_priors
+from ngbrain.inverse.optimise.regularisation_weight import MisfitLevel
+from ngbrain.inverse.optimise.result import Iteration, OptimisationResult
+from ngbrain.inverse.optimise.weight_selection import WeightSelection, weight_selection
 from ngbrain.inverse.problem.discretisation import Discretisation, discretise, original_discretisation
 from ngbrain.inverse.problem.properties import EXPONENT, frequency_exponent, select_properties
 from ngbrain.inverse.problem.property_fields import build_composition
@@ -151,8 +151,8 @@ def invert(
     """
     where = Device.from_name(device)
     tracked = is_tracked(data)
-    kinds = priors("steps" if tracked and regulariser == "auto" else regulariser)
-    settling, made = weighting(weight), misfit_of(misfit)
+    kinds = resolve_priors("steps" if tracked and regulariser == "auto" else regulariser)
+    settling, made = weight_selection(weight), resolve_misfit(misfit)
     for name, value in (("noise", noise), ("model_error", model_error)):
         if value is not None and not 0 <= value < np.inf:
             raise InputError(name, value, "a relative level of at least 0")
@@ -297,7 +297,7 @@ class _Search:
         problem: ElastographyProblem,
         made: MisfitKind,
         noise: RelativeNoise,
-        settling: Settling,
+        settling: WeightSelection,
         callback: Callable[[Iteration], None],
         before: _Search | None = None,
     ) -> None:
@@ -320,7 +320,7 @@ class _Search:
 
     def from_waves(
         self, prior: Prior, maps: Mapping[str, Array] | None = None, x: Array | None = None
-    ) -> tuple[Reduced, Found]:
+    ) -> tuple[Reduced, OptimisationResult]:
         """From measured waves, and the fields of other unknowns x if there are any, or else those of maps."""
         reduced, start = self.reduced(prior), self.unknowns.start.copy()
         if x is not None:
@@ -330,10 +330,10 @@ class _Search:
             start = unknowns_from_maps(self.problem, self.unknowns, maps)
         return reduced, self.settling.from_waves(reduced, start, self.problem.waves, self._tell)
 
-    def descend(self, reduced: Reduced, start: Found) -> Found:
+    def descend(self, reduced: Reduced, start: OptimisationResult) -> OptimisationResult:
         """Down in J from a start, or the start itself where nothing is lower or it is `ASTRAY`."""
         point = reduced.evaluate(start.x)
-        level = Level(self.misfit.squares(point.state.data), start.level.expected)
+        level = MisfitLevel(self.misfit.squares(point.state.data), start.level.expected)
         if level.ratio < ASTRAY:
             try:
                 return self.settling.descend(reduced, start.x, self._tell)
@@ -351,7 +351,7 @@ class _Search:
             self.history += history
         return [end for end, _ in found]
 
-    def uniform(self, prior: Prior, level: float) -> Found | None:
+    def uniform(self, prior: Prior, level: float) -> OptimisationResult | None:
         """From uniform fields, at weights of its own and noise of `EASY` at least; None where no step is lower."""
         easy = self
         if np.any((noise := total_noise(self.noise, EASY)) != self.noise):
@@ -359,7 +359,7 @@ class _Search:
         reduced = easy.reduced(prior)
         reduced.weights = dict.fromkeys(reduced.weights, FAR)
         try:
-            settling = Settling(rounds=min(SHORT, self.settling.rounds))
+            settling = WeightSelection(rounds=min(SHORT, self.settling.rounds))
             found = settling.descend(reduced, self.problem.uniform(easy.unknowns, level), self._tell)
         except SolverError:
             return None
@@ -368,12 +368,12 @@ class _Search:
         x[self.unknowns.blocks[BOUNDARY]] = self.unknowns.unknowns[BOUNDARY].transform.inverse(held)
         return replace(found, x=x)
 
-    def judged(self, judge: Reduced, found: Found | None) -> Found | None:
+    def judged(self, judge: Reduced, found: OptimisationResult | None) -> OptimisationResult | None:
         """With misfit and J as `judge` has them."""
         if found is None:
             return None
         point = judge.evaluate(found.x)
-        end = Level(self.misfit.squares(point.state.data), found.level.expected)
+        end = MisfitLevel(self.misfit.squares(point.state.data), found.level.expected)
         return replace(found, objective=point.value, level=end)
 
     def _tell(self, iteration: Iteration) -> None:
@@ -385,12 +385,12 @@ def _from_waves(
     problem: ElastographyProblem,
     made: MisfitKind,
     noise: RelativeNoise,
-    settling: Settling,
+    settling: WeightSelection,
     prior: Prior,
     maps: Mapping[str, Array] | None,
     *,
     callback: Callable[[Iteration], None],
-) -> tuple[tuple[Found, dict[str, float]], list[Iteration]]:
+) -> tuple[tuple[OptimisationResult, dict[str, float]], list[Iteration]]:
     """Where measured waves lead to, and the weights by then."""
     search = _Search(problem, made, noise, settling, callback)
     reduced, found = search.from_waves(prior, maps)
@@ -401,11 +401,11 @@ def _uniform(
     problem: ElastographyProblem,
     made: MisfitKind,
     noise: RelativeNoise,
-    settling: Settling,
+    settling: WeightSelection,
     prior: Prior,
     level: float,
     *,
     callback: Callable[[Iteration], None],
-) -> tuple[Found | None, list[Iteration]]:
+) -> tuple[OptimisationResult | None, list[Iteration]]:
     search = _Search(problem, made, noise, settling, callback)
     return search.uniform(prior, level), search.history

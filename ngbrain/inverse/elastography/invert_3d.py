@@ -32,11 +32,11 @@ from ngbrain.inverse.elastography.initial_guess import (
     select_start,
 )
 from ngbrain.inverse.elastography.result import Inversion, build_inversion, start_result
-from ngbrain.inverse.objective.misfit import LeastSquares, MisfitKind, misfit_of
-from ngbrain.inverse.objective.regularisers import PRIORS, Prior, priors
-from ngbrain.inverse.optimise.gauss_newton_cg import Iterative
-from ngbrain.inverse.optimise.regularisation_weight import EvidenceOfNoise, Level
-from ngbrain.inverse.optimise.result import Found, Iteration
+from ngbrain.inverse.objective.misfit import LeastSquares, MisfitKind, resolve_misfit
+from ngbrain.inverse.objective.regularisers import PRIORS, Prior, resolve_priors
+from ngbrain.inverse.optimise.gauss_newton_cg import GaussNewtonCG
+from ngbrain.inverse.optimise.regularisation_weight import EvidenceWithModelError, MisfitLevel
+from ngbrain.inverse.optimise.result import Iteration, OptimisationResult
 from ngbrain.inverse.problem.discretisation import Discretisation
 from ngbrain.inverse.problem.properties import select_properties
 from ngbrain.inverse.problem.property_fields import build_composition, discretise_volume
@@ -113,11 +113,11 @@ def invert_in_space(
     if regulariser == "auto":
         raise InputError("regulariser", "'auto'", f"one of {', '.join(PRIORS)}: in space one is tried")
     check_iterations(rounds)
-    ((kind, prior),) = priors(regulariser).items()
+    ((kind, prior),) = resolve_priors(regulariser).items()
     for name, value in (("noise", noise), ("model_error", model_error)):
         if value is not None and not 0 <= value < np.inf:
             raise InputError(name, value, "a relative level of at least 0")
-    multiples, made, where = check_levels(levels), misfit_of(misfit), Device.from_name(device)
+    multiples, made, where = check_levels(levels), resolve_misfit(misfit), Device.from_name(device)
     if not isinstance(data, WaveSubset):  # a zone alone need not show its loss; the body was asked
         check_passive(data)
     data, notes = screen_outliers(data) if drop_outliers else (data, [])
@@ -173,7 +173,7 @@ def _from_waves(
     checkpoint: Path | None,
     *,
     callback: Callable[[Iteration], None],
-) -> tuple[Found, Found, dict[str, float]]:
+) -> tuple[OptimisationResult, OptimisationResult, dict[str, float]]:
     """Where the way from measured waves ended, where that down from there did, and the weights by then."""
     way = _way(problem, made, noise, prior, checkpoint, callback)
     both = way.from_measured(way.unknowns.start, problem.waves, APPROACH, rounds)
@@ -191,7 +191,7 @@ def _uniform(
     level: float,
     *,
     callback: Callable[[Iteration], None],
-) -> Found | None:
+) -> OptimisationResult | None:
     """Where the way from uniform fields ended; None where no step is lower."""
     way = _way(problem, made, noise, prior, checkpoint, callback)
     try:
@@ -207,18 +207,21 @@ def _way(
     prior: Prior,
     checkpoint: Path | None,
     callback: Callable[[Iteration], None],
-) -> Iterative:
+) -> GaussNewtonCG:
     reduced = _reduced(problem, made, noise, prior)
-    return Iterative(reduced, EvidenceOfNoise(FALL, _shared(problem)), checkpoint=checkpoint, callback=callback)
+    return GaussNewtonCG(reduced, EvidenceWithModelError(FALL, _shared(problem)), checkpoint=checkpoint, callback=callback
+    )
 
 
-def _judged(judge: Reduced, found: Found | None) -> Found | None:
+def _judged(judge: Reduced, found: OptimisationResult | None) -> OptimisationResult | None:
     """With misfit and J as `judge` has them."""
     if found is None:
         return None
     point, misfit = judge.evaluate(found.x), judge.misfit
     assert isinstance(misfit, LeastSquares)
-    return replace(found, objective=point.value, level=Level(misfit.squares(point.state.data), found.level.expected))
+    return replace(
+        found, objective=point.value, level=MisfitLevel(misfit.squares(point.state.data), found.level.expected)
+    )
 
 
 def _beside(path: Path | None, level: float) -> Path | None:

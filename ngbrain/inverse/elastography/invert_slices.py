@@ -18,7 +18,7 @@ from ngbrain.errors import InputError
 from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.inverse.data.quality import OctahedralShearStrain, noise_deviation, rms_noise
 from ngbrain.inverse.elastography.result import Inversion, StartResult
-from ngbrain.inverse.optimise.result import status_of
+from ngbrain.inverse.optimise.result import convergence_status
 from ngbrain.io.waves import WaveData
 from ngbrain.progress import LOG
 
@@ -184,7 +184,7 @@ def invert_slices(
         strain=strain,
         stated=float(np.sqrt(np.mean([found.stated**2 for found in each]))),
         warnings=[_of_slices(axis, len(each), through), *_common([found.warnings for found in each])],
-        status=status_of(row.converged),
+        status=convergence_status(row.converged),
     )
 
 

@@ -44,8 +44,8 @@ from ngbrain.inverse.elastography.identifiability import (
 )
 from ngbrain.inverse.elastography.inverse_crime import is_inverse_crime
 from ngbrain.inverse.elastography.usability import reasons_against
-from ngbrain.inverse.objective.parameters import Fields
-from ngbrain.inverse.optimise.result import Found, Iteration
+from ngbrain.inverse.objective.parameters import ParameterFields
+from ngbrain.inverse.optimise.result import Iteration, OptimisationResult
 from ngbrain.inverse.problem.boundary_data import free_boundary
 from ngbrain.inverse.problem.properties import EXPONENT, MODULI
 from ngbrain.inverse.problem.property_fields import property_fields
@@ -230,9 +230,9 @@ class Inversion(Result):
         }
 
 
-def start_result(name: str, problem: ElastographyProblem, reduced: Reduced, found: Found) -> StartResult:
+def start_result(name: str, problem: ElastographyProblem, reduced: Reduced, found: OptimisationResult) -> StartResult:
     """One way of inverting, by where it ended."""
-    unknowns: Fields = reduced.unknowns  # type: ignore[assignment]
+    unknowns: ParameterFields = reduced.unknowns  # type: ignore[assignment]
     maps = problem.maps(unknowns, found.x)
     maps.pop(EXPONENT, None)
     level, cpu_s = found.level, found.history[-1].cpu_s
@@ -242,7 +242,7 @@ def start_result(name: str, problem: ElastographyProblem, reduced: Reduced, foun
 def build_inversion(
     problem: ElastographyProblem,
     reduced: Reduced,
-    best: Found,
+    best: OptimisationResult,
     rows: list[StartResult],
     chosen: str,
     *,
@@ -256,7 +256,7 @@ def build_inversion(
 ) -> Inversion:
     """All that follows from the end of the best way; data with less noise than `floor` are fitted as well as elements can."""
     data, unknowns = problem.data, reduced.unknowns
-    assert isinstance(unknowns, Fields)
+    assert isinstance(unknowns, ParameterFields)
     predicted = np.full(data.displacement.shape, np.nan, complex)
     state = problem.model.evaluate(unknowns.theta(best.x))
     predicted[:, problem.inside] = state.data
@@ -341,7 +341,7 @@ def compute_derived_maps(data: WaveData, maps: Mapping[str, Array]) -> dict[str,
     return {**fibre_shear_moduli(maps), **{name: modulus[name] for name in DERIVED}}
 
 
-def convergence_notes(found: Found) -> list[str]:
+def convergence_notes(found: OptimisationResult) -> list[str]:
     """That an inversion stopped before it had settled, and where its misfit is against its expected level."""
     if found.converged:
         return []

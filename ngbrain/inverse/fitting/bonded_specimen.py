@@ -38,7 +38,7 @@ STIFF = 1e4
 
 
 @dataclass(frozen=True)
-class Bonded:
+class BondedSpecimen:
     """A block between two plates that it sticks to.
 
     size    edges along x, y, z (m); the plates are at the ends of z, and one moves along z ("uniaxial") or x ("shear")
@@ -90,7 +90,7 @@ class Bonded:
         Begin with what `lab.fit` finds. Intervals know nothing of the mesh: by default stresses are about 1 % too high. Raises
         `InputError` for curves with times and for other tests.
         """
-        return Blocks(self, law, checked_curves(data), dict(start), bounds or {}, weights or {}).best(starts, seed)
+        return BondedFit(self, law, checked_curves(data), dict(start), bounds or {}, weights or {}).best(starts, seed)
 
     def _bulk(self, law: Law) -> float:
         return STIFF * float(initial_modulus(law)) if self.bulk is None else self.bulk
@@ -128,14 +128,14 @@ def _powers(x: Array, most: int) -> Array:
     return x[:, None] ** np.arange(1, most + 1)
 
 
-class Blocks(CurveFit):
+class BondedFit(CurveFit):
     """A fit's misfits with blocks in place of homogeneous specimens; `model` is all of them."""
 
     ends: Mapping[str, float] = {"xtol": 1e-6, "ftol": 1e-9, "gtol": 1e-9}
 
     def __init__(
         self,
-        plates: Bonded,
+        plates: BondedSpecimen,
         law: Callable[..., Law],
         curves: list[Curve],
         start: dict[str, float],

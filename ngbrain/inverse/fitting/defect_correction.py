@@ -10,7 +10,7 @@ from ngbrain.inverse.uncertainty.posterior import Posterior
 Array = np.ndarray
 
 
-def corrected(point: Point, posterior: Posterior, better: Array) -> tuple[Array, Array]:
+def defect_correction_step(point: Point, posterior: Posterior, better: Array) -> tuple[Array, Array]:
     """One step of Gauss and Newton from where an inversion ended, with data of a better model there: x - C Jᵀ W (d_better - d).
 
     The model's own derivatives stand for the better one's, so that this costs one run of it. Of errors that go with the square of

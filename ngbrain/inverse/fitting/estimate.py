@@ -19,10 +19,10 @@ from ngbrain.errors import InputError, nearest
 from ngbrain.forward.sensitivity.static_model import StaticModel
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.inverse.objective.misfit import LeastSquares
-from ngbrain.inverse.objective.parameters import Fields, Log, Scaled, Unknown
+from ngbrain.inverse.objective.parameters import LogTransform, ParameterFields, ScaledTransform, Unknown
 from ngbrain.inverse.objective.regularisation import smooth
 from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
-from ngbrain.inverse.optimise.result import Iteration, plotted
+from ngbrain.inverse.optimise.result import Iteration, plot_misfit_history
 from ngbrain.inverse.uncertainty.posterior import Posterior
 from ngbrain.progress import log_progress, reporting
 from ngbrain.result import Result
@@ -36,7 +36,7 @@ FIRST = 0.05
 
 
 @dataclass(repr=False, eq=False)
-class Recovered(Result):
+class ParameterEstimate(Result):
     """What was found. The model's parameters have these values now.
 
     values   name → a number, or the unknowns of a field
@@ -62,7 +62,7 @@ class Recovered(Result):
 
     def plot(self) -> Any:
         """The misfit over iterations."""
-        return plotted(self.history)
+        return plot_misfit_history(self.history)
 
     @cached_property
     def posterior(self) -> Posterior:
@@ -107,7 +107,7 @@ class Recovered(Result):
 
 
 @reporting()
-def recover(
+def estimate(
     model: StaticModel | RunModel,
     measured: Array,
     noise: float | Array,
@@ -115,7 +115,7 @@ def recover(
     unknowns: Mapping[str, Unknown] | None = None,
     regulariser: Holds = smooth,
     callback: Callable[[Iteration], None] = log_progress,
-) -> Recovered:
+) -> ParameterEstimate:
     """Parameters of a model such that its data are the measured ones, from the values that they have now.
 
     measured     as `model.evaluate(θ).data`; NaN where nothing was measured
@@ -147,7 +147,7 @@ def recover(
             raise InputError("unknowns", repr(name), nearest(name, model.blocks))
     misfit = LeastSquares(measured, _deviations(model, measured, noise))
     theta = model.theta
-    fields = Fields(
+    fields = ParameterFields(
         theta,
         model.blocks,
         {name: given.get(name) or _usual(name, theta[block]) for name, block in model.blocks.items()},
@@ -157,7 +157,7 @@ def recover(
     found = levenberg_marquardt(problem, fields.start, callback=callback)
     problem.evaluate(found.x)  # the parameters have what was found
     values = {name: v if name in spaces else float(v[0]) for name, v in fields.values(found.x).items()}
-    return Recovered(values, found.level.ratio, problem, found.x, status=found.status, history=found.history)
+    return ParameterEstimate(values, found.level.ratio, problem, found.x, status=found.status, history=found.history)
 
 
 def _spaces(model: StaticModel | RunModel) -> dict[str, ngs.FESpace]:
@@ -170,11 +170,11 @@ def _spaces(model: StaticModel | RunModel) -> dict[str, ngs.FESpace]:
 def _usual(name: str, start: Array) -> Unknown:
     """What is positive stays so; what is not is looked for in units of its size."""
     if np.all(start > 0):
-        return Unknown(start, Log())
+        return Unknown(start, LogTransform())
     if not np.any(start):
         wanted = "a start of its size, or `unknowns` with an Unknown(start, Scaled(size))"
         raise InputError(f"parameters.{name}", "nothing where the search begins", wanted)
-    return Unknown(start, Scaled(float(np.abs(start).max())))
+    return Unknown(start, ScaledTransform(float(np.abs(start).max())))
 
 
 def _deviations(model: StaticModel | RunModel, measured: Array, noise: float | Array) -> Array:

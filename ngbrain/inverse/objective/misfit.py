@@ -116,7 +116,7 @@ MISFITS: dict[str, MisfitKind] = {"squares": LeastSquares, "huber": Huber}
 """Misfits by name, as `invert` offers them."""
 
 
-def misfit_of(chosen: str | MisfitKind) -> MisfitKind:
+def resolve_misfit(chosen: str | MisfitKind) -> MisfitKind:
     """That of a name in `MISFITS`, or one of one's own; `InputError` for another name.
 
     >>> misfit_of("huber").__name__

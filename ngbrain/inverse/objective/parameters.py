@@ -37,7 +37,7 @@ class Transform(Protocol):
 
 
 @dataclass(frozen=True)
-class Log:
+class LogTransform:
     """θ = floor + e^x: for moduli, and for ζ > -3/4 and φ > -1.
 
     >>> float(Log(-1.0).value(Log(-1.0).inverse(np.array([0.25])))[0])
@@ -70,7 +70,7 @@ class Log:
 
 
 @dataclass(frozen=True)
-class Bounded:
+class BoundedTransform:
     """θ = low + (high - low)/(1 + e^-x): between two bounds.
 
     >>> float(Bounded(1.0, 3.0).value(np.zeros(1))[0])
@@ -107,7 +107,7 @@ class Bounded:
 
 
 @dataclass(frozen=True)
-class Scaled:
+class ScaledTransform:
     """θ = scale x: for what may take either sign, such as displacements (m)."""
 
     scale: Array | float = 1.0
@@ -139,11 +139,11 @@ class Unknown:
     """
 
     start: Array | float
-    transform: Transform = Log()
+    transform: Transform = LogTransform()
     basis: sp.csr_array | None = None
 
 
-class Fields:
+class ParameterFields:
     """x ↦ θ for some blocks of θ; the others keep what they are.
 
     theta      θ (size,) with values of all blocks

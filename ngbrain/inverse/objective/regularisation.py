@@ -30,7 +30,7 @@ ROUGHEST = 1.0
 more than tissue does, and follow whatever in the data is no wave of the model."""
 
 
-class Quadratic:
+class QuadraticRegulariser:
     """½ (x - x̄)·R (x - x̄) of one matrix R; `least` is the weight that no rule of weights goes below."""
 
     def __init__(self, matrix: sp.csr_array, reference: Array | float, least: float = 0.0) -> None:
@@ -55,24 +55,26 @@ class Quadratic:
         return self._matrix @ direction
 
 
-def ridge(reference: Array) -> Quadratic:
+def ridge(reference: Array) -> QuadraticRegulariser:
     """½ |x - x̄|²: for few values, such as one for each label.
 
     >>> ridge(np.zeros(2)).value(np.array([1.0, 1.0]))
     1.0
     """
-    return Quadratic(sp.eye_array(len(reference), format="csr"), reference)
+    return QuadraticRegulariser(sp.eye_array(len(reference), format="csr"), reference)
 
 
-def smooth(space: ngs.FESpace, reference: Array | float, weight: CoefficientFunction | float = 1.0) -> Quadratic:
+def smooth(
+    space: ngs.FESpace, reference: Array | float, weight: CoefficientFunction | float = 1.0
+) -> QuadraticRegulariser:
     """½ ∫ w |∇(x - x̄)|² and a little of ½ ∫ (x - x̄)²/L², times L^(2-d) with L the body's size: H1, without a unit.
 
     `weight` w may be any CoefficientFunction, such as one that is small between labels.
     """
-    return Quadratic(_Gradients(space).matrix(weight), reference, ROUGHEST)
+    return QuadraticRegulariser(_Gradients(space).matrix(weight), reference, ROUGHEST)
 
 
-def matern(space: ngs.FESpace, reference: Array | float, length: float) -> Quadratic:
+def matern(space: ngs.FESpace, reference: Array | float, length: float) -> QuadraticRegulariser:
     """½ (x - x̄)·(ℓ²K + M) M⁻¹ (ℓ²K + M)(x - x̄)/ℓᵈ: Gaussian fields with correlations over ℓ (m), Matérn's of ν = 2 - d/2.
 
     M⁻¹ is lumped. Smoother than H1: for fields without edges. Raises `InputError` unless ℓ is positive.
@@ -82,10 +84,12 @@ def matern(space: ngs.FESpace, reference: Array | float, length: float) -> Quadr
         raise InputError("length", length, "a positive length in m")
     gradients = _Gradients(space)
     whole = length**2 * gradients.stiffness(1.0) + gradients.mass
-    return Quadratic(sp.csr_array(whole @ gradients.lumped_inverse() @ whole / length**space.mesh.dim), reference)
+    return QuadraticRegulariser(
+        sp.csr_array(whole @ gradients.lumped_inverse() @ whole / length**space.mesh.dim), reference
+    )
 
 
-class Steep:
+class LaggedDiffusivityRegulariser:
     """½ ∫ φ(|∇(x - x̄)|²), with φ growing and bending down so that a step costs less than a slope as high; else as `smooth`.
 
     `energy` is φ, of a CoefficientFunction (1/m²).
@@ -133,7 +137,7 @@ class Steep:
         return R @ direction + self._gradients.scale * self._turned.vec.FV().NumPy()
 
 
-def total_variation(space: ngs.FESpace, reference: Array | float, edge: float) -> Steep:
+def total_variation(space: ngs.FESpace, reference: Array | float, edge: float) -> LaggedDiffusivityRegulariser:
     """∫ √(|∇x|² + 1/ℓ²) - 1/ℓ, times 1/ℓ: over a length ℓ = `edge` (m) x may change by one at no more cost than H1's.
 
     Raises `InputError` unless ℓ is positive. Sources: Rudin, Osher, Fatemi 1992, 10.1016/0167-2789(92)90242-F; lagged
@@ -142,7 +146,7 @@ def total_variation(space: ngs.FESpace, reference: Array | float, edge: float) -
     if not edge > 0:
         raise InputError("edge", edge, "a positive length in m")
     floor = 1 / edge
-    return Steep(space, reference, lambda s: 2 * floor * (ngs.sqrt(s + floor**2) - floor))
+    return LaggedDiffusivityRegulariser(space, reference, lambda s: 2 * floor * (ngs.sqrt(s + floor**2) - floor))
 
 
 def nodes(space: ngs.FESpace) -> Array:

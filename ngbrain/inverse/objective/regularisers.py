@@ -47,7 +47,7 @@ PRIORS: dict[str, Prior] = {"smooth": smooth, "edges": _edges, "steps": _steps, 
 """Functions of this module or another, so that other processes find them."""
 
 
-def priors(chosen: str | Prior) -> dict[str, Prior]:
+def resolve_priors(chosen: str | Prior) -> dict[str, Prior]:
     """Those to try: of a name, "auto" for `AUTO`, or a prior of one's own under its function's name.
 
     Raises `InputError` for another name.

@@ -32,7 +32,7 @@ FAR = 10.0
 """Residual (standard deviations) at which misfits are compared: there outliers count as such."""
 
 
-def identity(reduced: Reduced) -> dict[str, str]:
+def problem_fingerprint(reduced: Reduced) -> dict[str, str]:
     """Part of the problem → a hash of it; parts are named so that "… differ" makes sense.
 
     The model is a `WaveModel`, the misfit `LeastSquares` or made of it. Nothing is factorised, the fields keep their values.
@@ -64,7 +64,7 @@ def identity(reduced: Reduced) -> dict[str, str]:
     }
 
 
-def differing(one: object, other: Mapping[str, str]) -> list[str]:
+def differing_parts(one: object, other: Mapping[str, str]) -> list[str]:
     """Names of the parts of `other` that `one` has not, or has others of.
 
     >>> differing({"points": "a", "elements": "b"}, {"points": "a", "elements": "c"})

@@ -18,10 +18,10 @@ from ngbrain.adjoint.reduced import Point, Reduced
 from ngbrain.errors import ConvergenceError, InputError, SolverError
 from ngbrain.forward.common.interpolation import evaluation
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, WaveLinearisation, WaveModel
-from ngbrain.inverse.objective.parameters import Fields
-from ngbrain.inverse.optimise.kkt import Optimality
-from ngbrain.inverse.optimise.regularisation_weight import Determined, Level, Policy
-from ngbrain.inverse.optimise.result import Found, Iteration, Ledger, status_of
+from ngbrain.inverse.objective.parameters import ParameterFields
+from ngbrain.inverse.optimise.kkt import KKTSystem
+from ngbrain.inverse.optimise.regularisation_weight import EffectiveParameterCounter, MisfitLevel, WeightPolicy
+from ngbrain.inverse.optimise.result import Iteration, IterationLog, OptimisationResult, convergence_status
 
 Array = np.ndarray
 LONGEST = 1.0
@@ -33,7 +33,7 @@ ROUNDS = 12
 
 
 @dataclass(repr=False, eq=False)
-class FoundWaves(Found):
+class WaveInversionResult(OptimisationResult):
     """So with the waves (loads, ndof) at the end."""
 
     waves: Array = field(default_factory=lambda: np.empty((0, 0)))
@@ -52,23 +52,27 @@ class GaussNewton:
     def __init__(
         self,
         reduced: Reduced,
-        policy: Policy | None = None,
+        policy: WeightPolicy | None = None,
         callback: Callable[[Iteration], None] = lambda _: None,
         seed: int = 0,
     ) -> None:
         model, unknowns = reduced.model, reduced.unknowns
-        if not isinstance(model, WaveModel) or model.body.state is not None or not isinstance(unknowns, Fields):
+        if (
+            not isinstance(model, WaveModel)
+            or model.body.state is not None
+            or not isinstance(unknowns, ParameterFields)
+        ):
             wanted = "a WaveModel of a body at rest, and Fields; other models descend by l_bfgs"
             raise InputError("reduced", type(model).__name__, wanted)
         self.reduced, self.model, self.unknowns = reduced, model, unknowns
-        self._ledger = Ledger(reduced, policy, callback, seed)
+        self._ledger = IterationLog(reduced, policy, callback, seed)
         self.misfit = self._ledger.misfit
         blocks = reduced.unknowns.blocks
         self._fields = [name for name in blocks if name != BOUNDARY]
         self._width = max(blocks[name].stop for name in self._fields)
         self._fixed = BOUNDARY not in blocks
 
-    def from_waves(self, x: Array, waves: Array, rounds: int = ROUNDS) -> FoundWaves:
+    def from_waves(self, x: Array, waves: Array, rounds: int = ROUNDS) -> WaveInversionResult:
         """From waves (loads, ndof), measured ones, to fields and waves that fit both data and equation of motion."""
         history: list[Iteration] = []
         for _ in range(rounds):
@@ -84,11 +88,11 @@ class GaussNewton:
                 break
         return self._found(x, waves, self.model.linearise(self.reduced.unknowns.theta(x), waves).data, history, settled)
 
-    def descend(self, x: Array, rounds: int = 4 * ROUNDS) -> FoundWaves:
+    def descend(self, x: Array, rounds: int = 4 * ROUNDS) -> WaveInversionResult:
         """From fields down to a minimum of J, at weights that settle with it."""
         return self._down(self.reduced.evaluate(x), rounds, [])
 
-    def _down(self, point: Point, rounds: int, history: list[Iteration], settled: bool = False) -> FoundWaves:
+    def _down(self, point: Point, rounds: int, history: list[Iteration], settled: bool = False) -> WaveInversionResult:
         stuck = False
         for _ in range(0 if settled else rounds):
             conditions, dx, du = self._step(point.x, self._state(point), None)
@@ -120,12 +124,14 @@ class GaussNewton:
         assert isinstance(point.state, WaveLinearisation)
         return point.state
 
-    def _step(self, x: Array, state: WaveLinearisation, balance: Array | None) -> tuple[Determined, Array, Array]:
+    def _step(
+        self, x: Array, state: WaveLinearisation, balance: Array | None
+    ) -> tuple[EffectiveParameterCounter, Array, Array]:
         reduced, width = self.reduced, self._width
         jacobian = reduced.unknowns.jacobian(x)[: self.model.blocks[BOUNDARY].start, :width]
         regular = reduced.regular_matrix(x)[:width, :width]
         level = None if self.unknowns.level is None else self.unknowns.level[:width]
-        conditions = Optimality(state, jacobian, regular, self.misfit.weight(state.data), self._fixed, level)
+        conditions = KKTSystem(state, jacobian, regular, self.misfit.weight(state.data), self._fixed, level)
         residual = np.where(self.misfit.known, self.misfit.measured - state.data, 0)
         dx, du = conditions.step(reduced.regular_gradient(x)[:width], residual, balance)
         return conditions, dx, du
@@ -173,8 +179,8 @@ class GaussNewton:
 
     def _found(
         self, x: Array, waves: Array, data: Array, history: list[Iteration], settled: bool, stuck: bool = False
-    ) -> FoundWaves:
-        level, weights = Level(self.misfit.squares(data), history[-1].expected), dict(self.reduced.weights)
+    ) -> WaveInversionResult:
+        level, weights = MisfitLevel(self.misfit.squares(data), history[-1].expected), dict(self.reduced.weights)
         value = self.misfit.value(data) + self.reduced.regular(x)
-        status = status_of(settled, stuck)
-        return FoundWaves(x, value, level, weights, self.misfit.count, waves, status=status, history=history)
+        status = convergence_status(settled, stuck)
+        return WaveInversionResult(x, value, level, weights, self.misfit.count, waves, status=status, history=history)

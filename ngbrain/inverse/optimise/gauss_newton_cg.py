@@ -22,12 +22,12 @@ from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError
 from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.sensitivity.harmonic.wave_model import WaveLinearisation
-from ngbrain.inverse.optimise.fingerprint import differing, identity
-from ngbrain.inverse.optimise.gauss_newton import ROUNDS, FoundWaves, GaussNewton
-from ngbrain.inverse.optimise.normal_equations import FORCING, MOST, Normal
-from ngbrain.inverse.optimise.preconditioners import Extensions
-from ngbrain.inverse.optimise.regularisation_weight import Evidence, Level, Policy
-from ngbrain.inverse.optimise.result import Found, Iteration
+from ngbrain.inverse.optimise.fingerprint import differing_parts, problem_fingerprint
+from ngbrain.inverse.optimise.gauss_newton import ROUNDS, GaussNewton, WaveInversionResult
+from ngbrain.inverse.optimise.normal_equations import FORCING, MOST, NormalEquations
+from ngbrain.inverse.optimise.preconditioners import BoundaryExtensionPreconditioner
+from ngbrain.inverse.optimise.regularisation_weight import Evidence, MisfitLevel, WeightPolicy
+from ngbrain.inverse.optimise.result import Iteration, OptimisationResult
 from ngbrain.reading import read_npz
 from ngbrain.result import Status
 from ngbrain.solvers.directions import QuasiNewtonPreconditioner
@@ -43,7 +43,7 @@ NOWHERE = np.empty((0, 0), complex)
 """Waves of a checkpoint that needs none."""
 
 
-class Iterative(GaussNewton):
+class GaussNewtonCG(GaussNewton):
     """Steps of `reduced` whose model is a `WaveModel` in space (or in the plane).
 
     policy      what changes the weights, see `weights`
@@ -58,7 +58,7 @@ class Iterative(GaussNewton):
     def __init__(
         self,
         reduced: Reduced,
-        policy: Policy | None = None,
+        policy: WeightPolicy | None = None,
         *,
         forcing: float = FORCING,
         most: int = MOST,
@@ -69,10 +69,10 @@ class Iterative(GaussNewton):
         super().__init__(reduced, policy or Evidence(), callback, seed)
         self.forcing, self.most, self.callback = forcing, most, callback
         self.checkpoint = None if checkpoint is None else Path(checkpoint)
-        self.directions, self.extensions = QuasiNewtonPreconditioner(), Extensions()
+        self.directions, self.extensions = QuasiNewtonPreconditioner(), BoundaryExtensionPreconditioner()
         self.iterations: list[int] = []
         """Of conjugate gradients, for each solve: steps and probes in turn."""
-        self.arrived: Found | None = None
+        self.arrived: OptimisationResult | None = None
         """Where `approach` ended, if there was one; its misfit is expected to be the number of data."""
 
     @property
@@ -80,7 +80,7 @@ class Iterative(GaussNewton):
         """Whether there is a checkpoint to go on from."""
         return self.checkpoint is not None and self.checkpoint.exists()
 
-    def resume(self, rounds: int = 4 * ROUNDS) -> FoundWaves:
+    def resume(self, rounds: int = 4 * ROUNDS) -> WaveInversionResult:
         """`descend` from the checkpoint, as if it had never stopped; its rounds count those done before.
 
         An inversion that had settled is not begun again: what it found comes back, for one forward solve.
@@ -94,7 +94,7 @@ class Iterative(GaussNewton):
         self._ledger.begun -= history[-1].cpu_s
         return self._down(self.reduced.evaluate(x), rounds - len(history), history, notes["settled"])
 
-    def from_measured(self, x: Array, waves: Array, approach: int, rounds: int) -> FoundWaves:
+    def from_measured(self, x: Array, waves: Array, approach: int, rounds: int) -> WaveInversionResult:
         """`approach` in so many rounds at most, then `descend`; from the checkpoint, if there is one, on either way.
 
         On the way, preconditioners are made anew: what follows is as good, but not the same to the last bit.
@@ -107,9 +107,9 @@ class Iterative(GaussNewton):
             x, waves, done, own = saved, on_the_way, _history(notes["done"]), notes["own"]
         return self._down(self.approach(x, waves, approach, done, own), rounds, [])
 
-    def _step(self, x: Array, state: WaveLinearisation, balance: Array | None) -> tuple[Normal, Array, Array]:
+    def _step(self, x: Array, state: WaveLinearisation, balance: Array | None) -> tuple[NormalEquations, Array, Array]:
         point = Point(self.reduced, x, state)
-        normal = Normal(point, self.iterations, self.forcing, self.most, self.directions, self.extensions)
+        normal = NormalEquations(point, self.iterations, self.forcing, self.most, self.directions, self.extensions)
         return normal, normal.solve(-normal.gradient()), np.zeros_like(state.waves)
 
     def _moved(self, x: Array, dx: Array, waves: Array) -> tuple[Array, Array]:
@@ -147,8 +147,11 @@ class Iterative(GaussNewton):
             self.callback(history[-1])
             self._save(x, {"done": [asdict(entry) for entry in history], "own": misfit}, waves)
         point = point or self.reduced.evaluate(x)
-        level, weights = Level(self.misfit.squares(point.state.data), self.misfit.count), dict(self.reduced.weights)
-        self.arrived = Found(point.x, point.value, level, weights, self.misfit.count, history=history)
+        level, weights = (
+            MisfitLevel(self.misfit.squares(point.state.data), self.misfit.count),
+            dict(self.reduced.weights),
+        )
+        self.arrived = OptimisationResult(point.x, point.value, level, weights, self.misfit.count, history=history)
         return point
 
     def _still(self, history: list[Iteration]) -> bool:
@@ -161,7 +164,7 @@ class Iterative(GaussNewton):
 
     @cached_property
     def _problem(self) -> dict[str, str]:
-        return identity(self.reduced)
+        return problem_fingerprint(self.reduced)
 
     def _keep(self, x: Array, history: list[Iteration], settled: bool) -> None:
         self._save(x, {"settled": settled, "history": [asdict(entry) for entry in history]})
@@ -193,14 +196,14 @@ class Iterative(GaussNewton):
             told = notes.get("problem")
         except (KeyError, ValueError, AttributeError) as error:
             raise InputError("checkpoint", f"{self.checkpoint}, which is none", wanted) from error
-        if others := differing(told, self._problem):
+        if others := differing_parts(told, self._problem):
             found = f"{self.checkpoint}, of another problem: other {', '.join(others)}"
             raise InputError("checkpoint", found, "one of the same problem, or no file there")
         self.reduced.weights, self.directions.arrays = notes["weights"], directions
         if arrived := notes.get("arrived"):
-            more = {"x": begun, "level": Level(**arrived["level"]), "history": _history(arrived["history"])}
+            more = {"x": begun, "level": MisfitLevel(**arrived["level"]), "history": _history(arrived["history"])}
             more["status"] = Status(arrived["status"])
-            self.arrived = Found(**(arrived | more))
+            self.arrived = OptimisationResult(**(arrived | more))
         return x, waves, notes
 
 
@@ -209,7 +212,7 @@ def _history(entries: Sequence[dict[str, Any]]) -> list[Iteration]:
 
 
 @dataclass(frozen=True)
-class Cost:
+class SolverCost:
     """What an inversion is expected to take.
 
     unknowns     complex, of one wave
@@ -227,7 +230,7 @@ class Cost:
         return self.factor_s + 2 * loads * (iterations + 1) * self.solve_s
 
 
-def expected(body: Harmonic) -> Cost:
+def estimate_solver_cost(body: Harmonic) -> SolverCost:
     """Cost of a body's factor, extrapolated from heads meshed with P2; right within a factor of two or three.
 
     Measured on one core: 20 million entries, 4.7 s and .13 s with 45 000 unknowns, 143 million, 81 s and .79 s with 131 000.
@@ -240,4 +243,4 @@ def expected(body: Harmonic) -> Cost:
     98
     """
     n = body.fes.ndof / 131e3
-    return Cost(body.fes.ndof, 143e6 * n**1.85 * 16 / 2**30, 81 * n**2.67, 0.79 * n**1.7)
+    return SolverCost(body.fes.ndof, 143e6 * n**1.85 * 16 / 2**30, 81 * n**2.67, 0.79 * n**1.7)

@@ -86,7 +86,7 @@ class Metric:
         return self._root.solve(gradient[self._order])
 
 
-class Curvature:
+class GaussNewtonHessian:
     """H at a point, inverted by conjugate gradients with M⁻¹ as preconditioner: no factor, for problems of any size.
 
     It has to be asked before the model moves on, as the point has.

@@ -39,7 +39,7 @@ REFINEMENTS = 6
 ROUGH = 1e-6
 
 
-class Optimality:
+class KKTSystem:
     """The conditions around one state, factorised.
 
     state     fields and waves that the problem is linearised around

@@ -18,9 +18,9 @@ import scipy.sparse as sp
 
 from ngbrain.adjoint.reduced import Point, Reduced
 from ngbrain.errors import ConvergenceError, SolverError
-from ngbrain.inverse.optimise.gauss_newton_hessian import Curvature, Metric
-from ngbrain.inverse.optimise.regularisation_weight import Level, Policy
-from ngbrain.inverse.optimise.result import SETTLED, Found, Iteration, Ledger, status_of
+from ngbrain.inverse.optimise.gauss_newton_hessian import GaussNewtonHessian, Metric
+from ngbrain.inverse.optimise.regularisation_weight import MisfitLevel, WeightPolicy
+from ngbrain.inverse.optimise.result import SETTLED, Iteration, IterationLog, OptimisationResult, convergence_status
 
 Array = np.ndarray
 DENSE = 2000
@@ -41,14 +41,14 @@ NOTHING = 1e-9
 def levenberg_marquardt(
     reduced: Reduced,
     x: Array,
-    policy: Policy | None = None,
+    policy: WeightPolicy | None = None,
     callback: Callable[[Iteration], None] = lambda _: None,
     seed: int = 0,
     *,
     dense: int = DENSE,
     rounds: int = ROUNDS,
     first: float | None = None,
-) -> Found:
+) -> OptimisationResult:
     """From x down, the weights changed by `policy` after every step that falls.
 
     dense  unknowns up to which H is a matrix (one solve for each of them and each load); beyond, conjugate gradients
@@ -63,14 +63,16 @@ def levenberg_marquardt(
     >>> found.converged and found.level.ratio < 1.3
     True
     """
-    ledger = Ledger(reduced, policy, callback, seed)
+    ledger = IterationLog(reduced, policy, callback, seed)
     history: list[Iteration] = []
     point, settled, stuck, longest = reduced.evaluate(x), False, False, SHORT
     metric = Metric.of(point)
     damping = first if first is not None else LIGHT if metric.loose.any() else FIRST
     for step_number in range(rounds):
         metric = Metric.of(point, metric) if step_number else metric
-        H: Curvature = Dense(point, metric) if len(x) <= dense else Curvature(point, metric)
+        H: GaussNewtonHessian = (
+            DenseGaussNewtonHessian(point, metric) if len(x) <= dense else GaussNewtonHessian(point, metric)
+        )
         gradient = point.gradient()
         growth = 2.0
         while damping < HEAVY:
@@ -88,14 +90,14 @@ def levenberg_marquardt(
                 )  # times as long, at most, a step without damping would be: a short one is no end yet
                 rho = min(1.0, fall / max(foretold, 1e-300))  # foretold may be nothing
                 damping *= max(1 / 3, 1 - (2 * rho - 1) ** 3) if fall > 0 else 1.0
-                longest = bounded(longest, size, rho)
+                longest = next_step_bound(longest, size, rho)
                 break
             damping, growth = damping * growth, 2 * growth
         else:
             stuck = True
             break
         assert lower is not None
-        H = Dense(lower, metric) if len(x) <= dense else Curvature(lower, metric)
+        H = DenseGaussNewtonHessian(lower, metric) if len(x) <= dense else GaussNewtonHessian(lower, metric)
         settled = ledger.enter("levenberg-marquardt", lower.x, lower.state.data, H, step, 1.0, history)
         settled = settled and longer * history[-1].change < 10 * SETTLED
         point = Point(reduced, lower.x, lower.state)  # at the new weights
@@ -103,12 +105,12 @@ def levenberg_marquardt(
             break
     if not history:
         raise ConvergenceError("no step lowers the objective from where it starts: try another start")
-    level = Level(2 * point.misfit, history[-1].expected)
-    status, weights = status_of(settled, stuck), dict(reduced.weights)
-    return Found(point.x, point.value, level, weights, ledger.misfit.count, status=status, history=history)
+    level = MisfitLevel(2 * point.misfit, history[-1].expected)
+    status, weights = convergence_status(settled, stuck), dict(reduced.weights)
+    return OptimisationResult(point.x, point.value, level, weights, ledger.misfit.count, status=status, history=history)
 
 
-def bounded(longest: float, size: float, gain: float) -> float:
+def next_step_bound(longest: float, size: float, gain: float) -> float:
     """The bound of the next step: twice as much where a step that came near it fell as foretold, half where it fell far less.
 
     >>> bounded(1.0, 0.9, 0.95), bounded(2.0, 1.6, 0.1), bounded(1.0, 0.2, 0.95)
@@ -119,7 +121,7 @@ def bounded(longest: float, size: float, gain: float) -> float:
     return min(2 * longest, LONGEST) if gain > 0.75 and size > longest / 2 else longest
 
 
-class Dense(Curvature):
+class DenseGaussNewtonHessian(GaussNewtonHessian):
     """H as a matrix: exact traces, and any damping for one more Cholesky factor."""
 
     def __init__(self, point: Point, metric: Metric) -> None:

@@ -13,7 +13,12 @@ import scipy.sparse as sp
 
 from ngbrain.adjoint.reduced import Point
 from ngbrain.errors import SolverError
-from ngbrain.inverse.optimise.preconditioners import Extensions, by_blocks, factorised, preconditioners
+from ngbrain.inverse.optimise.preconditioners import (
+    BoundaryExtensionPreconditioner,
+    block_preconditioner,
+    diagonal_block_inverses,
+    factorise_quasidefinite,
+)
 from ngbrain.solvers.directions import QuasiNewtonPreconditioner
 from ngbrain.solvers.krylov import truncated_cg
 
@@ -30,7 +35,7 @@ GROUND = 1e-9
 """Of its diagonal, what is added to a regulariser that leaves something free, to draw from it."""
 
 
-class Normal:
+class NormalEquations:
     """The normal equations around a point.
 
     counted         list that the iterations of each solve are added to
@@ -46,7 +51,7 @@ class Normal:
         forcing: float = FORCING,
         most: int = MOST,
         directions: QuasiNewtonPreconditioner | None = None,
-        extensions: Extensions | None = None,
+        extensions: BoundaryExtensionPreconditioner | None = None,
     ) -> None:
         self.point, self.forcing, self.most = point, forcing, most
         self.directions = QuasiNewtonPreconditioner() if directions is None else directions
@@ -54,7 +59,9 @@ class Normal:
         self._drawn: tuple[float, dict[str, float]] | None = None
         self._regular = point.reduced.regular_matrix(point.x)
         self._jacobian = point.reduced.unknowns.jacobian(point.x)
-        self.precondition = by_blocks(preconditioners(point, extensions or Extensions()), point.reduced)
+        self.precondition = block_preconditioner(
+            diagonal_block_inverses(point, extensions or BoundaryExtensionPreconditioner()), point.reduced
+        )
 
     def product(self, direction: Array) -> Array:
         """H times a direction."""
@@ -112,7 +119,7 @@ class Normal:
         told = self._jacobian.T @ state.vjp(noise)
         likely, asked = np.zeros_like(told), -told
         for block in blocks.values():
-            drawn, likely[block] = likely_field(self._regular[block, block], random)
+            drawn, likely[block] = sample_prior_field(self._regular[block, block], random)
             asked[block] += drawn
         left = self.solve(asked, PROBED, MOST_PROBED)
         found, known = likely - left, {}
@@ -123,9 +130,9 @@ class Normal:
         return self._drawn
 
 
-def likely_field(matrix: sp.csr_array, random: np.random.Generator) -> tuple[Array, Array]:
+def sample_prior_field(matrix: sp.csr_array, random: np.random.Generator) -> tuple[Array, Array]:
     """A w, drawn with the covariance A⁻¹ of a sparse positive (semi)definite matrix A, after A w."""
-    factor = factorised(sp.csc_array(matrix + GROUND * sp.diags_array(matrix.diagonal())))
+    factor = factorise_quasidefinite(sp.csc_array(matrix + GROUND * sp.diags_array(matrix.diagonal())))
     pivots = factor.U.diagonal()
     white = np.sqrt(pivots) * random.normal(size=len(pivots))
     drawn = (factor.L @ white)[factor.perm_r]

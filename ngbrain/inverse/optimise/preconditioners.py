@@ -37,7 +37,7 @@ GROUND = 1e-6
 """Of all data, what keeps displacements in place where there are none."""
 
 
-class Extensions:
+class BoundaryExtensionPreconditioner:
     """Preconditioner of held displacements: how they would extend into the body, with least
 
         u·BᵀWB u + τ n/(ρω²) ∫ K (tr ε)² + 2 g ε:ε dx ,
@@ -77,7 +77,7 @@ def _extended(model: WaveModel, weight: Array) -> Apply:
     return apply
 
 
-def by_blocks(parts: Mapping[str, Apply], reduced: Reduced) -> Apply:
+def block_preconditioner(parts: Mapping[str, Apply], reduced: Reduced) -> Apply:
     """A preconditioner from those of blocks."""
 
     def apply(r: Array) -> Array:
@@ -89,7 +89,7 @@ def by_blocks(parts: Mapping[str, Apply], reduced: Reduced) -> Apply:
     return apply
 
 
-def preconditioners(point: Point, extensions: Extensions) -> dict[str, Apply]:
+def diagonal_block_inverses(point: Point, extensions: BoundaryExtensionPreconditioner) -> dict[str, Apply]:
     """Block → about the inverse of its part of H."""
     reduced, state = point.reduced, point.state
     model: WaveModel = reduced.model  # type: ignore[assignment]
@@ -110,12 +110,12 @@ def preconditioners(point: Point, extensions: Extensions) -> dict[str, Apply]:
     return found
 
 
-def regulariser_alone(point: Point) -> dict[str, Apply]:
+def regulariser_preconditioners(point: Point) -> dict[str, Apply]:
     """As `preconditioners`, of the regularisers alone: what they are compared with."""
     found: dict[str, Apply] = {}
     for name, block in point.reduced.unknowns.blocks.items():
         matrix = point.reduced.weights[name] * point.reduced.regularisers[name].matrix(point.x[block])
-        found[name] = factorised(sp.csc_array(matrix)).solve
+        found[name] = factorise_quasidefinite(sp.csc_array(matrix)).solve
     return found
 
 
@@ -131,13 +131,16 @@ def _of_field(
         u.vec.FV().NumPy()[:] = state.waves[k]
         stiffness = element_means(body, shear_stiffness(body, wave.omega))
         squared = (
-            squared + element_means(body, driven(body, wave.omega, u, model.fields[name])) / stiffness**2 * density[k]
+            squared
+            + element_means(body, stress_sensitivity_squared(body, wave.omega, u, model.fields[name]))
+            / stiffness**2
+            * density[k]
         )
         wave_number = wave_number + wave.omega**2 * body.density / stiffness / len(body.waves)
     weighted = _assembled(space, body, ngs.sqrt(squared) * trial * test) @ inner
     S = _assembled(space, body, ngs.InnerProduct(ngs.Grad(trial), ngs.Grad(test)) + wave_number * trial * test)
     whole = sp.csc_array(sp.block_array([[regular, weighted.T], [weighted, -S]]))
-    factor, size = factorised(whole), regular.shape[0]
+    factor, size = factorise_quasidefinite(whole), regular.shape[0]
     rest = np.zeros(S.shape[0])
     return lambda r: factor.solve(np.concatenate([r, rest]))[:size]
 
@@ -152,7 +155,9 @@ def _of_boundary(loads: list[Apply], inner: sp.csr_array) -> Apply:
     return apply
 
 
-def driven(body: Harmonic, omega: float, u: ngs.GridFunction, field: ngs.GridFunction) -> ngs.CoefficientFunction:
+def stress_sensitivity_squared(
+    body: Harmonic, omega: float, u: ngs.GridFunction, field: ngs.GridFunction
+) -> ngs.CoefficientFunction:
     """|∂σ/∂θ|² at a strain: of stress without change of volume, by differentiation of the energy."""
     displacement, _, gradient = body.split(u)
     strain = body.strain(displacement, gradient).MakeVariable()
@@ -186,7 +191,7 @@ def _assembled(space: ngs.FESpace, body: Harmonic, integrand: ngs.CoefficientFun
     return to_scipy(form.mat)
 
 
-def factorised(matrix: sp.csc_array) -> scipy.sparse.linalg.SuperLU:
+def factorise_quasidefinite(matrix: sp.csc_array) -> scipy.sparse.linalg.SuperLU:
     """LDLᵀ as LU with diagonal pivots, of a symmetric (quasi-)definite matrix; `SolverError` where it is neither."""
     try:
         return scipy.sparse.linalg.splu(

@@ -24,9 +24,9 @@ import scipy.optimize
 
 from ngbrain.adjoint.reduced import Point, Reduced
 from ngbrain.errors import ConvergenceError, SolverError
-from ngbrain.inverse.optimise.gauss_newton_hessian import Curvature, Metric
-from ngbrain.inverse.optimise.regularisation_weight import Level, Policy
-from ngbrain.inverse.optimise.result import Found, Iteration, Ledger, status_of
+from ngbrain.inverse.optimise.gauss_newton_hessian import GaussNewtonHessian, Metric
+from ngbrain.inverse.optimise.regularisation_weight import MisfitLevel, WeightPolicy
+from ngbrain.inverse.optimise.result import Iteration, IterationLog, OptimisationResult, convergence_status
 
 Array = np.ndarray
 GAIN = 1e-4
@@ -43,13 +43,13 @@ Tell = Callable[[Iteration], None]
 def bfgs(
     reduced: Reduced,
     x: Array,
-    policy: Policy | None = None,
+    policy: WeightPolicy | None = None,
     callback: Tell = lambda _: None,
     seed: int = 0,
     *,
     most: int = 50,
     rounds: int = ROUNDS,
-) -> Found:
+) -> OptimisationResult:
     """Rounds of BFGS with a dense matrix: n² numbers, so for n ≲ 10 000.
 
     >>> from ngbrain.inverse.phantoms.benchmark import Phantom
@@ -64,13 +64,13 @@ def bfgs(
 def l_bfgs(
     reduced: Reduced,
     x: Array,
-    policy: Policy | None = None,
+    policy: WeightPolicy | None = None,
     callback: Tell = lambda _: None,
     seed: int = 0,
     *,
     most: int = 50,
     rounds: int = ROUNDS,
-) -> Found:
+) -> OptimisationResult:
     """Rounds of BFGS that remembers the last `MEMORY` steps (scipy), for any n; slower to arrive than `bfgs`.
 
     >>> from ngbrain.inverse.phantoms.benchmark import Phantom
@@ -87,13 +87,13 @@ def l_bfgs(
 def newton_cg(
     reduced: Reduced,
     x: Array,
-    policy: Policy | None = None,
+    policy: WeightPolicy | None = None,
     callback: Tell = lambda _: None,
     seed: int = 0,
     *,
     most: int = 20,
     rounds: int = ROUNDS,
-) -> Found:
+) -> OptimisationResult:
     """Rounds of Gauss-Newton steps in a trust region, by conjugate gradients (scipy): fewest iterations, two solves in each of
     theirs.
 
@@ -156,11 +156,11 @@ class _Way:
 
 
 class _Rounds:
-    def __init__(self, reduced: Reduced, policy: Policy | None, callback: Tell, seed: int, phase: str) -> None:
+    def __init__(self, reduced: Reduced, policy: WeightPolicy | None, callback: Tell, seed: int, phase: str) -> None:
         self.reduced, self.phase = reduced, phase
-        self.ledger = Ledger(reduced, policy, callback, seed)
+        self.ledger = IterationLog(reduced, policy, callback, seed)
 
-    def run(self, x: Array, down: Callable[[_Way], Array], rounds: int) -> Found:
+    def run(self, x: Array, down: Callable[[_Way], Array], rounds: int) -> OptimisationResult:
         history: list[Iteration] = []
         settled = False
         for _ in range(rounds):
@@ -171,7 +171,7 @@ class _Rounds:
                 raise ConvergenceError("no step lowers the objective from where it starts: try another start")
             x = x + moved
             point = self.reduced.evaluate(x)
-            curvature = Curvature(point, Metric.of(point))
+            curvature = GaussNewtonHessian(point, Metric.of(point))
             settled = self.ledger.enter(
                 self.phase, x, point.state.data, curvature, moved, point.value / before, history
             )
@@ -179,9 +179,9 @@ class _Rounds:
                 break
         misfit = 2 * point.misfit
         value, weights = point.misfit + self.reduced.regular(x), dict(self.reduced.weights)
-        level = Level(misfit, history[-1].expected)
-        count, status = self.ledger.misfit.count, status_of(settled)
-        return Found(x, value, level, weights, count, status=status, history=history)
+        level = MisfitLevel(misfit, history[-1].expected)
+        count, status = self.ledger.misfit.count, convergence_status(settled)
+        return OptimisationResult(x, value, level, weights, count, status=status, history=history)
 
 
 def _scipy(way: _Way, method: str, options: dict[str, float]) -> Array:
@@ -199,14 +199,14 @@ def _dense(way: _Way, most: int) -> Array:
     xi = np.zeros(len(way.origin))
     if way.near(way.value(xi)[1]):
         return xi
-    for number, lower, _ in descent(way.value, xi):
+    for number, lower, _ in bfgs_iterations(way.value, xi):
         xi = lower
         if number == most or way.near(way.value(xi)[1]):
             break
     return xi
 
 
-def descent(function: Callable[[Array], tuple[float, Array]], x: Array) -> Iterator[tuple[int, Array, float]]:
+def bfgs_iterations(function: Callable[[Array], tuple[float, Array]], x: Array) -> Iterator[tuple[int, Array, float]]:
     """BFGS in the variables as they are, iteration by iteration: number, x, value; to where no step goes down.
 
     Its update takes n² operations, where scipy's takes n³.
@@ -225,7 +225,7 @@ def descent(function: Callable[[Array], tuple[float, Array]], x: Array) -> Itera
         change, bend = step * direction, new - slope
         if not number:  # Oren and Spedicato's scale, once there is a curvature to take it from
             inverse *= float(change @ bend) / float(bend @ bend)
-        updated(inverse, change, bend)
+        update_inverse_hessian(inverse, change, bend)
         x, slope, number = x + change, new, number + 1
         yield number, x, value
 
@@ -236,7 +236,7 @@ def _along(
     return function(x + step * direction)
 
 
-def updated(inverse: Array, change: Array, bend: Array) -> None:
+def update_inverse_hessian(inverse: Array, change: Array, bend: Array) -> None:
     """BFGS's update of the inverse of a Hessian in place, by a step and the change of the gradient along it."""
     curvature = float(change @ bend)
     if not curvature > 0:

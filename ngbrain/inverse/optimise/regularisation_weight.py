@@ -27,7 +27,7 @@ SLOPE, SLOPES = 0.2, (0.02, 2.0)
 """d ln 2Φ / d ln α: what a first step takes it to be, and what it can be. Near the level of noise it is small."""
 
 
-class Determined(Protocol):
+class EffectiveParameterCounter(Protocol):
     """What a factor of the optimality conditions knows."""
 
     def determined(self, random: np.random.Generator) -> float:
@@ -40,7 +40,7 @@ class Determined(Protocol):
 
 
 @dataclass
-class Level:
+class MisfitLevel:
     """Where the misfit is and where it is expected: 2Φ, and the number of data less those used up."""
 
     misfit: float
@@ -53,20 +53,25 @@ class Level:
 
 
 @dataclass
-class Policy:
+class WeightPolicy:
     """What changes the weights between iterations; `determined`: how many numbers of each block the data determined."""
 
     determined: dict[str, float] = field(default_factory=dict, init=False)
 
     def update(
-        self, reduced: Reduced, x: Array, level: Level, factor: Determined, random: np.random.Generator
+        self,
+        reduced: Reduced,
+        x: Array,
+        level: MisfitLevel,
+        factor: EffectiveParameterCounter,
+        random: np.random.Generator,
     ) -> float:
         """New weights in `reduced`; the largest factor by which one changed, up or down."""
         raise NotImplementedError
 
 
 @dataclass
-class Evidence(Policy):
+class Evidence(WeightPolicy):
     """Each block's weight from the data; `largest`: factor by which one changes in one iteration at most.
 
     None goes below its regulariser's `least`: evidence takes errors for independent, and those of a model that does not hold,
@@ -76,7 +81,12 @@ class Evidence(Policy):
     largest: float = LARGEST
 
     def update(
-        self, reduced: Reduced, x: Array, level: Level, factor: Determined, random: np.random.Generator
+        self,
+        reduced: Reduced,
+        x: Array,
+        level: MisfitLevel,
+        factor: EffectiveParameterCounter,
+        random: np.random.Generator,
     ) -> float:
         """New weights in `reduced`; the largest factor by which one changed."""
         blocks = reduced.unknowns.blocks
@@ -93,13 +103,13 @@ class Evidence(Policy):
                 largest = max(largest, factor_of_change, 1 / factor_of_change)
         return largest
 
-    def noise(self, level: Level) -> float:
+    def noise(self, level: MisfitLevel) -> float:
         """Variance of the data over the stated one: taken as stated."""
         return 1.0
 
 
 @dataclass
-class EvidenceOfNoise(Evidence):
+class EvidenceWithModelError(Evidence):
     """The same where the model is off by more than the stated noise: what the misfit shows beyond it counts as noise.
 
     Without it a weight falls until the fields fit errors of the discretisation. Those are alike at the `shared` points (in the
@@ -108,13 +118,13 @@ class EvidenceOfNoise(Evidence):
 
     shared: float = 1.0
 
-    def noise(self, level: Level) -> float:
+    def noise(self, level: MisfitLevel) -> float:
         """1 + `shared` times the excess of 2Φ over its expected level, at least 1."""
         return 1.0 + max(1.0, self.shared) * max(0.0, level.ratio - 1.0)
 
 
 @dataclass
-class Discrepancy(Policy):
+class DiscrepancyPrinciple(WeightPolicy):
     """All weights by one factor, to the level where the misfit is expected; `slack` is what counts as there.
 
     A misfit that stays above its level whatever the weight (a model error, a noise larger than stated) leaves them as they are.
@@ -124,7 +134,12 @@ class Discrepancy(Policy):
     _last: tuple[float, float] | None = field(default=None, repr=False)
 
     def update(
-        self, reduced: Reduced, x: Array, level: Level, factor: Determined, random: np.random.Generator
+        self,
+        reduced: Reduced,
+        x: Array,
+        level: MisfitLevel,
+        factor: EffectiveParameterCounter,
+        random: np.random.Generator,
     ) -> float:
         """New weights in `reduced`; the factor by which they changed."""
         if abs(level.ratio - 1) <= self.slack:
@@ -144,17 +159,22 @@ class Discrepancy(Policy):
 
 
 @dataclass
-class Given(Policy):
+class FixedWeights(WeightPolicy):
     """Weights as they are."""
 
     def update(
-        self, reduced: Reduced, x: Array, level: Level, factor: Determined, random: np.random.Generator
+        self,
+        reduced: Reduced,
+        x: Array,
+        level: MisfitLevel,
+        factor: EffectiveParameterCounter,
+        random: np.random.Generator,
     ) -> float:
         """1."""
         return 1.0
 
 
-def corner(misfits: Array, energies: Array) -> int:
+def l_curve_corner(misfits: Array, energies: Array) -> int:
     """Which point of an L-curve bends most towards the origin: ln 2Φ against ln of the regulariser's energy, in order of falling
     weights. Never one of its ends.
 

@@ -14,7 +14,12 @@ from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import InputError
 from ngbrain.forward.common.solve_counts import spent_on
 from ngbrain.inverse.objective.misfit import LeastSquares
-from ngbrain.inverse.optimise.regularisation_weight import Determined, Evidence, Level, Policy
+from ngbrain.inverse.optimise.regularisation_weight import (
+    EffectiveParameterCounter,
+    Evidence,
+    MisfitLevel,
+    WeightPolicy,
+)
 from ngbrain.look import descent
 from ngbrain.result import Result, Status
 
@@ -44,7 +49,7 @@ class Iteration:
     @property
     def ratio(self) -> float:
         """See `Level`."""
-        return Level(self.misfit, self.expected).ratio
+        return MisfitLevel(self.misfit, self.expected).ratio
 
     def __str__(self) -> str:
         """A few words, for who waits."""
@@ -53,7 +58,7 @@ class Iteration:
 
 
 @dataclass(repr=False, eq=False)
-class Found(Result):
+class OptimisationResult(Result):
     """Where an inversion ended: converged if fields and weights had settled, stalled if no step lowered J any more.
 
     x          unknowns
@@ -65,7 +70,7 @@ class Found(Result):
 
     x: Array
     objective: float
-    level: Level
+    level: MisfitLevel
     weights: dict[str, float]
     count: int
 
@@ -86,7 +91,7 @@ class Found(Result):
 
     def plot(self) -> Any:
         """The misfit over iterations."""
-        return plotted(self.history)
+        return plot_misfit_history(self.history)
 
     @property
     def cross_validation(self) -> float:
@@ -99,17 +104,17 @@ class Found(Result):
         return self.count * float(np.log(self.cross_validation))
 
 
-def plotted(history: list[Iteration]) -> Any:
+def plot_misfit_history(history: list[Iteration]) -> Any:
     """The misfit over what is expected, iteration by iteration, as a matplotlib Figure."""
     return descent([each.ratio for each in history], "misfit over its expected level", 1.0)
 
 
-def status_of(settled: bool, stuck: bool = False) -> Status:
+def convergence_status(settled: bool, stuck: bool = False) -> Status:
     """Of an inversion whose fields and weights have settled, or that no step lowered any more, or that was stopped."""
     return Status.CONVERGED if settled else Status.STALLED if stuck else Status.STOPPED
 
 
-class Ledger:
+class IterationLog:
     """Books of an inversion: levels and weights after each iteration.
 
     reduced  with a misfit that has a `count`
@@ -121,7 +126,7 @@ class Ledger:
     def __init__(
         self,
         reduced: Reduced,
-        policy: Policy | None = None,
+        policy: WeightPolicy | None = None,
         callback: Callable[[Iteration], None] = lambda _: None,
         seed: int = 0,
     ) -> None:
@@ -133,7 +138,14 @@ class Ledger:
         self.begun = time.process_time()
 
     def enter(
-        self, phase: str, x: Array, data: Array, factor: Determined, moved: Array, step: float, history: list[Iteration]
+        self,
+        phase: str,
+        x: Array,
+        data: Array,
+        factor: EffectiveParameterCounter,
+        moved: Array,
+        step: float,
+        history: list[Iteration],
     ) -> bool:
         """One more iteration, which moved x by `moved`; new weights. True when all has settled.
 
@@ -142,7 +154,7 @@ class Ledger:
         probes = np.random.default_rng(self._seed)  # the same each time: without, weights would have no fixed point
         misfit = self.misfit.squares(data)
         with spent_on(self.reduced.model, "traces"):
-            level = Level(misfit, self.misfit.count - factor.determined(probes))
+            level = MisfitLevel(misfit, self.misfit.count - factor.determined(probes))
         weights, change = dict(self.reduced.weights), float(np.sqrt(np.mean(moved**2)))
         cpu_s = time.process_time() - self.begun
         turned = np.inf

@@ -18,8 +18,14 @@ import numpy as np
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import ConvergenceError, InputError, nearest
 from ngbrain.inverse.optimise.gauss_newton import ROUNDS, GaussNewton
-from ngbrain.inverse.optimise.regularisation_weight import Discrepancy, Evidence, Given, Policy, corner
-from ngbrain.inverse.optimise.result import Found, Iteration
+from ngbrain.inverse.optimise.regularisation_weight import (
+    DiscrepancyPrinciple,
+    Evidence,
+    FixedWeights,
+    WeightPolicy,
+    l_curve_corner,
+)
+from ngbrain.inverse.optimise.result import Iteration, OptimisationResult
 
 Array = np.ndarray
 Tell = Callable[[Iteration], None]
@@ -31,23 +37,23 @@ PASSING = 4
 
 
 @dataclass(frozen=True)
-class Settling:
+class WeightSelection:
     """Weights that a policy changes with the fields, in so many `rounds` of a descent at most."""
 
-    policy: Callable[[], Policy] = Evidence
+    policy: Callable[[], WeightPolicy] = Evidence
     rounds: int = 8 * ROUNDS
 
-    def from_waves(self, reduced: Reduced, x: Array, waves: Array, callback: Tell) -> Found:
+    def from_waves(self, reduced: Reduced, x: Array, waves: Array, callback: Tell) -> OptimisationResult:
         """`GaussNewton.from_waves`; the weights it ends with stay in `reduced`."""
         return GaussNewton(reduced, self.policy(), callback).from_waves(x, waves)
 
-    def descend(self, reduced: Reduced, x: Array, callback: Tell) -> Found:
+    def descend(self, reduced: Reduced, x: Array, callback: Tell) -> OptimisationResult:
         """`GaussNewton.descend`, likewise."""
         return GaussNewton(reduced, self.policy(), callback).descend(x, self.rounds)
 
 
 @dataclass(frozen=True)
-class LCurve(Settling):
+class LCurve(WeightSelection):
     """The corner of an L-curve: minima of J at falling weights, each from the one before; weights keep their ratios.
 
     Starts settle by `policy`, around whose weights the curve lies.
@@ -63,13 +69,18 @@ class LCurve(Settling):
     above: float = ABOVE
     below: float = BELOW
 
-    def descend(self, reduced: Reduced, x: Array, callback: Tell) -> Found:
+    def descend(self, reduced: Reduced, x: Array, callback: Tell) -> OptimisationResult:
         """From x to the minimum at the corner; `ConvergenceError` where J is lowered at fewer than three weights."""
-        middle, misfits, energies, ends = dict(reduced.weights), list[float](), list[float](), list[Found]()
+        middle, misfits, energies, ends = (
+            dict(reduced.weights),
+            list[float](),
+            list[float](),
+            list[OptimisationResult](),
+        )
         for factor in np.logspace(self.above, -self.below, self.points):
             reduced.weights = {name: float(factor * weight) for name, weight in middle.items()}
             try:
-                found = GaussNewton(reduced, Given(), callback).descend(x, PASSING)
+                found = GaussNewton(reduced, FixedWeights(), callback).descend(x, PASSING)
             except ConvergenceError:
                 continue
             x = found.x
@@ -78,25 +89,25 @@ class LCurve(Settling):
             ends.append(found)
         if len(ends) < 3:
             raise ConvergenceError("an L-curve of fewer than three points has no corner: try another weight")
-        chosen = ends[corner(np.array(misfits), np.array(energies))]
+        chosen = ends[l_curve_corner(np.array(misfits), np.array(energies))]
         reduced.weights = dict(chosen.weights)
         return self._settled(reduced, chosen, callback)
 
-    def _settled(self, reduced: Reduced, chosen: Found, callback: Tell) -> Found:
+    def _settled(self, reduced: Reduced, chosen: OptimisationResult, callback: Tell) -> OptimisationResult:
         try:
-            return GaussNewton(reduced, Given(), callback).descend(chosen.x, self.rounds)
+            return GaussNewton(reduced, FixedWeights(), callback).descend(chosen.x, self.rounds)
         except ConvergenceError:  # there is nothing below
             return chosen
 
 
-WEIGHTINGS: dict[str, Settling] = {
-    "evidence": Settling(Evidence),
-    "discrepancy": Settling(Discrepancy),
+WEIGHTINGS: dict[str, WeightSelection] = {
+    "evidence": WeightSelection(Evidence),
+    "discrepancy": WeightSelection(DiscrepancyPrinciple),
     "l-curve": LCurve(),
 }
 
 
-def weighting(name: str) -> Settling:
+def weight_selection(name: str) -> WeightSelection:
     """One of `WEIGHTINGS`; `InputError` for another name.
 
     >>> weighting("l-curve").points

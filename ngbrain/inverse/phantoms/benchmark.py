@@ -22,9 +22,9 @@ from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, WaveModel
 from ngbrain.inverse.objective.misfit import LeastSquares
-from ngbrain.inverse.objective.parameters import Fields, Log, Scaled, Unknown
+from ngbrain.inverse.objective.parameters import LogTransform, ParameterFields, ScaledTransform, Unknown
 from ngbrain.inverse.objective.regularisation import smooth
-from ngbrain.inverse.optimise.quasi_newton import descent
+from ngbrain.inverse.optimise.quasi_newton import bfgs_iterations
 from ngbrain.io.waves import WaveData
 from ngbrain.materials import Shearing, TransverselyIsotropic
 from ngbrain.mesh.geometry.structured import rectangles
@@ -35,7 +35,7 @@ SIDE, DRIVE = 0.12, 1e-3
 """m: an edge, and how far one of them moves."""
 TI_BULK, TI_ANGLE = 5e5, 30.0
 UNITS = {"zeta": 2.0, "phi": 0.2}
-LOGS = {"zeta": Log(-0.75), "phi": Log(-1.0)}
+LOGS = {"zeta": LogTransform(-0.75), "phi": LogTransform(-1.0)}
 NEARLY = 0.4
 """Poisson's ratio above which the pressure is an unknown."""
 EXACT = 1e-4
@@ -108,7 +108,7 @@ class Phantom:
             raise InputError("phantom", repr(name), nearest(name, list(PHANTOMS)))
         return replace(PHANTOMS[name], nodes=nodes or PHANTOMS[name].nodes)
 
-    def measured(self, noise: float = 0.0, seed: int = 0) -> Measured:
+    def measured(self, noise: float = 0.0, seed: int = 0) -> PhantomData:
         """Its waves at the nodes plus η = noise · rms(component) (a + ib)/√2, a and b normal, on every point.
 
         >>> Phantom.named("CV-G", 5).measured(0.01).displacement.shape
@@ -119,7 +119,7 @@ class Phantom:
         rms = np.sqrt(np.mean(np.abs(exact) ** 2, axis=1, keepdims=True))
         random = np.random.default_rng(seed)
         spoilt = random.normal(size=(*exact.shape, 2)) @ [1, 1j] / np.sqrt(2)
-        return Measured(self, grid.points, exact + noise * rms * spoilt, rms, noise)
+        return PhantomData(self, grid.points, exact + noise * rms * spoilt, rms, noise)
 
 
 class _Square:
@@ -169,7 +169,7 @@ class _Square:
 
 
 @dataclass(frozen=True)
-class Measured:
+class PhantomData:
     """What was measured of a phantom.
 
     points        (n, 2) m
@@ -203,7 +203,7 @@ class Measured:
         weight: float = 1e3,
         start: Mapping[str, Array | float] | None = None,
         device: Device = CPU,
-    ) -> Inversion:
+    ) -> PhantomInversion:
         """The inverse problem on the same grid: all edges held at what was measured there, which is unknown within its noise.
 
         regularised  a space and x̄ → a regulariser, the same for each field
@@ -220,13 +220,13 @@ class Measured:
         theta, where = model.theta, model.blocks[BOUNDARY]
         sigma = np.broadcast_to(self.sigma, self.displacement.shape)
         theta[where] = self._held(model, self.displacement)
-        unknowns = {name: Unknown(value, LOGS.get(name, Log())) for name, value in begin.items()}
+        unknowns = {name: Unknown(value, LOGS.get(name, LogTransform())) for name, value in begin.items()}
         if self.noise:
-            unknowns[BOUNDARY] = Unknown(theta[where], Scaled(self._held(model, sigma * (1 + 1j))))
-        fields = Fields(theta, model.blocks, unknowns)
+            unknowns[BOUNDARY] = Unknown(theta[where], ScaledTransform(self._held(model, sigma * (1 + 1j))))
+        fields = ParameterFields(theta, model.blocks, unknowns)
         regularisers = {name: regularised(grid.space, fields.start[fields.blocks[name]]) for name in begin}
         misfit = LeastSquares(self.displacement, sigma)
-        return Inversion(self, Reduced(model, misfit, fields, regularisers, dict.fromkeys(begin, weight)))
+        return PhantomInversion(self, Reduced(model, misfit, fields, regularisers, dict.fromkeys(begin, weight)))
 
     def data(self) -> WaveData:
         """The same for methods that start from wave data alone."""
@@ -246,7 +246,7 @@ class Measured:
             truth={"shear": truth["storage"] + 1j * truth["loss"]} if "loss" in truth else truth,
         )
 
-    def as_published(self) -> Iterator[Iterate]:
+    def as_published(self) -> Iterator[PublishedIteration]:
         """The published inversion, one iteration after the other: Φ = ½ Σ |u - m|² (mm²) of moduli in MPa (ζ in 2, φ in 0.2)
         by BFGS from the uniform start, without regulariser, bound or noise; the boundary exactly as measured.
 
@@ -271,11 +271,11 @@ class Measured:
             off = state.data - self.displacement
             return 5e5 * float(np.sum(np.abs(off) ** 2)), 1e6 * unit * state.gradient(off)[: where.start]
 
-        def found(number: int, x: Array, misfit: float) -> Iterate:
-            return Iterate(number, misfit, {name: (unit * x)[model.blocks[name]] for name in phantom.start})
+        def found(number: int, x: Array, misfit: float) -> PublishedIteration:
+            return PublishedIteration(number, misfit, {name: (unit * x)[model.blocks[name]] for name in phantom.start})
 
         x = theta[: where.start] / unit
-        yield from (found(*iterate) for iterate in descent(value, x))
+        yield from (found(*iterate) for iterate in bfgs_iterations(value, x))
 
     @staticmethod
     def _held(model: WaveModel, values: Array) -> Array:
@@ -284,7 +284,7 @@ class Measured:
 
 
 @dataclass(frozen=True)
-class Iterate:
+class PublishedIteration:
     """Of the published inversion: its misfit (mm²) and fields (Pa)."""
 
     number: int
@@ -293,10 +293,10 @@ class Iterate:
 
 
 @dataclass(frozen=True)
-class Inversion:
+class PhantomInversion:
     """A phantom's inverse problem and what it takes to judge an answer."""
 
-    measured: Measured
+    measured: PhantomData
     reduced: Reduced
 
     @property
@@ -325,7 +325,7 @@ class Inversion:
     def fields(self, x: Array) -> dict[str, Array]:
         """Name → values at the nodes."""
         unknowns = self.reduced.unknowns
-        assert isinstance(unknowns, Fields)
+        assert isinstance(unknowns, ParameterFields)
         return unknowns.values(x)
 
 

@@ -9,7 +9,7 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.adjoint.reduced import Regulariser
-from ngbrain.inverse.objective.parameters import Log
+from ngbrain.inverse.objective.parameters import LogTransform
 from ngbrain.inverse.optimise.gauss_newton_hessian import Metric
 from ngbrain.inverse.phantoms.benchmark import LOGS, SIDE, Phantom
 from ngbrain.mesh.geometry.structured import rectangles
@@ -17,7 +17,7 @@ from ngbrain.mesh.geometry.structured import rectangles
 Array = np.ndarray
 
 
-def drawn(
+def draw_phantom(
     phantom: Phantom, regularised: Callable[[ngs.FESpace, Array], Regulariser], weight: float, seed: int
 ) -> Phantom:
     """The phantom with x = x̄ + (αR)^(-½) ξ in place of its truth, ξ white, x̄ where inversions of it start.
@@ -37,6 +37,6 @@ def drawn(
     metric, truth = Metric(weight * regular), {}
     random = np.random.default_rng((seed, space.ndof))  # no numbers that noise has too
     for name, start in phantom.start.items():
-        transform = LOGS.get(name, Log())
+        transform = LOGS.get(name, LogTransform())
         truth[name] = transform.value(transform.inverse(np.array(start)) + metric.back(random.normal(size=space.ndof)))
     return replace(phantom, truth=lambda x, y: dict(truth))

@@ -11,7 +11,7 @@ import numpy as np
 from ngbrain.errors import InputError, nearest
 from ngbrain.inverse.data.direct_inversion import uniform_modulus, uniform_shear
 from ngbrain.inverse.data.plausibility import check_frequency
-from ngbrain.inverse.objective.parameters import Bounded, Log
+from ngbrain.inverse.objective.parameters import BoundedTransform, LogTransform
 from ngbrain.io.waves import WaveData
 
 LOSSY = 0.1
@@ -38,9 +38,9 @@ class Property:
         return bool(np.all((values > self.lower) & (values < self.upper)))
 
     @property
-    def transform(self) -> Log | Bounded:
+    def transform(self) -> LogTransform | BoundedTransform:
         """The variable that can take any value: ln(θ - floor), or one for both bounds."""
-        return Log(self.lower) if self.upper == np.inf else Bounded(self.lower, self.upper)
+        return LogTransform(self.lower) if self.upper == np.inf else BoundedTransform(self.lower, self.upper)
 
 
 def material_properties(data: WaveData, shear: float | None = None) -> tuple[Property, ...]:

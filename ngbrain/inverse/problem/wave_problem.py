@@ -21,7 +21,7 @@ from ngbrain.forward.harmonic.stiffness import definite, elastic
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, WaveModel
 from ngbrain.inverse.data.smoothing import SmoothField, fit_splines, moving_least_squares
-from ngbrain.inverse.objective.parameters import Fields, Scaled, Transform, Unknown
+from ngbrain.inverse.objective.parameters import ParameterFields, ScaledTransform, Transform, Unknown
 from ngbrain.inverse.problem.discretisation import Discretisation, has_unknown_scale, measures_all_components
 from ngbrain.inverse.problem.properties import (
     EXPONENT,
@@ -102,7 +102,7 @@ class ElastographyProblem:
         """As what it is made from, so that other processes make the same one."""
         return ElastographyProblem, self._made_from
 
-    def uniform(self, unknowns: Fields, level: float) -> Array:
+    def uniform(self, unknowns: ParameterFields, level: float) -> Array:
         """x of uniform fields, moduli `level` times where they start."""
         x = unknowns.start.copy()
         for name, quantity in self._by_field.items():
@@ -122,19 +122,19 @@ class ElastographyProblem:
             return (quantity.name,)
         return tuple(field.name for field in self.composition.fields(quantity.name))
 
-    def unknowns(self, sigma: Array) -> Fields:
+    def unknowns(self, sigma: Array) -> ParameterFields:
         """All quantities from their start, and the boundary's displacements in units of σ (m)."""
         theta = self.model.theta
         held = self.waves[:, self.model.driven_dofs]
         theta[self.model.blocks[BOUNDARY]] = np.concatenate([part for g in held for part in (g.real, g.imag)])
         unknowns = {name: self._unknown(quantity) for name, quantity in self._by_field.items()}
-        unknowns[BOUNDARY] = Unknown(theta[self.model.blocks[BOUNDARY]], Scaled(float(np.median(sigma))))
-        fields = Fields(theta, self.model.blocks, unknowns)
+        unknowns[BOUNDARY] = Unknown(theta[self.model.blocks[BOUNDARY]], ScaledTransform(float(np.median(sigma))))
+        fields = ParameterFields(theta, self.model.blocks, unknowns)
         if has_unknown_scale(self.data):
             fields.level = self.uniform(fields, np.e) - fields.start
         return fields
 
-    def maps(self, unknowns: Fields, x: Array) -> dict[str, Array]:
+    def maps(self, unknowns: ParameterFields, x: Array) -> dict[str, Array]:
         """Each property of the material at all points of the data (n,), NaN where they are left out."""
         theta = unknowns.theta(x)
         at = evaluation(self.space, self.model.points)
@@ -187,7 +187,7 @@ class ElastographyProblem:
 
     def _start(self, quantity: Property) -> tuple[Array, Transform]:
         start = self._uniform(quantity).vec.FV().NumPy().copy()
-        return start, quantity.transform if self.elements.nodal else Scaled()
+        return start, quantity.transform if self.elements.nodal else ScaledTransform()
 
     def _uniform(self, quantity: Property) -> ngs.GridFunction:
         uniform = ngs.GridFunction(self.space)  # of a higher order not all unknowns are values

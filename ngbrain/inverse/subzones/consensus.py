@@ -28,8 +28,8 @@ from ngbrain.inverse.data.subset import WaveSubset
 from ngbrain.inverse.elastography.result import Inversion, build_inversion, start_result
 from ngbrain.inverse.objective.misfit import LeastSquares
 from ngbrain.inverse.objective.regularisers import Prior
-from ngbrain.inverse.optimise.gauss_newton_cg import Iterative
-from ngbrain.inverse.optimise.regularisation_weight import Determined, Level, Policy
+from ngbrain.inverse.optimise.gauss_newton_cg import GaussNewtonCG
+from ngbrain.inverse.optimise.regularisation_weight import EffectiveParameterCounter, MisfitLevel, WeightPolicy
 from ngbrain.inverse.optimise.result import Iteration
 from ngbrain.inverse.problem.discretisation import Discretisation
 from ngbrain.inverse.problem.field_values import field_observations, fit_field
@@ -98,11 +98,16 @@ class ConsensusRegulariser:
 
 
 @dataclass
-class SharedWeights(Policy):
+class SharedWeights(WeightPolicy):
     """Weights as they are, for all zones the same."""
 
     def update(
-        self, reduced: Reduced, x: Array, level: Level, factor: Determined, random: np.random.Generator
+        self,
+        reduced: Reduced,
+        x: Array,
+        level: MisfitLevel,
+        factor: EffectiveParameterCounter,
+        random: np.random.Generator,
     ) -> float:
         """1; what the data determine is counted."""
         blocks = reduced.unknowns.blocks
@@ -147,7 +152,7 @@ def invert_with_consensus(
         regularisers[name] = ConsensusRegulariser(inner, at, values, strength * around.foreign[own] / weight)
     weights = {name: around.weights[name] for name in regularisers}
     reduced = Reduced(problem.model, misfit, unknowns, regularisers, weights)
-    way = Iterative(reduced, SharedWeights(), checkpoint=checkpoint, callback=callback)
+    way = GaussNewtonCG(reduced, SharedWeights(), checkpoint=checkpoint, callback=callback)
     found = way.resume(rounds) if way.started else way.descend(x, rounds)
     rows = [start_result("zones", problem, reduced, found)]
     return build_inversion(

@@ -12,10 +12,10 @@ from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY
 from ngbrain.inverse.data.quality import RelativeNoise, noise_deviation
 from ngbrain.inverse.objective.misfit import LeastSquares
-from ngbrain.inverse.objective.parameters import Fields, Scaled, Unknown
+from ngbrain.inverse.objective.parameters import ParameterFields, ScaledTransform, Unknown
 from ngbrain.inverse.objective.regularisation import smooth
-from ngbrain.inverse.optimise.normal_equations import MOST_PROBED, PROBED, Normal
-from ngbrain.inverse.optimise.regularisation_weight import Level
+from ngbrain.inverse.optimise.normal_equations import MOST_PROBED, PROBED, NormalEquations
+from ngbrain.inverse.optimise.regularisation_weight import MisfitLevel
 from ngbrain.inverse.problem.field_values import field_observations, fit_field
 from ngbrain.inverse.problem.property_fields import build_composition, discretise_lattice
 from ngbrain.inverse.problem.voxel_lattice import VoxelLattice
@@ -35,7 +35,7 @@ def global_misfit(
     noise: RelativeNoise,
     labelled: bool,
     solves: Solves,
-) -> Level | None:
+) -> MisfitLevel | None:
     """Misfit and where it is expected with given maps, the boundary's displacements alone unknown; None for a body too large.
 
     cells       the body's
@@ -60,12 +60,12 @@ def global_misfit(
         block = both.blocks[field.name]
         x[block] = fit_field(at, values, smooth(problem.space, both.start[block]), x[block])
     theta, blocks = both.theta(x), problem.model.blocks
-    driven = Unknown(theta[blocks[BOUNDARY]], Scaled(float(np.median(sigma))))
+    driven = Unknown(theta[blocks[BOUNDARY]], ScaledTransform(float(np.median(sigma))))
     misfit = LeastSquares(data.displacement[:, problem.inside], sigma)
-    reduced = Reduced(problem.model, misfit, Fields(theta, blocks, {BOUNDARY: driven}), {}, {})
+    reduced = Reduced(problem.model, misfit, ParameterFields(theta, blocks, {BOUNDARY: driven}), {}, {})
     with solves.spent_on("checks"):
         point = reduced.evaluate(reduced.unknowns.start)
-        normal = Normal(point)
+        normal = NormalEquations(point)
         step = normal.solve(-normal.gradient(), PROBED, MOST_PROBED)
         expected = misfit.count - normal.determined(np.random.default_rng(0))
-        return Level(2 * reduced.evaluate(point.x + step).misfit, expected)
+        return MisfitLevel(2 * reduced.evaluate(point.x + step).misfit, expected)

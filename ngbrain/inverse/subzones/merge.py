@@ -27,8 +27,8 @@ from ngbrain.inverse.elastography.identifiability import (
 )
 from ngbrain.inverse.elastography.result import Inversion, StartResult, misfit_notes
 from ngbrain.inverse.objective.misfit import LeastSquares
-from ngbrain.inverse.optimise.regularisation_weight import Level
-from ngbrain.inverse.optimise.result import status_of
+from ngbrain.inverse.optimise.regularisation_weight import MisfitLevel
+from ngbrain.inverse.optimise.result import convergence_status
 from ngbrain.inverse.problem.boundary_data import free_boundary, mark_driven_boundary
 from ngbrain.inverse.problem.properties import material_properties
 from ngbrain.inverse.problem.property_fields import PropertyField, property_fields
@@ -201,7 +201,7 @@ def merge_inversion(
     data, answers, zones = last.data, last.results, last.zones
     names = ["zones", *(f"pass {i}" for i in range(1, len(found)))]
     rows = [each.start_result(name, noise) for name, each in zip(names, found, strict=True)]
-    level = Level(rows[-1].misfit, rows[-1].expected)
+    level = MisfitLevel(rows[-1].misfit, rows[-1].expected)
     solves, effect, strain = (
         _solves(found),
         last.rms_check("bulk_change_over_noise"),
@@ -261,11 +261,11 @@ def merge_inversion(
         strain=strain,
         stated=rms_noise(data, noise),
         warnings=notes + ([strain.note] if strain.note else []),
-        status=status_of(rows[-1].converged),
+        status=convergence_status(rows[-1].converged),
     )
 
 
-def _of_zones(found: Sequence[MergedZones], level: Level) -> list[str]:
+def _of_zones(found: Sequence[MergedZones], level: MisfitLevel) -> list[str]:
     last, notes = found[-1], []
     far = {name: off for name, off in last.disagreement.items() if off > APART}
     if far:

@@ -30,11 +30,11 @@ from ngbrain.inverse.data.quality import map_resolution
 from ngbrain.inverse.elastography.identifiability import FEW
 from ngbrain.inverse.elastography.result import FinalState, Inversion, StartResult, compute_derived_maps
 from ngbrain.inverse.objective.misfit import LeastSquares
-from ngbrain.inverse.objective.parameters import Fields
+from ngbrain.inverse.objective.parameters import ParameterFields
 from ngbrain.inverse.objective.regularisation import nodes
 from ngbrain.inverse.problem.properties import Property, as_moduli
 from ngbrain.inverse.uncertainty.evidence import best_prior
-from ngbrain.inverse.uncertainty.interval import LEVEL, Band
+from ngbrain.inverse.uncertainty.interval import LEVEL, CredibleInterval
 from ngbrain.inverse.uncertainty.posterior import DRAWS, LEAST, Posterior
 from ngbrain.inverse.uncertainty.randomised_eigenvalues import BLOCK
 from ngbrain.result import Status
@@ -64,7 +64,7 @@ class Uncertainty:
         self.found, self.data, self.problem, self.posterior = found, found.data, found.final_state.problem, posterior
         self._sought = {quantity.name: quantity for quantity in self.problem.properties}
 
-    def band(self, name: str, level: float = LEVEL) -> Band:
+    def band(self, name: str, level: float = LEVEL) -> CredibleInterval:
         """Of a map at the points of the data (n,), NaN where they are left out; in the map's unit.
 
         Raises `InputError` for a quantity that was not looked for.
@@ -75,7 +75,7 @@ class Uncertainty:
         for values in vars(band).values():
             parts.append(np.full(len(inside), np.nan))
             parts[-1][inside] = values
-        return Band(*parts)
+        return CredibleInterval(*parts)
 
     def functions(self, field: str, level: float = LEVEL) -> dict[str, ngs.GridFunction]:
         """`value`, `deviation`, `low` and `high` of a field (a quantity, or `storage 3` of a label) in the space of fields.
@@ -100,7 +100,9 @@ class Uncertainty:
         x = self.posterior.draws(number, seed)
         return as_moduli({name: q.transform.value((self._rows[name] @ x.T).T) for name, q in self._sought.items()})
 
-    def mean(self, name: str, where: Array | None = None, level: float = LEVEL, number: int = DRAWS) -> Band:
+    def mean(
+        self, name: str, where: Array | None = None, level: float = LEVEL, number: int = DRAWS
+    ) -> CredibleInterval:
         """Of the mean of a property over points (n,) bool, by default all, from so many draws.
 
         Raises `InputError` for another name, or where none of the points counts.
@@ -114,7 +116,9 @@ class Uncertainty:
         )
         if name not in value:
             raise InputError("map", repr(name), nearest(name, value))
-        return Band.sampled(float(value[name][chosen].mean()), self.draws(number)[name][:, chosen].mean(axis=1), level)
+        return CredibleInterval.sampled(
+            float(value[name][chosen].mean()), self.draws(number)[name][:, chosen].mean(axis=1), level
+        )
 
     def with_best_prior(self) -> Uncertainty:
         """Under Gaussian fields, where these fit better, are not all but uniform, and explain the data; else these bars.
@@ -125,7 +129,11 @@ class Uncertainty:
         assert found.final_state is not None
         problem, reduced = found.final_state.problem, found.final_state.reduced
         unknowns = reduced.unknowns
-        if not (isinstance(unknowns, Fields) and unknowns.level is None and isinstance(reduced.misfit, LeastSquares)):
+        if not (
+            isinstance(unknowns, ParameterFields)
+            and unknowns.level is None
+            and isinstance(reduced.misfit, LeastSquares)
+        ):
             return self
         at = evaluation(problem.space, problem.model.points)
         means = {name: float((at @ posterior.x[posterior.blocks[name]]).mean()) for name in posterior.held}
@@ -181,7 +189,7 @@ class Uncertainty:
         ]
 
     @property
-    def by_label(self) -> dict[str, dict[int, Band]]:
+    def by_label(self) -> dict[str, dict[int, CredibleInterval]]:
         """Name of a map → label → its mean; empty without labels."""
         labels = self.data.labels
         if labels is None:
@@ -212,7 +220,7 @@ class Uncertainty:
             for name in self.found.maps
         }
 
-    def _following(self, level: float = LEVEL) -> dict[str, Band]:
+    def _following(self, level: float = LEVEL) -> dict[str, CredibleInterval]:
         """Of other maps that are given, point by point from `DRAWS` draws, by parts of the points as many draws are large."""
         x, inside = self.posterior.draws(DRAWS).T, np.flatnonzero(self.problem.inside)
         tails = (1 - level) / 2, (1 + level) / 2
@@ -226,11 +234,11 @@ class Uncertainty:
                 own = inside[part]
                 band[0, own], band[1, own] = middle[name][own], values[name].std(axis=1)
                 band[2:, own] = np.quantile(values[name], tails, axis=1)
-        return {name: Band(*band) for name, band in found.items()}
+        return {name: CredibleInterval(*band) for name, band in found.items()}
 
-    def _band(self, rows: sp.csr_array, quantity: Property, level: float) -> Band:
+    def _band(self, rows: sp.csr_array, quantity: Property, level: float) -> CredibleInterval:
         deviation = np.sqrt(self.posterior.variance(rows))
-        return Band.of(rows @ self.posterior.x, deviation, quantity.transform, level)
+        return CredibleInterval.of(rows @ self.posterior.x, deviation, quantity.transform, level)
 
     @cached_property
     def _rows(self) -> dict[str, sp.csr_array]:
@@ -275,7 +283,7 @@ def uncertainty(found: Inversion, least: float = LEAST, prior: str = "best") -> 
     return bars.with_best_prior() if prior == "best" else bars
 
 
-def products_of(found: Inversion) -> int:
+def count_hessian_products(found: Inversion) -> int:
     """About how many Gauss-Newton products `uncertainty` takes, see there; `InputError` for an inversion of zones or slices."""
     if found.final_state is None:
         raise InputError("found", "an inversion of zones or slices", "one of a single body")
@@ -285,9 +293,9 @@ def products_of(found: Inversion) -> int:
     return round(loose + 2 * informed)
 
 
-def expected_seconds(found: Inversion) -> float:
+def estimate_seconds(found: Inversion) -> float:
     """About how long `uncertainty` takes on this machine as it is, by the clock, from two products. Errors as of `products_of`."""
-    number, point = products_of(found), _ended(found)
+    number, point = count_hessian_products(found), _ended(found)
     probe = np.random.default_rng(0).normal(size=len(point.x))
     point.product(probe)  # makes what all products share
     begun = time.perf_counter()

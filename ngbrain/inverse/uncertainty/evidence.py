@@ -21,7 +21,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.optimize import minimize
 
-from ngbrain.inverse.objective.regularisation import Quadratic, matern
+from ngbrain.inverse.objective.regularisation import QuadraticRegulariser, matern
 from ngbrain.inverse.objective.regularisers import extent
 from ngbrain.inverse.optimise.gauss_newton_hessian import Metric
 from ngbrain.inverse.uncertainty.posterior import Posterior
@@ -40,7 +40,7 @@ class GaussianPrior:
     """Of fields: correlated over `length` (m), block → regulariser and weight; how far ln p(y) is above that of the inversion's."""
 
     length: float
-    regularisers: dict[str, Quadratic]
+    regularisers: dict[str, QuadraticRegulariser]
     weights: dict[str, float]
     gain: float
 
@@ -91,7 +91,7 @@ def best_prior(posterior: Posterior, space: ngs.FESpace, means: Mapping[str, flo
         metric = Metric(matrix)
         probability, variances = evidence([_of(metric, U[each]) for each in blocks.values()], y - U.T @ around)
         if best is None or probability - least > best.gain:
-            regularisers = {name: Quadratic(matrix, uniform[name]) for name in blocks}
+            regularisers = {name: QuadraticRegulariser(matrix, uniform[name]) for name in blocks}
             weights = dict(zip(blocks, (1 / variances).tolist(), strict=True))
             best = GaussianPrior(float(length), regularisers, weights, probability - least)
     return best if best is not None and best.gain > 0 else None

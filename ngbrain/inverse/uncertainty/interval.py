@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from ngbrain.errors import InputError
-from ngbrain.inverse.objective.parameters import Scaled, Transform
+from ngbrain.inverse.objective.parameters import ScaledTransform, Transform
 
 Array = np.ndarray
 LEVEL = 0.95
@@ -18,7 +18,7 @@ NODES = 40
 
 
 @dataclass(frozen=True)
-class Band:
+class CredibleInterval:
     """What is known of one number, or of each of many: value at x*, standard deviation, ends of a credible interval."""
 
     value: Array | float
@@ -27,7 +27,9 @@ class Band:
     high: Array | float
 
     @staticmethod
-    def of(centre: Array, deviation: Array, transform: Transform | None = None, level: float = LEVEL) -> Band:
+    def of(
+        centre: Array, deviation: Array, transform: Transform | None = None, level: float = LEVEL
+    ) -> CredibleInterval:
         """Of θ = transform(x), x Gaussian: the interval of x transformed, and θ's own deviation by quadrature.
 
         >>> from ngbrain.inverse.objective.parameters import Log
@@ -37,7 +39,7 @@ class Band:
         """
         if not 0 < level < 1:
             raise InputError("level", level, "a probability between 0 and 1, such as 0.95")
-        transform, reach = transform or Scaled(), float(ndtri(0.5 + level / 2))
+        transform, reach = transform or ScaledTransform(), float(ndtri(0.5 + level / 2))
         ends = np.sort(
             [transform.value(centre - reach * deviation), transform.value(centre + reach * deviation)], axis=0
         )
@@ -46,10 +48,10 @@ class Band:
         with np.errstate(over="ignore", invalid="ignore"):  # of a logarithm that nothing holds
             values = np.array([transform.value(centre + node * deviation) for node in nodes])
             spread = np.sqrt(weights @ (values - weights @ values) ** 2)
-        return Band(transform.value(centre), spread, ends[0], ends[1])
+        return CredibleInterval(transform.value(centre), spread, ends[0], ends[1])
 
     @staticmethod
-    def sampled(value: Array | float, draws: Array, level: float = LEVEL) -> Band:
+    def sampled(value: Array | float, draws: Array, level: float = LEVEL) -> CredibleInterval:
         """From draws (number, ...): their deviation and quantiles."""
         low, high = np.quantile(draws, [0.5 - level / 2, 0.5 + level / 2], axis=0)
-        return Band(value, draws.std(axis=0), low, high)
+        return CredibleInterval(value, draws.std(axis=0), low, high)

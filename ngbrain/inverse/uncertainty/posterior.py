@@ -27,10 +27,10 @@ import scipy.sparse as sp
 from ngbrain import parallel
 from ngbrain.adjoint.reduced import Point
 from ngbrain.errors import InputError
-from ngbrain.inverse.objective.parameters import Fields
-from ngbrain.inverse.objective.regularisation import Quadratic
+from ngbrain.inverse.objective.parameters import ParameterFields
+from ngbrain.inverse.objective.regularisation import QuadraticRegulariser
 from ngbrain.inverse.optimise.gauss_newton_hessian import Metric
-from ngbrain.inverse.uncertainty.interval import LEVEL, Band
+from ngbrain.inverse.uncertainty.interval import LEVEL, CredibleInterval
 from ngbrain.inverse.uncertainty.randomised_eigenvalues import eigenpairs
 
 Array = np.ndarray
@@ -45,7 +45,7 @@ SINGULAR = 1e-13
 
 
 @dataclass(frozen=True)
-class Direction:
+class InformedDirection:
     """A direction of x: what data say of it in units of what was assumed (λ), and the blocks that it lies in (shares)."""
 
     eigenvalue: float
@@ -117,7 +117,7 @@ class Posterior:
         U = (self.regular @ vectors) * root
         return U, U.T @ self.x[self._held] + (vectors.T @ self._slope) / root
 
-    def under(self, regularisers: Mapping[str, Quadratic], weights: Mapping[str, float]) -> Posterior:
+    def under(self, regularisers: Mapping[str, QuadraticRegulariser], weights: Mapping[str, float]) -> Posterior:
         """The same data with other regularisers of the same blocks. x* moves to where they balance then.
 
         Exact for data that are linear in x, else one Gauss-Newton step. Raises `InputError` for a singular matrix.
@@ -150,17 +150,17 @@ class Posterior:
         return self.eigenvalues / (1 + self.eigenvalues)
 
     @property
-    def informed(self) -> list[Direction]:
+    def informed(self) -> list[InformedDirection]:
         """Directions along which data say more than was assumed, λ > 1, most of it first."""
         return [self.direction(i) for i in range(int(np.sum(self.eigenvalues > 1)))]
 
-    def direction(self, i: int) -> Direction:
+    def direction(self, i: int) -> InformedDirection:
         """That of the i-th eigenvalue, one standard deviation of what was assumed long."""
         v = self._vectors(slice(i, i + 1))[:, 0]
         x = np.zeros(len(self.x))
         x[self._held], x[self._loose] = v, -self._response @ v
         parts = v * (self.regular @ v)
-        return Direction(
+        return InformedDirection(
             float(self.eigenvalues[i]), x, {name: float(parts[self._of(name)].sum()) for name in self.held}
         )
 
@@ -235,15 +235,17 @@ class Posterior:
             raise InputError("block", repr(name), "one of " + ", ".join(self.blocks))
         return sp.csr_array(sp.eye_array(len(self.x), format="csr")[self.blocks[name]])
 
-    def band(self, name: str, level: float = LEVEL) -> Band:
+    def band(self, name: str, level: float = LEVEL) -> CredibleInterval:
         """Of the values looked for in a block, in their own units: the interval of x through the change of variable.
 
         Raises `InputError` unless unknowns are `Fields`.
         """
-        if not isinstance(self.unknowns, Fields):
+        if not isinstance(self.unknowns, ParameterFields):
             raise InputError("unknowns", type(self.unknowns).__name__, "Fields: others say nothing of their transforms")
         rows = self.rows(name)
-        return Band.of(rows @ self.x, np.sqrt(self.variance(rows)), self.unknowns.unknowns[name].transform, level)
+        return CredibleInterval.of(
+            rows @ self.x, np.sqrt(self.variance(rows)), self.unknowns.unknowns[name].transform, level
+        )
 
     def draws(self, number: int, seed: int = 0) -> Array:
         """So many x of the posterior (number, unknowns)."""
@@ -261,7 +263,7 @@ class Posterior:
 
     def linearised(
         self, function: Callable[[Array], float], gradient: Callable[[Array], Array], level: float = LEVEL
-    ) -> Band:
+    ) -> CredibleInterval:
         """Of a number computed from θ, by its slope: right where it is nearly linear within the band.
 
         function, gradient   θ ↦ a number and its derivatives by θ, see `adjoint.check.taylor`
@@ -269,8 +271,8 @@ class Posterior:
         theta = self.unknowns.theta(self.x)
         slope = self.unknowns.jacobian(self.x).T @ gradient(theta)
         deviation = np.sqrt(self.variance(slope[None]))
-        band = Band.of(np.array([function(theta)]), deviation, None, level)
-        return Band(float(band.value[0]), float(deviation[0]), float(band.low[0]), float(band.high[0]))  # type: ignore[index]
+        band = CredibleInterval.of(np.array([function(theta)]), deviation, None, level)
+        return CredibleInterval(float(band.value[0]), float(deviation[0]), float(band.low[0]), float(band.high[0]))  # type: ignore[index]
 
     def sampled(
         self,
@@ -279,7 +281,7 @@ class Posterior:
         number: int = DRAWS,
         seed: int = 0,
         executor: parallel.AnyExecutor = None,
-    ) -> Band:
+    ) -> CredibleInterval:
         """Of numbers computed from θ, by as many draws: whatever function it is.
 
         executor  who calls it, a task for each draw (`parallel.run`); by default this process. Others find functions of modules
@@ -292,7 +294,7 @@ class Posterior:
                 parallel.Task(f"draw {i}", _called, (function, self.unknowns.theta(x))) for i, x in enumerate(every)
             ]
             value, *values = parallel.run(tasks, executor).values()
-        return Band.sampled(value, np.array(values), level)
+        return CredibleInterval.sampled(value, np.array(values), level)
 
     def _eliminate(self, point: Point) -> None:
         columns = np.empty((len(self.x), len(self._loose)))

@@ -12,11 +12,11 @@ from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity.static_model import LoadCase, StaticModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.inverse.objective.misfit import LeastSquares
-from ngbrain.inverse.objective.parameters import Fields, Log, Scaled, Unknown
+from ngbrain.inverse.objective.parameters import LogTransform, ParameterFields, ScaledTransform, Unknown
 from ngbrain.inverse.objective.regularisation import ridge, smooth
 from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
 from ngbrain.inverse.optimise.quasi_newton import l_bfgs, newton_cg
-from ngbrain.inverse.optimise.regularisation_weight import Discrepancy
+from ngbrain.inverse.optimise.regularisation_weight import DiscrepancyPrinciple
 from ngbrain.materials import HolzapfelGasserOgden, NeoHooke, Ogden
 
 NOISE = 0.01
@@ -45,14 +45,14 @@ def measured(law):
 
 def inverted(of, data, sigma, unknowns, optimiser=levenberg_marquardt):
     """Fields smooth, numbers hardly held."""
-    fields = Fields(of.theta, of.blocks, unknowns)
+    fields = ParameterFields(of.theta, of.blocks, unknowns)
     held = {}
     for name, block in fields.blocks.items():
         start = fields.start[block]
         held[name] = smooth(of.parts[name].gfu.space, start) if len(start) > 1 else ridge(start)
     weights = {name: 10.0 if fields.blocks[name].stop - fields.blocks[name].start > 1 else 0.01 for name in held}
     reduced = Reduced(of, LeastSquares(data, sigma), fields, held, weights)
-    found = optimiser(reduced, fields.start, Discrepancy())
+    found = optimiser(reduced, fields.start, DiscrepancyPrinciple())
     print(
         optimiser.__name__,
         found.level.ratio,
@@ -93,7 +93,7 @@ def test_stiffness_and_exponent_of_an_ogden_tissue():
     mu, alpha = ngs.Parameter(2e3), ngs.Parameter(-2.0)
     data, sigma = measured(Ogden(900.0, -8.0))
     of = model(square(6, size=SIDE), "P2/P1", Ogden(mu, alpha), {"mu": mu, "alpha": alpha})
-    values, _ = inverted(of, data, sigma, {"mu": Unknown(2e3), "alpha": Unknown(-2.0, Scaled(5.0))})
+    values, _ = inverted(of, data, sigma, {"mu": Unknown(2e3), "alpha": Unknown(-2.0, ScaledTransform(5.0))})
     assert values["mu"] == pytest.approx([900.0], rel=0.02)
     assert values["alpha"] == pytest.approx([-8.0], rel=0.1)
 
@@ -103,7 +103,7 @@ def test_direction_and_stiffness_of_fibres():
     data, sigma = measured(HolzapfelGasserOgden(600.0, 1.2e3, 4.0, 0.05, along(ngs.CF(0.6))))
     law = HolzapfelGasserOgden(600.0, k1, 4.0, 0.05, along(angle))
     of = model(square(6, size=SIDE), "P2/P1", law, {"angle": angle, "k1": k1})
-    values, _ = inverted(of, data, sigma, {"angle": Unknown(0.9, Scaled()), "k1": Unknown(3e3)})
+    values, _ = inverted(of, data, sigma, {"angle": Unknown(0.9, ScaledTransform()), "k1": Unknown(3e3)})
     assert values["angle"] == pytest.approx([0.6], abs=0.02)
     assert values["k1"] == pytest.approx([1.2e3], rel=0.05)
 
@@ -115,7 +115,7 @@ def test_a_users_own_law_inverts_at_once():
     stiffness.Set(800.0)
     data, sigma = measured(Mine(400.0 + 4e3 * ngs.x, ngs.CF(0.7)))
     of = model(mesh, "P2/P1", Mine(stiffness, hardening), {"stiffness": stiffness, "hardening": hardening})
-    values, _ = inverted(of, data, sigma, {"stiffness": Unknown(800.0), "hardening": Unknown(2.0, Log())})
+    values, _ = inverted(of, data, sigma, {"stiffness": Unknown(800.0), "hardening": Unknown(2.0, LogTransform())})
     stiffness.vec.FV().NumPy()[:] = values["stiffness"]
     wrong = ngs.Integrate((stiffness / (400.0 + 4e3 * ngs.x) - 1) ** 2, mesh) / SIDE**2
     print(np.sqrt(wrong), values["hardening"])

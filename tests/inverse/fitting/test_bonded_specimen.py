@@ -5,23 +5,23 @@ import pytest
 
 from ngbrain.adjoint import check
 from ngbrain.errors import InputError
-from ngbrain.inverse.fitting.bonded_specimen import Blocks, Bonded, _levels
+from ngbrain.inverse.fitting.bonded_specimen import BondedFit, BondedSpecimen, _levels
 from ngbrain.materials import Maxwell, NeoHooke, Ogden, Viscous, lab
 
 CORTEX = Ogden(1442.0, -19.2)
-COARSE = Bonded(maxh=0.0025, levels=3)
+COARSE = BondedSpecimen(maxh=0.0025, levels=3)
 
 
 def test_a_cube_resists_more_when_pressed_and_less_when_sheared():
     """Small strain, incompressible: 1.245 of 3μ and .743 of μ (P4/P3, 1.25 mm)."""
-    law, cube = NeoHooke(1000.0), Bonded(levels=1)
+    law, cube = NeoHooke(1000.0), BondedSpecimen(levels=1)
     assert cube.stress(law, "uniaxial", [0.999])[0] / -3.0 == pytest.approx(1.245, rel=0.014)
     assert cube.stress(law, "shear", [0.001])[0] == pytest.approx(0.743, rel=0.014)
 
 
 def test_a_long_bar_is_homogeneous_but_for_its_ends():
     def excess(length):
-        bar = Bonded((0.005, 0.005, length), form="P2/P1", levels=1)
+        bar = BondedSpecimen((0.005, 0.005, length), form="P2/P1", levels=1)
         return float(bar.stress(CORTEX, "uniaxial", [1.05])[0] / lab.stress(CORTEX, "uniaxial", [1.05])[0] - 1)
 
     short, long = excess(0.02), excess(0.04)
@@ -40,13 +40,13 @@ def test_between_levels_a_curve_is_a_polynomial_through_rest():
 
 def test_levels_lose_little():
     where = np.linspace(0.9, 1.1, 17)
-    few, many = (Bonded(form="P2/P1", maxh=0.005, levels=n).stress(CORTEX, "uniaxial", where) for n in (5, 16))
+    few, many = (BondedSpecimen(form="P2/P1", maxh=0.005, levels=n).stress(CORTEX, "uniaxial", where) for n in (5, 16))
     assert np.abs(few - many).max() < 5e-4 * np.abs(many).max()
 
 
 def test_the_misfits_slope_is_theirs():
-    problem = Blocks(
-        Bonded(form="P2/P1", maxh=0.005, levels=3),
+    problem = BondedFit(
+        BondedSpecimen(form="P2/P1", maxh=0.005, levels=3),
         Ogden,
         [c for c in lab.budday("cortex") if c.name != "shear"],
         {"mu": 1e3, "alpha": -9.0},
@@ -61,7 +61,7 @@ def test_the_misfits_slope_is_theirs():
 @pytest.fixture(scope="module")
 def measured():
     """Curves of cubes of the cortex's law in other elements, one percent of noise."""
-    random, cube, curves = np.random.default_rng(3), Bonded(maxh=0.0025, form="P4/P3", levels=4), []
+    random, cube, curves = np.random.default_rng(3), BondedSpecimen(maxh=0.0025, form="P4/P3", levels=4), []
     for name, mode, where in (
         ("compression", "uniaxial", np.linspace(1, 0.9, 9)),
         ("tension", "uniaxial", np.linspace(1, 1.1, 9)),
@@ -83,8 +83,8 @@ def test_known_constants_come_back(measured):
 @pytest.mark.parametrize(
     ("call", "said"),
     [
-        (lambda: Bonded((0.005, 0.0, 0.005)), "three lengths"),
-        (lambda: Bonded(levels=0), "at least 1"),
+        (lambda: BondedSpecimen((0.005, 0.0, 0.005)), "three lengths"),
+        (lambda: BondedSpecimen(levels=0), "at least 1"),
         (lambda: COARSE.stress(CORTEX, "planar", [1.1]), "uniaxial or shear"),
         (
             lambda: COARSE.fit(NeoHooke, [lab.Curve("shear", [0.0, 0.1], [0.0, 1.0], times=[0, 1])], {"mu": 1e3}),

@@ -13,12 +13,12 @@ from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity.static_equilibrium import LoadCase
 from ngbrain.forward.sensitivity.static_model import StaticModel
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.inverse.fitting.defect_correction import corrected
+from ngbrain.inverse.fitting.defect_correction import defect_correction_step
 from ngbrain.inverse.objective.misfit import LeastSquares
-from ngbrain.inverse.objective.parameters import Fields, Log, Unknown
+from ngbrain.inverse.objective.parameters import LogTransform, ParameterFields, Unknown
 from ngbrain.inverse.objective.regularisation import ridge
 from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
-from ngbrain.inverse.optimise.regularisation_weight import Given
+from ngbrain.inverse.optimise.regularisation_weight import FixedWeights
 from ngbrain.inverse.uncertainty.posterior import Posterior
 from ngbrain.materials import NeoHooke
 
@@ -47,10 +47,10 @@ def model(maxh):
 
 
 def found(of, data, sigma):
-    fields = Fields(of.theta, of.blocks, {name: Unknown(1.0, Log()) for name in TRUTH})
+    fields = ParameterFields(of.theta, of.blocks, {name: Unknown(1.0, LogTransform()) for name in TRUTH})
     held = {name: ridge(fields.start[place]) for name, place in fields.blocks.items()}
     reduced = Reduced(of, LeastSquares(data, sigma), fields, held, dict.fromkeys(held, 1 / math.log(3) ** 2))
-    return reduced.evaluate(levenberg_marquardt(reduced, fields.start, Given(), lambda _: None).x)
+    return reduced.evaluate(levenberg_marquardt(reduced, fields.start, FixedWeights(), lambda _: None).x)
 
 
 @pytest.mark.parametrize("size", [0.005, 0.0035])
@@ -64,7 +64,7 @@ def test_half_of_what_elements_are_wrong_by_is_taken_off(size):
     point = found(coarse, data, sigma)
     naive = point.x - np.log(truth)
     finer = model(size / math.sqrt(2)).evaluate(np.exp(point.x)).data
-    moved, fitted = corrected(point, Posterior(point, least=0), finer)
+    moved, fitted = defect_correction_step(point, Posterior(point, least=0), finer)
     left = naive + moved
     print(size, naive, left)
     assert np.abs(naive).max() > 0.02 and np.abs(left).max() < 0.6 * np.abs(naive).max()

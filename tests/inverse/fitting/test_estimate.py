@@ -13,8 +13,8 @@ from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables import Displacements, Force, Functional
 from ngbrain.forward.sensitivity.static_model import LoadCase, StaticModel
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.inverse.fitting.estimate import recover
-from ngbrain.inverse.objective.parameters import Log, Scaled, Unknown
+from ngbrain.inverse.fitting.estimate import estimate
+from ngbrain.inverse.objective.parameters import LogTransform, ScaledTransform, Unknown
 from ngbrain.materials import NeoHooke, Ogden
 from ngbrain.mesh import block
 
@@ -45,11 +45,11 @@ def test_a_users_own_law_by_one_call(rng):
     truth = 400.0 + 4e3 * ngs.x
     data = measured(Mine(truth, ngs.CF(0.7)), 0.01, rng)
     of = seen(mesh, "P2/P1", Mine(stiffness, hardening), {"stiffness": stiffness, "hardening": hardening})
-    found = recover(of, data, 0.01)
+    found = estimate(of, data, 0.01)
     off = np.sqrt(ngs.Integrate((stiffness / truth - 1) ** 2, mesh) / SIDE**2)
     assert off < 0.15 and hardening.Get() == found.values["hardening"] == pytest.approx(0.7, rel=0.25)
     assert 0.7 < found.misfit < 1.6
-    assert all(isinstance(u.transform, Log) for u in found.problem.unknowns.unknowns.values())
+    assert all(isinstance(u.transform, LogTransform) for u in found.problem.unknowns.unknowns.values())
     band = found.posterior.band("hardening")
     assert band.low[0] < 0.7 < band.high[0]
 
@@ -61,7 +61,7 @@ def test_numbers_of_a_run_from_its_force():
     for parameter in of.parameters.values():
         parameter.Set(1.3 * parameter.Get())
     sigma = np.broadcast_to(0.01 * np.abs(data).max(axis=0), data.shape)
-    found = recover(of, data, sigma)
+    found = estimate(of, data, sigma)
     assert np.array(list(found.values.values())) == pytest.approx(truth, rel=0.02)
     assert found.converged
 
@@ -71,11 +71,11 @@ def test_what_is_given_is_taken(rng):
     mu, alpha = ngs.Parameter(2e3), ngs.Parameter(-2.0)
     data = measured(Ogden(900.0, -8.0), 1e-3, rng)
     of = seen(square(4, size=SIDE), "P2/P1", Ogden(mu, alpha), {"mu": mu, "alpha": alpha})
-    found = recover(of, data, 0.01, unknowns={"mu": Unknown(1.5e3)})
+    found = estimate(of, data, 0.01, unknowns={"mu": Unknown(1.5e3)})
     assert found.values["mu"] == pytest.approx(900.0, rel=0.03) and found.values["alpha"] == pytest.approx(
         -8.0, rel=0.1
     )
-    assert isinstance(found.problem.unknowns.unknowns["alpha"].transform, Scaled)
+    assert isinstance(found.problem.unknowns.unknowns["alpha"].transform, ScaledTransform)
     assert found.problem.unknowns.unknowns["mu"].start == 1.5e3
 
 
@@ -84,16 +84,16 @@ def test_what_cannot_be_meant_is_refused():
     of = seen(square(1, size=SIDE), "P2", Ogden(mu, -3.0 + alpha), {"mu": mu, "alpha": alpha})
     data = of.evaluate(of.theta).data
     with pytest.raises(InputError, match=r"parameters\.alpha is nothing where the search begins"):
-        recover(of, data, 0.01)
+        estimate(of, data, 0.01)
     with pytest.raises(InputError, match=r"unknowns is 'my'; wanted: .*mu"):
-        recover(of, data, 0.01, unknowns={"my": Unknown(1.0)})
+        estimate(of, data, 0.01, unknowns={"my": Unknown(1.0)})
     for noise in (0.0, -0.1, np.nan):
         with pytest.raises(InputError, match="noise is"):
-            recover(of, data, noise)
+            estimate(of, data, noise)
     with pytest.raises(InputError, match=r"sigma is of shape \(3,\)"):
-        recover(of, data, np.ones(3))
+        estimate(of, data, np.ones(3))
     with pytest.raises(InputError, match=r"measured is of shape \(3,\)"):
-        recover(of, data[:3], np.ones(3), unknowns={"alpha": Unknown(0.0, Scaled(1.0))})
+        estimate(of, data[:3], np.ones(3), unknowns={"alpha": Unknown(0.0, ScaledTransform(1.0))})
 
 
 def test_as_many_numbers_as_data_leave_nothing_to_judge_the_misfit_by():
@@ -106,7 +106,7 @@ def test_as_many_numbers_as_data_leave_nothing_to_judge_the_misfit_by():
     data = model.evaluate(model.theta).data
     mu.Set(500.0)
     bulk.Set(5e3)
-    found = recover(model, data, 0.01 * np.abs(data))
+    found = estimate(model, data, 0.01 * np.abs(data))
     assert found.values == pytest.approx({"mu": 1e3, "bulk": 1e4}, rel=2e-3) and np.isnan(found.misfit)
     low, high = (float(end[0]) for end in (found.posterior.band("mu").low, found.posterior.band("mu").high))
     assert 900 < low < 1000 < high < 1100

@@ -11,7 +11,7 @@ import pytest
 from rubbing import Sliding, model
 
 from ngbrain.forward.observables import Force
-from ngbrain.inverse.fitting.estimate import recover
+from ngbrain.inverse.fitting.estimate import estimate
 
 TRUTH = {"mu": 1000.0, "g": 0.5, "tau": 3.0, "friction": 0.1}
 GUESS = {"mu": 2000.0, "g": 0.3, "tau": 8.0, "friction": 0.3}
@@ -38,7 +38,7 @@ def recovered(seed, seen=BOTH):
     noise = 0.01 * np.sqrt(np.mean(exact() ** 2, axis=0)) * np.ones_like(exact())
     data = exact() + noise * np.random.default_rng(seed).normal(size=noise.shape)
     columns = slice(None) if seen is BOTH else slice(1, None)
-    return recover(run(GUESS, 3, "P2/P1", STEPS, seen), data[:, columns], noise[:, columns], callback=lambda _: None)
+    return estimate(run(GUESS, 3, "P2/P1", STEPS, seen), data[:, columns], noise[:, columns], callback=lambda _: None)
 
 
 def holds(found, name):

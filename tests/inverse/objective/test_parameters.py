@@ -5,9 +5,15 @@ import pytest
 import scipy.sparse as sp
 
 from ngbrain.errors import InputError
-from ngbrain.inverse.objective.parameters import Bounded, Fields, Log, Scaled, Unknown
+from ngbrain.inverse.objective.parameters import (
+    BoundedTransform,
+    LogTransform,
+    ParameterFields,
+    ScaledTransform,
+    Unknown,
+)
 
-TRANSFORMS = [Log(), Log(-0.75), Bounded(-1.0, 4.0), Scaled(2e-3)]
+TRANSFORMS = [LogTransform(), LogTransform(-0.75), BoundedTransform(-1.0, 4.0), ScaledTransform(2e-3)]
 THETA = np.array([0.3, 1.0, 2.5])
 
 
@@ -21,7 +27,8 @@ def test_inverse_and_slope(transform):
 
 
 @pytest.mark.parametrize(
-    ("transform", "theta"), [(Log(), 0.0), (Log(-1.0), -1.0), (Bounded(0, 1), 1.0), (Bounded(0, 1), -2.0)]
+    ("transform", "theta"),
+    [(LogTransform(), 0.0), (LogTransform(-1.0), -1.0), (BoundedTransform(0, 1), 1.0), (BoundedTransform(0, 1), -2.0)],
 )
 def test_what_cannot_be_is_refused(transform, theta):
     with pytest.raises(InputError, match="start"):
@@ -37,8 +44,8 @@ def test_no_step_leaves_what_is_allowed(transform):
 def two_labels():
     labels = sp.csr_array(np.array([[1.0, 0], [1, 0], [0, 1]]))
     blocks = {"mu": slice(0, 3), "loss": slice(3, 6), "rest": slice(6, 7)}
-    unknowns = {"mu": Unknown(np.array([1e3, 2e3]), Log(), labels), "loss": Unknown(100.0)}
-    return Fields(np.arange(7.0), blocks, unknowns)
+    unknowns = {"mu": Unknown(np.array([1e3, 2e3]), LogTransform(), labels), "loss": Unknown(100.0)}
+    return ParameterFields(np.arange(7.0), blocks, unknowns)
 
 
 def test_labels_share_a_value():
@@ -57,4 +64,4 @@ def test_jacobian(rng):
 
 def test_an_unknown_that_is_no_block_is_refused():
     with pytest.raises(InputError, match="zeta"):
-        Fields(np.zeros(1), {"mu": slice(0, 1)}, {"zeta": Unknown(1.0)})
+        ParameterFields(np.zeros(1), {"mu": slice(0, 1)}, {"zeta": Unknown(1.0)})

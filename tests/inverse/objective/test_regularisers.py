@@ -7,7 +7,7 @@ import pytest
 from ngbrain.errors import InputError
 from ngbrain.inverse.elastography.invert import invert
 from ngbrain.inverse.objective.regularisation import matern, smooth
-from ngbrain.inverse.objective.regularisers import PRIORS, REACH, extent, priors
+from ngbrain.inverse.objective.regularisers import PRIORS, REACH, extent, resolve_priors
 from ngbrain.inverse.phantoms.benchmark import Phantom
 from ngbrain.mesh.geometry.structured import rectangles
 
@@ -48,10 +48,10 @@ def test_a_step_costs_edges_least():
 
 
 def test_names():
-    assert list(priors("auto")) == ["smooth", "edges"] and list(priors("matern")) == ["matern"]
-    assert list(priors(smooth)) == ["smooth"]
+    assert list(resolve_priors("auto")) == ["smooth", "edges"] and list(resolve_priors("matern")) == ["matern"]
+    assert list(resolve_priors(smooth)) == ["smooth"]
     with pytest.raises(InputError, match=r"regulariser is 'matren'.*matern"):
-        priors("matren")
+        resolve_priors("matren")
 
 
 def test_one_of_ones_own_is_what_inverts():

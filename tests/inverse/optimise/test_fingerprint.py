@@ -11,9 +11,9 @@ from ngbrain.adjoint.reduced import Reduced
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY
 from ngbrain.inverse.data.quality import noise_deviation
 from ngbrain.inverse.objective.misfit import Huber, LeastSquares
-from ngbrain.inverse.objective.parameters import Fields
-from ngbrain.inverse.objective.regularisers import priors
-from ngbrain.inverse.optimise.fingerprint import differing, identity
+from ngbrain.inverse.objective.parameters import ParameterFields
+from ngbrain.inverse.objective.regularisers import resolve_priors
+from ngbrain.inverse.optimise.fingerprint import differing_parts, problem_fingerprint
 from ngbrain.inverse.problem.discretisation import discretise
 from ngbrain.inverse.problem.properties import material_properties
 from ngbrain.inverse.problem.property_fields import FieldPerLabel
@@ -43,7 +43,7 @@ def problem(waves, noise=0.02, order=3, prior="smooth", labelled=False, misfit=L
     experiment = ElastographyProblem(waves, elements, material_properties(waves, start), composition)
     sigma = noise_deviation(waves, noise)
     unknowns = experiment.unknowns(sigma)
-    ((_, make),) = priors(prior).items()
+    ((_, make),) = resolve_priors(prior).items()
     blocks = {name: block for name, block in unknowns.blocks.items() if name != "boundary"}
     regular = {name: make(experiment.space, unknowns.start[block]) for name, block in blocks.items()}
     return Reduced(experiment.model, misfit(experiment.measured, sigma), unknowns, regular, dict.fromkeys(regular, 1e3))
@@ -63,7 +63,9 @@ def problem(waves, noise=0.02, order=3, prior="smooth", labelled=False, misfit=L
     ids=["same", "bulk", "density", "fibre", "frequency", "displacement", "law"],
 )
 def test_other_data(changes, words):
-    found = differing(identity(problem(replace(data(), **changes))), identity(problem(data())))
+    found = differing_parts(
+        problem_fingerprint(problem(replace(data(), **changes))), problem_fingerprint(problem(data()))
+    )
     assert set(words) <= set(found) and ("frequencies" in found) == ("frequencies" in words)
     assert bool(found) == bool(words)
 
@@ -71,7 +73,9 @@ def test_other_data(changes, words):
 def test_last_bits_do_not_matter():
     """Sums of several threads differ in them."""
     almost = replace(data(), bulk=2e4 * (1 + 1e-13))
-    assert not differing(identity(problem(almost, start=2000.0 * (1 + 1e-13))), identity(problem(data())))
+    assert not differing_parts(
+        problem_fingerprint(problem(almost, start=2000.0 * (1 + 1e-13))), problem_fingerprint(problem(data()))
+    )
 
 
 @pytest.mark.parametrize(
@@ -87,7 +91,7 @@ def test_last_bits_do_not_matter():
     ids=["misfit", "prior", "noise", "start", "order", "labelled"],
 )
 def test_other_choices(changes, words):
-    found = differing(identity(problem(data(), **changes)), identity(problem(data())))
+    found = differing_parts(problem_fingerprint(problem(data(), **changes)), problem_fingerprint(problem(data())))
     assert set(words) <= set(found)
     if len(words) == 1:
         assert found == words
@@ -96,30 +100,30 @@ def test_other_choices(changes, words):
 def test_other_labels():
     """They change no number of unknowns and no start."""
     moved = replace(data(), labels=(data().points[:, 0] > 0.024).astype(int))
-    one, other = (identity(problem(each, labelled=True)) for each in (data(), moved))
-    assert differing(one, other) == MATERIAL
+    one, other = (problem_fingerprint(problem(each, labelled=True)) for each in (data(), moved))
+    assert differing_parts(one, other) == MATERIAL
 
 
 def test_another_driven_boundary():
     """One side less: its start is no part of the problem."""
     flags = data().dirichlet & (data().points[:, 0] > 1e-9)
-    assert differing(identity(problem(replace(data(), dirichlet=flags))), identity(problem(data()))) == [
-        "driven boundary"
-    ]
+    assert differing_parts(
+        problem_fingerprint(problem(replace(data(), dirichlet=flags))), problem_fingerprint(problem(data()))
+    ) == ["driven boundary"]
 
 
 def test_another_guess_of_unknown_displacements_is_no_other_problem():
     """But other displacements that are given are."""
     free = [problem(data()) for _ in range(2)]
     free[1].unknowns.start[free[1].unknowns.blocks[BOUNDARY]] *= 1.01
-    assert not differing(*map(identity, free))
+    assert not differing_parts(*map(problem_fingerprint, free))
     held = [problem(data()) for _ in range(2)]
     for factor, each in zip((1.0, 1.01), held, strict=True):
         theta = each.unknowns.theta(each.unknowns.start)
         theta[each.model.blocks[BOUNDARY]] *= factor
         fields = {name: unknown for name, unknown in each.unknowns.unknowns.items() if name != BOUNDARY}
-        each.unknowns = Fields(theta, each.model.blocks, fields)
-    assert differing(*map(identity, held)) == [START]
+        each.unknowns = ParameterFields(theta, each.model.blocks, fields)
+    assert differing_parts(*map(problem_fingerprint, held)) == [START]
 
 
 def test_fields_keep_their_values():
@@ -127,9 +131,9 @@ def test_fields_keep_their_values():
     for field in reduced.model.fields.values():
         field.Set(ngs.x)
     before = reduced.model.theta
-    identity(reduced)
+    problem_fingerprint(reduced)
     assert np.array_equal(reduced.model.theta, before)
 
 
 def test_what_is_no_identity_differs_in_all():
-    assert differing("a hash of old", {"points": "a", "elements": "b"}) == ["points", "elements"]
+    assert differing_parts("a hash of old", {"points": "a", "elements": "b"}) == ["points", "elements"]

@@ -12,7 +12,7 @@ from ngbrain.inverse.elastography.result import convergence_notes
 from ngbrain.inverse.objective.regularisation import total_variation
 from ngbrain.inverse.optimise.gauss_newton import GaussNewton
 from ngbrain.inverse.optimise.kkt import _column_scale
-from ngbrain.inverse.optimise.regularisation_weight import Discrepancy, Given
+from ngbrain.inverse.optimise.regularisation_weight import DiscrepancyPrinciple, FixedWeights
 from ngbrain.inverse.phantoms.benchmark import Phantom
 from ngbrain.result import Status
 
@@ -81,7 +81,7 @@ def small(noise=0.01, **options):
 def test_ends_at_a_minimum():
     """The gradient vanishes there, and none of ten random steps goes down."""
     inversion = small()
-    found = uniform(inversion, policy=Given())
+    found = uniform(inversion, policy=FixedWeights())
     gradient, random = inversion.reduced.evaluate(found.x).gradient(), np.random.default_rng(0)
     start = np.linalg.norm(inversion.reduced.evaluate(inversion.start).gradient())
     assert found.converged and np.linalg.norm(gradient) < 1e-3 * start
@@ -93,7 +93,7 @@ def test_ends_at_a_minimum():
 def test_no_step_goes_up():
     """Far from the truth and hardly regularised, where full steps do."""
     inversion = small(weight=1e-2, start={"storage": 3e3, "loss": 3e3})
-    search, x = GaussNewton(inversion.reduced, Given()), inversion.start
+    search, x = GaussNewton(inversion.reduced, FixedWeights()), inversion.start
     values = [inversion.reduced.value(x)]
     for _ in range(6):
         found = search.descend(x, rounds=1)
@@ -105,7 +105,7 @@ def test_no_step_goes_up():
 def test_a_step_that_overshoots_is_halved():
     """Two halves of which one is twice too soft: hardly a full step goes down, and each of six rounds finds one that does."""
     inversion = Phantom.named("CE-B", 9).measured(0.01).inversion(weight=10.0)
-    search, x, told = GaussNewton(inversion.reduced, Given()), inversion.start, []
+    search, x, told = GaussNewton(inversion.reduced, FixedWeights()), inversion.start, []
     values = [inversion.reduced.value(x)]
     for _ in range(6):
         found = search.descend(x, rounds=1)
@@ -136,7 +136,7 @@ def test_where_waves_have_no_solution_a_step_is_halved():
         return at(x)
 
     inversion.reduced.evaluate = narrow
-    found = GaussNewton(inversion.reduced, Given()).descend(start, rounds=1)
+    found = GaussNewton(inversion.reduced, FixedWeights()).descend(start, rounds=1)
     assert refused and 0.025 <= np.abs(found.x - start)[fields].max() <= 0.05
     assert found.history[0].step == pytest.approx(0.5 ** len(refused), rel=1e-9)
 
@@ -151,10 +151,10 @@ def test_an_end_says_whether_steps_or_rounds_ran_out():
         return at(x)
 
     inversion.reduced.evaluate = once
-    stuck = GaussNewton(inversion.reduced, Given(), told.append).descend(inversion.start)
+    stuck = GaussNewton(inversion.reduced, FixedWeights(), told.append).descend(inversion.start)
     assert stuck.status is Status.STALLED and len(stuck.history) == 1
     inversion.reduced.evaluate = at
-    stopped = GaussNewton(inversion.reduced, Given()).descend(inversion.start, rounds=1)
+    stopped = GaussNewton(inversion.reduced, FixedWeights()).descend(inversion.start, rounds=1)
     assert stopped.status is Status.STOPPED
     for end, why in ((stuck, "no step lowered the objective any more"), (stopped, "more may change the maps")):
         (note,) = convergence_notes(end)
@@ -182,7 +182,7 @@ def test_history_is_told_and_counts():
 
 
 def test_discrepancy_ends_at_its_level():
-    found = uniform(Phantom.named("CV-G", 19).measured(0.02).inversion(), policy=Discrepancy())
+    found = uniform(Phantom.named("CV-G", 19).measured(0.02).inversion(), policy=DiscrepancyPrinciple())
     assert found.level.ratio == pytest.approx(1, abs=0.1)
 
 

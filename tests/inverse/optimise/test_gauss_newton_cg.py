@@ -13,12 +13,17 @@ from ngbrain.errors import InputError
 from ngbrain.forward.common.interpolation import evaluation
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, WaveModel
 from ngbrain.inverse.objective.misfit import LeastSquares
-from ngbrain.inverse.objective.parameters import Fields, Scaled, Unknown
+from ngbrain.inverse.objective.parameters import ParameterFields, ScaledTransform, Unknown
 from ngbrain.inverse.objective.regularisation import smooth
-from ngbrain.inverse.optimise.gauss_newton_cg import Iterative
-from ngbrain.inverse.optimise.normal_equations import Normal, likely_field
-from ngbrain.inverse.optimise.preconditioners import Extensions, by_blocks, preconditioners, regulariser_alone
-from ngbrain.inverse.optimise.regularisation_weight import Given
+from ngbrain.inverse.optimise.gauss_newton_cg import GaussNewtonCG
+from ngbrain.inverse.optimise.normal_equations import NormalEquations, sample_prior_field
+from ngbrain.inverse.optimise.preconditioners import (
+    BoundaryExtensionPreconditioner,
+    block_preconditioner,
+    diagonal_block_inverses,
+    regulariser_preconditioners,
+)
+from ngbrain.inverse.optimise.regularisation_weight import FixedWeights
 from ngbrain.inverse.problem.label_shares import combine_labels, label_shares
 from ngbrain.materials import Shearing, TransverselyIsotropic
 
@@ -43,15 +48,15 @@ def problem(names=("tissue",), weight=1e3, boundary=False, law=None):
     model = WaveModel(body(mesh, (law or Shearing)(storage + 1j * loss)), fields, x)
     unknowns = {name: Unknown(start) for name, start in starts.items()}
     if boundary:
-        unknowns[BOUNDARY] = Unknown(model.theta[model.blocks[BOUNDARY]], Scaled(float(deviation.mean())))
-    search = Fields(model.theta, model.blocks, unknowns)
+        unknowns[BOUNDARY] = Unknown(model.theta[model.blocks[BOUNDARY]], ScaledTransform(float(deviation.mean())))
+    search = ParameterFields(model.theta, model.blocks, unknowns)
     regular = {name: smooth(space, search.start[search.blocks[name]]) for name in fields}
     return Reduced(model, LeastSquares(u, deviation), search, regular, dict.fromkeys(fields, weight)), search
 
 
 def lowered(point, precondition, most):
     """½ x·Hx - b·x after so many iterations, with b the way down."""
-    normal = Normal(point, forcing=0.0, most=most)
+    normal = NormalEquations(point, forcing=0.0, most=most)
     b = -normal.gradient()
     normal.precondition = precondition
     x = normal.solve(b)
@@ -60,7 +65,7 @@ def lowered(point, precondition, most):
 
 def test_inclusion_is_found_with_noise():
     reduced, search = problem(weight=1e3)
-    found = Iterative(reduced, Given()).descend(search.start, 5)
+    found = GaussNewtonCG(reduced, FixedWeights()).descend(search.start, 5)
     x = measured()[0]
     modulus = evaluation(ngs.H1(mesh_of_inversion(), order=1), x) @ search.values(found.x)["storage tissue"]
     away = np.linalg.norm(x - MIDDLE, axis=1)
@@ -71,7 +76,7 @@ def test_inclusion_is_found_with_noise():
 
 def test_labels_keep_a_jump():
     reduced, search = problem(("soft", "stiff"), weight=1e5)
-    found = Iterative(reduced, Given()).descend(search.start, 5)
+    found = GaussNewtonCG(reduced, FixedWeights()).descend(search.start, 5)
     values = search.values(found.x)
     assert np.median(values["storage soft"]) == pytest.approx(SOFT.real, rel=0.1)
     assert np.median(values["storage stiff"]) == pytest.approx(STIFF.real, rel=0.1)
@@ -80,7 +85,9 @@ def test_labels_keep_a_jump():
 @pytest.mark.parametrize("boundary", [False, True])
 def test_preconditioner_is_symmetric_positive_definite(boundary, rng):
     reduced, search = problem(weight=1e-2, boundary=boundary)
-    apply = by_blocks(preconditioners(reduced.evaluate(search.start), Extensions()), reduced)
+    apply = block_preconditioner(
+        diagonal_block_inverses(reduced.evaluate(search.start), BoundaryExtensionPreconditioner()), reduced
+    )
     for _ in range(4):
         a, b = rng.normal(size=(2, len(search.start)))
         assert a @ apply(b) == pytest.approx(
@@ -92,7 +99,10 @@ def test_preconditioner_is_symmetric_positive_definite(boundary, rng):
 def test_preconditioner_beats_the_regulariser():
     reduced, search = problem(weight=1e-2)
     point = reduced.evaluate(search.start)
-    ours, alone = by_blocks(preconditioners(point, Extensions()), reduced), by_blocks(regulariser_alone(point), reduced)
+    ours, alone = (
+        block_preconditioner(diagonal_block_inverses(point, BoundaryExtensionPreconditioner()), reduced),
+        block_preconditioner(regulariser_preconditioners(point), reduced),
+    )
     enough = 0.998 * lowered(point, ours, 150)  # negative
     assert lowered(point, ours, 18) < enough < lowered(point, alone, 36)  # half as many iterations
 
@@ -100,7 +110,7 @@ def test_preconditioner_beats_the_regulariser():
 def test_directions_are_remembered():
     """A second solve around the same point with another right-hand side is shorter by what the first has learnt."""
     reduced, search = problem(weight=1e-2)
-    normal = Normal(reduced.evaluate(search.start), forcing=0.03)
+    normal = NormalEquations(reduced.evaluate(search.start), forcing=0.03)
     b = -normal.gradient()
     normal.solve(b)
     normal.solve(1.1 * b)
@@ -113,7 +123,7 @@ def test_likely_fields_are_as_the_regulariser_says(held, rng):
     n = 8
     differences = sp.csr_array(np.eye(n - 1, n) - np.eye(n - 1, n, 1))
     matrix = sp.csr_array(differences.T @ differences + held * sp.diags_array(np.eye(n)[0]))
-    drawn, fields = np.array([likely_field(matrix, rng) for _ in range(4000)]).transpose(1, 0, 2)
+    drawn, fields = np.array([sample_prior_field(matrix, rng) for _ in range(4000)]).transpose(1, 0, 2)
     apart = fields @ differences.T.toarray()
     assert np.allclose(np.cov(apart.T), np.eye(n - 1), atol=0.1)
     assert np.mean(np.einsum("ij,ij->i", fields @ matrix.toarray(), fields)) == pytest.approx(n - (held == 0), rel=0.05)
@@ -125,7 +135,7 @@ def columns(weight, boundary):
     reduced, search = problem(weight=weight, boundary=boundary)
     point = reduced.evaluate(search.start)
     block, regular = search.blocks["storage tissue"], reduced.regular_matrix(search.start)
-    solver, trace = Normal(point, forcing=1e-4, most=400), 0.0
+    solver, trace = NormalEquations(point, forcing=1e-4, most=400), 0.0
     for i in range(block.start, block.stop):
         one = np.zeros(len(search.start))
         one[i] = 1.0
@@ -140,7 +150,9 @@ def test_what_data_determine(boundary):
     blocks = point.reduced.unknowns.blocks
     found = []
     for seed in range(6):
-        found.append(Normal(point).determined_of(blocks, matrices, np.random.default_rng(seed))["storage tissue"])
+        found.append(
+            NormalEquations(point).determined_of(blocks, matrices, np.random.default_rng(seed))["storage tissue"]
+        )
     scatter = 2 * np.sqrt(2 * trace / 6)
     assert trace - scatter < np.mean(found) < (1.7 if boundary else 1.0) * trace + scatter
     assert np.std(found) < 1.5 * np.sqrt(2 * trace)
@@ -149,14 +161,14 @@ def test_what_data_determine(boundary):
 def test_preconditioner_of_a_transversely_isotropic_law():
     reduced, search = problem(law=lambda mu: TransverselyIsotropic(mu, 0.5, 0.5, (1, 0, 0)))
     point = reduced.evaluate(search.start)
-    normal = Normal(point, forcing=0.1, most=100)
+    normal = NormalEquations(point, forcing=0.1, most=100)
     normal.solve(-normal.gradient())
     assert normal.iterations[0] < 40
 
 
 def test_what_is_determined_is_drawn_once():
     reduced, search = problem()
-    normal = Normal(reduced.evaluate(search.start), most=5)
+    normal = NormalEquations(reduced.evaluate(search.start), most=5)
     whole, regular = normal.determined(np.random.default_rng(0)), reduced.regularisers
     first = normal.determined_of(search.blocks, regular, np.random.default_rng(1))
     assert normal.determined_of(search.blocks, regular, np.random.default_rng(2)) == first
@@ -166,11 +178,11 @@ def test_what_is_determined_is_drawn_once():
 @pytest.mark.one_thread
 def test_resumed_from_a_checkpoint_has_the_same_bits(tmp_path):
     whole, search = problem(weight=1e4)
-    straight = Iterative(whole, most=5).descend(search.start, 3)
+    straight = GaussNewtonCG(whole, most=5).descend(search.start, 3)
     first, _ = problem(weight=1e4)
-    Iterative(first, most=5, checkpoint=tmp_path / "part.npz").descend(search.start, 1)
+    GaussNewtonCG(first, most=5, checkpoint=tmp_path / "part.npz").descend(search.start, 1)
     second, _ = problem(weight=1e4)
-    resumed = Iterative(second, most=5, checkpoint=tmp_path / "part.npz").resume(3)
+    resumed = GaussNewtonCG(second, most=5, checkpoint=tmp_path / "part.npz").resume(3)
     assert np.array_equal(resumed.x, straight.x)
     assert resumed.weights == straight.weights
     assert [done.expected for done in resumed.history] == [done.expected for done in straight.history]  # its probes
@@ -179,21 +191,21 @@ def test_resumed_from_a_checkpoint_has_the_same_bits(tmp_path):
 
 def test_a_checkpoint_of_another_problem_is_refused(tmp_path):
     first, search = problem(weight=1e4)
-    Iterative(first, most=5, checkpoint=tmp_path / "part.npz").descend(search.start, 1)
+    GaussNewtonCG(first, most=5, checkpoint=tmp_path / "part.npz").descend(search.start, 1)
     moved, heavier = problem(weight=1e4)[0], problem(weight=1e4)[0]
     moved.misfit.measured[0, 0, 0] *= 1.001
     heavier.model.body.density *= 1.001
     for other, words in ((moved, "other measured displacements;"), (heavier, "other material, density or fibres;")):
         with pytest.raises(InputError, match=words):
-            Iterative(other, checkpoint=tmp_path / "part.npz").resume()
+            GaussNewtonCG(other, checkpoint=tmp_path / "part.npz").resume()
 
 
 def test_what_has_settled_is_not_begun_again(tmp_path):
     first, search = problem(weight=1e4)
-    found = Iterative(first, Given(), checkpoint=tmp_path / "whole.npz").descend(search.start, 20)
+    found = GaussNewtonCG(first, FixedWeights(), checkpoint=tmp_path / "whole.npz").descend(search.start, 20)
     second, _ = problem(weight=1e4)
     told = []
-    resumed = Iterative(second, Given(), checkpoint=tmp_path / "whole.npz", callback=told.append).resume(21)
+    resumed = GaussNewtonCG(second, FixedWeights(), checkpoint=tmp_path / "whole.npz", callback=told.append).resume(21)
     assert found.converged and resumed.converged and not told
     assert np.array_equal(resumed.x, found.x) and resumed.history == found.history
     assert resumed.objective == pytest.approx(found.objective, rel=1e-12) and resumed.weights == found.weights
@@ -206,7 +218,7 @@ def test_what_is_no_checkpoint_is_refused(tmp_path):
     np.savez(tmp_path / "other.npz", x=np.zeros(3))
     for name in ("none.npz", "cut.npz", "other.npz"):
         with pytest.raises(InputError, match="checkpoint"):
-            Iterative(reduced, checkpoint=tmp_path / name).resume()
+            GaussNewtonCG(reduced, checkpoint=tmp_path / name).resume()
 
 
 def test_boundary_that_is_off_is_put_right():
@@ -215,5 +227,5 @@ def test_boundary_that_is_off_is_put_right():
     block = search.blocks[BOUNDARY]
     x[block] += np.random.default_rng(0).normal(size=block.stop - block.start)
     before = reduced.evaluate(x).misfit
-    found = Iterative(reduced, Given(), most=20).descend(x, 2)
+    found = GaussNewtonCG(reduced, FixedWeights(), most=20).descend(x, 2)
     assert found.level.misfit / 2 < 0.5 * before

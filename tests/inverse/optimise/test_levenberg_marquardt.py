@@ -9,12 +9,12 @@ import scipy.sparse as sp
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import ConvergenceError, SolverError
 from ngbrain.inverse.objective.misfit import LeastSquares
-from ngbrain.inverse.objective.parameters import Fields, Unknown
+from ngbrain.inverse.objective.parameters import ParameterFields, Unknown
 from ngbrain.inverse.objective.regularisation import ridge
 from ngbrain.inverse.optimise.gauss_newton import GaussNewton
-from ngbrain.inverse.optimise.gauss_newton_hessian import Curvature, Metric
-from ngbrain.inverse.optimise.levenberg_marquardt import LONGEST, Dense, levenberg_marquardt
-from ngbrain.inverse.optimise.regularisation_weight import Given
+from ngbrain.inverse.optimise.gauss_newton_hessian import GaussNewtonHessian, Metric
+from ngbrain.inverse.optimise.levenberg_marquardt import LONGEST, DenseGaussNewtonHessian, levenberg_marquardt
+from ngbrain.inverse.optimise.regularisation_weight import FixedWeights
 from ngbrain.inverse.phantoms.benchmark import Phantom
 
 
@@ -25,8 +25,8 @@ def small(**options):
 @pytest.mark.parametrize("dense", [0, 1000])
 def test_the_same_minimum_as_gauss_newton(dense):
     inversion = small()
-    wanted = GaussNewton(inversion.reduced, Given()).descend(inversion.start)
-    found = levenberg_marquardt(small().reduced, inversion.start, Given(), dense=dense)
+    wanted = GaussNewton(inversion.reduced, FixedWeights()).descend(inversion.start)
+    found = levenberg_marquardt(small().reduced, inversion.start, FixedWeights(), dense=dense)
     assert found.converged and found.objective == pytest.approx(wanted.objective, rel=1e-4)
     fields = slice(0, inversion.reduced.unknowns.blocks["boundary"].start)
     assert found.x[fields] == pytest.approx(wanted.x[fields], abs=0.02)
@@ -36,7 +36,7 @@ def test_matrix_and_traces_are_those_of_the_products():
     inversion = small()
     point = inversion.reduced.evaluate(inversion.start)
     metric = Metric.of(point)
-    dense, free = Dense(point, metric), Curvature(point, metric)
+    dense, free = DenseGaussNewtonHessian(point, metric), GaussNewtonHessian(point, metric)
     x = np.random.default_rng(0).normal(size=len(inversion.start))
     assert dense.apply(x) == pytest.approx(free.apply(x), rel=1e-8)
     assert dense.matrix @ dense.solve(x) == pytest.approx(x, rel=1e-6, abs=1e-6)
@@ -47,7 +47,7 @@ def test_matrix_and_traces_are_those_of_the_products():
 def test_damping_gets_through_where_full_steps_do_not():
     """Almost no regulariser and a far start: some steps fail, none is taken that goes up."""
     inversion = small(weight=1e-2, start={"storage": 3e3, "loss": 3e3})
-    found = levenberg_marquardt(inversion.reduced, inversion.start, Given(), rounds=25)
+    found = levenberg_marquardt(inversion.reduced, inversion.start, FixedWeights(), rounds=25)
     falls = [i.misfit for i in found.history]
     assert (
         np.all(np.diff(falls) < 0)
@@ -60,7 +60,7 @@ def test_nowhere_to_go_from_where_the_data_fit():
     inversion = small()
     inversion.reduced.misfit.measured = inversion.reduced.evaluate(inversion.start).state.data
     try:
-        found = levenberg_marquardt(inversion.reduced, inversion.start, Given())
+        found = levenberg_marquardt(inversion.reduced, inversion.start, FixedWeights())
     except ConvergenceError:
         return
     assert found.x == pytest.approx(inversion.start, abs=1e-6)
@@ -73,7 +73,7 @@ def test_what_nothing_holds_is_said():
 
 def test_what_nothing_holds_at_a_trial_is_not_counted():
     """H = diag(1 + α, 0) of a held number that data know as well as α does, and one that they know nothing of."""
-    fields = Fields(np.ones(2), {"a": slice(0, 1), "b": slice(1, 2)}, {"a": Unknown(1.0), "b": Unknown(1.0)})
+    fields = ParameterFields(np.ones(2), {"a": slice(0, 1), "b": slice(1, 2)}, {"a": Unknown(1.0), "b": Unknown(1.0)})
 
     def known(theta):
         return SimpleNamespace(data=theta[:1], jvp=lambda d: d[:1], vjp=None, gradient=lambda w: np.array([w[0], 0.0]))
@@ -85,7 +85,7 @@ def test_what_nothing_holds_at_a_trial_is_not_counted():
         {"a": ridge(fields.start[:1])},
         {"a": 1.0},
     )
-    dense = Dense(reduced.evaluate(fields.start), Metric(sp.csr_array(np.eye(2))))
+    dense = DenseGaussNewtonHessian(reduced.evaluate(fields.start), Metric(sp.csr_array(np.eye(2))))
     assert dense.matrix == pytest.approx(np.diag([2.0, 0.0]))
     assert dense.determined(None) == pytest.approx(0.5)
     assert dense.determined_of(fields.blocks, {"a": sp.csr_array([[1.0]])}, None) == pytest.approx({"a": 0.5})
@@ -108,9 +108,9 @@ class Blind:
 
 
 def test_a_fall_that_nothing_foretold_is_an_end():
-    fields = Fields(np.array([1.0]), {"theta": slice(0, 1)}, {"theta": Unknown(1.0)})
+    fields = ParameterFields(np.array([1.0]), {"theta": slice(0, 1)}, {"theta": Unknown(1.0)})
     reduced = Reduced(Blind(), LeastSquares(np.zeros(1), 1.0), fields, {"theta": ridge(fields.start)}, {"theta": 1.0})
-    found = levenberg_marquardt(reduced, fields.start, Given())
+    found = levenberg_marquardt(reduced, fields.start, FixedWeights())
     assert found.converged and found.x == pytest.approx(fields.start, abs=1e-12)
 
 
@@ -125,7 +125,7 @@ def test_no_step_changes_an_unknown_beyond_what_can_be_foretold():
         return at(x)
 
     inversion.reduced.evaluate = watched
-    levenberg_marquardt(inversion.reduced, inversion.start, Given(), rounds=6)
+    levenberg_marquardt(inversion.reduced, inversion.start, FixedWeights(), rounds=6)
     assert (
         max(np.abs(np.diff(seen, axis=0)).max(axis=1)) <= 2 * LONGEST
     )  # from a trial to the next one, both from one point

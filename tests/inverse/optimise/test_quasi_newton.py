@@ -8,9 +8,16 @@ import scipy.sparse as sp
 from ngbrain.adjoint.check import dot
 from ngbrain.errors import ConvergenceError, InputError
 from ngbrain.inverse.optimise.gauss_newton import GaussNewton
-from ngbrain.inverse.optimise.gauss_newton_hessian import Curvature, Metric
-from ngbrain.inverse.optimise.quasi_newton import bfgs, descent, l_bfgs, line_search, newton_cg, updated
-from ngbrain.inverse.optimise.regularisation_weight import Given
+from ngbrain.inverse.optimise.gauss_newton_hessian import GaussNewtonHessian, Metric
+from ngbrain.inverse.optimise.quasi_newton import (
+    bfgs,
+    bfgs_iterations,
+    l_bfgs,
+    line_search,
+    newton_cg,
+    update_inverse_hessian,
+)
+from ngbrain.inverse.optimise.regularisation_weight import FixedWeights
 from ngbrain.inverse.phantoms.benchmark import Phantom
 
 
@@ -19,28 +26,28 @@ def rosenbrock(x):
 
 
 def test_descent_on_a_curved_valley():
-    *_, (number, x, value) = descent(rosenbrock, np.array([-1.2, 1.0, 0.7]))
+    *_, (number, x, value) = bfgs_iterations(rosenbrock, np.array([-1.2, 1.0, 0.7]))
     assert x == pytest.approx(np.ones(3), abs=1e-6) and value < 1e-12 and number < 100
 
 
 def test_descent_on_a_quadratic(rng):
     root = rng.normal(size=(5, 5))
     matrix = root @ root.T + np.eye(5)
-    *_, (number, x, _) = descent(lambda x: (0.5 * x @ matrix @ x, matrix @ x), rng.normal(size=5))
+    *_, (number, x, _) = bfgs_iterations(lambda x: (0.5 * x @ matrix @ x, matrix @ x), rng.normal(size=5))
     assert number < 100 and np.abs(x).max() < 1e-6
 
 
 def test_update_satisfies_the_secant_and_stays_positive(rng):
     inverse, change, bend = np.eye(4), rng.normal(size=4), rng.normal(size=4)
     bend *= np.sign(change @ bend)
-    updated(inverse, change, bend)
+    update_inverse_hessian(inverse, change, bend)
     assert inverse @ bend == pytest.approx(change) and np.linalg.eigvalsh(inverse)[0] > 0
     assert np.allclose(inverse, inverse.T)
 
 
 def test_update_without_curvature_is_left_out(rng):
     inverse, change = np.eye(4), rng.normal(size=4)
-    updated(inverse, change, -change)
+    update_inverse_hessian(inverse, change, -change)
     assert np.array_equal(inverse, np.eye(4))
 
 
@@ -72,8 +79,8 @@ def small():
 @pytest.mark.parametrize("search", [bfgs, l_bfgs, newton_cg])
 def test_the_same_minimum_as_gauss_newton(search):
     inversion = small()
-    wanted = GaussNewton(inversion.reduced, Given()).descend(inversion.start)
-    found = search(small().reduced, inversion.start, Given(), most=400, rounds=4)
+    wanted = GaussNewton(inversion.reduced, FixedWeights()).descend(inversion.start)
+    found = search(small().reduced, inversion.start, FixedWeights(), most=400, rounds=4)
     assert found.objective == pytest.approx(wanted.objective, rel=2e-3)
     fields = slice(0, inversion.reduced.unknowns.blocks["boundary"].start)
     assert found.x[fields] == pytest.approx(wanted.x[fields], abs=0.03)
@@ -103,7 +110,7 @@ def test_a_misfit_without_a_level_is_refused():
 def test_traces_by_conjugate_gradients():
     inversion = small()
     reduced, x = inversion.reduced, inversion.start
-    curvature = Curvature(reduced.evaluate(x), Metric.of(reduced.evaluate(x)))
+    curvature = GaussNewtonHessian(reduced.evaluate(x), Metric.of(reduced.evaluate(x)))
     H = np.array([curvature.apply(e) for e in np.eye(len(x))])
     exact = len(x) - np.trace(reduced.regular_matrix(x) @ np.linalg.inv(H))
     random = np.random.default_rng(0)

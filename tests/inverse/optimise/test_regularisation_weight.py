@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from ngbrain.inverse.objective.regularisation import Quadratic
+from ngbrain.inverse.objective.regularisation import QuadraticRegulariser
 from ngbrain.inverse.optimise.regularisation_weight import (
     LARGEST,
-    Discrepancy,
+    DiscrepancyPrinciple,
     Evidence,
-    EvidenceOfNoise,
-    Given,
-    Level,
-    corner,
+    EvidenceWithModelError,
+    FixedWeights,
+    MisfitLevel,
+    l_curve_corner,
 )
 
 N = 200
@@ -27,7 +27,7 @@ class Diagonal:
         self.s = np.logspace(1.5, -1.5, N)
         x = rng.normal(size=N) / np.sqrt(true_weight)
         self.data = self.s * x + rng.normal(size=N)
-        made = {"x": Quadratic(sp.eye_array(N, format="csr"), 0.0)}
+        made = {"x": QuadraticRegulariser(sp.eye_array(N, format="csr"), 0.0)}
         unknowns = SimpleNamespace(blocks={"x": slice(0, N)})
         self.reduced = SimpleNamespace(regularisers=made, weights={"x": 1e3}, unknowns=unknowns)
 
@@ -44,7 +44,7 @@ class Diagonal:
     def run(self, policy, rounds):
         for _ in range(rounds):
             x = self.s * self.data / (self.s**2 + self.reduced.weights["x"])
-            level = Level(float(np.sum((self.s * x - self.data) ** 2)), N - self.determined(None))
+            level = MisfitLevel(float(np.sum((self.s * x - self.data) ** 2)), N - self.determined(None))
             turned = policy.update(self.reduced, x, level, self, None)
         return self.reduced.weights["x"], level, turned
 
@@ -69,13 +69,13 @@ def test_errors_alike_at_many_points_are_no_structure(rng):
     """Noise of 1 and as large an error that ten points share: in their means it is ten times the noise."""
     shared, rest = 10, 200 * N
     weights = {}
-    for policy in (EvidenceOfNoise(), EvidenceOfNoise(shared=shared)):
+    for policy in (EvidenceWithModelError(), EvidenceWithModelError(shared=shared)):
         problem = Diagonal(np.random.default_rng(0))
         problem.data += np.sqrt(shared) * rng.normal(size=N)  # what unknowns can follow: the means
         for _ in range(60):
             x = problem.s * problem.data / (problem.s**2 + problem.reduced.weights["x"])
             misfit = float(np.sum((problem.s * x - problem.data) ** 2)) + 2.0 * rest  # the rest, point by point: 1 + 1
-            policy.update(problem.reduced, x, Level(misfit, N + rest - problem.determined(None)), problem, None)
+            policy.update(problem.reduced, x, MisfitLevel(misfit, N + rest - problem.determined(None)), problem, None)
         weights[policy.shared] = problem.reduced.weights["x"] / (1 + shared)
     assert 2 < weights[shared] < 8  # 4 is true, in units of all that is noise in the means
     assert weights[1.0] < 1
@@ -84,12 +84,12 @@ def test_errors_alike_at_many_points_are_no_structure(rng):
 def test_discrepancy_ends_at_its_level_in_few_rounds(rng):
     problem = Diagonal(rng)
     problem.data *= 1.15  # so that there is a weight at which the misfit is where it should be
-    _, level, turned = problem.run(Discrepancy(slack=1e-3), 15)
+    _, level, turned = problem.run(DiscrepancyPrinciple(slack=1e-3), 15)
     assert level.ratio == pytest.approx(1, abs=1e-3) and turned == 1.0
 
 
 def test_no_weight_changes_faster_than_allowed(rng):
-    for policy in (Evidence(), Discrepancy()):
+    for policy in (Evidence(), DiscrepancyPrinciple()):
         problem = Diagonal(rng)
         weight, _, turned = problem.run(policy, 1)
         assert weight >= 1e3 / LARGEST * (1 - 1e-12) and turned <= LARGEST * (1 + 1e-12)
@@ -106,14 +106,14 @@ def test_a_field_of_which_nothing_is_determined_is_settled_while_its_weight_rise
 
 
 def test_given_weights_stay(rng):
-    assert Diagonal(rng).run(Given(), 3)[0] == 1e3
+    assert Diagonal(rng).run(FixedWeights(), 3)[0] == 1e3
 
 
 def test_a_bend_the_other_way_is_no_corner():
     """Misfits that fall slowly, then fast, then not at all: the curve bends away first, then towards the origin."""
     misfits = np.exp(np.array([9.0, 9.0, 9.0, 9.0, 7.0, 5.0, 3.0, 1.0, 0.0, -1.0, -2.0]))
     energies = np.exp(np.array([0.0, 2.0, 4.0, 6.0, 6.0, 6.0, 6.0, 6.0, 7.7, 9.4, 11.1]))
-    assert corner(misfits, energies) in (7, 8)
+    assert l_curve_corner(misfits, energies) in (7, 8)
 
 
 def test_corner_of_a_curve_with_two_straight_arms():
@@ -122,4 +122,4 @@ def test_corner_of_a_curve_with_two_straight_arms():
         np.exp(np.where(t < 6, 12 - 2 * t, 0.02 * (6 - t))),
         np.exp(np.where(t < 6, 0.02 * t, 2 * (t - 6))),
     )
-    assert corner(misfits, energies) in (5, 6)
+    assert l_curve_corner(misfits, energies) in (5, 6)

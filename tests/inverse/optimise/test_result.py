@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ngbrain.inverse.objective.misfit import LeastSquares
-from ngbrain.inverse.optimise.result import Iteration, Ledger
+from ngbrain.inverse.optimise.result import Iteration, IterationLog
 
 FIRST = Iteration("fields", 1000.0, 500.0, {"x": 5.0}, 0.1, 1.0, 0.0, {"x": 50.0})
 
@@ -33,7 +33,7 @@ def settled(misfit, turned=1.0, step=1.0, before=FIRST, phase="fields", level=No
     measured[0, 0] = np.sqrt(misfit)
     reduced = SimpleNamespace(misfit=LeastSquares(measured, np.ones((1, 500, 1))), weights={"x": 5.0}, model=None)
     reduced.unknowns = SimpleNamespace(level=level)
-    ledger = Ledger(reduced, Steady(turned))
+    ledger = IterationLog(reduced, Steady(turned))
     return ledger.enter(phase, np.zeros(3), np.zeros_like(measured), Factor(), np.full(3, 0.1), step, [before])
 
 

@@ -6,7 +6,7 @@ import pytest
 from ngbrain.errors import ConvergenceError, InputError, SolverError
 from ngbrain.inverse.elastography.invert import invert
 from ngbrain.inverse.objective.misfit import LeastSquares
-from ngbrain.inverse.optimise.weight_selection import WEIGHTINGS, LCurve, Settling, weighting
+from ngbrain.inverse.optimise.weight_selection import WEIGHTINGS, LCurve, WeightSelection, weight_selection
 from ngbrain.inverse.phantoms.benchmark import Phantom
 
 
@@ -23,7 +23,7 @@ def spot(stated=1.0):
 
 
 def by_corner(inversion, **options):
-    start = Settling().from_waves(inversion.reduced, inversion.start, inversion.waves, silent)
+    start = WeightSelection().from_waves(inversion.reduced, inversion.start, inversion.waves, silent)
     return LCurve(**options).descend(inversion.reduced, start.x, silent)
 
 
@@ -31,8 +31,8 @@ def test_the_corner_is_as_good_as_the_evidence():
     inversion = spot()
     found = inversion.errors(by_corner(inversion).x)
     evidence = spot()
-    start = Settling().from_waves(evidence.reduced, evidence.start, evidence.waves, silent)
-    wanted = evidence.errors(Settling().descend(evidence.reduced, start.x, silent).x)
+    start = WeightSelection().from_waves(evidence.reduced, evidence.start, evidence.waves, silent)
+    wanted = evidence.errors(WeightSelection().descend(evidence.reduced, start.x, silent).x)
     assert found["storage"] < 1.3 * wanted["storage"] and found["loss"] < 1.3 * wanted["loss"]
 
 
@@ -43,13 +43,13 @@ def test_the_corner_asks_for_no_level_of_noise():
     one, other = (inversion.errors(end.x) for inversion, end in zip((right, wrong), ends, strict=True))
     assert other["storage"] < 1.4 * one["storage"]
     fooled = spot(1 / 2)
-    start = Settling().from_waves(fooled.reduced, fooled.start, fooled.waves, silent)
+    start = WeightSelection().from_waves(fooled.reduced, fooled.start, fooled.waves, silent)
     assert fooled.errors(start.x)["storage"] > 2 * other["storage"]
 
 
 def test_all_weights_keep_their_ratio_and_the_minimum_is_one():
     inversion = spot()
-    start = Settling().from_waves(inversion.reduced, inversion.start, inversion.waves, silent)
+    start = WeightSelection().from_waves(inversion.reduced, inversion.start, inversion.waves, silent)
     before = dict(inversion.reduced.weights)
     found = LCurve(points=5).descend(inversion.reduced, start.x, silent)
     ratios = [found.weights[name] / before[name] for name in before]
@@ -71,9 +71,9 @@ def test_no_point_can_be_reached(monkeypatch):
 
 
 def test_names():
-    assert set(WEIGHTINGS) == {"evidence", "discrepancy", "l-curve"} and isinstance(weighting("l-curve"), LCurve)
+    assert set(WEIGHTINGS) == {"evidence", "discrepancy", "l-curve"} and isinstance(weight_selection("l-curve"), LCurve)
     with pytest.raises(InputError, match=r"weight is 'lcurve'.*l-curve"):
-        weighting("lcurve")
+        weight_selection("lcurve")
 
 
 def test_invert_takes_them():

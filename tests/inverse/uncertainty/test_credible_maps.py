@@ -9,7 +9,7 @@ from planewaves import grid, shear_waves, waves
 from ngbrain.errors import InputError
 from ngbrain.inverse.elastography.invert import invert
 from ngbrain.inverse.phantoms.benchmark import Phantom
-from ngbrain.inverse.uncertainty.credible_maps import expected_seconds, products_of, uncertainty
+from ngbrain.inverse.uncertainty.credible_maps import count_hessian_products, estimate_seconds, uncertainty
 
 NOISE = 0.02
 
@@ -148,10 +148,10 @@ def test_what_it_takes_is_known_before(nodal):
     before = solves.incremental
     uncertainty(nodal.found)
     done = (solves.incremental - before) / 2  # two solves a product, of one load
-    assert products_of(nodal.found) == pytest.approx(done, rel=0.25)
-    assert len(posterior.eigenvalues) > 0 and expected_seconds(nodal.found) > 0
+    assert count_hessian_products(nodal.found) == pytest.approx(done, rel=0.25)
+    assert len(posterior.eigenvalues) > 0 and estimate_seconds(nodal.found) > 0
     with pytest.raises(InputError, match="zones or slices"):
-        products_of(replace(nodal.found, end=None))
+        count_hessian_products(replace(nodal.found, end=None))
 
 
 def test_bad_input(nodal):

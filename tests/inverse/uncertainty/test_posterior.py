@@ -15,10 +15,10 @@ from ngbrain.adjoint.check import taylor
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import InputError
 from ngbrain.inverse.objective.misfit import LeastSquares
-from ngbrain.inverse.objective.parameters import Fields, Log, Scaled, Unknown
-from ngbrain.inverse.objective.regularisation import Quadratic, ridge
+from ngbrain.inverse.objective.parameters import LogTransform, ParameterFields, ScaledTransform, Unknown
+from ngbrain.inverse.objective.regularisation import QuadraticRegulariser, ridge
 from ngbrain.inverse.optimise.gauss_newton import GaussNewton
-from ngbrain.inverse.optimise.regularisation_weight import Given
+from ngbrain.inverse.optimise.regularisation_weight import FixedWeights
 from ngbrain.inverse.phantoms.benchmark import Phantom
 from ngbrain.inverse.uncertainty import posterior as module
 from ngbrain.inverse.uncertainty.posterior import Posterior
@@ -52,8 +52,8 @@ def linear(names="abc", rng=None):
     H = A.T @ A / SIGMA**2
     for name, matrix in held.items():
         H[blocks[name], blocks[name]] += weights[name] * matrix.toarray()
-    unknowns = Fields(np.zeros(total), blocks, {name: Unknown(0.0, Scaled()) for name in names})
-    made = {name: Quadratic(matrix, 0.0) for name, matrix in held.items() if name in names}
+    unknowns = ParameterFields(np.zeros(total), blocks, {name: Unknown(0.0, ScaledTransform()) for name in names})
+    made = {name: QuadraticRegulariser(matrix, 0.0) for name, matrix in held.items() if name in names}
     misfit = LeastSquares(A @ rng.normal(size=total), SIGMA)
     reduced = Reduced(Linear(A), misfit, unknowns, made, {name: weights[name] for name in made})
     chosen = np.concatenate([np.arange(total)[blocks[name]] for name in names])
@@ -97,7 +97,7 @@ def test_the_same_data_under_other_regularisers(names):
     for name in "ab":
         block, size = reduced.unknowns.blocks[name], SIZES[name]
         root = rng.normal(size=(size, size))
-        others[name] = Quadratic(sp.csr_array(root @ root.T + np.eye(size)), rng.normal(size=size))
+        others[name] = QuadraticRegulariser(sp.csr_array(root @ root.T + np.eye(size)), rng.normal(size=size))
         own[block, block] = reduced.weights[name] * reduced.regularisers[name].matrix(x[block]).toarray()
         other[block, block] = weights[name] * others[name].matrix(x[block]).toarray()
         pull[block] = other[block, block] @ others[name].reference
@@ -174,7 +174,7 @@ def chain(n):
 @pytest.mark.parametrize("matrix", [np.diag([0.0] + [1.0] * 14), chain(15)], ids=["free", "constant"])
 def test_a_regulariser_that_leaves_something_free(matrix):
     reduced, _ = linear("ab")
-    reduced.regularisers["b"] = Quadratic(sp.csr_array(matrix), 0.0)
+    reduced.regularisers["b"] = QuadraticRegulariser(sp.csr_array(matrix), 0.0)
     with pytest.raises(InputError, match="regularisers is singular"):
         at_start(reduced)
 
@@ -253,7 +253,7 @@ def pressed(measured):
     """Shear and bulk modulus of a pressed square, known from what is measured of it with 1 % noise, and nothing assumed."""
     body = model(NeoHooke, "number")
     data = body.evaluate(body.theta).data
-    fields = Fields(body.theta, body.blocks, {"mu": Unknown(1e3), "bulk": Unknown(4e3)})
+    fields = ParameterFields(body.theta, body.blocks, {"mu": Unknown(1e3), "bulk": Unknown(4e3)})
     return Reduced(body, LeastSquares(np.where(measured, data, np.nan), 0.01 * np.abs(data)), fields, {}, {})
 
 
@@ -281,14 +281,14 @@ def two_halves():
     model = square(9, "Q1", 0.1)
     height = np.array([v.point[1] for v in model.body.mesh.vertices])
     basis = sp.csr_array(np.stack([height < 0.03, height >= 0.03], axis=1).astype(float))
-    fields = Fields(model.theta, model.blocks, {"storage": Unknown(MODULUS, Log(), basis)})
+    fields = ParameterFields(model.theta, model.blocks, {"storage": Unknown(MODULUS, LogTransform(), basis)})
     return Reduced(model, LeastSquares(measured, noise), fields, {"storage": ridge(fields.start)}, {"storage": 4.0})
 
 
 def test_two_moduli_against_the_exact_posterior():
     """Deviations and ends of a non-linear problem with two unknowns against J on a grid."""
     reduced = two_halves()
-    found = GaussNewton(reduced, Given()).descend(reduced.unknowns.start)
+    found = GaussNewton(reduced, FixedWeights()).descend(reduced.unknowns.start)
     posterior = Posterior(reduced.evaluate(found.x))
     sigma = posterior.deviation("storage")
     t = np.linspace(-4.5, 4.5, 23)

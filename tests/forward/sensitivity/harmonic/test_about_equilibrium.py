@@ -22,7 +22,7 @@ from ngbrain.forward.sensitivity.static_model import NodePositions, PrescribedDi
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.inverse.objective.misfit import LeastSquares
-from ngbrain.inverse.objective.parameters import Fields, Scaled, Unknown
+from ngbrain.inverse.objective.parameters import ParameterFields, ScaledTransform, Unknown
 from ngbrain.materials import Branch, NeoHooke, Ogden, Shearing, Viscous
 from ngbrain.solvers.device import CPU, Device
 
@@ -196,7 +196,7 @@ def test_a_misfit_of_them(rng):
     of = model(neo_hooke)
     theta = of.theta
     data = 1.3 * of.evaluate(theta).data
-    unknowns = Fields(theta, of.blocks, {"mu": Unknown(theta[of.blocks["mu"]], Scaled())})
+    unknowns = ParameterFields(theta, of.blocks, {"mu": Unknown(theta[of.blocks["mu"]], ScaledTransform())})
     reduced = Reduced(of, LeastSquares(data, 0.1 * np.abs(data).max()), unknowns, {}, {})
     x = unknowns.start
     direction = rng.uniform(-1, 1, len(x)) * np.abs(x).max()

@@ -11,11 +11,11 @@ from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.inverse.objective.misfit import LeastSquares
-from ngbrain.inverse.objective.parameters import Bounded, Fields, Log, Unknown
+from ngbrain.inverse.objective.parameters import BoundedTransform, LogTransform, ParameterFields, Unknown
 from ngbrain.inverse.objective.regularisation import ridge
 from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
 from ngbrain.inverse.optimise.quasi_newton import l_bfgs
-from ngbrain.inverse.optimise.regularisation_weight import Given
+from ngbrain.inverse.optimise.regularisation_weight import FixedWeights
 from ngbrain.materials import Maxwell, NeoHooke, Prony, Viscous
 from ngbrain.mesh import block
 from ngbrain.surgery.protocols import Drive, ToolMotion
@@ -41,15 +41,15 @@ def pressed(values, grid=TIMES, law=None, times=TIMES):
 
 def inverted(model, measured, sigma, starts, transforms, search=levenberg_marquardt):
     """Where a search ends that takes each value to be within a factor of e or so of its start."""
-    unknowns = {name: Unknown(start, transforms.get(name, Log())) for name, start in starts.items()}
-    fields = Fields(model.theta, model.blocks, unknowns)
+    unknowns = {name: Unknown(start, transforms.get(name, LogTransform())) for name, start in starts.items()}
+    fields = ParameterFields(model.theta, model.blocks, unknowns)
     held = {name: ridge(fields.start[block]) for name, block in fields.blocks.items()}
     reduced = Reduced(model, LeastSquares(measured, sigma), fields, held, dict.fromkeys(held, 1.0))
-    found = search(reduced, fields.start, Given())
+    found = search(reduced, fields.start, FixedWeights())
     return found, fields.values(found.x)
 
 
-SHARES = {"fast": Bounded(0.0, 0.5), "slow": Bounded(0.0, 0.5)}
+SHARES = {"fast": BoundedTransform(0.0, 0.5), "slow": BoundedTransform(0.0, 0.5)}
 
 
 def noisy(data, rng, level=0.01):
