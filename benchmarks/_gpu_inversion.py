@@ -105,7 +105,7 @@ def assembly(clock: Clock) -> Iterator[None]:
 def waves(case: str, quick: bool) -> WaveData:
     """As they are measured."""
     if case == PLANE:
-        return Phantom.named("CV-G", 25 if quick else 51).measured(0.01).data()
+        return Phantom.from_name("CV-G", 25 if quick else 51).simulate_measurements(0.01).data()
     data = BLOCK.waves(*((2, 5e-3) if quick else (3, 5e-3)), 0.02)
     return replace(data, displacement=data.displacement[:1], frequency=data.frequency[:1])
 
@@ -147,7 +147,7 @@ def inversions(case: str, n: int) -> tuple[Record, dict[str, Callable[[], Record
         clock.seconds.clear()
         begun = clock.now()
         with assembly(clock):
-            end = levenberg_marquardt(reduced, reduced.unknowns.start, FixedWeights(), dense=0)
+            end = levenberg_marquardt(reduced, reduced.unknowns.start, FixedWeights(), max_dense=0)
         seconds, spent = clock.now() - begun, dict(clock.seconds)
         maps = experiment.maps(reduced.unknowns, end.x)
         modulus, truth = maps["storage"] + 1j * maps["loss"], data.truth["shear"]

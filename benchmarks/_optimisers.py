@@ -12,7 +12,7 @@ from ngbrain.inverse.optimise.result import OptimisationResult
 OURS = "Levenberg-Marquardt"
 OPTIMISERS: dict[str, Callable[..., OptimisationResult]] = {
     OURS: levenberg_marquardt,
-    "Gauss-Newton": partial(levenberg_marquardt, first=1e-6),
+    "Gauss-Newton": partial(levenberg_marquardt, initial_damping=1e-6),
     "BFGS": bfgs,
     "L-BFGS": l_bfgs,
     "Newton-CG": newton_cg,

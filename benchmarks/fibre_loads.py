@@ -50,7 +50,7 @@ def record(bulk: float, drives: int, frequencies: tuple[float, ...], nodes: int)
     phantom: Phantom = replace(
         published, nodes=nodes, bulk=bulk, frequency=frequencies, drives=(published.drives + MORE)[:drives]
     )
-    measured = phantom.measured(NOISE)
+    measured = phantom.simulate_measurements(NOISE)
     inversion = measured.inversion()
     begun = time.process_time()
     found = GaussNewton(inversion.reduced).from_waves(inversion.start, inversion.waves)

@@ -55,7 +55,7 @@ def measure(quick: bool, executor: parallel.AnyExecutor = None) -> list[Record]:
 
 def record(name: str, noise: float, nodes: int | None, method: str) -> Record:
     """One inversion; a failure is a record too."""
-    measured = Phantom.named(name, nodes).measured(noise)
+    measured = Phantom.from_name(name, nodes).simulate_measurements(noise)
     data = measured.data()
     found: Record = {
         "method": method,

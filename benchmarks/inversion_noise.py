@@ -46,7 +46,7 @@ def measure(quick: bool) -> list[Record]:
     """One record for each method and noise; several of the published one."""
     records: list[Record] = []
     for noise in NOISES[:2] if quick else NOISES:
-        measured = Phantom.named(CASE, 17 if quick else None).measured(noise)
+        measured = Phantom.from_name(CASE, 17 if quick else None).simulate_measurements(noise)
         for method, way in WAYS.items():
             records.append(record(measured, method, way))
         records += published(measured, SHORT if quick else LONG)
@@ -84,7 +84,7 @@ def record(measured: PhantomData, method: str, way: Callable) -> Record:
 def published(measured: PhantomData, limit: float) -> Iterator[Record]:
     """BFGS without a regulariser, at several iterations and at its end; an error beyond 1 is no answer."""
     begun, last = time.process_time(), None
-    for iterate in measured.as_published():
+    for iterate in measured.published_iterations():
         last, cpu_s = iterate, time.process_time() - begun
         if iterate.number in WATCHED or cpu_s > limit:
             yield _published(measured, iterate, cpu_s)

@@ -181,12 +181,12 @@ def ogden(
     )
     drawn = {name: smooth(space, fields.start[block]) for name, block in fields.blocks.items()}
     reduced = Reduced(model, together([data[n] for n in names]), fields, drawn, dict.fromkeys(of, 10.0))
-    found = SEARCHES[method](reduced, fields.start, EvidenceWithModelError(), rounds=rounds)
+    found = SEARCHES[method](reduced, fields.start, EvidenceWithModelError(), max_iterations=rounds)
     made = record("Ogden", method, found, model, begun)
     point = reduced.evaluate(found.x)
     posterior = Posterior(point)
     errors = {"error_mu": off(mu, MU, mesh), "error_alpha": off(alpha, ALPHA, mesh)}
-    left = {f"left_{name}": value for name, value in posterior.left.items()}
+    left = {f"left_{name}": value for name, value in posterior.remaining_variance.items()}
     influence = {f"influence_{name}": value for name, value in point.state.influence().items()}
     return (
         made
@@ -229,7 +229,7 @@ def fibres(
     drawn = {"angle": smooth(angle.space, np.radians(degrees)), "k1": ridge(fields.start[fields.blocks["k1"]])}
     reduced = Reduced(model, together([data[n] for n in names]), fields, drawn, {"angle": 10.0, "k1": 0.01})
     try:
-        found = SEARCHES[method](reduced, fields.start, EvidenceWithModelError(), rounds=rounds)
+        found = SEARCHES[method](reduced, fields.start, EvidenceWithModelError(), max_iterations=rounds)
     except ConvergenceError:
         pass  # it stays where it started
     model.set_parameters(fields.theta(fields.start if found is None else found.x))

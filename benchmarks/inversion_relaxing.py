@@ -3,8 +3,8 @@
 A cube of 5 mm glued between two plates that come together by 15 % in 1 s and hold for a minute; an eighth of it is meshed, films
 on its planes of symmetry. The glued edges are singular: elements there decide how stiff the cube seems. *Prony terms* and *spring
 and dashpot* from the force at 24 times, the modulus unknown too; *two regions*, layers, from eight landmarks and the force at the
-end of the ramp and of the hold. Data: third order, .1 mm at the glued edges, 96 steps (`recover`'s: 24), and noise (of the
-rms of each observation). Looked for by `recover` from a factor of 2 to 3 off, without a prior; of one set of data with 1 % noise
+end of the ramp and of the hold. Data: third order, .1 mm at the glued edges, 96 steps (`estimate`'s: 24), and noise (of the
+rms of each observation). Looked for by `estimate` from a factor of 2 to 3 off, without a prior; of one set of data with 1 % noise
 its objective is descended by L-BFGS and Newton-CG too.
 
 `mismatch`: without noise, how far the searching mesh's data at the truth are from the fine one's, rms, the worst observation;
@@ -193,7 +193,7 @@ def noisy(of: RunModel, data: np.ndarray, noise: float, seed: int) -> np.ndarray
 
 
 def searches(name: str, grid: Grid, data: np.ndarray, noise: float, seed: int, others: bool) -> list[Record]:
-    """By `recover`, and of the same objective by the others."""
+    """By `estimate`, and of the same objective by the others."""
     problem = PROBLEMS[name]
     of = model(problem, problem.start, grid)
     begun = time.process_time()
@@ -212,7 +212,7 @@ def searches(name: str, grid: Grid, data: np.ndarray, noise: float, seed: int, o
         made = {"method": f"ngbrain:{method}", **common, "errors": errors, "error": max(map(abs, errors.values()))}
         made |= {"misfit": misfit, **spent, "converged": found.converged, "reason": ""}
         if method == OURS:
-            bands = {key: got.posterior.band(key) for key in problem.truth}
+            bands = {key: got.posterior.interval(key) for key in problem.truth}
             ends = {key: [float(np.min(band.low)), float(np.max(band.high))] for key, band in bands.items()}
             inside = [ends[key][0] <= value <= ends[key][1] for key, value in problem.truth.items()]
             made |= {"intervals": ends, "within": sum(inside) / len(inside)}

@@ -149,7 +149,7 @@ def measure(quick: bool) -> list[Record]:
     if quick:
         (name, *_), stages = TRUTH, STAGES[:2]
         model = RetractionModel.from_scene(operation(name, 1.4, 0.1, stages[-1] + 1))
-        once = partial(levenberg_marquardt, rounds=1)
+        once = partial(levenberg_marquardt, max_iterations=1)
         return [record(name, model, observed(name, model, stages), NOISE[0], search=once)]
     records = []
     for name in TRUTH:

@@ -56,7 +56,7 @@ def measure(quick: bool, executor: parallel.AnyExecutor = None) -> list[Record]:
 
 def rows(name: str, noise: float, seed: int, nodes: int | None) -> list[Record]:
     """The three starts of one set of data."""
-    measured = Phantom.named(name, nodes).measured(noise, seed)
+    measured = Phantom.from_name(name, nodes).simulate_measurements(noise, seed)
 
     def record(
         start: str, search: Callable[[GaussNewton], OptimisationResult], begin: np.ndarray | None = None

@@ -88,7 +88,9 @@ def record(method: str, noise: float, number: int) -> Record:
     problem, policy, score = METHODS[method]
     scores, below, after, begun, settled = [], [], 0.0, time.process_time(), True
     for seed in range(number):
-        measured = draw_phantom(Phantom.named("CV-G", NODES), prior, WEIGHT, seed).measured(noise, seed)
+        measured = draw_phantom(Phantom.from_name("CV-G", NODES), prior, WEIGHT, seed).simulate_measurements(
+            noise, seed
+        )
         reduced = problem(measured.inversion(prior, WEIGHT))
         found = GaussNewton(reduced, policy()).descend(reduced.unknowns.start)
         arrived = time.process_time()

@@ -119,7 +119,7 @@ def records(case: str, noise: float, number: int) -> Iterator[Record]:
         truth = fields.start.copy()
         for name, regulariser in held.items():
             block_ = fields.blocks[name]
-            drawn = Metric(WEIGHT * regulariser.matrix(truth[block_])).back(
+            drawn = Metric(WEIGHT * regulariser.matrix(truth[block_])).unwhiten(
                 random.normal(size=block_.stop - block_.start)
             )
             truth[block_] += drawn
@@ -131,7 +131,7 @@ def records(case: str, noise: float, number: int) -> Iterator[Record]:
         reduced = Reduced(model, misfit, fields, held, dict.fromkeys(held, WEIGHT))
         try:
             found = levenberg_marquardt(reduced, begun_at, FixedWeights())
-            posterior = Posterior(reduced.evaluate(found.x), least=0.0)
+            posterior = Posterior(reduced.evaluate(found.x), min_eigenvalue=0.0)
         except (InputError, SolverError):  # data of this noise leave a number open, which is said
             refused += 1
             continue

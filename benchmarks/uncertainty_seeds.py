@@ -49,7 +49,7 @@ BULK, MODULUS = 3e4, (2400.0, 1000.0)
 
 def plane() -> tuple[WaveData, Discretisation]:
     """Every second point."""
-    data = Phantom.named("CV-G").measured().data()
+    data = Phantom.from_name("CV-G").simulate_measurements().data()
     grid = data.grid
     assert grid is not None
     chosen = np.zeros(grid.shape, bool)

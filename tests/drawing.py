@@ -17,7 +17,9 @@ def prior(space, x):
 def begun(weight=5.0, noise=0.02, nodes=7, seed=0):
     """A viscoelastic phantom's inversion, not yet begun; ln moduli deviate by about .44/√weight."""
     return (
-        draw_phantom(Phantom.named("CV-G", nodes), prior, weight, seed).measured(noise, seed).inversion(prior, weight)
+        draw_phantom(Phantom.from_name("CV-G", nodes), prior, weight, seed)
+        .simulate_measurements(noise, seed)
+        .inversion(prior, weight)
     )
 
 

@@ -34,7 +34,7 @@ def test_names_are_those_of_the_library():
 
 def test_rounds_are_those_of_the_library():
     shown = " ".join(common.parsers()["invert"].format_help().split())
-    assert f"({WeightSelection().rounds} in the plane, {ROUNDS} in space)" in shown
+    assert f"({WeightSelection().max_iterations} in the plane, {ROUNDS} in space)" in shown
 
 
 def test_nothing_heavy_is_imported_for_help():

@@ -65,7 +65,7 @@ def test_what_is_not_to_be_used_says_so_and_is_a_failure(tmp_path, capsys, quiet
 
 
 def test_waves_of_the_other_time_convention_are_refused(tmp_path, capsys):
-    write_waves(tmp_path / "waves.npz", Phantom.named("CV-G", 25).measured(0.01).data().conjugate())
+    write_waves(tmp_path / "waves.npz", Phantom.from_name("CV-G", 25).simulate_measurements(0.01).data().conjugate())
     status, _, errors = run(capsys, tmp_path / "waves.npz", "-o", tmp_path / "out")
     assert status == 2 and "gain energy" in errors[-1] and "--conjugate" in errors[-1]
 
@@ -73,7 +73,7 @@ def test_waves_of_the_other_time_convention_are_refused(tmp_path, capsys):
 @pytest.mark.parametrize(("noise", "phase"), [(0.0, 1.0), (0.01, 1.0), (0.01, 0.6 + 0.8j)])
 def test_real_parts_of_waves_with_a_loss_are_refused(tmp_path, capsys, noise, phase):
     """The operator made a loss of -.3 Pa of them, beside 10 kPa, and trusted it."""
-    data = Phantom.named("CV-G", 33).measured().data()
+    data = Phantom.from_name("CV-G", 33).simulate_measurements().data()
     data = replace(data, displacement=data.displacement.real * phase)
     write_waves(tmp_path / "waves.npz", data.with_noise(noise, 0) if noise else data)
     status, _, errors = run(capsys, tmp_path / "waves.npz", "-o", tmp_path / "out")
@@ -106,7 +106,7 @@ def test_compression_comes_back_as_images(tmp_path, capsys):
 
 
 def test_an_inversion_starts_from_it(tmp_path, capsys):
-    write_waves(tmp_path / "waves.npz", Phantom.named("CV-G", 27).measured(0.01).data())
+    write_waves(tmp_path / "waves.npz", Phantom.from_name("CV-G", 27).simulate_measurements(0.01).data())
     rough = ("--regulariser", "smooth", "-q")
     status, _, _ = run(
         capsys, tmp_path / "waves.npz", "-o", tmp_path / "a", "--start", "surrogate", *rough, verb="invert"

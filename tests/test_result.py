@@ -68,7 +68,16 @@ def test_every_result_of_the_library_says_what_its_value_is_and_what_was_counted
                 continue  # of an extra
     own = [each for each in _below(Result) if each.__module__.startswith("ngbrain")]
     names = {each.__name__ for each in own}
-    assert names >= {"NewtonRecord", "PathRecord", "Found", "Recovered", "Inversion", "Prediction", "Calibrated", "Fit"}
+    assert names >= {
+        "NewtonRecord",
+        "PathRecord",
+        "OptimisationResult",
+        "ParameterEstimate",
+        "Inversion",
+        "Prediction",
+        "Calibrated",
+        "Fit",
+    }
     assert names >= {"Climb", "ProtocolResult", "SceneResult", "Segmentation", "LabelMesh", "HeadMesh"}
     for each in set(own) - {FileResult}:
         assert each.value is not Result.value and each.statistics is not Result.statistics, each
@@ -87,7 +96,7 @@ def test_results_of_a_fit_and_of_an_inversion_are_drawn():
     measured, fitted = axes.lines
     assert measured.get_ydata() == pytest.approx([0.1, 0.201, 0.299])
     assert fitted.get_ydata() == pytest.approx([0.0999, 0.1998, 0.2997], rel=1e-3)
-    inversion = Phantom.named("CV-G", 9).measured(0.01).inversion()
+    inversion = Phantom.from_name("CV-G", 9).simulate_measurements(0.01).inversion()
     found = levenberg_marquardt(inversion.reduced, inversion.start)
     (axes,) = found.plot().axes
     drawn = axes.lines[0].get_ydata()

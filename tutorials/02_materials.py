@@ -73,7 +73,7 @@ lab.plot({name: found.law for name, found in fits.items()}, data)
 # %% [markdown]
 # ### Cubes are glued
 # All this takes the cubes for homogeneous. They were glued: pressed, they cannot widen at the plates and resist more, sheared,
-# their free sides do not take part and they resist less. `Bonded` computes the cubes' whole fields (here on a coarse mesh, 2 % off
+# their free sides do not take part and they resist less. `BondedSpecimen` computes the cubes' whole fields (here on a coarse mesh, 2 % off
 # in μ), with exact derivatives by the constants.
 
 # %%

@@ -107,7 +107,7 @@ for where in exact.observed:
 mu.Set(1500.0)
 own = estimate(model, data, noise=0.01)
 wrong = np.sqrt(ngs.Integrate((mu / rising - 1) ** 2, coarse) / 0.01)
-bar = own.posterior.band("k")
+bar = own.posterior.interval("k")
 print(f"μ is off by {wrong:.1%}; k = {k.Get():.3f}, 95 % between {bar.low[0]:.3f} and {bar.high[0]:.3f}; .8 in truth")
 
 # %% [markdown]
@@ -153,12 +153,12 @@ print(f"contrast {contrast:.2f} (3 in truth), misfit {found.misfit:.2f} of what 
 
 # %%
 posterior = found.posterior
-band = posterior.band("mu")
+band = posterior.interval("mu")
 vertices = np.array([vertex.point for vertex in coarse.vertices])
 for name, place in (("in the disc", (0.05, 0.05)), ("beside it", (0.02, 0.05))):
     i = int(np.argmin(np.linalg.norm(vertices - place, axis=1)))
     print(f"{name}: {band.value[i]:.0f} Pa, 95 % between {band.low[i]:.0f} and {band.high[i]:.0f}")
-print(f"data say more than was assumed along {len(posterior.informed)} of {len(found.x)} directions")
+print(f"data say more than was assumed along {len(posterior.informed_directions)} of {len(found.x)} directions")
 truth = np.where(np.linalg.norm(vertices - [0.055, 0.05], axis=1) < 0.022, 3000.0, 1000.0)
 held = (band.low < truth) & (truth < band.high)
 far = np.abs(np.linalg.norm(vertices - [0.055, 0.05], axis=1) - 0.022) > 0.01
@@ -219,7 +219,7 @@ run = relaxing({"mu": 2000.0, "g": 0.2, "tau": 10.0})  # started far off
 answer = estimate(run, curve, np.full_like(curve, spread))
 bars, got = answer.posterior, answer.values
 for name, value in relaxes.items():
-    bar = bars.band(name)
+    bar = bars.interval(name)
     print(f"{name:>4}: {got[name]:.4g}, 95 % between {bar.low[0]:.4g} and {bar.high[0]:.4g}; {value:g} in truth")
 
 figure, axes = plt.subplots(figsize=(5.5, 3.2), layout="constrained")
@@ -269,7 +269,7 @@ held, draws = 0, 10 if FAST else 20
 for _ in range(draws):
     k.Set(0.4)
     alone = estimate(six, numbers * (1 + 0.01 * rng.normal(size=6)), 0.01 * np.abs(numbers), callback=lambda _: None)
-    bar = alone.posterior.band("k")
+    bar = alone.posterior.interval("k")
     held += bool(bar.low[0] < 0.8 < bar.high[0])
 print(f"k = {alone.values['k']:.3f}, 95 % between {bar.low[0]:.3f} and {bar.high[0]:.3f} from the last draw of noise")
 print(f"{held} of {draws} intervals hold the truth, .8")

@@ -185,7 +185,7 @@ for _ in range(draws):
     mu.Set(500.0)
     bulk.Set(2e3)
     found = estimate(model, seen * (1 + 0.01 * rng.normal(size=3)), 0.01 * np.abs(seen), callback=lambda _: None)
-    bar = found.posterior.band("bulk")
+    bar = found.posterior.interval("bulk")
     inside += bool(bar.low[0] < 14e3 / 3 < bar.high[0])
 print(
     f"bulk: {found.values['bulk']:.4g} Pa, 95 % between {bar.low[0]:.4g} and {bar.high[0]:.4g} from the last draw of noise"

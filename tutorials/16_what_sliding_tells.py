@@ -126,6 +126,6 @@ plt.show()
 values, bars = both.values, both.posterior
 assert abs(values["friction"] / 0.1 - 1) < 0.05 and abs(values["tau"] / 3.0 - 1) < 0.15, values
 for name in ("friction", "tau"):
-    band = bars.band(name)
+    band = bars.interval(name)
     assert band.low[0] < truth[name] < band.high[0], name
 assert not both.undetermined and "friction" in alone.undetermined, (both.undetermined, alone.undetermined)

@@ -192,7 +192,7 @@ class Point:
         Not positive everywhere, as the Gauss-Newton matrix is. Raises `InputError` for a model without second derivatives.
 
         >>> from ngbrain.inverse.phantoms.benchmark import Phantom
-        >>> inversion = Phantom.named("CV-G", 5).measured(0.02).inversion()
+        >>> inversion = Phantom.from_name("CV-G", 5).simulate_measurements(0.02).inversion()
         >>> point, rng = inversion.reduced.evaluate(inversion.start), np.random.default_rng(0)
         >>> a, b = rng.normal(size=(2, len(inversion.start)))
         >>> bool(abs(a @ point.hessian(b) - b @ point.hessian(a)) < 1e-9 * abs(a @ point.hessian(b)))

@@ -77,7 +77,7 @@ class ObjectiveFunction:
     where θ(x) overflows.
 
     >>> from ngbrain.inverse.phantoms.benchmark import Phantom
-    >>> inversion = Phantom.named("CV-G", 5).measured(0.02).inversion()
+    >>> inversion = Phantom.from_name("CV-G", 5).simulate_measurements(0.02).inversion()
     >>> J, x = ObjectiveFunction(inversion.reduced), inversion.start
     >>> float(J.jvp(x, np.ones(len(x))) / (J.vjp(x, 1.0) @ np.ones(len(x))))
     1.0

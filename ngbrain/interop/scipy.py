@@ -29,7 +29,7 @@ class Objective:
 
     >>> import scipy.optimize
     >>> from ngbrain.inverse.phantoms.benchmark import Phantom
-    >>> inversion = Phantom.named("CV-G", 5).measured(0.02).inversion()
+    >>> inversion = Phantom.from_name("CV-G", 5).simulate_measurements(0.02).inversion()
     >>> J = Objective(inversion.reduced)
     >>> found = scipy.optimize.minimize(J.fun, inversion.start, method="trust-ncg", jac=J.jac, hessp=J.hessp)
     >>> bool(found.fun < 0.5 * J.fun(inversion.start))

@@ -183,7 +183,7 @@ def calibrate(
     found = search(Reduced(run, seen.misfit(), fields, held, weights), first, FixedWeights(), told)
     missed = math.sqrt(max(1.0, found.level.ratio))
     point = Reduced(run, seen.misfit(missed), fields, held, weights).evaluate(found.x)
-    posterior = Posterior(point, least=0.0)
+    posterior = Posterior(point, min_eigenvalue=0.0)
     moved, fitted, notes = np.zeros(len(found.x)), point.state.data, list[str]()
     if finer:
         try:
@@ -192,7 +192,9 @@ def calibrate(
             notes.append(f"intervals are without the error of elements, of which finer ones give none: {error}")
     off = np.sqrt(posterior.variance(np.eye(len(found.x))) + moved**2)
     bands = {
-        name: _single(CredibleInterval.of((found.x + moved)[place], off[place], fields.unknowns[name].transform, level))
+        name: _single(
+            CredibleInterval.from_gaussian((found.x + moved)[place], off[place], fields.unknowns[name].transform, level)
+        )
         for name, place in fields.blocks.items()
     }
     parts = [_stiff(t, float(bands[t.region].value)) if t.region in bands else t for t in model.scene.tissues]

@@ -21,7 +21,7 @@ from ngbrain.inverse.objective.parameters import (
 from ngbrain.inverse.objective.regularisation import matern, ridge, smooth, total_variation
 from ngbrain.inverse.phantoms.benchmark import Phantom
 
-MEASURED = Phantom.named("CV-G", 6).measured(0.3)
+MEASURED = Phantom.from_name("CV-G", 6).simulate_measurements(0.3)
 """Noise large enough that some residuals are beyond Huber's threshold."""
 MISFITS = {"squares": LeastSquares, "huber": lambda m, s: Huber(m, s, 1.0)}
 REGULARISERS = {
@@ -98,7 +98,7 @@ def test_product_is_symmetric_and_positive(rng):
 
 
 def test_product_is_the_hessian_where_the_data_fit(rng):
-    clean = Phantom.named("CV-G", 6).measured()
+    clean = Phantom.from_name("CV-G", 6).simulate_measurements()
     reduced = clean.inversion().reduced
     truth = {name: Unknown(value) for name, value in clean.truth.items()}
     x = ParameterFields(reduced.model.theta, reduced.model.blocks, truth).start
@@ -152,7 +152,7 @@ def test_boundary_counted_twice_is_seen(rng):
 
 def test_total_variation_needs_small_steps_where_nothing_varies(rng):
     """Steps that make a flat field steeper than the rounding of the corner of |∇x| see the corner: a false alarm."""
-    space = ngs.H1(Phantom.named("CV-G", 6).measured().inversion().model.body.mesh, order=1)
+    space = ngs.H1(Phantom.from_name("CV-G", 6).simulate_measurements().inversion().model.body.mesh, order=1)
     flat = total_variation(space, np.zeros(space.ndof), 1.0)
     x, dx = np.zeros(space.ndof), rng.normal(size=space.ndof)
     assert taylor(flat.value, flat.gradient(x), x, dx, first=1.0)[0] < 1.3
@@ -162,7 +162,7 @@ def test_total_variation_needs_small_steps_where_nothing_varies(rng):
 
 
 def test_regularisers_without_a_block_or_a_weight_are_refused():
-    inversion = Phantom.named("CV-G", 5).measured(0.02).inversion()
+    inversion = Phantom.from_name("CV-G", 5).simulate_measurements(0.02).inversion()
     of = inversion.reduced
     with pytest.raises(InputError, match=r"regularisers\.shear is of nothing; wanted: one of storage, loss"):
         Reduced(of.model, of.misfit, of.unknowns, {"shear": ridge(np.zeros(2))}, {"shear": 1.0})

@@ -18,13 +18,13 @@ def errors(data):
 
 def test_naive_the_wrong_convention_spoils_both_moduli(monkeypatch):
     monkeypatch.setattr(module, "check_passive", lambda data: None)
-    storage, loss = errors(Phantom.named("CV-G", 25).measured(0.01).data().conjugate())
+    storage, loss = errors(Phantom.from_name("CV-G", 25).simulate_measurements(0.01).data().conjugate())
     print(storage, loss)
     assert storage > 0.05 and loss > 0.9
 
 
 def test_ours_refuses_it_and_holds_once_conjugated():
-    data = Phantom.named("CV-G", 25).measured(0.01).data().conjugate()
+    data = Phantom.from_name("CV-G", 25).simulate_measurements(0.01).data().conjugate()
     with pytest.raises(InputError, match="gain energy"):
         module.invert(data)
     storage, loss = errors(data.conjugate())

@@ -23,7 +23,7 @@ WEIGHTS = 10.0 ** np.arange(-6, 9)
 
 
 def spot(poisson, noise):
-    return replace(Phantom.named("NE-G", 25), poisson=poisson).measured(noise)
+    return replace(Phantom.from_name("NE-G", 25), poisson=poisson).simulate_measurements(noise)
 
 
 def naive(measured, u):
@@ -52,7 +52,7 @@ def naive(measured, u):
 def ours(measured):
     """After the first, linear, round."""
     inversion = measured.inversion()
-    found = GaussNewton(inversion.reduced).from_waves(inversion.start, inversion.waves, rounds=1)
+    found = GaussNewton(inversion.reduced).from_waves(inversion.start, inversion.waves, max_iterations=1)
     return inversion.errors(found.x)["youngs"]
 
 

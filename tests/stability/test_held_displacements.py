@@ -38,7 +38,7 @@ def normal():
     blocks = {name: block for name, block in unknowns.blocks.items() if name != BOUNDARY}
     prior = {name: smooth(experiment.space, unknowns.start[block]) for name, block in blocks.items()}
     reduced = Reduced(experiment.model, misfit, unknowns, prior, dict.fromkeys(prior, 0.05 * misfit.count))
-    return NormalEquations(reduced.evaluate(unknowns.start), forcing=1e-9, most=MOST)
+    return NormalEquations(reduced.evaluate(unknowns.start), forcing=1e-9, max_cg_iterations=MOST)
 
 
 def local(normal):
@@ -68,9 +68,9 @@ def above(normal, held, least):
 
 
 def test_by_the_data_near_by_alone_it_is_hardly_lowered_and_by_extensions_it_is(normal):
-    normal.most = 400
+    normal.max_cg_iterations = 400
     least = above(normal, {}, 0.0) * normal.point.reduced.misfit.count / 2
-    normal.most = MOST
+    normal.max_cg_iterations = MOST
     assert normal.point.misfit > 30 * normal.point.reduced.misfit.count / 2
     assert above(normal, {BOUNDARY: local(normal)}, least) > 2
     assert above(normal, {}, least) < 0.7

@@ -58,12 +58,12 @@ def test_measured_waves_skip_no_cycle():
 
 @pytest.fixture(scope="module")
 def halves():
-    return Phantom.named("CE-B", 25).measured(0.01)
+    return Phantom.from_name("CE-B", 25).simulate_measurements(0.01)
 
 
 def test_naive_two_halves_from_a_uniform_start_stay_where_they_are(halves):
     inversion = halves.inversion()
-    found = GaussNewton(inversion.reduced).descend(inversion.start, rounds=12)
+    found = GaussNewton(inversion.reduced).descend(inversion.start, max_iterations=12)
     assert inversion.errors(found.x)["youngs"] > 0.4 and found.level.ratio > 1000 and not found.converged
 
 
@@ -76,13 +76,13 @@ def test_two_halves_from_measured_waves(halves):
 def test_naive_moduli_turn_negative():
     lowest = [
         min(values.min() for values in iterate.fields.values())
-        for iterate in islice(Phantom.named("CV-B", 21).measured().as_published(), 3)
+        for iterate in islice(Phantom.from_name("CV-B", 21).simulate_measurements().published_iterations(), 3)
     ]
     assert min(lowest) < 0
 
 
 def test_moduli_never_turn_negative():
-    inversion = Phantom.named("CV-B", 21).measured().inversion()
+    inversion = Phantom.from_name("CV-B", 21).simulate_measurements().inversion()
     lowest, at = [], inversion.reduced.model.evaluate
 
     def watched(theta):
@@ -90,17 +90,17 @@ def test_moduli_never_turn_negative():
         return at(theta)
 
     inversion.reduced.model.evaluate = watched
-    GaussNewton(inversion.reduced).descend(inversion.start, rounds=6)
+    GaussNewton(inversion.reduced).descend(inversion.start, max_iterations=6)
     assert len(lowest) > 3 and min(lowest) > 0
 
 
 @pytest.fixture(scope="module")
 def spot():
-    return Phantom.named("CV-G", 17).measured(0.01)
+    return Phantom.from_name("CV-G", 17).simulate_measurements(0.01)
 
 
 def test_naive_descent_fits_noise_the_longer_it_runs(spot):
-    errors = [spot.errors(iterate.fields)["loss"] for iterate in islice(spot.as_published(), 100)]
+    errors = [spot.errors(iterate.fields)["loss"] for iterate in islice(spot.published_iterations(), 100)]
     assert errors[-1] > 2 * min(errors) and min(errors) > 0.1
 
 
@@ -111,14 +111,14 @@ def test_ten_times_longer_changes_nothing(spot):
     before, search = inversion.errors(once.x), GaussNewton(inversion.reduced, seed=1)
     x = once.x
     for _ in range(10 * len(once.history)):
-        x = search.descend(x, rounds=1).x
+        x = search.descend(x, max_iterations=1).x
     after = inversion.errors(x)
     assert after["loss"] < 0.06 and after == pytest.approx(before, rel=0.15)
 
 
 def test_naive_weight_lowered_at_once(spot):
     inversion = spot.inversion(weight=1e-3)
-    found = GaussNewton(inversion.reduced, FixedWeights()).descend(inversion.start, rounds=15)
+    found = GaussNewton(inversion.reduced, FixedWeights()).descend(inversion.start, max_iterations=15)
     assert inversion.errors(found.x)["storage"] > 0.1 and inversion.errors(found.x)["loss"] > 0.5
 
 
@@ -130,14 +130,14 @@ def test_weight_that_follows_the_data(spot):
 
 def determined(reduced):
     x = reduced.unknowns.start
-    curvature = GaussNewtonHessian(reduced.evaluate(x), Metric.of(reduced.evaluate(x)))
+    curvature = GaussNewtonHessian(reduced.evaluate(x), Metric.from_point(reduced.evaluate(x)))
     blocks = reduced.unknowns.blocks
     regular = {name: reduced.weights[name] * r.matrix(x[blocks[name]]) for name, r in reduced.regularisers.items()}
     directions = {name: np.zeros(len(x)) for name in blocks}
     for name, block in blocks.items():
         directions[name][block] = 1
-    shares = {name: curvature.share(direction) for name, direction in directions.items()}
-    return curvature.determined_of(blocks, regular, np.random.default_rng(0)), shares
+    shares = {name: curvature.data_share(direction) for name, direction in directions.items()}
+    return curvature.effective_parameters_by_block(blocks, regular, np.random.default_rng(0)), shares
 
 
 def test_bulk_modulus_of_nearly_incompressible_tissue_is_not_determined():
@@ -154,16 +154,20 @@ def test_bulk_modulus_of_compressible_tissue_is_determined():
 @pytest.mark.parametrize(("frequency", "low", "high"), [(0.0, -1e-6, 1e-6), (50.0, 0.99, 1.0)])
 def test_level_of_moduli_at_rest_is_open_where_only_displacements_drive(frequency, low, high):
     sheared = ({"top": (1e-3, 0), "bottom": (0, 0)},)
-    inversion = replace(Phantom.named("CV-G", 9), frequency=frequency, drives=sheared).measured(0.01).inversion()
+    inversion = (
+        replace(Phantom.from_name("CV-G", 9), frequency=frequency, drives=sheared)
+        .simulate_measurements(0.01)
+        .inversion()
+    )
     reduced, x = inversion.reduced, inversion.start
     level = np.zeros(len(x))
     level[: reduced.unknowns.blocks["boundary"].start] = 1
-    assert low <= GaussNewtonHessian(reduced.evaluate(x), Metric.of(reduced.evaluate(x))).share(level) <= high
+    assert low <= GaussNewtonHessian(reduced.evaluate(x), Metric.from_point(reduced.evaluate(x))).data_share(level) <= high
 
 
 def test_inverse_crime_is_told():
-    coarse, fine = (Phantom.named("NE-G", nodes).measured() for nodes in (5, 9))
-    other = Phantom.named("CE-G", 5).measured()
+    coarse, fine = (Phantom.from_name("NE-G", nodes).simulate_measurements() for nodes in (5, 9))
+    other = Phantom.from_name("CE-G", 5).simulate_measurements()
     assert is_inverse_crime(coarse.data(), coarse.inversion().model.body)
     assert not is_inverse_crime(coarse.data(), fine.inversion().model.body)
     assert not is_inverse_crime(coarse.data(), other.inversion().model.body)
@@ -179,8 +183,8 @@ FIBROUS = ({"top": (1e-3, 0)}, {"left": (0, 1e-3)}, {"right": (1e-3, 0)}, {"bott
 @pytest.mark.parametrize(("bulk", "told"), [(5e5, False), (2e4, True)])
 def test_three_numbers_of_fibres_are_two_where_volumes_stay(bulk, told):
     """Four loads: φ of a body whose K is 50 times μ stays where it starts, and μ(1+φ), μ(1+ζ) are found all the same."""
-    body = replace(Phantom.named("TI", 13), bulk=bulk, drives=FIBROUS)
-    measured = body.measured(0.01)
+    body = replace(Phantom.from_name("TI", 13), bulk=bulk, drives=FIBROUS)
+    measured = body.simulate_measurements(0.01)
     inversion = measured.inversion()
     found = GaussNewton(inversion.reduced).from_waves(inversion.start, inversion.waves)
     assert (found.history[-1].determined["phi"] > 10) == told

@@ -15,7 +15,7 @@ from ngbrain.inverse.phantoms.benchmark import Phantom
 
 @pytest.fixture(scope="module")
 def data():
-    return spoiled(Phantom.named("CV-G", 25).measured(0.01).data(), 0.02, 1.0, seed=3)[0]
+    return spoiled(Phantom.from_name("CV-G", 25).simulate_measurements(0.01).data(), 0.02, 1.0, seed=3)[0]
 
 
 def error(found):
@@ -36,7 +36,7 @@ def test_left_out_they_do_no_harm(data):
 @pytest.mark.slow
 def test_what_is_missed_next_to_a_jump_is_no_noise_by_huber():
     """CV-B on half of its points, 14 of 26 found: squares: G' 6 % off and noise of 7 %; Huber's misfit: 5.3 and 1 %."""
-    data = spoiled(Phantom.named("CV-B", 25).measured(0.01).data(), 0.02, 1.0, seed=3)[0]
+    data = spoiled(Phantom.from_name("CV-B", 25).simulate_measurements(0.01).data(), 0.02, 1.0, seed=3)[0]
     common = {"noise": 0.01, "uniform": False, "regulariser": "smooth"}
     squares, huber = (invert(remove_outliers(data), **common, misfit=kind) for kind in ("squares", "huber"))
     assert squares.noise > 0.03 and huber.noise == pytest.approx(0.01)

@@ -33,7 +33,7 @@ def ended(data, held):
     experiment, sigma = ElastographyProblem(data, discretise(data)), noise_deviation(data, NOISE)
     unknowns = experiment.unknowns(sigma)
     if not held:
-        unknowns.level = None
+        unknowns.undetermined_direction = None
     block = unknowns.blocks["youngs"]
     regular = {"youngs": smooth(experiment.space, unknowns.start[block])}
     problem = Reduced(experiment.model, LeastSquares(experiment.measured, sigma), unknowns, regular, {"youngs": 1e3})

@@ -64,7 +64,7 @@ def test_naive_long_steps_lose_the_small_constant(truth, monkeypatch):
     monkeypatch.setattr(optimiser, "SHORT", optimiser.LONGEST)
     monkeypatch.setattr(optimiser, "bounded", lambda *_: optimiser.LONGEST)
     monkeypatch.setattr(optimiser, "LIGHT", optimiser.FIRST)
-    of = Metric.of
+    of = Metric.from_point
     monkeypatch.setattr(Metric, "of", staticmethod(lambda point, before=None: of(point)))
     try:
         found = fitted(truth)
@@ -81,6 +81,6 @@ def test_ours_finds_it(truth):
     print(found.values, found.misfit)
     assert found.converged and found.misfit < 2
     for name, value in zip(found.values, truth, strict=True):
-        band = found.posterior.band(name, 0.99)
+        band = found.posterior.interval(name, 0.99)
         assert band.low < value < band.high, name
     assert found.values["mu"] == pytest.approx(truth[0], rel=0.05)

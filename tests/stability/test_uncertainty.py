@@ -19,8 +19,8 @@ SEEDS = range(5)
 def scores(inversion, point):
     """Of ln of all moduli: how far the truth is off, and the posterior's deviation."""
     posterior, truth = Posterior(point), inversion.measured.truth
-    off = [np.log(truth[name]) - point.x[posterior.blocks[name]] for name in posterior.held]
-    return np.concatenate(off), np.concatenate([posterior.deviation(name) for name in posterior.held])
+    off = [np.log(truth[name]) - point.x[posterior.blocks[name]] for name in posterior.regularised]
+    return np.concatenate(off), np.concatenate([posterior.deviation(name) for name in posterior.regularised])
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +61,7 @@ def test_boundary_that_may_be_anything_that_fits(noisy):
 @pytest.fixture(scope="module")
 def smooth_truth():
     """CV-G at every second point, inverted in other elements with H1: what 95 % intervals hold, by prior."""
-    exact = Phantom.named("CV-G").measured().data()
+    exact = Phantom.from_name("CV-G").simulate_measurements().data()
     grid = exact.grid
     chosen = np.zeros(grid.shape, bool)
     chosen[::2, ::2] = True

@@ -20,7 +20,7 @@ def is_inverse_crime(data: WaveData, body: Harmonic) -> bool:
     Source: Wirgin 2004, arXiv math-ph/0401050.
 
     >>> from ngbrain.inverse.phantoms.benchmark import Phantom
-    >>> coarse, fine = (Phantom.named("CV-G", nodes).measured() for nodes in (5, 9))
+    >>> coarse, fine = (Phantom.from_name("CV-G", nodes).simulate_measurements() for nodes in (5, 9))
     >>> is_inverse_crime(coarse.data(), coarse.inversion().model.body), is_inverse_crime(coarse.data(), fine.inversion().model.body)
     (True, False)
     """

@@ -158,7 +158,7 @@ def invert(
             raise InputError(name, value, "a relative level of at least 0")
     if rounds is not None:
         check_iterations(rounds)
-        settling = replace(settling, rounds=rounds)
+        settling = replace(settling, max_iterations=rounds)
     if dispersion not in DISPERSIONS:
         raise InputError("dispersion", repr(dispersion), nearest(dispersion, DISPERSIONS))
     axis = moving_axis(data) if data.dim == 3 and elements is None else None
@@ -333,7 +333,7 @@ class _Search:
     def descend(self, reduced: Reduced, start: OptimisationResult) -> OptimisationResult:
         """Down in J from a start, or the start itself where nothing is lower or it is `ASTRAY`."""
         point = reduced.evaluate(start.x)
-        level = MisfitLevel(self.misfit.squares(point.state.data), start.level.expected)
+        level = MisfitLevel(self.misfit.weighted_squares(point.state.data), start.level.expected)
         if level.ratio < ASTRAY:
             try:
                 return self.settling.descend(reduced, start.x, self._tell)
@@ -359,7 +359,7 @@ class _Search:
         reduced = easy.reduced(prior)
         reduced.weights = dict.fromkeys(reduced.weights, FAR)
         try:
-            settling = WeightSelection(rounds=min(SHORT, self.settling.rounds))
+            settling = WeightSelection(max_iterations=min(SHORT, self.settling.max_iterations))
             found = settling.descend(reduced, self.problem.uniform(easy.unknowns, level), self._tell)
         except SolverError:
             return None
@@ -373,7 +373,7 @@ class _Search:
         if found is None:
             return None
         point = judge.evaluate(found.x)
-        end = MisfitLevel(self.misfit.squares(point.state.data), found.level.expected)
+        end = MisfitLevel(self.misfit.weighted_squares(point.state.data), found.level.expected)
         return replace(found, objective=point.value, level=end)
 
     def _tell(self, iteration: Iteration) -> None:

@@ -176,9 +176,9 @@ def _from_waves(
 ) -> tuple[OptimisationResult, OptimisationResult, dict[str, float]]:
     """Where the way from measured waves ended, where that down from there did, and the weights by then."""
     way = _way(problem, made, noise, prior, checkpoint, callback)
-    both = way.from_measured(way.unknowns.start, problem.waves, APPROACH, rounds)
-    assert way.arrived is not None  # from measured waves there is no other way
-    return way.arrived, both, way.reduced.weights
+    both = way.from_measured_waves(way.unknowns.start, problem.waves, APPROACH, rounds)
+    assert way.approach_result is not None  # from measured waves there is no other way
+    return way.approach_result, both, way.reduced.weights
 
 
 def _uniform(
@@ -195,7 +195,9 @@ def _uniform(
     """Where the way from uniform fields ended; None where no step is lower."""
     way = _way(problem, made, noise, prior, checkpoint, callback)
     try:
-        return way.resume(rounds) if way.started else way.descend(problem.uniform(way.unknowns, level), rounds)
+        return (
+            way.resume(rounds) if way.has_checkpoint else way.descend(problem.uniform(way.unknowns, level), rounds)
+        )
     except ConvergenceError:
         return None
 
@@ -220,7 +222,7 @@ def _judged(judge: Reduced, found: OptimisationResult | None) -> OptimisationRes
     point, misfit = judge.evaluate(found.x), judge.misfit
     assert isinstance(misfit, LeastSquares)
     return replace(
-        found, objective=point.value, level=MisfitLevel(misfit.squares(point.state.data), found.level.expected)
+        found, objective=point.value, level=MisfitLevel(misfit.weighted_squares(point.state.data), found.level.expected)
     )
 
 

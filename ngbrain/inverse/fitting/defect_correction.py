@@ -40,7 +40,7 @@ def defect_correction_step(point: Point, posterior: Posterior, better: Array) ->
     Examples
     --------
     >>> from ngbrain.inverse.phantoms.benchmark import Phantom
-    >>> inversion = Phantom.named("CV-G", 5).measured(0.02).inversion()
+    >>> inversion = Phantom.from_name("CV-G", 5).simulate_measurements(0.02).inversion()
     >>> point = inversion.reduced.evaluate(inversion.start)
     >>> moved, _ = corrected(point, Posterior(point), point.state.data)
     >>> float(np.abs(moved).max())

@@ -66,7 +66,7 @@ class ParameterEstimate(Result):
 
     @cached_property
     def posterior(self) -> Posterior:
-        """Error bars: `recovered.posterior.band("mu")`. Raises `InputError` where data leave a number open."""
+        """Error bars: `recovered.posterior.interval("mu")`. Raises `InputError` where data leave a number open."""
         return Posterior(self.problem.evaluate(self.x))
 
     @cached_property
@@ -88,7 +88,7 @@ class ParameterEstimate(Result):
 
     def _interval(self, name: str) -> tuple[float, float]:
         """95 % of a number."""
-        band = self.posterior.band(name)
+        band = self.posterior.interval(name)
         return float(np.ravel(band.low)[0]), float(np.ravel(band.high)[0])
 
     def __str__(self) -> str:

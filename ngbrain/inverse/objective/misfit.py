@@ -46,7 +46,7 @@ class LeastSquares:
         """Φ."""
         return 0.5 * float(np.sum(np.abs(self.residual(data)) ** 2))
 
-    def squares(self, data: Array) -> float:
+    def weighted_squares(self, data: Array) -> float:
         """Σ |(d - m)/σ|², by which noise and weights are judged: 2Φ."""
         return 2 * self.value(data)
 
@@ -86,7 +86,7 @@ class Huber(LeastSquares):
         size, k = np.abs(self.residual(data)), self.threshold
         return float(np.sum(np.where(size <= k, 0.5 * size**2, k * size - 0.5 * k**2)))
 
-    def squares(self, data: Array) -> float:
+    def weighted_squares(self, data: Array) -> float:
         """What the sum of squares would be without outliers: by the median of |(d - m)/σ|² beside that of Gaussian noise."""
         usual = 2 * np.log(2) if np.iscomplexobj(self.measured) else REAL_MEDIAN
         return self.count * float(np.median(np.abs(self.residual(data)[self.known]) ** 2)) / usual

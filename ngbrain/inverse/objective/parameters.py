@@ -168,7 +168,7 @@ class ParameterFields:
             places[name] = slice(end, end + size)
             end += size
         self.start, self.blocks = np.concatenate(starts), places
-        self.level: Array | None = None
+        self.undetermined_direction: Array | None = None
         """A direction of x along which data tell next to nothing: steps in the plane leave out what lies along it."""
 
     def theta(self, x: Array) -> Array:

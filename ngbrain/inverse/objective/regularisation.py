@@ -33,8 +33,8 @@ more than tissue does, and follow whatever in the data is no wave of the model."
 class QuadraticRegulariser:
     """½ (x - x̄)·R (x - x̄) of one matrix R; `least` is the weight that no rule of weights goes below."""
 
-    def __init__(self, matrix: sp.csr_array, reference: Array | float, least: float = 0.0) -> None:
-        self._matrix, self.least = matrix, least
+    def __init__(self, matrix: sp.csr_array, reference: Array | float, min_weight: float = 0.0) -> None:
+        self._matrix, self.min_weight = matrix, min_weight
         self.reference = np.broadcast_to(np.asarray(reference, float), (matrix.shape[0],))
 
     def matrix(self, block: Array) -> sp.csr_array:
@@ -95,7 +95,7 @@ class LaggedDiffusivityRegulariser:
     `energy` is φ, of a CoefficientFunction (1/m²).
     """
 
-    least = ROUGHEST
+    min_weight = ROUGHEST
 
     def __init__(
         self,

@@ -72,10 +72,10 @@ class GaussNewton:
         self._width = max(blocks[name].stop for name in self._fields)
         self._fixed = BOUNDARY not in blocks
 
-    def from_waves(self, x: Array, waves: Array, rounds: int = ROUNDS) -> WaveInversionResult:
+    def from_waves(self, x: Array, waves: Array, max_iterations: int = ROUNDS) -> WaveInversionResult:
         """From waves (loads, ndof), measured ones, to fields and waves that fit both data and equation of motion."""
         history: list[Iteration] = []
-        for _ in range(rounds):
+        for _ in range(max_iterations):
             theta = self.reduced.unknowns.theta(x)
             state = self.model.linearise(theta, waves)
             balance = np.array([self.model.body.pushed(k) - state.factors.apply(k, u) for k, u in enumerate(waves)])
@@ -88,13 +88,15 @@ class GaussNewton:
                 break
         return self._found(x, waves, self.model.linearise(self.reduced.unknowns.theta(x), waves).data, history, settled)
 
-    def descend(self, x: Array, rounds: int = 4 * ROUNDS) -> WaveInversionResult:
+    def descend(self, x: Array, max_iterations: int = 4 * ROUNDS) -> WaveInversionResult:
         """From fields down to a minimum of J, at weights that settle with it."""
-        return self._down(self.reduced.evaluate(x), rounds, [])
+        return self._down(self.reduced.evaluate(x), max_iterations, [])
 
-    def _down(self, point: Point, rounds: int, history: list[Iteration], settled: bool = False) -> WaveInversionResult:
+    def _down(
+        self, point: Point, max_iterations: int, history: list[Iteration], settled: bool = False
+    ) -> WaveInversionResult:
         stuck = False
-        for _ in range(0 if settled else rounds):
+        for _ in range(0 if settled else max_iterations):
             conditions, dx, du = self._step(point.x, self._state(point), None)
             step, lower = self._lower(point, dx, du)
             if lower is None:
@@ -130,7 +132,7 @@ class GaussNewton:
         reduced, width = self.reduced, self._width
         jacobian = reduced.unknowns.jacobian(x)[: self.model.blocks[BOUNDARY].start, :width]
         regular = reduced.regular_matrix(x)[:width, :width]
-        level = None if self.unknowns.level is None else self.unknowns.level[:width]
+        level = None if self.unknowns.undetermined_direction is None else self.unknowns.undetermined_direction[:width]
         conditions = KKTSystem(state, jacobian, regular, self.misfit.weight(state.data), self._fixed, level)
         residual = np.where(self.misfit.known, self.misfit.measured - state.data, 0)
         dx, du = conditions.step(reduced.regular_gradient(x)[:width], residual, balance)
@@ -180,7 +182,10 @@ class GaussNewton:
     def _found(
         self, x: Array, waves: Array, data: Array, history: list[Iteration], settled: bool, stuck: bool = False
     ) -> WaveInversionResult:
-        level, weights = MisfitLevel(self.misfit.squares(data), history[-1].expected), dict(self.reduced.weights)
+        level, weights = (
+            MisfitLevel(self.misfit.weighted_squares(data), history[-1].expected),
+            dict(self.reduced.weights),
+        )
         value = self.misfit.value(data) + self.reduced.regular(x)
         status = convergence_status(settled, stuck)
         return WaveInversionResult(x, value, level, weights, self.misfit.count, waves, status=status, history=history)

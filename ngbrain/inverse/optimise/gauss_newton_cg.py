@@ -61,26 +61,26 @@ class GaussNewtonCG(GaussNewton):
         policy: WeightPolicy | None = None,
         *,
         forcing: float = FORCING,
-        most: int = MOST,
+        max_cg_iterations: int = MOST,
         checkpoint: str | os.PathLike[str] | None = None,
         callback: Callable[[Iteration], None] = lambda _: None,
         seed: int = 0,
     ) -> None:
         super().__init__(reduced, policy or Evidence(), callback, seed)
-        self.forcing, self.most, self.callback = forcing, most, callback
+        self.forcing, self.max_cg_iterations, self.callback = forcing, max_cg_iterations, callback
         self.checkpoint = None if checkpoint is None else Path(checkpoint)
         self.directions, self.extensions = QuasiNewtonPreconditioner(), BoundaryExtensionPreconditioner()
         self.iterations: list[int] = []
         """Of conjugate gradients, for each solve: steps and probes in turn."""
-        self.arrived: OptimisationResult | None = None
+        self.approach_result: OptimisationResult | None = None
         """Where `approach` ended, if there was one; its misfit is expected to be the number of data."""
 
     @property
-    def started(self) -> bool:
+    def has_checkpoint(self) -> bool:
         """Whether there is a checkpoint to go on from."""
         return self.checkpoint is not None and self.checkpoint.exists()
 
-    def resume(self, rounds: int = 4 * ROUNDS) -> WaveInversionResult:
+    def resume(self, max_iterations: int = 4 * ROUNDS) -> WaveInversionResult:
         """`descend` from the checkpoint, as if it had never stopped; its rounds count those done before.
 
         An inversion that had settled is not begun again: what it found comes back, for one forward solve.
@@ -92,31 +92,33 @@ class GaussNewtonCG(GaussNewton):
             raise InputError("checkpoint", f"{self.checkpoint}, on the way from measured waves", "one of a descent")
         history = _history(notes["history"])
         self._ledger.begun -= history[-1].cpu_s
-        return self._down(self.reduced.evaluate(x), rounds - len(history), history, notes["settled"])
+        return self._down(self.reduced.evaluate(x), max_iterations - len(history), history, notes["settled"])
 
-    def from_measured(self, x: Array, waves: Array, approach: int, rounds: int) -> WaveInversionResult:
+    def from_measured_waves(self, x: Array, waves: Array, approach: int, max_iterations: int) -> WaveInversionResult:
         """`approach` in so many rounds at most, then `descend`; from the checkpoint, if there is one, on either way.
 
         On the way, preconditioners are made anew: what follows is as good, but not the same to the last bit.
         """
         done, own = list[Iteration](), np.inf
-        if self.started:
+        if self.has_checkpoint:
             saved, on_the_way, notes = self._saved()
             if not len(on_the_way):
-                return self.resume(rounds)
+                return self.resume(max_iterations)
             x, waves, done, own = saved, on_the_way, _history(notes["done"]), notes["own"]
-        return self._down(self.approach(x, waves, approach, done, own), rounds, [])
+        return self._down(self.approach(x, waves, approach, done, own), max_iterations, [])
 
     def _step(self, x: Array, state: WaveLinearisation, balance: Array | None) -> tuple[NormalEquations, Array, Array]:
         point = Point(self.reduced, x, state)
-        normal = NormalEquations(point, self.iterations, self.forcing, self.most, self.directions, self.extensions)
+        normal = NormalEquations(
+            point, self.iterations, self.forcing, self.max_cg_iterations, self.directions, self.extensions
+        )
         return normal, normal.solve(-normal.gradient()), np.zeros_like(state.waves)
 
     def _moved(self, x: Array, dx: Array, waves: Array) -> tuple[Array, Array]:
         return x + dx, waves
 
     def approach(
-        self, x: Array, waves: Array, rounds: int, done: Sequence[Iteration] = (), before: float = np.inf
+        self, x: Array, waves: Array, max_iterations: int, done: Sequence[Iteration] = (), before: float = np.inf
     ) -> Point:
         """Where `descend` finds its way, from waves (loads, ndof) near the data that need not fit the fields.
 
@@ -124,7 +126,7 @@ class GaussNewtonCG(GaussNewton):
         fields' own waves hardly falls (`SLOW`). Of the rounds some may be `done`, the last from the misfit `before`.
         """
         begun, history, point = time.process_time(), list(done), None
-        for number in range(len(history), rounds):
+        for number in range(len(history), max_iterations):
             state = self.model.linearise(self.unknowns.theta(x), waves)
             balance = [self.model.body.pushed(k) - state.factors.apply(k, u) for k, u in enumerate(waves)]
             moved = np.array([state.factors.solve(k, b) for k, b in enumerate(balance)])
@@ -142,16 +144,18 @@ class GaussNewtonCG(GaussNewton):
             x, waves = x + step * dx, waves + step * moved
             change = float(np.sqrt(np.mean((step * dx[: self._width]) ** 2)))
             cpu_s, weights = time.process_time() - begun, dict(self.reduced.weights)
-            squares = self.misfit.squares(own.data)
+            squares = self.misfit.weighted_squares(own.data)
             history.append(Iteration("waves", squares, self.misfit.count, weights, change, step, cpu_s))
             self.callback(history[-1])
             self._save(x, {"done": [asdict(entry) for entry in history], "own": misfit}, waves)
         point = point or self.reduced.evaluate(x)
         level, weights = (
-            MisfitLevel(self.misfit.squares(point.state.data), self.misfit.count),
+            MisfitLevel(self.misfit.weighted_squares(point.state.data), self.misfit.count),
             dict(self.reduced.weights),
         )
-        self.arrived = OptimisationResult(point.x, point.value, level, weights, self.misfit.count, history=history)
+        self.approach_result = OptimisationResult(
+            point.x, point.value, level, weights, self.misfit.count, history=history
+        )
         return point
 
     def _still(self, history: list[Iteration]) -> bool:
@@ -174,8 +178,8 @@ class GaussNewtonCG(GaussNewton):
             return
         notes = {"problem": self._problem, "weights": self.reduced.weights, **more}
         begun = NOWHERE.real
-        if self.arrived:
-            begun, notes["arrived"] = self.arrived.x, asdict(self.arrived) | {"x": None}
+        if self.approach_result:
+            begun, notes["arrived"] = self.approach_result.x, asdict(self.approach_result) | {"x": None}
         arrays = {"x": x, "waves": waves, "begun": begun, "directions": self.directions.arrays}
 
         def write(part: Path) -> None:
@@ -187,7 +191,7 @@ class GaussNewtonCG(GaussNewton):
     def _saved(self) -> tuple[Array, Array, dict[str, Any]]:
         """x, waves (none in a descent) and notes of the checkpoint, whose weights and directions are taken on."""
         wanted = "a file that an inversion has written"
-        if self.checkpoint is None or not self.started:
+        if self.checkpoint is None or not self.has_checkpoint:
             raise InputError("checkpoint", str(self.checkpoint), wanted)
         try:
             saved = read_npz(self.checkpoint, "checkpoint")
@@ -203,7 +207,7 @@ class GaussNewtonCG(GaussNewton):
         if arrived := notes.get("arrived"):
             more = {"x": begun, "level": MisfitLevel(**arrived["level"]), "history": _history(arrived["history"])}
             more["status"] = Status(arrived["status"])
-            self.arrived = OptimisationResult(**(arrived | more))
+            self.approach_result = OptimisationResult(**(arrived | more))
         return x, waves, notes
 
 

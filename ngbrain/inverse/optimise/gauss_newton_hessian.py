@@ -29,7 +29,7 @@ class Metric:
 
     >>> import scipy.sparse as sp
     >>> metric = Metric(sp.csr_array(np.array([[4.0, 1.0], [1.0, 9.0]])))
-    >>> np.allclose(metric.back(metric.back(np.eye(2)).T), metric.solve(np.eye(2)))
+    >>> np.allclose(metric.unwhiten(metric.unwhiten(np.eye(2)).T), metric.solve(np.eye(2)))
     True
     """
 
@@ -44,7 +44,7 @@ class Metric:
         self._root = _without_pivots(sp.csc_array(root), "NATURAL")
 
     @staticmethod
-    def of(point: Point, before: Metric | None = None) -> Metric:
+    def from_point(point: Point, before: Metric | None = None) -> Metric:
         """At a point, with the weights as they are; by one product where there are unknowns that no regulariser holds.
 
         Of these the largest so far counts, less by `FORGOTTEN` with each point since, with the metric of a point `before`: one that
@@ -69,7 +69,7 @@ class Metric:
         """M⁻¹ b."""
         return self._factor.solve(b)
 
-    def back(self, xi: Array) -> Array:
+    def unwhiten(self, xi: Array) -> Array:
         """x - x̄ of ξ."""
         x = np.empty_like(xi)
         x[self._order] = self._root.solve(xi, trans="T")
@@ -81,7 +81,7 @@ class Metric:
         z[self._order] = self._lower @ white
         return z
 
-    def gradient(self, gradient: Array) -> Array:
+    def whiten_gradient(self, gradient: Array) -> Array:
         """The gradient by ξ of the gradient by x: the transpose of `back`."""
         return self._root.solve(gradient[self._order])
 
@@ -99,15 +99,15 @@ class GaussNewtonHessian:
         """H x."""
         return self.point.product(x)
 
-    def solve(self, b: Array, damping: float = 0.0, rtol: float = ROUGH, most: int = MOST) -> Array:
+    def solve(self, b: Array, damping: float = 0.0, rtol: float = ROUGH, max_iterations: int = MOST) -> Array:
         """(H + damping M)⁻¹ b, or a step on the way there that lowers its energy."""
 
         def damped(x: Array) -> Array:
             return self.apply(x) + damping * (self.metric.matrix @ x)
 
-        return truncated_cg(damped, self.metric.solve, b, rtol, most)[0]
+        return truncated_cg(damped, self.metric.solve, b, rtol, max_iterations)[0]
 
-    def share(self, direction: Array) -> float:
+    def data_share(self, direction: Array) -> float:
         """Of what holds x along a direction, how much is data: 1 where it is measured, 0 where it is merely assumed.
 
         Asked along a whole field it finds what the data leave open: the bulk modulus of nearly incompressible tissue; the level
@@ -116,15 +116,15 @@ class GaussNewtonHessian:
         assumed, all_of_it = direction @ (self.point.regular_matrix @ direction), direction @ self.apply(direction)
         return float(1 - assumed / all_of_it)
 
-    def determined(self, random: np.random.Generator) -> float:
+    def effective_parameters(self, random: np.random.Generator) -> float:
         """How many numbers the data determine, n - tr(Σ αR H⁻¹), estimated."""
         blocks = self.point.reduced.unknowns.blocks
         regular = {name: self.point.regular_matrix for name in self.point.reduced.regularisers}
-        held = self.determined_of({name: blocks[name] for name in regular}, regular, random)
+        held = self.effective_parameters_by_block({name: blocks[name] for name in regular}, regular, random)
         loose = sum(block.stop - block.start for name, block in blocks.items() if name not in regular)
         return loose + sum(held.values())
 
-    def determined_of(
+    def effective_parameters_by_block(
         self, blocks: Mapping[str, slice], regular: Mapping[str, sp.csr_array], random: np.random.Generator
     ) -> dict[str, float]:
         """So of each block; the regularisers as they were for `metric`."""

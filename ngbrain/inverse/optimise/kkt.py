@@ -60,7 +60,7 @@ class KKTSystem:
         regular: sp.csr_array,
         weight: Array,
         fixed: bool,
-        level: Array | None = None,
+        fixed_direction: Array | None = None,
     ) -> None:
         body, fields = state.model.body, state.sensitivity
         assert isinstance(fields, FieldSensitivity)
@@ -90,9 +90,11 @@ class KKTSystem:
             rows.append([change.imag, *before, matrix.imag, matrix.real, *after])
             self._columns.append(column)
             self._rows.append(row)
-        self._levels = 0 if level is None else 1
-        if level is not None:
-            rows.append([sp.csr_array(level[None] / np.linalg.norm(level)), *[None] * (2 * self.loads)])
+        self._levels = 0 if fixed_direction is None else 1
+        if fixed_direction is not None:
+            rows.append(
+                [sp.csr_array(fixed_direction[None] / np.linalg.norm(fixed_direction)), *[None] * (2 * self.loads)]
+            )
         constraint = sp.csr_array(sp.block_array(rows))
         whole = sp.csr_array(sp.block_array([[sp.block_diag(hessians), constraint.T], [constraint, None]]))
         self._matrix = whole
@@ -120,7 +122,7 @@ class KKTSystem:
         pulls = [root * part.T.ravel() for root, part in zip(self._root, residual, strict=True)]
         return self._solve(-slope, pulls, imbalance)
 
-    def determined(self, random: np.random.Generator) -> float:
+    def effective_parameters(self, random: np.random.Generator) -> float:
         """How many of the real data the fitted unknowns use up: an estimate of the trace of the influence matrix."""
         probes = [random.choice([-1.0, 1.0], size=(len(root), 2)) @ [1, 1j] for root in self._root]
         _, waves = self._solve(
@@ -131,7 +133,7 @@ class KKTSystem:
             used += float(np.sum(np.conj(np.where(root > 0, probe, 0)) * (root * (self.observe @ u[self.active]))).real)
         return used
 
-    def determined_of(
+    def effective_parameters_by_block(
         self, blocks: Mapping[str, slice], regular: Mapping[str, sp.csr_array], random: np.random.Generator
     ) -> dict[str, float]:
         """For each block how many of its numbers the data determine: n - tr(R_b H⁻¹), estimated; R_b with its weight."""

@@ -45,9 +45,9 @@ def levenberg_marquardt(
     callback: Callable[[Iteration], None] = lambda _: None,
     seed: int = 0,
     *,
-    dense: int = DENSE,
-    rounds: int = ROUNDS,
-    first: float | None = None,
+    max_dense: int = DENSE,
+    max_iterations: int = ROUNDS,
+    initial_damping: float | None = None,
 ) -> OptimisationResult:
     """From x down, the weights changed by `policy` after every step that falls.
 
@@ -58,7 +58,7 @@ def levenberg_marquardt(
     Raises `ConvergenceError` when no step from x lowers J.
 
     >>> from ngbrain.inverse.phantoms.benchmark import Phantom
-    >>> inversion = Phantom.named("CV-G", 9).measured(0.01).inversion()
+    >>> inversion = Phantom.from_name("CV-G", 9).simulate_measurements(0.01).inversion()
     >>> found = levenberg_marquardt(inversion.reduced, inversion.start)
     >>> found.converged and found.level.ratio < 1.3
     True
@@ -66,12 +66,12 @@ def levenberg_marquardt(
     ledger = IterationLog(reduced, policy, callback, seed)
     history: list[Iteration] = []
     point, settled, stuck, longest = reduced.evaluate(x), False, False, SHORT
-    metric = Metric.of(point)
-    damping = first if first is not None else LIGHT if metric.loose.any() else FIRST
-    for step_number in range(rounds):
-        metric = Metric.of(point, metric) if step_number else metric
+    metric = Metric.from_point(point)
+    damping = initial_damping if initial_damping is not None else LIGHT if metric.loose.any() else FIRST
+    for step_number in range(max_iterations):
+        metric = Metric.from_point(point, metric) if step_number else metric
         H: GaussNewtonHessian = (
-            DenseGaussNewtonHessian(point, metric) if len(x) <= dense else GaussNewtonHessian(point, metric)
+            DenseGaussNewtonHessian(point, metric) if len(x) <= max_dense else GaussNewtonHessian(point, metric)
         )
         gradient = point.gradient()
         growth = 2.0
@@ -97,7 +97,7 @@ def levenberg_marquardt(
             stuck = True
             break
         assert lower is not None
-        H = DenseGaussNewtonHessian(lower, metric) if len(x) <= dense else GaussNewtonHessian(lower, metric)
+        H = DenseGaussNewtonHessian(lower, metric) if len(x) <= max_dense else GaussNewtonHessian(lower, metric)
         settled = ledger.enter("levenberg-marquardt", lower.x, lower.state.data, H, step, 1.0, history)
         settled = settled and longer * history[-1].change < 10 * SETTLED
         point = Point(reduced, lower.x, lower.state)  # at the new weights
@@ -137,16 +137,16 @@ class DenseGaussNewtonHessian(GaussNewtonHessian):
         """H x."""
         return self.matrix @ x
 
-    def solve(self, b: Array, damping: float = 0.0, rtol: float = 0.0, most: int = 0) -> Array:
+    def solve(self, b: Array, damping: float = 0.0, rtol: float = 0.0, max_iterations: int = 0) -> Array:
         """(H + damping M)⁻¹ b, to the last digits."""
         return scipy.linalg.solve(self.matrix + damping * self.metric.matrix.toarray(), b, assume_a="pos")
 
-    def determined(self, random: np.random.Generator) -> float:
+    def effective_parameters(self, random: np.random.Generator) -> float:
         """n - tr(Σ αR H⁻¹), n less what neither data nor regularisers hold."""
         inverse, free = self._inverse
         return float(len(inverse) - free - (self.point.regular_matrix @ inverse).trace())
 
-    def determined_of(
+    def effective_parameters_by_block(
         self, blocks: Mapping[str, slice], regular: Mapping[str, sp.csr_array], random: np.random.Generator
     ) -> dict[str, float]:
         """So of each block."""

@@ -49,11 +49,11 @@ class NormalEquations:
         point: Point,
         counted: list[int] | None = None,
         forcing: float = FORCING,
-        most: int = MOST,
+        max_cg_iterations: int = MOST,
         directions: QuasiNewtonPreconditioner | None = None,
         extensions: BoundaryExtensionPreconditioner | None = None,
     ) -> None:
-        self.point, self.forcing, self.most = point, forcing, most
+        self.point, self.forcing, self.max_cg_iterations = point, forcing, max_cg_iterations
         self.directions = QuasiNewtonPreconditioner() if directions is None else directions
         self.iterations: list[int] = [] if counted is None else counted
         self._drawn: tuple[float, dict[str, float]] | None = None
@@ -76,26 +76,26 @@ class NormalEquations:
         slope = state.vjp(reduced.misfit.gradient(state.data))
         return self._jacobian.T @ slope + reduced.regular_gradient(self.point.x)
 
-    def solve(self, b: Array, forcing: float | None = None, most: int | None = None) -> Array:
+    def solve(self, b: Array, forcing: float | None = None, max_cg_iterations: int | None = None) -> Array:
         """About H⁻¹ b; `SolverError` where H or its preconditioner is not positive definite."""
-        forcing, most = forcing or self.forcing, most or self.most
+        forcing, max_cg_iterations = forcing or self.forcing, max_cg_iterations or self.max_cg_iterations
         precondition = self.directions.correct(self.precondition, lambda s: self._regular @ s)
 
         def learn(s: Array, image: Array) -> None:
             self.directions.add(s, image - self._regular @ s)
 
         try:
-            x, iterations, _ = truncated_cg(self.product, precondition, b, forcing, most, learn)
+            x, iterations, _ = truncated_cg(self.product, precondition, b, forcing, max_cg_iterations, learn)
         except FloatingPointError as error:
             raise SolverError(f"the normal equations cannot be solved: {error}") from error
         self.iterations.append(iterations)
         return x
 
-    def determined(self, random: np.random.Generator) -> float:
+    def effective_parameters(self, random: np.random.Generator) -> float:
         """How many of the real data the unknowns use up, tr (H⁻¹ Jᵀ W J), by the sample of `determined_of`."""
         return self._sample(random)[0]
 
-    def determined_of(
+    def effective_parameters_by_block(
         self, blocks: Mapping[str, slice], regular: Mapping[str, sp.csr_array], random: np.random.Generator
     ) -> dict[str, float]:
         """For each block how many of its numbers the data determine, tr (1 - α R H⁻¹) of the block, all by one solve.

@@ -51,7 +51,7 @@ class BoundaryExtensionPreconditioner:
     def __init__(self) -> None:
         self._made: Apply | None = None
 
-    def of(self, state: WaveLinearisation, weight: Array) -> list[Apply]:
+    def inverse_blocks(self, state: WaveLinearisation, weight: Array) -> list[Apply]:
         """For each load about the inverse of the block, for real or imaginary parts of held displacements (m)."""
         known = weight.mean(axis=1)
         sizes = [float(np.exp(np.log(each[each > 0]).mean())) for each in known]
@@ -104,7 +104,7 @@ def diagonal_block_inverses(point: Point, extensions: BoundaryExtensionPrecondit
             regular = reduced.weights[name] * reduced.regularisers[name].matrix(point.x[block])
         inner = jacobian[rows][:, block]
         if name == BOUNDARY:
-            found[name] = _of_boundary(extensions.of(state, weight), inner)  # type: ignore[arg-type]
+            found[name] = _of_boundary(extensions.inverse_blocks(state, weight), inner)  # type: ignore[arg-type]
         else:
             found[name] = _of_field(state, name, density, inner, regular)  # type: ignore[arg-type]
     return found

@@ -47,18 +47,20 @@ def bfgs(
     callback: Tell = lambda _: None,
     seed: int = 0,
     *,
-    most: int = 50,
-    rounds: int = ROUNDS,
+    max_inner_iterations: int = 50,
+    max_iterations: int = ROUNDS,
 ) -> OptimisationResult:
     """Rounds of BFGS with a dense matrix: n² numbers, so for n ≲ 10 000.
 
     >>> from ngbrain.inverse.phantoms.benchmark import Phantom
-    >>> inversion = Phantom.named("CV-G", 9).measured(0.01).inversion()
+    >>> inversion = Phantom.from_name("CV-G", 9).simulate_measurements(0.01).inversion()
     >>> before = 2 * inversion.reduced.evaluate(inversion.start).misfit
     >>> bfgs(inversion.reduced, inversion.start).level.misfit < 0.01 * before
     True
     """
-    return _Rounds(reduced, policy, callback, seed, "bfgs").run(x, lambda way: _dense(way, most), rounds)
+    return _Rounds(reduced, policy, callback, seed, "bfgs").run(
+        x, lambda way: _dense(way, max_inner_iterations), max_iterations
+    )
 
 
 def l_bfgs(
@@ -68,19 +70,25 @@ def l_bfgs(
     callback: Tell = lambda _: None,
     seed: int = 0,
     *,
-    most: int = 50,
-    rounds: int = ROUNDS,
+    max_inner_iterations: int = 50,
+    max_iterations: int = ROUNDS,
 ) -> OptimisationResult:
     """Rounds of BFGS that remembers the last `MEMORY` steps (scipy), for any n; slower to arrive than `bfgs`.
 
     >>> from ngbrain.inverse.phantoms.benchmark import Phantom
-    >>> inversion = Phantom.named("CV-G", 7).measured(0.02).inversion()
-    >>> l_bfgs(inversion.reduced, inversion.start, rounds=2).history[-1].phase
+    >>> inversion = Phantom.from_name("CV-G", 7).simulate_measurements(0.02).inversion()
+    >>> l_bfgs(inversion.reduced, inversion.start, max_iterations=2).history[-1].phase
     'l-bfgs'
     """
-    options = {"maxcor": MEMORY, "maxiter": most, "maxfun": 10 * most, "ftol": 0.0, "gtol": 0.0}
+    options = {
+        "maxcor": MEMORY,
+        "maxiter": max_inner_iterations,
+        "maxfun": 10 * max_inner_iterations,
+        "ftol": 0.0,
+        "gtol": 0.0,
+    }
     return _Rounds(reduced, policy, callback, seed, "l-bfgs").run(
-        x, lambda way: _scipy(way, "L-BFGS-B", options), rounds
+        x, lambda way: _scipy(way, "L-BFGS-B", options), max_iterations
     )
 
 
@@ -91,20 +99,20 @@ def newton_cg(
     callback: Tell = lambda _: None,
     seed: int = 0,
     *,
-    most: int = 20,
-    rounds: int = ROUNDS,
+    max_inner_iterations: int = 20,
+    max_iterations: int = ROUNDS,
 ) -> OptimisationResult:
     """Rounds of Gauss-Newton steps in a trust region, by conjugate gradients (scipy): fewest iterations, two solves in each of
     theirs.
 
     >>> from ngbrain.inverse.phantoms.benchmark import Phantom
-    >>> inversion = Phantom.named("CV-G", 9).measured(0.01).inversion()
+    >>> inversion = Phantom.from_name("CV-G", 9).simulate_measurements(0.01).inversion()
     >>> newton_cg(inversion.reduced, inversion.start).level.ratio < 1.3
     True
     """
-    options = {"maxiter": most, "gtol": 0.0, "initial_trust_radius": 1.0, "max_trust_radius": 1e6}
+    options = {"maxiter": max_inner_iterations, "gtol": 0.0, "initial_trust_radius": 1.0, "max_trust_radius": 1e6}
     return _Rounds(reduced, policy, callback, seed, "newton-cg").run(
-        x, lambda way: _scipy(way, "trust-ncg", options), rounds
+        x, lambda way: _scipy(way, "trust-ncg", options), max_iterations
     )
 
 
@@ -114,14 +122,14 @@ class _Way:
     def __init__(self, reduced: Reduced, x: Array, gain: float) -> None:
         self.reduced, self.origin, self.gain = reduced, x, gain
         self._at, self._point = np.zeros(len(x)), reduced.evaluate(x)
-        self.metric = Metric.of(self._point)
+        self.metric = Metric.from_point(self._point)
         self._slope: Array | None = None
         self._solved: tuple[Array, float, Array]
 
     def point(self, xi: Array) -> Point:
         """At ξ; the model is asked anew if it was elsewhere meanwhile."""
         if not np.array_equal(xi, self._at):
-            self._point = self.reduced.evaluate(self.origin + self.metric.back(xi))
+            self._point = self.reduced.evaluate(self.origin + self.metric.unwhiten(xi))
             self._at, self._slope = np.array(xi), None
         return self._point
 
@@ -130,7 +138,7 @@ class _Way:
         try:
             point = self.point(xi)
             if self._slope is None:
-                self._slope = self.metric.gradient(point.gradient())
+                self._slope = self.metric.whiten_gradient(point.gradient())
         except SolverError:
             self._at = np.full_like(xi, np.nan)
             return self._turned_back(xi)
@@ -148,7 +156,7 @@ class _Way:
 
     def product(self, xi: Array, direction: Array) -> Array:
         """The Gauss-Newton matrix by ξ times a direction."""
-        return self.metric.gradient(self.point(xi).product(self.metric.back(direction)))
+        return self.metric.whiten_gradient(self.point(xi).product(self.metric.unwhiten(direction)))
 
     def near(self, slope: Array) -> bool:
         """Whether hardly anything is left to be gained."""
@@ -160,18 +168,18 @@ class _Rounds:
         self.reduced, self.phase = reduced, phase
         self.ledger = IterationLog(reduced, policy, callback, seed)
 
-    def run(self, x: Array, down: Callable[[_Way], Array], rounds: int) -> OptimisationResult:
+    def run(self, x: Array, down: Callable[[_Way], Array], max_iterations: int) -> OptimisationResult:
         history: list[Iteration] = []
         settled = False
-        for _ in range(rounds):
+        for _ in range(max_iterations):
             way = _Way(self.reduced, x, GAIN * self.ledger.misfit.count)
             before, xi = way.value(np.zeros(len(x)))[0], down(way)
-            moved = way.metric.back(xi)
+            moved = way.metric.unwhiten(xi)
             if not history and not np.any(moved):
                 raise ConvergenceError("no step lowers the objective from where it starts: try another start")
             x = x + moved
             point = self.reduced.evaluate(x)
-            curvature = GaussNewtonHessian(point, Metric.of(point))
+            curvature = GaussNewtonHessian(point, Metric.from_point(point))
             settled = self.ledger.enter(
                 self.phase, x, point.state.data, curvature, moved, point.value / before, history
             )
@@ -195,13 +203,13 @@ def _scipy(way: _Way, method: str, options: dict[str, float]) -> Array:
     return np.asarray(found.x)
 
 
-def _dense(way: _Way, most: int) -> Array:
+def _dense(way: _Way, max_inner_iterations: int) -> Array:
     xi = np.zeros(len(way.origin))
     if way.near(way.value(xi)[1]):
         return xi
     for number, lower, _ in bfgs_iterations(way.value, xi):
         xi = lower
-        if number == most or way.near(way.value(xi)[1]):
+        if number == max_inner_iterations or way.near(way.value(xi)[1]):
             break
     return xi
 
@@ -249,7 +257,11 @@ def update_inverse_hessian(inverse: Array, change: Array, bend: Array) -> None:
 
 
 def line_search(
-    along: Callable[[float], tuple[float, Array]], value: float, slope: Array, direction: Array, most: int = 30
+    along: Callable[[float], tuple[float, Array]],
+    value: float,
+    slope: Array,
+    direction: Array,
+    max_inner_iterations: int = 30,
 ) -> tuple[float, float, Array] | None:
     """Step, value and gradient where both of Wolfe's conditions hold, by bisection and doubling; None if there is no such step.
 
@@ -260,7 +272,7 @@ def line_search(
     """
     start = float(slope @ direction)
     low, high, step = 0.0, np.inf, 1.0
-    for _ in range(most):
+    for _ in range(max_inner_iterations):
         now, gradient = along(step)
         if not now <= value + ARMIJO * step * start:
             high = step

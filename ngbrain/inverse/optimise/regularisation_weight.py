@@ -30,10 +30,10 @@ SLOPE, SLOPES = 0.2, (0.02, 2.0)
 class EffectiveParameterCounter(Protocol):
     """What a factor of the optimality conditions knows."""
 
-    def determined(self, random: np.random.Generator) -> float:
+    def effective_parameters(self, random: np.random.Generator) -> float:
         """Of all data."""
 
-    def determined_of(
+    def effective_parameters_by_block(
         self, blocks: Mapping[str, slice], regular: Mapping[str, sp.csr_array], random: np.random.Generator
     ) -> dict[str, float]:
         """Of each block; its regulariser's matrix with its weight."""
@@ -92,11 +92,11 @@ class Evidence(WeightPolicy):
         blocks = reduced.unknowns.blocks
         regular = {name: reduced.weights[name] * r.matrix(x[blocks[name]]) for name, r in reduced.regularisers.items()}
         largest = 1.0
-        self.determined = factor.determined_of(blocks, regular, random)
+        self.determined = factor.effective_parameters_by_block(blocks, regular, random)
         for name, number in self.determined.items():
             energy = 2 * reduced.regularisers[name].value(x[blocks[name]])
-            least = getattr(reduced.regularisers[name], "least", 0.0)  # one of one's own need not have it
-            wanted = max(self.noise(level) * max(number, 1.0) / max(energy, 1e-12), least)
+            min_weight = getattr(reduced.regularisers[name], "min_weight", 0.0)  # one of one's own need not have it
+            wanted = max(self.noise(level) * max(number, 1.0) / max(energy, 1e-12), min_weight)
             factor_of_change = float(np.clip(wanted / reduced.weights[name], 1 / self.largest, self.largest))
             reduced.weights[name] *= factor_of_change
             if number >= 1 or factor_of_change < 1:  # else the field is uniform, and no weight makes it more so

@@ -152,9 +152,9 @@ class IterationLog:
         step  how far it is to be trusted: the cut of a step, or what it left of J; at `FAST` or less the weights wait
         """
         probes = np.random.default_rng(self._seed)  # the same each time: without, weights would have no fixed point
-        misfit = self.misfit.squares(data)
+        misfit = self.misfit.weighted_squares(data)
         with spent_on(self.reduced.model, "traces"):
-            level = MisfitLevel(misfit, self.misfit.count - factor.determined(probes))
+            level = MisfitLevel(misfit, self.misfit.count - factor.effective_parameters(probes))
         weights, change = dict(self.reduced.weights), float(np.sqrt(np.mean(moved**2)))
         cpu_s = time.process_time() - self.begun
         turned = np.inf
@@ -168,7 +168,7 @@ class IterationLog:
         if (change < SETTLED and turned < STEADY) or (change < 10 * SETTLED and turned < 1.05):
             return True
         # Where data leave the level of fields open, these creep along what hardly changes the misfit.
-        open_level = getattr(self.reduced.unknowns, "level", None) is not None
+        open_level = getattr(self.reduced.unknowns, "undetermined_direction", None) is not None
         return turned < STEADY and not open_level and _by_chance(history)
 
 

@@ -41,7 +41,7 @@ class WeightSelection:
     """Weights that a policy changes with the fields, in so many `rounds` of a descent at most."""
 
     policy: Callable[[], WeightPolicy] = Evidence
-    rounds: int = 8 * ROUNDS
+    max_iterations: int = 8 * ROUNDS
 
     def from_waves(self, reduced: Reduced, x: Array, waves: Array, callback: Tell) -> OptimisationResult:
         """`GaussNewton.from_waves`; the weights it ends with stay in `reduced`."""
@@ -49,7 +49,7 @@ class WeightSelection:
 
     def descend(self, reduced: Reduced, x: Array, callback: Tell) -> OptimisationResult:
         """`GaussNewton.descend`, likewise."""
-        return GaussNewton(reduced, self.policy(), callback).descend(x, self.rounds)
+        return GaussNewton(reduced, self.policy(), callback).descend(x, self.max_iterations)
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class LCurve(WeightSelection):
     Starts settle by `policy`, around whose weights the curve lies.
 
     >>> from ngbrain.inverse.phantoms.benchmark import Phantom
-    >>> inversion = Phantom.named("CV-G", 9).measured(0.02).inversion(weight=100.0)
+    >>> inversion = Phantom.from_name("CV-G", 9).simulate_measurements(0.02).inversion(weight=100.0)
     >>> found = LCurve().descend(inversion.reduced, inversion.start, lambda _: None)
     >>> 0.8 < found.level.ratio < 1.3
     True
@@ -95,7 +95,7 @@ class LCurve(WeightSelection):
 
     def _settled(self, reduced: Reduced, chosen: OptimisationResult, callback: Tell) -> OptimisationResult:
         try:
-            return GaussNewton(reduced, FixedWeights(), callback).descend(chosen.x, self.rounds)
+            return GaussNewton(reduced, FixedWeights(), callback).descend(chosen.x, self.max_iterations)
         except ConvergenceError:  # there is nothing below
             return chosen
 

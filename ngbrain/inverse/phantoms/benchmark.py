@@ -98,20 +98,20 @@ class Phantom:
         return [(frequency, drive) for frequency in several for drive in self.drives]
 
     @staticmethod
-    def named(name: str, nodes: int | None = None) -> Phantom:
+    def from_name(name: str, nodes: int | None = None) -> Phantom:
         """One of `PHANTOMS`, with another number of nodes along an edge if given; `InputError` for another name.
 
-        >>> Phantom.named("CV-G", 25).nodes
+        >>> Phantom.from_name("CV-G", 25).nodes
         25
         """
         if name not in PHANTOMS:
             raise InputError("phantom", repr(name), nearest(name, list(PHANTOMS)))
         return replace(PHANTOMS[name], nodes=nodes or PHANTOMS[name].nodes)
 
-    def measured(self, noise: float = 0.0, seed: int = 0) -> PhantomData:
+    def simulate_measurements(self, noise: float = 0.0, seed: int = 0) -> PhantomData:
         """Its waves at the nodes plus η = noise · rms(component) (a + ib)/√2, a and b normal, on every point.
 
-        >>> Phantom.named("CV-G", 5).measured(0.01).displacement.shape
+        >>> Phantom.from_name("CV-G", 5).simulate_measurements(0.01).displacement.shape
         (1, 25, 2)
         """
         grid = _Square(self)
@@ -211,7 +211,7 @@ class PhantomData:
         start        where the search begins, by default the phantom's start
         device       where matrices are factorised
 
-        >>> Phantom.named("CV-G", 5).measured(0.01).inversion().start.shape
+        >>> Phantom.from_name("CV-G", 5).simulate_measurements(0.01).inversion().start.shape
         (114,)
         """
         phantom, grid = self.phantom, _Square(self.phantom)
@@ -246,13 +246,13 @@ class PhantomData:
             truth={"shear": truth["storage"] + 1j * truth["loss"]} if "loss" in truth else truth,
         )
 
-    def as_published(self) -> Iterator[PublishedIteration]:
+    def published_iterations(self) -> Iterator[PublishedIteration]:
         """The published inversion, one iteration after the other: Φ = ½ Σ |u - m|² (mm²) of moduli in MPa (ζ in 2, φ in 0.2)
         by BFGS from the uniform start, without regulariser, bound or noise; the boundary exactly as measured.
 
         It ends when no step goes down. Published with the line search of a commercial code, so iterates differ.
 
-        >>> iterate = next(Phantom.named("CV-G", 5).measured(0.01).as_published())
+        >>> iterate = next(Phantom.from_name("CV-G", 5).simulate_measurements(0.01).published_iterations())
         >>> iterate.number, sorted(iterate.fields)
         (1, ['loss', 'storage'])
         """

@@ -26,8 +26,8 @@ def draw_phantom(
     weight       α, of each field
 
     >>> from ngbrain.inverse.objective.regularisation import matern
-    >>> phantom = drawn(Phantom.named("CV-G", 9), lambda space, x: matern(space, x, 0.03), 5.0, seed=0)
-    >>> log = np.log(phantom.measured().truth["storage"] / 1e4)
+    >>> phantom = drawn(Phantom.from_name("CV-G", 9), lambda space, x: matern(space, x, 0.03), 5.0, seed=0)
+    >>> log = np.log(phantom.simulate_measurements().truth["storage"] / 1e4)
     >>> bool(0.1 < log.std() < 0.3)
     True
     """
@@ -38,5 +38,7 @@ def draw_phantom(
     random = np.random.default_rng((seed, space.ndof))  # no numbers that noise has too
     for name, start in phantom.start.items():
         transform = LOGS.get(name, LogTransform())
-        truth[name] = transform.value(transform.inverse(np.array(start)) + metric.back(random.normal(size=space.ndof)))
+        truth[name] = transform.value(
+            transform.inverse(np.array(start)) + metric.unwhiten(random.normal(size=space.ndof))
+        )
     return replace(phantom, truth=lambda x, y: dict(truth))

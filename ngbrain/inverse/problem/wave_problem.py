@@ -131,7 +131,7 @@ class ElastographyProblem:
         unknowns[BOUNDARY] = Unknown(theta[self.model.blocks[BOUNDARY]], ScaledTransform(float(np.median(sigma))))
         fields = ParameterFields(theta, self.model.blocks, unknowns)
         if has_unknown_scale(self.data):
-            fields.level = self.uniform(fields, np.e) - fields.start
+            fields.undetermined_direction = self.uniform(fields, np.e) - fields.start
         return fields
 
     def maps(self, unknowns: ParameterFields, x: Array) -> dict[str, Array]:

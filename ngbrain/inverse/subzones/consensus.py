@@ -112,7 +112,7 @@ class SharedWeights(WeightPolicy):
         """1; what the data determine is counted."""
         blocks = reduced.unknowns.blocks
         regular = {name: reduced.weights[name] * r.matrix(x[blocks[name]]) for name, r in reduced.regularisers.items()}
-        self.determined = factor.determined_of(blocks, regular, random)
+        self.determined = factor.effective_parameters_by_block(blocks, regular, random)
         return 1.0
 
 
@@ -153,7 +153,7 @@ def invert_with_consensus(
     weights = {name: around.weights[name] for name in regularisers}
     reduced = Reduced(problem.model, misfit, unknowns, regularisers, weights)
     way = GaussNewtonCG(reduced, SharedWeights(), checkpoint=checkpoint, callback=callback)
-    found = way.resume(rounds) if way.started else way.descend(x, rounds)
+    found = way.resume(rounds) if way.has_checkpoint else way.descend(x, rounds)
     rows = [start_result("zones", problem, reduced, found)]
     return build_inversion(
         problem,

@@ -67,5 +67,5 @@ def global_misfit(
         point = reduced.evaluate(reduced.unknowns.start)
         normal = NormalEquations(point)
         step = normal.solve(-normal.gradient(), PROBED, MOST_PROBED)
-        expected = misfit.count - normal.determined(np.random.default_rng(0))
+        expected = misfit.count - normal.effective_parameters(np.random.default_rng(0))
         return MisfitLevel(2 * reduced.evaluate(point.x + step).misfit, expected)

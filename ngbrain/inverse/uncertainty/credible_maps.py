@@ -64,14 +64,18 @@ class Uncertainty:
         self.found, self.data, self.problem, self.posterior = found, found.data, found.final_state.problem, posterior
         self._sought = {quantity.name: quantity for quantity in self.problem.properties}
 
-    def band(self, name: str, level: float = LEVEL) -> CredibleInterval:
+    def interval(self, name: str, level: float = LEVEL) -> CredibleInterval:
         """Of a map at the points of the data (n,), NaN where they are left out; in the map's unit.
 
         Raises `InputError` for a quantity that was not looked for.
         """
         if name not in self._sought:
             raise InputError("map", repr(name), nearest(name, self._sought))
-        band, inside, parts = self._band(self._rows[name], self._sought[name], level), self.problem.inside, []
+        band, inside, parts = (
+            self._map_interval(self._rows[name], self._sought[name], level),
+            self.problem.inside,
+            [],
+        )
         for values in vars(band).values():
             parts.append(np.full(len(inside), np.nan))
             parts[-1][inside] = values
@@ -90,7 +94,7 @@ class Uncertainty:
         space, found = self.problem.space, {}
         at = evaluation(space, nodes(space))
         fit = scipy.sparse.linalg.splu(sp.csc_array(at.T @ at))
-        for name, values in vars(self._band(self._values(field, at), known[field], level)).items():
+        for name, values in vars(self._map_interval(self._values(field, at), known[field], level)).items():
             found[name] = ngs.GridFunction(space)
             found[name].vec.FV().NumPy()[:] = fit.solve(at.T @ values)
         return found
@@ -116,7 +120,7 @@ class Uncertainty:
         )
         if name not in value:
             raise InputError("map", repr(name), nearest(name, value))
-        return CredibleInterval.sampled(
+        return CredibleInterval.from_samples(
             float(value[name][chosen].mean()), self.draws(number)[name][:, chosen].mean(axis=1), level
         )
 
@@ -131,21 +135,21 @@ class Uncertainty:
         unknowns = reduced.unknowns
         if not (
             isinstance(unknowns, ParameterFields)
-            and unknowns.level is None
+            and unknowns.undetermined_direction is None
             and isinstance(reduced.misfit, LeastSquares)
         ):
             return self
         at = evaluation(problem.space, problem.model.points)
-        means = {name: float((at @ posterior.x[posterior.blocks[name]]).mean()) for name in posterior.held}
+        means = {name: float((at @ posterior.x[posterior.blocks[name]]).mean()) for name in posterior.regularised}
         gaussian = best_prior(posterior, problem.space, means)
         if gaussian is None:
             return self
-        moved = posterior.under(gaussian.regularisers, gaussian.weights)
-        determined = moved.determined
+        moved = posterior.with_regularisers(gaussian.regularisers, gaussian.weights)
+        determined = moved.effective_parameters
         if min(determined.values()) < FEW:  # uniform around a mean that would count as known
             return self
         data = problem.model.evaluate(unknowns.theta(moved.x)).data
-        before, misfit = found.chosen_start, reduced.misfit.squares(data)
+        before, misfit = found.chosen_start, reduced.misfit.weighted_squares(data)
         if misfit > LOOSE * max(before.misfit, before.expected):
             return self
         reduced = Reduced(reduced.model, reduced.misfit, unknowns, gaussian.regularisers, gaussian.weights)
@@ -178,12 +182,12 @@ class Uncertainty:
     @property
     def notes(self) -> list[str]:
         """Those of the posterior, and fields of which so little is known that they are taken for uniform."""
-        few = [name for name, number in self.posterior.determined.items() if number < FEW]
+        few = [name for name, number in self.posterior.effective_parameters.items() if number < FEW]
         left = {}
         for name, rows in self._rows.items():
             some = rows[:: max(1, rows.shape[0] // SOME)]
-            left[name] = self.posterior.share_left(some)
-        return self.posterior.notes_of(left) + [
+            left[name] = self.posterior.mean_remaining_variance(some)
+        return self.posterior.describe_remaining_variance(left) + [
             f"{name} is taken for nearly uniform: its bands say how well its level is known, and are too narrow where it differs"
             for name in few
         ]
@@ -206,7 +210,7 @@ class Uncertainty:
 
     @cached_property
     def _ends(self) -> dict[str, Array]:
-        bands = {name: self.band(name) for name in self._sought} | self._following()
+        bands = {name: self.interval(name) for name in self._sought} | self._following()
         return {f"{name}_{end}": getattr(band, end) for name, band in bands.items() for end in ("low", "high")}
 
     def result(self) -> dict[str, Any]:
@@ -236,9 +240,9 @@ class Uncertainty:
                 band[2:, own] = np.quantile(values[name], tails, axis=1)
         return {name: CredibleInterval(*band) for name, band in found.items()}
 
-    def _band(self, rows: sp.csr_array, quantity: Property, level: float) -> CredibleInterval:
+    def _map_interval(self, rows: sp.csr_array, quantity: Property, level: float) -> CredibleInterval:
         deviation = np.sqrt(self.posterior.variance(rows))
-        return CredibleInterval.of(rows @ self.posterior.x, deviation, quantity.transform, level)
+        return CredibleInterval.from_gaussian(rows @ self.posterior.x, deviation, quantity.transform, level)
 
     @cached_property
     def _rows(self) -> dict[str, sp.csr_array]:
@@ -253,10 +257,10 @@ class Uncertainty:
         return rows
 
     def _values(self, field: str, at: sp.csr_array) -> sp.csr_array:
-        return sp.csr_array(at @ self.posterior.rows(field))
+        return sp.csr_array(at @ self.posterior.selection_matrix(field))
 
 
-def uncertainty(found: Inversion, least: float = LEAST, prior: str = "best") -> Uncertainty:
+def uncertainty(found: Inversion, min_eigenvalue: float = LEAST, prior: str = "best") -> Uncertainty:
     """Error bars of what `invert` found, at the weights that it ended with.
 
     least   see `Posterior`
@@ -279,7 +283,7 @@ def uncertainty(found: Inversion, least: float = LEAST, prior: str = "best") -> 
     """
     if prior not in PRIORS:
         raise InputError("prior", repr(prior), nearest(prior, PRIORS))
-    bars = Uncertainty(found, Posterior(_ended(found), least))
+    bars = Uncertainty(found, Posterior(_ended(found), min_eigenvalue))
     return bars.with_best_prior() if prior == "best" else bars
 
 

@@ -75,10 +75,10 @@ def best_prior(posterior: Posterior, space: ngs.FESpace, means: Mapping[str, flo
     space   of the fields, all blocks that are regularised
     means   block → its mean, which the Gaussian fields vary around
     """
-    blocks = {name: posterior.within(name) for name in posterior.held}
+    blocks = {name: posterior.block_indices(name) for name in posterior.regularised}
     if not blocks or space.ndof > LARGEST or any(len(each) != space.ndof for each in blocks.values()):
         return None
-    U, y = posterior.informing
+    U, y = posterior.data_coordinates
     own = [_of(Metric(sp.csr_array(posterior.regular[each][:, each])), U[each]) for each in blocks.values()]
     least, _ = evidence(own, y - U.T @ posterior.reference)
     one = ngs.GridFunction(space)
@@ -98,5 +98,5 @@ def best_prior(posterior: Posterior, space: ngs.FESpace, means: Mapping[str, flo
 
 
 def _of(metric: Metric, rows: Array) -> Array:
-    white = metric.gradient(rows)
+    white = metric.whiten_gradient(rows)
     return np.asarray(white.T @ white)

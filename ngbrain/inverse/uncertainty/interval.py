@@ -27,13 +27,13 @@ class CredibleInterval:
     high: Array | float
 
     @staticmethod
-    def of(
+    def from_gaussian(
         centre: Array, deviation: Array, transform: Transform | None = None, level: float = LEVEL
     ) -> CredibleInterval:
         """Of θ = transform(x), x Gaussian: the interval of x transformed, and θ's own deviation by quadrature.
 
         >>> from ngbrain.inverse.objective.parameters import Log
-        >>> band = Band.of(np.zeros(1), np.ones(1), Log())
+        >>> band = CredibleInterval.from_gaussian(np.zeros(1), np.ones(1), Log())
         >>> float(band.low[0]), float(band.high[0]), float(band.deviation[0])  # e^-1.96, e^1.96, √(e² - e)
         (0.1408635, 7.0990713, 2.16119742)
         """
@@ -51,7 +51,7 @@ class CredibleInterval:
         return CredibleInterval(transform.value(centre), spread, ends[0], ends[1])
 
     @staticmethod
-    def sampled(value: Array | float, draws: Array, level: float = LEVEL) -> CredibleInterval:
+    def from_samples(value: Array | float, draws: Array, level: float = LEVEL) -> CredibleInterval:
         """From draws (number, ...): their deviation and quantiles."""
         low, high = np.quantile(draws, [0.5 - level / 2, 0.5 + level / 2], axis=0)
         return CredibleInterval(value, draws.std(axis=0), low, high)

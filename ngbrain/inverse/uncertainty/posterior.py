@@ -74,19 +74,19 @@ class Posterior:
     not determined by the data.
 
     >>> from ngbrain.inverse.phantoms.benchmark import Phantom
-    >>> inversion = Phantom.named("CV-G", 5).measured(0.01).inversion()
+    >>> inversion = Phantom.from_name("CV-G", 5).simulate_measurements(0.01).inversion()
     >>> posterior = Posterior(inversion.reduced.evaluate(inversion.start))
-    >>> band = posterior.band("storage")
+    >>> band = posterior.interval("storage")
     >>> bool(np.all((0 < band.low) & (band.low < band.value) & (band.value < band.high)))
     True
     """
 
-    def __init__(self, point: Point, least: float = LEAST, seed: int = 0) -> None:
+    def __init__(self, point: Point, min_eigenvalue: float = LEAST, seed: int = 0) -> None:
         reduced = point.reduced
         self.unknowns, self.x, self.blocks = reduced.unknowns, point.x.copy(), dict(reduced.unknowns.blocks)
-        self.held = [name for name in self.blocks if name in reduced.regularisers]
+        self.regularised = [name for name in self.blocks if name in reduced.regularisers]
         holds = np.zeros(len(self.x), bool)
-        for name in self.held:
+        for name in self.regularised:
             holds[self.blocks[name]] = True
         self._held, self._loose = np.flatnonzero(holds), np.flatnonzero(~holds)
         self.reference = reduced.unknowns.start[self._held]
@@ -96,19 +96,21 @@ class Posterior:
 
         def data(white: Array) -> Array:
             assert self._metric is not None
-            v = self._metric.back(white)
+            v = self._metric.unwhiten(white)
             whole = np.zeros(len(self.x))
             whole[self._held] = v
             image = point.product(whole)
-            return self._metric.gradient(image[self._held] - self.regular @ v - self._response.T @ image[self._loose])
+            return self._metric.whiten_gradient(
+                image[self._held] - self.regular @ v - self._response.T @ image[self._loose]
+            )
 
         random = np.random.default_rng(seed)
-        self.eigenvalues, self._white = eigenpairs(data, len(self._held), least, random)
+        self.eigenvalues, self._white = eigenpairs(data, len(self._held), min_eigenvalue, random)
         self._slope = reduced.regular_gradient(self.x)[self._held]
         """Of the regularisers at x*, where the data's is its opposite."""
 
     @cached_property
-    def informing(self) -> tuple[Array, Array]:
+    def data_coordinates(self) -> tuple[Array, Array]:
         """What data say of the regularised unknowns f, as far as it is known: numbers y = Uᵀf + e, e of unit variance; U and y.
 
         So S = U Uᵀ, and x* is where its regularisers and these numbers balance.
@@ -117,26 +119,28 @@ class Posterior:
         U = (self.regular @ vectors) * root
         return U, U.T @ self.x[self._held] + (vectors.T @ self._slope) / root
 
-    def under(self, regularisers: Mapping[str, QuadraticRegulariser], weights: Mapping[str, float]) -> Posterior:
+    def with_regularisers(
+        self, regularisers: Mapping[str, QuadraticRegulariser], weights: Mapping[str, float]
+    ) -> Posterior:
         """The same data with other regularisers of the same blocks. x* moves to where they balance then.
 
         Exact for data that are linear in x, else one Gauss-Newton step. Raises `InputError` for a singular matrix.
         """
-        U, y = self.informing
-        parts = [weights[name] * regularisers[name].matrix(np.zeros(0)) for name in self.held]
+        U, y = self.data_coordinates
+        parts = [weights[name] * regularisers[name].matrix(np.zeros(0)) for name in self.regularised]
         regular = sp.csr_array(sp.block_diag(parts))
-        reference = np.concatenate([regularisers[name].reference for name in self.held])
+        reference = np.concatenate([regularisers[name].reference for name in self.regularised])
         other = copy(self)
-        for name in ("informing", "left"):
+        for name in ("data_coordinates", "remaining_variance"):
             other.__dict__.pop(name, None)
         other.regular, other.reference, other._metric = regular, reference, _metric(regular)
-        white = other._metric.gradient(U)
+        white = other._metric.whiten_gradient(U)
         values, turn = np.linalg.eigh(white.T @ white)
         keep = values > SINGULAR * values.max()
         values, turn = values[keep][::-1], turn[:, keep][:, ::-1]
         other.eigenvalues, other._white = values, white @ (turn / np.sqrt(values))
         off = turn @ ((turn.T @ (y - U.T @ reference)) / (1 + values))
-        step = other._metric.back(white @ off)
+        step = other._metric.unwhiten(white @ off)
         moved = reference + step - self.x[self._held]
         other.x = self.x.copy()
         other.x[self._held] += moved
@@ -145,12 +149,12 @@ class Posterior:
         return other
 
     @property
-    def kept(self) -> Array:
+    def variance_reduction(self) -> Array:
         """λ/(1 + λ): the share of the variance that data take away, by direction."""
         return self.eigenvalues / (1 + self.eigenvalues)
 
     @property
-    def informed(self) -> list[InformedDirection]:
+    def informed_directions(self) -> list[InformedDirection]:
         """Directions along which data say more than was assumed, λ > 1, most of it first."""
         return [self.direction(i) for i in range(int(np.sum(self.eigenvalues > 1)))]
 
@@ -161,39 +165,41 @@ class Posterior:
         x[self._held], x[self._loose] = v, -self._response @ v
         parts = v * (self.regular @ v)
         return InformedDirection(
-            float(self.eigenvalues[i]), x, {name: float(parts[self._of(name)].sum()) for name in self.held}
+            float(self.eigenvalues[i]), x, {name: float(parts[self._of(name)].sum()) for name in self.regularised}
         )
 
     @property
-    def determined(self) -> dict[str, float]:
+    def effective_parameters(self) -> dict[str, float]:
         """How many numbers of each regularised block the data determine, n - tr(R_b C_bb), as far as eigenvalues are known."""
         vectors = self._vectors()
         parts = vectors * (self.regular @ vectors)
-        return {name: float(parts[self._of(name)].sum(axis=0) @ self.kept) for name in self.held}
+        return {name: float(parts[self._of(name)].sum(axis=0) @ self.variance_reduction) for name in self.regularised}
 
     @cached_property
-    def left(self) -> dict[str, float]:
+    def remaining_variance(self) -> dict[str, float]:
         """Block → share of the assumed variance that is left, its mean over the block: 1 where data say nothing.
 
         It is 0 for blocks without a regulariser, of which nothing was assumed.
         """
-        return dict.fromkeys(self.blocks, 0.0) | {name: self.share_left(self.rows(name)) for name in self.held}
+        return dict.fromkeys(self.blocks, 0.0) | {
+            name: self.mean_remaining_variance(self.selection_matrix(name)) for name in self.regularised
+        }
 
-    def share_left(self, rows: sp.csr_array) -> float:
+    def mean_remaining_variance(self, rows: sp.csr_array) -> float:
         """Of the variance that was assumed of B x, regularised unknowns alone, the share that is left, its mean over the rows."""
-        taken = float(np.sum((rows[:, self._held] @ self._vectors()) ** 2 @ self.kept))
+        taken = float(np.sum((rows[:, self._held] @ self._vectors()) ** 2 @ self.variance_reduction))
         return 1 - taken / (taken + float(np.sum(self.variance(rows))))
 
     @property
     def notes(self) -> list[str]:
         """What the data tell and what they do not, in words."""
-        return self.notes_of(self.left)
+        return self.describe_remaining_variance(self.remaining_variance)
 
-    def notes_of(self, left: Mapping[str, float]) -> list[str]:
+    def describe_remaining_variance(self, left: Mapping[str, float]) -> list[str]:
         """So of fields whose unknowns are no values: name → the share of the variance assumed of its values that is left."""
         number, notes = int(np.sum(self.eigenvalues > 1)), []
-        if self.held:
-            told = ", ".join(f"{value:.1f} of {name}" for name, value in self.determined.items())
+        if self.regularised:
+            told = ", ".join(f"{value:.1f} of {name}" for name, value in self.effective_parameters.items())
             notes.append(f"data inform {number} directions more than was assumed; numbers determined: {told}")
         for name, share in left.items():
             if share > 0.5:
@@ -227,23 +233,23 @@ class Posterior:
 
     def deviation(self, name: str) -> Array:
         """Standard deviation of a block of x."""
-        return np.sqrt(self.variance(self.rows(name)))
+        return np.sqrt(self.variance(self.selection_matrix(name)))
 
-    def rows(self, name: str) -> sp.csr_array:
+    def selection_matrix(self, name: str) -> sp.csr_array:
         """The matrix that takes a block out of x; `InputError` for a name that is none."""
         if name not in self.blocks:
             raise InputError("block", repr(name), "one of " + ", ".join(self.blocks))
         return sp.csr_array(sp.eye_array(len(self.x), format="csr")[self.blocks[name]])
 
-    def band(self, name: str, level: float = LEVEL) -> CredibleInterval:
+    def interval(self, name: str, level: float = LEVEL) -> CredibleInterval:
         """Of the values looked for in a block, in their own units: the interval of x through the change of variable.
 
         Raises `InputError` unless unknowns are `Fields`.
         """
         if not isinstance(self.unknowns, ParameterFields):
             raise InputError("unknowns", type(self.unknowns).__name__, "Fields: others say nothing of their transforms")
-        rows = self.rows(name)
-        return CredibleInterval.of(
+        rows = self.selection_matrix(name)
+        return CredibleInterval.from_gaussian(
             rows @ self.x, np.sqrt(self.variance(rows)), self.unknowns.unknowns[name].transform, level
         )
 
@@ -254,14 +260,14 @@ class Posterior:
         if self._metric is not None:
             white = random.normal(size=(len(self._held), number))
             less = 1 - 1 / np.sqrt(1 + self.eigenvalues)
-            off = self._metric.back(white - self._white @ (less[:, None] * (self._white.T @ white)))
+            off = self._metric.unwhiten(white - self._white @ (less[:, None] * (self._white.T @ white)))
             x[:, self._held] += off.T
             x[:, self._loose] -= (self._response @ off).T
         free = random.normal(size=(len(self._loose), number))
         x[:, self._loose] += scipy.linalg.solve_triangular(self._factor, free, trans="T", lower=True).T
         return x
 
-    def linearised(
+    def linearised_interval(
         self, function: Callable[[Array], float], gradient: Callable[[Array], Array], level: float = LEVEL
     ) -> CredibleInterval:
         """Of a number computed from θ, by its slope: right where it is nearly linear within the band.
@@ -271,10 +277,10 @@ class Posterior:
         theta = self.unknowns.theta(self.x)
         slope = self.unknowns.jacobian(self.x).T @ gradient(theta)
         deviation = np.sqrt(self.variance(slope[None]))
-        band = CredibleInterval.of(np.array([function(theta)]), deviation, None, level)
+        band = CredibleInterval.from_gaussian(np.array([function(theta)]), deviation, None, level)
         return CredibleInterval(float(band.value[0]), float(deviation[0]), float(band.low[0]), float(band.high[0]))  # type: ignore[index]
 
-    def sampled(
+    def sampled_interval(
         self,
         function: Callable[[Array], float | Array],
         level: float = LEVEL,
@@ -294,7 +300,7 @@ class Posterior:
                 parallel.Task(f"draw {i}", _called, (function, self.unknowns.theta(x))) for i, x in enumerate(every)
             ]
             value, *values = parallel.run(tasks, executor).values()
-        return CredibleInterval.sampled(value, np.array(values), level)
+        return CredibleInterval.from_samples(value, np.array(values), level)
 
     def _eliminate(self, point: Point) -> None:
         columns = np.empty((len(self.x), len(self._loose)))
@@ -310,7 +316,7 @@ class Posterior:
             if not np.all(np.diag(root) ** 2 > SINGULAR):
                 raise np.linalg.LinAlgError
         except np.linalg.LinAlgError:
-            names = ", ".join(name for name in self.blocks if name not in self.held)
+            names = ", ".join(name for name in self.blocks if name not in self.regularised)
             raise InputError("regularisers", f"none for {names}", "one: the data do not determine it") from None
         self._factor = scale[:, None] * root
         self._response = scipy.linalg.cho_solve((self._factor, True), columns[self._held].T)
@@ -320,8 +326,8 @@ class Posterior:
         held = rows[:, self._held].toarray().T - self._response.T @ loose
         variance = np.sum(scipy.linalg.solve_triangular(self._factor, loose, lower=True) ** 2, axis=0)
         if self._metric is not None:
-            white = self._metric.gradient(held)
-            variance += np.sum(white**2, axis=0) - self.kept @ (self._white.T @ white) ** 2
+            white = self._metric.whiten_gradient(held)
+            variance += np.sum(white**2, axis=0) - self.variance_reduction @ (self._white.T @ white) ** 2
         return variance
 
     def _offs(self, number: int) -> Iterator[Array]:
@@ -331,9 +337,9 @@ class Posterior:
 
     def _vectors(self, which: slice = slice(None)) -> Array:
         white = self._white[:, which]
-        return white if self._metric is None else self._metric.back(white)
+        return white if self._metric is None else self._metric.unwhiten(white)
 
-    def within(self, name: str) -> Array:
+    def block_indices(self, name: str) -> Array:
         """Where (indices) a regularised block is among all that are."""
         return np.flatnonzero(self._of(name))
 
@@ -352,7 +358,7 @@ def _metric(regular: sp.csr_array) -> Metric:
     try:
         with np.errstate(invalid="ignore"):
             metric = Metric(regular)
-        if np.allclose(regular @ metric.back(metric.gradient(probe)), probe, atol=1e-4):
+        if np.allclose(regular @ metric.unwhiten(metric.whiten_gradient(probe)), probe, atol=1e-4):
             return metric
     except RuntimeError:
         pass

@@ -25,7 +25,7 @@ ROUND_OFF = 1e-13
 
 
 def eigenpairs(
-    apply: Callable[[Array], Array], size: int, least: float, random: np.random.Generator
+    apply: Callable[[Array], Array], size: int, min_eigenvalue: float, random: np.random.Generator
 ) -> tuple[Array, Array]:
     """All eigenvalues above `least` (k,), largest first, and orthonormal eigenvectors (size, k).
 
@@ -45,12 +45,12 @@ def eigenpairs(
             new = np.linalg.qr(new - basis @ (basis.T @ new))[0]
         basis, images = np.hstack([basis, new]), np.hstack([images, _times(apply, new)])
         root = _root(basis, images)
-        number = int(np.sum(np.linalg.eigvalsh(root.T @ (images.T @ images) @ root) > least))
+        number = int(np.sum(np.linalg.eigvalsh(root.T @ (images.T @ images) @ root) > min_eigenvalue))
     if not size:
         return np.empty(0), basis
     vectors, roots, _ = np.linalg.svd(images @ _root(basis, images), full_matrices=False)
     values = roots**2
-    return values[values > least], vectors[:, values > least]
+    return values[values > min_eigenvalue], vectors[:, values > min_eigenvalue]
 
 
 def _root(basis: Array, images: Array) -> Array:

@@ -29,8 +29,8 @@ def test_the_same_modulus_at_both_frequencies_contradicts_nothing(noise):
 
 
 def test_nor_does_an_inclusion():
-    several = replace(Phantom.named("CV-G", 25), frequency=(40.0, 60.0))
-    assert contradiction(several.measured(0.01).data()) == ""
+    several = replace(Phantom.from_name("CV-G", 25), frequency=(40.0, 60.0))
+    assert contradiction(several.simulate_measurements(0.01).data()) == ""
 
 
 @pytest.mark.parametrize("shape", [(20, 20), (10, 10, 10)])

@@ -37,7 +37,7 @@ def test_errors_side_by_side_do_not_hide_each_other(row, column, shape):
 
 
 def test_where_moduli_jump_nearly_all_stays():
-    data = Phantom.named("CV-B").measured(0.01).data()
+    data = Phantom.from_name("CV-B").simulate_measurements(0.01).data()
     assert np.isnan(remove_outliers(data).displacement).mean() < 2e-3
 
 
@@ -76,7 +76,7 @@ def test_what_is_not_measured_or_outside_stays_as_it_is():
 
 def test_too_few_points_to_tell_errors_by():
     """9 × 9 points of exact waves: the smallest spline misses 14 of 162 displacements."""
-    left, notes = screen_outliers(Phantom.named("CV-G", 9).measured(0.0).data())
+    left, notes = screen_outliers(Phantom.from_name("CV-G", 9).simulate_measurements(0.0).data())
     assert left.measured.all() and "too few points" in notes[0]
 
 

@@ -20,7 +20,7 @@ LOSSY = [name for name in PHANTOMS if name.startswith(("CV", "NV"))]
 @pytest.mark.parametrize("noise", [0.0, 0.02])
 @pytest.mark.parametrize("name", LOSSY)
 def test_published_waves_lose_energy_and_their_conjugates_gain_it(name, noise):
-    data = Phantom.named(name, 25).measured(noise).data()
+    data = Phantom.from_name(name, 25).simulate_measurements(noise).data()
     check_passive(data)
     with pytest.raises(InputError, match="gain energy"):
         check_passive(data.conjugate())

@@ -53,7 +53,7 @@ def test_noise_hides_it():
 def test_an_inversion_tells():
     """In its checks and in words, for bodies of both kinds."""
     for poisson, words in ((0.3, "an error of the maps"), (0.4995, "does little harm")):
-        data = replace(Phantom.named("CV-G", 9), poisson=poisson).measured(0.02).data()
+        data = replace(Phantom.from_name("CV-G", 9), poisson=poisson).simulate_measurements(0.02).data()
         found = invert(data, uniform=False, regulariser="smooth")
         assert sum(words in note for note in found.warnings) == 1
         assert (found.to_dict()["checks"]["bulk_change_over_noise"] < 1) == (poisson > 0.4)

@@ -20,7 +20,7 @@ NOISE = 0.01
 
 @pytest.fixture(scope="module")
 def data():
-    return Phantom.named("CV-G", 15).measured(NOISE).data()
+    return Phantom.from_name("CV-G", 15).simulate_measurements(NOISE).data()
 
 
 @pytest.mark.parametrize("elements", [original_discretisation, discretise], ids=["their own", "ours"])

@@ -87,7 +87,7 @@ def test_the_error_of_our_elements_is_found_too():
 
 
 def test_noise_is_found_when_it_is_not_given():
-    data = replace(Phantom.named("CV-G", 17).measured(0.02, seed=2).data(), noise=None)
+    data = replace(Phantom.from_name("CV-G", 17).simulate_measurements(0.02, seed=2).data(), noise=None)
     found = invert(data, uniform=False, regulariser="smooth")
     assert found.noise == pytest.approx(0.02, rel=0.15)
     assert found.noise_found == pytest.approx(0.02, rel=0.15)
@@ -95,7 +95,7 @@ def test_noise_is_found_when_it_is_not_given():
 
 
 def test_too_little_noise_is_told():
-    data = Phantom.named("CV-G", 13).measured(0.03, seed=3).data()
+    data = Phantom.from_name("CV-G", 13).simulate_measurements(0.03, seed=3).data()
     found = invert(data, noise=0.01, uniform=False, regulariser="smooth")
     assert any("misfit" in note for note in found.warnings)
     assert found.noise_found == pytest.approx(0.03, rel=0.2)
@@ -103,7 +103,7 @@ def test_too_little_noise_is_told():
 
 def test_noise_that_is_far_too_little_is_corrected_before_any_way_down():
     """200 times too little: ways down would fit noise for dozens of rounds, and take five times as long."""
-    measured = Phantom.named("CV-G", 13).measured(0.02, seed=3)
+    measured = Phantom.from_name("CV-G", 13).simulate_measurements(0.02, seed=3)
     found = invert(measured.data(), noise=1e-4, uniform=False, regulariser="smooth")
     ratios = {phase: [each.misfit / each.expected for each in found.history if each.phase == phase] for phase in PHASES}
     assert max(ratios["waves"]) > ASTRAY > 2 > max(ratios["fields"])
@@ -115,7 +115,7 @@ def test_noise_that_is_far_too_little_is_corrected_before_any_way_down():
 def test_a_level_that_was_raised_too_far_is_lowered_again():
     """Ten times too little noise, and a third of the points without data: the first way down ends far off, at a misfit as if the
     waves were nothing but noise."""
-    measured = Phantom.named("CE-B", 9).measured(0.01, seed=1)
+    measured = Phantom.from_name("CE-B", 9).simulate_measurements(0.01, seed=1)
     data, height = measured.data(), measured.points[:, 1]
     u = np.where((height < 0.04)[:, None], np.nan, data.displacement)
     found = invert(
@@ -135,7 +135,7 @@ def test_starts_are_compared_at_the_same_weights():
 
 def test_several_levels_of_uniform_fields():
     """Without loss half the suggested modulus is stuck a cycle off, the modulus itself arrives: the least J is shown."""
-    measured = Phantom.named("CE-G", 17).measured(0.01)
+    measured = Phantom.from_name("CE-G", 17).simulate_measurements(0.01)
     ends = {levels: invert(measured.data(), regulariser="smooth", levels=levels) for levels in ((0.5,), (0.5, 1.0))}
     rows = {levels: {row.name: row for row in found.starts} for levels, found in ends.items()}
     assert measured.errors(rows[0.5,]["uniform"].maps)["youngs"] > 0.2 and ends[0.5,].chosen == "both"
@@ -151,7 +151,7 @@ def test_no_way_is_longer_than_its_rounds():
 
 
 def test_no_level_is_no_uniform_start():
-    found = invert(Phantom.named("CV-G", 9).measured(0.02).data(), regulariser="smooth", levels=())
+    found = invert(Phantom.from_name("CV-G", 9).simulate_measurements(0.02).data(), regulariser="smooth", levels=())
     assert [row.name for row in found.starts] == ["waves", "both"] and found.chosen == "both"
     assert not any("uniform" in note for note in found.warnings)
 
@@ -247,7 +247,7 @@ def test_fibres_that_turn_are_no_noise():
 
 @pytest.mark.parametrize(("name", "nodes", "kind"), [("CE-B", 17, "edges"), ("CE-G", 25, "smooth")])
 def test_edges_are_told_from_smooth_fields(name, nodes, kind):
-    assert invert(Phantom.named(name, nodes).measured(0.01).data(), uniform=False).regulariser == kind
+    assert invert(Phantom.from_name(name, nodes).simulate_measurements(0.01).data(), uniform=False).regulariser == kind
 
 
 @pytest.mark.parametrize(
@@ -342,7 +342,7 @@ def test_one_component_at_rest_beside_waves_of_both():
 
 
 def test_uniform_fields_arrive_too_where_there_is_no_noise():
-    measured = Phantom.named("CV-G", 21).measured()
+    measured = Phantom.from_name("CV-G", 21).simulate_measurements()
     found = invert(measured.data(), noise=0.0, regulariser="smooth")
     errors = {row.name: measured.errors(row.maps) for row in found.starts}
     assert errors["uniform"]["storage"] < 1e-3 and errors["uniform"]["loss"] < 1e-2

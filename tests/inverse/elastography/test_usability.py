@@ -19,7 +19,7 @@ from ngbrain.io.waves.data import WaveData
 
 @pytest.fixture(scope="module")
 def data():
-    return replace(Phantom.named("CV-G", 17).measured(0.01).data(), truth={})
+    return replace(Phantom.from_name("CV-G", 17).simulate_measurements(0.01).data(), truth={})
 
 
 def inverted(data):
@@ -64,7 +64,9 @@ def test_good_waves_are_usable(data):
 @pytest.mark.parametrize("name", ["CE-G", "CE-B", "CV-B", "NE-G", "NV-G"])
 def test_no_published_case_is_rejected(name):
     found = invert(
-        replace(Phantom.named(name, 25).measured(0.01).data(), truth={}), uniform=False, regulariser="smooth"
+        replace(Phantom.from_name(name, 25).simulate_measurements(0.01).data(), truth={}),
+        uniform=False,
+        regulariser="smooth",
     )
     print(name, found.noise_found, found.stated, found.reasons)
     assert found.usable
@@ -73,7 +75,7 @@ def test_no_published_case_is_rejected(name):
 @pytest.mark.parametrize("size", [1, -1])
 def test_a_quarter_turn_of_the_displacement_alone_is_no_shear(size):
     """Components swapped and one turned make waves of pressure, which tissue 51 times as soft explains as well as 7 % of noise."""
-    data = replace(Phantom.named("NV-G", 21).measured(0.02).data(), truth={})
+    data = replace(Phantom.from_name("NV-G", 21).simulate_measurements(0.02).data(), truth={})
     good = inverted(data)
     assert good.usable and good.strain.volume < 0.2
     u = size * np.stack([-data.displacement[:, :, 1], data.displacement[:, :, 0]], axis=2)
@@ -85,7 +87,7 @@ def test_a_quarter_turn_of_the_displacement_alone_is_no_shear(size):
 
 def test_good_waves_whose_rim_lost_points_keep_their_volume():
     """Sums over all points would be decided by a few derivatives at the rim: the ratio would be 52."""
-    data, notes = screen_outliers(replace(Phantom.named("NE-G", 25).measured(0.01).data(), truth={}))
+    data, notes = screen_outliers(replace(Phantom.from_name("NE-G", 25).simulate_measurements(0.01).data(), truth={}))
     assert notes and octahedral_shear_strain(data, 0.01).volume < 0.1
 
 
@@ -107,7 +109,7 @@ def rejected(spoilt, kind, inverted):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_nonsense_is_not(data, kind):
-    other = Phantom.named("CV-B", 17).measured(0.01).data()
+    other = Phantom.from_name("CV-B", 17).simulate_measurements(0.01).data()
     assert rejected(lambda: of_nonsense(data, kind, other), kind, inverted)
 
 

@@ -64,7 +64,7 @@ def test_half_of_what_elements_are_wrong_by_is_taken_off(size):
     point = found(coarse, data, sigma)
     naive = point.x - np.log(truth)
     finer = model(size / math.sqrt(2)).evaluate(np.exp(point.x)).data
-    moved, fitted = defect_correction_step(point, Posterior(point, least=0), finer)
+    moved, fitted = defect_correction_step(point, Posterior(point, min_eigenvalue=0), finer)
     left = naive + moved
     print(size, naive, left)
     assert np.abs(naive).max() > 0.02 and np.abs(left).max() < 0.6 * np.abs(naive).max()

@@ -50,7 +50,7 @@ def test_a_users_own_law_by_one_call(rng):
     assert off < 0.15 and hardening.Get() == found.values["hardening"] == pytest.approx(0.7, rel=0.25)
     assert 0.7 < found.misfit < 1.6
     assert all(isinstance(u.transform, LogTransform) for u in found.problem.unknowns.unknowns.values())
-    band = found.posterior.band("hardening")
+    band = found.posterior.interval("hardening")
     assert band.low[0] < 0.7 < band.high[0]
 
 
@@ -108,5 +108,5 @@ def test_as_many_numbers_as_data_leave_nothing_to_judge_the_misfit_by():
     bulk.Set(5e3)
     found = estimate(model, data, 0.01 * np.abs(data))
     assert found.values == pytest.approx({"mu": 1e3, "bulk": 1e4}, rel=2e-3) and np.isnan(found.misfit)
-    low, high = (float(end[0]) for end in (found.posterior.band("mu").low, found.posterior.band("mu").high))
+    low, high = (float(end[0]) for end in (found.posterior.interval("mu").low, found.posterior.interval("mu").high))
     assert 900 < low < 1000 < high < 1100

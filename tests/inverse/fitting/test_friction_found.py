@@ -42,7 +42,7 @@ def recovered(seed, seen=BOTH):
 
 
 def holds(found, name):
-    band = found.posterior.band(name)
+    band = found.posterior.interval(name)
     return float(band.low[0]) < TRUTH[name] < float(band.high[0])
 
 

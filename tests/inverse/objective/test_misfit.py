@@ -45,7 +45,7 @@ def test_huber_is_least_squares_inside_and_bounded_outside(data):
 def test_huber_tells_the_noise_in_spite_of_outliers(data):
     spoilt = data[1].copy()
     spoilt[:, ::20] += 100.0
-    squares, robust = (kind(spoilt, 0.1).squares(data[0]) / 4000 for kind in (LeastSquares, Huber))
+    squares, robust = (kind(spoilt, 0.1).weighted_squares(data[0]) / 4000 for kind in (LeastSquares, Huber))
     assert squares > 1e4 and robust == pytest.approx(1, abs=0.15)
 
 
@@ -64,7 +64,7 @@ def test_real_data_count_once(rng):
     noise = rng.normal(size=20_000)
     for kind in (LeastSquares, Huber):
         misfit = kind(noise, 1.0)
-        assert misfit.count == 20_000 and misfit.squares(np.zeros(20_000)) == pytest.approx(20_000, rel=0.03)
+        assert misfit.count == 20_000 and misfit.weighted_squares(np.zeros(20_000)) == pytest.approx(20_000, rel=0.03)
 
 
 def test_data_that_do_not_fit_are_refused():

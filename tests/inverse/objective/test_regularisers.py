@@ -62,7 +62,7 @@ def test_one_of_ones_own_is_what_inverts():
         made._matrix = 1e12 * made._matrix
         return made
 
-    data = Phantom.named("CV-G", 9).measured(0.02).data()
+    data = Phantom.from_name("CV-G", 9).simulate_measurements(0.02).data()
     found = invert(data, uniform=False, regulariser=stubborn)
     usual = invert(data, uniform=False, regulariser="matern")
     assert found.regulariser == "stubborn" and usual.regulariser == "matern"

@@ -26,7 +26,7 @@ def from_waves(inversion, **options):
 
 
 def errors(name, noise, search, nodes=None, seed=0):
-    inversion = Phantom.named(name, nodes).measured(noise, seed).inversion()
+    inversion = Phantom.from_name(name, nodes).simulate_measurements(noise, seed).inversion()
     return list(inversion.errors(search(inversion).x).values())
 
 
@@ -75,7 +75,7 @@ def test_coarse_cases(name, search, noise, most):
 
 
 def small(noise=0.01, **options):
-    return Phantom.named("CV-G", 9).measured(noise).inversion(**options)
+    return Phantom.from_name("CV-G", 9).simulate_measurements(noise).inversion(**options)
 
 
 def test_ends_at_a_minimum():
@@ -96,7 +96,7 @@ def test_no_step_goes_up():
     search, x = GaussNewton(inversion.reduced, FixedWeights()), inversion.start
     values = [inversion.reduced.value(x)]
     for _ in range(6):
-        found = search.descend(x, rounds=1)
+        found = search.descend(x, max_iterations=1)
         x = found.x
         values.append(found.objective)
     assert np.all(np.diff(values) <= 1e-8 * values[0])
@@ -104,11 +104,11 @@ def test_no_step_goes_up():
 
 def test_a_step_that_overshoots_is_halved():
     """Two halves of which one is twice too soft: hardly a full step goes down, and each of six rounds finds one that does."""
-    inversion = Phantom.named("CE-B", 9).measured(0.01).inversion(weight=10.0)
+    inversion = Phantom.from_name("CE-B", 9).simulate_measurements(0.01).inversion(weight=10.0)
     search, x, told = GaussNewton(inversion.reduced, FixedWeights()), inversion.start, []
     values = [inversion.reduced.value(x)]
     for _ in range(6):
-        found = search.descend(x, rounds=1)
+        found = search.descend(x, max_iterations=1)
         x = found.x
         values.append(found.objective)
         told += found.history
@@ -136,7 +136,7 @@ def test_where_waves_have_no_solution_a_step_is_halved():
         return at(x)
 
     inversion.reduced.evaluate = narrow
-    found = GaussNewton(inversion.reduced, FixedWeights()).descend(start, rounds=1)
+    found = GaussNewton(inversion.reduced, FixedWeights()).descend(start, max_iterations=1)
     assert refused and 0.025 <= np.abs(found.x - start)[fields].max() <= 0.05
     assert found.history[0].step == pytest.approx(0.5 ** len(refused), rel=1e-9)
 
@@ -154,7 +154,7 @@ def test_an_end_says_whether_steps_or_rounds_ran_out():
     stuck = GaussNewton(inversion.reduced, FixedWeights(), told.append).descend(inversion.start)
     assert stuck.status is Status.STALLED and len(stuck.history) == 1
     inversion.reduced.evaluate = at
-    stopped = GaussNewton(inversion.reduced, FixedWeights()).descend(inversion.start, rounds=1)
+    stopped = GaussNewton(inversion.reduced, FixedWeights()).descend(inversion.start, max_iterations=1)
     assert stopped.status is Status.STOPPED
     for end, why in ((stuck, "no step lowered the objective any more"), (stopped, "more may change the maps")):
         (note,) = convergence_notes(end)
@@ -182,12 +182,14 @@ def test_history_is_told_and_counts():
 
 
 def test_discrepancy_ends_at_its_level():
-    found = uniform(Phantom.named("CV-G", 19).measured(0.02).inversion(), policy=DiscrepancyPrinciple())
+    found = uniform(
+        Phantom.from_name("CV-G", 19).simulate_measurements(0.02).inversion(), policy=DiscrepancyPrinciple()
+    )
     assert found.level.ratio == pytest.approx(1, abs=0.1)
 
 
 def test_edges_by_total_variation():
-    measured = Phantom.named("CE-B", 25).measured(0.01)
+    measured = Phantom.from_name("CE-B", 25).simulate_measurements(0.01)
     smooth = measured.inversion()
     edged = measured.inversion(lambda space, x: total_variation(space, x, 0.024))
     worse, better = (i.errors(from_waves(i).x)["youngs"] for i in (smooth, edged))

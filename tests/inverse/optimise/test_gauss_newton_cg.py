@@ -34,7 +34,7 @@ def mesh_of_inversion():
 
 
 def problem(names=("tissue",), weight=1e3, boundary=False, law=None):
-    """A `Reduced` with a field for each label, and its `Fields`."""
+    """A `Reduced` with a field for each label, and its `ParameterFields`."""
     mesh, (x, u, deviation) = mesh_of_inversion(), measured()
     at = label_shares(mesh, 3, label_at if len(names) > 1 else lambda x: np.zeros(len(x), int), names)
     space = ngs.H1(mesh, order=1)
@@ -54,9 +54,9 @@ def problem(names=("tissue",), weight=1e3, boundary=False, law=None):
     return Reduced(model, LeastSquares(u, deviation), search, regular, dict.fromkeys(fields, weight)), search
 
 
-def lowered(point, precondition, most):
+def lowered(point, precondition, max_cg_iterations):
     """½ x·Hx - b·x after so many iterations, with b the way down."""
-    normal = NormalEquations(point, forcing=0.0, most=most)
+    normal = NormalEquations(point, forcing=0.0, max_cg_iterations=max_cg_iterations)
     b = -normal.gradient()
     normal.precondition = precondition
     x = normal.solve(b)
@@ -135,7 +135,7 @@ def columns(weight, boundary):
     reduced, search = problem(weight=weight, boundary=boundary)
     point = reduced.evaluate(search.start)
     block, regular = search.blocks["storage tissue"], reduced.regular_matrix(search.start)
-    solver, trace = NormalEquations(point, forcing=1e-4, most=400), 0.0
+    solver, trace = NormalEquations(point, forcing=1e-4, max_cg_iterations=400), 0.0
     for i in range(block.start, block.stop):
         one = np.zeros(len(search.start))
         one[i] = 1.0
@@ -151,7 +151,9 @@ def test_what_data_determine(boundary):
     found = []
     for seed in range(6):
         found.append(
-            NormalEquations(point).determined_of(blocks, matrices, np.random.default_rng(seed))["storage tissue"]
+            NormalEquations(point).effective_parameters_by_block(blocks, matrices, np.random.default_rng(seed))[
+                "storage tissue"
+            ]
         )
     scatter = 2 * np.sqrt(2 * trace / 6)
     assert trace - scatter < np.mean(found) < (1.7 if boundary else 1.0) * trace + scatter
@@ -161,28 +163,28 @@ def test_what_data_determine(boundary):
 def test_preconditioner_of_a_transversely_isotropic_law():
     reduced, search = problem(law=lambda mu: TransverselyIsotropic(mu, 0.5, 0.5, (1, 0, 0)))
     point = reduced.evaluate(search.start)
-    normal = NormalEquations(point, forcing=0.1, most=100)
+    normal = NormalEquations(point, forcing=0.1, max_cg_iterations=100)
     normal.solve(-normal.gradient())
     assert normal.iterations[0] < 40
 
 
 def test_what_is_determined_is_drawn_once():
     reduced, search = problem()
-    normal = NormalEquations(reduced.evaluate(search.start), most=5)
-    whole, regular = normal.determined(np.random.default_rng(0)), reduced.regularisers
-    first = normal.determined_of(search.blocks, regular, np.random.default_rng(1))
-    assert normal.determined_of(search.blocks, regular, np.random.default_rng(2)) == first
-    assert normal.determined(np.random.default_rng(3)) == whole and len(normal.iterations) == 1
+    normal = NormalEquations(reduced.evaluate(search.start), max_cg_iterations=5)
+    whole, regular = normal.effective_parameters(np.random.default_rng(0)), reduced.regularisers
+    first = normal.effective_parameters_by_block(search.blocks, regular, np.random.default_rng(1))
+    assert normal.effective_parameters_by_block(search.blocks, regular, np.random.default_rng(2)) == first
+    assert normal.effective_parameters(np.random.default_rng(3)) == whole and len(normal.iterations) == 1
 
 
 @pytest.mark.one_thread
 def test_resumed_from_a_checkpoint_has_the_same_bits(tmp_path):
     whole, search = problem(weight=1e4)
-    straight = GaussNewtonCG(whole, most=5).descend(search.start, 3)
+    straight = GaussNewtonCG(whole, max_cg_iterations=5).descend(search.start, 3)
     first, _ = problem(weight=1e4)
-    GaussNewtonCG(first, most=5, checkpoint=tmp_path / "part.npz").descend(search.start, 1)
+    GaussNewtonCG(first, max_cg_iterations=5, checkpoint=tmp_path / "part.npz").descend(search.start, 1)
     second, _ = problem(weight=1e4)
-    resumed = GaussNewtonCG(second, most=5, checkpoint=tmp_path / "part.npz").resume(3)
+    resumed = GaussNewtonCG(second, max_cg_iterations=5, checkpoint=tmp_path / "part.npz").resume(3)
     assert np.array_equal(resumed.x, straight.x)
     assert resumed.weights == straight.weights
     assert [done.expected for done in resumed.history] == [done.expected for done in straight.history]  # its probes
@@ -191,7 +193,7 @@ def test_resumed_from_a_checkpoint_has_the_same_bits(tmp_path):
 
 def test_a_checkpoint_of_another_problem_is_refused(tmp_path):
     first, search = problem(weight=1e4)
-    GaussNewtonCG(first, most=5, checkpoint=tmp_path / "part.npz").descend(search.start, 1)
+    GaussNewtonCG(first, max_cg_iterations=5, checkpoint=tmp_path / "part.npz").descend(search.start, 1)
     moved, heavier = problem(weight=1e4)[0], problem(weight=1e4)[0]
     moved.misfit.measured[0, 0, 0] *= 1.001
     heavier.model.body.density *= 1.001
@@ -227,5 +229,5 @@ def test_boundary_that_is_off_is_put_right():
     block = search.blocks[BOUNDARY]
     x[block] += np.random.default_rng(0).normal(size=block.stop - block.start)
     before = reduced.evaluate(x).misfit
-    found = GaussNewtonCG(reduced, FixedWeights(), most=20).descend(x, 2)
+    found = GaussNewtonCG(reduced, FixedWeights(), max_cg_iterations=20).descend(x, 2)
     assert found.level.misfit / 2 < 0.5 * before

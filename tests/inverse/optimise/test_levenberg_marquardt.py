@@ -19,14 +19,14 @@ from ngbrain.inverse.phantoms.benchmark import Phantom
 
 
 def small(**options):
-    return Phantom.named("CV-G", 7).measured(0.02).inversion(**options)
+    return Phantom.from_name("CV-G", 7).simulate_measurements(0.02).inversion(**options)
 
 
 @pytest.mark.parametrize("dense", [0, 1000])
 def test_the_same_minimum_as_gauss_newton(dense):
     inversion = small()
     wanted = GaussNewton(inversion.reduced, FixedWeights()).descend(inversion.start)
-    found = levenberg_marquardt(small().reduced, inversion.start, FixedWeights(), dense=dense)
+    found = levenberg_marquardt(small().reduced, inversion.start, FixedWeights(), max_dense=dense)
     assert found.converged and found.objective == pytest.approx(wanted.objective, rel=1e-4)
     fields = slice(0, inversion.reduced.unknowns.blocks["boundary"].start)
     assert found.x[fields] == pytest.approx(wanted.x[fields], abs=0.02)
@@ -35,19 +35,19 @@ def test_the_same_minimum_as_gauss_newton(dense):
 def test_matrix_and_traces_are_those_of_the_products():
     inversion = small()
     point = inversion.reduced.evaluate(inversion.start)
-    metric = Metric.of(point)
+    metric = Metric.from_point(point)
     dense, free = DenseGaussNewtonHessian(point, metric), GaussNewtonHessian(point, metric)
     x = np.random.default_rng(0).normal(size=len(inversion.start))
     assert dense.apply(x) == pytest.approx(free.apply(x), rel=1e-8)
     assert dense.matrix @ dense.solve(x) == pytest.approx(x, rel=1e-6, abs=1e-6)
-    estimates = [free.determined(np.random.default_rng(seed)) for seed in range(20)]
-    assert dense.determined(None) == pytest.approx(np.mean(estimates), rel=0.05)
+    estimates = [free.effective_parameters(np.random.default_rng(seed)) for seed in range(20)]
+    assert dense.effective_parameters(None) == pytest.approx(np.mean(estimates), rel=0.05)
 
 
 def test_damping_gets_through_where_full_steps_do_not():
     """Almost no regulariser and a far start: some steps fail, none is taken that goes up."""
     inversion = small(weight=1e-2, start={"storage": 3e3, "loss": 3e3})
-    found = levenberg_marquardt(inversion.reduced, inversion.start, FixedWeights(), rounds=25)
+    found = levenberg_marquardt(inversion.reduced, inversion.start, FixedWeights(), max_iterations=25)
     falls = [i.misfit for i in found.history]
     assert (
         np.all(np.diff(falls) < 0)
@@ -87,8 +87,10 @@ def test_what_nothing_holds_at_a_trial_is_not_counted():
     )
     dense = DenseGaussNewtonHessian(reduced.evaluate(fields.start), Metric(sp.csr_array(np.eye(2))))
     assert dense.matrix == pytest.approx(np.diag([2.0, 0.0]))
-    assert dense.determined(None) == pytest.approx(0.5)
-    assert dense.determined_of(fields.blocks, {"a": sp.csr_array([[1.0]])}, None) == pytest.approx({"a": 0.5})
+    assert dense.effective_parameters(None) == pytest.approx(0.5)
+    assert dense.effective_parameters_by_block(fields.blocks, {"a": sp.csr_array([[1.0]])}, None) == pytest.approx(
+        {"a": 0.5}
+    )
 
 
 class Blind:
@@ -125,7 +127,7 @@ def test_no_step_changes_an_unknown_beyond_what_can_be_foretold():
         return at(x)
 
     inversion.reduced.evaluate = watched
-    levenberg_marquardt(inversion.reduced, inversion.start, FixedWeights(), rounds=6)
+    levenberg_marquardt(inversion.reduced, inversion.start, FixedWeights(), max_iterations=6)
     assert (
         max(np.abs(np.diff(seen, axis=0)).max(axis=1)) <= 2 * LONGEST
     )  # from a trial to the next one, both from one point

@@ -68,26 +68,26 @@ def test_metric(rng):
     matrix = sp.csr_array(matrix @ matrix.T + sp.diags_array(rng.uniform(1, 2, 30)))
     metric, xi, g = Metric(matrix), rng.normal(size=30), rng.normal(size=30)
     assert matrix @ metric.solve(g) == pytest.approx(g)
-    assert metric.back(xi) @ matrix @ metric.back(xi) == pytest.approx(xi @ xi)
-    assert dot(metric.back, metric.gradient, xi, g) < 1e-12
+    assert metric.unwhiten(xi) @ matrix @ metric.unwhiten(xi) == pytest.approx(xi @ xi)
+    assert dot(metric.unwhiten, metric.whiten_gradient, xi, g) < 1e-12
 
 
 def small():
-    return Phantom.named("CV-G", 7).measured(0.02).inversion()
+    return Phantom.from_name("CV-G", 7).simulate_measurements(0.02).inversion()
 
 
 @pytest.mark.parametrize("search", [bfgs, l_bfgs, newton_cg])
 def test_the_same_minimum_as_gauss_newton(search):
     inversion = small()
     wanted = GaussNewton(inversion.reduced, FixedWeights()).descend(inversion.start)
-    found = search(small().reduced, inversion.start, FixedWeights(), most=400, rounds=4)
+    found = search(small().reduced, inversion.start, FixedWeights(), max_inner_iterations=400, max_iterations=4)
     assert found.objective == pytest.approx(wanted.objective, rel=2e-3)
     fields = slice(0, inversion.reduced.unknowns.blocks["boundary"].start)
     assert found.x[fields] == pytest.approx(wanted.x[fields], abs=0.03)
 
 
 def test_weights_follow_the_data():
-    inversion = Phantom.named("CV-G", 7).measured(0.01).inversion(weight=1e5)
+    inversion = Phantom.from_name("CV-G", 7).simulate_measurements(0.01).inversion(weight=1e5)
     found = newton_cg(inversion.reduced, inversion.start)
     assert found.weights["storage"] < 1e4 and found.level.ratio < 2 and found.history[0].weights["storage"] == 1e5
 
@@ -110,8 +110,8 @@ def test_a_misfit_without_a_level_is_refused():
 def test_traces_by_conjugate_gradients():
     inversion = small()
     reduced, x = inversion.reduced, inversion.start
-    curvature = GaussNewtonHessian(reduced.evaluate(x), Metric.of(reduced.evaluate(x)))
+    curvature = GaussNewtonHessian(reduced.evaluate(x), Metric.from_point(reduced.evaluate(x)))
     H = np.array([curvature.apply(e) for e in np.eye(len(x))])
     exact = len(x) - np.trace(reduced.regular_matrix(x) @ np.linalg.inv(H))
     random = np.random.default_rng(0)
-    assert np.mean([curvature.determined(random) for _ in range(30)]) == pytest.approx(exact, rel=0.05)
+    assert np.mean([curvature.effective_parameters(random) for _ in range(30)]) == pytest.approx(exact, rel=0.05)

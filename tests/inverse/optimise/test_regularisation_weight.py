@@ -35,16 +35,16 @@ class Diagonal:
     def kept(self):
         return self.s**2 / (self.s**2 + self.reduced.weights["x"])
 
-    def determined(self, random):
+    def effective_parameters(self, random):
         return float(self.kept.sum())
 
-    def determined_of(self, blocks, regular, random):
-        return {"x": self.determined(random)}
+    def effective_parameters_by_block(self, blocks, regular, random):
+        return {"x": self.effective_parameters(random)}
 
     def run(self, policy, rounds):
         for _ in range(rounds):
             x = self.s * self.data / (self.s**2 + self.reduced.weights["x"])
-            level = MisfitLevel(float(np.sum((self.s * x - self.data) ** 2)), N - self.determined(None))
+            level = MisfitLevel(float(np.sum((self.s * x - self.data) ** 2)), N - self.effective_parameters(None))
             turned = policy.update(self.reduced, x, level, self, None)
         return self.reduced.weights["x"], level, turned
 
@@ -59,7 +59,7 @@ def test_a_weight_stays_above_the_least_of_its_regulariser(rng):
     problem = Diagonal(rng)
     problem.data *= 100
     free = problem.run(Evidence(), 60)[0]
-    problem.reduced.regularisers["x"].least = 0.5
+    problem.reduced.regularisers["x"].min_weight = 0.5
     problem.reduced.weights["x"] = 1e3
     held, _, turned = problem.run(Evidence(), 60)
     assert free < 0.01 and held == 0.5 and turned == 1
@@ -75,7 +75,9 @@ def test_errors_alike_at_many_points_are_no_structure(rng):
         for _ in range(60):
             x = problem.s * problem.data / (problem.s**2 + problem.reduced.weights["x"])
             misfit = float(np.sum((problem.s * x - problem.data) ** 2)) + 2.0 * rest  # the rest, point by point: 1 + 1
-            policy.update(problem.reduced, x, MisfitLevel(misfit, N + rest - problem.determined(None)), problem, None)
+            policy.update(
+                problem.reduced, x, MisfitLevel(misfit, N + rest - problem.effective_parameters(None)), problem, None
+            )
         weights[policy.shared] = problem.reduced.weights["x"] / (1 + shared)
     assert 2 < weights[shared] < 8  # 4 is true, in units of all that is noise in the means
     assert weights[1.0] < 1

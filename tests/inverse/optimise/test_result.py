@@ -13,7 +13,7 @@ FIRST = Iteration("fields", 1000.0, 500.0, {"x": 5.0}, 0.1, 1.0, 0.0, {"x": 50.0
 
 
 class Factor:
-    def determined(self, random):
+    def effective_parameters(self, random):
         return 500.0
 
 
@@ -32,7 +32,7 @@ def settled(misfit, turned=1.0, step=1.0, before=FIRST, phase="fields", level=No
     measured = np.zeros((1, 500, 1), complex)
     measured[0, 0] = np.sqrt(misfit)
     reduced = SimpleNamespace(misfit=LeastSquares(measured, np.ones((1, 500, 1))), weights={"x": 5.0}, model=None)
-    reduced.unknowns = SimpleNamespace(level=level)
+    reduced.unknowns = SimpleNamespace(undetermined_direction=level)
     ledger = IterationLog(reduced, Steady(turned))
     return ledger.enter(phase, np.zeros(3), np.zeros_like(measured), Factor(), np.full(3, 0.1), step, [before])
 

@@ -51,7 +51,7 @@ def data(dim, shear=2500 + 500j, **changes):
 
 
 def in_the_plane():
-    found = invert(Phantom.named("CV-G", 9).measured(0.02).data())
+    found = invert(Phantom.from_name("CV-G", 9).simulate_measurements(0.02).data())
     assert found.solves.incremental == len(found.history)  # a step each: nothing else is one
     return found.solves
 
@@ -62,7 +62,7 @@ def in_the_plane_without_loss():
 
 
 def with_error_bars():
-    found = invert(Phantom.named("CV-G", 9).measured(0.02).data(), uniform=False, regulariser="smooth")
+    found = invert(Phantom.from_name("CV-G", 9).simulate_measurements(0.02).data(), uniform=False, regulariser="smooth")
     before = found.solves.incremental
     uncertainty(found).result()
     assert found.solves.incremental > before
@@ -75,14 +75,14 @@ def in_space():
 
 
 def by_descent():
-    inversion = Phantom.named("CV-G", 7).measured(0.02).inversion()
-    newton_cg(inversion.reduced, inversion.start, rounds=2)
+    inversion = Phantom.from_name("CV-G", 7).simulate_measurements(0.02).inversion()
+    newton_cg(inversion.reduced, inversion.start, max_iterations=2)
     return inversion.model.solves
 
 
 def by_products():
-    inversion = Phantom.named("CV-G", 7).measured(0.02).inversion()
-    found = levenberg_marquardt(inversion.reduced, inversion.start, dense=0, rounds=2)
+    inversion = Phantom.from_name("CV-G", 7).simulate_measurements(0.02).inversion()
+    found = levenberg_marquardt(inversion.reduced, inversion.start, max_dense=0, max_iterations=2)
     state, before = inversion.reduced.evaluate(found.x).state, inversion.model.solves.incremental
     state.hvp(state.data, np.ones(inversion.model.size))
     assert inversion.model.solves.incremental == before + 2

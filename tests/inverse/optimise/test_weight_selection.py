@@ -16,7 +16,7 @@ def silent(_):
 
 def spot(stated=1.0):
     """With noise of 2 % that is stated as this many times that."""
-    inversion = Phantom.named("CV-G", 11).measured(0.02, seed=3).inversion()
+    inversion = Phantom.from_name("CV-G", 11).simulate_measurements(0.02, seed=3).inversion()
     misfit = inversion.reduced.misfit
     inversion.reduced.misfit = LeastSquares(inversion.measured.displacement, stated * misfit.sigma)
     return inversion
@@ -78,7 +78,7 @@ def test_names():
 
 def test_invert_takes_them():
     """Discrepancy keeps one weight for both moduli; the corner keeps the evidence's ratio."""
-    data = Phantom.named("CV-G", 9).measured(0.02).data()
+    data = Phantom.from_name("CV-G", 9).simulate_measurements(0.02).data()
     found = {w: invert(data, uniform=False, regulariser="smooth", weight=w) for w in ("discrepancy", "l-curve")}
     one, other = (found[name].weights for name in ("discrepancy", "l-curve"))
     assert one["storage"] == pytest.approx(one["loss"]) and other["storage"] != pytest.approx(other["loss"], rel=0.01)

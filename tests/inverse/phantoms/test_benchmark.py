@@ -22,17 +22,19 @@ RMS = {
 
 @pytest.mark.parametrize("name", RMS)
 def test_published_waves(name):
-    assert Phantom.named(name).measured().rms.ravel() * 1e3 == pytest.approx(RMS[name], abs=5.001e-5)
+    assert Phantom.from_name(name).simulate_measurements().rms.ravel() * 1e3 == pytest.approx(RMS[name], abs=5.001e-5)
 
 
 def test_published_waves_along_fibres():
-    assert Phantom.named("TI").measured().rms[1].ravel() * 1e3 == pytest.approx((5.4739, 1.6210), abs=5.001e-5)
+    assert Phantom.from_name("TI").simulate_measurements().rms[1].ravel() * 1e3 == pytest.approx(
+        (5.4739, 1.6210), abs=5.001e-5
+    )
 
 
 def test_several_frequencies_are_those_of_one_each():
-    body = Phantom.named("TI", 7)
-    several = replace(body, frequency=(30.0, 50.0)).measured()
-    each = [replace(body, frequency=f).measured().displacement for f in (30.0, 50.0)]
+    body = Phantom.from_name("TI", 7)
+    several = replace(body, frequency=(30.0, 50.0)).simulate_measurements()
+    each = [replace(body, frequency=f).simulate_measurements().displacement for f in (30.0, 50.0)]
     assert several.displacement == pytest.approx(np.concatenate(each), rel=1e-12)
     assert several.data().frequency.tolist() == [30.0, 30.0, 50.0, 50.0]
     inversion = several.inversion(start=several.truth)
@@ -40,7 +42,7 @@ def test_several_frequencies_are_those_of_one_each():
 
 
 def test_noise_is_as_large_as_stated():
-    clean, noisy = (Phantom.named("CV-G").measured(noise, 3) for noise in (0.0, 0.02))
+    clean, noisy = (Phantom.from_name("CV-G").simulate_measurements(noise, 3) for noise in (0.0, 0.02))
     off = (noisy.displacement - clean.displacement) / clean.rms
     assert np.sqrt(np.mean(np.abs(off) ** 2)) == pytest.approx(0.02, rel=0.03)
     truth = noisy.inversion().reduced.misfit
@@ -48,20 +50,23 @@ def test_noise_is_as_large_as_stated():
 
 
 def test_published_inversion_starts_as_published_and_its_misfit_falls():
-    start = Phantom.named("CV-G").measured()
+    start = Phantom.from_name("CV-G").simulate_measurements()
     inversion = start.inversion()
     misfit = 5e5 * np.sum(np.abs(inversion.reduced.evaluate(inversion.start).state.data - start.displacement) ** 2)
     assert misfit == pytest.approx(25.99276698574, rel=1e-6)
-    falls = [iterate.misfit for iterate in islice(Phantom.named("CV-G", 9).measured().as_published(), 10)]
+    falls = [
+        iterate.misfit
+        for iterate in islice(Phantom.from_name("CV-G", 9).simulate_measurements().published_iterations(), 10)
+    ]
     assert np.all(np.diff(falls) < 0)
 
 
 @pytest.mark.parametrize("name", PHANTOMS)
 def test_wave_data(name):
-    data = Phantom.named(name, 5).measured(0.01).data()
+    data = Phantom.from_name(name, 5).simulate_measurements(0.01).data()
     assert data.noise == 0.01 and data.element in ("q4", "q4p0") and data.truth
 
 
 def test_another_name_is_refused():
     with pytest.raises(InputError, match="CV-G"):
-        Phantom.named("CVG")
+        Phantom.from_name("CVG")

@@ -178,7 +178,7 @@ def shaken():
     """A published case, its top driven and all else free; what is lost of its bottom; the flags of its top alone."""
 
     def made(noise, rows):
-        data = Phantom.named("CV-G", 9).measured(noise).data()
+        data = Phantom.from_name("CV-G", 9).simulate_measurements(noise).data()
         u, height = data.displacement.copy(), data.points[:, 1]
         u[:, height < 0.015 * rows - 1e-9] = np.nan
         return replace(data, displacement=u), height > 0.12 - 1e-9

@@ -24,7 +24,7 @@ from ngbrain.report.pages.parameters import facts
 
 
 def phantom(name, nodes=13):
-    return Phantom.named(name, nodes).measured().data()
+    return Phantom.from_name(name, nodes).simulate_measurements().data()
 
 
 def inverted(data, noise=None):

@@ -41,7 +41,7 @@ def test_there_and_back():
 BODIES = {
     "our elements": lambda: waves("isotropic", "viscoelastic", "compressible", n=9),
     "fibres": lambda: waves("transversely_isotropic", "viscoelastic", "compressible", n=9),
-    "the data's elements": lambda: Phantom.named("CV-G", 8).measured(0.1).data(),
+    "the data's elements": lambda: Phantom.from_name("CV-G", 8).simulate_measurements(0.1).data(),
 }
 
 
@@ -74,7 +74,7 @@ def test_a_truth_without_loss_predicts_nothing():
 
 
 def test_where_the_loss_angle_is_the_same_everywhere_polar_unknowns_find_it():
-    data = Phantom.named("CV-G", 21).measured(0.02).data()
+    data = Phantom.from_name("CV-G", 21).simulate_measurements(0.02).data()
     found = {kind: invert(data, uniform=False, regulariser="smooth", unknowns=kind) for kind in ("moduli", "polar")}
     errors = {kind: each.answers["loss"]["relative_l2_error"] for kind, each in found.items()}
     assert errors["polar"] < 0.6 * errors["moduli"]

@@ -21,7 +21,7 @@ def bars(data, **options):
 @pytest.fixture(scope="module")
 def nodal():
     """In the elements of the data, a point left out."""
-    data = Phantom.named("CV-G", 11).measured(NOISE, seed=1).data()
+    data = Phantom.from_name("CV-G", 11).simulate_measurements(NOISE, seed=1).data()
     return bars(replace(data, mask=np.arange(121) != 20, dirichlet=None, truth={}))
 
 
@@ -34,20 +34,20 @@ def cubic():
 
 def test_bands_of_nodal_maps(nodal):
     there = nodal.problem.inside
-    for name, truth in Phantom.named("CV-G", 11).measured().truth.items():
-        band = nodal.band(name)
+    for name, truth in Phantom.from_name("CV-G", 11).simulate_measurements().truth.items():
+        band = nodal.interval(name)
         assert np.flatnonzero(np.isnan(band.low)).tolist() == [20]
         assert band.value[there] == pytest.approx(nodal.found.maps[name][there], rel=1e-9)
         low, high, truth = band.low[there], band.high[there], truth[there]
         assert np.all((low > 0) & (low < band.value[there]) & (band.value[there] < high))
         if name == "storage":
             assert np.mean((low < truth) & (truth < high)) > 0.85
-        half = nodal.band(name, 0.5)
+        half = nodal.interval(name, 0.5)
         assert np.all((low < half.low[there]) & (half.high[there] < high))
 
 
 def test_functions_of_nodal_maps(nodal):
-    band, functions, there = nodal.band("loss"), nodal.functions("loss"), nodal.problem.inside
+    band, functions, there = nodal.interval("loss"), nodal.functions("loss"), nodal.problem.inside
     mesh = nodal.problem.elements.mesh
     assert functions["deviation"].space is nodal.problem.space
     for name, function in functions.items():
@@ -57,7 +57,7 @@ def test_functions_of_nodal_maps(nodal):
 
 def test_functions_of_higher_order(cubic):
     assert cubic.problem.space.globalorder == 2 and not cubic.problem.elements.nodal
-    band = cubic.band("storage")
+    band = cubic.interval("storage")
     assert band.value == pytest.approx(cubic.found.maps["storage"], rel=1e-9)
     mesh = cubic.problem.elements.mesh
     corners = np.array([vertex.point for vertex in mesh.vertices])
@@ -71,14 +71,14 @@ def test_functions_of_higher_order(cubic):
 
 
 def test_draws_have_the_bands(cubic):
-    draws, band = cubic.draws(2000, seed=4)["loss"], cubic.band("loss", 0.68)
+    draws, band = cubic.draws(2000, seed=4)["loss"], cubic.interval("loss", 0.68)
     within = np.mean((draws > band.low) & (draws < band.high), axis=0)
     assert np.abs(within - 0.68).max() < 5 * np.sqrt(0.68 * 0.32 / 2000)
     assert draws.std(axis=0) == pytest.approx(band.deviation, rel=0.12)
 
 
 def test_a_mean_is_known_better_than_points(nodal):
-    band, mean = nodal.band("storage"), nodal.mean("storage")
+    band, mean = nodal.interval("storage"), nodal.mean("storage")
     assert mean.value == pytest.approx(np.nanmean(nodal.found.maps["storage"]))
     assert mean.deviation < 0.5 * np.nanmedian(band.deviation)
     one = np.arange(len(band.value)) == 30
@@ -87,12 +87,15 @@ def test_a_mean_is_known_better_than_points(nodal):
 
 
 def test_labels_have_fields_and_means_of_their_own():
-    data = Phantom.named("CE-G", 9).measured(NOISE, seed=1).data()
+    data = Phantom.from_name("CE-G", 9).simulate_measurements(NOISE, seed=1).data()
     truth = np.real(data.truth_views["youngs"])
     data = replace(data, labels=(truth > truth.mean()).astype(int))
     found = bars(data, labelled=True)
-    assert set(found.posterior.held) == {"youngs 0", "youngs 1"} and set(found.functions("youngs 1")) >= {"low", "high"}
-    assert found.band("youngs").value == pytest.approx(found.found.maps["youngs"], rel=1e-9)
+    assert set(found.posterior.regularised) == {"youngs 0", "youngs 1"} and set(found.functions("youngs 1")) >= {
+        "low",
+        "high",
+    }
+    assert found.interval("youngs").value == pytest.approx(found.found.maps["youngs"], rel=1e-9)
     means = found.by_label["youngs"]
     assert set(means) == {0, 1}
     for label, mean in means.items():
@@ -103,9 +106,9 @@ def test_labels_have_fields_and_means_of_their_own():
 
 def test_fields_taken_for_uniform_are_named(nodal):
     """Of the loss the data determine two numbers: its bands say how well a uniform loss is known, and miss the spot."""
-    truth = Phantom.named("CV-G", 11).measured().truth["loss"]
-    assert nodal.posterior.determined["loss"] < 5 < nodal.posterior.determined["storage"]
-    assert nodal.band("loss").high[60] < truth[60]
+    truth = Phantom.from_name("CV-G", 11).simulate_measurements().truth["loss"]
+    assert nodal.posterior.effective_parameters["loss"] < 5 < nodal.posterior.effective_parameters["storage"]
+    assert nodal.interval("loss").high[60] < truth[60]
     uniform = [note for note in nodal.notes if "nearly uniform" in note]
     assert len(uniform) == 1 and uniform[0].startswith("loss")
 
@@ -115,10 +118,10 @@ def values_of(bars, name):
 
 
 def test_storage_and_loss_of_magnitude_and_phase():
-    data = Phantom.named("CV-G", 9).measured(NOISE, seed=1).data()
+    data = Phantom.from_name("CV-G", 9).simulate_measurements(NOISE, seed=1).data()
     found = bars(data, unknowns="polar")
     assert set(found.draws(10)) == {"storage", "loss"}
-    phase = found.band("phase")
+    phase = found.interval("phase")
     assert np.all((phase.low > 0) & (phase.high < np.pi / 2))
     other = bars(data)
     for name in ("storage", "loss"):
@@ -128,7 +131,7 @@ def test_storage_and_loss_of_magnitude_and_phase():
         low, high = (found.arrays()[f"{name}_{end}"] for end in ("low", "high"))
         assert np.all(low < high) and np.mean((low < values_of(found, name)) & (values_of(found, name) < high)) > 0.99
     with pytest.raises(InputError, match="map is 'storage'"):
-        found.band("storage")
+        found.interval("storage")
 
 
 def test_bands_of_what_follows(nodal):
@@ -156,7 +159,7 @@ def test_what_it_takes_is_known_before(nodal):
 
 def test_bad_input(nodal):
     with pytest.raises(InputError, match="map is 'stoarge'; wanted: did you mean 'storage'"):
-        nodal.band("stoarge")
+        nodal.interval("stoarge")
     with pytest.raises(InputError, match="map is 'stoarge'"):
         nodal.mean("stoarge")
     with pytest.raises(InputError, match="field is 'stoarge'"):

@@ -28,19 +28,19 @@ def test_the_probability_of_data_and_the_variances_that_it_is_largest_at(rng):
 @pytest.fixture(scope="module")
 def smooth_truth():
     """Inverted with H1, in the elements of the data."""
-    return invert(Phantom.named("CV-G", 17).measured(0.01).data(), uniform=False, regulariser="smooth")
+    return invert(Phantom.from_name("CV-G", 17).simulate_measurements(0.01).data(), uniform=False, regulariser="smooth")
 
 
 def test_gaussian_fields_take_the_place_of_h1_where_the_truth_is_smooth(smooth_truth):
     found, bars = smooth_truth, uncertainty(smooth_truth)
     assert bars.found.regulariser == "matern" and any("correlated over" in note for note in bars.found.warnings)
     for name in ("storage", "loss"):
-        assert bars.band(name).value == pytest.approx(bars.found.maps[name], rel=1e-9)
+        assert bars.interval(name).value == pytest.approx(bars.found.maps[name], rel=1e-9)
         assert bars.found.answers[name]["relative_l2_error"] < found.answers[name]["relative_l2_error"]
     assert bars.found.checks["misfit_over_expected"] < 1.1
     # Their end is one of its own: error bars of it are the same.
     again = uncertainty(bars.found, prior="own")
-    assert again.band("loss").deviation == pytest.approx(bars.band("loss").deviation, rel=0.1)
+    assert again.interval("loss").deviation == pytest.approx(bars.interval("loss").deviation, rel=0.1)
 
 
 def test_the_prior_of_the_inversion_if_asked(smooth_truth):
@@ -59,7 +59,7 @@ def test_the_level_of_uniform_tissue_is_not_taken_for_known():
 
 
 def test_total_variation_stays_where_the_truth_has_a_step():
-    found = invert(Phantom.named("CV-B", 17).measured(0.01).data(), uniform=False, regulariser="edges")
+    found = invert(Phantom.from_name("CV-B", 17).simulate_measurements(0.01).data(), uniform=False, regulariser="edges")
     bars = uncertainty(found)
     assert bars.found is found
     middles = {name: float(bars.posterior.x[bars.posterior.blocks[name]].mean()) for name in ("storage", "loss")}

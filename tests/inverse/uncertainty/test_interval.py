@@ -15,7 +15,7 @@ CENTRE, DEVIATION = np.array([0.0, 1.0, 8.0]), np.array([0.05, 0.4, 1.2])
 def test_log_normal(level):
     exact, band = (
         lognorm(DEVIATION, scale=np.exp(CENTRE)),
-        CredibleInterval.of(CENTRE, DEVIATION, LogTransform(), level),
+        CredibleInterval.from_gaussian(CENTRE, DEVIATION, LogTransform(), level),
     )
     assert band.value == pytest.approx(exact.median())
     assert band.deviation == pytest.approx(exact.std(), rel=1e-6)
@@ -27,7 +27,7 @@ def test_log_normal(level):
 def test_between_bounds(rng):
     transform = BoundedTransform(1.0, 3.0)
     band, drawn = (
-        CredibleInterval.of(CENTRE, DEVIATION, transform),
+        CredibleInterval.from_gaussian(CENTRE, DEVIATION, transform),
         transform.value(CENTRE + DEVIATION * rng.normal(size=(100_000, 3))),
     )
     assert np.all((band.low > 1) & (band.low < band.value) & (band.value < band.high) & (band.high < 3))
@@ -36,18 +36,18 @@ def test_between_bounds(rng):
 
 
 def test_a_falling_change_of_variable_turns_the_ends():
-    band = CredibleInterval.of(CENTRE, DEVIATION, ScaledTransform(-2.0), 0.68)
+    band = CredibleInterval.from_gaussian(CENTRE, DEVIATION, ScaledTransform(-2.0), 0.68)
     reach = 2 * norm.ppf(0.84) * DEVIATION
     assert band.low == pytest.approx(-2 * CENTRE - reach) and band.high == pytest.approx(-2 * CENTRE + reach)
     assert band.deviation == pytest.approx(2 * DEVIATION)
 
 
 def test_draws(rng):
-    band = CredibleInterval.sampled(0.0, rng.normal(size=(100_000, 2)) * [1, 3])
+    band = CredibleInterval.from_samples(0.0, rng.normal(size=(100_000, 2)) * [1, 3])
     assert band.low == pytest.approx([-1.96, -5.88], rel=0.03) and band.deviation == pytest.approx([1, 3], rel=0.01)
 
 
 @pytest.mark.parametrize("level", [0, 1, 95])
 def test_no_probability(level):
     with pytest.raises(InputError, match="level"):
-        CredibleInterval.of(CENTRE, DEVIATION, level=level)
+        CredibleInterval.from_gaussian(CENTRE, DEVIATION, level=level)

@@ -60,8 +60,8 @@ def linear(names="abc", rng=None):
     return reduced, H[np.ix_(chosen, chosen)]
 
 
-def at_start(reduced, least=0.0):
-    return Posterior(reduced.evaluate(reduced.unknowns.start), least)
+def at_start(reduced, min_eigenvalue=0.0):
+    return Posterior(reduced.evaluate(reduced.unknowns.start), min_eigenvalue)
 
 
 @pytest.mark.parametrize("names", ["abc", "ab", "ac", "c"])
@@ -78,11 +78,11 @@ def test_linear_problem_in_closed_form(names):
         if name in reduced.regularisers:
             R = reduced.regular_matrix(reduced.unknowns.start).toarray()[where, where]
             size = where.stop - where.start
-            assert posterior.determined[name] == pytest.approx(size - np.trace(R @ C[where, where]), rel=1e-9)
+            assert posterior.effective_parameters[name] == pytest.approx(size - np.trace(R @ C[where, where]), rel=1e-9)
             share = np.trace(C[where, where]) / np.trace(np.linalg.inv(R))
-            assert posterior.left[name] == pytest.approx(share, rel=1e-9)
+            assert posterior.remaining_variance[name] == pytest.approx(share, rel=1e-9)
         else:
-            assert posterior.left[name] == 0
+            assert posterior.remaining_variance[name] == 0
 
 
 @pytest.mark.parametrize("names", ["abc", "ab"])
@@ -102,11 +102,11 @@ def test_the_same_data_under_other_regularisers(names):
         other[block, block] = weights[name] * others[name].matrix(x[block]).toarray()
         pull[block] = other[block, block] @ others[name].reference
     data = H - own
-    moved = Posterior(reduced.evaluate(x), least=0.0).under(others, weights)
+    moved = Posterior(reduced.evaluate(x), min_eigenvalue=0.0).with_regularisers(others, weights)
     C = np.linalg.inv(data + other)
     assert moved.x == pytest.approx(C @ (H @ x + pull), rel=1e-8, abs=1e-8)
     assert moved.variance(np.eye(len(C))) == pytest.approx(np.diag(C), rel=1e-8)
-    back = moved.under(reduced.regularisers, reduced.weights)
+    back = moved.with_regularisers(reduced.regularisers, reduced.weights)
     assert back.x == pytest.approx(x, rel=1e-8, abs=1e-8)
 
 
@@ -118,33 +118,33 @@ def test_draws_have_the_covariance(names):
     assert np.abs(white.mean(axis=1)).max() < 4 / np.sqrt(20_000)
 
 
-@pytest.mark.parametrize("least", [0.1, 1.0, 10.0])
-def test_what_a_low_rank_leaves_out(least):
+@pytest.mark.parametrize("min_eigenvalue", [0.1, 1.0, 10.0])
+def test_what_a_low_rank_leaves_out(min_eigenvalue):
     reduced, H = linear("ab")
     R = reduced.regular_matrix(reduced.unknowns.start).toarray()
     values, vectors = scipy.linalg.eigh(H - R, R)
-    left = values < least
+    left = values < min_eigenvalue
     neglected = (vectors[:, left] ** 2) @ (values[left] / (1 + values[left]))
-    posterior, C = at_start(reduced, least), np.diag(np.linalg.inv(H))
+    posterior, C = at_start(reduced, min_eigenvalue), np.diag(np.linalg.inv(H))
     excess = posterior.variance(np.eye(len(C))) - C
     assert posterior.eigenvalues == pytest.approx(values[::-1][: len(posterior.eigenvalues)], rel=1e-7)
     assert len(posterior.eigenvalues) == np.sum(~left)
     assert excess == pytest.approx(neglected, rel=1e-5)
-    assert np.all((excess > 0) & (excess < least * C))
+    assert np.all((excess > 0) & (excess < min_eigenvalue * C))
 
 
 def test_directions_are_named():
     reduced, H = linear()
     posterior = at_start(reduced)
     R = reduced.regular_matrix(reduced.unknowns.start)
-    assert len(posterior.informed) == np.sum(posterior.eigenvalues > 1) > 3
-    for direction in posterior.informed[:4]:
+    assert len(posterior.informed_directions) == np.sum(posterior.eigenvalues > 1) > 3
+    for direction in posterior.informed_directions[:4]:
         assert direction.x @ (R @ direction.x) == pytest.approx(1)
         assert direction.x @ H @ direction.x == pytest.approx(1 + direction.eigenvalue)
         assert sum(direction.shares.values()) == pytest.approx(1)
-    first = posterior.informed[0]
+    first = posterior.informed_directions[0]
     assert first.name.startswith("a ") and first.shares["a"] > 0.9  # the data's largest columns
-    assert posterior.notes[0].startswith(f"data inform {len(posterior.informed)} directions")
+    assert posterior.notes[0].startswith(f"data inform {len(posterior.informed_directions)} directions")
 
 
 def test_what_data_do_not_tell_is_said():
@@ -152,7 +152,7 @@ def test_what_data_do_not_tell_is_said():
     assert not any("assumed of b" in note for note in at_start(reduced).notes)
     reduced.model.matrix[:, reduced.unknowns.blocks["b"]] *= 1e-3
     posterior = at_start(reduced)
-    assert posterior.left["b"] > 0.95 and posterior.left["a"] < 0.2
+    assert posterior.remaining_variance["b"] > 0.95 and posterior.remaining_variance["a"] < 0.2
     assert any(note.startswith("of the variance assumed of b, 100 %") for note in posterior.notes)
 
 
@@ -205,18 +205,18 @@ def test_bad_input():
         posterior.variance(np.eye(3))
     posterior.unknowns = SimpleNamespace()
     with pytest.raises(InputError, match="unknowns"):
-        posterior.band("a")
+        posterior.interval("a")
 
 
 def test_waves_and_their_boundary():
     """All of H, boundary included, whose displacements no regulariser holds."""
-    inversion = Phantom.named("CV-G", 5).measured(0.01).inversion()
+    inversion = Phantom.from_name("CV-G", 5).simulate_measurements(0.01).inversion()
     point = inversion.reduced.evaluate(inversion.start)
     H = np.array([point.product(e) for e in np.eye(len(point.x))])
     C = np.linalg.inv((H + H.T) / 2)
-    posterior = Posterior(point, least=0)
+    posterior = Posterior(point, min_eigenvalue=0)
     assert posterior.variance(np.eye(len(C))) == pytest.approx(np.diag(C), rel=1e-8)
-    band = posterior.band("storage", 0.68)
+    band = posterior.interval("storage", 0.68)
     where, theta = inversion.reduced.unknowns.blocks["storage"], inversion.reduced.unknowns.theta(point.x)
     sigma = np.sqrt(np.diag(C))[where]
     assert band.low == pytest.approx(theta[where] * np.exp(-0.99446 * sigma), rel=1e-5)
@@ -226,7 +226,7 @@ def test_waves_and_their_boundary():
 @pytest.mark.one_thread
 def test_numbers_of_draws_are_the_same_in_processes(caplog):
     posterior = Posterior(settled()[1])
-    here, there = (posterior.sampled(np.linalg.norm, number=20, executor=who) for who in (None, 2))
+    here, there = (posterior.sampled_interval(np.linalg.norm, number=20, executor=who) for who in (None, 2))
     assert here == there and here.low < here.value < here.high
     assert "in this process" not in caplog.text
 
@@ -241,7 +241,7 @@ def test_mean_of_a_label_by_its_slope_and_by_draws():
     slope = lambda theta: label / (label @ theta)  # noqa: E731
     theta, direction = reduced.unknowns.theta(point.x), np.random.default_rng(0).normal(size=len(label))
     assert np.all(np.abs(taylor(log_mean, slope(theta), theta, 1e3 * direction) - 2) < 0.1)
-    one, other = posterior.linearised(log_mean, slope), posterior.sampled(log_mean, number=4000)
+    one, other = posterior.linearised_interval(log_mean, slope), posterior.sampled_interval(log_mean, number=4000)
     assert one.value == pytest.approx(other.value)
     assert one.deviation == pytest.approx(other.deviation, rel=0.05)
     assert (one.low, one.high) == pytest.approx((other.low, other.high), abs=0.3 * one.deviation)
@@ -264,7 +264,7 @@ def test_moduli_of_a_body_in_equilibrium():
     exact, posterior = np.sqrt(np.diag(np.linalg.inv(J.T @ J))), Posterior(point)
     for name, where in reduced.model.blocks.items():
         assert posterior.deviation(name) == pytest.approx(exact[where], rel=1e-8)
-    assert posterior.band("mu").low[0] > 950 and posterior.notes == []
+    assert posterior.interval("mu").low[0] > 950 and posterior.notes == []
 
 
 def test_displacements_alone_do_not_tell_moduli():
@@ -294,7 +294,7 @@ def test_two_moduli_against_the_exact_posterior():
     t = np.linspace(-4.5, 4.5, 23)
     values = np.array([[reduced.value(found.x + sigma * [a, b]) for b in t] for a in t])
     density = np.exp(values.min() - values)
-    band = posterior.band("storage")
+    band = posterior.interval("storage")
     for i in range(2):
         marginal = density.sum(axis=1 - i)
         marginal /= marginal.sum()
@@ -313,7 +313,7 @@ def test_waves_against_sampling():
     (Neal 2011, 10.1201/b10905-6) in the variables that the posterior makes white.
     """
     inversion, point = settled(nodes=4, noise=0.05)
-    reduced, posterior = inversion.reduced, Posterior(point, least=0)
+    reduced, posterior = inversion.reduced, Posterior(point, min_eigenvalue=0)
     C = np.linalg.inv(np.array([point.product(e) for e in np.eye(len(point.x))]))
     root = np.linalg.cholesky((C + C.T) / 2)
 
@@ -342,7 +342,7 @@ def test_waves_against_sampling():
     for name in ("storage", "loss"):
         sampled = states[begun:, reduced.unknowns.blocks[name]]
         assert posterior.deviation(name) == pytest.approx(sampled.std(axis=0), rel=0.12)
-        band = posterior.band(name)
+        band = posterior.interval(name)
         within = np.mean((np.exp(sampled) > band.low) & (np.exp(sampled) < band.high), axis=0)
         # J is no parabola so far out: 91.4 % at the worst of 32 moduli.
         assert np.abs(within - 0.95).max() < 0.045 and abs(within.mean() - 0.95) < 0.01
@@ -366,7 +366,7 @@ def test_intervals_cover_what_they_say(noise):
         posterior = Posterior(point)
         for level, shares in inside.items():
             for name, truth in inversion.measured.truth.items():
-                band = posterior.band(name, level)
+                band = posterior.interval(name, level)
                 shares.append(np.mean((band.low < truth) & (truth < band.high)))
     assert 0.60 < np.mean(inside[0.68]) < 0.76
     assert 0.90 < np.mean(inside[0.95]) < 0.99

@@ -122,7 +122,9 @@ def test_squares_unlike_the_training_are_told_from_those_like_it(waves, changes)
 
 
 def test_half_of_another_scan_is_not_trusted():
-    one, other = (replace(Phantom.named(name, 33).measured(0.02).data(), truth={}) for name in ("CV-G", "CV-B"))
+    one, other = (
+        replace(Phantom.from_name(name, 33).simulate_measurements(0.02).data(), truth={}) for name in ("CV-G", "CV-B")
+    )
     left = one.points[:, 0] < np.median(one.points[:, 0])
     found = predict(replace(one, displacement=np.where(left[None, :, None], other.displacement, one.displacement)))
     assert not found.usable and "jump" in found.reasons[0]
