@@ -73,8 +73,8 @@ lab.plot({name: found.law for name, found in fits.items()}, data)
 # %% [markdown]
 # ### Cubes are glued
 # All this takes the cubes for homogeneous. They were glued: pressed, they cannot widen at the plates and resist more, sheared,
-# their free sides do not take part and they resist less. `BondedSpecimen` computes the cubes' whole fields (here on a coarse mesh, 2 % off
-# in μ), with exact derivatives by the constants.
+# their free sides do not take part and they resist less. `BondedSpecimen` computes the cubes' whole fields (here on a coarse mesh,
+# 2 % off in μ), with exact derivatives by the constants.
 
 # %%
 cube = BondedSpecimen(size=(0.005, 0.005, 0.005), maxh=0.0025)

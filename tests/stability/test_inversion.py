@@ -162,7 +162,9 @@ def test_level_of_moduli_at_rest_is_open_where_only_displacements_drive(frequenc
     reduced, x = inversion.reduced, inversion.start
     level = np.zeros(len(x))
     level[: reduced.unknowns.blocks["boundary"].start] = 1
-    assert low <= GaussNewtonHessian(reduced.evaluate(x), Metric.from_point(reduced.evaluate(x))).data_share(level) <= high
+    assert (
+        low <= GaussNewtonHessian(reduced.evaluate(x), Metric.from_point(reduced.evaluate(x))).data_share(level) <= high
+    )
 
 
 def test_inverse_crime_is_told():

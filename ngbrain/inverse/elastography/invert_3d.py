@@ -195,9 +195,7 @@ def _uniform(
     """Where the way from uniform fields ended; None where no step is lower."""
     way = _way(problem, made, noise, prior, checkpoint, callback)
     try:
-        return (
-            way.resume(rounds) if way.has_checkpoint else way.descend(problem.uniform(way.unknowns, level), rounds)
-        )
+        return way.resume(rounds) if way.has_checkpoint else way.descend(problem.uniform(way.unknowns, level), rounds)
     except ConvergenceError:
         return None
 
@@ -211,7 +209,8 @@ def _way(
     callback: Callable[[Iteration], None],
 ) -> GaussNewtonCG:
     reduced = _reduced(problem, made, noise, prior)
-    return GaussNewtonCG(reduced, EvidenceWithModelError(FALL, _shared(problem)), checkpoint=checkpoint, callback=callback
+    return GaussNewtonCG(
+        reduced, EvidenceWithModelError(FALL, _shared(problem)), checkpoint=checkpoint, callback=callback
     )
 
 

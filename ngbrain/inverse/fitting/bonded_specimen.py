@@ -50,7 +50,7 @@ class BondedSpecimen:
     Raises `InputError` for an edge or a number of levels that is not positive.
 
     >>> from ngbrain.materials import NeoHooke, lab
-    >>> cube, law = Bonded((0.005, 0.005, 0.005), maxh=0.005, levels=1), NeoHooke(1000.0)
+    >>> cube, law = BondedSpecimen((0.005, 0.005, 0.005), maxh=0.005, levels=1), NeoHooke(1000.0)
     >>> bool(cube.stress(law, "uniaxial", [0.9])[0] < lab.stress(law, "uniaxial", [0.9])[0])  # pressed, it resists more
     True
     """

@@ -42,7 +42,7 @@ def defect_correction_step(point: Point, posterior: Posterior, better: Array) ->
     >>> from ngbrain.inverse.phantoms.benchmark import Phantom
     >>> inversion = Phantom.from_name("CV-G", 5).simulate_measurements(0.02).inversion()
     >>> point = inversion.reduced.evaluate(inversion.start)
-    >>> moved, _ = corrected(point, Posterior(point), point.state.data)
+    >>> moved, _ = defect_correction_step(point, Posterior(point), point.state.data)
     >>> float(np.abs(moved).max())
     0.0
     """

@@ -138,7 +138,7 @@ def estimate(
     >>> model = StaticModel([LoadCase(body, [Force("top")])], {"mu": mu})
     >>> force = model.evaluate(model.theta).data
     >>> mu.Set(500.0)
-    >>> round(recover(model, force, 0.01).values["mu"], -1), round(mu.Get(), -1)
+    >>> round(estimate(model, force, 0.01).values["mu"], -1), round(mu.Get(), -1)
     (1000.0, 1000.0)
     """
     measured, spaces, given = np.asarray(measured, float), _spaces(model), dict(unknowns or {})

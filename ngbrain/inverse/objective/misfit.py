@@ -119,7 +119,7 @@ MISFITS: dict[str, MisfitKind] = {"squares": LeastSquares, "huber": Huber}
 def resolve_misfit(chosen: str | MisfitKind) -> MisfitKind:
     """That of a name in `MISFITS`, or one of one's own; `InputError` for another name.
 
-    >>> misfit_of("huber").__name__
+    >>> resolve_misfit("huber").__name__
     'Huber'
     """
     if callable(chosen):

@@ -40,7 +40,7 @@ class Transform(Protocol):
 class LogTransform:
     """θ = floor + e^x: for moduli, and for ζ > -3/4 and φ > -1.
 
-    >>> float(Log(-1.0).value(Log(-1.0).inverse(np.array([0.25])))[0])
+    >>> float(LogTransform(-1.0).value(LogTransform(-1.0).inverse(np.array([0.25])))[0])
     0.25
     """
 
@@ -73,7 +73,7 @@ class LogTransform:
 class BoundedTransform:
     """θ = low + (high - low)/(1 + e^-x): between two bounds.
 
-    >>> float(Bounded(1.0, 3.0).value(np.zeros(1))[0])
+    >>> float(BoundedTransform(1.0, 3.0).value(np.zeros(1))[0])
     2.0
     """
 
@@ -150,7 +150,7 @@ class ParameterFields:
     blocks     name → where in θ
     unknowns   name → Unknown
 
-    >>> fields = Fields(np.array([1.0, 1.0, 5.0]), {"mu": slice(0, 2), "rest": slice(2, 3)}, {"mu": Unknown(2000.0)})
+    >>> fields = ParameterFields(np.array([1.0, 1.0, 5.0]), {"mu": slice(0, 2), "rest": slice(2, 3)}, {"mu": Unknown(2000.0)})
     >>> fields.theta(fields.start).round(9).tolist()
     [2000.0, 2000.0, 5.0]
     """

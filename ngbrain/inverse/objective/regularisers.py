@@ -52,7 +52,7 @@ def resolve_priors(chosen: str | Prior) -> dict[str, Prior]:
 
     Raises `InputError` for another name.
 
-    >>> list(priors("auto")), list(priors("matern"))
+    >>> list(resolve_priors("auto")), list(resolve_priors("matern"))
     (['smooth', 'edges'], ['matern'])
     """
     if callable(chosen):

@@ -67,7 +67,7 @@ def problem_fingerprint(reduced: Reduced) -> dict[str, str]:
 def differing_parts(one: object, other: Mapping[str, str]) -> list[str]:
     """Names of the parts of `other` that `one` has not, or has others of.
 
-    >>> differing({"points": "a", "elements": "b"}, {"points": "a", "elements": "c"})
+    >>> differing_parts({"points": "a", "elements": "b"}, {"points": "a", "elements": "c"})
     ['elements']
     """
     known = one if isinstance(one, Mapping) else {}

@@ -243,7 +243,7 @@ def estimate_solver_cost(body: Harmonic) -> SolverCost:
     >>> from ngbrain.materials import Shearing
     >>> from ngbrain.mesh.geometry.structured import rectangles
     >>> mesh = rectangles(np.linspace(0, 0.1, 4), np.linspace(0, 0.1, 4))
-    >>> expected(Harmonic(mesh, Shearing(2000 + 800j), [Wave(50.0)], bulk=2e5, form="P2")).unknowns
+    >>> estimate_solver_cost(Harmonic(mesh, Shearing(2000 + 800j), [Wave(50.0)], bulk=2e5, form="P2")).unknowns
     98
     """
     n = body.fes.ndof / 131e3

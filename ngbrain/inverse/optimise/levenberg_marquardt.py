@@ -113,7 +113,7 @@ def levenberg_marquardt(
 def next_step_bound(longest: float, size: float, gain: float) -> float:
     """The bound of the next step: twice as much where a step that came near it fell as foretold, half where it fell far less.
 
-    >>> bounded(1.0, 0.9, 0.95), bounded(2.0, 1.6, 0.1), bounded(1.0, 0.2, 0.95)
+    >>> next_step_bound(1.0, 0.9, 0.95), next_step_bound(2.0, 1.6, 0.1), next_step_bound(1.0, 0.2, 0.95)
     (2.0, 0.8, 1.0)
     """
     if gain < 0.25:

@@ -219,7 +219,7 @@ def bfgs_iterations(function: Callable[[Array], tuple[float, Array]], x: Array) 
 
     Its update takes n² operations, where scipy's takes n³.
 
-    >>> [round(float(x[0]), 6) for _, x, _ in descent(lambda x: (float(x @ x), 2 * x), np.array([3.0]))][-1]
+    >>> [round(float(x[0]), 6) for _, x, _ in bfgs_iterations(lambda x: (float(x @ x), 2 * x), np.array([3.0]))][-1]
     0.0
     """
     value, slope = function(x)

@@ -178,7 +178,7 @@ def l_curve_corner(misfits: Array, energies: Array) -> int:
     """Which point of an L-curve bends most towards the origin: ln 2Φ against ln of the regulariser's energy, in order of falling
     weights. Never one of its ends.
 
-    >>> corner(np.array([1e4, 1e2, 1.1, 1.0, 0.99]), np.array([1.0, 1.5, 2.0, 30.0, 900.0]))
+    >>> l_curve_corner(np.array([1e4, 1e2, 1.1, 1.0, 0.99]), np.array([1.0, 1.5, 2.0, 30.0, 900.0]))
     2
     """
     x, y = np.log(np.asarray(misfits, float)), np.log(np.asarray(energies, float))

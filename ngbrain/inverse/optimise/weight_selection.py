@@ -110,7 +110,7 @@ WEIGHTINGS: dict[str, WeightSelection] = {
 def weight_selection(name: str) -> WeightSelection:
     """One of `WEIGHTINGS`; `InputError` for another name.
 
-    >>> weighting("l-curve").points
+    >>> weight_selection("l-curve").points
     9
     """
     if name not in WEIGHTINGS:

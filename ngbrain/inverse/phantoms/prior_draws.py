@@ -26,7 +26,7 @@ def draw_phantom(
     weight       α, of each field
 
     >>> from ngbrain.inverse.objective.regularisation import matern
-    >>> phantom = drawn(Phantom.from_name("CV-G", 9), lambda space, x: matern(space, x, 0.03), 5.0, seed=0)
+    >>> phantom = draw_phantom(Phantom.from_name("CV-G", 9), lambda space, x: matern(space, x, 0.03), 5.0, seed=0)
     >>> log = np.log(phantom.simulate_measurements().truth["storage"] / 1e4)
     >>> bool(0.1 < log.std() < 0.3)
     True

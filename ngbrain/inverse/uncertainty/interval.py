@@ -32,8 +32,8 @@ class CredibleInterval:
     ) -> CredibleInterval:
         """Of θ = transform(x), x Gaussian: the interval of x transformed, and θ's own deviation by quadrature.
 
-        >>> from ngbrain.inverse.objective.parameters import Log
-        >>> band = CredibleInterval.from_gaussian(np.zeros(1), np.ones(1), Log())
+        >>> from ngbrain.inverse.objective.parameters import LogTransform
+        >>> band = CredibleInterval.from_gaussian(np.zeros(1), np.ones(1), LogTransform())
         >>> float(band.low[0]), float(band.high[0]), float(band.deviation[0])  # e^-1.96, e^1.96, √(e² - e)
         (0.1408635, 7.0990713, 2.16119742)
         """
