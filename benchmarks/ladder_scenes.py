@@ -27,7 +27,7 @@ from ngbrain.errors import SolverError
 from ngbrain.ladder.axes import axes_of, richest
 from ngbrain.ladder.estimates import SOLVED, relative_difference
 from ngbrain.ladder.model_search import Climb, climb
-from ngbrain.ladder.models.bodies import ModelHierarchy
+from ngbrain.ladder.models.hierarchy import ModelHierarchy
 from ngbrain.ladder.solutions import SolutionCache
 from ngbrain.scene import Scene
 

@@ -21,7 +21,7 @@ from ngbrain.io import versions, write_json
 from ngbrain.ladder.axes import axes_of
 from ngbrain.ladder.levels import Model
 from ngbrain.ladder.model_search import Climb, Rung, assess, climb
-from ngbrain.ladder.models.bodies import ModelHierarchy
+from ngbrain.ladder.models.hierarchy import ModelHierarchy
 from ngbrain.ladder.quantities import Asked, Question
 from ngbrain.ladder.summary import AskedFor, summarise
 from ngbrain.progress import log_progress, reporting

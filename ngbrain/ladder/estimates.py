@@ -20,7 +20,10 @@ import numpy as np
 
 from ngbrain.errors import Breakdown, SolverError
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.ladder.models.bodies import SMALL, Model, ModelHierarchy, Solution, answers_of, has_memory
+from ngbrain.ladder.levels import Model
+from ngbrain.ladder.models.bodies import SMALL
+from ngbrain.ladder.models.hierarchy import ModelHierarchy, Solution, answers_of
+from ngbrain.ladder.models.laws import has_memory
 from ngbrain.ladder.quantities import BodyState, Question, interpolate_state
 from ngbrain.solvers.linear import Solve
 
@@ -72,7 +75,7 @@ def relative_change(before: Solution, after: Solution) -> Array:
     return relative_difference(before.answers, after.answers, before.scales)
 
 
-def estimate_adjoint_weighted(hierarchy: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
+def estimate_by_adjoint(hierarchy: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
     """By two Newton steps in the richer model with one factor, from the cheaper one's state (see the module)."""
     where = " of the elastic body at rest" if _at_rest(model) else ""
     model, richer = {**model, **_at_rest(model)}, {**richer, **_at_rest(richer)}
@@ -102,10 +105,10 @@ def estimate_finite_strain(hierarchy: ModelHierarchy, model: Model, richer: Mode
     Elements of first order are too stiff in bending, and what finite strains change grows with the square of how far it goes: a
     column under shear was .9 % lower by them, and by those of second order 24 %.
     """
-    found = estimate_adjoint_weighted(hierarchy, model, richer, solved)
+    found = estimate_by_adjoint(hierarchy, model, richer, solved)
     if model.get("order") != "1":
         return found
-    other = estimate_adjoint_weighted(hierarchy, {**model, "order": "2"}, {**richer, "order": "2"}, solved)
+    other = estimate_by_adjoint(hierarchy, {**model, "order": "2"}, {**richer, "order": "2"}, solved)
     if np.all(np.abs(other.change) <= np.abs(found.change)):
         return found
     return replace(other, how=f"{other.how}, in elements of second order")
@@ -201,7 +204,7 @@ def estimate_refinement(hierarchy: ModelHierarchy, model: Model, richer: Model, 
     That one costs what its step would, and its solution is kept.
     """
     unions = hierarchy.nested or model["mesh"] == richer["mesh"]
-    by = estimate_adjoint_weighted if model["strain"] == "finite" and unions else estimate_linear
+    by = estimate_by_adjoint if model["strain"] == "finite" and unions else estimate_linear
     return by(hierarchy, model, richer, solved)
 
 
@@ -274,7 +277,7 @@ def estimate_by_solution(hierarchy: ModelHierarchy, model: Model, richer: Model,
 
 
 ESTIMATORS: Mapping[str, Estimator] = {
-    "step": estimate_adjoint_weighted,
+    "step": estimate_by_adjoint,
     "strained": estimate_finite_strain,
     "roughly": estimate_linear_coarse,
     "coarse": estimate_coarse,

@@ -15,8 +15,8 @@ from ngbrain import parallel
 from ngbrain.errors import SolverError
 from ngbrain.ladder.axes import ELEMENTS, Axis, axes_of, cheapest, check_levels
 from ngbrain.ladder.estimates import ESTIMATORS, LARGE, NOTHING, SOLVED, Estimate, Solved, relative_difference
-from ngbrain.ladder.levels import MeshLevel
-from ngbrain.ladder.models.bodies import Model, ModelHierarchy
+from ngbrain.ladder.levels import MeshLevel, Model
+from ngbrain.ladder.models.hierarchy import ModelHierarchy
 from ngbrain.ladder.quantities import Asked, Question
 from ngbrain.ladder.solutions import SolutionCache
 from ngbrain.result import Result, Status

@@ -14,7 +14,8 @@ from ngbrain import parallel
 from ngbrain.errors import SolverError
 from ngbrain.ladder.axes import ELEMENTS
 from ngbrain.ladder.estimates import Solved
-from ngbrain.ladder.models.bodies import Model, Solution
+from ngbrain.ladder.levels import Model
+from ngbrain.ladder.models.hierarchy import Solution
 from ngbrain.ladder.quantities import BodyState
 
 PLACE = ("space", "extent")

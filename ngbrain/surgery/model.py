@@ -14,6 +14,7 @@ from ngbrain.errors import InputError, nearest
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.force_control import GivenForce
 from ngbrain.forward.contact.friction import Friction, Moves
+from ngbrain.forward.contact.parameters import OFFSET_SHARE, PENALTY, SLIP, SOFTNESS
 from ngbrain.forward.contact.rigid import Closing, Contact, Sliding, Touch
 from ngbrain.forward.solid.advance import newton_for
 from ngbrain.forward.solid.problem import Problem
@@ -44,22 +45,6 @@ from ngbrain.surgery.relative_stiffness import Mixtures
 from ngbrain.surgery.tools import WALLS, RigidTool, make_tools
 from ngbrain.units import gf
 
-PENALTY = 600.0
-"""Contact stiffness in initial shear moduli per opening.
-
-The offset of the contact makes up for it. Three times as much, on the full demo's mesh: pressure on the patch 0.5 % higher (fast
-0.2 % lower), deepest point 0.66 instead of 0.99 % of the opening inside the blade, nearly twice as many factorisations.
-"""
-SOFTNESS = 0.001
-"""Penetration up to which the contact pressure sets in softly, in openings."""
-MADE_UP = 0.995
-"""Share of the penalty's depth that the contact's offset makes up for: the wall goes where the blade should have put it.
-
-What is left there is, where it presses, 0.17 % of the opening in the mean, and most at the corners of the blade's rounded edges,
-which elements cannot follow: 1.0 % (4 mm elements: 0.4 and 2.1 %).
-"""
-SLIP = 0.01
-"""By how much a wall gives along the blade before it slides with all of its friction, in openings."""
 FILM = 1e5
 """Stiffness of a sliding wall in initial shear moduli per metre: a pressure of a modulus goes 10 µm deep."""
 POINTWISE = 0.2
@@ -253,7 +238,9 @@ class RetractionModel:
         stiffest = max(tissue.initial_modulus for tissue in self.tissues)
         hard, soft = PENALTY * stiffest / opening, SOFTNESS * opening
         contacts = [
-            Contact(wall, blade.distance(drive.parameter / len(self.blades)), hard, soft, MADE_UP, way=drive.parameter)
+            Contact(
+                wall, blade.distance(drive.parameter / len(self.blades)), hard, soft, OFFSET_SHARE, way=drive.parameter
+            )
             for wall, blade in self.blades.items()
         ]
         rubs = [

@@ -25,7 +25,7 @@ from ngbrain.ladder import AskedFor, run_search
 from ngbrain.ladder.axes import Axis, check_levels, restrict
 from ngbrain.ladder.levels import HALVINGS, MeshLevel, Model, PresenceLevel, TimeLevel, TissueLevel
 from ngbrain.ladder.model_search import Rung, assess_along, climb_along
-from ngbrain.ladder.models.bodies import Solution
+from ngbrain.ladder.models.hierarchy import Solution
 from ngbrain.ladder.quantities import BodyState
 from ngbrain.ladder.solutions import SolutionCache
 from ngbrain.materials.families import NEO_HOOKE, is_neo_hooke

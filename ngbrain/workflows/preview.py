@@ -13,7 +13,7 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import InputError
-from ngbrain.ladder.models.bodies import ModelHierarchy
+from ngbrain.ladder.models.hierarchy import ModelHierarchy
 from ngbrain.report.pages import preview as page
 from ngbrain.report.pages.preview import Condition, Drawing, RigidBodyDrawing
 from ngbrain.report.pictures.slices import ScanImage

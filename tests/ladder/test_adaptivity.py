@@ -9,7 +9,8 @@ from ngbrain.ladder.adaptivity import mark_elements
 from ngbrain.ladder.axes import axes_of, cheapest
 from ngbrain.ladder.estimates import Estimate, relative_difference
 from ngbrain.ladder.model_search import Rung, _towards, climb
-from ngbrain.ladder.models.bodies import SMALL, ModelHierarchy, linear_state, solve
+from ngbrain.ladder.models.bodies import SMALL, linear_state
+from ngbrain.ladder.models.hierarchy import ModelHierarchy, solve
 from ngbrain.ladder.quantities import BodyState, evaluate, gradient
 from ngbrain.ladder.solutions import SolutionCache
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Tissue

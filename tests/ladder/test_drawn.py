@@ -15,7 +15,7 @@ from ngbrain.errors import SolverError
 from ngbrain.ladder.axes import axes_of
 from ngbrain.ladder.estimates import relative_difference
 from ngbrain.ladder.model_search import climb
-from ngbrain.ladder.models.bodies import ModelHierarchy
+from ngbrain.ladder.models.hierarchy import ModelHierarchy
 from ngbrain.ladder.solutions import SolutionCache
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Time, Tissue, Traction
 

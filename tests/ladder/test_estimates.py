@@ -16,7 +16,7 @@ from ngbrain.ladder.estimates import (
     section_estimator,
 )
 from ngbrain.ladder.model_search import estimate
-from ngbrain.ladder.models.bodies import ModelHierarchy
+from ngbrain.ladder.models.hierarchy import ModelHierarchy
 from ngbrain.ladder.solutions import SolutionCache
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Time, Tissue, Traction
 

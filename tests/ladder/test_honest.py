@@ -13,7 +13,7 @@ from ngbrain.ladder.axes import AXES, axes_of, cheapest
 from ngbrain.ladder.estimates import NOTHING
 from ngbrain.ladder.levels import PresenceLevel
 from ngbrain.ladder.model_search import climb_along
-from ngbrain.ladder.models.bodies import ModelHierarchy, Solution
+from ngbrain.ladder.models.hierarchy import ModelHierarchy, Solution
 from ngbrain.ladder.solutions import SolutionCache
 from ngbrain.scene import DisplacementBC, Geometry, Gravity, MeshSize, Quantity, Scene, Time, Tissue, Traction
 

@@ -12,9 +12,9 @@ import ngbrain
 from ngbrain.errors import InputError
 from ngbrain.ladder.axes import AXES, OF_WAVES, Axis, axes_of, cheapest, restrict, richest
 from ngbrain.ladder.estimates import ESTIMATORS, SOLVED, Estimate, relative_difference
-from ngbrain.ladder.levels import MeshLevel, TimeLevel
+from ngbrain.ladder.levels import MeshLevel, Model, TimeLevel
 from ngbrain.ladder.model_search import Rung, _as_order, _confirmed, _judge, _learnt, _next, _rung, climb, climb_along
-from ngbrain.ladder.models.bodies import Model, ModelHierarchy, Solution
+from ngbrain.ladder.models.hierarchy import ModelHierarchy, Solution
 from ngbrain.ladder.quantities import BodyState
 from ngbrain.ladder.solutions import SolutionCache
 from ngbrain.result import Status

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ngbrain.ladder.model_search import climb
-from ngbrain.ladder.models.bodies import ModelHierarchy, solve
+from ngbrain.ladder.models.hierarchy import ModelHierarchy, solve
 from ngbrain.ladder.singular_edges import find_singular_edges
 from ngbrain.mesh import block
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Tissue

@@ -10,7 +10,8 @@ import pytest
 
 import ngbrain
 from ngbrain.errors import SolverError
-from ngbrain.ladder.models.bodies import Model, ModelHierarchy, Solution
+from ngbrain.ladder.levels import Model
+from ngbrain.ladder.models.hierarchy import ModelHierarchy, Solution
 from ngbrain.ladder.solutions import SolutionCache
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Time, Tissue
 

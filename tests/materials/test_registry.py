@@ -9,7 +9,7 @@ from lopez_pamies import LINE, LopezPamies
 from ngbrain.cli import main
 from ngbrain.errors import InputError
 from ngbrain.ladder.axes import axes_of, cheapest
-from ngbrain.ladder.models.bodies import ModelHierarchy, solve
+from ngbrain.ladder.models.hierarchy import ModelHierarchy, solve
 from ngbrain.materials import Demiray, Gent, HolzapfelGasserOgden, Maxwell, Ogden, Prony, Viscous, lab
 from ngbrain.materials.families import shear_modulus
 from ngbrain.materials.named import NamedLaw

@@ -7,8 +7,8 @@ from ngbrain.ladder.adaptivity import SHARE, mark_elements
 from ngbrain.ladder.axes import axes_of, cheapest, richest
 from ngbrain.ladder.estimates import relative_difference
 from ngbrain.ladder.model_search import climb
-from ngbrain.ladder.models.bodies import ModelHierarchy, solve
 from ngbrain.ladder.models.geometry import Meshes
+from ngbrain.ladder.models.hierarchy import ModelHierarchy, solve
 from ngbrain.ladder.solutions import SolutionCache
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Tissue
 
@@ -56,7 +56,7 @@ def test_nine_elements_that_the_question_chooses_are_worth_more_than_nine_at_ran
     coarse, part, whole = (solve(bench, {**model, "mesh": level}) for level in ("0", "0+", "1"))
     marked = mark_elements(bench.left_out("whole", False, 0), SHARE[3])
     meshes = Meshes(plate, 0.02)
-    bench.mesh = lambda _: meshes.refine_marked(0, False, np.random.default_rng(1).permutation(marked))
+    bench.mesh = lambda _: meshes.refine_elements(0, False, np.random.default_rng(1).permutation(marked))
     naive = solve(bench, model)
     left, left_at_random = (
         abs(relative_difference(each.answers, whole.answers)[0] / relative_difference(coarse.answers, whole.answers)[0])

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-import time
-import warnings
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from weakref import WeakKeyDictionary
 
@@ -23,51 +20,40 @@ from ngbrain.forward.contact.friction import Friction
 from ngbrain.forward.contact.rigid import Contact
 from ngbrain.forward.solid.inertia import Inertia
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.forward.statics.load_path import LoadPath
-from ngbrain.forward.transient.time_stepper import run_load_history
 from ngbrain.image.read.fibre_directions import read_fibre_directions
 from ngbrain.image.read.volume import Volume
 from ngbrain.ladder.adaptivity import SHARE, element_contributions, mark_elements
-from ngbrain.ladder.levels import MeshLevel, Model, OrderLevel, TimeLevel
+from ngbrain.ladder.levels import MeshLevel, Model
 from ngbrain.ladder.models import motions
 from ngbrain.ladder.models.contacts import make_contact, travel_distance
 from ngbrain.ladder.models.geometry import CUT, Meshes, region_of_interest
+from ngbrain.ladder.models.laws import form_of, relaxed_law
 from ngbrain.ladder.models.motions import PrescribedMotion
 from ngbrain.ladder.models.property_maps import fibre_field, interpolate_map, read_modulus_map, region_median
 from ngbrain.ladder.models.section import not_in_section
-from ngbrain.ladder.models.waves import harmonic_answers
 from ngbrain.ladder.quantities import (
     Asked,
     BodyState,
     Question,
     check_questions,
     direction_in_mesh,
-    evaluate,
-    interpolate_state,
     mesh_components,
-    reference_size,
 )
 from ngbrain.ladder.singular_edges import find_singular_edges
 from ngbrain.materials import Viscous
 from ngbrain.materials.base import Law, Value
-from ngbrain.materials.families import elastic_law, hereditary_form, instantaneous_law, scale, stiffen
+from ngbrain.materials.families import hereditary_form, instantaneous_law, scale, stiffen
 from ngbrain.materials.fibre import Fibre
 from ngbrain.scene import DisplacementBC, Scene, Tissue
 
 Array = np.ndarray
 SMALL = 1e-4
 """Load factor at which strains are small enough to be linear to four digits."""
-RAMP, HOLD = 6, 8
-"""Steps of time in a ramp, and in a hold, which get longer."""
-CROSSING, LONGER = 12, 1.15
-"""Steps of time in which a shear wave crosses a body with mass; and how much longer they get, one after the other, in a hold."""
-
-
 FIRM = 3e3
 """Stiffness of a rigid face, in moduli over its size: its pressure is about twice the way it pushes, likewise."""
 
 
-class ModelHierarchy:
+class SceneBodies:
     """A scene's meshes, kept, and its bodies for any model."""
 
     def __init__(self, scene: Scene, questions: Sequence[Question] = ()) -> None:
@@ -93,7 +79,7 @@ class ModelHierarchy:
             return self._meshes[extent].mesh(level, plane)
         key = extent, plane, level
         if key not in self._cut:
-            self._cut[key] = self._meshes[extent].refine_marked(
+            self._cut[key] = self._meshes[extent].refine_elements(
                 level, plane, mark_elements(self.left_out(*key), SHARE[3 - plane])
             )
         return self._cut[key]
@@ -105,15 +91,6 @@ class ModelHierarchy:
         model = {**place, "strain": "linear", "time": time, "fibres": "all", "order": "1"}
         body, rich = (self.static({**model, "order": order}, self.time("end")) for order in ("1", "2"))
         return element_contributions(self.state(model, body, linear_state(body)), rich, self.questions)
-
-    def solve(self, model: Model, near: Mapping[str, BodyState] | None = None) -> Solution:
-        """See `solve`."""
-        return solve(self, model, near)
-
-    def has_states(self, model: Model) -> bool:
-        """Whether its solution has states: it is of a body at rest without memory."""
-        through_time = has_memory(model) or model.get("inertia") == "all"
-        return self.scene.time.frequency is None and not through_time
 
     @property
     def nested(self) -> bool:
@@ -296,96 +273,6 @@ class ModelHierarchy:
         return mesh, materials, supports, loads, touches
 
 
-def has_memory(model: Model) -> bool:
-    """Whether it has a memory."""
-    return TimeLevel(model.get("time", TimeLevel.INSTANTANEOUS)).has_memory
-
-
-def form_of(model: Model) -> str:
-    """Displacements of the order alone, or one order higher over pressures of the order."""
-    k = OrderLevel(model["order"]).degree
-    return f"P{k}" if model.get("pressure") == "none" else f"P{k + 1}/P{k}"
-
-
-def relaxed_law(material: Viscous, ramp: float, t: float) -> Law:
-    """The elastic law with the stress that small strains have at t, which grew evenly in `ramp` and then stayed.
-
-    A branch of modulus μ and time τ has μ (τ/T)(1 - e^(-T/τ)) e^(-(t - T)/τ) left.
-    """
-    return elastic_law(material, lambda tau: tau / ramp * -math.expm1(-ramp / tau) * math.exp(-(t - ramp) / tau))
-
-
-@dataclass(frozen=True, eq=False)
-class Solution:
-    """What a model says.
-
-    answers   one for each question, SI units
-    states    question's time → state, of a body without memory
-    ndof      unknowns
-    cost_s    computing time (s)
-    doubts    what the solvers warned of, and what is asked that has no limit
-    scales    of each answer, what it is measured by where it is nearly nothing (`quantities.scale_of`); 0: nothing but itself
-    """
-
-    answers: Array
-    states: dict[str, BodyState]
-    ndof: int
-    cost_s: float
-    doubts: tuple[str, ...] = ()
-    scales: Array | float = 0.0
-
-
-def solve(hierarchy: ModelHierarchy, model: Model, near: Mapping[str, BodyState] | None = None) -> Solution:
-    """The model's answers, from states near its own if they are known. Raises `SolverError` where it has none."""
-    begun, states, scales = time.process_time(), dict[str, BodyState](), np.zeros(len(hierarchy.questions))
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        if hierarchy.scene.time.frequency is not None:
-            answers, ndof = harmonic_answers(
-                hierarchy.scene,
-                model,
-                hierarchy.mesh(model),
-                lambda region: (hierarchy.tissue(region, model), hierarchy.factor(region, model)),
-                form_of(model),
-                hierarchy.thickness_of(model),
-            )
-        elif not hierarchy.has_states(model):
-            answers, scales, ndof = _through_time(hierarchy, model)
-        else:
-            states = _at_rest(hierarchy, model, near or {})
-            answers = answers_of(hierarchy.questions, states)
-            scales = np.array([reference_size(quantity, states[quantity.when]) for quantity in hierarchy.questions])
-            ndof = next(iter(states.values())).body.fes.ndof
-    doubts = (*hierarchy.singular_edges, *dict.fromkeys(str(warning.message) for warning in caught))
-    return Solution(answers, states, ndof, time.process_time() - begun, doubts, scales)
-
-
-def answers_of(questions: Sequence[Asked], states: Mapping[str, BodyState]) -> Array:
-    """Of all questions."""
-    return np.array([evaluate(quantity, states[quantity.when]) for quantity in questions])
-
-
-def _at_rest(hierarchy: ModelHierarchy, model: Model, near: Mapping[str, BodyState]) -> dict[str, BodyState]:
-    found: dict[str, BodyState] = {}
-    alike = model.get("time", "instantaneous") == "instantaneous" and not hierarchy.scene.is_timed
-    for when in dict.fromkeys(quantity.when for quantity in hierarchy.questions):
-        if found and alike:
-            found[when] = next(iter(found.values()))
-            continue
-        body = hierarchy.static(model, hierarchy.time(when))
-        if model["strain"] == "linear":
-            x = linear_state(body)
-        else:
-            # From rest what touches a rigid body: how it has slid so far counts.
-            close = None if hierarchy.scene.contacts else near.get(when) or next(iter(found.values()), None)
-            LoadPath(body, hierarchy.course(body)).solve(
-                start=None if close is None else interpolate_state(close, body, 1.0)
-            )
-            x = body.x
-        found[when] = hierarchy.state(model, body, x)
-    return found
-
-
 def linear_state(body: Problem) -> Array:
     """The first Newton step from rest under a small load, which is the solution of the linear problem."""
     check_held(body.supports, body.loads, body.kinematics, "xyz" if body.mesh.dim == 3 else "xz")
@@ -393,49 +280,3 @@ def linear_state(body: Problem) -> Array:
     step = body.factorise(body.load(rest, 0.0), rest)
     lifted = body.load(rest, SMALL)
     return lifted - step(body.residual(lifted)[0])
-
-
-def _through_time(hierarchy: ModelHierarchy, model: Model) -> tuple[Array, Array, int]:
-    """Answers and their scales are found on the way, as the body does not keep its past."""
-    scene = hierarchy.scene
-    size = SMALL if model["strain"] == "linear" else 1.0
-    asked = hierarchy.questions
-    answers, scales, ndof = np.zeros(len(asked)), np.zeros(len(asked)), 0
-    moments = dict.fromkeys(hierarchy.time(quantity.when) for quantity in asked)
-    for last in moments if model.get("time") == "relaxed" else [max(moments)]:  # else one run is good for all
-        body = hierarchy.relaxing(model, last)
-        still = (
-            hierarchy.static(model, last)
-            if size < 1 and any(isinstance(quantity, Question) for quantity in asked)
-            else None
-        )
-
-        def seen(t: float, body: Problem = body, still: Problem | None = still) -> None:
-            for i, quantity in enumerate(asked):
-                if abs(t - hierarchy.time(quantity.when)) < 1e-9 * t:
-                    state = replace(hierarchy.state(model, body, body.x), without_memory=still)
-                    answers[i], scales[i] = evaluate(quantity, state), reference_size(quantity, state)
-
-        times = _times(hierarchy, model, last)
-        factors = size * np.minimum(times / scene.time.ramp, 1.0)
-        run_load_history(body, times, factors, seen, motion=hierarchy.course(body))
-        ndof = body.fes.ndof
-    return answers, scales, ndof
-
-
-def _times(hierarchy: ModelHierarchy, model: Model, last: float) -> Array:
-    """Steps up to a time (s), even ones while loads grow."""
-    ramp = hierarchy.scene.time.ramp
-    hold, moving = last - ramp, model.get("inertia") == "all"
-    count = max(RAMP, math.ceil(CROSSING * ramp / hierarchy.crossing)) if moving else RAMP
-    if hierarchy.scene.is_timed:
-        return motions.time_steps(hierarchy.scene, last, RAMP, hierarchy.crossing / CROSSING if moving else math.inf)
-    grow = np.linspace(0, ramp, count + 1)
-    if hold <= 1e-9 * ramp:
-        return grow
-    if not moving:
-        return np.concatenate([grow, ramp + np.geomspace(min(ramp, hold / HOLD), hold, HOLD)])
-    first = min(ramp / count, hold)
-    steps = math.ceil(math.log(1 + hold / first * (LONGER - 1)) / math.log(LONGER))
-    ends = np.cumsum(LONGER ** np.arange(steps))
-    return np.concatenate([grow, ramp + hold * ends / ends[-1]])

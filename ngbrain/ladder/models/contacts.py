@@ -10,15 +10,11 @@ import numpy as np
 from ngsolve import CoefficientFunction
 
 from ngbrain.forward.contact.friction import Friction
+from ngbrain.forward.contact.parameters import OFFSET_SHARE, PENALTY, SLIP, SOFTNESS
 from ngbrain.forward.contact.rigid import Contact
 from ngbrain.ladder.models.motions import FIELDS, GOLDEN, PrescribedMotion
 from ngbrain.scene.contacts import Contact as Body
 
-STIFF, SOFT, MADE_UP, SLIP = 600.0, 0.001, 0.995, 0.01
-"""Penalty in initial moduli over the body's way, softness in ways, share of depth that offsets make up for, slip in ways.
-
-As an operation's blade has them (`ngbrain.surgery.model`), which says what others change.
-"""
 STANDING = 0.01
 """What counts as the way of a body that stands, in sides of the tissue."""
 INSIDE = 1e-9
@@ -57,5 +53,5 @@ def make_contact(
     def moves(x: CoefficientFunction, now: CoefficientFunction) -> CoefficientFunction:
         return ngs.CF(tuple(part + ngs.CF(0.0) for part in gone(now)))
 
-    met = Contact(body.boundary, distance, STIFF * modulus / far, SOFT * far, MADE_UP, way=parameter)
+    met = Contact(body.boundary, distance, PENALTY * modulus / far, SOFTNESS * far, OFFSET_SHARE, way=parameter)
     return [met, Friction(met, body.friction, SLIP * far, moves)] if rubs and body.friction else [met]

@@ -82,7 +82,7 @@ class Meshes:
             )
         return self._made[level, plane]
 
-    def refine_marked(self, level: int, plane: bool, marked: np.ndarray) -> ngs.Mesh:
+    def refine_elements(self, level: int, plane: bool, marked: np.ndarray) -> ngs.Mesh:
         """A level's mesh with these elements half as large, and what that takes around them."""
         mesh = ngs.Mesh(self.mesh(level, plane).ngmesh.Copy())
         for element in mesh.Elements(ngs.VOL):

@@ -9,7 +9,7 @@ from ngbrain import ladder
 from ngbrain.image.read.nifti import write_nifti
 from ngbrain.image.read.volume import Volume
 from ngbrain.ladder.axes import axes_of, cheapest
-from ngbrain.ladder.models.bodies import ModelHierarchy, _times, solve
+from ngbrain.ladder.models.hierarchy import ModelHierarchy, _times, solve
 from ngbrain.ladder.models.waves import complex_modulus
 from ngbrain.materials import CATALOGUE, constants, fourier, lab
 from ngbrain.scene import DisplacementBC, Geometry, Gravity, MeshSize, Quantity, Scene, Time, Tissue

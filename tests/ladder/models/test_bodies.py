@@ -10,8 +10,9 @@ from scipy.integrate import quad
 from ngbrain.errors import InputError
 from ngbrain.forward.observables.percentiles import weighted_percentile
 from ngbrain.ladder.axes import axes_of, cheapest
-from ngbrain.ladder.models.bodies import ModelHierarchy, _times, relaxed_law, solve
 from ngbrain.ladder.models.geometry import Meshes
+from ngbrain.ladder.models.hierarchy import ModelHierarchy, _times, solve
+from ngbrain.ladder.models.laws import relaxed_law
 from ngbrain.ladder.models.waves import complex_modulus
 from ngbrain.materials import RelaxingOgden
 from ngbrain.mesh import block

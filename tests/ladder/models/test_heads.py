@@ -10,7 +10,7 @@ from ngbrain.image import mni152
 from ngbrain.image.labelling import label_tissues
 from ngbrain.image.segment.tissue_classes import GREY, VENTRICLE, WHITE
 from ngbrain.ladder.axes import axes_of
-from ngbrain.ladder.models.bodies import ModelHierarchy
+from ngbrain.ladder.models.hierarchy import ModelHierarchy
 from ngbrain.scene import DisplacementBC, Geometry, Quantity, Scene, Tissue
 
 A = 1e-3 * np.array([[1, 2, -1], [0, -2, 3], [2, 1, 1]])

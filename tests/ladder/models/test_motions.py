@@ -9,7 +9,7 @@ import pytest
 from ngbrain.errors import InputError
 from ngbrain.ladder import climb
 from ngbrain.ladder.axes import axes_of
-from ngbrain.ladder.models.bodies import ModelHierarchy
+from ngbrain.ladder.models.hierarchy import ModelHierarchy
 from ngbrain.ladder.models.motions import characteristic_time
 from ngbrain.ladder.models.section import not_in_section
 from ngbrain.scene import Contact, DisplacementBC, Geometry, MeshSize, Pressure, Quantity, Scene, Time, Tissue, Traction

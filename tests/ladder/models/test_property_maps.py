@@ -13,8 +13,8 @@ from ngbrain.image.read.volume import Volume  # noqa: E402
 from ngbrain.ladder.axes import axes_of, cheapest  # noqa: E402
 from ngbrain.ladder.estimates import relative_difference  # noqa: E402
 from ngbrain.ladder.model_search import climb, estimate  # noqa: E402
-from ngbrain.ladder.models.bodies import ModelHierarchy, solve  # noqa: E402
 from ngbrain.ladder.models.geometry import Meshes  # noqa: E402
+from ngbrain.ladder.models.hierarchy import ModelHierarchy, solve  # noqa: E402
 from ngbrain.ladder.models.property_maps import interpolate_map, read_modulus_map  # noqa: E402
 from ngbrain.ladder.solutions import SolutionCache
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Time, Tissue  # noqa: E402

@@ -12,7 +12,8 @@ from ngbrain.forward.observables import Displacements, Force, Functional, Observ
 from ngbrain.forward.observables.base import Linear
 from ngbrain.ladder import Question
 from ngbrain.ladder.axes import axes_of, cheapest
-from ngbrain.ladder.models.bodies import SMALL, ModelHierarchy, linear_state, solve
+from ngbrain.ladder.models.bodies import SMALL, linear_state
+from ngbrain.ladder.models.hierarchy import ModelHierarchy, solve
 from ngbrain.ladder.quantities import BodyState, evaluate, gradient
 from ngbrain.report.pages.ladder import answers
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Time, Tissue

@@ -13,7 +13,7 @@ pytest.importorskip("nibabel")
 from ngbrain.image.read.nifti import write_nifti
 from ngbrain.image.read.volume import Volume
 from ngbrain.ladder.axes import axes_of, cheapest
-from ngbrain.ladder.models.bodies import ModelHierarchy
+from ngbrain.ladder.models.hierarchy import ModelHierarchy
 from ngbrain.scene import DisplacementBC, Geometry, Gravity, MeshSize, Quantity, Scene, Time, Tissue, Traction
 
 TURNS = [

@@ -53,7 +53,7 @@ def test_without_its_offset_contact_is_a_matter_of_the_penalty(monkeypatch):
     """The same with a penalty alone: the blade sinks in, and the pressure is that of a smaller opening."""
     set_threads(1)
     opening, rows = 4e-3, []
-    monkeypatch.setattr(surgery_model, "MADE_UP", 0.0)
+    monkeypatch.setattr(surgery_model, "OFFSET_SHARE", 0.0)
     for penalty in (surgery_model.PENALTY, 3 * surgery_model.PENALTY):
         monkeypatch.setattr(surgery_model, "PENALTY", penalty)
         rows.append(opened_elastic(opening))
