@@ -23,7 +23,7 @@ from _ball_waves import BallInBlock
 
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.forward.harmonic.problem import Harmonic
-from ngbrain.forward.sensitivity.harmonic.slopes import FieldGradient
+from ngbrain.forward.sensitivity.harmonic.field_gradients import FieldGradient
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, WaveLinearisation
 from ngbrain.inverse.data.quality import noise_deviation
 from ngbrain.inverse.objective.misfit import LeastSquares

@@ -70,7 +70,7 @@ def ours(
     )
     up = ngs.GridFunction(body.fes.components[0])
     up.Set(ngs.CF((0, 0, 1)))
-    newton = Newton(keep=keep, worth=round(9 * keep), max_factorisations=60)
+    newton = Newton(max_contraction=keep, spare_iterations=round(9 * keep), max_factorisations=60)
     transient = TimeStepper(body, drive, control, 1e-3, newton)
     rows = [(0.0, 0.0)]
 

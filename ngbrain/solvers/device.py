@@ -105,7 +105,7 @@ class CpuFactor:
         """A⁻¹b."""
         return self._times(self._inverse, b)
 
-    def solve_transposed(self, b: Array) -> Array:
+    def solve_transpose(self, b: Array) -> Array:
         """A⁻ᵀb, of a factor with pivots."""
         return self._times(self._inverse.T, b)
 

@@ -12,11 +12,11 @@ Array = np.ndarray
 Apply = Callable[[Array], Array]
 
 
-def cg(apply: Apply, precondition: Apply, b: Array, rtol: float, most: int) -> tuple[Array, int]:
+def cg(apply: Apply, precondition: Apply, b: Array, rtol: float, max_iter: int) -> tuple[Array, int]:
     """Solution of Ax = b with A and the preconditioner P positive definite, and iterations; stops at √(r·Pr) ≤ rtol √(b·Pb)."""
-    x, k, left = truncated_cg(apply, precondition, b, rtol, most)
-    if left > rtol:
-        raise Breakdown(f"no convergence in {most} iterations (residual {left:.1e} of its start)")
+    x, k, residual = truncated_cg(apply, precondition, b, rtol, max_iter)
+    if residual > rtol:
+        raise Breakdown(f"no convergence in {max_iter} iterations (residual {residual:.1e} of its start)")
     return x, k
 
 
@@ -25,24 +25,24 @@ def truncated_cg(
     precondition: Apply,
     b: Array,
     rtol: float,
-    most: int,
-    seen: Callable[[Array, Array], None] = lambda p, image: None,
+    max_iter: int,
+    callback: Callable[[Array, Array], None] = lambda p, image: None,
 ) -> tuple[Array, int, float]:
-    """What `cg` has after `most` iterations or before, iterations, and √(r·Pr) as a part of its start.
+    """What `cg` has after `max_iter` iterations or before, iterations, and √(r·Pr) as a part of its start.
 
-    `seen` is told every direction and A times it.
+    `callback` is told every direction and A times it.
     Every iterate lowers ½ x·Ax - b·x: as a step of a minimisation it can be used as it is.
     """
     x, r = np.zeros_like(b), b.copy()
     z = precondition(r)
     p, start = z, _definite(r, z, "preconditioner")
     now = start
-    for k in range(most + 1):
-        if now <= rtol * rtol * start or k == most:
+    for k in range(max_iter + 1):
+        if now <= rtol * rtol * start or k == max_iter:
             break
         q = apply(p)
         alpha = now / _definite(p, q, "matrix")
-        seen(p, q)
+        callback(p, q)
         x += alpha * p
         r -= alpha * q
         z = precondition(r)
@@ -51,7 +51,7 @@ def truncated_cg(
     return x, k, float(np.sqrt(now / start)) if start else 0.0
 
 
-def minres(apply: Apply, precondition: Apply, b: Array, rtol: float, most: int) -> tuple[Array, int]:
+def minres(apply: Apply, precondition: Apply, b: Array, rtol: float, max_iter: int) -> tuple[Array, int]:
     """Solution of Ax = b with A symmetric and the preconditioner P positive definite, and iterations; stops as `cg` does.
 
     Source: Elman, Silvester, Wathen, Finite Elements and Fast Iterative Solvers (2014), algorithm 4.1.
@@ -62,7 +62,7 @@ def minres(apply: Apply, precondition: Apply, b: Array, rtol: float, most: int) 
     gamma = np.sqrt(_definite(v, z, "preconditioner"))
     start = eta = gamma
     gamma_old, s_old, s, c_old, c = 1.0, 0.0, 0.0, 1.0, 1.0
-    for k in range(most + 1):
+    for k in range(max_iter + 1):
         if abs(eta) <= rtol * start:
             return x, k
         z = z / gamma
@@ -81,19 +81,19 @@ def minres(apply: Apply, precondition: Apply, b: Array, rtol: float, most: int) 
         w, w_old = (z - a3 * w_old - a2 * w) / a1, w
         x += c * eta * w
         eta, z = -s * eta, z_new
-    raise Breakdown(f"no convergence in {most} iterations (residual {abs(eta) / start:.1e} of its start)")
+    raise Breakdown(f"no convergence in {max_iter} iterations (residual {abs(eta) / start:.1e} of its start)")
 
 
 def gmres(
-    apply: Apply, precondition: Apply, first: Array, scale: Array, rtol: float, most: int
+    apply: Apply, precondition: Apply, first: Array, scale: Array, rtol: float, max_iter: int
 ) -> tuple[Array, int, float]:
     """Solution of PAx = `first` = Pb where ‖scale · P(b - Ax)‖ is least, iterations, and that norm as a part of its start."""
     first = scale * first
     beta = float(np.linalg.norm(first))
     if beta == 0:
         return np.zeros_like(first), 0, 0.0
-    basis, h = [first / beta], np.zeros((most + 1, most))
-    for k in range(most):
+    basis, h = [first / beta], np.zeros((max_iter + 1, max_iter))
+    for k in range(max_iter):
         v = scale * precondition(apply(basis[k] / scale))
         for i, other in enumerate(basis):
             h[i, k] = v @ other
@@ -102,11 +102,11 @@ def gmres(
         target = np.zeros(k + 2)
         target[0] = beta
         y, *_ = np.linalg.lstsq(h[: k + 2, : k + 1], target)
-        left = float(np.linalg.norm(h[: k + 2, : k + 1] @ y - target)) / beta
-        if left <= rtol or not h[k + 1, k] > 0 or k + 1 == most:
+        residual = float(np.linalg.norm(h[: k + 2, : k + 1] @ y - target)) / beta
+        if residual <= rtol or not h[k + 1, k] > 0 or k + 1 == max_iter:
             break
         basis.append(v / h[k + 1, k])
-    return sum(a * v for a, v in zip(y, basis, strict=True)) / scale, k + 1, left
+    return sum(a * v for a, v in zip(y, basis, strict=True)) / scale, k + 1, residual
 
 
 def _definite(a: Array, b: Array, what: str) -> float:

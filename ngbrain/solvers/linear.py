@@ -33,7 +33,7 @@ NAMES = (*direct.NAMES, "cg-bddc", "cg-amg", "minres-bddc", "minres-amg")
 
 DIRECT = direct.NAMES
 RTOL = 1e-8
-MOST = 500
+MAX_ITERATIONS = 500
 """Relative residual, in the preconditioner's norm, at which an iteration stops, and the iterations it may take."""
 
 
@@ -64,16 +64,16 @@ def choose(
     size = f"{n_free} unknowns in {dim}-D, K/μ {ratio:.2g}"
     if form_kind == "continuous pressure":
         name, needed = "minres-amg", MIXED_ITERATIONS
-    elif order >= 4 and dim == 3 and 18 * math.sqrt(ratio) <= MOST:
+    elif order >= 4 and dim == 3 and 18 * math.sqrt(ratio) <= MAX_ITERATIONS:
         name, needed = "cg-bddc", max(20.0, 18 * math.sqrt(ratio))  # stars of order 4 take 13 kB an unknown
     else:
         name, needed = "cg-amg", 5 + 3.2 * math.sqrt(ratio)
     limit = DIRECT_MOST[dim]
-    if dim == 3 and needed <= MOST:
+    if dim == 3 and needed <= MAX_ITERATIONS:
         limit = min(limit, round(17_000 * math.sqrt(needed)))
     if n_free <= limit:
         return Choice("sparsecholesky", f"{size}: a factor for several solves is cheapest up to {limit}")
-    if needed <= MOST:
+    if needed <= MAX_ITERATIONS:
         return Choice(name, f"{size}: about {needed:.0f} iterations are cheaper than a factor beyond {limit}")
     return Choice(
         "sparsecholesky", f"{size}: a factor of many GiB, as {name} does not converge; a continuous pressure would"
@@ -95,13 +95,13 @@ class DirectSolver:
 
 @dataclass
 class KrylovSolver:
-    """Solves to `rtol` in at most `most` iterations, or raises FloatingPointError; `iterations` of the last solve."""
+    """Solves to `rtol` in at most `max_iter` iterations, or raises FloatingPointError; `iterations` of the last solve."""
 
     name: str
     condensed: Condensed
     precondition: Core
     rtol: float = RTOL
-    most: int = MOST
+    max_iter: int = MAX_ITERATIONS
     iterations: int = 0
 
     def __call__(self, r: Array) -> Array:
@@ -111,7 +111,7 @@ class KrylovSolver:
     def _core(self, r: Array) -> Array:
         method = krylov.cg if self.name.startswith("cg") else krylov.minres
         try:
-            x, self.iterations = method(self.condensed.apply, self.precondition, r, self.rtol, self.most)
+            x, self.iterations = method(self.condensed.apply, self.precondition, r, self.rtol, self.max_iter)
         except FloatingPointError as error:
             raise Breakdown(f"{self.name}: {error}") from error
         return x
@@ -124,9 +124,9 @@ class ReusedFactorSolver:
     condensed: Condensed
     old: Core
     rtol: float
-    most: int
+    max_iter: int
     iterations: int = 0
-    left: float = 0.0
+    residual: float = 0.0
     _scale: Array | None = None
     _last: tuple[Array, Array] | None = None
 
@@ -143,8 +143,8 @@ class ReusedFactorSolver:
             for field in self.condensed.fields:
                 size = np.linalg.norm(first[field] * self.condensed.free[field])
                 self._scale[field] = 1 / size if size > 0 else 1.0
-        x, self.iterations, self.left = krylov.gmres(
-            self.condensed.apply, self.old, first, self._scale, self.rtol, self.most
+        x, self.iterations, self.residual = krylov.gmres(
+            self.condensed.apply, self.old, first, self._scale, self.rtol, self.max_iter
         )
         return x
 
@@ -177,17 +177,17 @@ def prepare(name: str, form: ngs.BilinearForm, modulus: ngs.CoefficientFunction 
     return iterative
 
 
-def reuse_factor(form: ngs.BilinearForm, kept: Solve, r: Array, rtol: float = 1e-2, most: int = 12) -> Solve | None:
+def reuse_factor(form: ngs.BilinearForm, old: Solve, r: Array, rtol: float = 1e-2, max_iter: int = 12) -> Solve | None:
     """Solver with the matrix of a new assembly by an older factor; None if that does not reach `rtol` for r.
 
-    Later right-hand sides are solved as well as `most` iterations can. Errors are measured as the old factor sees them,
+    Later right-hand sides are solved as well as `max_iter` iterations can. Errors are measured as the old factor sees them,
     M₀⁻¹(r - Mx), each field by its own size, so that forces beside volumes do not matter.
     """
-    if not isinstance(kept, DirectSolver):
+    if not isinstance(old, DirectSolver):
         return None
-    solve = ReusedFactorSolver(Condensed(form), kept.core, rtol, most)
+    solve = ReusedFactorSolver(Condensed(form), old.core, rtol, max_iter)
     solve(r)
-    return solve if solve.left <= rtol else None
+    return solve if solve.residual <= rtol else None
 
 
 def _block(name: str, form: ngs.BilinearForm, modulus: ngs.CoefficientFunction | float) -> Callable[[], Core]:

@@ -69,10 +69,10 @@ class Newton:
     max_iter: int = 40
     max_factorisations: int = 10
     min_det: float = 0.02
-    keep: float = 0.7
-    worth: int = 6
+    max_contraction: float = 0.7
+    spare_iterations: int = 6
     min_damping: float = 0.1
-    watch: int = 0
+    max_climbs: int = 0
     inverse: Callable[[Array], Array] | None = None
     largest: float = 0.0
 
@@ -115,11 +115,11 @@ class Newton:
             record.iterations += 1
             record.history.append((float(np.linalg.norm(r)), chain[-1][1]))
             LOG.debug("iteration %d: residual %.3e, correction %.3e", record.iterations, *record.history[-1])
-            trial = self._trial(system, x, chain[-1], record, damped=fresh and climbs == self.watch)
+            trial = self._trial(system, x, chain[-1], record, damped=fresh and climbs == self.max_climbs)
             if trial is None:
                 self.inverse = None
                 if fresh:
-                    x, r, climbs = self._climb(system, x, chain[-1][0], record, climbs) or (*foot[:2], self.watch)
+                    x, r, climbs = self._climb(system, x, chain[-1][0], record, climbs) or (*foot[:2], self.max_climbs)
                     fresh = False
                 continue
             x, r, reactions, v, damping = trial
@@ -136,7 +136,7 @@ class Newton:
                 continue
             v, contraction = _broyden(chain, v, weights)
             chain.append((v, _size(v, weights)))
-            if contraction > self.keep and chain[-1][1] * contraction**self.worth > self.xtol:
+            if contraction > self.max_contraction and chain[-1][1] * contraction**self.spare_iterations > self.xtol:
                 self.inverse = None
         record.status = Status.STALLED
         record.reason = f"no convergence in {self.max_iter} iterations (last correction {record.value:.1e})"
@@ -174,7 +174,7 @@ class Newton:
         self, system: System, x: Array, step: Array, record: NewtonRecord, climbs: int
     ) -> tuple[Array, Array, int] | None:
         """The full step all the same, if there is one left and the state it leads to is allowed."""
-        if climbs == self.watch or not system.min_det(x + step) > self.min_det:
+        if climbs == self.max_climbs or not system.min_det(x + step) > self.min_det:
             return None
         r, reactions = _residual(system, x + step, record)
         return (x + step, r, climbs + 1) if _finite(r, reactions) else None

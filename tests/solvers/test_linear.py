@@ -176,7 +176,7 @@ def _no_package(name):
 def test_an_iteration_that_does_not_end_says_so(name, kind, square):
     form = elastic(kind, square, 1e4, fixed="left|right")
     _, solve = solution(name, form)
-    solve.most = 5
+    solve.max_iter = 5
     with pytest.raises(
         FloatingPointError, match=rf"{name}: no convergence in 5 iterations \(residual \S+ of its start"
     ):

@@ -82,7 +82,7 @@ class Factorised:
         factor = self._factors[omega]
         if transposed and not self.body.symmetric:
             assert isinstance(factor, CpuFactor)
-            return factor.solve_transposed(b)
+            return factor.solve_transpose(b)
         return factor.solve(b)
 
     def _factor(self, omega: float, device: Device) -> Factor:

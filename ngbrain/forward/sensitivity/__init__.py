@@ -1,7 +1,14 @@
-"""Parameters → data, with derivatives: of equilibria here, of runs in `transient`, of waves in `harmonic`.
+"""Models from parameters to data, with first and second derivatives (adjoint and tangent-linear).
 
-`static_model` (equilibria by `static_equilibrium`, their `tangent_inverse`), `parameter_blocks`, `contact_work` as expressions to
-be differentiated, `reference_shape` of a loaded body, `differences`.
+- `static_model`: bodies in static equilibrium (`StaticModel`).
+- `transient`: time-dependent viscoelastic runs (`RunModel`).
+- `harmonic`: time-harmonic waves (`WaveModel`).
+- `parameter_blocks`: what θ is made of: fields, numbers, prescribed displacements, node positions.
+- `static_equilibrium`: one load case, its equilibrium and the forms that derivatives need.
+- `tangent_inverse`: solves with the tangent at equilibrium and with its transpose.
+- `contact_work`: virtual work of contacts and loads, and its derivatives.
+- `reference_shape`: positions in the loaded body, for finding its unloaded shape.
+- `differences`: a central difference quotient of eighth order.
 """
 
 __all__ = [

@@ -184,7 +184,7 @@ class StaticLinearisation:
             by_state, by_theta = self.observation_jacobians[k]
             part = w[self.model.slices[k]]
             b = by_state.T @ part
-            adjoint = self._inverse(k).solve_transposed(b)
+            adjoint = self._inverse(k).solve_transpose(b)
             total += by_theta.T @ part - self.sensitivities[k].T @ adjoint
             self._add_prescribed(k, total, lambda k=k, b=b, a=adjoint: b + self._by_state(k, a))  # type: ignore[misc]
         self.model.solves.count("incremental", len(self.states))
@@ -216,7 +216,7 @@ class StaticLinearisation:
             self._set(k, w, adjoints[k])
             b, slopes = each.gradient_derivative()
             total += slopes
-            adjoint = self._inverse(k).solve_transposed(b)
+            adjoint = self._inverse(k).solve_transpose(b)
             self._set(k, None, adjoint)
             total += each.parameter_gradient()
             self._add_prescribed(k, total, lambda each=each, b=b: b + each.state_gradient())  # type: ignore[misc]
@@ -287,7 +287,7 @@ class StaticLinearisation:
                 if not each.linear:
                     self._set(k, w, None)
                     b += each.state_gradient()
-                found.append(self._inverse(k).solve_transposed(b))
+                found.append(self._inverse(k).solve_transpose(b))
             self.model.solves.count("adjoint", len(found))
             self._adjoints = np.array(w), found
         return self._adjoints[1]

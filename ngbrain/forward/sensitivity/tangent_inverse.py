@@ -55,7 +55,7 @@ class TangentInverse:
                 return solve(r)
         return self._refined(r)
 
-    def solve_transposed(self, r: Array) -> Array:
+    def solve_transpose(self, r: Array) -> Array:
         """K⁻ᵀ r."""
         return self.solve(r) if self._symmetric else self._solve_transposed(r)
 

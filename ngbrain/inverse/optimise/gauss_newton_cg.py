@@ -30,7 +30,7 @@ from ngbrain.inverse.optimise.regularisation_weight import Evidence, MisfitLevel
 from ngbrain.inverse.optimise.result import Iteration, OptimisationResult
 from ngbrain.reading import read_npz
 from ngbrain.result import Status
-from ngbrain.solvers.directions import QuasiNewtonPreconditioner
+from ngbrain.solvers.quasi_newton_preconditioner import QuasiNewtonPreconditioner
 
 Array = np.ndarray
 STILL, ALIKE = 5e-3, 1.5

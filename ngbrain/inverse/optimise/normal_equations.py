@@ -19,8 +19,8 @@ from ngbrain.inverse.optimise.preconditioners import (
     diagonal_block_inverses,
     factorise_quasidefinite,
 )
-from ngbrain.solvers.directions import QuasiNewtonPreconditioner
 from ngbrain.solvers.krylov import truncated_cg
+from ngbrain.solvers.quasi_newton_preconditioner import QuasiNewtonPreconditioner
 
 Array = np.ndarray
 FORCING = 0.03

@@ -319,7 +319,7 @@ def observation_forgotten(patch):
 
 def not_transposed(patch):
     patch.setattr(
-        "ngbrain.forward.sensitivity.tangent_inverse.TangentInverse.solve_transposed", lambda self, r: self.solve(r)
+        "ngbrain.forward.sensitivity.tangent_inverse.TangentInverse.solve_transpose", lambda self, r: self.solve(r)
     )
 
 

@@ -98,7 +98,7 @@ def test_restart_makes_the_same_factors_again(pillar, make_body):
         contact = Contact("top", lambda x: drive.level - x[2], 1e7, 2e-5, share=0.95)
         body = make_body(contacts=[contact], maxh=0.009, size=(0.02, 0.02, 0.06))
         body.focus(near(body))
-        newton = Newton(keep=0.0, worth=0, max_factorisations=50)  # renews all the time
+        newton = Newton(max_contraction=0.0, spare_iterations=0, max_factorisations=50)  # renews all the time
         return TimeStepper(body, drive, StepControl(0.5, dt_max=10), 1e-3, newton)
 
     _, drive = pillar

@@ -277,7 +277,9 @@ def test_a_reused_factor_leads_to_the_same_state(monkeypatch):
         monkeypatch.setattr("ngbrain.forward.solid.problem.WORTH_REUSING", worth)
         pressing = {"bottom": 0, "top": (0, 0, -0.02)}
         body = Problem(graded(4, 1.0), {".*": Material(NeoHooke(1e3), 1e5)}, pressing, element="P2/P1")
-        LoadPath(body).solve(newton=Newton(rtol=1e-10, xtol=1e-9, keep=0.0, worth=0, max_factorisations=40))
+        LoadPath(body).solve(
+            newton=Newton(rtol=1e-10, xtol=1e-9, max_contraction=0.0, spare_iterations=0, max_factorisations=40)
+        )
         forces.append(body.force("top")[2])
         assert bool(found) == (worth == 0)
     assert any(found) and forces[0] == pytest.approx(forces[1], rel=1e-8)
@@ -291,7 +293,7 @@ def test_uphill_steps_spare_a_displacement_form_its_cuts():
         body = Problem(
             beam, {".*": Material(NeoHooke(1e3), 5e6)}, {"left": 0}, [Traction("right", (0, 40.0))], element="P2"
         )
-        tried[watch] = LoadPath(body).solve(newton=Newton(watch=watch)).tried
+        tried[watch] = LoadPath(body).solve(newton=Newton(max_climbs=watch)).tried
         tips.append(body.u(beam(2, 1))[1])
     print(tried, tips)
     assert tips[0] == pytest.approx(tips[1], rel=1e-5) and tips[0] > 0.3

@@ -134,7 +134,7 @@ def test_kept_and_renewed_factorisations_agree(make_body, plate):
     ends = []
     for keep in (0.0, 0.7):
         drive = plate((0, 4), (0, 2e-3))
-        newton = Newton(keep=keep, worth=round(9 * keep), max_factorisations=50)
+        newton = Newton(max_contraction=keep, spare_iterations=round(9 * keep), max_factorisations=50)
         transient, rows = run(make_body(contacts=[drive.contact()]), drive, StepControl(0.5), newton=newton)
         ends.append((rows[-1, 1], transient.progress.work.factorisations))
         assert transient.progress.rejected == 0

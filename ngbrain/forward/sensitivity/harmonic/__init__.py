@@ -1,7 +1,20 @@
-"""How waves change with parameters.
+"""Derivatives of time-harmonic waves with respect to parameters.
 
-`wave_model`, and what it asks of a `medium`: the matrix of a body `at_rest` changes with its fields (`slopes`, `hessian`), that
-`about_equilibrium` of a deformed one with all that the body is made of (`state_work`).
+- `wave_model`: `WaveModel`, from parameters to displacements at measured points.
+- `medium`: the protocols of a body under its waves and of the derivative of its system matrix.
+- `at_rest`: a body at rest, with fields as parameters.
+- `about_equilibrium`: a deformed body, whose equilibrium depends on the parameters too.
+- `field_gradients`: derivatives of the system matrix with respect to fields, contracted with waves.
+- `matrix_derivative`: the system matrix's derivative along a direction, for second derivatives.
+- `state_work`: virtual work of small waves on a large static deformation.
 """
 
-__all__ = ["about_equilibrium", "at_rest", "hessian", "medium", "slopes", "state_work", "wave_model"]
+__all__ = [
+    "about_equilibrium",
+    "at_rest",
+    "field_gradients",
+    "matrix_derivative",
+    "medium",
+    "state_work",
+    "wave_model",
+]

@@ -87,9 +87,9 @@ class StateSensitivity:
         """A' v."""
         return self._medium.work.apply_derivative(self._omegas[number], self._waves[number])
 
-    def apply_derivative_transposed(self, number: int, adjoint: Array) -> Array:
+    def apply_derivative_transpose(self, number: int, adjoint: Array) -> Array:
         """A'ᵀ λ."""
-        return self._medium.work.apply_derivative_transposed(self._omegas[number], adjoint)
+        return self._medium.work.apply_derivative_transpose(self._omegas[number], adjoint)
 
     def gradient_derivative(
         self, adjoints: Sequence[Array], changes: Sequence[Array], others: Sequence[Array]

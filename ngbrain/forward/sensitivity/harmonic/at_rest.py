@@ -14,8 +14,13 @@ from ngbrain.errors import InputError
 from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.forward.harmonic.integrands import complexified
 from ngbrain.forward.harmonic.problem import Harmonic
-from ngbrain.forward.sensitivity.harmonic.hessian import MatrixDerivative
-from ngbrain.forward.sensitivity.harmonic.slopes import FieldGradient, Pair, derivative_operator, proportional_fields
+from ngbrain.forward.sensitivity.harmonic.field_gradients import (
+    FieldGradient,
+    Pair,
+    derivative_operator,
+    proportional_fields,
+)
+from ngbrain.forward.sensitivity.harmonic.matrix_derivative import MatrixDerivative
 from ngbrain.solvers.matrices import to_scipy
 
 Array = np.ndarray
@@ -117,7 +122,7 @@ class FieldSensitivity:
         """A' u."""
         return self._medium.derivative.apply(self._omegas[number], self._waves[number])
 
-    def apply_derivative_transposed(self, number: int, adjoint: Array) -> Array:
+    def apply_derivative_transpose(self, number: int, adjoint: Array) -> Array:
         """A' λ: it is symmetric."""
         return self._medium.derivative.apply(self._omegas[number], adjoint)
 

@@ -33,7 +33,7 @@ class Sensitivity(Protocol):
     def apply_derivative(self, number: int) -> Array:
         """A' u of a wave."""
 
-    def apply_derivative_transposed(self, number: int, adjoint: Array) -> Array:
+    def apply_derivative_transpose(self, number: int, adjoint: Array) -> Array:
         """A'ᵀ λ of a wave."""
 
     def gradient_derivative(

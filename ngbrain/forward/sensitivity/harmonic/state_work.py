@@ -62,7 +62,7 @@ class StateWork:
         found = self._complex(self._derivative_product, omega, v)
         return self._and_nodes(found, lambda: self._complex(self._product, omega, v))
 
-    def apply_derivative_transposed(self, omega: float, adjoint: Array) -> Array:
+    def apply_derivative_transpose(self, omega: float, adjoint: Array) -> Array:
         """A'ᵀ λ (ndof,)."""
         found = self._complex(self._derivative_transposed, omega, adjoint)
         return self._and_nodes(found, lambda: self._complex(self._transposed, omega, adjoint))

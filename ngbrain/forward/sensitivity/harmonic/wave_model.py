@@ -148,7 +148,7 @@ class WaveModel:
         """In which element each point lies (n,)."""
         return np.array(self.body.mesh(*self.points.T)["nr"])
 
-    def observe_transposed(self, values: Array) -> Array:
+    def observe_transpose(self, values: Array) -> Array:
         """The transpose of `observe`."""
         u = np.zeros(self.body.fes.ndof, complex)
         width = self._scalar.shape[1]
@@ -211,7 +211,7 @@ class WaveLinearisation:
         changes, others, rests = [], [], []
         for k, adjoint in enumerate(adjoints):
             pushed = how.apply_derivative(k) + (factors.apply(k, driven[k]) if driven[k].any() else 0.0)
-            bent = how.apply_derivative_transposed(k, adjoint)
+            bent = how.apply_derivative_transpose(k, adjoint)
             changes.append(driven[k] - factors.solve(k, pushed, "incremental"))
             other = -factors.solve(k, bent, "incremental", transposed=True)
             others.append(other)
@@ -226,7 +226,7 @@ class WaveLinearisation:
             if not part.any():
                 found.append((np.zeros(self.model.body.fes.ndof, complex), np.zeros(len(driving), complex)))
                 continue
-            b = self.model.observe_transposed(part)
+            b = self.model.observe_transpose(part)
             adjoint = self.factors.solve(k, b, purpose, transposed=True)
             found.append((adjoint, b[driving] - self.factors.reactions(k, adjoint, driving)))
         return found

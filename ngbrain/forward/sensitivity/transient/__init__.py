@@ -1,8 +1,16 @@
-"""How runs change with parameters.
+"""Derivatives of time-dependent runs with respect to parameters.
 
-`run_model` and its products, `replayed`, over a `replay` on a fixed grid of times with its `tangents`; one time `step` and its
-derivatives (`step_hessian`, `step_turned`, `step_shape`, `maxwell_step`), as `quadrature_blocks`; `friction_step` and
-`inertia_step` of what rubs and has mass; `run_observables`, what is seen at the end of a step.
+- `run_model`: `RunModel`, from parameters to observables over time.
+- `run_linearisation`: the run at one θ, with tangent-linear, adjoint and second-order products.
+- `replay`: the run on a fixed time grid, with checkpoints.
+- `run_observables`: observables at the end of a time step and their derivatives.
+- `step`: first derivatives of one time step of the tissue.
+- `step_hessian`: second derivatives of one time step; those of the tissue are in `tissue_hessian`.
+- `step_shape`: derivatives of one time step with respect to node positions.
+- `maxwell_step`: one time step of a nonlinear Maxwell branch.
+- `friction_step`, `inertia_step`: what friction and inertia add to a time step.
+- `tangents`: solves with the tangent of each step and with its transpose.
+- `quadrature_blocks`: variables and functions at quadrature points.
 """
 
 __all__ = [
@@ -11,12 +19,12 @@ __all__ = [
     "maxwell_step",
     "quadrature_blocks",
     "replay",
-    "replayed",
+    "run_linearisation",
     "run_model",
     "run_observables",
     "step",
     "step_hessian",
     "step_shape",
-    "step_turned",
     "tangents",
+    "tissue_hessian",
 ]

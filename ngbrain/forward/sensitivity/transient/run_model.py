@@ -38,7 +38,7 @@ from ngbrain.forward.sensitivity.parameter_blocks import (
 from ngbrain.forward.sensitivity.transient.friction_step import FrictionStep
 from ngbrain.forward.sensitivity.transient.inertia_step import InertiaStep
 from ngbrain.forward.sensitivity.transient.replay import TIGHT, Replay, ReplayStep
-from ngbrain.forward.sensitivity.transient.replayed import RunLinearisation
+from ngbrain.forward.sensitivity.transient.run_linearisation import RunLinearisation
 from ngbrain.forward.sensitivity.transient.run_observables import RunObservables
 from ngbrain.forward.sensitivity.transient.step import Parameter, StepForms
 from ngbrain.forward.sensitivity.transient.step_hessian import StepHessian

@@ -7,7 +7,7 @@ tissue and λ of the contacts, weights Λ, and ways (δx, δh, δθ),
                 + w · q(x + s δx; θ + s δθ) )
 
 by x, h and θ, with q what is seen beside the tissue's forces: of the contacts and of q by symbols, of the tissues see
-`step_turned`.
+`tissue_hessian`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from ngbrain.forward.sensitivity.parameter_blocks import ParameterBlock
 from ngbrain.forward.sensitivity.transient.quadrature_blocks import unknowns
 from ngbrain.forward.sensitivity.transient.run_observables import RunObservables
 from ngbrain.forward.sensitivity.transient.step import StepForms
-from ngbrain.forward.sensitivity.transient.step_turned import (
+from ngbrain.forward.sensitivity.transient.tissue_hessian import (
     DifferenceTissueHessian,
     SymbolicTissueHessian,
     TissueGradients,

@@ -17,12 +17,12 @@ from ngbrain.forward.solid.tangent import Solve, factor
 from ngbrain.solvers.krylov import gmres
 
 Array = np.ndarray
-EXACT, MOST = 1e-11, 20
+RTOL, MAX_ITERATIONS = 1e-11, 20
 """What is left of a correction when GMRES may stop, and iterations after which a new factor is made."""
-FINER, SOONER = 1e-13, 12
+FINE_RTOL, FINE_MAX_ITERATIONS = 1e-13, 12
 """These for second derivatives, which come from solutions of solutions: a preconditioner that is far off measures them badly."""
 FEW = 3
-"""Right-hand sides at one state up to which an old factor is tried."""
+"""Right-hand n_rhs at one state up to which an old factor is tried."""
 
 
 class Tangents:
@@ -40,18 +40,18 @@ class Tangents:
         self._vectors = body.gfu.vec.CreateVector(), body.gfu.vec.CreateVector()
         self._factor: Solve | None = None
 
-    def prepare(self, sides: int, exact: float = EXACT) -> Solve:
-        """A solver for so many right-hand sides, of use until the next is asked for."""
+    def prepare(self, n_rhs: int, rtol: float = RTOL) -> Solve:
+        """A solver for so many right-hand n_rhs, of use until the next is asked for."""
         flows = self.body.history.flows
         if flows:
             flows.stiffen()
         self.body.form.AssembleLinearization(self.body.gfu.vec)
-        self._fresh, self._exact, self._most = False, exact, MOST if exact >= EXACT else SOONER
-        if sides > FEW:
+        self._fresh, self._rtol, self._max_iter = False, rtol, MAX_ITERATIONS if rtol >= RTOL else FINE_MAX_ITERATIONS
+        if n_rhs > FEW:
             self._renew()
         return self._solve
 
-    def solve_transposed(self, b: Array) -> Array:
+    def solve_transpose(self, b: Array) -> Array:
         """K⁻ᵀ b: the tangent is symmetric."""
         return self._solve(b)
 
@@ -62,16 +62,16 @@ class Tangents:
         image.data = self.body.form.mat * vector
         return image.FV().NumPy().copy()
 
-    multiply = multiply_transposed = apply
+    multiply = multiply_transpose = apply
 
     def _solve(self, b: Array) -> Array:
         self.solves += 1
         if self._factor is not None and not self._fresh:
             first = self._factor(b)
             x, _, left = gmres(
-                lambda y: self.apply(y) * self._free, self._factor, first, self._scale, self._exact, self._most
+                lambda y: self.apply(y) * self._free, self._factor, first, self._scale, self._rtol, self._max_iter
             )
-            if left <= self._exact:
+            if left <= self._rtol:
                 return x
         if not self._fresh:
             self._renew()
@@ -109,7 +109,7 @@ class PivotedTangents:
         friction.join_tangent(form)
         return form
 
-    def prepare(self, sides: int, exact: float = 0.0) -> Solve:
+    def prepare(self, n_rhs: int, rtol: float = 0.0) -> Solve:
         """A solver, of use until the next is asked for."""
         flows = self.body.history.flows
         if flows:
@@ -124,7 +124,7 @@ class PivotedTangents:
         self.factorisations += 1
         return lambda r: self._times(self._inverse, r * self._free)
 
-    def solve_transposed(self, r: Array) -> Array:
+    def solve_transpose(self, r: Array) -> Array:
         """K⁻ᵀ r, with the factor of `prepare`."""
         return self._times(self._inverse.T, r * self._free)
 
@@ -137,7 +137,7 @@ class PivotedTangents:
         """K x."""
         return self._times(self._form.mat, x, whole=True)
 
-    def multiply_transposed(self, x: Array) -> Array:
+    def multiply_transpose(self, x: Array) -> Array:
         """Kᵀ x."""
         return self._times(self._form.mat.T, x, whole=True)
 
@@ -172,9 +172,9 @@ class BorderedTangents:
         """With it, those for the border among them."""
         return self.inner.solves
 
-    def prepare(self, sides: int, exact: float = EXACT) -> Solve:
+    def prepare(self, n_rhs: int, rtol: float = RTOL) -> Solve:
         """A solver, of use until the next is asked for."""
-        self._solve = self.inner.prepare(sides + 1, exact)
+        self._solve = self.inner.prepare(n_rhs + 1, rtol)
         if self.tool.given.held is None:
             row, column = self._contacts.tool_force_state_gradient(), self._contacts.tool_column()
             corner = self._contacts.tool_stiffness()
@@ -184,9 +184,9 @@ class BorderedTangents:
             self._row, self._column, self._corner = row, column, corner
         return lambda r: self._bordered(self._solve, self._row, self._column, r)
 
-    def solve_transposed(self, r: Array) -> Array:
+    def solve_transpose(self, r: Array) -> Array:
         """With all of it turned."""
-        return self._bordered(self.inner.solve_transposed, self._column, self._row, r)
+        return self._bordered(self.inner.solve_transpose, self._column, self._row, r)
 
     def apply(self, x: Array) -> Array:
         """Of the inner tangent."""
@@ -196,9 +196,9 @@ class BorderedTangents:
         """K x, the tool's equation last."""
         return self._product(self.inner.multiply, self._column, self._row, x)
 
-    def multiply_transposed(self, x: Array) -> Array:
+    def multiply_transpose(self, x: Array) -> Array:
         """Kᵀ x."""
-        return self._product(self.inner.multiply_transposed, self._row, self._column, x)
+        return self._product(self.inner.multiply_transpose, self._row, self._column, x)
 
     def _product(self, inner: Solve, column: Array, row: Array, x: Array) -> Array:
         return np.append(inner(x[:-1]) + x[-1] * column, row @ x[:-1] + x[-1] * self._corner)

@@ -13,7 +13,7 @@ from ngbrain.forward.contact.friction import Friction
 from ngbrain.forward.contact.rigid import Contact
 from ngbrain.forward.observables import Force
 from ngbrain.forward.sensitivity.parameter_blocks import PrescribedDisplacement
-from ngbrain.forward.sensitivity.transient.replayed import RunLinearisation
+from ngbrain.forward.sensitivity.transient.run_linearisation import RunLinearisation
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.advance import LoadHistory
 from ngbrain.forward.solid.inertia import Inertia

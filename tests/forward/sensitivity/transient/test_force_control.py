@@ -11,7 +11,7 @@ from ngbrain.forward.observables import Force
 from ngbrain.forward.sensitivity.contact_work import ContactForms
 from ngbrain.forward.sensitivity.transient.friction_step import FrictionStep
 from ngbrain.forward.sensitivity.transient.replay import accepted_times
-from ngbrain.forward.sensitivity.transient.replayed import RunLinearisation
+from ngbrain.forward.sensitivity.transient.run_linearisation import RunLinearisation
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.transient.step_control import StepControl
 from ngbrain.forward.transient.time_stepper import TimeStepper

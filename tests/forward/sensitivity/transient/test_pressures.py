@@ -38,7 +38,7 @@ def test_rates_once_and_twice(case, rng):
 
 
 def test_a_tangent_that_is_not_turned_lowers_the_rate(monkeypatch, rng):
-    monkeypatch.setattr(PivotedTangents, "solve_transposed", lambda self, r: self._times(self._inverse, r * self._free))
+    monkeypatch.setattr(PivotedTangents, "solve_transpose", lambda self, r: self._times(self._inverse, r * self._free))
     of = inflated("plane strain, triangles", cavity=False)
     start = of.theta.copy()
     start[of.blocks["push"]] = 200.0

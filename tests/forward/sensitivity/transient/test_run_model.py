@@ -13,15 +13,15 @@ from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.observables.force import Reaction
 from ngbrain.forward.sensitivity.static_model import NodePositions
 from ngbrain.forward.sensitivity.transient import maxwell_step as flow_forms
-from ngbrain.forward.sensitivity.transient import replayed as through_time
+from ngbrain.forward.sensitivity.transient import run_linearisation as through_time
 from ngbrain.forward.sensitivity.transient import step as step_forms
 from ngbrain.forward.sensitivity.transient import step_hessian as step_curvature
 from ngbrain.forward.sensitivity.transient import tangents
 from ngbrain.forward.sensitivity.transient.replay import Replay, accepted_times
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.sensitivity.transient.step import StepForms
-from ngbrain.forward.sensitivity.transient.step_turned import DifferenceTissueHessian
-from ngbrain.forward.sensitivity.transient.tangents import FEW, MOST, Tangents
+from ngbrain.forward.sensitivity.transient.tangents import FEW, MAX_ITERATIONS, Tangents
+from ngbrain.forward.sensitivity.transient.tissue_hessian import DifferenceTissueHessian
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.step_control import StepControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
@@ -113,8 +113,8 @@ def test_points_are_where_they_go():
 
 def test_old_factors_serve_several_steps(monkeypatch):
     grid, found = np.linspace(0, 4, 17), {}
-    for most in (MOST, 1):
-        monkeypatch.setattr(tangents, "MOST", most)
+    for most in (MAX_ITERATIONS, 1):
+        monkeypatch.setattr(tangents, "MAX_ITERATIONS", most)
         of = model(grid=grid)
         there = of.evaluate(of.theta)
         found[most] = there.gradient(np.ones_like(there.data)), of.tangents.factorisations

@@ -15,7 +15,7 @@ from ngsolve import CoefficientFunction
 
 from ngbrain.forward.harmonic.integrands import Change, vanishes
 from ngbrain.forward.harmonic.problem import Harmonic
-from ngbrain.forward.sensitivity.harmonic.slopes import FieldGradient, Pair, derivative_operator
+from ngbrain.forward.sensitivity.harmonic.field_gradients import FieldGradient, Pair, derivative_operator
 
 Array = np.ndarray
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from ngbrain.solvers.directions import QuasiNewtonPreconditioner
 from ngbrain.solvers.krylov import truncated_cg
+from ngbrain.solvers.quasi_newton_preconditioner import QuasiNewtonPreconditioner
 
 N = 40
 

@@ -7,7 +7,7 @@ from waves import square
 
 from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.harmonic.wave import Wave
-from ngbrain.forward.sensitivity.harmonic.slopes import proportional_fields
+from ngbrain.forward.sensitivity.harmonic.field_gradients import proportional_fields
 from ngbrain.forward.sensitivity.harmonic.wave_model import WaveModel
 from ngbrain.materials import Shearing
 

@@ -13,7 +13,7 @@ import scipy.sparse as sp
 from ngbrain.errors import ConvergenceError, InputError, check_shape
 from ngbrain.forward.sensitivity.parameter_blocks import PrescribedDisplacement
 from ngbrain.forward.sensitivity.transient.replay import ReplayStep
-from ngbrain.forward.sensitivity.transient.tangents import EXACT, FINER
+from ngbrain.forward.sensitivity.transient.tangents import FINE_RTOL, RTOL
 from ngbrain.forward.solid.tangent import Solve
 
 if TYPE_CHECKING:
@@ -102,7 +102,7 @@ class RunLinearisation:
             model.body.fes.ndof,
         )
         for step, x, before in self._changes_back(direction):
-            adjoint, motion, _ = self._adjoint(step, w, later, FINER)
+            adjoint, motion, _ = self._adjoint(step, w, later, FINE_RTOL)
             theta = model.split(direction) | ({} if len(x) == n else {model.way: x[n:]})
             model.seen.set_weights(self._row(step, w))
             curved.set_direction(x, before.history, theta)
@@ -116,7 +116,7 @@ class RunLinearisation:
                 rest.end += of.by_start
                 rest.carried.append(of.by_carried)
             b = forces + self._carried_gradient(turned)
-            change = -model.tangents.solve_transposed(b)
+            change = -model.tangents.solve_transpose(b)
             total += self._prescribed_gradient(step, b, change)
             turned, more = self._back(step, change, np.zeros(model.n), turned)
             turned.end, turned.history = turned.end + rest.end, turned.history + rest.history
@@ -126,11 +126,11 @@ class RunLinearisation:
         return total
 
     def _adjoint(
-        self, step: ReplayStep, w: Array, later: CarriedState, exact: float = EXACT
+        self, step: ReplayStep, w: Array, later: CarriedState, rtol: float = RTOL
     ) -> tuple[Array, Array, Array]:
         """λ and Zᵀw of a step at whose end the body stands, and ∂(w · data)/∂θ there but for what the tissue's forces have."""
         model = self.model
-        self._begin(step, 1, exact)
+        self._begin(step, 1, rtol)
         row, shown = self._row(step, w), np.zeros(model.size)
         b, motion = self._carried_gradient(later), np.zeros(model.n)
         if row.any():
@@ -141,14 +141,14 @@ class RunLinearisation:
                 b[n:] + by_theta[model.size :],
                 model.seen.motions.T @ row,
             )
-        adjoint = -model.tangents.solve_transposed(b)
+        adjoint = -model.tangents.solve_transpose(b)
         return adjoint, motion, shown + self._prescribed_gradient(step, b, adjoint)
 
     def _prescribed_gradient(self, step: ReplayStep, b: Array, adjoint: Array) -> Array:
         """What is left, at unknowns that are held, of what an adjoint takes away at all others (size,)."""
         found = np.zeros(self.model.size)
         if self.model.held:
-            left = self.model.replay.load_factor(step) * (b + self.model.tangents.multiply_transposed(adjoint))
+            left = self.model.replay.load_factor(step) * (b + self.model.tangents.multiply_transpose(adjoint))
             for part, where in self.model.held:
                 found[where] = left[part.dofs]
         return found
@@ -203,7 +203,7 @@ class RunLinearisation:
         for step in replay.forwards():
             if step.n % replay.every == 0:
                 kept[step.n] = before.history
-            before, _ = self._ahead(step, self._begin(step, 1, FINER), self._columns(step), direction, before)
+            before, _ = self._ahead(step, self._begin(step, 1, FINE_RTOL), self._columns(step), direction, before)
             changes.append(CarriedState(before.end, np.empty(0), before.carried))
         at_rest = CarriedState.zeros(model)
         for steps in replay.segments():
@@ -264,10 +264,10 @@ class RunLinearisation:
         felt = model.contacts.tool_force_parameter_gradient()[: model.size] - model.prescribed_force_gradient(step)
         return sp.csr_array(sp.vstack([columns, sp.csr_array(felt[None])]))
 
-    def _begin(self, step: ReplayStep, sides: int, exact: float = EXACT) -> Solve:
+    def _begin(self, step: ReplayStep, n_rhs: int, rtol: float = RTOL) -> Solve:
         """Forms and tangent of a step at whose end the body stands."""
         self._set(step)
-        return self.model.tangents.prepare(sides, exact)
+        return self.model.tangents.prepare(n_rhs, rtol)
 
     def _set(self, step: ReplayStep) -> None:
         grid = self.model.replay.grid
