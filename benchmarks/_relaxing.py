@@ -13,7 +13,7 @@ from ngsolve.solvers import Newton as NgsolveNewton
 from ngbrain.adjoint.time_curve import TimeCurve
 from ngbrain.errors import SolverError
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.contact.rigid import RigidContact
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.step_control import Control, StepControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
@@ -46,9 +46,9 @@ class Pressed:
 
 def contact(
     level: ngs.CoefficientFunction, penalty: float = PENALTY, share: float = 0.0, softness: float = 2e-5
-) -> Contact:
+) -> RigidContact:
     """The plate: a half space above the block, `level` below the unloaded top."""
-    return Contact("top", lambda x: SIZE[2] - level - x[2], penalty, softness, share)
+    return RigidContact("top", lambda x: SIZE[2] - level - x[2], penalty, softness, share)
 
 
 def ours(
@@ -56,7 +56,7 @@ def ours(
     protocol: ToolMotion,
     grid: Grid,
     keep: float = 0.7,
-    plate: Callable[[ngs.CoefficientFunction], Contact] = contact,
+    plate: Callable[[ngs.CoefficientFunction], RigidContact] = contact,
 ) -> Pressed:
     """Our stepping; `keep` 0 renews the factorisation every iteration."""
     order, maxh = grid

@@ -25,7 +25,7 @@ from _front import figure
 
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.friction import Friction
-from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.contact.rigid import RigidContact
 from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity.transient.run_model import RunLinearisation, RunModel
 from ngbrain.forward.sensitivity.transient.step import Parameter
@@ -95,7 +95,7 @@ def pressed(
 ) -> RunModel:
     """The model: the plate's force and displacements of `POINTS` are seen at the end of every step."""
     drive = Drive(PRESS)
-    contacts: list = [Contact("top", lambda x: SIDE - drive.parameter - x[2], 1e8, 2e-5)]
+    contacts: list = [RigidContact("top", lambda x: SIDE - drive.parameter - x[2], 1e8, 2e-5)]
     observables = [Force("top", (0, 0, 1)), Displacements(POINTS)]
     if law == RUBS:
         p["friction"] = ngs.Parameter(0.2)

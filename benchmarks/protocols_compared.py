@@ -27,7 +27,7 @@ from scipy.optimize import brentq
 
 from ngbrain.errors import RangeWarning, SolverError
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.contact.rigid import RigidContact
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.step_control import ErrorControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
@@ -220,7 +220,7 @@ def blocks(tolerance: float, strain: float = 0.1) -> Values:
             "rests", whole.times, tuple(np.array(whole.advance) * strain * size / OPENING)
         )
         drive = Drive(protocol)
-        plate = Contact("top", lambda x, drive=drive: size - drive.parameter - x[2], 2e5 * mu, 2e-5)
+        plate = RigidContact("top", lambda x, drive=drive: size - drive.parameter - x[2], 2e5 * mu, 2e-5)
         body = Problem(
             block((size,) * 3, 0.01),
             {"tissue": Material(entry.law(), 1000 * mu)},

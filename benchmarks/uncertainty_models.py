@@ -28,7 +28,7 @@ from ngbrain import parallel
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import InputError, SolverError
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.contact.rigid import RigidContact
 from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity.static_model import LoadCase, StaticModel
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
@@ -79,7 +79,7 @@ def relaxing() -> tuple[RunModel, dict[str, Unknown]]:
     drive, side = Drive(ToolMotion("hold", (0.0, 4.0, 40.0), (0.0, 2e-3, 2e-3))), 0.02
     p = {"mu": ngs.Parameter(MU), "g": ngs.Parameter(0.5), "tau": ngs.Parameter(3.0)}
     tissue = Material(Prony(NeoHooke(p["mu"]), [p["g"]], [p["tau"]]), 1e6)
-    plate = Contact("top", lambda x: side - drive.parameter - x[2], 1e8, 2e-5)
+    plate = RigidContact("top", lambda x: side - drive.parameter - x[2], 1e8, 2e-5)
     body = Problem(block((side,) * 3, side), {"tissue": tissue}, {"bottom": 0}, contacts=[plate], element="P2/P1")
     times = np.concatenate([np.linspace(0, 4, 6), 4 + np.geomspace(0.5, 36, 9)])
     return RunModel(body, drive, times, p, [Force("top", (0, 0, 1))]), {

@@ -15,11 +15,11 @@ from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
 
 from ngbrain.errors import InputError
 from ngbrain.forward.common.kinematics import Axisymmetric
-from ngbrain.forward.common.loads import CavityVolume, Pressure, RigidFace, Spring, Traction, Weight
+from ngbrain.forward.common.loads import CavityVolume, PressureLoad, RigidFace, Spring, TractionLoad, Weight
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.force_control import GivenForce
 from ngbrain.forward.contact.friction import Friction
-from ngbrain.forward.contact.rigid import Closing, Contact, Sliding
+from ngbrain.forward.contact.rigid import Closing, RigidContact, Sliding
 from ngbrain.forward.observables import Force
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.inertia import Inertia
@@ -83,10 +83,12 @@ class Tool:
         """Both ways together (m)."""
         return float(sum(np.interp(end, self.times, w) - np.interp(start, self.times, w) for w in self._ways))
 
-    def contact(self, wall: str, share: float, way: ngs.Parameter | None = None) -> Contact:
+    def contact(self, wall: str, share: float, way: ngs.Parameter | None = None) -> RigidContact:
         """With a wall."""
         down = way or self.down
-        return Contact(wall, lambda x: self.height - down - x[self.dim - 1], 1e7, 1e-5, share, way=way or self.along)
+        return RigidContact(
+            wall, lambda x: self.height - down - x[self.dim - 1], 1e7, 1e-5, share, way=way or self.along
+        )
 
 
 def up(dim: int, value: float) -> tuple[float, ...]:
@@ -212,9 +214,9 @@ def loads_of(body: Body) -> dict[str, Any]:
     """By ingredient."""
     right, dim = body.right, body.dim
     return {
-        "traction": Traction(right, up(dim, 20.0)),
+        "traction": TractionLoad(right, up(dim, 20.0)),
         "weight": Weight(up(dim, -2e3)),
-        "follower pressure": Pressure(right, 20.0),
+        "follower pressure": PressureLoad(right, 20.0),
         "cavity of given volume": CavityVolume("inner", body.growth),
         "springs": Spring(right, 1e4),
         "rigid face": RigidFace(right, (-2e-4,) + (0.0,) * (dim - 1), 1e7),

@@ -18,17 +18,17 @@ from ngbrain.errors import InputError
 from ngbrain.forward.common.loads import (
     CavityPressure,
     CavityVolume,
-    Pressure,
+    PressureLoad,
     RigidBody,
     RigidFace,
     Spring,
-    Traction,
+    TractionLoad,
     Weight,
 )
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.force_control import GivenForce
 from ngbrain.forward.contact.friction import Friction
-from ngbrain.forward.contact.rigid import Closing, Contact
+from ngbrain.forward.contact.rigid import Closing, RigidContact
 from ngbrain.forward.contact.rigid import Sliding as Film
 from ngbrain.forward.observables import Force, Functional
 from ngbrain.forward.sensitivity.parameter_blocks import NodePositions, PrescribedDisplacement
@@ -114,9 +114,9 @@ class Scene:
         of, dim, value = self.of, self.dim, self.parameter
         aside = (1.0, *(0.0,) * (dim - 1))
         made: dict[str, Callable[[], Any]] = {
-            "traction": lambda: Traction(of.right, tuple(value * c for c in aside)),
+            "traction": lambda: TractionLoad(of.right, tuple(value * c for c in aside)),
             "weight": lambda: Weight(tuple(value * c for c in up(dim, -1.0))),
-            "follower pressure": lambda: Pressure(of.right, value),
+            "follower pressure": lambda: PressureLoad(of.right, value),
             "pressure of a cavity": lambda: CavityPressure("inner", value),
             "cavity of given volume": lambda: CavityVolume("inner", of.growth * value),
             "springs": lambda: Spring(of.right, value),
@@ -145,7 +145,7 @@ class Scene:
         penalty, softness = self.of_term(name, "penalty", 1e7), self.of_term(name, "softness", 1e-4)
         share = 0.9 if term in ("contact with offset", "tool of given force") else 0.0
         along = self.motion.parameter if term == "tool of given force" else self.plate.along
-        plate = Contact(
+        plate = RigidContact(
             of.top, lambda x: of.height - way * down + lift * ngs.x / SIDE - x[last], penalty, softness, share, along
         )
         found: list[Any] = [plate]

@@ -5,7 +5,7 @@ import numpy as np
 
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.friction import Friction
-from ngbrain.forward.contact.rigid import Contact, Sliding
+from ngbrain.forward.contact.rigid import RigidContact, Sliding
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.step_control import StepControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
@@ -36,7 +36,7 @@ class Drag:
         return float(np.interp(end, self.times, self.down) - np.interp(start, self.times, self.down))
 
     def contact(self, penalty=1e10, share=0.0):
-        return Contact("top", lambda x: SIDE - self.depth - x[2], penalty, 1e-8, share, self.way)
+        return RigidContact("top", lambda x: SIDE - self.depth - x[2], penalty, 1e-8, share, self.way)
 
     def friction(self, contact, coefficient, slip=SLIP):
         return Friction(contact, coefficient, slip, lambda x, way: way * ngs.CF((1.0, 0.0, 0.0)))

@@ -7,11 +7,11 @@ from rubbing import SIDE, Sliding, law_of, mesh_of
 
 from ngbrain.adjoint.check import taylor
 from ngbrain.forward.common.kinematics import Axisymmetric
-from ngbrain.forward.common.loads import CavityVolume, Pressure
+from ngbrain.forward.common.loads import CavityVolume, PressureLoad
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.force_control import GivenForce
 from ngbrain.forward.contact.friction import Friction
-from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.contact.rigid import RigidContact
 from ngbrain.forward.observables import Displacements, Force, Functional
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.inertia import Inertia
@@ -47,7 +47,7 @@ def forced(
     times, parts = program
     given = GivenForce(times, [p["force"] if part else 0.0 for part in parts], away=-1e-3, nudge=1e-6)
     oblique = p["lift"] * (1 + (0 if kind == "axisymmetric" else ngs.x / SIDE))
-    plate = Contact(
+    plate = RigidContact(
         "top", lambda x: SIDE - given.parameter + oblique - x[last], p["penalty"], 2e-5, share, given.parameter
     )
     contacts = [plate]
@@ -55,7 +55,7 @@ def forced(
         aside = ngs.CF((1.0, *(0.0,) * last))
         contacts.append(Friction(plate, p["friction"], 5e-5, (lambda x, way: along * way * aside) if along else None))
     loads = [Inertia(p["rho"])] if mass else []
-    loads += [Pressure("right", p["push"])] if pushed else []
+    loads += [PressureLoad("right", p["push"])] if pushed else []
     supports = {"bottom": 0} | ({"left": (0, None)} if kind == "axisymmetric" else {})
     body = Problem(
         mesh, material(law, p), supports, loads, [*contacts, given],
@@ -72,11 +72,11 @@ def inflated(kind, element="P2/P1", law="Prony", rubs=False, cavity=True):
     of = Body(kind, {"cavity of given volume"} if cavity else set())
     p, plate = numbers(law, ["mu", "g", "tau", "push", "penalty", *["friction"] * rubs]), Sliding(1e-3, 1e-3)
     last = of.dim - 1
-    contacts = [Contact(of.top, lambda x: of.height - plate.down - x[last], p["penalty"], 2e-5, way=plate.along)]
+    contacts = [RigidContact(of.top, lambda x: of.height - plate.down - x[last], p["penalty"], 2e-5, way=plate.along)]
     if rubs:
         aside = ngs.CF((1.0, *(0.0,) * last))
         contacts.append(Friction(contacts[0], p["friction"], 5e-5, lambda x, way: way * aside))
-    loads, seen = [Pressure(of.right, p["push"])], [Force("foot" if cavity else "bottom"), BENT]
+    loads, seen = [PressureLoad(of.right, p["push"])], [Force("foot" if cavity else "bottom"), BENT]
     if cavity:
         p["growth"] = ngs.Parameter(of.growth)
         loads.append(CavityVolume("inner", 1e3 * p["growth"] * plate.down))

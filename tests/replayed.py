@@ -6,9 +6,9 @@ import ngsolve as ngs
 import numpy as np
 from netgen.occ import Box, Glue, OCCGeometry, Z
 
-from ngbrain.forward.common.loads import Spring, Traction, Weight
+from ngbrain.forward.common.loads import Spring, TractionLoad, Weight
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.rigid import Contact, Sliding
+from ngbrain.forward.contact.rigid import RigidContact, Sliding
 from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.problem import Problem
@@ -43,7 +43,7 @@ def field(mesh, value, space=None):
 
 
 def plate(drive, share=0.0):
-    return Contact("top", lambda x: SIDE - drive.parameter - x[2], 1e8, 2e-5, share)
+    return RigidContact("top", lambda x: SIDE - drive.parameter - x[2], 1e8, 2e-5, share)
 
 
 def pressed(share=0.0):
@@ -104,7 +104,7 @@ def touched():
     def contacts(drive):
         distance = lambda x: SIDE - p["way"] * drive.parameter - p["rise"] - x[2]  # noqa: E731
         film = Sliding.on(mesh, "left", p["film"])
-        return [Contact("top", distance, p["penalty"], 2e-5, 0.9), film]
+        return [RigidContact("top", distance, p["penalty"], 2e-5, 0.9), film]
 
     return mesh, materials, p, protocol, contacts
 
@@ -117,7 +117,7 @@ def loaded():
     def acts(drive):
         at = drive.parameter
         plate = Spring("top", p["stuck"], (0.2 * at, 0.0, -p["way"] * at))
-        return [Traction("right", (p["pull"] * at, 0.0, 0.0)), Weight((0.0, -p["heavy"], 0.0)), plate]
+        return [TractionLoad("right", (p["pull"] * at, 0.0, 0.0)), Weight((0.0, -p["heavy"], 0.0)), plate]
 
     return mesh, materials, p, protocol, acts
 
@@ -144,7 +144,7 @@ def model(kind="relaxing", grid=GRID, **options):
     mesh, materials, parameters, protocol, contacts = (KINDS | PLAIN)[kind]()
     drive = Drive(protocol)
     acts = contacts(drive)
-    on_walls = [each for each in acts if isinstance(each, (Contact, Sliding))]
+    on_walls = [each for each in acts if isinstance(each, (RigidContact, Sliding))]
     body = Problem(
         mesh,
         materials,

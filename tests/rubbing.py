@@ -7,7 +7,7 @@ from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
 from ngbrain.forward.common.kinematics import Axisymmetric
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.friction import Friction
-from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.contact.rigid import RigidContact
 from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.problem import Problem
@@ -60,7 +60,7 @@ def model(
     mesh, plate = mesh_of(kind, n, wide), plate or Sliding()
     p = {name: ngs.Parameter(value) for name, value in (VALUES | values).items()}
     last = mesh.dim - 1
-    contact = Contact("top", lambda x: SIDE - plate.down - x[last], p["penalty"], 2e-5, share, way=plate.along)
+    contact = RigidContact("top", lambda x: SIDE - plate.down - x[last], p["penalty"], 2e-5, share, way=plate.along)
     aside = (1.0, *(0.0,) * last)
     rubbing = Friction(contact, p["friction"], p["slip"], lambda x, way: way * ngs.CF(aside))
     supports = {"bottom": 0} | ({"left": (0, None)} if kind == "axisymmetric" else {})

@@ -16,7 +16,7 @@ from ngsolve import TaskManager
 
 import ngbrain
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.contact.rigid import RigidContact
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.step_control import StepControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
@@ -66,7 +66,7 @@ mine = Prony(MyLaw(), g=[0.45, 0.365], tau=[0.5, 50.0])
 def press(law, initial_modulus):
     """Force over time of a plate that goes 2 mm into a 20 mm block in 2 s and stays for a minute."""
     drive = Drive(continuous_retraction(2e-3, 2.0, 62.0))
-    plate = Contact("top", lambda x: 0.02 - drive.parameter - x[2], penalty=2e5 * initial_modulus, softness=2e-5)
+    plate = RigidContact("top", lambda x: 0.02 - drive.parameter - x[2], penalty=2e5 * initial_modulus, softness=2e-5)
     body = Problem(
         block((0.02,) * 3, 0.02 if FAST else 0.01),
         {"tissue": Material(law, 1000 * initial_modulus)},

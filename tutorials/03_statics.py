@@ -17,7 +17,7 @@ from ngsolve.meshes import MakeStructured2DMesh
 import ngbrain
 from ngbrain.errors import ConvergenceError, InputError
 from ngbrain.forward.common.kinematics import Axisymmetric
-from ngbrain.forward.common.loads import CavityPressure, CavityVolume, Spring, Traction
+from ngbrain.forward.common.loads import CavityPressure, CavityVolume, Spring, TractionLoad
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.statics.load_path import LoadPath
@@ -72,7 +72,7 @@ for form in ("P2/P2", "P2/L2(0)"):
 
 # %%
 sides = {"left|right": (0, None, None), "front|back": (None, 0, None)}
-held = Problem(cube, tissue, sides, [Spring("bottom", 1e5), Traction("top", (0, 0, -50.0))], element="P2/P1")
+held = Problem(cube, tissue, sides, [Spring("bottom", 1e5), TractionLoad("top", (0, 0, -50.0))], element="P2/P1")
 LoadPath(held).solve()
 sunk = 1e3 * held.u(cube(0.05, 0.05, 0.0))[2]
 print(f"on springs of 100 kPa/m under 50 Pa: {sunk:.4f} mm (-50/1e5 m)")
@@ -156,7 +156,7 @@ for _ in range(5):
 cook = {".*": Material(UnsplitNeoHooke(80.194), bulk=400889.806, change=squared_log)}
 rises = {}
 for form in ("P1", "P2", "P2/P1", "P4/P3"):
-    body = Problem(mesh, cook, {"left": 0}, [Traction("right", (0, 6.25))], element=form)
+    body = Problem(mesh, cook, {"left": 0}, [TractionLoad("right", (0, 6.25))], element=form)
     record = LoadPath(body).solve()
     rises[form] = body.u(mesh(48, 60))[1]
     print(f"{form:<6} {body.fes.ndof:6d} unknowns, {record.tried:3d} Newton iterations: {rises[form]:.4f} mm")

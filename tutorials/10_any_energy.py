@@ -22,7 +22,7 @@ from ngsolve.meshes import MakeStructured2DMesh
 import ngbrain
 from ngbrain.adjoint.check import taylor
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.contact.rigid import RigidContact
 from ngbrain.forward.observables import Displacements, Force, Observable, StrainPercentile
 from ngbrain.forward.observables.base import Linear
 from ngbrain.forward.sensitivity.static_model import LoadCase, StaticModel
@@ -200,7 +200,7 @@ def relaxing(values):
     """A cube under a plate, and its parameters."""
     parameters = {name: ngs.Parameter(value) for name, value in values.items()}
     drive = Drive(ToolMotion("press", (0.0, 2.0, 24.0), (0.0, 1e-3, 1e-3)))
-    plate = Contact("top", lambda x: 0.02 - drive.parameter - x[2], 1e8, 2e-5)
+    plate = RigidContact("top", lambda x: 0.02 - drive.parameter - x[2], 1e8, 2e-5)
     law = Prony(NeoHooke(parameters["mu"]), [parameters["g"]], [parameters["tau"]])
     body = Problem(
         block((0.02, 0.02, 0.02), 0.02),

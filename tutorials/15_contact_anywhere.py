@@ -18,13 +18,13 @@ from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
 import ngbrain
 from ngbrain.forward import (
     Axisymmetric,
-    Contact,
     ErrorControl,
     Friction,
     GivenForce,
     Inertia,
     Material,
     Problem,
+    RigidContact,
     StepControl,
     TimeStepper,
 )
@@ -62,7 +62,9 @@ class Plate:
 
 square = MakeStructured2DMesh(quads=False, nx=6, ny=6, mapping=lambda x, y: (SIDE * x, SIDE * y))
 plate, coefficient = Plate(), 0.1
-contact = Contact("top", lambda x: SIDE - plate.down - x[1], penalty=1e7, softness=1e-5, share=0.9, way=plate.along)
+contact = RigidContact(
+    "top", lambda x: SIDE - plate.down - x[1], penalty=1e7, softness=1e-5, share=0.9, way=plate.along
+)
 rubbing = Friction(contact, coefficient, slip=5e-5, moves=lambda x, way: way * ngs.CF((1.0, 0.0)))
 relaxing = {".*": Material(Prony(NeoHooke(1e3), g=[0.5], tau=[2.0]), bulk=1e4)}
 block = Problem(square, relaxing, {"bottom": 0}, contacts=[contact, rubbing], element="P2/P1")
@@ -92,7 +94,7 @@ half = MakeStructured2DMesh(quads=True, nx=8, ny=8, mapping=lambda x, y: (SIDE *
 ways = {}
 for name, ramp in (("sudden", 0.05), ("slow", 5.0)):
     press = GivenForce((0.0, ramp, ramp + 1.0), (0.0, 2e-2, 2e-2), away=-1e-3, nudge=1e-6)
-    ball = Contact(
+    ball = RigidContact(
         "top", lambda x, p=press: ngs.Norm(x - ngs.CF((0.0, SIDE + 5e-3 - p.parameter))) - 5e-3, 1e9, 1e-6, 0.9, press.parameter
     )  # fmt: skip
     disc = Problem(
@@ -127,7 +129,7 @@ class Ball(Plate):
 
 
 tool, radius = Ball(), 0.03
-met = Contact(
+met = RigidContact(
     "top", lambda x: ngs.Norm(x - ngs.CF((SIDE / 2, SIDE / 2, SIDE + radius - tool.down))) - radius, 1e8, 2e-6, 0.995
 )
 blocks = Problem(cube, {".*": Material(NeoHooke(stiff), bulk=1e5)}, {"bottom": 0}, contacts=[met], element="P2/P1")

@@ -8,7 +8,7 @@ from ngsolve_plain import domain, wave
 
 import ngbrain
 from ngbrain.errors import ConvergenceError, InvertedElementError
-from ngbrain.forward.common.loads import Traction
+from ngbrain.forward.common.loads import TractionLoad
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.solid.advance import newton_for
 from ngbrain.forward.solid.problem import Problem
@@ -26,7 +26,7 @@ def body_of(task: c.Task) -> Problem:
     mesh, form = domain(task), task.element.key
     if task.case == "cook":
         tissue = Material(UnsplitNeoHooke(c.COOK_MU), c.COOK_K, change=squared_log)
-        return Problem(mesh, {".*": tissue}, {"left": 0}, [Traction("right", (0, c.TRACTION))], element=form)
+        return Problem(mesh, {".*": tissue}, {"left": 0}, [TractionLoad("right", (0, c.TRACTION))], element=form)
     supports = {}
     if task.case == "smooth":
         supports |= {"back|front": (0, None, None), "left|right": (None, 0, None)}

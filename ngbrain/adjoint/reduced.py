@@ -21,7 +21,7 @@ from ngbrain.errors import InputError, check_shape
 Array = np.ndarray
 
 
-class State(Protocol):
+class LinearisedState(Protocol):
     """A model at one θ."""
 
     data: Array
@@ -42,7 +42,7 @@ class Model(Protocol):
     """From a vector θ to data."""
 
     def evaluate(self, theta: Array) -> Any:
-        """Its `State` at θ."""
+        """Its `LinearisedState` at θ."""
 
 
 class Unknowns(Protocol):
@@ -104,7 +104,7 @@ class Reduced:
     regularisers   block → Regulariser; blocks without one are held by the data alone
     weights        block → α, changed between calls as the weight is lowered
 
-    The `State` of a model is of use until the model is asked for another θ, and so is a `Point`.
+    The `LinearisedState` of a model is of use until the model is asked for another θ, and so is a `Point`.
     """
 
     def __init__(
@@ -159,7 +159,7 @@ class Reduced:
 class Point:
     """J at one x."""
 
-    def __init__(self, reduced: Reduced, x: Array, state: State) -> None:
+    def __init__(self, reduced: Reduced, x: Array, state: LinearisedState) -> None:
         self.reduced, self.x, self.state = reduced, x, state
         self.misfit = reduced.misfit.value(state.data)
         self.regular = reduced.regular(x)

@@ -1,12 +1,22 @@
-"""Equations and their solution.
+"""Mechanics: boundary-value problems, their solution, observables and derivatives.
 
-One nonlinear solid, `Problem`, and what drives it: `LoadPath` to equilibrium, `TimeStepper` and `run_load_history` through time.
-For a loop of one's own `advance` makes a step from one `State` to the next, under what is `LoadProgram`.
-What it is made of: `Material` by region; supports by boundary; loads (`Traction`, `Weight`, `Pressure`, `Spring`, `RigidFace`,
-`RigidBody`, `CavityPressure`, `CavityVolume`) and `Inertia`; contacts (`Contact`, `Friction`, `Sliding`, `Closing`,
-`GivenForce`); in space or in `PlaneStrain` and `Axisymmetric`. Linear waves at one frequency: `Harmonic`; on a deformed body
-`Harmonic.about`. What is asked of a state: `ngbrain.forward.observables`. Models that are differentiated by parameters:
-`StaticModel` of equilibria (`LoadCase`), `RunModel` of runs, `WaveModel` of waves.
+Problems
+    `Problem` (nonlinear solid), `Material` by region, `PlaneStrain`, `Axisymmetric`, `AntiPlane`; `Inertia` with
+    `GeneralizedAlpha` time integration.
+Loads
+    `TractionLoad`, `PressureLoad`, `Weight`, `Spring`, `RigidFace`, `RigidBody`, `CavityPressure`, `CavityVolume`.
+Contact
+    `RigidContact`, `Sliding`, `Closing` (self-contact), `Friction`, `GivenForce` (force-controlled rigid bodies).
+Solution
+    `LoadPath` (equilibrium), `TimeStepper` and `run_load_history` (time), with `StepControl`, `ErrorControl` or `GivenSteps`.
+    For a loop of your own: `advance` makes one step from one `State` to the next under a `LoadProgram`; `newton_for` gives
+    Newton's method with the settings that the element needs.
+Harmonic waves
+    `Harmonic` with `Wave` and `Absorbing` boundaries; `Harmonic.about` for small waves on a deformed body.
+Differentiable models
+    `StaticModel` of equilibria (`LoadCase`), `RunModel` of runs in time, `WaveModel` of harmonic waves.
+
+Sub-packages: `common`, `contact`, `harmonic`, `observables`, `sensitivity`, `solid`, `statics`, `transient`.
 """
 
 from importlib import import_module
@@ -17,18 +27,18 @@ if TYPE_CHECKING:
     from ngbrain.forward.common.loads import (
         CavityPressure,
         CavityVolume,
-        Pressure,
+        PressureLoad,
         RigidBody,
         RigidFace,
         Spring,
-        Traction,
+        TractionLoad,
         Weight,
     )
     from ngbrain.forward.common.material import Material
     from ngbrain.forward.common.state import State
     from ngbrain.forward.contact.force_control import GivenForce
     from ngbrain.forward.contact.friction import Friction
-    from ngbrain.forward.contact.rigid import Closing, Contact, Sliding
+    from ngbrain.forward.contact.rigid import Closing, RigidContact, Sliding
     from ngbrain.forward.harmonic.problem import Harmonic
     from ngbrain.forward.harmonic.wave import Wave
     from ngbrain.forward.sensitivity.harmonic.wave_model import WaveModel
@@ -42,7 +52,7 @@ if TYPE_CHECKING:
     from ngbrain.forward.transient.time_stepper import TimeStepper, run_load_history
 
 _HOME = {
-    "contact.rigid": ("Closing", "Contact", "Sliding"),
+    "contact.rigid": ("Closing", "RigidContact", "Sliding"),
     "contact.force_control": ("GivenForce",),
     "contact.friction": ("Friction",),
     "harmonic.problem": ("Harmonic",),
@@ -52,7 +62,7 @@ _HOME = {
     "common.kinematics": ("AntiPlane", "Axisymmetric", "PlaneStrain"),
     "statics.load_path": ("LoadPath",),
     "common.loads": (
-        "CavityPressure", "CavityVolume", "Pressure", "RigidBody", "RigidFace", "Spring", "Traction", "Weight",
+        "CavityPressure", "CavityVolume", "PressureLoad", "RigidBody", "RigidFace", "Spring", "TractionLoad", "Weight",
     ),
     "common.material": ("Material",),
     "common.state": ("State",),
@@ -72,7 +82,6 @@ __all__ = [
     "CavityPressure",
     "CavityVolume",
     "Closing",
-    "Contact",
     "ErrorControl",
     "Friction",
     "GeneralizedAlpha",
@@ -86,9 +95,10 @@ __all__ = [
     "LoadProgram",
     "Material",
     "PlaneStrain",
-    "Pressure",
+    "PressureLoad",
     "Problem",
     "RigidBody",
+    "RigidContact",
     "RigidFace",
     "RunModel",
     "Sliding",
@@ -97,7 +107,7 @@ __all__ = [
     "StaticModel",
     "StepControl",
     "TimeStepper",
-    "Traction",
+    "TractionLoad",
     "Wave",
     "WaveModel",
     "Weight",

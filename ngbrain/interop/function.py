@@ -16,7 +16,7 @@ from weakref import WeakValueDictionary
 
 import numpy as np
 
-from ngbrain.adjoint.reduced import Model, Point, Reduced, State
+from ngbrain.adjoint.reduced import LinearisedState, Model, Point, Reduced
 from ngbrain.errors import InputError, SolverError
 
 Array = np.ndarray
@@ -47,7 +47,7 @@ class DataFunction:
     """A model's data. Raises what the model raises: `SolverError` where it has no solution."""
 
     def __init__(self, model: Model) -> None:
-        self._kept = kept(model)
+        self._kept = state_cache(model)
 
     def value(self, x: Array) -> Array:
         """d."""
@@ -68,7 +68,9 @@ class DataFunction:
         """(Re Σ w̄ d)'' δθ."""
         with self._kept.evaluate(x) as state:
             if not hasattr(state, "hvp"):
-                raise InputError("model", type(self._kept.model).__name__, "one with second derivatives: `State.hvp`")
+                raise InputError(
+                    "model", type(self._kept.model).__name__, "one with second derivatives: `LinearisedState.hvp`"
+                )
             return state.hvp(w, direction)
 
 
@@ -84,7 +86,7 @@ class ObjectiveFunction:
     """
 
     def __init__(self, reduced: Reduced) -> None:
-        self.reduced, self._kept = reduced, kept(reduced.model)
+        self.reduced, self._kept = reduced, state_cache(reduced.model)
         self._point: Point | None = None
         self._weights: dict[str, float] = {}
 
@@ -132,21 +134,21 @@ class ObjectiveFunction:
             return point.product(direction)
 
 
-class Kept:
-    """A model and its last State, with the factor in it.
+class StateCache:
+    """A model and its last linearised state, with the factorisation in it.
 
-    A State is of use until its model is asked for another θ: hence one `Kept` for each model, see `kept`, one question at a time,
-    as callbacks may come from several threads, and a look at the model's own `theta` (where it has one), which whoever asks the
-    model itself moves.
+    A state is valid until its model is evaluated at another θ. Hence there is one cache for each model (`state_cache`), a lock,
+    as callbacks may come from several threads, and a check of the model's own `theta` (where it has one), which other callers of
+    the model change.
     """
 
     def __init__(self, model: Model) -> None:
         self.model, self._lock = model, Lock()
         self._theta = self._left = np.empty(0)
-        self._state: State | None = None
+        self._state: LinearisedState | None = None
 
     @contextmanager
-    def evaluate(self, theta: Array) -> Iterator[State]:
+    def evaluate(self, theta: Array) -> Iterator[LinearisedState]:
         """The State at θ, solved for unless it is the last one."""
         with self._lock:
             known = np.array_equal(theta, self._theta) and np.array_equal(self._now(), self._left)
@@ -161,9 +163,9 @@ class Kept:
         return getattr(self.model, "theta", np.empty(0))
 
 
-_KEPT: WeakValueDictionary[int, Kept] = WeakValueDictionary()
+_KEPT: WeakValueDictionary[int, StateCache] = WeakValueDictionary()
 
 
-def kept(model: Model) -> Kept:
-    """The `Kept` of a model, the same as long as a function holds it."""
-    return _KEPT.setdefault(id(model), Kept(model))
+def state_cache(model: Model) -> StateCache:
+    """The `StateCache` of a model, the same as long as a function holds it."""
+    return _KEPT.setdefault(id(model), StateCache(model))

@@ -15,7 +15,7 @@ from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.force_control import GivenForce
 from ngbrain.forward.contact.friction import Friction, Moves
 from ngbrain.forward.contact.parameters import OFFSET_SHARE, PENALTY, SLIP, SOFTNESS
-from ngbrain.forward.contact.rigid import Closing, Contact, Sliding, Touch
+from ngbrain.forward.contact.rigid import Closing, RigidContact, Sliding, Touch
 from ngbrain.forward.solid.advance import newton_for
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.step_control import Control, ErrorControl
@@ -238,7 +238,7 @@ class RetractionModel:
         stiffest = max(tissue.initial_modulus for tissue in self.tissues)
         hard, soft = PENALTY * stiffest / opening, SOFTNESS * opening
         contacts = [
-            Contact(
+            RigidContact(
                 wall, blade.distance(drive.parameter / len(self.blades)), hard, soft, OFFSET_SHARE, way=drive.parameter
             )
             for wall, blade in self.blades.items()

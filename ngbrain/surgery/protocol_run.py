@@ -12,10 +12,10 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.contact.rigid import RigidContact
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.statics.stability import CREASE
-from ngbrain.forward.transient.step_control import Control, Progress
+from ngbrain.forward.transient.step_control import Control, StepperProgress
 from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.io import Checkpoint, Frame, QuadraticGrid, load, save
 from ngbrain.look import curves
@@ -164,7 +164,7 @@ class ProtocolRun:
         self.path = None if folder is None else folder / f"{protocol.name}.vtkhdf"
         self.transient: TimeStepper = model.run(protocol, control, materials, order)
         body = self.transient.problem
-        self._way = next(c.way for c in body.contacts if isinstance(c, Contact) and c.way)
+        self._way = next(c.way for c in body.contacts if isinstance(c, RigidContact) and c.way)
         self.observer = Observer(body, model.blades, model.held)
         self.sampler = Sampler(body, model.cleft, model.parts(order))
         self._moving = {name: (sign, of.on(body)) for name, (sign, of) in VOLUMES.items()}
@@ -186,7 +186,7 @@ class ProtocolRun:
         """Run to the end (or to `until`, s); raises what `TimeStepper.run` raises, with the last good step saved."""
         end = self.protocol.times[-1]
 
-        def watch(body: Problem, at: Progress, record: NewtonRecord) -> None:
+        def watch(body: Problem, at: StepperProgress, record: NewtonRecord) -> None:
             self.look(body, at, record)
             if callback is not None:
                 callback(self.protocol.name, at.t, at.t / end)
@@ -206,7 +206,7 @@ class ProtocolRun:
         parts = (to_columns(self.rows), self.protocol.times, self.peak, self.largest, self.protocol.working_s)
         return ProtocolResult(*parts, *work, status=Status.CONVERGED)
 
-    def look(self, body: Problem, at: Progress, record: NewtonRecord) -> None:
+    def look(self, body: Problem, at: StepperProgress, record: NewtonRecord) -> None:
         """Put the body as it stands on record."""
         self.rows.append(self.observer(at.t, self._way.Get(), record.min_det_F))
         sample = self.sampler(at.t)
@@ -226,7 +226,7 @@ class ProtocolRun:
 
     # The file.
 
-    def _save(self, body: Problem, at: Progress) -> None:
+    def _save(self, body: Problem, at: StepperProgress) -> None:
         assert self.grid is not None and self.path is not None and self.peak is not None
         frame = Frame(at.t, self._fields(body))
         keep = (

@@ -11,7 +11,7 @@ from ngbrain.adjoint.derived import Amplitude, Derived, Dose, Phase, TimeAbove
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.adjoint.time_curve import Interpolation, TimeCurve, monotone_slopes
 from ngbrain.errors import InputError
-from ngbrain.forward import Contact, Material, Problem, RunModel
+from ngbrain.forward import Material, Problem, RigidContact, RunModel
 from ngbrain.forward.observables import Force, patch_pressure
 from ngbrain.inverse.objective.misfit import LeastSquares
 from ngbrain.inverse.objective.parameters import LogTransform, ParameterFields, Unknown
@@ -26,7 +26,7 @@ SIDE, GRID = 0.02, np.array([0.0, 0.5, 1.0, 2.0, 4.0, 8.0])
 def pressed():
     """A relaxing block under a plate that presses and stops: pressure and force over time."""
     drive = Drive(ToolMotion("press", (0.0, 2.0, 8.0), (0.0, 1e-3, 1e-3)))
-    plate = Contact("top", lambda x: SIDE - drive.parameter - x[2], 1e8, 2e-5)
+    plate = RigidContact("top", lambda x: SIDE - drive.parameter - x[2], 1e8, 2e-5)
     mu, g = ngs.Parameter(1000.0), ngs.Parameter(0.5)
     tissue = Material(Prony(NeoHooke(mu), [g], [3.0]), 1e6)
     body = Problem(block((SIDE,) * 3, SIDE), {"tissue": tissue}, {"bottom": 0}, contacts=[plate], element="P2/P1")

@@ -4,7 +4,7 @@ import ngsolve as ngs
 import pytest
 
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.contact.rigid import RigidContact
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import Branch, NeoHooke, Ogden, Viscous
 from ngbrain.mesh import block
@@ -34,7 +34,7 @@ class Plate:
         return self.at(end) - self.at(start)
 
     def contact(self, penalty=1e8):
-        return Contact("top", lambda x: self.level - x[2], penalty, 2e-5)
+        return RigidContact("top", lambda x: self.level - x[2], penalty, 2e-5)
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ngbrain.errors import InputError
-from ngbrain.forward.common.loads import Traction
+from ngbrain.forward.common.loads import TractionLoad
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import NeoHooke
@@ -84,6 +84,6 @@ def test_bodies_refuse_what_would_take_minutes(part):
     mesh, endless = block((0.02, 0.02, 0.02), 0.02), "(.*)*(.*)*(.*)*z"
     materials = {endless if part == "tissue" else ".*": Material(NeoHooke(1e3), 5e3)}
     supports = {"bottom": 0} | ({endless: 0} if part == "support" else {})
-    loads = [Traction(endless if part == "load" else "top", (0, 0, 1.0))]
+    loads = [TractionLoad(endless if part == "load" else "top", (0, 0, 1.0))]
     with pytest.raises(InputError, match="at most four repeats"):
         Problem(mesh, materials, supports, loads)

@@ -9,7 +9,7 @@ import pytest
 from ngsolve.solvers import Newton as NgsolveNewton
 
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.contact.rigid import RigidContact
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.step_control import StepControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
@@ -34,7 +34,7 @@ def scene(pointwise=0.0):
         deepest = ngs.IfPos(inward[0] - inward[1], *inward)
         return ngs.sqrt(below**2 + aside**2 + 1e-18) + ngs.IfPos(deepest, 0, deepest) - SHARP
 
-    contact = Contact("top", distance, 2e7, 2e-5)
+    contact = RigidContact("top", distance, 2e7, 2e-5)
     return Problem(
         block((SIDE,) * 3, 0.007),
         {"tissue": Material(NeoHooke(MU), BULK, pointwise)},

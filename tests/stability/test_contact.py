@@ -8,7 +8,7 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.rigid import Contact, offsets
+from ngbrain.forward.contact.rigid import RigidContact, offsets
 from ngbrain.forward.solid import discretisation
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.step_control import StepControl
@@ -22,7 +22,7 @@ PRESS = ToolMotion("press", (0.0, 4.0), (0.0, 4e-3))
 
 def force(penalty, share):
     drive = Drive(PRESS)
-    contact = Contact("top", lambda x: 0.02 - drive.parameter - x[2], penalty, 2e-5, share)
+    contact = RigidContact("top", lambda x: 0.02 - drive.parameter - x[2], penalty, 2e-5, share)
     body = Problem(
         block((0.02, 0.02, 0.02), 0.01),
         {"tissue": Material(Ogden(1000.0, -15.0), 1e6)},
@@ -57,7 +57,7 @@ def stamped(penalty):
         deeper = ngs.IfPos(ahead - beside, ahead, beside)
         return beyond + ngs.IfPos(deeper, 0, deeper) - radius
 
-    contact = Contact("top", distance, penalty, 1e-5, 0.98)
+    contact = RigidContact("top", distance, penalty, 1e-5, 0.98)
     tissue = {"tissue": Material(Ogden(1000.0, -8.0), 1e5)}
     body = Problem(block((0.02, 0.02, 0.02), 4e-3), tissue, {"bottom": 0}, contacts=[contact], element="P2/P1")
     up = ngs.GridFunction(body.fes.components[0])
@@ -77,7 +77,7 @@ def test_an_offset_of_the_displacements_order_follows_round_edges(monkeypatch):
 
 def test_nothing_is_left_of_the_offset_when_the_blade_is_off():
     drive = Drive(ToolMotion("press and leave", (0.0, 4.0, 8.0), (0.0, 3e-3, -1e-3)))
-    contact = Contact("top", lambda x: 0.02 - drive.parameter - x[2], 3e7, 2e-5, 0.95)
+    contact = RigidContact("top", lambda x: 0.02 - drive.parameter - x[2], 3e7, 2e-5, 0.95)
     body = Problem(
         block((0.02, 0.02, 0.02), 0.02),
         {"tissue": Material(Ogden(1000.0, -8.0), 1e6)},

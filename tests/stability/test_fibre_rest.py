@@ -4,7 +4,7 @@ import pytest
 
 from ngbrain.errors import SolverError
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.contact.rigid import RigidContact
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.step_control import StepControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
@@ -18,7 +18,7 @@ FIBRES = {"across": (1, 0, 0), "oblique": (1, 2, 0.5)}
 def press(direction):
     """Newton iterations of each step while a plate goes 3 mm into 20 mm of tissue with k₁ ten times μ."""
     drive = Drive(ToolMotion("press", (0.0, 4.0), (0.0, 3e-3)))
-    contact = Contact("top", lambda x: 0.02 - drive.parameter - x[2], 1e8, 2e-5)
+    contact = RigidContact("top", lambda x: 0.02 - drive.parameter - x[2], 1e8, 2e-5)
     law = HolzapfelGasserOgden(500.0, 5e3, 5.0, 0.05, direction)
     body = Problem(
         block((0.02,) * 3, 0.007), {"tissue": Material(law, 1.5e6)}, {"bottom": 0}, contacts=[contact], element="P2/P1"

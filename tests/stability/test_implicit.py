@@ -9,7 +9,7 @@ from statics import cube, square
 
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import ConvergenceError, InputError, SolverError
-from ngbrain.forward.common.loads import Traction, Weight
+from ngbrain.forward.common.loads import TractionLoad, Weight
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity import tangent_inverse as implicit_solve
@@ -140,7 +140,11 @@ def test_a_solution_that_is_lost_is_told():
 def exponential():
     b = ngs.Parameter(5.0)
     body = Problem(
-        MESH, {".*": Material(Demiray(500.0, b), 2e4)}, {"bottom": 0}, [Traction("top", (0, 400.0))], element="P2/P1"
+        MESH,
+        {".*": Material(Demiray(500.0, b), 2e4)},
+        {"bottom": 0},
+        [TractionLoad("top", (0, 400.0))],
+        element="P2/P1",
     )
     return StaticModel([LoadCase(body, [SEEN])], {"b": b}), body, b
 
@@ -178,7 +182,7 @@ def test_ours_finds_the_exponent_from_a_five_hundredth(optimiser):
 
 def below_a_plate():
     mu = ngs.Parameter(1e3)
-    loads = [Plate(0.105, 1e9), Traction("top", (0, 300.0))]
+    loads = [Plate(0.105, 1e9), TractionLoad("top", (0, 300.0))]
     body = Problem(MESH, {".*": Material(NeoHooke(mu), 2e4)}, {"bottom": 0}, loads, element="P2/P1")
     return StaticModel([LoadCase(body, [SEEN])], {"mu": mu}, tight(body)), body
 

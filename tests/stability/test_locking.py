@@ -11,7 +11,7 @@ import pytest
 from flow import STIFF, error, moved
 from ngsolve.meshes import MakeStructured2DMesh
 
-from ngbrain.forward.common.loads import Traction
+from ngbrain.forward.common.loads import TractionLoad
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.statics.load_path import LoadPath
@@ -47,7 +47,7 @@ def tip(form, quads):
     mu, nu, length, load = 1e3, 0.3, 100.0, 1e-7
     mesh = MakeStructured2DMesh(quads=quads, nx=16, ny=1, mapping=lambda x, y: (length * x, y - 0.5))
     material = {".*": Material(LinearElastic(mu), 2 * mu * nu / (1 - 2 * nu))}
-    body = Problem(mesh, material, {"left": 0}, [Traction("right", (0, load))], element=form)
+    body = Problem(mesh, material, {"left": 0}, [TractionLoad("right", (0, load))], element=form)
     LoadPath(body).solve(newton=Newton(rtol=1e-6, xtol=1e-7))
     E, v = 2 * mu * (1 + nu) / (1 - nu**2), nu / (1 - nu)
     wanted = 2 * load / E * (2 * length**3 + (4 + 5 * v) * length / 4)

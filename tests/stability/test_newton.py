@@ -5,7 +5,7 @@ import numpy as np
 from ngsolve.solvers import Newton as NgsolveNewton
 
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.contact.rigid import RigidContact
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.step_control import StepControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
@@ -20,7 +20,7 @@ DEPTH = 7e-3
 def pressed():
     """A body of 20 mm and the drive of a plate that goes 7 mm into it in a second."""
     drive = Drive(ToolMotion("press", (0.0, 1.0), (0.0, DEPTH)))
-    contact = Contact("top", lambda x: 0.02 - drive.parameter - x[2], 1e8, 2e-5)
+    contact = RigidContact("top", lambda x: 0.02 - drive.parameter - x[2], 1e8, 2e-5)
     return Problem(
         block((0.02,) * 3, 0.01),
         {"tissue": Material(Ogden(1e3, -20.0), 1e6)},

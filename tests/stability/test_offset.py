@@ -9,7 +9,7 @@ import pytest
 from ngsolve.meshes import MakeStructured2DMesh
 
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.contact.rigid import RigidContact
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.materials import NeoHooke
@@ -43,7 +43,7 @@ class Punch:
 def pressed(penalty, share):
     """Force (N/m) and how deep (m) the wall is in the punch."""
     punch = Punch()
-    contact = Contact("top", punch.distance, penalty, 1e-6, share)
+    contact = RigidContact("top", punch.distance, penalty, 1e-6, share)
     mesh = MakeStructured2DMesh(quads=True, nx=20, ny=8, mapping=lambda x, y: (SIDE * x, SIDE * (1 - (1 - y) ** 1.7)))
     body = Problem(mesh, {".*": Material(NeoHooke(1e3), 1e4)}, {"bottom": 0}, contacts=[contact], element="P2/P1")
     LoadPath(body, punch).solve(steps=4)

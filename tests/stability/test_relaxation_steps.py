@@ -10,7 +10,7 @@ import pytest
 
 from ngbrain.errors import SolverError
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.contact.rigid import RigidContact
 from ngbrain.forward.solid import internal_variables as history
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.step_control import StepControl
@@ -88,7 +88,7 @@ def held(dt):
     """
     ramp, law = max(dt, 5.0), NeoHooke(300.0)
     drive = Drive(continuous_retraction(DEPTH, ramp, ramp + 20 * dt))
-    contact = Contact("top", lambda x: SIDE - drive.parameter - x[2], 1e10, 2e-7)
+    contact = RigidContact("top", lambda x: SIDE - drive.parameter - x[2], 1e10, 2e-7)
     material = Material(Viscous(law, (Branch(NeoHooke(300.0 * SHARE), TAU),)), 1.5e6)
     body = Problem(block((SIDE,) * 3, SIDE), {"tissue": material}, {"bottom": 0}, contacts=[contact], element="P2/P1")
     elastic = Problem(body.mesh, {"tissue": Material(law, 1.5e6)}, {"bottom": 0}, contacts=[contact], element="P2/P1")

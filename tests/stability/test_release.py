@@ -6,7 +6,7 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.contact.rigid import RigidContact
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.step_control import StepControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
@@ -19,7 +19,7 @@ LAW = Viscous(NeoHooke(300.0), (Branch(NeoHooke(1200.0), 10.0),))
 
 
 @dataclass(frozen=True)
-class Glued(Contact):
+class Glued(RigidContact):
     """A wall that sticks to the blade: the same penalty for pushing and pulling."""
 
     def energy(self, u, offset):
@@ -53,5 +53,5 @@ def test_naive_prescribed_displacement_pulls_on_release():
 
 
 def test_contact_never_pulls():
-    f = forces(Contact)
+    f = forces(RigidContact)
     assert f.max() > 0 and f.min() >= -1e-12 * f.max() and abs(f[-1]) == 0.0

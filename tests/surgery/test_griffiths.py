@@ -5,7 +5,7 @@ import pytest
 from pressing import force
 
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.contact.rigid import RigidContact
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.step_control import ErrorControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
@@ -35,7 +35,7 @@ def test_a_pressed_block_keeps_the_share_that_the_constants_say(region):
     entry, way = constants(f"griffiths2024:{region}"), 1e-3 * SIZE
     protocol, mu = continuous_retraction(way, RAMP, END), entry.initial_modulus
     drive, rows = Drive(protocol), []
-    plate = Contact("top", lambda x: SIZE - drive.parameter - x[2], 2e5 * mu, 0.02 * way)
+    plate = RigidContact("top", lambda x: SIZE - drive.parameter - x[2], 2e5 * mu, 0.02 * way)
     body = Problem(
         block((SIZE,) * 3, 0.02),
         {"tissue": Material(entry.law(), 1000 * mu)},

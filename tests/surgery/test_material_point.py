@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 from ngbrain.adjoint.time_curve import TimeCurve
 from ngbrain.errors import InputError
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.contact.rigid import RigidContact
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.step_control import ErrorControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
@@ -173,7 +173,7 @@ def test_griffiths_cortex_relaxes_as_measured():
 def on_a_block(protocol, entry, size=0.02):
     """Force over time of a plate on a bonded block."""
     drive, mu = Drive(protocol), entry.initial_modulus
-    plate = Contact("top", lambda x: size - drive.parameter - x[2], 2e5 * mu, 2e-5)
+    plate = RigidContact("top", lambda x: size - drive.parameter - x[2], 2e5 * mu, 2e-5)
     body = Problem(
         block((size,) * 3, 0.01),
         {"tissue": Material(entry.law(), 1000 * mu)},

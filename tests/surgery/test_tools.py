@@ -10,7 +10,7 @@ from netgen.occ import Box, OCCGeometry, Pnt, Sphere
 
 from ngbrain.errors import InputError
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.contact.rigid import RigidContact
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.io.surfacefile import read_surface
@@ -113,7 +113,7 @@ def pressed(tool, way=None):
     mesh = block((0.03, 0.03, 0.02), 0.005)
     cleft = Cleft(np.array([0.008, 0.015, 0.023]), np.array([1.0, 0, 0]), np.array([0, 0, -1.0]), 0.03, 6e-3, 14e-3)
     way = ngs.Parameter(0.0) if way is None else way
-    contact = Contact("top", tool(cleft).distance(way), 1e6, 1e-5, way=way)
+    contact = RigidContact("top", tool(cleft).distance(way), 1e6, 1e-5, way=way)
     material = {".*": Material(NeoHooke(1e3), 1e4)}
     return Problem(mesh, material, {"bottom": 0}, contacts=[contact], element="P2/P1"), way
 

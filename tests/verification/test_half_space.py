@@ -13,12 +13,12 @@ from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
 
 from ngbrain.forward import (
     Axisymmetric,
-    Contact,
     Friction,
     LoadPath,
     Material,
     PlaneStrain,
     Problem,
+    RigidContact,
     StepControl,
     TimeStepper,
 )
@@ -45,7 +45,7 @@ def mirrored(at):
 
 def dragged(mesh, held, indenter, slip, observe):
     """What `observe` sees of a body at each of the indenter's events, which is pressed into it and dragged along."""
-    contact = Contact("top", indenter.ball(RADIUS), 1e9, 1e-6, 0.9, indenter.path)
+    contact = RigidContact("top", indenter.ball(RADIUS), 1e9, 1e-6, 0.9, indenter.path)
     friction, found = Friction(contact, COEFFICIENT, slip, indenter.moves), []
     body = Problem(mesh, TISSUE, held, contacts=[contact, friction], element="P2/P1")
     control = StepControl(1.0, first=0.03, touch_growth=3.0, restart=1.0, dt_max=1.0)
@@ -105,7 +105,7 @@ def test_far_from_a_cylinder_or_ball_its_force_acts_in_a_point(kinematics):
     indenter = Indenter((0.0, 1.0), (0, 2 * size**2 / RADIUS))
     at = graded(4, 1.3 * size, 14, 0.5)
     mesh = MakeStructured2DMesh(quads=True, nx=18, ny=18, mapping=lambda x, y: (at(x), -at(1 - y)))
-    contact = Contact("top", indenter.ball(RADIUS), 1e10, 1e-6, 0.9)
+    contact = RigidContact("top", indenter.ball(RADIUS), 1e10, 1e-6, 0.9)
     held = {"bottom|right": 0, "left": (0, None)}
     body = Problem(mesh, TISSUE, held, contacts=[contact], element="P3/P2", kinematics=kinematics)
     LoadPath(body, indenter).solve(steps=2)
@@ -150,7 +150,7 @@ def test_a_flat_punch_is_boussinesqs():
         return far * np.expm1(9 * s) / np.expm1(9)
 
     mesh = MakeStructured2DMesh(quads=True, nx=n, ny=n, mapping=lambda x, y: (across(x), -deep(1 - y)))
-    flat = Contact("top", lambda x: ngs.IfPos(size - ngs.x, -indenter.down - x[1], 1.0), 1e10, 1e-8, 0.99)
+    flat = RigidContact("top", lambda x: ngs.IfPos(size - ngs.x, -indenter.down - x[1], 1.0), 1e10, 1e-8, 0.99)
     held = {"bottom|right": 0, "left": (0, None)}
     body = Problem(mesh, TISSUE, held, contacts=[flat], element="P2/P1", kinematics=Axisymmetric())
     LoadPath(body, indenter).solve()

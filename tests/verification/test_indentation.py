@@ -10,7 +10,7 @@ from pressing import force
 from ngbrain.forward.common.kinematics import Axisymmetric
 from ngbrain.forward.common.loads import RigidBody
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.contact.rigid import RigidContact
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.forward.transient.step_control import StepControl
@@ -45,7 +45,7 @@ def punch(x, advance):
 def pressed(law, shape, times, advance):
     """Time and force of each step."""
     drive = Drive(ToolMotion("press", times, advance))
-    contact = Contact("top", lambda x: shape(x, drive.parameter), **HARD)
+    contact = RigidContact("top", lambda x: shape(x, drive.parameter), **HARD)
     body = Problem(
         block((SIZE,) * 3, 0.01),
         {"tissue": Material(law, 1e5 * MU)},
@@ -91,7 +91,7 @@ def test_a_sphere_on_a_half_space():
         mesh,
         {"tissue": Material(NeoHooke(mu), 1e5 * mu)},
         {"far": 0},
-        contacts=[Contact("top", sphere, 1e9, 1e-7)],
+        contacts=[RigidContact("top", sphere, 1e9, 1e-7)],
         element="P2/P1",
     )
     found = []

@@ -11,7 +11,7 @@ from ngbrain.forward.common.kinematics import Axisymmetric
 from ngbrain.forward.common.loads import Spring
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.friction import Friction
-from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.contact.rigid import RigidContact
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.forward.transient.step_control import StepControl
@@ -29,7 +29,7 @@ def slid(quads, along):
     mesh = MakeStructured2DMesh(quads=quads, nx=4, ny=4, mapping=lambda x, y: (SIDE * x, SIDE * y))
     plate = Indenter((0.0, 1.0, 4.0), (0, 5e-4, 5e-4), (0, 0, 3e-3))
     way, moves = (plate.along, lambda x, way: way * ngs.CF((1.0, 0.0))) if along else (plate.path, plate.moves)
-    contact = Contact("top", lambda x: SIDE - plate.down - x[1], 1e7, 1e-5, 0.9, way)
+    contact = RigidContact("top", lambda x: SIDE - plate.down - x[1], 1e7, 1e-5, 0.9, way)
     tissue, found = {".*": Material(Prony(NeoHooke(MU), [0.5], [2.0]), 1e4)}, []
     contacts = [contact, Friction(contact, 0.1, 5e-5, moves)]
     body = Problem(mesh, tissue, {"bottom": 0}, contacts=contacts, element="P2/P1")
@@ -58,7 +58,9 @@ def indented(n, depth, radius=0.02, size=0.02):
         quads=True, nx=n, ny=n, mapping=lambda x, y: (size * x**2.5, size * (1 - (1 - y) ** 2.5))
     )
     ball = Indenter((0.0, 1.0), (0.0, depth))
-    met = Contact("top", lambda x: ngs.Norm(x - ngs.CF((0.0, size + radius - ball.down))) - radius, 1e8, 1e-7, 0.99)
+    met = RigidContact(
+        "top", lambda x: ngs.Norm(x - ngs.CF((0.0, size + radius - ball.down))) - radius, 1e8, 1e-7, 0.99
+    )
     body = Problem(
         mesh, {".*": Material(NeoHooke(MU), 1e5)}, {"bottom": (None, 0), "left": (0, None)}, contacts=[met],
         element="P2/P1", kinematics=Axisymmetric(),
@@ -88,7 +90,7 @@ def test_a_maxwell_bar_between_plates():
     held = Problem(mesh, tissue, rollers | {"top": (None, -strain * SIDE)}, element="P2/P1")
     by_support = np.array(run_load_history(held, times, np.minimum(times / 0.01, 1), lambda t: held.force("top")[1]))
     plate = Indenter((0.0, 0.01, 8.0), (0, strain * SIDE, strain * SIDE))
-    contact = Contact("top", lambda x: SIDE - plate.down - x[1], 1e8, 1e-8, 0.999, plate.along)
+    contact = RigidContact("top", lambda x: SIDE - plate.down - x[1], 1e8, 1e-8, 0.999, plate.along)
     pressed, rows = Problem(mesh, tissue, rollers, contacts=[contact], element="P2/P1"), []
     TimeStepper(pressed, plate, StepControl(0.01, dt_max=0.25), 1e-3).run(
         lambda b, at, r: rows.append((at.t, -forces(b)[1]))

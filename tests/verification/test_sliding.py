@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 
 from ngbrain.errors import InputError
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.rigid import Closing, Contact, Sliding
+from ngbrain.forward.contact.rigid import Closing, RigidContact, Sliding
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.step_control import StepControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
@@ -39,7 +39,7 @@ def stress(wide):
 def pressed(walls, share=0.0):
     """A block on some sliding walls, under a plate that presses it to 0.9 of its height: plate and body."""
     drive, mesh = Drive(ToolMotion("press", (0.0, 1.0), (0.0, SIDE * (1 - SHORT)))), block((SIDE,) * 3, SIDE / 2)
-    plate = Contact("top", lambda x: SIDE - drive.parameter - x[2], 1e10, 1e-7, share)
+    plate = RigidContact("top", lambda x: SIDE - drive.parameter - x[2], 1e10, 1e-7, share)
     sliding = [Sliding.on(mesh, wall, 1e7 * MU) for wall in walls]
     body = Problem(mesh, {"tissue": Material(NeoHooke(MU), BULK)}, {}, contacts=[plate, *sliding], element="P2/P1")
     TimeStepper(body, drive, StepControl(0.5), 1e-3).run(lambda *_: None)
@@ -108,7 +108,7 @@ def test_halves_that_meet_bear_what_a_whole_does(closing):
     gap = 2e-3
     way, mesh = gap + 2 * SIDE * (1 - SHORT), halves(gap)
     drive = Drive(ToolMotion("press", (0.0, 1.0), (0.0, way)))
-    plate = Contact("top", lambda x: 2 * SIDE + gap - drive.parameter - x[2], 1e10, 1e-7)
+    plate = RigidContact("top", lambda x: 2 * SIDE + gap - drive.parameter - x[2], 1e10, 1e-7)
     walls = [Sliding.on(mesh, wall, 1e7 * MU) for wall in ("bottom", "left", "front")]
     thread = Sliding.on(mesh, "roof", 100.0)  # a weak spring, which what floats hangs on
     meeting = [Closing("floor", "roof", 1e8, 2e-5, 2 * gap)] if closing else []

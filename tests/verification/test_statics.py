@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 from statics import CUBE, SIDE, bonded, cook, cube, tight
 
 from ngbrain.forward.common.elements import ElementPair
-from ngbrain.forward.common.loads import Spring, Traction, Weight
+from ngbrain.forward.common.loads import Spring, TractionLoad, Weight
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.statics.load_path import LoadPath
@@ -69,7 +69,7 @@ MEMBRANE = {".*": Material(UnsplitNeoHooke(80.194), 400889.806, change=squared_l
 
 def pulled(mesh, form, traction=6.25, steps=1):
     """Displacements of the upper right corner and of the middle of the pulled side."""
-    body = Problem(mesh, MEMBRANE, {"left": 0}, [Traction("right", (0, traction))], element=form)
+    body = Problem(mesh, MEMBRANE, {"left": 0}, [TractionLoad("right", (0, traction))], element=form)
     LoadPath(body).solve(steps, tight())
     return np.array([*body.u(mesh(48, 60)), body.u(mesh(48, 52))[1]])
 
@@ -134,7 +134,7 @@ def test_a_pulled_bar_without_change_of_volume(form, traction):
     stretch = brentq(lambda s: 1e3 * (s - s**-2) - traction, 0.5, 2)
     supports = {"back": (0, None, None), "left": (None, 0, None), "bottom": (None, None, 0)}
     bar = {".*": Material(NeoHooke(1e3), inf)}
-    body = Problem(cube(2), bar, supports, [Traction("top", (0, 0, traction))], element=form)
+    body = Problem(cube(2), bar, supports, [TractionLoad("top", (0, 0, traction))], element=form)
     LoadPath(body).solve(newton=tight())
     wide, high = (stretch**-0.5 - 1) * SIDE, (stretch - 1) * SIDE
     assert body.u(body.mesh(SIDE, SIDE, SIDE)) == pytest.approx((wide, wide, high), rel=1e-8)
@@ -144,7 +144,7 @@ def test_a_pulled_bar_without_change_of_volume(form, traction):
 def test_a_block_on_springs(form):
     # Nothing else holds it: ∫ k u dA over its foot is the load, at any strain.
     stiffness, traction = 3e4, np.array([40.0, -20.0, -90.0])
-    loads = [Spring("bottom", stiffness), Spring("top", 2 * stiffness), Traction("top", tuple(traction))]
+    loads = [Spring("bottom", stiffness), Spring("top", 2 * stiffness), TractionLoad("top", tuple(traction))]
     body = Problem(cube(2), CUBE, {}, loads, element=form)
     LoadPath(body).solve(newton=tight())
     borne = [

@@ -12,7 +12,7 @@ from finite_strain import CAVITY, eighth_of_a_shell, quarter_of_a_ring, refined
 from statics import tight
 
 from ngbrain.forward.common.kinematics import Axisymmetric
-from ngbrain.forward.common.loads import CavityPressure, CavityVolume, Pressure
+from ngbrain.forward.common.loads import CavityPressure, CavityVolume, PressureLoad
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.statics.load_path import LoadPath
@@ -81,7 +81,7 @@ def tube(level):
 
 @pytest.mark.parametrize("stretch", RING)
 def test_cylinder_as_a_body_of_revolution(stretch):
-    loads = [Pressure(CAVITY, RING[stretch])]
+    loads = [PressureLoad(CAVITY, RING[stretch])]
     body = Problem(tube(2), rubber(), {"end": (None, 0)}, loads, element="P4/P3", kinematics=Axisymmetric())
     LoadPath(body).solve(newton=tight())
     found = body.u(body.mesh(1, 0.3))[0] + 1
@@ -103,7 +103,7 @@ LOAD = 1e-5
 @pytest.mark.parametrize("nu", [0.3, 0.4999, 0.5])
 def test_lames_cylinder(nu):
     bulk = inf if nu == 0.5 else 2 * (1 + nu) / (3 * (1 - 2 * nu))
-    body = Problem(quarter_of_a_ring(2, 4), rubber(bulk=bulk), LINES, [Pressure(CAVITY, LOAD)], element="P4/P3")
+    body = Problem(quarter_of_a_ring(2, 4), rubber(bulk=bulk), LINES, [PressureLoad(CAVITY, LOAD)], element="P4/P3")
     LoadPath(body).solve(newton=tight())
     for r in (1.0, 1.5, 2.0):
         wanted = LOAD / 6 * ((1 - 2 * nu) * r + 4 / r)
@@ -136,7 +136,7 @@ def test_a_following_pressure_is_the_pressure_of_a_cavity(name):
         "sphere of revolution": (lambda: quarter_of_a_ring(1, 2), LINES, {"kinematics": Axisymmetric()}),
     }[name]
     states = []
-    for load in (Pressure(CAVITY, 0.4), CavityPressure(CAVITY, 0.4)):
+    for load in (PressureLoad(CAVITY, 0.4), CavityPressure(CAVITY, 0.4)):
         body = Problem(mesh(), rubber(bulk=1e3), supports, [load], element="P2/P1", **options)
         LoadPath(body).solve(newton=tight())
         print(name, type(load).__name__, body.solver)

@@ -16,7 +16,7 @@ AXIS = 1e-12
 
 
 @dataclass(frozen=True)
-class Solid:
+class SolidKinematics:
     """A mesh in space."""
 
     dim = 3
@@ -39,7 +39,7 @@ class Solid:
 
 
 @dataclass(frozen=True)
-class PlaneStrain(Solid):
+class PlaneStrain(SolidKinematics):
     """A mesh in the plane, a metre thick, that stays as thick: forces are per metre."""
 
     dim = 2
@@ -54,7 +54,7 @@ class PlaneStrain(Solid):
 
 
 @dataclass(frozen=True)
-class Axisymmetric(Solid):
+class Axisymmetric(SolidKinematics):
     """A mesh in the half plane (r, z) = (x, y), x ≥ 0, that is turned around the y axis."""
 
     dim = 2
@@ -73,7 +73,7 @@ class Axisymmetric(Solid):
 
 
 @dataclass(frozen=True)
-class AntiPlane(Solid):
+class AntiPlane(SolidKinematics):
     """A mesh in the plane, a metre thick, whose displacement is one number: motion along z, through the plane.
 
     Volume does not change, so that neither bulk modulus nor pressure matters: of `Shearing`, W = G/2 |∇u|².
@@ -103,9 +103,9 @@ def _plane(grad: CoefficientFunction, third: CoefficientFunction | float) -> Coe
     return tensor(1 + grad[0, 0], grad[0, 1], 0, grad[1, 0], 1 + grad[1, 1], 0, 0, 0, 1 + third)
 
 
-def kinematics_of(mesh: ngs.Mesh, asked: Solid | None) -> Solid:
+def kinematics_of(mesh: ngs.Mesh, asked: SolidKinematics | None) -> SolidKinematics:
     """What was asked for if the mesh fits it; unasked a solid in space and plane strain in the plane."""
-    found = asked or (Solid() if mesh.dim == 3 else PlaneStrain())
+    found = asked or (SolidKinematics() if mesh.dim == 3 else PlaneStrain())
     if found.dim != mesh.dim:
         raise InputError("mesh", f"{mesh.dim}-dimensional", f"{found.dim} dimensions for {type(found).__name__}")
     return found

@@ -14,7 +14,7 @@ import ngsolve as ngs
 from ngsolve import CoefficientFunction
 
 from ngbrain.forward.common.boundaries import check_closed, outward
-from ngbrain.forward.common.kinematics import Solid
+from ngbrain.forward.common.kinematics import SolidKinematics
 from ngbrain.forward.common.penalty import soft_penalty
 from ngbrain.materials.base import Value
 from ngbrain.tensors import tensor
@@ -36,7 +36,7 @@ class Place:
     """
 
     mesh: ngs.Mesh
-    kinematics: Solid
+    kinematics: SolidKinematics
     factor: ngs.Parameter
     u: CoefficientFunction
     v: CoefficientFunction | None
@@ -74,7 +74,7 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Traction:
+class TractionLoad:
     """A dead load: a force (Pa, per reference area) that keeps its direction; -∫ t·u dA."""
 
     boundary: str
@@ -163,7 +163,7 @@ class Spring:
 
 
 @dataclass(frozen=True)
-class Pressure:
+class PressureLoad:
     """A follower load: a pressure (Pa) on the current area of any boundary; virtual work -∫ P n·δu da.
 
     It has an energy only where the boundary's rim is held (or encloses a volume, see `CavityPressure`), so the tangent is
@@ -215,9 +215,9 @@ class Own(Protocol):
         """Its part of the energy (J)."""
 
 
-Stored: TypeAlias = Traction | Weight | RigidFace | RigidBody | Spring | CavityPressure | Own
+Stored: TypeAlias = TractionLoad | Weight | RigidFace | RigidBody | Spring | CavityPressure | Own
 """Loads with an energy of the displacement."""
-Load: TypeAlias = Stored | Pressure | CavityVolume
+Load: TypeAlias = Stored | PressureLoad | CavityVolume
 
 
 def enclosed(at: Place, u: CoefficientFunction, boundary: str) -> CoefficientFunction:

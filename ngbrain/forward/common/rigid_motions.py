@@ -11,16 +11,16 @@ from scipy.sparse.csgraph import connected_components
 
 from ngbrain.errors import InputError
 from ngbrain.forward.common.dirichlet import Supports
-from ngbrain.forward.common.kinematics import Axisymmetric, Solid
-from ngbrain.forward.common.loads import CavityPressure, CavityVolume, Load, Pressure, Traction, Weight
+from ngbrain.forward.common.kinematics import Axisymmetric, SolidKinematics
+from ngbrain.forward.common.loads import CavityPressure, CavityVolume, Load, PressureLoad, TractionLoad, Weight
 
-NO_HOLD = (CavityPressure, CavityVolume, Pressure, Traction, Weight)
+NO_HOLD = (CavityPressure, CavityVolume, PressureLoad, TractionLoad, Weight)
 """Loads that push and do not hold; of any other nothing is known, and it may."""
 ALMOST = 1e-6
 """Singular value, of motions of length 1, below which a motion is not prevented."""
 
 
-def check_held(supports: Supports, loads: Sequence[Load], kinematics: Solid, axes: str = "xyz") -> None:
+def check_held(supports: Supports, loads: Sequence[Load], kinematics: SolidKinematics, axes: str = "xyz") -> None:
     """Refuse a body that can move without straining.
 
     Parameters
@@ -29,7 +29,7 @@ def check_held(supports: Supports, loads: Sequence[Load], kinematics: Solid, axe
         What is held, of which mesh.
     loads : sequence of Load
         Those that act; where one of them may hold the body, nothing is refused.
-    kinematics : Solid
+    kinematics : SolidKinematics
         What the mesh stands for.
     axes : str
         What the mesh's axes are called in messages.

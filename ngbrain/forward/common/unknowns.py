@@ -10,7 +10,7 @@ import ngsolve as ngs
 
 
 @dataclass(frozen=True)
-class Fields:
+class SolutionFields:
     """Functions of a problem's space by what they are: displacement, pressure or None, offset of contacts, cavity pressures."""
 
     u: Any
@@ -32,15 +32,15 @@ class Layout:
         """Whether displacements are all that there is."""
         return not (self.pressure or self.offset or self.cavities)
 
-    def fields(self, of: Any) -> Fields:
+    def fields(self, of: Any) -> SolutionFields:
         """The parts of a GridFunction, or of trial or test functions, of the space."""
         if self.single:
-            return Fields(of[0] if isinstance(of, (list, tuple)) else of, None, ngs.CF(0.0), [])
+            return SolutionFields(of[0] if isinstance(of, (list, tuple)) else of, None, ngs.CF(0.0), [])
         parts = list(of.components if isinstance(of, ngs.GridFunction) else of)
         u = parts.pop(0)
         p = parts.pop(0) if self.pressure else None
         offset = parts.pop(0) if self.offset else ngs.CF(0.0)
-        return Fields(u, p, offset, parts)
+        return SolutionFields(u, p, offset, parts)
 
     @property
     def count(self) -> int:

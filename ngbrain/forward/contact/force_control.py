@@ -20,11 +20,11 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import Breakdown
-from ngbrain.forward.common.kinematics import Solid
+from ngbrain.forward.common.kinematics import SolidKinematics
 from ngbrain.forward.common.state import Term
 from ngbrain.forward.common.unknowns import Layout
 from ngbrain.forward.contact.friction import Grip
-from ngbrain.forward.contact.rigid import Contact, Touch
+from ngbrain.forward.contact.rigid import RigidContact, Touch
 
 Array = np.ndarray
 Solve = Callable[[Array], Array]
@@ -66,7 +66,7 @@ class GivenForce:
     Attributes
     ----------
     parameter : ngs.Parameter
-        Their way (m), the `Contact.way` of the contacts that they are made of.
+        Their way (m), the `RigidContact.way` of the contacts that they are made of.
     force : float
         What they are to feel now (N).
     held : float or None
@@ -74,11 +74,11 @@ class GivenForce:
 
     Examples
     --------
-    >>> from ngbrain.forward import Contact, Material, Problem, StepControl, TimeStepper
+    >>> from ngbrain.forward import RigidContact, Material, Problem, StepControl, TimeStepper
     >>> from ngbrain.materials import NeoHooke, Prony
     >>> from ngbrain.mesh import block
     >>> press = GivenForce((0.0, 4.0, 60.0), (0.0, 1e-3, 1e-3), away=-1e-3, nudge=1e-6)
-    >>> plate = Contact("top", lambda x: 0.02 - press.parameter - x[2], 1e9, 1e-7, way=press.parameter)
+    >>> plate = RigidContact("top", lambda x: 0.02 - press.parameter - x[2], 1e9, 1e-7, way=press.parameter)
     >>> tissue, cube = {"tissue": Material(Prony(NeoHooke(1000.0), g=[0.5], tau=[5.0]), 1e6)}, block((0.02, 0.02, 0.02), 0.02)
     >>> body = Problem(cube, tissue, {"bottom": 0}, contacts=[plate, press], element="P2/P1")
     >>> run, way = TimeStepper(body, press, StepControl(1.0), 1e-3), {}
@@ -137,14 +137,14 @@ class DrivenTool(Term):
         gfu: ngs.GridFunction,
         contacts: Sequence[Touch],
         friction: Grip,
-        kinematics: Solid,
+        kinematics: SolidKinematics,
         min_gap: Callable[[], float],
     ) -> None:
         self.given, self._gfu, self._min_gap, self.pace = given, gfu, min_gap, np.zeros(2)
         at, self._vec = layout.fields(gfu.space.TrialFunction()), gfu.vec.CreateVector()
         self._felt, self._stiffness = (ngs.BilinearForm(gfu.space, symmetric=True) for _ in range(2))
         for contact in contacts:
-            if isinstance(contact, Contact) and contact.way is given.parameter:
+            if isinstance(contact, RigidContact) and contact.way is given.parameter:
                 driving = kinematics.weight() * contact.driving(at.u, at.offset)
                 self._felt += ngs.Variation(driving.Compile() * contact.measure())
                 self._stiffness += ngs.Variation(driving.Diff(given.parameter).Compile() * contact.measure())

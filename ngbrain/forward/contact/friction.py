@@ -11,10 +11,10 @@ import numpy as np
 from ngsolve import CoefficientFunction
 from ngsolve.comp import IntegrationRuleSpaceSurface
 
-from ngbrain.forward.common.kinematics import Solid
+from ngbrain.forward.common.kinematics import SolidKinematics
 from ngbrain.forward.common.state import Term
-from ngbrain.forward.common.unknowns import Fields, Layout
-from ngbrain.forward.contact.rigid import SURFACE_ORDER, Contact
+from ngbrain.forward.common.unknowns import Layout, SolutionFields
+from ngbrain.forward.contact.rigid import SURFACE_ORDER, RigidContact
 from ngbrain.materials.base import Value, check_parameter, check_positive
 
 TINY = 1e-14
@@ -26,7 +26,7 @@ Moves = Callable[[CoefficientFunction, CoefficientFunction], CoefficientFunction
 
 @dataclass(frozen=True)
 class Friction:
-    """Coulomb friction in a `Contact`: the wall sticks to the body up to a traction μP, and slides with that.
+    """Coulomb friction in a `RigidContact`: the wall sticks to the body up to a traction μP, and slides with that.
 
     With the elastic slip e and the displacement u₀ at the start of a time step, the body's own displacement b since then, and
     the contact's normal n = ∇φ, the traction per reference area on the wall is -τ,
@@ -47,12 +47,12 @@ class Friction:
     Raises `InputError` for a coefficient below 0 and a slip that is not above it. Source, with a penalty in place of the slip:
     Simo and Laursen 1992, 10.1016/0045-7949(92)90540-G.
 
-    >>> plate = Contact("top", lambda x: 0.02 - x[2], 1e8, 1e-5)
+    >>> plate = RigidContact("top", lambda x: 0.02 - x[2], 1e8, 1e-5)
     >>> Friction(plate, 0.1, 1e-5, lambda x, way: ngs.CF((way, 0, 0))).wall
     'top'
     """
 
-    contact: Contact
+    contact: RigidContact
     coefficient: Value
     slip: Value
     moves: Moves | None = None
@@ -88,7 +88,9 @@ class Grip(Term):
     Attributes: `form`, the energies alone; `rubs`, each friction with its fields; `start`, where the step began.
     """
 
-    def __init__(self, layout: Layout, gfu: ngs.GridFunction, frictions: Sequence[Friction], kinematics: Solid) -> None:
+    def __init__(
+        self, layout: Layout, gfu: ngs.GridFunction, frictions: Sequence[Friction], kinematics: SolidKinematics
+    ) -> None:
         self.layout, self.frictions, self._gfu = layout, frictions, gfu
         self.form = ngs.BilinearForm(gfu.space, symmetric=True)
         self.rubs: list[Rub] = []
@@ -149,7 +151,7 @@ class Grip(Term):
         return sum((rub.integral(rub.work) for rub in self.rubs), 0.0)
 
     def driving(self) -> float:
-        """∂(energy)/∂way (J/m): what friction adds to `Contact.driving`."""
+        """∂(energy)/∂way (J/m): what friction adds to `RigidContact.driving`."""
         return sum((rub.integral(rub.driving) for rub in self.rubs), 0.0)
 
     @property
@@ -233,7 +235,9 @@ class Rub:
     slip, before  e and τ at the start of the step, at the points of the wall's quadrature; start: the contact's way there
     """
 
-    def __init__(self, friction: Friction, now: Fields, start: ngs.GridFunction, kinematics: Solid) -> None:
+    def __init__(
+        self, friction: Friction, now: SolutionFields, start: ngs.GridFunction, kinematics: SolidKinematics
+    ) -> None:
         self.friction, contact = friction, friction.contact
         mesh, u = now.u.space.mesh, now.u
         self.weight = kinematics.weight()

@@ -11,9 +11,9 @@ import numpy as np
 from ngsolve import CoefficientFunction
 from ngsolve.comp import IntegrationRuleSpaceSurface
 
-from ngbrain.forward.common.kinematics import Solid
+from ngbrain.forward.common.kinematics import SolidKinematics
 from ngbrain.forward.common.penalty import soft_penalty
-from ngbrain.forward.common.unknowns import Fields
+from ngbrain.forward.common.unknowns import SolutionFields
 
 SURFACE_ORDER = 8
 """Order of the quadrature on walls, whatever the elements': the contact zone ends inside facets.
@@ -25,7 +25,7 @@ RULES = {shape: ngs.IntegrationRule(shape, SURFACE_ORDER) for shape in (ngs.SEGM
 
 
 @dataclass(frozen=True)
-class Contact:
+class RigidContact:
     """Unilateral, frictionless contact of a wall with a rigid body: a penalty, and an offset that makes up for it.
 
     With the depth d = a - φ(X + u), the pressure on the reference area is ψ'(d): 0 for d ≤ 0, ε d²/(2s) up to d = s and
@@ -112,7 +112,7 @@ class Contact:
         """∂(energy)/∂way (J/m²): what moving the body takes, whatever its shape; 0 without a way."""
         return ngs.CF(0.0) if self.way is None else -self.pressure(u, offset) * self.gap(u).Diff(self.way)
 
-    def join(self, form: ngs.BilinearForm, at: Fields, kinematics: Solid) -> None:
+    def join(self, form: ngs.BilinearForm, at: SolutionFields, kinematics: SolidKinematics) -> None:
         """Add the energy to a form of a problem's."""
         form += ngs.Variation((kinematics.weight() * self.energy(at.u, at.offset)).Compile() * self.measure())
 
@@ -153,7 +153,7 @@ class Sliding:
         """Energy per reference area (J/m²)."""
         return self.stiffness / 2 * ngs.InnerProduct(u, self.normal) ** 2
 
-    def join(self, form: ngs.BilinearForm, at: Fields, kinematics: Solid) -> None:
+    def join(self, form: ngs.BilinearForm, at: SolutionFields, kinematics: SolidKinematics) -> None:
         """Add the energy to a form of a problem's."""
         measure = self.measure(displacements(form).globalorder)
         form += ngs.Variation(kinematics.weight() * self.energy(at.u) * measure)
@@ -167,7 +167,7 @@ class Sliding:
 class Closing:
     """Two walls of one body, plane and parallel at rest, that come to bear on each other when the cleft between them closes.
 
-    The energy per area of `wall` is ψ(d) of `Contact` with d = (x - x') · N, for its current points x, those x' that lay
+    The energy per area of `wall` is ψ(d) of `RigidContact` with d = (x - x') · N, for its current points x, those x' that lay
     opposite on the other wall at rest, and the normal N at rest: for walls that slip along each other by less than what they
     are uneven over. Neither friction nor offset; a point with nothing opposite within `reach` sees nothing.
 
@@ -186,7 +186,7 @@ class Closing:
     softness: float
     reach: float
 
-    def join(self, form: ngs.BilinearForm, at: Fields, kinematics: Solid) -> ngs.comp.ContactBoundary:
+    def join(self, form: ngs.BilinearForm, at: SolutionFields, kinematics: SolidKinematics) -> ngs.comp.ContactBoundary:
         """Add the energy to a form of a problem's; what comes back has to live as long as the form."""
         mesh, space = form.space.mesh, displacements(form)
         pairs = ngs.comp.ContactBoundary(mesh.Boundaries(self.wall), mesh.Boundaries(self.other))
@@ -200,11 +200,11 @@ class Closing:
 
 def offsets(mesh: ngs.Mesh, contacts: Sequence[object], order: int, **options: bool) -> ngs.FESpace:
     """Space of the offsets of all contacts that have one; without unknowns if none has."""
-    walls = "|".join(contact.wall for contact in contacts if isinstance(contact, Contact) and contact.share)
+    walls = "|".join(contact.wall for contact in contacts if isinstance(contact, RigidContact) and contact.share)
     return ngs.Compress(ngs.H1(mesh, order=order, definedon=mesh.Boundaries(walls), **options))
 
 
-Touch = Contact | Sliding | Closing
+Touch = RigidContact | Sliding | Closing
 """What acts on walls."""
 
 

@@ -22,7 +22,7 @@ from ngbrain.errors import InputError
 from ngbrain.forward.contact.rigid import offsets
 from ngbrain.forward.harmonic.integrands import complexified
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.forward.solid.virtual_work import Seen, Terms, Work
+from ngbrain.forward.solid.virtual_work import FieldState, Terms, VirtualWork
 from ngbrain.materials.base import Deformation, Value, check_parameter, check_positive, density
 from ngbrain.solvers.device import AUTO, CPU, PIVOTED, Device
 
@@ -42,7 +42,7 @@ class AboutState:
         self.body = body
         self.loss = check_parameter(loss, "loss", lambda ratio: ratio >= 0, "a number of at least 0")
         self.density = check_positive(density, "density")
-        self.work = Work(body)
+        self.work = VirtualWork(body)
 
     def supports(self) -> dict[str, str]:
         """Where the body is held: a pattern for each axis."""
@@ -95,11 +95,11 @@ class AboutState:
         parts = (work(state, test), work.of(self.kinetic, state, test), work.of(self.lossy, state, test))
         return [derivative_by_state(self.body, each) if each else None for each in parts]
 
-    def kinetic(self, at: Seen) -> ngs.comp.SumOfIntegrals:
+    def kinetic(self, at: FieldState) -> ngs.comp.SumOfIntegrals:
         """ρ/2 u·u."""
         return at.kinematics.weight() * self.density / 2 * ngs.InnerProduct(at.u, at.u) * at.inside(".*")
 
-    def lossy(self, at: Seen) -> ngs.comp.SumOfIntegrals:
+    def lossy(self, at: FieldState) -> ngs.comp.SumOfIntegrals:
         """η times the energy of shape."""
         body, deformation = self.body, Deformation.from_gradient(at.F)
         first, *rest = (

@@ -24,7 +24,7 @@ from ngsolve.comp import IntegrationRuleSpace
 from ngbrain import parallel
 from ngbrain.errors import InputError
 from ngbrain.forward.common.elements import ElementPair
-from ngbrain.forward.common.kinematics import AntiPlane, PlaneStrain, Solid, kinematics_of
+from ngbrain.forward.common.kinematics import AntiPlane, PlaneStrain, SolidKinematics, kinematics_of
 from ngbrain.forward.common.regions import boundaries
 from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.forward.harmonic.factors import Factorised
@@ -66,7 +66,7 @@ class Harmonic:
         {"x": "side|top", "y": "top"}.
     absorbing : sequence of Absorbing
         Boundaries that let waves out.
-    kinematics : Solid, optional
+    kinematics : SolidKinematics, optional
         Of a plane mesh: `PlaneStrain()` (default), `Axisymmetric()`, `AntiPlane()`.
     quadrature : int, optional
         Rules of degree 2 × this on elements; unasked one more than the order.
@@ -112,7 +112,7 @@ class Harmonic:
         form: str = "P4",
         held: str | Mapping[str, str] = ".*",
         absorbing: Sequence[Absorbing] = (),
-        kinematics: Solid | None = None,
+        kinematics: SolidKinematics | None = None,
         quadrature: int | None = None,
         device: Device = CPU,
         translation: bool = False,
@@ -203,7 +203,7 @@ class Harmonic:
         return made
 
     def _stand(
-        self, mesh: ngs.Mesh, waves: Sequence[Wave], density: Value, form: ElementPair, kinematics: Solid
+        self, mesh: ngs.Mesh, waves: Sequence[Wave], density: Value, form: ElementPair, kinematics: SolidKinematics
     ) -> None:
         self.mesh, self.waves, self.density = mesh, tuple(waves), density
         self.form, self.kinematics = form, kinematics

@@ -1,6 +1,6 @@
 """What is asked of a problem's state: numbers with a unit, and how they change with the unknowns.
 
-`base` has the interface, `Observable` of any problem and `Observed` of one. `points`: `Displacements`, `Unknowns`; `force`:
+`base` has the interface, `Observable` of any problem and `Observed` of one. `points`: `Displacements`, `SolutionUnknowns`; `force`:
 `Force`, `Moment`; `integrals`: `Functional`, any integral of the state, `StrainEnergy`, `region_volume`; `percentiles`:
 `StrainPercentile`, `StressPercentile`; `ratio`: `Ratio`; `wall`, of what rigid bodies press: `patch_pressure`, `NormalForce`,
 `ContactForce`, `ContactArea`, `CurrentArea`, `PatchDisplacement`, `mean_depth`, each on a `Patch` or several; a user's own is a
@@ -18,7 +18,7 @@ from ngbrain.forward.observables.base import Observable, Observed
 from ngbrain.forward.observables.force import Force, Moment
 from ngbrain.forward.observables.integrals import Functional, StrainEnergy, region_volume
 from ngbrain.forward.observables.percentiles import StrainPercentile, StressPercentile
-from ngbrain.forward.observables.points import Displacements, Unknowns
+from ngbrain.forward.observables.points import Displacements, SolutionUnknowns
 from ngbrain.forward.observables.ratio import Ratio
 from ngbrain.forward.observables.wall import (
     ContactArea,
@@ -47,10 +47,10 @@ __all__ = [
     "Patch",
     "PatchDisplacement",
     "Ratio",
+    "SolutionUnknowns",
     "StrainEnergy",
     "StrainPercentile",
     "StressPercentile",
-    "Unknowns",
     "WallIntegral",
     "WallPass",
     "mean_depth",

@@ -16,7 +16,7 @@ from ngbrain.forward.contact.rigid import Touch
 from ngbrain.forward.observables.base import Observable, Observed
 from ngbrain.forward.observables.points import along_axis, axis
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.forward.solid.virtual_work import Motion, Terms, Work
+from ngbrain.forward.solid.virtual_work import Motion, Terms, VirtualWork
 
 Array = np.ndarray
 
@@ -174,5 +174,5 @@ class Reaction(Observed):
         return self._work(state, self._weighed, *along)
 
     @cached_property
-    def _work(self) -> Work:
-        return Work(self.problem, *self.elsewhere)
+    def _work(self) -> VirtualWork:
+        return VirtualWork(self.problem, *self.elsewhere)

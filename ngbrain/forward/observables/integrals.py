@@ -10,7 +10,7 @@ import numpy as np
 
 from ngbrain.forward.observables.base import Observable, Symbolic
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.forward.solid.virtual_work import Integrand, Motion, Seen, StateView, Terms
+from ngbrain.forward.solid.virtual_work import FieldState, Integrand, Motion, StateView, Terms
 from ngbrain.materials.base import Deformation
 
 Array = np.ndarray
@@ -22,7 +22,7 @@ class Functional(Observable):
     Parameters
     ----------
     *integrands : callable
-        From a `virtual_work.Seen` (u, F, p, …) to an integral over `inside(region)` or `on(boundary)`.
+        From a `virtual_work.FieldState` (u, F, p, …) to an integral over `inside(region)` or `on(boundary)`.
     name, unit : str
         In words; of SI.
 
@@ -78,7 +78,7 @@ class StrainEnergy(Observable):
         """By the quadrature of the problem's own energy."""
         within = problem.mesh.Materials(self.region)
 
-        def stored(at: Seen) -> ngs.comp.SumOfIntegrals:
+        def stored(at: FieldState) -> ngs.comp.SumOfIntegrals:
             parts = [
                 at.kinematics.weight()
                 * material.energy(Deformation.from_gradient(at.F), at.p)

@@ -15,7 +15,7 @@ from ngbrain.forward.common.interpolation import quadrature_points
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables.base import Observable, Observed, Symbolic
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.forward.solid.virtual_work import Motion, Seen, StateView, Terms
+from ngbrain.forward.solid.virtual_work import FieldState, Motion, StateView, Terms
 from ngbrain.materials.base import Deformation, check_parameter
 from ngbrain.tensors import octahedral_shear
 
@@ -260,7 +260,7 @@ class Strains(Symbolic, Percentile):
             1.0, apart, out=np.zeros_like(apart), where=apart > least
         ).T
 
-    def _weighed(self, at: Seen) -> ngs.comp.SumOfIntegrals:
+    def _weighed(self, at: FieldState) -> ngs.comp.SumOfIntegrals:
         """Strains, each as much as its point's share has been set to."""
         change = self.asked.factor * (at.F - ngs.Id(3))
         E = (change + change.trans) / 2
@@ -296,7 +296,7 @@ class Stresses(Symbolic, Percentile):
         (now,) = self._view.of(self._weighed, problem.gfu)
         self._now = now.coef.Compile()
 
-    def _weighed(self, at: Seen) -> ngs.comp.SumOfIntegrals:
+    def _weighed(self, at: FieldState) -> ngs.comp.SumOfIntegrals:
         """Stresses, each as much as its point's share has been set to."""
         stress = self.problem.mesh.MaterialCF(
             {pattern: self._von_mises(material, at) for pattern, material in self.problem.materials.items()}
@@ -304,7 +304,7 @@ class Stresses(Symbolic, Percentile):
         rules = self._space.GetIntegrationRules()
         return at.kinematics.weight() * self._share * stress * ngs.dx(intrules=rules)
 
-    def _von_mises(self, material: Material, at: Seen) -> ngs.CoefficientFunction:
+    def _von_mises(self, material: Material, at: FieldState) -> ngs.CoefficientFunction:
         F = at.F.MakeVariable()
         nominal = material.energy(Deformation.from_gradient(F), at.p).Diff(F)
         stress = nominal * F.trans / ngs.Det(F)

@@ -62,7 +62,7 @@ class Displacements(Observable):
 
 
 @dataclass(frozen=True)
-class Unknowns(Observable):
+class SolutionUnknowns(Observable):
     """All unknowns of a problem's space (n,), for models that go on from its state."""
 
     unit = "various"

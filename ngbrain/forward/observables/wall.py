@@ -11,16 +11,16 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import InputError
-from ngbrain.forward.contact.rigid import RULES, SURFACE_ORDER, Contact
+from ngbrain.forward.contact.rigid import RULES, SURFACE_ORDER, RigidContact
 from ngbrain.forward.observables.base import Observable, Symbolic
 from ngbrain.forward.observables.points import along_axis, axis
 from ngbrain.forward.observables.ratio import Ratio
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.forward.solid.virtual_work import Motion, Seen, StateView, Terms
+from ngbrain.forward.solid.virtual_work import FieldState, Motion, StateView, Terms
 from ngbrain.materials.base import Value
 
 Array = np.ndarray
-Density: TypeAlias = Callable[[Seen], ngs.CoefficientFunction]
+Density: TypeAlias = Callable[[FieldState], ngs.CoefficientFunction]
 """Of a state, per area at rest."""
 
 
@@ -30,7 +30,7 @@ class Patch:
 
     Parameters
     ----------
-    contact : Contact
+    contact : RigidContact
         One of the problem's.
     where : float or CoefficientFunction
         1 on the patch and 0 elsewhere, of places at rest; all of the wall by default.
@@ -38,7 +38,7 @@ class Patch:
         In words; the wall's by default.
     """
 
-    contact: Contact
+    contact: RigidContact
     where: Value = 1.0
     name: str = ""
 
@@ -129,7 +129,7 @@ class WallPass:
     >>> from ngbrain.forward.common.material import Material
     >>> from ngbrain.materials import NeoHooke
     >>> from ngbrain.mesh import block
-    >>> plate = Contact("top", lambda x: 0.0199 - x[2], 1e6, 1e-9)
+    >>> plate = RigidContact("top", lambda x: 0.0199 - x[2], 1e6, 1e-9)
     >>> cube = Problem(block((0.02,) * 3, 0.02), {".*": Material(NeoHooke(1e3), 1e4)}, {"bottom": 0}, contacts=[plate])
     >>> seen = WallPass(cube, [NormalForce([Patch(plate)]), CurrentArea([Patch(plate)])])
     >>> [f"{value:.3g}" for value in seen()]  # 1e-4 m deep at 1e6 Pa/m on 4 cm²
@@ -283,7 +283,7 @@ class ContactForce(OfPatches):
         """Pressure times how the distance changes along the direction."""
         along = self._direction(self.direction, problem, patch) / len(self.patches)
 
-        def pushed(at: Seen) -> ngs.CoefficientFunction:
+        def pushed(at: FieldState) -> ngs.CoefficientFunction:
             x = (ngs.CF((ngs.x, ngs.y, ngs.z)[: problem.mesh.dim]) + at.u).MakeVariable()
             slope = patch.contact.distance(x).Diff(x)
             return patch.where * patch.contact.pressure(at.u, at.offset) * ngs.InnerProduct(slope, along)
@@ -361,27 +361,27 @@ class ContactArea(OfPatches):
         """Of points that are pressed."""
         contact = patch.contact
 
-        def sharp(at: Seen) -> ngs.CoefficientFunction:
+        def sharp(at: FieldState) -> ngs.CoefficientFunction:
             return patch.where * ngs.IfPos(contact.pressure(at.u, at.offset), at.area_ratio(at.u), 0)
 
-        def soft(at: Seen) -> ngs.CoefficientFunction:
+        def soft(at: FieldState) -> ngs.CoefficientFunction:
             depth = (at.offset - contact.gap(at.u)) / contact.softness
             return patch.where * ngs.IfPos(depth, ngs.IfPos(depth - 1, 1, depth), 0) * at.area_ratio(at.u)
 
         return soft if self.smoothed else sharp
 
 
-def patch_pressure(of: Contact | Sequence[Patch], where: Value = 1.0) -> Ratio:
+def patch_pressure(of: RigidContact | Sequence[Patch], where: Value = 1.0) -> Ratio:
     """Mean pressure (Pa) of rigid bodies on patches: the normal force on all of them over their current area.
 
     Parameters
     ----------
-    of : Contact or sequence of Patch
+    of : RigidContact or sequence of Patch
         One of the problem's contacts, or patches of several.
     where : float or CoefficientFunction
         Of one contact: 1 on the patch and 0 elsewhere, of places at rest; all of the wall by default.
     """
-    patches = [Patch(of, where)] if isinstance(of, Contact) else of
+    patches = [Patch(of, where)] if isinstance(of, RigidContact) else of
     return Ratio(NormalForce(patches), CurrentArea(patches), f"pressure on {_words(patches)}", "Pa")
 
 

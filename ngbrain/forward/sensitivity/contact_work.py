@@ -13,7 +13,7 @@ import scipy.sparse as sp
 from ngbrain.errors import InputError
 from ngbrain.forward.common.loads import Load
 from ngbrain.forward.contact.force_control import GivenForce
-from ngbrain.forward.contact.rigid import Closing, Contact, Touch
+from ngbrain.forward.contact.rigid import Closing, RigidContact, Touch
 from ngbrain.forward.sensitivity.parameter_blocks import ParameterBlock, Scalar
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.virtual_work import Motion, StateView, Terms, acting, by, derived, vector
@@ -58,7 +58,7 @@ class ContactForms:
             return []
         at, numbers = self._view.moved(self._body.gfu, along)
         way = self._given.parameter
-        driven = [each for each in self._contacts if isinstance(each, Contact) and each.way is way]
+        driven = [each for each in self._contacts if isinstance(each, RigidContact) and each.way is way]
         return derived(by(acting(self._body, at, [], driven)[0], way), numbers)
 
     def weighted_work(self, *along: Motion) -> Terms:

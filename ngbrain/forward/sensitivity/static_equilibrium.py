@@ -20,7 +20,7 @@ from ngbrain.forward.observables.base import Observable
 from ngbrain.forward.sensitivity.parameter_blocks import NodePositions, ParameterBlock, block_slices
 from ngbrain.forward.solid.advance import newton_for
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.forward.solid.virtual_work import Motion, Terms, Work, slope, vector
+from ngbrain.forward.solid.virtual_work import Motion, Terms, VirtualWork, slope, vector
 from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.solvers.linear import Solve
 from ngbrain.solvers.newton import Newton
@@ -68,7 +68,7 @@ class Equilibrium:
         self.inverse: Solve | None = None
         """The last factor, which Newton's method begins with."""
         self.work = SolverWork()
-        self._work, self._now = Work(self.body), self.body.gfu
+        self._work, self._now = VirtualWork(self.body), self.body.gfu
         self._trial, self._test = self.body.fes.TnT()
 
     # How it gets there.

@@ -33,7 +33,7 @@ from ngbrain.forward.sensitivity.parameter_blocks import (
 from ngbrain.forward.sensitivity.static_equilibrium import Equilibrium, LoadCase
 from ngbrain.forward.sensitivity.tangent_inverse import TangentInverse
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.forward.solid.virtual_work import Term
+from ngbrain.forward.solid.virtual_work import WorkIntegral
 from ngbrain.solvers.newton import Newton
 
 __all__ = ["LoadCase", "NodePositions", "PrescribedDisplacement", "StaticLinearisation", "StaticModel"]
@@ -342,7 +342,7 @@ def _put(gfu: ngs.GridFunction, values: Array | float) -> None:
 def _check_supports(name: str, part: ParameterBlock, body: Problem) -> None:
     """Supports are interpolated once: what they are made of is no parameter."""
     for pattern, components in body.supports.values.items():
-        made = [Term(ngs.CF(value), ngs.ds) for value in components if value is not None]
+        made = [WorkIntegral(ngs.CF(value), ngs.ds) for value in components if value is not None]
         if part.directional_derivative(made):
             wanted = f"PrescribedDisplacement(body, {pattern!r}), what is prescribed there, as a parameter of its own"
             raise InputError(f"parameters.{name}", f"part of the support of {pattern!r}", wanted)

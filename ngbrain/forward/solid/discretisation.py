@@ -11,11 +11,11 @@ from ngbrain.arguments import check_type
 from ngbrain.forward.common.dirichlet import Support, Supports
 from ngbrain.forward.common.element_choice import automatic
 from ngbrain.forward.common.elements import ElementPair, check_elements
-from ngbrain.forward.common.kinematics import Solid, kinematics_of
+from ngbrain.forward.common.kinematics import SolidKinematics, kinematics_of
 from ngbrain.forward.common.material import Material, stiffness
 from ngbrain.forward.common.unknowns import Layout
 from ngbrain.forward.contact.force_control import DrivenTool
-from ngbrain.forward.contact.rigid import Contact, offsets
+from ngbrain.forward.contact.rigid import RigidContact, offsets
 from ngbrain.forward.solid.tissue import history_order
 from ngbrain.solvers import linear
 
@@ -24,7 +24,7 @@ CONDENSE_UP_TO = 1e6
 """K/μ up to which discontinuous pressures are eliminated element by element; beyond, that loses digits."""
 
 
-class Discretisation:
+class MixedDiscretisation:
     """Spaces and unknowns of a problem.
 
     through_time   whether tissue keeps a history at its quadrature points
@@ -42,9 +42,9 @@ class Discretisation:
         materials: Mapping[str, Material],
         conditions: Mapping[str, Support],
         element: str | ElementPair,
-        kinematics: Solid | None,
+        kinematics: SolidKinematics | None,
         through_time: bool,
-        rigid: Sequence[Contact],
+        rigid: Sequence[RigidContact],
         cavities: int,
     ) -> None:
         self.mesh, self.materials = mesh, dict(materials)

@@ -8,8 +8,8 @@ from weakref import WeakKeyDictionary
 
 import ngsolve as ngs
 
-from ngbrain.forward.common.kinematics import Solid
-from ngbrain.forward.common.loads import CavityVolume, Load, Place, Pressure
+from ngbrain.forward.common.kinematics import SolidKinematics
+from ngbrain.forward.common.loads import CavityVolume, Load, Place, PressureLoad
 from ngbrain.forward.common.state import Term
 from ngbrain.forward.common.unknowns import Layout
 from ngbrain.forward.contact.rigid import Touch
@@ -25,7 +25,7 @@ class ExternalLoads(Term):
         self,
         fes: ngs.FESpace,
         layout: Layout,
-        kinematics: Solid,
+        kinematics: SolidKinematics,
         order: int,
         loads: Sequence[Load],
         contacts: Sequence[Touch],
@@ -42,7 +42,7 @@ class ExternalLoads(Term):
     @property
     def symmetric(self) -> bool:
         """Whether all have an energy: a pressure that follows has none."""
-        return not any(isinstance(load, Pressure) for load in self.loads)
+        return not any(isinstance(load, PressureLoad) for load in self.loads)
 
     def place(self, u: ngs.CoefficientFunction, v: ngs.CoefficientFunction | None = None) -> Place:
         """Where loads act, for a displacement and a test function."""
@@ -80,7 +80,7 @@ class ExternalLoads(Term):
         place, cavities = self.place(at.u, test.u), iter(at.cavities)
         found: list[tuple[Load, Any]] = []
         for load in self.loads:
-            if isinstance(load, Pressure):
+            if isinstance(load, PressureLoad):
                 found.append((load, load.work(place)))
             elif isinstance(load, CavityVolume):
                 found.append((load, ngs.Variation(load.energy(place, next(cavities)))))

@@ -11,7 +11,7 @@ import numpy as np
 from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
-from ngbrain.forward.common.kinematics import Solid
+from ngbrain.forward.common.kinematics import SolidKinematics
 from ngbrain.forward.common.regions import check_regions
 from ngbrain.forward.common.state import Term
 from ngbrain.forward.common.unknowns import Layout
@@ -21,7 +21,7 @@ Array = np.ndarray
 
 
 @dataclass(frozen=True)
-class Pace:
+class MotionRates:
     """How unknowns u move after a step of length `dt` (s).
 
     velocity      v
@@ -87,21 +87,21 @@ class GeneralizedAlpha:
         """c (1/s²)."""
         return (1 - self.alpha_m) / ((1 - self.alpha_f) * self.beta * dt**2)
 
-    def begin(self, u: np.ndarray, pace: Pace, dt: float) -> Step:
+    def begin(self, u: np.ndarray, pace: MotionRates, dt: float) -> InertiaStep:
         """A step of `dt` seconds from u."""
         if pace.dt:
             average = pace.acceleration + (pace.average - pace.acceleration) * (dt / pace.dt)
-            pace = Pace(pace.velocity, pace.acceleration, average, dt)
-        return Step(self, u, pace, dt)
+            pace = MotionRates(pace.velocity, pace.acceleration, average, dt)
+        return InertiaStep(self, u, pace, dt)
 
 
 @dataclass(frozen=True)
-class Step:
+class InertiaStep:
     """A step from u; it ends where F(u') + c M (u' - û) = 0."""
 
     scheme: GeneralizedAlpha
     u: np.ndarray
-    pace: Pace
+    pace: MotionRates
     dt: float
 
     @property
@@ -111,11 +111,11 @@ class Step:
         late = (s.alpha_m * pace.average - s.alpha_f * pace.acceleration) / (1 - s.alpha_m)
         return self._drift() - s.beta * self.dt**2 * late
 
-    def end(self, u: np.ndarray) -> Pace:
+    def end(self, u: np.ndarray) -> MotionRates:
         """The pace at its end u."""
         s, average = self.scheme, self._average(u)
         velocity = self.pace.velocity + self.dt * ((1 - s.gamma) * self.pace.average + s.gamma * average)
-        return Pace(velocity, s.weight(self.dt) * (u - self.target), average, self.dt)
+        return MotionRates(velocity, s.weight(self.dt) * (u - self.target), average, self.dt)
 
     def error(self, u: np.ndarray) -> np.ndarray:
         """Δt² (β + (α_m - α_f)/2 - 1/6) (a' - a), by how much the step misses where exact accelerations lead, but for Δt⁴.
@@ -173,7 +173,7 @@ class Momentum(Term):
     """Time (s) in which no tissue relaxes."""
 
     def __init__(
-        self, layout: Layout, gfu: ngs.GridFunction, masses: Sequence[Inertia], kinematics: Solid, order: int
+        self, layout: Layout, gfu: ngs.GridFunction, masses: Sequence[Inertia], kinematics: SolidKinematics, order: int
     ) -> None:
         if len(masses) > 1:
             raise InputError("loads", f"with {len(masses)} Inertia", "one for each body")
@@ -230,7 +230,7 @@ class Momentum(Term):
         field.vec.FV().NumPy()[:] = forces
         answer.data = self._mass.Inverse(ngs.BitArray((free > 0).tolist()), inverse="sparsecholesky") * field.vec
         a = answer.FV().NumPy().copy()
-        self.pace = Pace(v, a, a, 0.0)
+        self.pace = MotionRates(v, a, a, 0.0)
 
     def energy(self) -> float:
         """∫ ρ/2 |v|² (J)."""
@@ -240,7 +240,7 @@ class Momentum(Term):
     def rest(self) -> None:
         """Without speed and acceleration."""
         still = np.zeros(self._n)
-        self.pace = Pace(still, still, still, 0.0)
+        self.pace = MotionRates(still, still, still, 0.0)
 
     def begin(self, dt: float) -> None:
         """Begin a time step of `dt` seconds from the present state.
@@ -282,7 +282,7 @@ class Momentum(Term):
 
     @internal.setter
     def internal(self, saved: Mapping[str, Any]) -> None:
-        self.pace = Pace(**saved["pace"])
+        self.pace = MotionRates(**saved["pace"])
 
     @property
     def frozen(self) -> Mapping[str, Any]:

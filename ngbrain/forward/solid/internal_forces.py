@@ -9,7 +9,7 @@ import numpy as np
 from ngsolve import CoefficientFunction
 from ngsolve.comp import IntegrationRuleSpace
 
-from ngbrain.forward.common.kinematics import Solid
+from ngbrain.forward.common.kinematics import SolidKinematics
 from ngbrain.forward.common.unknowns import Layout
 from ngbrain.materials.base import Deformation
 from ngbrain.materials.points import Points
@@ -57,7 +57,7 @@ class Forces:
         gfu: ngs.GridFunction,
         densities: dict[str, Density],
         space: IntegrationRuleSpace,
-        kinematics: Solid,
+        kinematics: SolidKinematics,
     ) -> None:
         self.mesh = gfu.space.mesh
         now, test = layout.fields(gfu), layout.fields(gfu.space.TestFunction())

@@ -11,18 +11,18 @@ import numpy as np
 from ngbrain.errors import InputError
 from ngbrain.forward.common.dirichlet import Support, Supports
 from ngbrain.forward.common.elements import ElementPair
-from ngbrain.forward.common.kinematics import Solid
+from ngbrain.forward.common.kinematics import SolidKinematics
 from ngbrain.forward.common.loads import CavityVolume, Load
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.common.regions import boundaries, check_apart, check_regions, check_types
 from ngbrain.forward.contact.force_control import DrivenTool, GivenForce
 from ngbrain.forward.contact.friction import Friction, Grip
-from ngbrain.forward.contact.rigid import Contact, Sliding, Touch
+from ngbrain.forward.contact.rigid import RigidContact, Sliding, Touch
 from ngbrain.forward.solid.external_loads import ExternalLoads
 from ngbrain.forward.solid.inertia import Inertia, Momentum
 from ngbrain.forward.solid.stateful import Stateful
 from ngbrain.forward.solid.tangent import Tangent
-from ngbrain.forward.solid.tissue import Tissue
+from ngbrain.forward.solid.tissue import TissueTerm
 from ngbrain.solvers import linear
 from ngbrain.solvers.record import Clock
 
@@ -61,7 +61,7 @@ class Problem(Stateful):
     element : str or ElementPair
         "P2/P1", "P4/L2(2)", "P3", …, or "auto"; refused if its inf-sup constant falls with the mesh. An `ElementPair` is taken at
         its word.
-    kinematics : Solid
+    kinematics : SolidKinematics
         `PlaneStrain` (default in the plane), `Axisymmetric`.
     solver : str
         A name of `ngbrain.solvers.linear`, or "auto".
@@ -111,7 +111,7 @@ class Problem(Stateful):
         loads: Sequence[Load | Inertia] = (),
         contacts: Sequence[Touch | Friction | GivenForce] = (),
         element: str | ElementPair = "auto",
-        kinematics: Solid | None = None,
+        kinematics: SolidKinematics | None = None,
         solver: str = "auto",
         bonus: int = 0,
         history: bool | None = None,
@@ -126,14 +126,14 @@ class Problem(Stateful):
         masses = [load for load in loads if isinstance(load, Inertia)]
         self.loads = tuple(load for load in loads if not isinstance(load, Inertia))
         self.contacts = tuple(each for each in contacts if not isinstance(each, (Friction, GivenForce)))
-        rigid = [each for each in self.contacts if isinstance(each, Contact)]
+        rigid = [each for each in self.contacts if isinstance(each, RigidContact)]
         self._cavities = [load for load in self.loads if isinstance(load, CavityVolume)]
         relaxes = any(m.viscous.branches for m in materials.values())
         through_time = relaxes or (bool(contacts or masses) if history is None else history)
         super().__init__(mesh, materials, conditions, element, kinematics, through_time, rigid, len(self._cavities))
         self.clock, self.partial = Clock(), False
         parts, solid = (self.layout, self.gfu), self.kinematics
-        self.tissue = Tissue(*parts, solid, materials, self.element, through_time, bonus)
+        self.tissue = TissueTerm(*parts, solid, materials, self.element, through_time, bonus)
         self.friction = Grip(*parts, [each for each in contacts if isinstance(each, Friction)], solid)
         self.inertia = Momentum(*parts, masses, solid, self.element.order) if masses else None
         self.external = ExternalLoads(self.fes, self.layout, solid, self.element.order, self.loads, self.contacts)
@@ -349,7 +349,7 @@ def check_contacts(
     """Refuse walls that are held, walls that slide and meet a rigid body, and more than one given force."""
     if not contacts:
         return
-    rigid = [each for each in contacts if isinstance(each, Contact)]
+    rigid = [each for each in contacts if isinstance(each, RigidContact)]
     held = {p for p, components in Supports(mesh, conditions).held.items() if len(components) == mesh.dim}
     walls = [each.wall for each in contacts if not isinstance(each, GivenForce)]
     check_apart(mesh, "|".join(held), walls)
@@ -360,5 +360,5 @@ def check_contacts(
         raise InputError("contacts", f"with {len(given)} given forces", "one for each body")
     if given and not any(each.way is given[0].parameter for each in rigid):
         raise InputError(
-            "contacts", "with a given force that moves none of them", "a Contact whose way is its parameter"
+            "contacts", "with a given force that moves none of them", "a RigidContact whose way is its parameter"
         )

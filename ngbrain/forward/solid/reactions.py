@@ -13,18 +13,18 @@ from ngbrain.forward.common.loads import CavityVolume, volume
 from ngbrain.forward.common.regions import boundaries
 from ngbrain.forward.common.state import Term
 from ngbrain.forward.contact.friction import Grip
-from ngbrain.forward.solid.discretisation import Discretisation
+from ngbrain.forward.solid.discretisation import MixedDiscretisation
 from ngbrain.forward.solid.external_loads import ExternalLoads
 from ngbrain.forward.solid.inertia import Momentum
-from ngbrain.forward.solid.tissue import Tissue
+from ngbrain.forward.solid.tissue import TissueTerm
 
 Array = np.ndarray
 
 
-class Reactions(Discretisation):
+class Reactions(MixedDiscretisation):
     """Forces and energies of a `Problem` where it stands."""
 
-    tissue: Tissue
+    tissue: TissueTerm
     friction: Grip
     inertia: Momentum | None
     external: ExternalLoads
@@ -68,7 +68,7 @@ class Reactions(Discretisation):
         return self.friction.work()
 
     def friction_driving(self) -> float:
-        """Force (N) along the way of the rigid bodies that friction asks of them, as `Contact.driving` does."""
+        """Force (N) along the way of the rigid bodies that friction asks of them, as `RigidContact.driving` does."""
         return self.friction.driving()
 
     def nodal_forces(self, boundary: str) -> Array:

@@ -11,7 +11,7 @@ from ngsolve import CoefficientFunction
 
 from ngbrain.errors import Breakdown
 from ngbrain.forward.common.elements import ElementPair
-from ngbrain.forward.common.kinematics import Solid
+from ngbrain.forward.common.kinematics import SolidKinematics
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.common.state import Term
 from ngbrain.forward.common.unknowns import Layout
@@ -28,7 +28,7 @@ Remembered = Callable[[Viscous, CoefficientFunction], CoefficientFunction]
 """A part of the energy that a law's history makes of C̄: `History.energy`, or `History.work` for forces alone."""
 
 
-class Tissue(Term):
+class TissueTerm(Term):
     """Energy Σ_regions W(C̄; history) + U(J), or + p(J - 1) - p²/2K, over the elements.
 
     Tissue that goes through time keeps a `History`, whose quadrature points carry the energy, and evaluates stresses once a point;
@@ -41,7 +41,7 @@ class Tissue(Term):
         self,
         layout: Layout,
         gfu: ngs.GridFunction,
-        kinematics: Solid,
+        kinematics: SolidKinematics,
         materials: Mapping[str, Material],
         element: ElementPair,
         through_time: bool,

@@ -18,33 +18,33 @@ import numpy as np
 from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
-from ngbrain.forward.common.loads import CavityVolume, Load, Place, Pressure
+from ngbrain.forward.common.loads import CavityVolume, Load, Place, PressureLoad
 from ngbrain.forward.common.unknowns import Layout
-from ngbrain.forward.contact.rigid import NO_OFFSET, Closing, Contact, Sliding, Touch
+from ngbrain.forward.contact.rigid import NO_OFFSET, Closing, RigidContact, Sliding, Touch
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials.base import Deformation
 
 Array = np.ndarray
 Motion: TypeAlias = Any
 """A GridFunction of a body's `fes`, or its trial or test functions."""
-Integrand: TypeAlias = "Callable[[Seen], ngs.comp.SumOfIntegrals]"
+Integrand: TypeAlias = "Callable[[FieldState], ngs.comp.SumOfIntegrals]"
 
 
 @dataclass(frozen=True)
-class Term:
+class WorkIntegral:
     """An integral: its integrand and what it is over."""
 
     coef: CoefficientFunction
     over: ngs.comp.DifferentialSymbol
 
-    def by(self, variable: CoefficientFunction, direction: CoefficientFunction | None = None) -> Term:
+    def by(self, variable: CoefficientFunction, direction: CoefficientFunction | None = None) -> WorkIntegral:
         """Its derivative by a number or a field, along a direction."""
         slope = self.coef.Diff(variable) if direction is None else self.coef.Diff(variable, direction)
-        return Term(slope, self.over)
+        return WorkIntegral(slope, self.over)
 
-    def times(self, factor: CoefficientFunction | float) -> Term:
+    def times(self, factor: CoefficientFunction | float) -> WorkIntegral:
         """A multiple."""
-        return Term(factor * self.coef, self.over)
+        return WorkIntegral(factor * self.coef, self.over)
 
     @property
     def vanishes(self) -> bool:
@@ -63,15 +63,17 @@ class Term:
         return self.coef.Compile() * self.over
 
 
-Terms: TypeAlias = list[Term]
+Terms: TypeAlias = list[WorkIntegral]
 
 
 def terms(integrals: ngs.comp.SumOfIntegrals) -> Terms:
     """The parts of a sum of integrals."""
-    return [Term(integrals[i].coef, integrals[i].symbol) for i in range(len(integrals))]
+    return [WorkIntegral(integrals[i].coef, integrals[i].symbol) for i in range(len(integrals))]
 
 
-def by(parts: Iterable[Term], variable: CoefficientFunction, direction: CoefficientFunction | None = None) -> Terms:
+def by(
+    parts: Iterable[WorkIntegral], variable: CoefficientFunction, direction: CoefficientFunction | None = None
+) -> Terms:
     """Derivatives of all parts, those that vanish left out."""
     return [slope for part in parts if not (slope := part.by(variable, direction)).vanishes]
 
@@ -80,7 +82,7 @@ LONE = Layout(pressure=False, offset=False, cavities=0)
 
 
 @dataclass(frozen=True)
-class Seen(Place):
+class FieldState(Place):
     """A body's state where a functional looks at it, moved by numbers or not.
 
     u, grad     displacement and its gradient; F is 3×3
@@ -129,7 +131,7 @@ class StateView:
         at, numbers = self.moved(state, along)
         return derived(terms(integrand(at)), numbers)
 
-    def moved(self, state: Motion, motions: Sequence[Motion]) -> tuple[Seen, list[ngs.Parameter]]:
+    def moved(self, state: Motion, motions: Sequence[Motion]) -> tuple[FieldState, list[ngs.Parameter]]:
         """A state moved by numbers, all zero; and these. `v` is the first motion."""
         body, numbers = self.body, [ngs.Parameter(0.0) for _ in motions]
         states = self.parts(state)
@@ -141,7 +143,7 @@ class StateView:
                 total = total + number * of(move)
             return total
 
-        at = Seen(
+        at = FieldState(
             body.mesh,
             body.kinematics,
             body.factor,
@@ -162,7 +164,7 @@ class StateView:
         return motion.components if isinstance(motion, ngs.GridFunction) else motion
 
 
-class Work(StateView):
+class VirtualWork(StateView):
     """Virtual work of a `Problem` with all its loads, or with some of them.
 
     >>> import ngsolve as ngs
@@ -171,7 +173,7 @@ class Work(StateView):
     >>> from ngbrain.mesh import block
     >>> body = Problem(block((0.1,) * 3, 0.1), {".*": Material(NeoHooke(1e3), 5e3)}, {"bottom": 0}, element="P1")
     >>> v = ngs.GridFunction(body.fes); v.Set((0, 0, ngs.z))
-    >>> work = Work(body)
+    >>> work = VirtualWork(body)
     >>> round(sum(ngs.Integrate(term.integral, body.mesh) for term in work(body.gfu, v, v)), 6)  # (4/3 μ + K) V
     6.333333
     """
@@ -194,7 +196,7 @@ class Work(StateView):
         at, numbers = self.moved(state, (virtual, *along))
         body = self.body
         energies = [
-            Term(
+            WorkIntegral(
                 at.kinematics.weight() * m.energy(Deformation.from_gradient(at.F), at.p),
                 ngs.dx(definedon=body.mesh.Materials(pattern), intrules=body.tissue.rules),
             )
@@ -204,21 +206,21 @@ class Work(StateView):
         return derived(by(energies + stored, numbers[0]) + followers, numbers[1:])
 
 
-def acting(body: Problem, at: Seen, loads: Sequence[Load], contacts: Sequence[Touch]) -> tuple[Terms, Terms]:
+def acting(body: Problem, at: FieldState, loads: Sequence[Load], contacts: Sequence[Touch]) -> tuple[Terms, Terms]:
     """Energies of some loads and contacts of a body, walls that close left out, and virtual work of those that have none."""
-    energies, followers = list[Term](), list[Term]()
+    energies, followers = list[WorkIntegral](), list[WorkIntegral]()
     weight, mine = at.kinematics.weight(), {id(load) for load in loads}
     for contact in contacts:
-        if isinstance(contact, Contact):
-            energies.append(Term(weight * contact.energy(at.u, at.offset), contact.measure()))
+        if isinstance(contact, RigidContact):
+            energies.append(WorkIntegral(weight * contact.energy(at.u, at.offset), contact.measure()))
         elif isinstance(contact, Sliding):
-            energies.append(Term(weight * contact.energy(at.u), contact.measure(body.element.order)))
+            energies.append(WorkIntegral(weight * contact.energy(at.u), contact.measure(body.element.order)))
     cavities = iter(at.cavities)
     for load in body.loads:
         pressure = (next(cavities),) if isinstance(load, CavityVolume) else ()
         if id(load) not in mine:
             continue
-        if isinstance(load, Pressure):
+        if isinstance(load, PressureLoad):
             followers += terms(load.work(at))
         else:
             energies += terms(load.energy(at, *pressure))

@@ -23,7 +23,7 @@ OVER = 2.0
 
 
 @dataclass
-class Progress:
+class StepperProgress:
     """Where a run stands; what a checkpoint has to hold besides the body's own arrays.
 
     factor     by which the next step may be longer than the last one, where steps are chosen by their error
@@ -55,10 +55,10 @@ class Control(Protocol):
     def shortest(self) -> float:
         """Step (s) below which the run gives up."""
 
-    def proposed(self, at: Progress, travel: Callable[[float], float]) -> float:
+    def proposed(self, at: StepperProgress, travel: Callable[[float], float]) -> float:
         """The next step (s); `travel` says how far (m) bodies come nearer in a time from now."""
 
-    def judged(self, problem: Problem, before: np.ndarray, at: Progress) -> str:
+    def judged(self, problem: Problem, before: np.ndarray, at: StepperProgress) -> str:
         """What is wrong with the step from a state to the body's; a note of its error is left in `at`."""
 
     def halved(self) -> Control:
@@ -97,7 +97,7 @@ class StepControl:
         """Step (s) below which the run gives up."""
         return self.contact_dt * self.smallest
 
-    def proposed(self, at: Progress, travel: Callable[[float], float]) -> float:
+    def proposed(self, at: StepperProgress, travel: Callable[[float], float]) -> float:
         """Touch gently, push evenly, rest with growing steps."""
         moved = travel(self.contact_dt)
         if at.touching and moved:
@@ -108,7 +108,7 @@ class StepControl:
             start, growth, longest = self.contact_dt, self.growth, self.dt_max
         return start if at.rested else min(at.dt * (1.0 if at.cut else growth), longest)
 
-    def judged(self, problem: Problem, before: np.ndarray, at: Progress) -> str:
+    def judged(self, problem: Problem, before: np.ndarray, at: StepperProgress) -> str:
         """Nothing: these steps do not look at their error."""
         return ""
 
@@ -157,7 +157,7 @@ class ErrorControl:
         if not self.way > 0:
             raise InputError("ErrorControl.way", self.way, "a way > 0 (m)")
 
-    def proposed(self, at: Progress, travel: Callable[[float], float]) -> float:
+    def proposed(self, at: StepperProgress, travel: Callable[[float], float]) -> float:
         """`touch` after an event, else by the error of the last step; no further than `way`."""
         moved = travel(self.touch) if at.touching else 0.0
         longest = self.longest
@@ -165,7 +165,7 @@ class ErrorControl:
             longest = min(self.pushing, longest, self.touch * self.way / abs(moved)) / (LEAVING if moved < 0 else 1)
         return min(self.touch if at.rested else at.dt * (1.0 if at.cut else at.factor), longest)
 
-    def judged(self, problem: Problem, before: np.ndarray, at: Progress) -> str:
+    def judged(self, problem: Problem, before: np.ndarray, at: StepperProgress) -> str:
         """Whether the error is over `OVER` times the tolerance."""
         change, overstress = problem.halving(before)
         largest = max(at.largest, overstress)
@@ -206,11 +206,11 @@ class GivenSteps:
         """Step (s) below which the run gives up."""
         return self.touch / 64
 
-    def proposed(self, at: Progress, travel: Callable[[float], float]) -> float:
+    def proposed(self, at: StepperProgress, travel: Callable[[float], float]) -> float:
         """To the next time, which is an event of the load history's."""
         return np.inf
 
-    def judged(self, problem: Problem, before: np.ndarray, at: Progress) -> str:
+    def judged(self, problem: Problem, before: np.ndarray, at: StepperProgress) -> str:
         """Nothing: these steps do not look at their error."""
         return ""
 

@@ -17,7 +17,7 @@ from ngbrain.forward.contact.motion import Motion
 from ngbrain.forward.solid.advance import LoadHistory, LoadProgram, StepResult, advance, newton_for
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.tangent import Solve
-from ngbrain.forward.transient.step_control import Control, GivenSteps, Progress
+from ngbrain.forward.transient.step_control import Control, GivenSteps, StepperProgress
 from ngbrain.result import Status
 from ngbrain.solvers.newton import Newton
 from ngbrain.solvers.record import NewtonRecord, SolverWork
@@ -32,7 +32,7 @@ FORESEEN = 2
 """Tries of a step that begin where it is foreseen to end; later ones begin where it stands."""
 
 
-Watch = Callable[[Problem, Progress, NewtonRecord], None]
+Watch = Callable[[Problem, StepperProgress, NewtonRecord], None]
 
 
 class TimeStepper:
@@ -70,7 +70,7 @@ class TimeStepper:
         self.program = LoadProgram(problem, motion, loads)
         self.penetration_limit = penetration_limit
         self.newton = replace(newton or newton_for(problem), inverse=None, largest=0.0)
-        self.progress = Progress(t=0.0 if loads is None else float(loads.times[0]), dt=control.touch)
+        self.progress = StepperProgress(t=0.0 if loads is None else float(loads.times[0]), dt=control.touch)
         self.events = self.program.events
         self.follow = np.zeros(len(problem.x))
         self.drift = np.zeros(len(problem.x))
@@ -283,7 +283,7 @@ class TimeStepper:
             self.program.set(self._now)
             self.newton.inverse = make(factor["x"])
         self._factored = list(saved["factors"])
-        self.progress = Progress(**{**saved["progress"], "work": SolverWork(**saved["progress"]["work"])})
+        self.progress = StepperProgress(**{**saved["progress"], "work": SolverWork(**saved["progress"]["work"])})
         self.follow, self.drift = np.array(saved["follow"]), np.array(saved["drift"])
         self.newton.largest = saved["largest"]
         self.program.set(self.progress.t)

@@ -13,11 +13,11 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.forward.common.dirichlet import Support
-from ngbrain.forward.common.loads import Load, Pressure, RigidFace, Traction, Weight
+from ngbrain.forward.common.loads import Load, PressureLoad, RigidFace, TractionLoad, Weight
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.common.rigid_motions import check_held
 from ngbrain.forward.contact.friction import Friction
-from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.contact.rigid import RigidContact
 from ngbrain.forward.solid.inertia import Inertia
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.image.read.fibre_directions import read_fibre_directions
@@ -225,7 +225,7 @@ class SceneBodies:
 
     def _parts(
         self, model: Model, law: Callable[[Viscous, Value], Law | Viscous], course: PrescribedMotion
-    ) -> tuple[ngs.Mesh, dict[str, Material], dict[str, Support], list[Load | Inertia], list[Contact | Friction]]:
+    ) -> tuple[ngs.Mesh, dict[str, Material], dict[str, Support], list[Load | Inertia], list[RigidContact | Friction]]:
         mesh, scene = self.mesh(model), self.scene
         plane, names = mesh.dim == 2, set(mesh.GetBoundaries())
         materials, weights = {}, {}
@@ -239,8 +239,8 @@ class SceneBodies:
         motions.check_apart(self.scene, names)
         supports: dict[str, Support] = {}
         loads: list[Load | Inertia] = [
-            *(Traction(traction.boundary, course.vector(traction.value)) for traction in scene.tractions),
-            *(Pressure(pressure.boundary, course.value(pressure.value)) for pressure in scene.pressures),
+            *(TractionLoad(traction.boundary, course.vector(traction.value)) for traction in scene.tractions),
+            *(PressureLoad(pressure.boundary, course.value(pressure.value)) for pressure in scene.pressures),
         ]
         for bc in scene.displacement_bcs:
             if not any(re.fullmatch(bc.boundary, name) for name in names):

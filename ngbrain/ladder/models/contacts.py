@@ -11,7 +11,7 @@ from ngsolve import CoefficientFunction
 
 from ngbrain.forward.contact.friction import Friction
 from ngbrain.forward.contact.parameters import OFFSET_SHARE, PENALTY, SLIP, SOFTNESS
-from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.contact.rigid import RigidContact
 from ngbrain.ladder.models.motions import FIELDS, GOLDEN, PrescribedMotion
 from ngbrain.scene.contacts import Contact as Body
 
@@ -30,7 +30,7 @@ def travel_distance(body: Body, until: float, side: float) -> float:
 
 def make_contact(
     body: Body, course: PrescribedMotion, modulus: float, far: float, rubs: bool
-) -> list[Contact | Friction]:
+) -> list[RigidContact | Friction]:
     """The contact, and its friction; `modulus` (Pa) of the tissue, `far` as `way` says."""
     parameter = course.time if body.is_timed else course.growth
 
@@ -53,5 +53,5 @@ def make_contact(
     def moves(x: CoefficientFunction, now: CoefficientFunction) -> CoefficientFunction:
         return ngs.CF(tuple(part + ngs.CF(0.0) for part in gone(now)))
 
-    met = Contact(body.boundary, distance, PENALTY * modulus / far, SOFTNESS * far, OFFSET_SHARE, way=parameter)
+    met = RigidContact(body.boundary, distance, PENALTY * modulus / far, SOFTNESS * far, OFFSET_SHARE, way=parameter)
     return [met, Friction(met, body.friction, SLIP * far, moves)] if rubs and body.friction else [met]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.forward.contact.rigid import SURFACE_ORDER, Contact
+from ngbrain.forward.contact.rigid import SURFACE_ORDER, RigidContact
 from ngbrain.forward.observables import Force, Functional, Observable
 from ngbrain.forward.observables.wall import (
     ContactArea,
@@ -21,7 +21,7 @@ from ngbrain.forward.observables.wall import (
     patch_pressure,
 )
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.forward.solid.virtual_work import Seen
+from ngbrain.forward.solid.virtual_work import FieldState
 from ngbrain.scene.operation import FACED
 from ngbrain.surgery.measures.sampling import TissuePart, tissue_percentiles
 from ngbrain.surgery.tools import RigidTool, patch
@@ -67,8 +67,8 @@ class Observer:
     inside a blade; depth is how far tissue is inside where it presses, the mean ∫ p d / ∫ p. Force is what a blade feels
     along the push, of its contact and friction. The net reaction is the tissue's own nodal force on the wall along the push, from
     the equilibrium residual without the contact term; `balance` is |blades + supports| / |blade| (0 without a force). Its
-    work is ∫ `Contact.driving` d(advance), and what friction adds; it goes into the contact energy, which the penalty stores, into
-    friction and the tissue work ∫∫ P:Ḟ. The size of that, Σ |∫ P:ΔF| over steps, is at most ∫∫ |P:Ḟ|, so that a balance
+    work is ∫ `RigidContact.driving` d(advance), and what friction adds; it goes into the contact energy, which the penalty stores,
+    into friction and the tissue work ∫∫ P:Ḟ. The size of that, Σ |∫ P:ΔF| over steps, is at most ∫∫ |P:Ḟ|, so that a balance
     relative to it is not flattered.
     """
 
@@ -144,7 +144,7 @@ def retraction_observables(
     Parameters
     ----------
     body : Problem
-        With a `Contact` on each wall.
+        With a `RigidContact` on each wall.
     blades : mapping
         Wall → what presses it.
     parts : mapping, optional
@@ -159,7 +159,7 @@ def retraction_observables(
     contacts = _under(body, blades)
     across = [_across(blade) for blade in blades.values()]
 
-    def patches(name: str, where: Callable[[Contact, RigidTool], ngs.CoefficientFunction]) -> list[Patch]:
+    def patches(name: str, where: Callable[[RigidContact, RigidTool], ngs.CoefficientFunction]) -> list[Patch]:
         return [
             Patch(contacts[wall], where(contacts[wall], each), f"{name} on {wall}") for wall, each in blades.items()
         ]
@@ -184,9 +184,9 @@ def retraction_observables(
     }
 
 
-def _under(body: Problem, blades: Mapping[str, RigidTool]) -> dict[str, Contact]:
+def _under(body: Problem, blades: Mapping[str, RigidTool]) -> dict[str, RigidContact]:
     """Wall → its contact."""
-    contacts = {each.wall: each for each in body.contacts if isinstance(each, Contact)}
+    contacts = {each.wall: each for each in body.contacts if isinstance(each, RigidContact)}
     return {wall: contacts[wall] for wall in blades}
 
 
@@ -194,7 +194,7 @@ def _across(blade: RigidTool) -> tuple[float, ...]:
     return tuple(map(float, blade.cleft.across))
 
 
-def _centre(body: Problem, contact: Contact, blade: RigidTool) -> ngs.CoefficientFunction:
+def _centre(body: Problem, contact: RigidContact, blade: RigidTool) -> ngs.CoefficientFunction:
     """1 in the middle of a blade's patch, 0 elsewhere."""
     x, where = ngs.CF((ngs.x, ngs.y, ngs.z)), patch(blade, PATCH_MARGIN)
     on = body.mesh.Boundaries(contact.wall)
@@ -216,7 +216,7 @@ def _mask(space: ngs.FESpace, boundary: str) -> np.ndarray:
 def swept_volume(boundary: str) -> Functional:
     """Volume (m³) that a boundary sweeps outwards, ∫∫ u · cof(1 + s∇u) N ds dS over 0 ≤ s ≤ 1; Simpson is exact in s."""
 
-    def swept(at: Seen) -> ngs.comp.SumOfIntegrals:
+    def swept(at: FieldState) -> ngs.comp.SumOfIntegrals:
         stages = [(0.0, 1 / 6), (0.5, 4 / 6), (1.0, 1 / 6)]
         normal = ngs.specialcf.normal(3)
         rate = sum(w * ngs.InnerProduct(at.u, ngs.Cof(ngs.Id(3) + s * at.along) * normal) for s, w in stages)
@@ -228,7 +228,7 @@ def swept_volume(boundary: str) -> Functional:
 def volume_change(region: str) -> Functional:
     """∫ (J - 1) dV over a region (m³)."""
 
-    def change(at: Seen) -> ngs.comp.SumOfIntegrals:
+    def change(at: FieldState) -> ngs.comp.SumOfIntegrals:
         return (ngs.Det(at.F) - 1) * ngs.dx(definedon=at.mesh.Materials(region), bonus_intorder=6)
 
     return Functional(change, name=f"change of the volume of {region}", unit="m³")

@@ -189,7 +189,7 @@ class ClosedSurface(RigidTool):
         return cls(cleft, float(width), tip, float(depth), grid, float(height))
 
     def distance(self, advance: CoefficientFunction) -> SignedDistance:
-        """Looked up; a problem says where its points stand (`Contact.follow`)."""
+        """Looked up; a problem says where its points stand (`RigidContact.follow`)."""
         return GridDistance(self, advance)
 
     def signed_distance(self, advance: float, at: np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ import numpy as np
 
 from ngbrain.errors import InputError, SolverError
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.forward.transient.step_control import Control, Progress, StepControl
+from ngbrain.forward.transient.step_control import Control, StepControl, StepperProgress
 from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.io import write_json
 from ngbrain.io.state import load_state, save_state
@@ -153,7 +153,7 @@ def compare_orders(model: RetractionModel, path: Path | None = None, resume: boo
         high.problem.begin(ramp)
         reached = kept["reached"]
 
-    def follow(body: Problem, at: Progress, record: NewtonRecord) -> None:
+    def follow(body: Problem, at: StepperProgress, record: NewtonRecord) -> None:
         nonlocal reached
         for target, source in zip(embedded.components, body.gfu.components, strict=True):
             target.Interpolate(source)

@@ -9,7 +9,7 @@ from ngbrain.errors import ContactError, ConvergenceError, InputError
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.force_control import CLOSE, GivenForce
 from ngbrain.forward.contact.friction import Friction
-from ngbrain.forward.contact.rigid import Contact, Sliding
+from ngbrain.forward.contact.rigid import RigidContact, Sliding
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.step_control import ErrorControl, StepControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
@@ -29,7 +29,7 @@ def pressing(
 ):
     """A plate on a bonded block, or on one that slides."""
     press = GivenForce(*program, AWAY, nudge, limit)
-    plate = Contact("top", lambda x: SIZE - press.parameter - x[2], penalty, softness, share, press.parameter)
+    plate = RigidContact("top", lambda x: SIZE - press.parameter - x[2], penalty, softness, share, press.parameter)
     mesh = block((SIZE,) * 3, SIZE)
     slides = [Sliding.on(mesh, wall, 1e9) for wall in films]
     supports = {} if films else {"bottom": 0}
@@ -115,7 +115,7 @@ def test_it_is_the_way_that_a_plate_driven_along_it_needs_the_force_for(relaxing
     forced.run(keep, until)
     times, ways = zip(*rows, strict=True)
     drive = Drive(ToolMotion("found", times, ways))
-    plate = Contact("top", lambda x: SIZE - drive.parameter - x[2], 1e8, 2e-5, 0.98)
+    plate = RigidContact("top", lambda x: SIZE - drive.parameter - x[2], 1e8, 2e-5, 0.98)
     body = Problem(
         block((SIZE,) * 3, SIZE),
         {"tissue": Material(relaxing, 1e3 * MU)},
@@ -179,7 +179,7 @@ def test_a_force_that_goes_too_far_is_one_error(relaxing):
 def test_a_given_force_bears_pressure_and_friction(coefficient):
     """A plate that goes along the top as far as it goes down, and slides: f = N + μN."""
     press = GivenForce((0.0, 4.0, 8.0), (0.0, 2e-2, 2e-2), AWAY, NUDGE)
-    plate = Contact("top", lambda x: SIZE - press.parameter - x[2], 1e6, 2e-5, 0.0, press.parameter)
+    plate = RigidContact("top", lambda x: SIZE - press.parameter - x[2], 1e6, 2e-5, 0.0, press.parameter)
     rubs = Friction(plate, coefficient, 1e-6, lambda x, way: way * ngs.CF((1.0, 0.0, 0.0)))
     tissue = {"tissue": Material(NeoHooke(MU), 20 * MU)}
     films = {"bottom": (None, None, 0), "left|right": (0, None, None), "front|back": (None, 0, None)}
@@ -193,10 +193,10 @@ def test_a_given_force_bears_pressure_and_friction(coefficient):
 
 def test_given_forces_have_a_contact_and_a_run_of_their_own():
     press, other = (GivenForce(*PRESS, AWAY, NUDGE) for _ in range(2))
-    plate = Contact("top", lambda x: SIZE - press.parameter - x[2], 1e8, 2e-5, 0.0, press.parameter)
+    plate = RigidContact("top", lambda x: SIZE - press.parameter - x[2], 1e8, 2e-5, 0.0, press.parameter)
     mesh, tissue = block((SIZE,) * 3, SIZE), {"tissue": Material(NeoHooke(MU), 1e3 * MU)}
     parts, element = (mesh, tissue, {"bottom": 0}), {"element": "P2/P1"}
-    with pytest.raises(InputError, match="a Contact whose way is its parameter"):
+    with pytest.raises(InputError, match="a RigidContact whose way is its parameter"):
         Problem(*parts, contacts=[plate, other], **element)
     with pytest.raises(InputError, match="2 given forces"):
         Problem(*parts, contacts=[plate, press, other], **element)

@@ -8,7 +8,7 @@ from dragging import Drag, transient
 from ngbrain.errors import InputError
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.friction import Friction
-from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.contact.rigid import RigidContact
 from ngbrain.forward.solid.inertia import GeneralizedAlpha, Inertia
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.statics.load_path import LoadPath
@@ -35,7 +35,7 @@ def test_the_forces_are_the_slope_of_the_energy_with_pressures_and_normals_held(
     def ball(x):
         return ngs.Norm(x - ngs.CF((0.01, 0.01, 0.05 - way))) - 0.03
 
-    contact = Contact("top", ball, 1e6, 1e-4, 0.5, way)
+    contact = RigidContact("top", ball, 1e6, 1e-4, 0.5, way)
     body = Problem(
         block((0.02,) * 3, 0.01), SOFT, {"bottom": 0}, contacts=[contact, Friction(contact, 0.4, 1e-4)], element="P2/P1"
     )
@@ -112,4 +112,4 @@ def test_restart_goes_on_with_the_same_bits(loads, stop):
 @pytest.mark.parametrize("numbers", [(-0.1, 1e-5), (0.1, 0.0)])
 def test_what_is_no_friction_is_named(numbers):
     with pytest.raises(InputError, match="friction"):
-        Friction(Contact("top", lambda x: x[2], 1e6, 1e-5), *numbers)
+        Friction(RigidContact("top", lambda x: x[2], 1e6, 1e-5), *numbers)

@@ -11,9 +11,9 @@ from replayed import GRID, SIDE, directions, loaded, relaxing, touched, weights
 from ngbrain.adjoint.check import dot, taylor
 from ngbrain.errors import InputError
 from ngbrain.forward.common.kinematics import Axisymmetric
-from ngbrain.forward.common.loads import Pressure, Traction, Weight
+from ngbrain.forward.common.loads import PressureLoad, TractionLoad, Weight
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.contact.rigid import RigidContact
 from ngbrain.forward.observables import (
     ContactArea,
     ContactForce,
@@ -26,10 +26,10 @@ from ngbrain.forward.observables import (
     Observable,
     Patch,
     Ratio,
+    SolutionUnknowns,
     StrainEnergy,
     StrainPercentile,
     StressPercentile,
-    Unknowns,
     WallIntegral,
     WallPass,
     mean_depth,
@@ -63,8 +63,8 @@ def cube(acting=(), contacts=(), element="P2/P1", mesh=None):
 
 
 def pressed_and_loaded():
-    soft = Contact("left", lambda x: x[0] + SIDE / 100, 1e6, 2e-4, 0.9)
-    return cube([Traction("right", (60.0, 0, 0)), Weight((0, -2e4, 0))], [soft])
+    soft = RigidContact("left", lambda x: x[0] + SIDE / 100, 1e6, 2e-4, 0.9)
+    return cube([TractionLoad("right", (60.0, 0, 0)), Weight((0, -2e4, 0))], [soft])
 
 
 def flat(kinematics, quads=False):
@@ -72,7 +72,12 @@ def flat(kinematics, quads=False):
     law = Material(NeoHooke(1e3), 5e3)
     supports = {"bottom": 0, "top": (0, SQUASHED * SIDE)}
     body = Problem(
-        mesh, {".*": law}, supports, [Pressure("right", 200.0)], element="Q2" if quads else "P2", kinematics=kinematics
+        mesh,
+        {".*": law},
+        supports,
+        [PressureLoad("right", 200.0)],
+        element="Q2" if quads else "P2",
+        kinematics=kinematics,
     )
     LoadPath(body).solve()
     return body
@@ -168,7 +173,7 @@ def test_forces_and_moments_balance_loads_in_closed_form():
     push, heavy, r = 40.0, 3e4, np.array([0.0, 0.0, 0.0])
     mesh = block((SIDE,) * 3, SIDE / 2)
     body = Problem(
-        mesh, {".*": Material(NeoHooke(5e4), 2e5)}, {"bottom": 0}, [Traction("right", (0, push, 0)), Weight((0, 0, -heavy))],
+        mesh, {".*": Material(NeoHooke(5e4), 2e5)}, {"bottom": 0}, [TractionLoad("right", (0, push, 0)), Weight((0, 0, -heavy))],
         element="P2",
     )  # fmt: skip
     LoadPath(body).solve()
@@ -250,7 +255,7 @@ def test_a_narrow_band_is_the_percentile_itself_and_a_wide_one_the_mean():
 
 def test_the_pressure_of_a_plate_is_its_force_over_the_walls_area():
     mesh = block((SIDE,) * 3, SIDE / 2)
-    plate = Contact("top", lambda x: 0.96 * SIDE - x[2], 1e6, 2e-5, 0.9)
+    plate = RigidContact("top", lambda x: 0.96 * SIDE - x[2], 1e6, 2e-5, 0.9)
     body = Problem(mesh, {".*": Material(NeoHooke(1e3), 2e4)}, {"bottom": 0}, contacts=[plate], element="P2/P1")
     LoadPath(body).solve()
     force, pressure = Force("bottom", (0, 0, 1)).value(body)[0], patch_pressure(plate)
@@ -277,7 +282,7 @@ def test_the_pressure_under_a_plate_passes_taylors_test(rng):
 class Unevenness(WallIntegral):
     """One of a user's own: the square of how far a wall is from a plate (m⁴)."""
 
-    plate: Contact
+    plate: RigidContact
     name = "unevenness"
     unit = "m⁴"
 
@@ -288,7 +293,7 @@ class Unevenness(WallIntegral):
 def test_what_is_seen_of_a_wall_in_one_pass(rng):
     """The force is that of the body's supports; with half of a plate in touch the area is half of the wall's, smoothed or not."""
     mesh = block((SIDE,) * 3, SIDE / 2)
-    plate = Contact("top", lambda x: 0.96 * SIDE - x[2], 1e6, 2e-5, 0.9)
+    plate = RigidContact("top", lambda x: 0.96 * SIDE - x[2], 1e6, 2e-5, 0.9)
     body = Problem(mesh, {".*": Material(NeoHooke(1e3), 2e4)}, {"bottom": 0}, contacts=[plate], element="P2/P1")
     LoadPath(body).solve()
     patches = [Patch(plate)]
@@ -355,7 +360,7 @@ def test_one_of_a_users_own_is_asked_like_all_others():
     assert TipDrop().value(body) == pytest.approx([0]) and TipDrop().value(body, state) == pytest.approx(
         [-SQUASHED * SIDE]
     )
-    assert Unknowns().value(body) == pytest.approx(body.x)
+    assert SolutionUnknowns().value(body) == pytest.approx(body.x)
 
 
 SMOOTH = [Force("bottom", (0.2, 0.3, 1)), SWELLING, TipDrop(), Moment("bottom", (0, 0, 0), (0.3, 1, 0))]
@@ -369,7 +374,7 @@ def test_data_of_an_equilibrium(rng):
         mesh,
         {".*": Material(NeoHooke(mu), 5e3)},
         {"bottom": 0},
-        [Traction("right", (push, 0.3 * push, 0))],
+        [TractionLoad("right", (push, 0.3 * push, 0))],
         element="P2",
     )
     tight = newton_for(body, rtol=1e-12, xtol=1e-12)
@@ -389,7 +394,7 @@ def stretched():
     """A block in space pulled aside, and what it is made of."""
     mu, push = ngs.Parameter(1e3), ngs.Parameter(60.0)
     mesh, law = block((SIDE,) * 3, SIDE / 2), Material(NeoHooke(mu), 5e3)
-    body = Problem(mesh, {".*": law}, {"bottom": 0}, [Traction("right", (push, 0.3 * push, 0))], element="P2")
+    body = Problem(mesh, {".*": law}, {"bottom": 0}, [TractionLoad("right", (push, 0.3 * push, 0))], element="P2")
     return body, {"mu": mu, "push": push}
 
 
@@ -462,7 +467,7 @@ def run_of(kind, asked, grid=GRID):
     mesh, materials, parameters, protocol, acts = kind()
     drive = Drive(protocol)
     acting = acts(drive)
-    walls = [each for each in acting if isinstance(each, Contact)]
+    walls = [each for each in acting if isinstance(each, RigidContact)]
     loads = [each for each in acting if each not in walls]
     body = Problem(mesh, materials, {"bottom": 0}, loads, contacts=walls, element="P2/P1")
     return RunModel(body, drive, grid, parameters, asked)

@@ -5,7 +5,7 @@ import pytest
 from equilibria import SIDE, field, seen, tight, verify, weights
 from statics import cube, square
 
-from ngbrain.forward.common.loads import Pressure, RigidFace, Traction, Weight
+from ngbrain.forward.common.loads import PressureLoad, RigidFace, TractionLoad, Weight
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.sensitivity.static_model import LoadCase, StaticModel
 from ngbrain.forward.solid.problem import Problem
@@ -43,7 +43,7 @@ def assemblies(of, monkeypatch):
 @pytest.mark.parametrize("where", MESHES)
 def test_derivatives_are_right_and_take_no_tangent(where, rng, monkeypatch):
     dim = 2 if where == "plane" else 3
-    of = linear(where, [Weight((0, -9810.0, 0)[:dim]), Traction("right", (20.0, 0, 0)[:dim])])
+    of = linear(where, [Weight((0, -9810.0, 0)[:dim]), TractionLoad("right", (20.0, 0, 0)[:dim])])
     assert of.equilibria[0].quadratic
     there = of.evaluate(of.theta)
     made, count = of.solves.factorisations, assemblies(of, monkeypatch)
@@ -69,5 +69,5 @@ def test_other_parameters_have_a_tangent_of_their_own(rng):
 def test_what_bends_is_not_taken_for_quadratic():
     """A change of volume by J, a pressure that follows, a face that pushes on one side."""
     assert not linear("plane", bulk=1e3).equilibria[0].quadratic
-    assert not linear("space", [Pressure("right", 50.0)]).equilibria[0].quadratic
+    assert not linear("space", [PressureLoad("right", 50.0)]).equilibria[0].quadratic
     assert not linear("space", [RigidFace("right", (0, -0.002, 0), 1e6)]).equilibria[0].quadratic

@@ -11,7 +11,15 @@ from ngbrain.adjoint.check import dot, taylor
 from ngbrain.errors import InputError, InvertedElementError, SolverError
 from ngbrain.forward.common.elements import ElementPair
 from ngbrain.forward.common.kinematics import Axisymmetric
-from ngbrain.forward.common.loads import CavityPressure, CavityVolume, Pressure, RigidBody, Spring, Traction, Weight
+from ngbrain.forward.common.loads import (
+    CavityPressure,
+    CavityVolume,
+    PressureLoad,
+    RigidBody,
+    Spring,
+    TractionLoad,
+    Weight,
+)
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity.static_equilibrium import Equilibrium
@@ -42,7 +50,7 @@ def number(value):
 
 def traction():
     pull, push = number(60.0), number(-40.0)
-    return scene([Traction("right", ngs.CF((pull, push)))], {"pull": pull, "push": push})
+    return scene([TractionLoad("right", ngs.CF((pull, push)))], {"pull": pull, "push": push})
 
 
 def weight():
@@ -58,19 +66,19 @@ def spring():
 
 def follower(form):
     hard, mu = field(MESH, 80.0), number(1e3)
-    return scene([Pressure("top", hard)], {"hard": hard, "mu": mu}, form=form, of=NeoHooke(mu))
+    return scene([PressureLoad("top", hard)], {"hard": hard, "mu": mu}, form=form, of=NeoHooke(mu))
 
 
 def loaded():
     hard, mu = number(60.0), number(1e3)
     seeing = [Force("right"), Force("bottom"), Displacements([[0.09, 0.06]])]
-    loads = [Pressure("right", hard), Weight((0, -500.0)), Spring("right", 2e4)]
+    loads = [PressureLoad("right", hard), Weight((0, -500.0)), Spring("right", 2e4)]
     return scene(loads, {"hard": hard, "mu": mu}, of=NeoHooke(mu), observations=seeing)
 
 
 def turning():
     hard = number(400.0)
-    return scene([Pressure("right|top", hard)], {"hard": hard}, kinematics=Axisymmetric(), supports=CORNER)
+    return scene([PressureLoad("right|top", hard)], {"hard": hard}, kinematics=Axisymmetric(), supports=CORNER)
 
 
 def cavity():
@@ -85,7 +93,7 @@ def filled():
 
 def touched():
     height, hard = number(0.09), number(1e7)
-    return scene([Plate(height, hard), Traction("top", (30.0, 60.0))], {"height": height, "hard": hard})
+    return scene([Plate(height, hard), TractionLoad("top", (30.0, 60.0))], {"height": height, "hard": hard})
 
 
 def indented():
@@ -104,7 +112,7 @@ def driven():
 
 def driven_and_pressed():
     hard = number(60.0)
-    return scene([Pressure("right", hard)], {"hard": hard, "top": None}, PRESSED, ElementPair(2, 0, False))
+    return scene([PressureLoad("right", hard)], {"hard": hard, "top": None}, PRESSED, ElementPair(2, 0, False))
 
 
 SCENES = {
@@ -152,7 +160,7 @@ def two():
     mu, pull = field(MESH, 1e3), number(70.0)
     tissue = {".*": Material(NeoHooke(mu), 5e4)}
     pressed = Problem(MESH, tissue, PRESSED, element="P2/P1")
-    pulled = Problem(MESH, tissue, {"left": 0}, [Traction("right", ngs.CF((pull, 0)))], element="P2/P1")
+    pulled = Problem(MESH, tissue, {"left": 0}, [TractionLoad("right", ngs.CF((pull, 0)))], element="P2/P1")
     cases = [LoadCase(pressed, seen()), LoadCase(pulled, [Force("left"), Displacements([[0.09, 0.04]])])]
     return StaticModel(cases, {"mu": mu, "pull": pull, "top": PrescribedDisplacement(pressed, "top")}, tight(pressed))
 
@@ -189,7 +197,7 @@ def shaped(dim, form):
     nodes, mu = NodePositions(mesh), field(mesh, 1e3)
     nodes.set_value(2e-3 * np.random.default_rng(4).uniform(-1, 1, nodes.size))
     still = (0.0,) * (dim - 2)
-    loads = [Pressure("right", 40.0), Traction("top", (20.0, *still, 5.0)), Weight((0.0, *still, -3e3 * ngs.x))]
+    loads = [PressureLoad("right", 40.0), TractionLoad("top", (20.0, *still, 5.0)), Weight((0.0, *still, -3e3 * ngs.x))]
     body = Problem(mesh, {".*": Material(NeoHooke(mu), 5e3)}, {"bottom": 0}, loads, element=form)
     return StaticModel([LoadCase(body, seen(dim))], {"nodes": nodes, "mu": mu}, tight(body))
 

@@ -6,7 +6,7 @@ import pytest
 from ngsolve.meshes import MakeStructured2DMesh
 
 from ngbrain.errors import Breakdown
-from ngbrain.forward import Contact, Friction, GeneralizedAlpha, GivenForce, Inertia, Material, Problem
+from ngbrain.forward import Friction, GeneralizedAlpha, GivenForce, Inertia, Material, Problem, RigidContact
 from ngbrain.forward.solid.advance import LoadHistory, LoadProgram, advance, newton_for
 from ngbrain.materials import Branch, Maxwell, NeoHooke, Viscous
 from ngbrain.result import Status
@@ -29,7 +29,7 @@ def pressed(forced=False):
             return 2e-3 * (min(end, 1.0) - min(start, 1.0))
 
     gone = given.parameter if forced else way
-    plate = Contact("top", lambda x: SIDE - gone - x[1], 1e6, 2e-4, 0.5, gone)
+    plate = RigidContact("top", lambda x: SIDE - gone - x[1], 1e6, 2e-4, 0.5, gone)
     rubs = Friction(plate, 0.2, 1e-4, lambda x, way: way * ngs.CF((1.0, 0.0)))
     mesh = MakeStructured2DMesh(quads=True, nx=3, ny=3, mapping=lambda x, y: (SIDE * x, SIDE * y))
     loads, contacts = [Inertia(1000.0, GeneralizedAlpha(0.0))], [plate, rubs, *([given] if forced else [])]

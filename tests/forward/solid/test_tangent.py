@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from ngbrain.errors import InputError
-from ngbrain.forward.common.loads import Pressure
+from ngbrain.forward.common.loads import PressureLoad
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.contact.rigid import RigidContact
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.step_control import StepControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
@@ -22,7 +22,7 @@ from ngbrain.solvers.newton import Newton
 def pillar(make_body, plate):
     """A tall block under a plate with an offset, pressed by 1 mm, and the plate's motion."""
     drive = plate((0, 1, 20), (0, 1e-3, 1e-3), height=0.06)
-    contact = Contact("top", lambda x: drive.level - x[2], 1e7, 2e-5, share=0.95)
+    contact = RigidContact("top", lambda x: drive.level - x[2], 1e7, 2e-5, share=0.95)
     body = make_body(contacts=[contact], maxh=0.009, size=(0.02, 0.02, 0.06))
     drive.set(1.0)
     body.begin(0.5)
@@ -95,7 +95,7 @@ def test_what_is_too_rough_for_a_residual_is_not_used(pressed):
 @pytest.mark.one_thread
 def test_restart_makes_the_same_factors_again(pillar, make_body):
     def made():
-        contact = Contact("top", lambda x: drive.level - x[2], 1e7, 2e-5, share=0.95)
+        contact = RigidContact("top", lambda x: drive.level - x[2], 1e7, 2e-5, share=0.95)
         body = make_body(contacts=[contact], maxh=0.009, size=(0.02, 0.02, 0.06))
         body.focus(near(body))
         newton = Newton(max_contraction=0.0, spare_iterations=0, max_factorisations=50)  # renews all the time
@@ -115,7 +115,7 @@ def test_restart_makes_the_same_factors_again(pillar, make_body):
 def test_a_tangent_that_needs_pivots_is_not_renewed_in_part():
     mesh = block((0.02, 0.02, 0.02), 0.02)
     body = Problem(
-        mesh, {"tissue": Material(NeoHooke(1e3), 1e5)}, {"bottom": 0}, [Pressure("top", 10.0)], element="P2/P1"
+        mesh, {"tissue": Material(NeoHooke(1e3), 1e5)}, {"bottom": 0}, [PressureLoad("top", 10.0)], element="P2/P1"
     )
     with pytest.raises(InputError, match="renewed in part"):
         body.focus(np.ones(mesh.ne, bool))

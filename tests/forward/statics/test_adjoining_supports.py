@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ngbrain.forward.common.loads import Traction
+from ngbrain.forward.common.loads import TractionLoad
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.statics.load_path import LoadPath
@@ -42,7 +42,7 @@ def test_reactions_of_adjoining_supports_add_up_and_get_right():
 def test_a_load_is_felt_by_its_own_boundary_alone():
     mesh = block((0.02, 0.02, 0.02), 0.01)
     body = Problem(
-        mesh, {".*": Material(NeoHooke(1e3), 5e3)}, {"bottom": 0}, [Traction("top", (0, 0, 50.0))], element="P2"
+        mesh, {".*": Material(NeoHooke(1e3), 5e3)}, {"bottom": 0}, [TractionLoad("top", (0, 0, 50.0))], element="P2"
     )
     LoadPath(body).solve()
     assert body.force("top")[2] == pytest.approx(50 * 0.02**2, rel=1e-6)
@@ -53,7 +53,7 @@ def test_a_load_is_felt_by_its_own_boundary_alone():
 def test_a_support_does_not_bear_what_a_load_puts_on_its_nodes():
     """A traction beside the foot: the foot bears all of it, and the loaded side what is put on it."""
     mesh = block((0.02, 0.02, 0.02), 0.01)
-    pull = Traction("right", (50.0, 0, 0))
+    pull = TractionLoad("right", (50.0, 0, 0))
     body = Problem(mesh, {".*": Material(NeoHooke(1e3), 5e3)}, {"bottom": 0}, [pull], element="P2")
     LoadPath(body).solve()
     assert body.force("bottom")[0] == pytest.approx(-50 * 0.02**2, rel=1e-6)

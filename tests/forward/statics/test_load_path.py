@@ -10,7 +10,15 @@ from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
 from ngbrain import adjoint
 from ngbrain.errors import CollapseWarning, ConvergenceError, InputError
 from ngbrain.forward.common.kinematics import Axisymmetric
-from ngbrain.forward.common.loads import CavityPressure, CavityVolume, RigidBody, RigidFace, Spring, Traction, Weight
+from ngbrain.forward.common.loads import (
+    CavityPressure,
+    CavityVolume,
+    RigidBody,
+    RigidFace,
+    Spring,
+    TractionLoad,
+    Weight,
+)
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.statics.load_path import LoadPath
@@ -73,7 +81,7 @@ RESPONSES = {
 
 @pytest.mark.parametrize("options", RESPONSES.values(), ids=RESPONSES)
 def test_residual_and_tangent_are_derivatives_of_the_energy(options, rng):
-    loads = [Traction("right", (20.0, 5.0)), Weight((0, -30.0)), Spring("top", 1e4)]
+    loads = [TractionLoad("right", (20.0, 5.0)), Weight((0, -30.0)), Spring("top", 1e4)]
     body = Problem(square(2), SOFT, **{"boundary_conditions": {"bottom": 0}, "loads": loads} | options)
     size = np.where(body.is_u, 1e-3, 50.0) * (body.weights > 0)
     x, dx = (body.load(size * rng.uniform(-1, 1, body.fes.ndof), 0.7) for _ in range(2))
@@ -91,7 +99,7 @@ def test_residual_and_tangent_are_derivatives_of_the_energy(options, rng):
 
 
 def test_a_foot_bears_all_that_acts_also_where_loads_share_its_nodes():
-    loads = [Weight((0, -30.0)), Traction("right", (20.0, 0))]
+    loads = [Weight((0, -30.0)), TractionLoad("right", (20.0, 0))]
     body = Problem(square(), SOFT, {"bottom": 0}, loads, element="P2/P1")
     LoadPath(body).solve(newton=Newton(rtol=1e-11, xtol=1e-10))
     assert body.force("bottom") == pytest.approx((-20 * 0.1, 30 * 0.01), rel=1e-8)
@@ -210,7 +218,7 @@ def test_threads_of_a_solve_are_its_own():
         ({"element": "P2/L2(1)"}, ["P2/L2(1)", "one order below"]),
         ({"solver": "sparsecholeski"}, ["sparsecholeski", "sparsecholesky"]),
         ({"boundary_conditions": {"botom": 0}}, ["botom", "bottom"]),
-        ({"loads": [Traction("topp", (0, 1.0))]}, ["topp", "top"]),
+        ({"loads": [TractionLoad("topp", (0, 1.0))]}, ["topp", "top"]),
         ({"boundary_conditions": {"bottom": None}}, ["None", "for each component"]),
         ({"boundary_conditions": {"bottom": [0, 0, 0]}}, ["[0, 0, 0]", "2 components"]),
         ({"boundary_conditions": {"bottom": (0, 0, 0)}}, ["(0, 0, 0)", "2 components"]),
@@ -239,7 +247,7 @@ def test_kinematics_have_to_fit_the_mesh():
 
 
 def test_a_load_beyond_what_a_body_bears_ends_with_its_record_and_the_last_equilibrium():
-    body = Problem(square(), SOFT, {"bottom": 0}, [Traction("top", (0, -1e5))], element="P2/P1")
+    body = Problem(square(), SOFT, {"bottom": 0}, [TractionLoad("top", (0, -1e5))], element="P2/P1")
     with pytest.raises(ConvergenceError, match=r"load factor .* was reached") as error:
         LoadPath(body).solve()
     record = error.value.result
@@ -291,7 +299,7 @@ def test_uphill_steps_spare_a_displacement_form_its_cuts():
     tried, tips = {}, []
     for watch in (0, 4):
         body = Problem(
-            beam, {".*": Material(NeoHooke(1e3), 5e6)}, {"left": 0}, [Traction("right", (0, 40.0))], element="P2"
+            beam, {".*": Material(NeoHooke(1e3), 5e6)}, {"left": 0}, [TractionLoad("right", (0, 40.0))], element="P2"
         )
         tried[watch] = LoadPath(body).solve(newton=Newton(max_climbs=watch)).tried
         tips.append(body.u(beam(2, 1))[1])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ngbrain.errors import Breakdown, ConvergenceError, InputError, InvertedElementError, SolverError, solver_error
-from ngbrain.forward.common.loads import Spring, Traction
+from ngbrain.forward.common.loads import Spring, TractionLoad
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.statics.load_path import LoadPath
@@ -52,7 +52,7 @@ def test_motions_that_nothing_prevents_are_named(supports, motions):
 
 
 def test_a_body_without_supports_has_all_six():
-    said = refused(Problem(cube(), TISSUE, {}, [Traction("top", (0, 0, 1.0))], element="P1"))
+    said = refused(Problem(cube(), TISSUE, {}, [TractionLoad("top", (0, 0, 1.0))], element="P1"))
     assert all(f"translation along {axis}" in said and f"rotation about {axis}" in said for axis in "xyz")
 
 

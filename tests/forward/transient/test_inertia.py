@@ -9,7 +9,7 @@ from pressing import PRESS, Failing, run
 from ngbrain.adjoint.check import taylor
 from ngbrain.errors import InputError
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.solid.inertia import GeneralizedAlpha, Inertia, Pace
+from ngbrain.forward.solid.inertia import GeneralizedAlpha, Inertia, MotionRates
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.step_control import ErrorControl, StepControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
@@ -37,7 +37,7 @@ def stepped(scheme, u, pace, dt):
 def of_steps(scheme, h):
     """The matrix that takes (u, h v, h² a) a step further."""
     u, v, a = np.eye(3)
-    u, pace = stepped(scheme, u, Pace(v / h, -u, a / h**2, h), h)
+    u, pace = stepped(scheme, u, MotionRates(v / h, -u, a / h**2, h), h)
     return np.array([u, h * pace.velocity, h**2 * pace.average])
 
 
@@ -69,7 +69,7 @@ def test_order_two_with_even_and_uneven_steps(radius, lengths):
     errors = []
     for n in (64, 128, 256):
         u, a = np.array([1.0]), np.array([-1.0])
-        pace = Pace(0 * u, a, a, 0.0)
+        pace = MotionRates(0 * u, a, a, 0.0)
         for dt in np.tile(lengths, n // 2) * 2.0 / n:
             u, pace = stepped(GeneralizedAlpha(radius), u, pace, dt)
         errors.append(np.hypot(u[0] - np.cos(2.0), pace.velocity[0] + np.sin(2.0)))
@@ -82,7 +82,7 @@ def test_the_error_of_a_step_is_what_it_misses(radius):
     scheme, t = GeneralizedAlpha(radius), 0.7
     for h, close in ((0.1, 0.2), (0.01, 0.02)):
         late = t + (scheme.alpha_m - scheme.alpha_f) * h  # the time that the average acceleration belongs to
-        exact = Pace(np.array([np.cos(t)]), np.array([-np.sin(t)]), np.array([-np.sin(late)]), h)
+        exact = MotionRates(np.array([np.cos(t)]), np.array([-np.sin(t)]), np.array([-np.sin(late)]), h)
         u = np.array([np.sin(t)])
         end, _ = stepped(scheme, u, exact, h)
         assert scheme.begin(u, exact, h).error(end)[0] == pytest.approx(end[0] - np.sin(t + h), rel=close)
@@ -189,7 +189,7 @@ def test_an_accelerated_start_balances_the_forces():
     body.u.vec.FV().NumPy()[:] += 0.5 * dt**2 * moved
     body.inertia._weight.Set(0.0)
     change = (body.form.Energy(body.gfu.vec) - energy) / dt**2
-    body.inertia.pace = Pace(dt * moved, moved, moved, dt)  # its speed by then
+    body.inertia.pace = MotionRates(dt * moved, moved, moved, dt)  # its speed by then
     assert change * dt**2 == pytest.approx(-body.kinetic_energy(), rel=1e-3)
 
 

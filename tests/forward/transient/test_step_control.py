@@ -7,7 +7,7 @@ import pytest
 from pressing import PRESS, run
 
 from ngbrain.errors import InputError
-from ngbrain.forward.transient.step_control import ErrorControl, Progress, StepControl
+from ngbrain.forward.transient.step_control import ErrorControl, StepControl, StepperProgress
 from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import Branch, Maxwell, NeoHooke, Ogden, Viscous
 
@@ -99,21 +99,24 @@ def test_no_step_is_longer_than_asked_for_while_it_pushes(make_body, plate):
 
 @pytest.mark.parametrize(("rate", "dt"), [(1.0, 2.0), (-1.0, 1.0), (0.0, 4.0)])
 def test_a_body_in_touch_withdraws_in_half_as_long_steps(rate, dt):
-    at = Progress(dt=1.0, touching=True, rested=False, factor=4.0)
+    at = StepperProgress(dt=1.0, touching=True, rested=False, factor=4.0)
     assert ErrorControl(0.1, touch=0.1, pushing=2.0).proposed(at, lambda ahead: rate * ahead) == dt
 
 
 @pytest.mark.parametrize(("rate", "dt"), [(1.0, 1.5), (-1.0, 0.75), (10.0, 0.15), (-10.0, 0.075), (0.0, 4.0)])
 def test_no_step_goes_further_than_asked_for_and_half_as_far_as_it_withdraws(rate, dt):
-    at, control = Progress(dt=1.0, touching=True, rested=False, factor=4.0), ErrorControl(0.1, touch=0.1, way=1.5)
+    at, control = (
+        StepperProgress(dt=1.0, touching=True, rested=False, factor=4.0),
+        ErrorControl(0.1, touch=0.1, way=1.5),
+    )
     assert control.proposed(at, lambda ahead: rate * ahead) == pytest.approx(dt)
     assert control.halved().way == 0.75
 
 
 def test_the_first_step_goes_no_further_either():
     control = ErrorControl(0.1, touch=0.1, way=0.02)
-    assert control.proposed(Progress(touching=True), lambda ahead: 1.0 * ahead) == pytest.approx(0.02)
-    assert control.proposed(Progress(touching=False), lambda ahead: 1.0 * ahead) == 0.1
+    assert control.proposed(StepperProgress(touching=True), lambda ahead: 1.0 * ahead) == pytest.approx(0.02)
+    assert control.proposed(StepperProgress(touching=False), lambda ahead: 1.0 * ahead) == 0.1
 
 
 @pytest.mark.one_thread

@@ -9,7 +9,7 @@ import pytest
 from ngbrain.adjoint.check import taylor
 from ngbrain.errors import InputError
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.contact.rigid import RigidContact
 from ngbrain.forward.observables import Patch
 from ngbrain.forward.observables.wall import DrivingForce, WallPass
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
@@ -34,7 +34,7 @@ def observed(press):
     target = np.array([SIZE[0] / 2, 0.004, SIZE[2] + 2e-3])
     cleft = Cleft(target, np.array([0, 1.0, 0]), np.array([0, 0, -1.0]), DEPTH, 4e-3, 12e-3)
     blade = Spatula(cleft, WIDTH, 1e-3, TIP, 2e-3)
-    contact = Contact("top", blade.distance(ngs.CF(0.0)), PENALTY, 1e-9)
+    contact = RigidContact("top", blade.distance(ngs.CF(0.0)), PENALTY, 1e-9)
     body = Problem(
         block(SIZE, 2e-3), {"tissue": Material(NeoHooke(1e3), 1e5)}, {"bottom": 0}, contacts=[contact], element="P2/P1"
     )
@@ -69,7 +69,9 @@ def pressed_between(blade, sides):
         "bottom": Cleft(np.array([SIZE[0] / 2, 0.004, -2e-3]), OUT, np.array([0, 0, 1.0]), *SLOT),
     }
     blades = {side: blade(clefts[side]) for side in sides}
-    contacts = [Contact(side, one.distance(way / len(sides)), PENALTY, 1e-4, 0.9, way) for side, one in blades.items()]
+    contacts = [
+        RigidContact(side, one.distance(way / len(sides)), PENALTY, 1e-4, 0.9, way) for side, one in blades.items()
+    ]
     body = Problem(
         block(SIZE, 4e-3), {"tissue": Material(NeoHooke(1e3), 1e5)}, {"back": 0}, contacts=contacts, element="P2/P1"
     )

@@ -15,7 +15,7 @@ import scipy.sparse as sp
 
 from ngbrain.forward.harmonic.about_state import AboutState
 from ngbrain.forward.harmonic.problem import Harmonic
-from ngbrain.forward.observables.points import Unknowns
+from ngbrain.forward.observables.points import SolutionUnknowns
 from ngbrain.forward.sensitivity.harmonic.state_work import StateWork
 from ngbrain.forward.sensitivity.parameter_blocks import Parameter
 from ngbrain.forward.sensitivity.static_model import LoadCase, StaticLinearisation, StaticModel
@@ -34,7 +34,7 @@ class AboutEquilibrium:
         state = body.state
         assert isinstance(state, AboutState)
         self.body = body
-        self.static = StaticModel([LoadCase(state.body, [Unknowns()])], parameters, newton, steps)
+        self.static = StaticModel([LoadCase(state.body, [SolutionUnknowns()])], parameters, newton, steps)
         self.solves = self.static.solves
         self.sizes = {name: part.size for name, part in self.static.parts.items()}
         self.work = StateWork(state, self.static.parts.values())

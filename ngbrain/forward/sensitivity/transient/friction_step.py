@@ -25,7 +25,7 @@ from ngbrain.forward.contact.friction import Rub, Slipping
 from ngbrain.forward.sensitivity.parameter_blocks import ParameterBlock
 from ngbrain.forward.sensitivity.transient.quadrature_blocks import unknowns
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.forward.solid.virtual_work import Motion, Term, Terms, by, vector
+from ngbrain.forward.solid.virtual_work import Motion, Terms, WorkIntegral, by, vector
 
 Array = np.ndarray
 
@@ -176,7 +176,7 @@ class FrictionStep:
         for rub in self._rubs:
             over = rub.rub.measure
             change = self._turned(
-                lambda *shifts, rub=rub, over=over: [Term(self._slipping(rub, shifts).elastic, over)],
+                lambda *shifts, rub=rub, over=over: [WorkIntegral(self._slipping(rub, shifts).elastic, over)],
                 self._begun(self._s, end=True),
             )
             found.append(sum((term.coef for term in change), 0 * rub.rub.slip).Compile())
@@ -229,7 +229,7 @@ class FrictionStep:
             over = rub.rub.measure
             bent = self._turned(
                 lambda *shifts, rub=rub, over=over: [
-                    Term(self._density(rub, self._slipping(rub, shifts, rub.slip)), over)
+                    WorkIntegral(self._density(rub, self._slipping(rub, shifts, rub.slip)), over)
                 ],
                 aimed,
             )
@@ -293,7 +293,7 @@ class FrictionStep:
 
     def _over(self, density: Callable[[_Fields], ngs.CoefficientFunction]) -> Terms:
         weight = self.body.kinematics.weight()
-        return [Term(weight * density(rub), rub.rub.measure) for rub in self._rubs]
+        return [WorkIntegral(weight * density(rub), rub.rub.measure) for rub in self._rubs]
 
     def _work(self, shifts: Sequence[Shift] = ()) -> Terms:
         """ℓ."""

@@ -16,7 +16,7 @@ from ngbrain.forward.sensitivity.parameter_blocks import ParameterBlock
 from ngbrain.forward.sensitivity.transient.friction_step import CarriedGradients
 from ngbrain.forward.sensitivity.transient.quadrature_blocks import unknowns
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.forward.solid.virtual_work import Motion, Term, Terms, vector
+from ngbrain.forward.solid.virtual_work import Motion, Terms, WorkIntegral, vector
 
 Array = np.ndarray
 
@@ -119,18 +119,18 @@ class InertiaStep:
     def _heavier(self) -> Callable[[], Array]:
         """c ∫ ρ' v · λ dV."""
         v = self.body.layout.fields(self.body.fes.TestFunction()).u
-        still = [Term(*self.inertia.heft(v, self.body.layout.fields(self._motion).u))]
+        still = [WorkIntegral(*self.inertia.heft(v, self.body.layout.fields(self._motion).u))]
         return vector(self.body.fes, [term for part in self._parts for term in part.directional_derivative(still)])
 
     @cached_property
     def _turned_by_theta(self) -> list[Callable[[], Array]]:
-        going = [Term(*self.inertia.heft(self._going, self.body.layout.fields(self._motion).u))]
+        going = [WorkIntegral(*self.inertia.heft(self._going, self.body.layout.fields(self._motion).u))]
         bent = [term for part in self._parts for term in part.directional_derivative(self._work(self._motion))]
         return [part.gradient(going + bent, self.body.mesh) for part in self._parts]
 
     def _work(self, motion: Motion) -> Terms:
         """c ∫ ρ (u - û) · λ dV."""
-        return [Term(*self.inertia.work(self.body.u, self.body.layout.fields(motion).u))]
+        return [WorkIntegral(*self.inertia.work(self.body.u, self.body.layout.fields(motion).u))]
 
     @property
     def _scheme(self) -> tuple:

@@ -67,14 +67,14 @@ class RunModel:
 
     >>> import ngsolve as ngs
     >>> from ngbrain.forward.common.material import Material
-    >>> from ngbrain.forward.contact.rigid import Contact
+    >>> from ngbrain.forward.contact.rigid import RigidContact
     >>> from ngbrain.forward.solid.problem import Problem
     >>> from ngbrain.forward.observables import Force
     >>> from ngbrain.materials import NeoHooke, Prony
     >>> from ngbrain.mesh import block
     >>> from ngbrain.surgery.protocols import Drive, ToolMotion
     >>> drive = Drive(ToolMotion("press", (0.0, 2.0, 8.0), (0.0, 1e-3, 1e-3)))
-    >>> plate = Contact("top", lambda x: 0.02 - drive.parameter - x[2], 1e8, 2e-5)
+    >>> plate = RigidContact("top", lambda x: 0.02 - drive.parameter - x[2], 1e8, 2e-5)
     >>> g, tau = ngs.Parameter(0.5), ngs.Parameter(3.0)
     >>> tissue = Material(Prony(NeoHooke(1000.0), [g], [tau]), 1e6)
     >>> cube = block((0.02, 0.02, 0.02), 0.02)

@@ -220,7 +220,7 @@ class StepForms:
     def energies(
         self, material: Material, at: Deformation, p: CoefficientFunction, seen: View
     ) -> list[QuadratureFunction]:
-        """W, as `Tissue` has it."""
+        """W, as `TissueTerm` has it."""
         law = material.viscous
         factors = [step_factors(self.dt, branch.tau) for branch in law.hereditary_branches]
         energy = law.density(at, [beta for _, beta in factors]) + material.of_volume(at.J, p)

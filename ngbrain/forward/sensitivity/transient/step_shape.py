@@ -27,7 +27,7 @@ from ngbrain.forward.sensitivity.transient.quadrature_blocks import (
     weighted_functions,
 )
 from ngbrain.forward.sensitivity.transient.step import UNPERTURBED, StepForms
-from ngbrain.forward.solid.virtual_work import Motion, Term, Terms, vector
+from ngbrain.forward.solid.virtual_work import Motion, Terms, WorkIntegral, vector
 from ngbrain.materials.base import Deformation
 from ngbrain.solvers.matrices import to_scipy
 
@@ -74,7 +74,7 @@ class StepShapeDerivatives:
         """An integrand of each region."""
         body = self._forms.body
         return [
-            Term(of(material), ngs.dx(definedon=body.mesh.Materials(pattern), intrules=body.history.rules))
+            WorkIntegral(of(material), ngs.dx(definedon=body.mesh.Materials(pattern), intrules=body.history.rules))
             for pattern, material in body.materials.items()
         ]
 

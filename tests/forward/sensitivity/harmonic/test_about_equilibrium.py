@@ -12,9 +12,9 @@ from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import InputError, SolverError
 from ngbrain.forward.common.elements import ElementPair
 from ngbrain.forward.common.kinematics import Axisymmetric
-from ngbrain.forward.common.loads import CavityVolume, Pressure, Traction, Weight
+from ngbrain.forward.common.loads import CavityVolume, PressureLoad, TractionLoad, Weight
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.contact.rigid import RigidContact
 from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, WaveModel
@@ -47,7 +47,7 @@ def waves(dim=2):
     return [Wave(30.0, {"top": (1e-6, 2e-7j, *still)}), Wave(45.0, {"top": (0, 1e-6 + 1e-6j, *still)})]
 
 
-def model(law=ogden, form="P2/P1", load=Traction, mesh=None, held=None, nodes=False):
+def model(law=ogden, form="P2/P1", load=TractionLoad, mesh=None, held=None, nodes=False):
     """A square (or another mesh) pressed, sheared and loaded: all that it is made of are fields but for some numbers."""
     mesh = mesh or square(2, size=SIDE)
     parameters = {"nodes": NodePositions(mesh)} if nodes else {}
@@ -59,7 +59,7 @@ def model(law=ogden, form="P2/P1", load=Traction, mesh=None, held=None, nodes=Fa
 
     bulk = parameter("bulk", 4e3 if "/" not in str(form) else 5e4)
     pushed, down = parameter("load", 150.0), (0.006, *[0.002] * (mesh.dim - 2), -0.012)
-    acting = load("right", pushed if load is Pressure else (pushed, *[0.5 * pushed] * (mesh.dim - 1)))
+    acting = load("right", pushed if load is PressureLoad else (pushed, *[0.5 * pushed] * (mesh.dim - 1)))
     body = Problem(mesh, {".*": Material(law(parameter), bulk)}, {"bottom": 0, "top": down}, [acting], element=form)
     parameters["top"] = PrescribedDisplacement(body, "top")
     loss, rho = parameter("loss", 0.2), parameter("rho", 1e3)
@@ -111,7 +111,7 @@ def test_every_law(law, rng):
 
 def test_a_pressure_that_follows(rng):
     """Its tangent is not symmetric where its rim is free, nor is the waves' matrix."""
-    of = model(neo_hooke, load=Pressure, held="top")
+    of = model(neo_hooke, load=PressureLoad, held="top")
     verify(of, rng, {"load", "mu"})
     A = of.evaluate(of.theta).factors.matrix(0)[~of.body.held][:, ~of.body.held]
     assert abs(A - A.T).max() > 1e-3 * abs(A).max()
@@ -208,7 +208,7 @@ def test_a_misfit_of_them(rng):
     assert np.all((rates > 1.9) & (rates < 2.1)), rates
 
 
-@pytest.mark.parametrize("load", [Traction, Pressure], ids=lambda load: load.__name__)
+@pytest.mark.parametrize("load", [TractionLoad, PressureLoad], ids=lambda load: load.__name__)
 @pytest.mark.parametrize(
     ("law", "form"),
     [
@@ -218,14 +218,14 @@ def test_a_misfit_of_them(rng):
 )
 def test_second_derivatives(law, form, load, rng):
     """They are symmetric, and those of the gradient; with a pressure that follows, matrices are not."""
-    bend(model(law, form, load, held="top" if load is Pressure else None), rng)
+    bend(model(law, form, load, held="top" if load is PressureLoad else None), rng)
 
 
 @pytest.mark.parametrize(
-    "load", [Traction, pytest.param(Pressure, marks=pytest.mark.slow)], ids=lambda load: load.__name__
+    "load", [TractionLoad, pytest.param(PressureLoad, marks=pytest.mark.slow)], ids=lambda load: load.__name__
 )
 def test_second_derivatives_by_nodes(load, rng):
-    bend(model(neo_hooke, "P2/P1", load, held="top" if load is Pressure else None, nodes=True), rng)
+    bend(model(neo_hooke, "P2/P1", load, held="top" if load is PressureLoad else None, nodes=True), rng)
 
 
 def bend(of, rng):
@@ -284,12 +284,12 @@ def test_what_makes_no_sense(changes, named):
 
 
 def test_a_pressure_that_follows_is_refused_by_a_gpu():
-    of = model(neo_hooke, load=Pressure, held="top").body
+    of = model(neo_hooke, load=PressureLoad, held="top").body
     with pytest.raises(InputError, match="follows"):
         Harmonic.about(of.state.body, of.waves, device=Device("cuda", CPU.make))
 
 
-@pytest.mark.parametrize("load", [Traction, Pressure])
+@pytest.mark.parametrize("load", [TractionLoad, PressureLoad])
 def test_a_resonance_without_loss_is_said(load):
     """A body that nothing holds, pushed evenly."""
     of = model(neo_hooke, load=load).body
@@ -301,7 +301,7 @@ def test_a_resonance_without_loss_is_said(load):
 def test_a_small_traction_at_rest_is_a_little_more_load(form):
     """At 0 Hz waves are how the equilibrium changes with a dead load."""
     mesh, more = square(2, size=SIDE), ngs.Parameter(0.0)
-    loads = [Traction("right", (150.0 + more, 80.0))]
+    loads = [TractionLoad("right", (150.0 + more, 80.0))]
     body = Problem(mesh, {".*": Material(NeoHooke(1e3), 4e3)}, {"bottom": 0}, loads, element=form)
     equilibria = []
     for push in (-1.0, 1.0, 0.0):
@@ -322,7 +322,7 @@ def test_a_small_traction_at_rest_is_a_little_more_load(form):
 def pressed_by_a_plate(depth=1e-3, share=0.9, element="P2/P1"):
     """A square that a plate presses on its right with an offset, clamped at its bottom; the plate's place is a parameter."""
     way = ngs.Parameter(depth)
-    plate = Contact("right", lambda x: SIDE - way - x[0], 1e6, 1e-5, share)
+    plate = RigidContact("right", lambda x: SIDE - way - x[0], 1e6, 1e-5, share)
     mu = field(square(2, size=SIDE), 1e3)
     mesh = mu.space.mesh
     body = Problem(mesh, {".*": Material(NeoHooke(mu), 2e4)}, {"bottom": 0}, contacts=[plate], element=element)

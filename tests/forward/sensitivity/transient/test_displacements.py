@@ -6,11 +6,11 @@ import pytest
 from forcing import BENT, GRID, SIDE, checked
 from rubbing import VALUES, Sliding, law_of, mesh_of
 
-from ngbrain.forward.common.loads import Pressure
+from ngbrain.forward.common.loads import PressureLoad
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.force_control import GivenForce
 from ngbrain.forward.contact.friction import Friction
-from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.contact.rigid import RigidContact
 from ngbrain.forward.observables import Force
 from ngbrain.forward.sensitivity.parameter_blocks import PrescribedDisplacement
 from ngbrain.forward.sensitivity.transient.run_linearisation import RunLinearisation
@@ -33,10 +33,10 @@ def pushed(what):
         motion = GivenForce((0.0, 1.0, 8.0), (0.0, 0.3, 0.3), away=-1e-3, nudge=1e-5)
         deep = way = motion.parameter
     if what != "alone":
-        contacts = [Contact("top", lambda x: SIDE - deep - x[1], p["penalty"], 2e-5, 0.9, way=way)]
+        contacts = [RigidContact("top", lambda x: SIDE - deep - x[1], p["penalty"], 2e-5, 0.9, way=way)]
     if what == "friction":
         contacts.append(Friction(contacts[0], p["friction"], 5e-5, lambda x, way: way * ngs.CF((1.0, 0.0))))
-    loads += [Pressure("right", 20.0)] if what == "pressure" else [Inertia(1e5)] if what == "mass" else []
+    loads += [PressureLoad("right", 20.0)] if what == "pressure" else [Inertia(1e5)] if what == "mass" else []
     contacts += [motion] if what == "given force" else []
     supports = {"bottom": 0, "left": (-2e-4 * (1 + ngs.y / SIDE), None)}
     body = Problem(mesh, {".*": Material(law_of("Prony", p), 2e4)}, supports, loads, contacts, element="P2/P1")

@@ -7,11 +7,11 @@ from rubbing import SIDE, Sliding, law_of, mesh_of
 
 from ngbrain.adjoint.check import taylor
 from ngbrain.forward.common.kinematics import Axisymmetric
-from ngbrain.forward.common.loads import Pressure, Spring, Traction, Weight
+from ngbrain.forward.common.loads import PressureLoad, Spring, TractionLoad, Weight
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.force_control import GivenForce
 from ngbrain.forward.contact.friction import Friction
-from ngbrain.forward.contact.rigid import Contact, surface_rules
+from ngbrain.forward.contact.rigid import RigidContact, surface_rules
 from ngbrain.forward.contact.rigid import Sliding as Film
 from ngbrain.forward.observables import Displacements, Force, Functional, Ratio, region_volume
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
@@ -53,12 +53,12 @@ def drawn(seed):
         deep, way = motion.parameter, motion.parameter
     else:
         motion, deep, way = plate, p["way"] * plate.down, plate.along
-    contacts = [Contact("top", lambda x: SIDE - deep + p["lift"] - x[last], p["penalty"], 2e-5, share, way=way)]
+    contacts = [RigidContact("top", lambda x: SIDE - deep + p["lift"] - x[last], p["penalty"], 2e-5, share, way=way)]
     if rubs:
         contacts.append(Friction(contacts[0], p["friction"], 5e-5, lambda x, way: way * ngs.CF(across)))
     acting = [Inertia(p["rho"])] if heavy else []
     if "traction" in loads:
-        acting.append(Traction("right", tuple(p["traction"] * c for c in across)))
+        acting.append(TractionLoad("right", tuple(p["traction"] * c for c in across)))
     if "weight" in loads:
         acting.append(Weight(tuple(p["weight"] * c for c in down)))
     if "springs" in loads:
@@ -66,7 +66,7 @@ def drawn(seed):
     if "film" in loads:
         contacts.append(Film.on(mesh, "left", p["film"]))
     if "pressure" in loads:
-        acting.append(Pressure("right", p["pressure"]))
+        acting.append(PressureLoad("right", p["pressure"]))
     if forced:
         contacts.append(motion)
     supports = {"bottom": 0} | ({"left": (0, None)} if kind == "axisymmetric" else {})
@@ -88,7 +88,7 @@ def touching(of):
     """Which points of walls touch, and how deep, and which slide, at the end of every step."""
     found, body = [], of.body
     for _ in of.replay.forwards():
-        for contact in (each for each in body.contacts if isinstance(each, Contact)):
+        for contact in (each for each in body.contacts if isinstance(each, RigidContact)):
             points = body.mesh.MapToAllElements(surface_rules(body.mesh), body.mesh.Boundaries(contact.wall))
             depth = body.offset - contact.gap(body.u)
             found.append(ngs.IfPos(depth, ngs.IfPos(depth - contact.softness, 2.0, 1.0), 0.0)(points).ravel())

@@ -6,10 +6,10 @@ import pytest
 from rubbing import SIDE, Sliding, law_of, mesh_of
 
 from ngbrain.adjoint.check import taylor
-from ngbrain.forward.common.loads import Traction, Weight
+from ngbrain.forward.common.loads import TractionLoad, Weight
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.friction import Friction
-from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.contact.rigid import RigidContact
 from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity.transient.inertia_step import InertiaStep
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
@@ -29,9 +29,9 @@ def struck(radius, law="Prony", field=False):
     if field:
         p["rho"] = ngs.GridFunction(ngs.H1(mesh, order=1))
         p["rho"].Set(1e3 * (1 + 20 * ngs.x))
-    contact = Contact("top", lambda x: SIDE - plate.down - x[1], 1e7, 2e-5, 0.9, way=plate.along)
+    contact = RigidContact("top", lambda x: SIDE - plate.down - x[1], 1e7, 2e-5, 0.9, way=plate.along)
     rubbing = Friction(contact, p["friction"], 5e-5, lambda x, way: way * ngs.CF((1.0, 0.0)))
-    acting = [Inertia(p["rho"], GeneralizedAlpha(radius)), Traction("right", (1e3 * p["pull"] * plate.down, 0))]
+    acting = [Inertia(p["rho"], GeneralizedAlpha(radius)), TractionLoad("right", (1e3 * p["pull"] * plate.down, 0))]
     body = Problem(
         mesh, {".*": Material(law_of(law, p), 2e4)}, {"bottom": 0}, acting, [contact, rubbing], element="P2/P1"
     )

@@ -7,7 +7,7 @@ from forcing import BENT, GRID, SIDE, checked, inflated, weighed
 from rubbing import Sliding, mesh_of
 
 from ngbrain.adjoint.check import taylor
-from ngbrain.forward.common.loads import Pressure
+from ngbrain.forward.common.loads import PressureLoad
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
@@ -52,7 +52,7 @@ def test_a_little_pressure_pushes_as_a_traction_does():
     """Where it hardly deforms, a run's derivative by a pressure is that of pressing with it: at zero pressure all is linear."""
     mesh, push = mesh_of("plane strain", 2), ngs.Parameter(0.0)
     body = Problem(
-        mesh, {".*": Material(NeoHooke(1e3), 2e4)}, {"bottom": 0}, [Pressure("right", push)], element="P2/P1", history=True
+        mesh, {".*": Material(NeoHooke(1e3), 2e4)}, {"bottom": 0}, [PressureLoad("right", push)], element="P2/P1", history=True
     )  # fmt: skip
     seen = [Force("bottom"), Displacements([[SIDE, SIDE]])]
     of = RunModel(body, Sliding(0.0, 0.0), GRID, {"push": push}, seen)
