@@ -1,4 +1,4 @@
-"""Arguments that are numbers, looked at by type and size before anything is computed from them."""
+"""Checks of numeric arguments: type, shape and range, before anything is computed."""
 
 from __future__ import annotations
 
@@ -11,12 +11,27 @@ from ngbrain.errors import InputError
 
 
 def number(name: str, value: Any, fits: Callable[[float], bool], wanted: str) -> float:
-    """A real number that fits.
+    """Check a real number and return it.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument, for messages.
+    value : object
+        Its value.
+    fits : callable
+        Whether a finite number is accepted.
+    wanted : str
+        What is accepted, in words.
+
+    Returns
+    -------
+    float
 
     Raises
     ------
     InputError
-        It is of another type, not finite or does not fit; `wanted` says in words what does.
+        The value is not a finite real number, or does not fit.
 
     Examples
     --------
@@ -31,23 +46,28 @@ def number(name: str, value: Any, fits: Callable[[float], bool], wanted: str) ->
 
 
 def numbers(name: str, values: Any, shape: tuple[int | None, ...], wanted: str = "") -> np.ndarray:
-    """Finite real numbers as an array.
+    """Convert finite real numbers to an array of float.
 
     Parameters
     ----------
     name : str
-        What they are, for messages.
+        Name of the argument, for messages.
     values : array_like
-        A number, or sequences of numbers.
+        A number, or nested sequences of numbers.
     shape : tuple of int or None
-        Of the array; None for any length along an axis.
-    wanted : str
-        What is wanted, in words.
+        Shape of the array; None accepts any length along an axis.
+    wanted : str, optional
+        What is accepted, in words.
+
+    Returns
+    -------
+    numpy.ndarray
+        float, of this shape.
 
     Raises
     ------
     InputError
-        They are of another type or shape, or not finite.
+        The values have another type or shape, or are not finite.
 
     Examples
     --------
@@ -72,8 +92,28 @@ def numbers(name: str, values: Any, shape: tuple[int | None, ...], wanted: str =
 
 
 def check_sequence(name: str, values: Any, least: int = 1) -> Sequence[Any]:
-    """A sequence of at least so many; `InputError` for anything else.
+    """Check that a value is a sequence of a minimum length and return it.
 
+    Parameters
+    ----------
+    name : str
+        Name of the argument, for messages.
+    values : object
+        Its value; text and mappings are refused.
+    least : int, optional
+        Minimum length.
+
+    Returns
+    -------
+    sequence
+
+    Raises
+    ------
+    InputError
+        The value is no sequence, or too short.
+
+    Examples
+    --------
     >>> check_sequence("tau", None)
     Traceback (most recent call last):
     ngbrain.errors.InputError: tau is None; wanted: a list of one value or more
@@ -87,8 +127,24 @@ def check_sequence(name: str, values: Any, least: int = 1) -> Sequence[Any]:
 
 
 def check_type(name: str, value: Any, kind: type) -> None:
-    """`InputError` unless a value is of a type.
+    """Check that a value is an instance of a class.
 
+    Parameters
+    ----------
+    name : str
+        Name of the argument, for messages.
+    value : object
+        Its value.
+    kind : type
+        The class.
+
+    Raises
+    ------
+    InputError
+        The value has another type.
+
+    Examples
+    --------
     >>> check_type("mesh", None, dict)
     Traceback (most recent call last):
     ngbrain.errors.InputError: mesh is None; wanted: a dict

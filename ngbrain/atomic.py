@@ -1,4 +1,4 @@
-"""Files that are whole or not there."""
+"""Atomic file writes: a file is complete, or it is not there."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from pathlib import Path
 
 
 def atomic_write(path: Path, write: Callable[[Path], object]) -> None:
-    """Call `write` with a name beside the place (of the same suffix), then rename: a reader never sees half a file.
+    """Write a file under a temporary name beside its final path, then rename it: a reader never sees half a file.
 
-    The name is another one each time, so that several processes and threads may write the same file; the last one's stays. What
-    processes that were killed have left of it is cleared away.
+    The temporary name (with the same suffix) is unique, so that several processes and threads may write the same file; the last
+    one wins. Temporary files of killed processes are removed.
 
     Parameters
     ----------
     path : Path
-        Where the file is to be.
+        Path of the file.
     write : callable
-        Writes all of it to the path that it is given; whatever it raises is passed on, and nothing is left.
+        Writes the whole file to the path that it is given. Its exceptions are passed on, and no file is left.
 
     Examples
     --------
@@ -34,7 +34,7 @@ def atomic_write(path: Path, write: Callable[[Path], object]) -> None:
     part = path.with_name(f".{stem}.{os.getpid()}.{secrets.token_hex(4)}.tmp{dot}{suffixes}")
     try:
         write(part)
-        with open(part, "r+b") as stream:  # a disk may be found full only now
+        with open(part, "r+b") as stream:  # some file systems report a full disk only here
             os.fsync(stream.fileno())
         os.replace(part, path)
     finally:
@@ -46,7 +46,7 @@ def atomic_write(path: Path, write: Callable[[Path], object]) -> None:
 
 
 def _gone(process: int) -> bool:
-    if os.name == "nt":  # no such question there: signal 0 would end the process
+    if os.name == "nt":  # on Windows, signal 0 would end the process
         return False
     try:
         os.kill(process, 0)

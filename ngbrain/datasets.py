@@ -1,7 +1,7 @@
-"""Sample data by name: what the README's examples run on.
+"""Sample data by name, used by the examples of the README.
 
-Waves, ultrasound, a loaded body and an operation were computed here and are shipped with the truth that an answer can be held to
-(`benchmarks/_samples.py` makes them anew). The heads come from other packages, the maps from their authors' repository.
+Waves, ultrasound, a loaded body and an operation are synthetic and shipped with the true parameters (`benchmarks/_samples.py`
+computes them again). The heads come from other packages, the stiffness maps from their authors' repository.
 
 >>> from ngbrain import datasets
 >>> waves = datasets.load_waves("waves_plane")
@@ -29,35 +29,35 @@ __all__ = ["DATASETS", "Dataset", "load_head", "load_waves", "write"]
 
 SHIPPED = Path(__file__).with_name("samples")
 COLIN27 = tuple(Path(root) / "share/mricron/templates/ch2.nii.gz" for root in ("/usr", "/usr/local"))
-"""Where Debian's package mricron-data puts the scan, and where a build of one's own does."""
+"""Paths of the scan: Debian's package mricron-data, and a local build of MRIcron."""
 
 
 MRE134 = "https://github.com/mechneurolab/MRE134/raw/befbe5b3596fe46cb00fc829df34747388a88737"
-"""Where the maps of 134 adults are, of one commit."""
+"""Address of the stiffness maps of 134 adults, at a fixed commit."""
 SHA256 = {
     "MRE134_Stiffness3D.nii.zip": "360cecd1123649bde20fa04c1afbf2b4087d90dc213b21076bb4e64746602d02",
     "MRE134_Damping3D.nii.zip": "b621f85237db3fecc5bed4c550d7819e2e60c62f858ff5cdad0a02aca72e091a",
 }
-"""Of every file that is fetched."""
+"""SHA-256 checksum of every downloaded file."""
 PATIENCE, MOST = 60, 2**24
-"""Seconds without an answer, and bytes of a file, after which fetching ends."""
+"""Time-out (s) and maximum size (bytes) of a download."""
 
 
 @dataclass(frozen=True)
 class Dataset:
-    """One entry of `DATASETS`.
+    """Description of a data set, the values of `DATASETS`.
 
-    Attributes
+    Parameters
     ----------
     summary : str
-        What it is, in a line.
+        One-line description.
     files : tuple of str
         Names of the files that `write` writes.
     kind : str
-        waves (`load_waves`), head (`load_head`), maps (`ngbrain.inverse.data.stiffness_maps.read_stiffness`), or scene: the
-        files that a verb of the command line takes.
-    external_size : int
-        Bytes of what another package or the network brings; 0 where the files are shipped.
+        "waves" (for `load_waves`), "head" (`load_head`), "maps" (`ngbrain.inverse.data.stiffness_maps.read_stiffness`), or
+        "scene": input files of a command.
+    external_size : int, optional
+        Bytes that come from another package or the network; 0 where the files are shipped.
     """
 
     summary: str
@@ -123,47 +123,47 @@ DATASETS: Mapping[str, Dataset] = MappingProxyType(
         ),
     }
 )
-"""Name of a data set → what it is."""
+"""Name of a data set → its description."""
 
 
 def load_waves(name: str) -> WaveData:
-    """Load shipped waves or ultrasound, SI units.
+    """Load shipped wave or ultrasound data, in SI units.
 
     Parameters
     ----------
     name : str
-        A data set of the kind waves.
+        A data set of kind "waves".
 
     Returns
     -------
     WaveData
-        With its truth and the noise that it was given.
+        With the true parameters and the level of the added noise.
 
     Raises
     ------
     InputError
-        Another name.
+        The name is unknown.
     """
     return read_waves(SHIPPED / _named(name, "waves").files[0])
 
 
 def load_head(name: str) -> Scan:
-    """Load the T1 of a head.
+    """Load the T1 scan of a head.
 
     Parameters
     ----------
     name : str
-        A data set of the kind head.
+        A data set of kind "head".
 
     Returns
     -------
     Scan
-        Axes right, front, up; voxels of 1 mm.
+        Axes right, front, up (RAS); voxels of 1 mm.
 
     Raises
     ------
     InputError
-        Another name; the scan is not on this machine, with how to get it.
+        The name is unknown, or the scan is not installed; the message says how to get it.
     MissingExtra
         nilearn or nibabel is not installed.
     """
@@ -177,22 +177,22 @@ def write(name: str, folder: str | os.PathLike[str] = ".", overwrite: bool = Fal
     Parameters
     ----------
     name : str
-        One of `DATASETS`.
+        A key of `DATASETS`.
     folder : path, optional
-        Where they go; made if it is missing.
+        Output folder; created if it does not exist.
     overwrite : bool, optional
-        Replace files that are there.
+        Whether existing files are replaced.
 
     Returns
     -------
     list of Path
-        The files, each of them whole.
+        The files, each written atomically.
 
     Raises
     ------
     InputError
-        Another name; a file that is there already; the scan is not on this machine; the maps cannot be fetched, or are others than
-        those that were published.
+        The name is unknown; a file exists; the scan is not installed; the maps cannot be downloaded, or their checksum differs
+        from the published one.
     MissingExtra
         nilearn or nibabel is not installed.
 
@@ -218,7 +218,7 @@ def write(name: str, folder: str | os.PathLike[str] = ".", overwrite: bool = Fal
 
 
 def _maker(name: str, file: str) -> Callable[[Path], None]:
-    """What writes a file, whole or not at all; what is missing is said before anything is written."""
+    """Function that writes a file atomically; missing sources are reported before anything is written."""
     if name == "mni152":
         volume = mni152().volume
         return lambda place: write_nifti(place, volume)
@@ -230,7 +230,7 @@ def _maker(name: str, file: str) -> Callable[[Path], None]:
 
 
 def _fetched(file: str) -> bytes:
-    """A file of `SHA256` from the network, checked."""
+    """Download a file of `SHA256` and verify its checksum."""
     url = f"{MRE134}/{file}"
     try:
         with urllib.request.urlopen(url, timeout=PATIENCE) as answer:

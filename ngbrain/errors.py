@@ -1,4 +1,4 @@
-"""Every way a call can fail, by name.
+"""Exceptions and warnings of the package.
 
 The command line turns `InputError` and `MissingExtra` into exit status 2 and `SolverError` into exit status 3.
 """
@@ -24,10 +24,23 @@ class NgbrainError(Exception):
 
 
 class InputError(NgbrainError, ValueError):
-    """Something the user gave cannot be used.
+    """An input of the user cannot be used.
 
-    One line that names the file (where there is one), the field, the value found and what is wanted.
+    The message is one line that names the file (if any), the field, its value and what is wanted.
 
+    Parameters
+    ----------
+    field : str
+        Name of the field or argument.
+    value : object
+        The value found.
+    wanted : str
+        What is accepted, in words.
+    file : str or Path, optional
+        File that the value comes from.
+
+    Examples
+    --------
     >>> print(InputError("blade.width_mm", 14.0, "at most 12, the width of the cleft", file="case.toml"))
     case.toml: blade.width_mm is 14.0; wanted: at most 12, the width of the cleft
     """
@@ -37,13 +50,13 @@ class InputError(NgbrainError, ValueError):
         where = f"{file}: " if file else ""
         super().__init__(f"{where}{field} is {value}; wanted: {wanted}")
 
-    def __reduce__(self) -> tuple[Any, ...]:  # how it comes back from another process
+    def __reduce__(self) -> tuple[Any, ...]:  # for pickling between processes
         return type(self), (self.field, self.value, self.wanted, self.file)
 
 
 @contextmanager
 def file_context(file: str | Path) -> Iterator[None]:
-    """What is refused in here names the file, also by what does not know it: values are passed about without their source.
+    """Add a file name to every `InputError` raised in the block, unless the error names a file already.
 
     >>> with file_context("t1.nii"):
     ...     raise InputError("image", "empty", "a T1")
@@ -57,8 +70,24 @@ def file_context(file: str | Path) -> Iterator[None]:
 
 
 def check_shape(name: str, found: tuple[int, ...], wanted: tuple[int, ...]) -> None:
-    """`InputError` where an array has another shape than is wanted.
+    """Check the shape of an array.
 
+    Parameters
+    ----------
+    name : str
+        Name of the array, for messages.
+    found : tuple of int
+        Its shape.
+    wanted : tuple of int
+        The required shape.
+
+    Raises
+    ------
+    InputError
+        The shapes differ.
+
+    Examples
+    --------
     >>> check_shape("w", (3,), (4, 1))
     Traceback (most recent call last):
     ngbrain.errors.InputError: w is of shape (3,); wanted: (4, 1)
@@ -68,7 +97,8 @@ def check_shape(name: str, found: tuple[int, ...], wanted: tuple[int, ...]) -> N
 
 
 class SolverError(NgbrainError, RuntimeError):
-    """A computation gave up: the message says what happened and what to try, `status` in which way, `result` what was done.
+    """A computation failed. The message says what happened and what to try; `status` is the kind of failure, `result` what was
+    computed.
 
     `result` is that of the load path, or of Newton's method in the last time step; None where there is none.
     """
@@ -78,7 +108,15 @@ class SolverError(NgbrainError, RuntimeError):
 
 
 class Breakdown(SolverError, FloatingPointError):
-    """A step of a computation cannot be taken; whoever tries others catches it."""
+    """One step of a computation failed; callers that can try another step catch it.
+
+    Parameters
+    ----------
+    message : str, optional
+        What happened.
+    status : Status, optional
+        Kind of failure.
+    """
 
     status: Status
 
@@ -92,12 +130,28 @@ class ConvergenceError(SolverError):
 
 
 class InvertedElementError(SolverError):
-    """A state with det F <= 0 at some quadrature point was met and could not be avoided."""
+    """An inverted element (det F <= 0 at a quadrature point) could not be avoided."""
 
 
 def solver_error(message: str, status: Status, result: Result | None = None) -> SolverError:
-    """The error to raise for how a computation ended, with what was done.
+    """Build the exception that belongs to the final status of a computation.
 
+    Parameters
+    ----------
+    message : str
+        What happened.
+    status : Status
+        Final status.
+    result : Result, optional
+        What was computed.
+
+    Returns
+    -------
+    SolverError
+        An `InvertedElementError`, `ContactError` or `ConvergenceError`.
+
+    Examples
+    --------
     >>> solver_error("it folds", Status.INVERTED)
     InvertedElementError('it folds')
     """
@@ -108,12 +162,21 @@ def solver_error(message: str, status: Status, result: Result | None = None) -> 
 
 
 class ContactError(SolverError):
-    """The tissue went into a blade further than the contact law allows."""
+    """The penetration of tissue and tool exceeds the limit of the contact law."""
 
 
 class MissingExtra(NgbrainError, ImportError):
-    """An optional package is needed.
+    """An optional dependency is not installed.
 
+    Parameters
+    ----------
+    package : str
+        Name of the package.
+    extra : str
+        The extra of ngbrain that installs it.
+
+    Examples
+    --------
     >>> print(MissingExtra("matplotlib", "report"))
     matplotlib is not installed; get it with: pip install "ngbrain[report]"
     """
@@ -127,24 +190,44 @@ class MissingExtra(NgbrainError, ImportError):
 
 
 class RangeWarning(UserWarning):
-    """Published constants are used beyond the data that they come from."""
+    """Published constants are used outside the range of the data that they were fitted to."""
 
 
 class ImplausibleWarning(UserWarning):
-    """Something in a scene is far from anything that has been published for it, so that it may not be what was meant."""
+    """A value of a scene is far from all published values and may be a mistake."""
 
 
 class CollapseWarning(UserWarning):
-    """Single points of a body collapse, or would without a guard that its materials did not have: the mesh is too coarse."""
+    """Single points of a body collapse, or would without a volumetric guard that was added to its materials: the mesh is too
+    coarse.
+    """
 
 
 class StabilityWarning(UserWarning):
-    """A body is compressed so far that equilibria need not be stable, nor the same on another mesh."""
+    """A body is so strongly compressed that equilibria may be unstable or depend on the mesh."""
 
 
 def require(package: str, extra: str) -> ModuleType:
-    """Import an optional package, or raise `MissingExtra` naming the extra that brings it.
+    """Import an optional package.
 
+    Parameters
+    ----------
+    package : str
+        Name of the module.
+    extra : str
+        The extra of ngbrain that installs it.
+
+    Returns
+    -------
+    module
+
+    Raises
+    ------
+    MissingExtra
+        The package is not installed.
+
+    Examples
+    --------
     >>> require("json", "report").dumps([1])
     '[1]'
     """
@@ -155,8 +238,21 @@ def require(package: str, extra: str) -> ModuleType:
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """A hint for a misspelt name: the nearest known one, or all of them.
+    """Hint for a misspelt name: the nearest known name, or all of them.
 
+    Parameters
+    ----------
+    name : str
+        The misspelt name.
+    known : iterable of str
+        Names that exist.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
     >>> nearest("widht_mm", ["width_mm", "length_mm"])
     "did you mean 'width_mm'?"
     """

@@ -1,4 +1,4 @@
-"""How every picture looks, whoever draws it, and the pictures of results."""
+"""Style of all plots, and the plots of results."""
 
 from __future__ import annotations
 
@@ -25,13 +25,25 @@ STYLE = {
 
 
 def figure(width: float, height: float) -> Any:
-    """An empty matplotlib Figure (inches) in this style that a notebook shows where it is a cell's last value.
+    """Create an empty matplotlib figure in the common style; a notebook shows it as the last value of a cell.
 
-    Raises `MissingExtra` without matplotlib.
+    Parameters
+    ----------
+    width, height : float
+        Size in inches.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    MissingExtra
+        matplotlib is not installed.
     """
 
     class Page(require("matplotlib.figure", "report").Figure):  # type: ignore[misc]
-        """As pyplot's figures are shown."""
+        """A figure with the PNG representation that notebooks show."""
 
         def _repr_png_(self) -> bytes:
             self.savefig(picture := io.BytesIO(), format="png")
@@ -42,7 +54,21 @@ def figure(width: float, height: float) -> Any:
 
 
 def descent(values: Sequence[float], label: str, line: float | None = None) -> Any:
-    """A positive number over iterations, as a matplotlib Figure; `line`: where it should end."""
+    """Plot a positive quantity over iterations, on a logarithmic scale.
+
+    Parameters
+    ----------
+    values : sequence of float
+        Value after each iteration.
+    label : str
+        Label of the vertical axis.
+    line : float, optional
+        Target value, drawn as a dashed line.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
     with require("matplotlib", "report").rc_context(STYLE):
         page = figure(4.5, 3.2)
         axes = page.subplots()
@@ -56,7 +82,19 @@ def descent(values: Sequence[float], label: str, line: float | None = None) -> A
 
 
 def curves(lines: Mapping[str, tuple[Sequence[float], Sequence[float]]], x: str, y: str) -> Any:
-    """Lines by name, each of abscissae and ordinates, as a matplotlib Figure."""
+    """Plot curves by name.
+
+    Parameters
+    ----------
+    lines : mapping
+        Name → abscissae and ordinates.
+    x, y : str
+        Labels of the axes.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
     with require("matplotlib", "report").rc_context(STYLE):
         page = figure(4.8, 3.2)
         axes = page.subplots()
@@ -70,7 +108,19 @@ def curves(lines: Mapping[str, tuple[Sequence[float], Sequence[float]]], x: str,
 
 
 def slices(data: np.ndarray, names: Sequence[str]) -> Any:
-    """The three middle slices of labels (nx, ny, nz) that number `names` from 0, which is outside, as a matplotlib Figure."""
+    """Plot the three middle slices of a label volume.
+
+    Parameters
+    ----------
+    data : numpy.ndarray
+        (nx, ny, nz) labels, indices into `names`.
+    names : sequence of str
+        Names of the labels; the first is the outside.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
     colours = require("matplotlib", "report").colormaps["tab10"](np.arange(len(names)) % 10)
     colours[0] = 1.0
     with require("matplotlib", "report").rc_context(STYLE):
@@ -84,7 +134,19 @@ def slices(data: np.ndarray, names: Sequence[str]) -> Any:
 
 
 def places(points: np.ndarray, names: Sequence[str]) -> Any:
-    """Points of the plane (n, 2) m, coloured by name, as a matplotlib Figure."""
+    """Plot points of the plane, coloured by name.
+
+    Parameters
+    ----------
+    points : numpy.ndarray
+        (n, 2) m.
+    names : sequence of str
+        Name of each point.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
     with require("matplotlib", "report").rc_context(STYLE):
         page = figure(4.8, 4.4)
         axes = page.subplots()
@@ -99,9 +161,20 @@ def places(points: np.ndarray, names: Sequence[str]) -> Any:
 
 
 def maps(points: np.ndarray, values: Mapping[str, np.ndarray], moduli: Sequence[str]) -> Any:
-    """Maps on points of the plane (n, 2), or on the slice of points in space (n, 3) nearest to their middle, side by side.
+    """Plot maps side by side, on points of the plane or on the middle slice of points in space.
 
-    points in m, drawn in mm; values that are `moduli` in Pa, drawn in kPa; returns a matplotlib Figure.
+    Parameters
+    ----------
+    points : numpy.ndarray
+        (n, 2) or (n, 3) m, drawn in mm.
+    values : mapping
+        Name → (n,) values.
+    moduli : sequence of str
+        Names of the maps that are in Pa and drawn in kPa.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
     """
     if points.shape[1] == 3:
         planes = np.unique(np.round(points[:, 2], 9))

@@ -1,4 +1,4 @@
-"""How far long work has come: a line on a terminal or in a notebook, and a record of the logger `ngbrain` every half minute."""
+"""Progress of long computations: a line on a terminal or in a notebook, and a record of the logger `ngbrain` every 30 s."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from typing import Any, ParamSpec, Self, TypeVar
 P = ParamSpec("P")
 R = TypeVar("R")
 Show = Callable[[str], Any]
-"""Puts a text in place of the last one; an empty one wipes it."""
+"""Replaces the shown text; an empty text clears it."""
 Words = Callable[..., str]
-"""Makes a text of what `callback` is told."""
+"""Turns the arguments of `callback` into a text."""
 
 LOG = logging.getLogger("ngbrain")
 PATIENCE, APART, EVERY = 2.0, 0.2, 30.0
-"""Seconds before a line is shown, between two changes of it, and between records."""
+"""Seconds before the line is shown, between two updates, and between log records."""
 WIDTH = 24
 
 
 def terminal(quiet: bool = False) -> Show | None:
-    """A line of the terminal that stderr is; None where it is none, or when `quiet`."""
+    """Function that overwrites one line of the terminal; None if `quiet` or if stderr is no terminal."""
     if quiet or not sys.stderr.isatty():
         return None
     return lambda text: print("\r\x1b[K" + text[:118], end="", file=sys.stderr, flush=True)
 
 
 def notebook() -> Show | None:
-    """A line under the cell that is computed; None outside a notebook's kernel."""
+    """Function that overwrites one line below a notebook cell; None outside a notebook."""
     ipython = sys.modules.get("IPython")
     if not hasattr(ipython and ipython.get_ipython(), "kernel"):
         return None
@@ -52,21 +52,21 @@ def notebook() -> Show | None:
 
 
 def first_message(*what: Any) -> str:
-    """The first thing that is told, in its own words."""
+    """Text of the first argument of the callback."""
     return str(what[0])
 
 
 class Progress:
-    """What is under way, and since when. Use it as a context manager and pass `callback` on.
+    """Progress line of a computation: use it as a context manager and pass its `callback` on.
 
     Parameters
     ----------
     show : callable, optional
-        `terminal()` or `notebook()`. It is logged in any case.
-    words : callable
-        Makes a text of what is told.
-    text : str
-        What is under way before anything is told.
+        `terminal()` or `notebook()`. The logger gets the text in any case.
+    words : callable, optional
+        Turns the arguments of the callback into a text.
+    text : str, optional
+        Text before the first call.
     """
 
     def __init__(self, show: Show | None = None, words: Words = first_message, text: str = "at work") -> None:
@@ -76,7 +76,7 @@ class Progress:
         self._shown = 0.0
 
     def callback(self, *what: Any) -> None:
-        """Say what is under way, in place of what was before."""
+        """Replace the current text."""
         self.text = self._words(*what)
         now = time.monotonic()
         if self._show and now > max(self._started + PATIENCE, self._shown + APART):
@@ -84,7 +84,7 @@ class Progress:
             self._shown = now
 
     def say(self, text: str) -> None:
-        """Print a text that stays."""
+        """Print a text permanently."""
         self._wipe()
         print(text, flush=True)
 
@@ -100,7 +100,7 @@ class Progress:
             LOG.info(self._line(time.monotonic()))
 
     def __enter__(self) -> Self:
-        with suppress(RuntimeError):  # of a program whose main thread has ended, in Python 3.12
+        with suppress(RuntimeError):  # Python 3.12 starts no threads after the main thread has ended
             threading.Thread(target=self._log, daemon=True).start()
         return self
 
@@ -112,7 +112,7 @@ class Progress:
 
 
 class RunProgress:
-    """Words of so many runs side by side that tell their name, time (s) and the share of it that is done: a bar, and the time left.
+    """Progress bar over several runs side by side; each reports its name, its time (s) and the share of it that is done.
 
     >>> RunProgress(2)("continuous", 30.0, 0.5)
     '[######..................]  25 %  estimating  continuous t = 30.0 s'
@@ -124,11 +124,25 @@ class RunProgress:
         self._now: dict[str, tuple[float, float]] = {}
 
     def __call__(self, name: str, t: float, share: float) -> str:
-        """A run, how far it is in its own time, and the share of it that this is."""
+        """Update one run and return the text of the bar with the estimated time left.
+
+        Parameters
+        ----------
+        name : str
+            Name of the run.
+        t : float
+            Its own time (s).
+        share : float
+            Share of the run that is done, 0 to 1.
+
+        Returns
+        -------
+        str
+        """
         self._first.setdefault(name, share)
         self._now[name] = t, share
         done = sum(share for _, share in self._now.values())
-        own = done - sum(self._first.values())  # the rest was done before this was begun
+        own = done - sum(self._first.values())  # without what was finished before this run was resumed
         bar = ("#" * round(WIDTH * done / self.total)).ljust(WIDTH, ".")
         under_way = ", ".join(f"{name} t = {t:.1f} s" for name, (t, share) in self._now.items() if share < 1)
         to_go = (time.monotonic() - self._started) * (self.total - done) / own if own > 0.02 * self.total else None
@@ -137,13 +151,15 @@ class RunProgress:
 
 
 def log_progress(*_: Any) -> None:
-    """What `callback` is by default in functions that are `reporting`: what they tell is logged, and shown in a notebook."""
+    """Default of the argument `callback` of `reporting` functions: progress is logged, and shown in a notebook."""
 
 
 def reporting(
     words: Callable[[Mapping[str, Any]], Words] = lambda _: first_message,
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Of a function whose argument `callback` is `log_progress` by default; `words` makes the words for its arguments, by name."""
+    """Decorator of functions whose argument `callback` is `log_progress` by default; `words` makes the texts from the arguments,
+    by name.
+    """
 
     def of(function: Callable[P, R]) -> Callable[P, R]:
         signature = inspect.signature(function)

@@ -1,4 +1,6 @@
-"""Files as data: what they would take in memory is asked before it is taken, nothing in them is run, and nothing waits for ever."""
+"""Safe reading of data files: sizes are checked before memory is allocated, nothing in a file is executed, and no read waits for
+ever.
+"""
 
 from __future__ import annotations
 
@@ -24,17 +26,17 @@ if TYPE_CHECKING:
     import h5py
 
 MOST = 2**30
-"""Bytes that a file of data may hold or unpack to."""
+"""Maximum size (bytes) of a data file, packed and unpacked."""
 MOST_TEXT = 2**26
-"""Bytes that a file of text may hold."""
+"""Maximum size (bytes) of a text file."""
 MOST_OBJECTS = 10_000
-"""Groups and arrays that an HDF5 file may hold."""
+"""Maximum number of groups and arrays of an HDF5 file."""
 PATIENCE = 20
-"""Seconds of a processor that libhdf5 may take to read a file that is not known to be whole."""
+"""CPU time (s) within which a library must read a file that may be damaged."""
 _PIECE = 1 << 24
-"""Bytes that are unpacked at a time."""
+"""Chunk size (bytes) of unpacking."""
 _HEADER = 1 << 16
-"""Bytes that the description of an array may take; NumPy's own are hundreds."""
+"""Maximum size (bytes) of an array's header; NumPy's own have some hundreds."""
 _TRIAL = """import sys
 sys.path[:] = sys.argv[2:]
 from ngbrain.reading import _begin
@@ -45,21 +47,25 @@ from {0} import {1}
 
 
 def read_bytes(path: str | os.PathLike[str], what: str, most: int = MOST) -> bytes:
-    """The bytes of a regular file.
+    """Read the bytes of a regular file.
 
     Parameters
     ----------
     path : str or Path
-        Neither a device nor a pipe, which may have no end or never begin.
+        A file; devices and pipes are refused, as they may have no end.
     what : str
-        What it is, for messages.
-    most : int
-        Bytes that it may hold.
+        Name of the content, for messages.
+    most : int, optional
+        Maximum size (bytes).
+
+    Returns
+    -------
+    bytes
 
     Raises
     ------
     InputError
-        There is no such file, it is not a regular one, cannot be read, or is too large.
+        The file does not exist, is not regular, cannot be read, or is too large.
 
     Examples
     --------
@@ -82,7 +88,22 @@ def read_bytes(path: str | os.PathLike[str], what: str, most: int = MOST) -> byt
 
 
 def check_regular(path: str | os.PathLike[str], what: str, most: int = MOST) -> None:
-    """Refuse what `read_bytes` refuses, without reading it."""
+    """Check that a file can be read by `read_bytes`, without reading it.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    what : str
+        Name of the content, for messages.
+    most : int, optional
+        Maximum size (bytes).
+
+    Raises
+    ------
+    InputError
+        The file does not exist, is not regular, or is too large.
+    """
     path = Path(path)
     try:
         state = path.stat()
@@ -93,7 +114,26 @@ def check_regular(path: str | os.PathLike[str], what: str, most: int = MOST) -> 
 
 
 def read_text(path: str | os.PathLike[str], what: str, most: int = MOST_TEXT) -> str:
-    """The text of a file: UTF-8, or UTF-16 with its mark; raises what `read_bytes` does, and `InputError` for other encodings."""
+    """Read a text file in UTF-8, or in UTF-16 with a byte-order mark.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    what : str
+        Name of the content, for messages.
+    most : int, optional
+        Maximum size (bytes).
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    InputError
+        `read_bytes` refuses the file, or it has another encoding.
+    """
     path = Path(path)
     raw = read_bytes(path, what, most)
     encoding = "utf-16" if raw.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"
@@ -107,7 +147,24 @@ def read_text(path: str | os.PathLike[str], what: str, most: int = MOST_TEXT) ->
 
 
 def read_json(path: str | os.PathLike[str], what: str) -> Any:
-    """What a JSON file holds; raises what `read_text` does, and `InputError` for what is not JSON."""
+    """Read a JSON file.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    what : str
+        Name of the content, for messages.
+
+    Returns
+    -------
+    object
+
+    Raises
+    ------
+    InputError
+        `read_text` refuses the file, or it is not JSON.
+    """
     text = read_text(path, what)
     try:
         return json.loads(text)
@@ -116,16 +173,16 @@ def read_json(path: str | os.PathLike[str], what: str) -> Any:
 
 
 class Table(NamedTuple):
-    """A table of text.
+    """A table of text cells.
 
-    Attributes
+    Parameters
     ----------
     columns : list of str
-        Of the first line, without blanks around them.
+        Column names of the header line, stripped.
     rows : list of (int, list of str)
-        The number of a line in the file, from 1, and its cells, one for each column; lines without any are left out.
+        Line number in the file, from 1, and the cells, one per column; empty lines are left out.
     mark : str
-        What parts the columns: a comma, a semicolon, as spreadsheets write where the comma is decimal, or a tab.
+        The delimiter: comma, semicolon (as spreadsheets write it where the comma is the decimal sign) or tab.
     """
 
     columns: list[str]
@@ -134,12 +191,23 @@ class Table(NamedTuple):
 
 
 def read_table(path: str | os.PathLike[str], what: str) -> Table:
-    """A table (CSV) as spreadsheets write it; lines before the columns' names that begin with # are comments.
+    """Read a CSV table as spreadsheets write it; lines before the header that begin with # are comments.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    what : str
+        Name of the content, for messages.
+
+    Returns
+    -------
+    Table
 
     Raises
     ------
     InputError
-        What `read_text` refuses; a line has more cells than there are columns, or quotes that do not close.
+        `read_text` refuses the file; a line has more cells than there are columns, or an unclosed quote.
     """
     path = Path(path)
     lines, first = read_text(path, what).splitlines(keepends=True), 0
@@ -167,19 +235,55 @@ def read_table(path: str | os.PathLike[str], what: str) -> Table:
 
 
 def read_npz(path: str | os.PathLike[str], what: str, most: int = MOST) -> dict[str, np.ndarray]:
-    """The arrays of a NumPy archive, none of them made of Python objects.
+    """Read a NumPy archive of plain arrays; nothing is unpickled.
+
+    Parameters
+    ----------
+    path : str or Path
+        The .npz file.
+    what : str
+        Name of the content, for messages.
+    most : int, optional
+        Maximum size (bytes), packed and unpacked.
+
+    Returns
+    -------
+    dict of numpy.ndarray
+        Arrays by name.
 
     Raises
     ------
     InputError
-        What `read_bytes` refuses; the archive is damaged, unpacks to more than `most` bytes, or holds Python objects.
+        `read_bytes` refuses the file; the archive is damaged, unpacks to more than `most` bytes, or contains Python objects.
     """
     check_regular(path, what, most)
     return npz_arrays(Path(path).read_bytes(), what, path, most)
 
 
 def npz_arrays(raw: bytes, what: str, path: str | os.PathLike[str], most: int = MOST) -> dict[str, np.ndarray]:
-    """The same of an archive in memory; `path` is for messages."""
+    """Arrays of a NumPy archive in memory, as `read_npz`.
+
+    Parameters
+    ----------
+    raw : bytes
+        The archive.
+    what : str
+        Name of the content, for messages.
+    path : str or Path
+        Its file, for messages.
+    most : int, optional
+        Maximum unpacked size (bytes).
+
+    Returns
+    -------
+    dict of numpy.ndarray
+        Arrays by name.
+
+    Raises
+    ------
+    InputError
+        The archive is damaged, too large, or contains Python objects.
+    """
     path = Path(path)
     if not raw.startswith(b"PK"):
         found = "one array" if raw.startswith(b"\x93NUMPY") else "damaged, or no archive"
@@ -194,7 +298,7 @@ def npz_arrays(raw: bytes, what: str, path: str | os.PathLike[str], most: int = 
     except zipfile.BadZipFile as error:
         wanted = "a whole archive of arrays, as numpy.savez writes it"
         raise InputError(what, "damaged, or no archive", wanted, path) from error
-    except Exception as error:  # whatever damaged bytes lead zipfile and NumPy into
+    except Exception as error:  # damaged bytes make zipfile and NumPy raise many kinds of exception
         wanted = "a whole archive of plain arrays, without pickles"
         raise InputError(what, f"unreadable ({type(error).__name__}: {error})", wanted, path) from error
 
@@ -218,7 +322,28 @@ def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, what: str, path: P
 
 
 def unzip(raw: bytes, what: str, path: str | os.PathLike[str], most: int = MOST) -> bytes:
-    """The one file in a ZIP archive, without those that macOS adds; `InputError` where it is damaged, too large or not one."""
+    """Unpack the only file of a ZIP archive; files that macOS adds are ignored.
+
+    Parameters
+    ----------
+    raw : bytes
+        The archive.
+    what : str
+        Name of the content, for messages.
+    path : str or Path
+        Its file, for messages.
+    most : int, optional
+        Maximum unpacked size (bytes).
+
+    Returns
+    -------
+    bytes
+
+    Raises
+    ------
+    InputError
+        The archive is damaged, too large, or has another number of files.
+    """
     path = Path(path)
     try:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:
@@ -230,14 +355,35 @@ def unzip(raw: bytes, what: str, path: str | os.PathLike[str], most: int = MOST)
             return archive.read(members[0])
     except InputError:
         raise
-    except Exception as error:  # whatever damaged bytes lead zipfile into
+    except Exception as error:  # damaged bytes make zipfile raise many kinds of exception
         raise InputError(what, f"unreadable ({type(error).__name__}: {error})", "a whole archive", path) from error
 
 
 def gunzip(raw: bytes, what: str, path: str | os.PathLike[str], most: int = MOST) -> bytearray:
-    """What gzip has packed, its checksums looked at; `InputError` where it is damaged or unpacks to more than `most` bytes."""
+    """Unpack gzip data and verify their checksums.
+
+    Parameters
+    ----------
+    raw : bytes
+        The packed data.
+    what : str
+        Name of the content, for messages.
+    path : str or Path
+        Their file, for messages.
+    most : int, optional
+        Maximum unpacked size (bytes).
+
+    Returns
+    -------
+    bytearray
+
+    Raises
+    ------
+    InputError
+        The data are damaged, or unpack to more than `most` bytes.
+    """
     path, size = Path(path), 0
-    for piece in _pieces(raw, what, path):  # counted before anything is kept
+    for piece in _pieces(raw, what, path):  # the size is known before memory is allocated
         size += len(piece)
         _bounded(size, what, most, path, "one that unpacks to at least")
     unpacked, at = bytearray(size), 0
@@ -267,20 +413,28 @@ def _pieces(raw: bytes, what: str, path: Path) -> Iterator[bytes]:
 
 @contextmanager
 def hdf5(path: str | os.PathLike[str], what: str, most: int = MOST, whole: bool = False) -> Iterator[h5py.File]:
-    """An HDF5 file, open for reading, that keeps all its data within itself.
+    """Open an HDF5 file for reading; all its data must be in the file itself.
 
     Parameters
     ----------
-    path, what, most
-        As `read_bytes` has them; `most` also bounds what the arrays unpack to.
-    whole : bool
-        It is known to be undamaged. Otherwise it is read in another process first, for libhdf5 may crash or never come back from a
-        damaged file.
+    path : str or Path
+        The file.
+    what : str
+        Name of the content, for messages.
+    most : int, optional
+        Maximum size (bytes), of the file and of its unpacked arrays.
+    whole : bool, optional
+        Whether the file is known to be undamaged. Otherwise it is first read in a subprocess, because libhdf5 may crash or hang
+        on a damaged file.
+
+    Yields
+    ------
+    h5py.File
 
     Raises
     ------
     InputError
-        What `read_bytes` refuses; the file is damaged, too large, or refers to other files.
+        `read_bytes` refuses the file; it is damaged, too large, or refers to other files.
     """
     import h5py
 
@@ -298,7 +452,24 @@ def hdf5(path: str | os.PathLike[str], what: str, most: int = MOST, whole: bool 
 
 
 def check_contained(file: h5py.File, what: str, path: Path, most: int = MOST) -> None:
-    """Refuse an open HDF5 file that refers to other files, or whose arrays unpack to more than `most` bytes."""
+    """Check that an open HDF5 file refers to no other file and is not too large.
+
+    Parameters
+    ----------
+    file : h5py.File
+        The open file.
+    what : str
+        Name of the content, for messages.
+    path : Path
+        Its path, for messages.
+    most : int, optional
+        Maximum size (bytes) of its unpacked arrays.
+
+    Raises
+    ------
+    InputError
+        Data are in other files, too large, or in too many objects.
+    """
     import h5py
 
     waiting: list[h5py.Group] = [file]
@@ -325,19 +496,22 @@ def check_contained(file: h5py.File, what: str, path: Path, most: int = MOST) ->
 
 
 def check_in_subprocess(path: Path, what: str, module: str, function: str) -> None:
-    """Read a file in a process that may crash or spin without harm.
+    """Read a file in a subprocess first, where a crash or an endless loop of a library does no harm.
 
     Parameters
     ----------
-    path, what
-        As `read_bytes` has them.
+    path : Path
+        The file.
+    what : str
+        Name of the content, for messages.
     module, function : str
-        A function of a module, of the file's name. What it raises is no matter here: it is raised here again.
+        Module and name of the function that reads the file. Its own exceptions are ignored here; they are raised again when the
+        file is read.
 
     Raises
     ------
     InputError
-        The process crashed or took more than `PATIENCE` seconds of a processor.
+        The process crashed or took more than `PATIENCE` seconds of CPU time.
     """
     command = [sys.executable, "-c", _TRIAL.format(module, function), str(path), *map(str, sys.path)]
     try:

@@ -1,4 +1,4 @@
-"""What a computation gives back, whatever it is of: how it ended, what was done, and whether it may be used."""
+"""Base class of all results: status, history, statistics, and reasons against using the value."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ngbrain.atomic import atomic_write
 
 
 class Status(StrEnum):
-    """How a computation ended."""
+    """Final status of a computation."""
 
     CONVERGED = "converged"
     STOPPED = "stopped before it converged"
@@ -29,21 +29,21 @@ class Status(StrEnum):
 
 @dataclass(kw_only=True, repr=False, eq=False)
 class Result:
-    """Base of everything that a solver, a fit or an inversion returns.
+    """Base class of everything that a solver, a fit or an inversion returns.
 
-    A subclass says what its `value` is, what it has counted (`statistics`), and, where a converged computation may be wrong all
-    the same, what speaks against using it (`reasons`).
+    A subclass defines its `value`, its counts (`statistics`), and the `reasons` against using the value even though the
+    computation converged.
 
     Parameters
     ----------
-    status
-        How it ended.
-    reason
-        What kept it from converging, in words; empty where it did.
-    history
-        What each iteration or step did.
-    warnings
-        What a reader has to know.
+    status : Status, optional
+        Final status.
+    reason : str, optional
+        Why the computation did not converge; empty if it did.
+    history : list, optional
+        Record of each iteration or step.
+    warnings : list of str, optional
+        Warnings for the reader of the result.
 
     Examples
     --------
@@ -71,27 +71,27 @@ class Result:
 
     @property
     def value(self) -> Any:
-        """What was asked for."""
+        """The computed value."""
         raise NotImplementedError
 
     @property
     def statistics(self) -> Mapping[str, float]:
-        """Name → number: what was counted."""
+        """Counts by name."""
         return {}
 
     @property
     def converged(self) -> bool:
-        """Whether it came to its end."""
+        """Whether the computation converged."""
         return self.status is Status.CONVERGED
 
     @property
     def reasons(self) -> list[str]:
-        """What speaks against using the value."""
+        """Reasons against using the value."""
         return [] if self.converged else [self.reason or str(self.status)]
 
     @property
     def usable(self) -> bool:
-        """Whether nothing does."""
+        """Whether there is no reason against using the value."""
         return not self.reasons
 
     @property
@@ -103,11 +103,11 @@ class Result:
         return _short(value)
 
     def plot(self) -> Any:
-        """A picture of it, as a matplotlib Figure; `NotImplementedError` of what has none."""
+        """Plot the result as a matplotlib figure; `NotImplementedError` if it has no plot."""
         raise NotImplementedError(f"{type(self).__name__} has no picture")
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain data."""
+        """The result as plain data."""
         return {
             "result": type(self).__name__,
             "value": self.value,
@@ -119,7 +119,7 @@ class Result:
         }
 
     def save(self, path: str | Path) -> Path:
-        """Write `to_dict` as JSON, whole or not at all."""
+        """Write `to_dict` as JSON, atomically."""
         path, text = Path(path), json.dumps(_plain(self.to_dict()), indent=1, allow_nan=False)
         atomic_write(path, lambda part: part.write_text(text, encoding="utf-8"))
         return path
@@ -141,7 +141,7 @@ class Result:
 
 
 def _short(value: Any) -> str:
-    """A number, or the mean of many."""
+    """Text of a number, or of the mean of an array."""
     if isinstance(value, int | float):
         return f"{value:.4g}"
     if hasattr(value, "mean") and hasattr(value, "size"):
@@ -150,7 +150,7 @@ def _short(value: Any) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """As JSON has it: arrays as lists, what is not finite as null."""
+    """JSON-compatible data: arrays as lists, non-finite numbers as null."""
     if is_dataclass(value) and not isinstance(value, type):
         value = asdict(value)
     if hasattr(value, "tolist"):

@@ -1,4 +1,4 @@
-"""Results that read as the `result.json` that is written of them does."""
+"""Results with the keys of their file `result.json`."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from ngbrain.result import Result
 
 @dataclass(repr=False, eq=False)
 class FileResult(Result, Mapping[str, Any]):
-    """A result whose keys are those of its file: `result["checks"]`.
+    """A result that is also a mapping with the keys of its file: `result["checks"]`.
 
     Parameters
     ----------
-    data
-        What `result.json` holds.
+    data : dict
+        Content of `result.json`.
     """
 
     data: dict[str, Any]
@@ -31,5 +31,5 @@ class FileResult(Result, Mapping[str, Any]):
         return len(self.data)
 
     def to_dict(self) -> dict[str, Any]:
-        """What `result.json` holds."""
+        """Content of `result.json`."""
         return self.data

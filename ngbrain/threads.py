@@ -1,4 +1,4 @@
-"""How many threads are used, set at run time."""
+"""Number of threads, set at run time."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ _SETTERS = (
 
 
 def set_threads(n: int) -> None:
-    """Use `n` threads in NGSolve's task manager and one in every OpenBLAS, also after numpy is loaded.
+    """Use `n` threads in NGSolve's task manager and one in every OpenBLAS library, also after NumPy is loaded.
 
-    OpenBLAS's own threads inside assembly threads fight for the cores.
-    Libraries already loaded are found in the process map, which only Linux has; elsewhere set OPENBLAS_NUM_THREADS=1.
+    Threads of OpenBLAS inside threads of the assembly would compete for the cores. Loaded libraries are found in the process
+    map, which only Linux has; on other systems set OPENBLAS_NUM_THREADS=1.
     """
     ngs.SetNumThreads(max(1, int(n)))
     maps = Path("/proc/self/maps")
@@ -40,7 +40,7 @@ def set_threads(n: int) -> None:
 
 @contextmanager
 def threads(n: int | None) -> Iterator[None]:
-    """Work inside on `n` threads, NGSolve's task manager entered if there are several; None leaves all as it is."""
+    """Context manager: use `n` threads inside, within NGSolve's task manager if n > 1; None changes nothing."""
     if n is None:
         yield
         return

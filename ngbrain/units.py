@@ -1,6 +1,6 @@
-"""SI inside; the field's units at the edge.
+"""Conversion between SI, used inside the package, and the units of the field.
 
-`kPa(1.2)` reads "1.2 kPa in SI", that is 1200 Pa; `to_kPa` goes back. Arrays and CoefficientFunctions pass through.
+`kPa(1.2)` is 1.2 kPa in SI, that is 1200 Pa; `to_kPa` converts back. Arrays and CoefficientFunctions are accepted too.
 
 >>> mm(5), kPa(2), round(mmHg(20), 1), ml(3)
 (0.005, 2000.0, 2666.4, 3e-06)
@@ -25,11 +25,11 @@ N_PER_GF = 9.80665e-3
 UNITS_OF_LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
 
 LARGEST_LENGTH = 1000.0
-"""Metres beyond which no length is one of a body."""
+"""Maximum length (m) of a body."""
 MOST_ELEMENTS = 20_000_000
-"""Elements beyond which no mesh is made."""
+"""Maximum number of elements of a mesh."""
 LARGEST_BODY = 2.0
-"""Metres beyond which a mesh from a file is not taken for one in metres."""
+"""Maximum size (m) of a mesh from a file; a larger one is in other units."""
 
 
 def mm(value: T) -> T:
@@ -73,7 +73,7 @@ def to_ml(value: T) -> T:
 
 
 def gf(value: T) -> T:
-    """Grams-force, the weight of a gram, to newtons (1 gf = 9.80665 mN)."""
+    """Grams-force to newtons (1 gf = 9.80665 mN)."""
     return value * N_PER_GF  # type: ignore
 
 
@@ -88,23 +88,23 @@ def to_minutes(value: T) -> T:
 
 
 def check_lengths(name: str, values: object, count: int | None = None, most: float = LARGEST_LENGTH) -> None:
-    """Refuse what is no positive length (m), or longer than a body can be.
+    """Check lengths: positive, and not longer than a body can be.
 
     Parameters
     ----------
     name : str
-        What it is, for messages.
-    values : object
-        A number, or several.
+        Name of the argument, for messages.
+    values : float or array_like
+        Lengths (m).
     count : int, optional
-        How many; None for a single number.
-    most : float
-        The longest (m).
+        Number of values; None for a single number.
+    most : float, optional
+        Maximum length (m).
 
     Raises
     ------
     InputError
-        Another number of values; one is not finite, not positive, complex or too long.
+        The number of values differs, or a value is not finite, not positive, complex or too long.
 
     Examples
     --------
@@ -118,8 +118,24 @@ def check_lengths(name: str, values: object, count: int | None = None, most: flo
 
 
 def check_count(name: str, value: float, volume: float) -> None:
-    """Refuse an element size (m) that a volume (m³) would take too many elements of.
+    """Check that an element size does not need too many elements.
 
+    Parameters
+    ----------
+    name : str
+        Name of the argument, for messages.
+    value : float
+        Element size (m).
+    volume : float
+        Volume (m³) of the body.
+
+    Raises
+    ------
+    InputError
+        The body would need more than `MOST_ELEMENTS` elements.
+
+    Examples
+    --------
     >>> check_count("maxh", 1e-9, 1e-3)
     Traceback (most recent call last):
     ngbrain.errors.InputError: maxh is 1e-09; wanted: larger elements: a body of 0.001 m³ would take more than 20,000,000

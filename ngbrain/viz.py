@@ -1,7 +1,7 @@
-"""Pictures of a head in a notebook: slices with labels and mesh, the surface, its elements, and a mesh to turn by hand.
+"""Pictures of a head in a notebook: slices with labels and mesh, surfaces, element quality, and an interactive mesh.
 
-The pictures are those of the report of `ngbrain mesh`; they need the extras `report` and `viz`, the mesh to turn `viz` alone.
-Nothing here needs a network, neither in a notebook nor in what is exported of it.
+The pictures are those of the report of `ngbrain mesh`. They need the extras `report` and `viz`, the interactive mesh `viz`
+alone. No network is needed, neither in the notebook nor in its exports.
 
 >>> from ngbrain import viz
 >>> from ngbrain.mesh.routes.registry import mesh_elements
@@ -34,21 +34,20 @@ from ngbrain.report.pages import anatomy
 Place = Sequence[float] | np.ndarray
 
 
-@dataclass(frozen=True, repr=False)  # the notebook keeps the page, not the data as text too
+@dataclass(frozen=True, repr=False)  # no text representation: the notebook would store the data twice
 class View:
-    """A page with a mesh to turn, whole in itself: it needs no network, no kernel and no widgets.
+    """A self-contained HTML page with an interactive mesh: it needs no network, no kernel and no widgets.
 
-    A notebook shows it in a frame, and it stays in what is saved or exported of the notebook. Every page holds the viewer
-    (0.8 MB) and the mesh.
+    A notebook shows it in a frame, also after saving or exporting. Every page contains the viewer (0.8 MB) and the mesh.
 
-    Attributes
+    Parameters
     ----------
-    data
-        What the webgui draws; points and values as base64 of 32-bit floats.
-    viewer
-        The webgui's program, a file.
-    caption
-        A line below.
+    data : mapping
+        Scene of the webgui; points and values as base64 of 32-bit floats.
+    viewer : Path
+        Program of the webgui, a JavaScript file.
+    caption : str, optional
+        Caption below the mesh.
     """
 
     data: Mapping[str, Any]
@@ -56,15 +55,15 @@ class View:
     caption: str = ""
 
     def html(self) -> str:
-        """The page."""
-        data = json.dumps(self.data).replace("<", "\\u003c")  # nothing in it ends the script
+        """The HTML page."""
+        data = json.dumps(self.data).replace("<", "\\u003c")  # so that nothing in it closes the script tag
         program = self.viewer.read_text(encoding="utf-8")
         return f"{_HEAD}<div id=view></div><p>{escape(self.caption)}</p><script>{program}</script><script>\n" + (
             f"new webgui.Scene().init(document.getElementById('view'), {data});</script></body></html>\n"
         )
 
     def write(self, path: str | Path) -> Path:
-        """The page as a file."""
+        """Write the page to a file."""
         path = Path(path)
         atomic_write(path, lambda part: part.write_text(self.html(), encoding="utf-8"))
         return path
@@ -81,29 +80,65 @@ p { position: absolute; right: 0; bottom: 0; margin: 8px; padding-left: 120px; t
 
 
 def slices(elements: Elements, labels: LabelMap, t1: Volume | None = None, at: Place | None = None) -> Any:
-    """Three planes through a point, as an `IPython.display.Image`: the scan with its labels, and the mesh cut there.
+    """Show three planes through a point: the scan with its labels, and the mesh cut by the plane.
 
-    labels   that the mesh was made of; t1 the scan on any voxels, or None
-    at       point (3,) m that the planes go through; None: the middle of the mesh
+    Parameters
+    ----------
+    elements : Elements
+        The mesh.
+    labels : LabelMap
+        Labels that the mesh was generated from.
+    t1 : Volume, optional
+        The scan, on any voxel grid.
+    at : array_like, optional
+        (3,) m, point that the planes go through; by default the centre of the mesh.
 
-    Raises `MissingExtra` without IPython or matplotlib; `InputError` for a point that is none.
+    Returns
+    -------
+    IPython.display.Image
+
+    Raises
+    ------
+    MissingExtra
+        IPython or matplotlib is not installed.
+    InputError
+        The point is not three finite numbers.
     """
     scan = None if t1 is None else reorient_to_ras(t1)
     return _image(anatomy.slices(elements, labels.resample_to_ras(), scan, _through(elements, at)))
 
 
 def surfaces(elements: Elements, at: Place | None = None) -> Any:
-    """The head from outside, and cut open behind a point `at` (m), its regions in colour, as an `IPython.display.Image`.
+    """Show the head from outside, and cut open behind a point, with its regions in colour.
 
-    Raises `MissingExtra` without IPython or matplotlib; `InputError` for a point that is none.
+    Parameters
+    ----------
+    elements : Elements
+        The mesh.
+    at : array_like, optional
+        (3,) m, point of the cut; by default the centre of the mesh.
+
+    Returns
+    -------
+    IPython.display.Image
+
+    Raises
+    ------
+    MissingExtra
+        IPython or matplotlib is not installed.
+    InputError
+        The point is not three finite numbers.
     """
     return _image(anatomy.space(elements, _through(elements, at)))
 
 
 def quality(elements: Elements) -> Any:
-    """Histograms of the smallest dihedral angles and of the radius ratios, as an `IPython.display.Image`.
+    """Show histograms of the smallest dihedral angles and of the radius ratios, as an `IPython.display.Image`.
 
-    Raises `MissingExtra` without IPython or matplotlib.
+    Raises
+    ------
+    MissingExtra
+        IPython or matplotlib is not installed.
     """
     return _image(anatomy.histograms(Quality.of(elements)))
 
@@ -111,30 +146,30 @@ def quality(elements: Elements) -> Any:
 def interactive(
     mesh: ngs.Mesh, field: ngs.CoefficientFunction | None = None, at: Place | None = None, **options: Any
 ) -> View:
-    """A mesh to turn, zoom and cut, drawn by NGSolve's webgui; in space it is cut by the coronal plane through a point.
+    """Show a mesh interactively with NGSolve's webgui; in 3-D it is cut by the coronal plane through a point.
 
     Parameters
     ----------
-    mesh
+    mesh : ngsolve.Mesh
         The mesh, in metres; curved elements are drawn curved.
-    field
-        What the colours show, a CoefficientFunction or GridFunction. None: the regions, each in a colour of its own.
-    at
-        Point (3,) in metres that the plane goes through. None: the middle of the mesh. It has no meaning for a plane mesh.
+    field : ngsolve.CoefficientFunction, optional
+        Field shown by the colours, also a GridFunction; by default the regions, each in its own colour.
+    at : array_like, optional
+        (3,) m, point of the cutting plane; by default the centre of the mesh. Ignored for 2-D meshes.
     **options
         Passed on to `ngsolve.webgui.Draw`, such as `deformation`, `min`, `max`, `euler_angles`.
 
     Returns
     -------
     View
-        A notebook shows it where it is the last value of a cell, or by `display`.
+        A notebook shows it as the last value of a cell, or by `display`.
 
     Raises
     ------
     MissingExtra
-        Without webgui_jupyter_widgets, which brings the viewer.
+        webgui_jupyter_widgets, which contains the viewer, is not installed.
     InputError
-        For a point that is none.
+        The point is not three finite numbers.
 
     Examples
     --------
@@ -144,7 +179,7 @@ def interactive(
     'Colours, from blue to red: cortex, white, ventricle_left, ventricle_right'
     >>> view.write("head.html")  # doctest: +SKIP
     """
-    package = find_spec("webgui_jupyter_widgets")  # of which a file is read; importing it would need more packages
+    package = find_spec("webgui_jupyter_widgets")  # only a file of it is read; importing it would need more packages
     if package is None or package.origin is None:
         raise MissingExtra("webgui_jupyter_widgets", "viz")
     with np.errstate():  # importing the webgui turns numpy's warnings off
@@ -154,13 +189,13 @@ def interactive(
         points = np.array([vertex.point for vertex in mesh.vertices])
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
         place = middle if at is None else _point(at)
-        # The webgui counts the plane's distance from the middle of the mesh, the other way round.
+        # The webgui measures the plane's distance from the centre of the mesh, with the opposite sign.
         cut = {"function": True, "x": 0.0, "y": 1.0, "z": 0.0, "dist": float(middle[1] - place[1])}
         options = {"clipping": cut, "euler_angles": [-70, 0, -25], **options}
     caption = ""
     if field is None:
         names = list(dict.fromkeys(mesh.GetMaterials()))
-        field = ngs.GridFunction(ngs.L2(mesh, order=0))  # has values on surfaces too
+        field = ngs.GridFunction(ngs.L2(mesh, order=0))  # defined on surfaces too
         field.Set(mesh.MaterialCF({name: float(i) for i, name in enumerate(names)}))
         ends = {"autoscale": False, "min": 0.0, "max": float(max(len(names) - 1, 1))}
         options = {**ends, "settings": {"Colormap": {"ncolors": max(len(names), 2)}}, **options}

@@ -55,10 +55,10 @@ def read_map(path: str | os.PathLike[str], what: str) -> Volume:
     return Volume(values, affine)
 
 
-def fill_unmeasured(volume: Volume) -> Volume:
+def fill_missing(volume: Volume) -> Volume:
     """The map with the value of the nearest measured voxel where nothing was measured.
 
-    >>> fill_unmeasured(Volume(np.array([[[1.0, np.nan, np.nan, 4.0, np.nan]]]), np.eye(4))).data.ravel().tolist()
+    >>> fill_missing(Volume(np.array([[[1.0, np.nan, np.nan, 4.0, np.nan]]]), np.eye(4))).data.ravel().tolist()
     [1.0, 1.0, 4.0, 4.0, 4.0]
     """
     unknown = np.isnan(volume.data)
@@ -97,4 +97,4 @@ def interpolate_map(volume: Volume, points: np.ndarray) -> np.ndarray:
     [1.5, 2.0]
     """
     last = np.array(volume.data.shape) - 1
-    return fill_unmeasured(volume).interpolate(volume.to_world(np.clip(volume.to_voxels(points), 0, last)))
+    return fill_missing(volume).interpolate(volume.to_world(np.clip(volume.to_voxels(points), 0, last)))

@@ -11,7 +11,7 @@ from ngbrain.errors import InputError
 from ngbrain.forward.common.interpolation import quadrature_points
 from ngbrain.forward.observables.percentiles import weighted_percentile
 from ngbrain.image.read.fibre_directions import FibreDirections, principal_directions
-from ngbrain.image.read.property_maps import COVERED, fill_unmeasured, read_map
+from ngbrain.image.read.property_maps import COVERED, fill_missing, read_map
 from ngbrain.image.read.volume import Volume
 
 
@@ -21,7 +21,7 @@ def read_modulus_map(path: str | os.PathLike[str]) -> Volume:
     Raises `InputError` where it is unreadable, of other than three axes, has no value at all, or a negative one; `MissingExtra`
     without nibabel.
     """
-    return fill_unmeasured(read_map(path, "shear moduli (Pa)"))
+    return fill_missing(read_map(path, "shear moduli (Pa)"))
 
 
 def interpolate_map(volume: Volume, mesh: ngs.Mesh) -> ngs.GridFunction:

@@ -9,7 +9,7 @@ pytest.importorskip("nibabel", reason='nibabel is not installed; get it with: pi
 
 from ngbrain.errors import InputError  # noqa: E402
 from ngbrain.image.read.nifti import write_nifti  # noqa: E402
-from ngbrain.image.read.property_maps import fill_unmeasured, interpolate_map, measured_mask, read_map  # noqa: E402
+from ngbrain.image.read.property_maps import fill_missing, interpolate_map, measured_mask, read_map  # noqa: E402
 from ngbrain.image.read.volume import Volume  # noqa: E402
 
 PLACE = np.array([[-2e-3, 0, 0, 8e-3], [0, 2e-3, 0, 0], [0, 0, 2e-3, 0], [0, 0, 0, 1]])
@@ -41,7 +41,7 @@ def test_what_was_not_measured_is_told_and_filled(tmp_path, hole):
     assert np.isnan(found.data).sum() == 4
     middles = found.to_world(np.argwhere(np.ones(found.data.shape, bool)))
     assert (~measured_mask(found, middles)).sum() == 4
-    assert fill_unmeasured(found).data[2, 3, 4] in (
+    assert fill_missing(found).data[2, 3, 4] in (
         volume.data[1, 3, 4],
         volume.data[3, 3, 4],
         volume.data[2, 2, 4],
