@@ -28,7 +28,8 @@ from ngbrain.scene.operation import CleftSpec, Openable, Patient, Tool
 from ngbrain.scene.protocols import Protocol, Time
 from ngbrain.scene.quantities import Quantity
 from ngbrain.scene.tissues import Tissue
-from ngbrain.schema.document import Document, Section, brief, entries, table, text
+from ngbrain.schema.document import Document, Section, brief, entries
+from ngbrain.schema.fields import table, text
 
 __all__ = [
     "CleftSpec",

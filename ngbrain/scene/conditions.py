@@ -8,7 +8,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, dataclass
 from typing import TYPE_CHECKING, Any
 
-from ngbrain.schema.document import Section, choice, formula, number, pattern
+from ngbrain.schema.document import Section
+from ngbrain.schema.fields import choice, formula, number, pattern
 from ngbrain.schema.formulas import FUNCTIONS, Formula
 
 if TYPE_CHECKING:

@@ -6,7 +6,8 @@ from __future__ import annotations
 from dataclasses import MISSING, dataclass
 from typing import TYPE_CHECKING
 
-from ngbrain.schema.document import Section, choice, integer, number, path
+from ngbrain.schema.document import Section
+from ngbrain.schema.fields import choice, integer, number, path
 
 if TYPE_CHECKING:
     from ngbrain.scene import Scene

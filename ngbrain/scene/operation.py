@@ -13,7 +13,8 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.mesh.geometry.cleft import Cleft
-from ngbrain.schema.document import Section, choice, number, path
+from ngbrain.schema.document import Section
+from ngbrain.schema.fields import choice, number, path
 
 if TYPE_CHECKING:
     from ngbrain.scene import Scene

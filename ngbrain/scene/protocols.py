@@ -8,7 +8,8 @@ from dataclasses import MISSING, dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, ClassVar
 
-from ngbrain.schema.document import Section, choice, entries, integer, number, text
+from ngbrain.schema.document import Section, entries
+from ngbrain.schema.fields import choice, integer, number, text
 
 if TYPE_CHECKING:
     from ngbrain.scene import Scene

@@ -7,7 +7,8 @@ import math
 from dataclasses import MISSING, dataclass
 from typing import TYPE_CHECKING
 
-from ngbrain.schema.document import Section, choice, number, pattern, text
+from ngbrain.schema.document import Section
+from ngbrain.schema.fields import choice, number, pattern, text
 
 if TYPE_CHECKING:
     from ngbrain.scene import Scene

@@ -14,7 +14,8 @@ from ngbrain.materials.fibre import Fibre
 from ngbrain.materials.named import NamedBranch, NamedLaw, from_folder
 from ngbrain.materials.registry import REGISTRY
 from ngbrain.materials.viscous import viscous
-from ngbrain.schema.document import Section, choice, choice_or_table, custom_table, number, path, pattern
+from ngbrain.schema.document import Section
+from ngbrain.schema.fields import choice, choice_or_table, custom_table, number, path, pattern
 
 if TYPE_CHECKING:
     from ngbrain.scene import Scene

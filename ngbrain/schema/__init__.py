@@ -1,10 +1,9 @@
-"""How keys stand in a TOML file: units, limits, formulas, patterns.
+"""Fields of TOML files: keys, units, limits, formulas and name patterns.
 
-- `document`: How a field stands in TOML: under which key, in which unit, and what is accepted.
-- `formulas`: Formulas in a file: arithmetic of named variables, read into a tree of known parts; nothing in them is
-  executed.
-- `patterns`: How long a regular expression may take: those that try too many ways to match a name are found before
-  one is matched.
+- `document`: TOML documents of checked sections: keys, units, conversion to SI, reading and writing.
+- `fields`: Fields of a section: numbers, formulas, text, choices, paths, tables.
+- `formulas`: Arithmetic formulas of named variables, parsed into a syntax tree; no code is executed.
+- `patterns`: Check that a regular expression is quick to match.
 """
 
-__all__ = ["document", "formulas", "patterns"]
+__all__ = ["document", "fields", "formulas", "patterns"]

@@ -1,9 +1,11 @@
-"""How a field stands in TOML: under which key, in which unit, and what is accepted.
+"""TOML documents of checked sections: keys, units, conversion to SI, reading and writing.
 
-A part of a scene is a frozen dataclass on `Section` whose fields are made by `number`, `integer`, `text`, `choice`, `pattern`
-and `table`. Each says once how it stands in TOML (its `Entry`); reading, writing, checking and messages follow from that.
-A file goes `read_toml` → `Section.read` → `Entry.read` to SI units, and back `Entry.show` → `Section.to_dict` → `to_toml`.
+A section of a scene is a frozen dataclass derived from `Section`; its fields are made by the functions of
+`ngbrain.schema.fields`. Each field holds its description (`Entry`); reading, writing, checking and messages follow from it. A
+file goes through `read_toml` → `Section.read` → `Entry.read` to SI units, and back through `Entry.show` → `Section.to_dict` →
+`to_toml`.
 
+>>> from ngbrain.schema.fields import number
 >>> @dataclass(frozen=True, kw_only=True)
 ... class Needle(Section):
 ...     length: float = number("length_mm", 0.05)
@@ -20,15 +22,14 @@ import json
 import re
 import reprlib
 import tomllib
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import MISSING, dataclass, field, fields, replace
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
 from ngbrain.errors import InputError, nearest
 from ngbrain.reading import read_text
 from ngbrain.schema.formulas import Formula
-from ngbrain.schema.patterns import WANTED, is_pattern
 
 UNITS = {
     "mm": (1000, "length in mm"),
@@ -42,22 +43,42 @@ UNITS = {
     "gf": (1, "force in gf"),
     "deg": (1, "angle in degrees"),
 }
-"""End of a key → how many of the unit are one SI unit (whole: then SI → unit → SI settles at once), and in words.
+"""End of a key → number of the unit in one SI unit (an integer, so that SI → unit → SI is exact after one round), and words.
 
-Pressures of a patient stay in mmHg, and forces in gf: a pascal or a newton is no whole number of them.
+A patient's pressures stay in mmHg and forces in gf: a pascal or a newton is not an integer number of them.
 """
 LARGEST = 1_000_000
-"""Bytes of a file that is still read: more is something else than a scene."""
+"""Maximum size (bytes) of a scene file."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """How a field stands in TOML: what is accepted under which key, how many of its unit are one SI (0: not a number).
+    """Description of a field in TOML.
 
-    `size` is 1, the length of a list, or 0 for a list of any length but zero (a single value is one too). `hint` says what
-    is wanted in place of a text that was not accepted. `kind` is a single value's JSON schema,
-    `convert` makes something of a value and its path that has a `to_dict` back; `relocate` makes paths in a value, relative to a
-    folder, what they are from here.
+    Parameters
+    ----------
+    key : str
+        Key in the file; its ending names the unit.
+    wanted : str
+        What is accepted, in words.
+    accept : callable
+        Whether a single value is accepted.
+    per_si : int, optional
+        Number of the key's units in one SI unit; 0 for a field that is not a number.
+    size : int, optional
+        1 for a single value, the length of a list, or 0 for a non-empty list of any length (a single value counts as one).
+    table : type of Section, optional
+        Section that the field holds.
+    hint : callable, optional
+        What is wanted in place of a refused text.
+    is_path : bool, optional
+        Whether the value is a file path.
+    convert : callable, optional
+        Builds an object, which has `to_dict`, from a value and its path in the document.
+    relocate : callable, optional
+        Turns relative paths inside a value into paths relative to the working directory, given the folder of the file.
+    kind : mapping, optional
+        JSON schema of a single value.
     """
 
     key: str
@@ -73,7 +94,24 @@ class Entry:
     kind: Mapping[str, Any] = field(default_factory=lambda: {"type": "string"})
 
     def read(self, raw: Any, path: str) -> Any:
-        """From TOML to SI (lists to tuples), or an `InputError` that names the path."""
+        """Convert a value from TOML to SI, lists to tuples.
+
+        Parameters
+        ----------
+        raw : object
+            Value in the file.
+        path : str
+            Its place in the document, for messages.
+
+        Returns
+        -------
+        object
+
+        Raises
+        ------
+        InputError
+            The value is not accepted.
+        """
         values = raw if isinstance(raw, list) and self.size != 1 else [raw]
         if not values or len(values) != (self.size or len(values)) or not all(map(self.accept, values)):
             raise InputError(path, brief(raw), self.hint(raw) if self.hint and isinstance(raw, str) else self.wanted)
@@ -85,7 +123,7 @@ class Entry:
         return values[0] if self.size == 1 else tuple(values)
 
     def show(self, value: Any) -> Any:
-        """From SI to TOML, NumPy's numbers and arrays too; what has no place in TOML stays as it is."""
+        """Convert a value from SI to TOML, NumPy numbers and arrays too; values that TOML cannot hold are returned unchanged."""
         value = value.tolist() if hasattr(value, "tolist") else value
         if isinstance(value, (list, tuple)):
             return [self.show(item) for item in value]
@@ -93,150 +131,44 @@ class Entry:
             return value.text
         if isinstance(value, Section) or (self.convert and hasattr(value, "to_dict")):
             return value.to_dict()
-        if not self.per_si or not _is_number(value):
+        if not self.per_si or not is_number(value):
             return value
         short = float(f"{value * self.per_si:.15g}")
         return short if short / self.per_si == value else value * self.per_si
 
 
-# Fields of a part: each of these stands where a dataclass has a default.
+def is_number(raw: Any, kind: Any = (int, float)) -> bool:
+    """Whether a value is a finite number.
+
+    Parameters
+    ----------
+    raw : object
+        The value; bool is refused.
+    kind : type or tuple of type, optional
+        Accepted types.
+
+    Returns
+    -------
+    bool
+    """
+    return isinstance(raw, kind) and not isinstance(raw, bool) and abs(raw) <= 1e300  # false for nan
 
 
-def number(key: str, default: Any = MISSING, least: float | None = None, signed: bool = False, size: int = 1) -> Any:
-    """A number in the key's unit that is > 0, or ≥ `least`, or any (`signed`); for `size` see `Entry`."""
-    per_si, noun = next((value for unit, value in UNITS.items() if key.endswith(f"_{unit}")), (1, "number"))
-    wanted = f"a {noun}" + ("" if signed else " greater than 0" if least is None else f" of at least {least:g}")
-    wanted += {0: ", or a list of them", 1: ""}.get(size, f" in each of {size} places")
-
-    def accept(raw: Any) -> bool:
-        return _is_number(raw) and (signed or (raw > 0 if least is None else raw >= least))
-
-    bound = {} if signed else {"exclusiveMinimum": 0} if least is None else {"minimum": least}
-    return _field(Entry(key, wanted, accept, per_si, size, kind={"type": "number", **bound}), default)
-
-
-def formula(key: str, default: Any, names: tuple[str, ...], about: str, size: int = 1) -> Any:
-    """A number in the key's unit, or a formula of some variables that gives one; `about` says in words of which."""
-    per_si, noun = next((value for unit, value in UNITS.items() if key.endswith(f"_{unit}")), (1, "number"))
-    wanted = f"a {noun}, or a formula of {about} for it" + ("" if size == 1 else f", in each of {size} places")
-
-    def convert(raw: Any, path: str) -> Any:
-        if not isinstance(raw, str):
-            return raw
-        try:
-            return Formula(raw.strip(), names)
-        except InputError as error:
-            raise InputError(path, brief(raw), error.wanted) from None
-
-    def accept(raw: Any) -> bool:
-        return _is_number(raw) or (isinstance(raw, str) and raw.isprintable() and raw.strip() != "")
-
-    kind = {"anyOf": [{"type": "number"}, {"type": "string"}]}
-    return _field(Entry(key, wanted, accept, per_si, size, convert=convert, kind=kind), default)
-
-
-def integer(key: str, default: Any, low: int, high: int) -> Any:
-    """A whole number from `low` to `high`."""
-    wanted = f"a whole number from {low} to {high}"
-    kind = {"type": "integer", "minimum": low, "maximum": high}
-    return _field(Entry(key, wanted, lambda raw: _is_number(raw, int) and low <= raw <= high, kind=kind), default)
-
-
-def text(
-    key: str, default: Any, wanted: str, accept: Callable[[str], Any], hint: Callable[[str], str] | None = None
-) -> Any:
-    """One line of text that `accept` says yes to."""
-
-    def fits(raw: Any) -> Any:
-        return isinstance(raw, str) and raw.isprintable() and accept(raw)
-
-    return _field(Entry(key, wanted, fits, hint=hint), default)
-
-
-def choice(key: str, default: Any, choices: Collection[str], hint: Callable[[str], str] | None = None) -> Any:
-    """One of several names; where they are many, `hint` says which ones another text may have meant."""
-    wanted = hint("") if hint else "one of " + ", ".join(choices)
-    entry = text(key, default, wanted, choices.__contains__, hint).metadata["entry"]
-    return _field(replace(entry, kind={"enum": list(choices)}), default)
-
-
-def choice_or_table(
-    key: str,
-    names: Collection[str],
-    read: Callable[[Mapping[str, Any], str], Any],
-    kind: Mapping[str, Any],
-    wanted: str,
-    hint: Callable[[str], str],
-    relocate: Callable[[Any, Path], Any] | None = None,
-) -> Any:
-    """One of several names, or a table that `read` makes something of, optional; for `relocate` see `Entry`."""
-
-    def convert(raw: Any, path: str) -> Any:
-        return read(raw, path) if isinstance(raw, Mapping) else raw
-
-    def fits(raw: Any) -> bool:
-        return isinstance(raw, Mapping) or (isinstance(raw, str) and raw in names)
-
-    schema = {"anyOf": [{"enum": list(names)}, kind]}
-    return _field(Entry(key, wanted, fits, hint=hint, convert=convert, relocate=relocate, kind=schema), None)
-
-
-def custom_table(
-    key: str,
-    read: Callable[[Mapping[str, Any], str], Any],
-    kind: Mapping[str, Any],
-    wanted: str,
-    relocate: Callable[[Any, Path], Any] | None = None,
-) -> Any:
-    """A table that `read` makes something of, or a list of them, optional."""
-
-    def fits(raw: Any) -> bool:
-        return isinstance(raw, Mapping)
-
-    return _field(Entry(key, wanted, fits, size=0, convert=read, relocate=relocate, kind=kind), None)
-
-
-def pattern(key: str, default: Any = MISSING) -> Any:
-    """A name, or a regular expression that means the same to Python and to NGSolve (std::regex)."""
-    return text(key, default, WANTED, is_pattern)
-
-
-def path(key: str, default: Any, wanted: str, ends: tuple[str, ...] = ("",)) -> Any:
-    """The path of a file, as it is or relative to the folder of the scene's file."""
-    entry = text(key, default, wanted, lambda raw: raw.strip() and raw.endswith(ends)).metadata["entry"]
-    return _field(replace(entry, is_path=True), default)
-
-
-def table(cls: type[Section], default: Any = MISSING, size: int = 1) -> Any:
-    """Another part, or with `size` 0 a list of them, under its class's name."""
-    key = cls.key()
-    wanted = f"a table [{key}]" if size else f"one or more tables [[{key}]]"
-    return _field(Entry(key, wanted, lambda raw: True, 0, size, cls), default)
-
-
-def _field(entry: Entry, default: Any) -> Any:
-    make: dict[str, Any] = {"default_factory" if callable(default) else "default": default}
-    return field(metadata={"entry": entry}, **make)
-
-
-def _is_number(raw: Any, kind: Any = (int, float)) -> bool:
-    return isinstance(raw, kind) and not isinstance(raw, bool) and abs(raw) <= 1e300  # not so for nan
-
-
-# Parts.
+# Sections.
 
 
 class Section:
-    """What all parts share: a part's fields are checked when it is made, what is between fields when a scene is.
+    """Base class of the sections of a document. Fields are checked when a section is built, relations between fields when the
+    scene is.
 
-    `KEY` is a part's name in TOML, where it is not that of its class.
+    `KEY` is the section's key in TOML where it differs from the lower-case class name.
     """
 
     KEY: ClassVar[str] = ""
 
     @classmethod
     def key(cls) -> str:
-        """The part's name in TOML."""
+        """Key of the section in TOML."""
         return cls.KEY or cls.__name__.lower()
 
     def __post_init__(self) -> None:
@@ -248,7 +180,7 @@ class Section:
 
     @classmethod
     def read(cls, data: Any, path: str = "") -> Self:
-        """From TOML's keys and units; `path` is where the part stands, for messages."""
+        """Build a section from keys and units of TOML; `path` is its place in the document, for messages."""
         if not isinstance(data, dict):
             raise InputError(path or "scene", brief(data), "a table of keys and values")
         known, path = {f.metadata["entry"].key: f for f in fields(cls)}, path and f"{path}."  # type: ignore[arg-type]
@@ -263,16 +195,16 @@ class Section:
         return cls(**{f.name: f.metadata["entry"].read(data[key], path + key) for key, f in given.items()})
 
     def to_dict(self) -> dict[str, Any]:
-        """In TOML's keys and units, fit for JSON, without tables in which nothing is given; `read` gives the same part back."""
+        """The section in keys and units of TOML, JSON-compatible, without empty tables; `read` restores it."""
         values = {entry.key: self.toml_value(name) for name, entry in entries(self).items()}
         return {key: value for key, value in values.items() if value not in (None, {}, [])}
 
     def toml_value(self, name: str) -> Any:
-        """A field's value as TOML has it, in the unit of its key; None where it is not given."""
+        """Value of a field in the unit of its TOML key; None where it is not given."""
         return entries(self)[name].show(getattr(self, name))
 
     def _check(self, path: str, scene: Any) -> None:
-        """Raise what is wrong between fields, of this part and of others in the scene."""
+        """Check relations between fields of this section and other sections of the scene."""
 
     def _need(self, ok: Any, path: str, name: str, wanted: str) -> None:
         if not ok:
@@ -280,11 +212,11 @@ class Section:
 
 
 class Document(Section):
-    """A part that is a whole file."""
+    """A section that is a whole file."""
 
     @classmethod
     def from_dict(cls, data: Any, file: str | Path | None = None) -> Self:
-        """From TOML's keys and units; `file` is for messages."""
+        """Build a document from keys and units of TOML; `file` is its name, for messages."""
         try:
             return cls.read(data)
         except InputError as error:
@@ -292,16 +224,16 @@ class Document(Section):
 
     @classmethod
     def from_toml(cls, path: str | Path) -> Self:
-        """From a file; paths in it are relative to its folder."""
+        """Read a file; paths in it are relative to its folder."""
         return cls.from_dict(_from_folder(cls, read_toml(path), Path(path).parent), path)
 
     def to_toml(self) -> str:
-        """As the text of a file; reading it gives the same scene back."""
+        """The document as TOML text; reading it restores the document."""
         return to_toml(self.to_dict())
 
 
 def _from_folder(part: type[Section], data: Any, folder: Path) -> Any:
-    """A part's data with its relative paths as they are from here."""
+    """Data of a section with its relative paths resolved against a folder."""
     if not isinstance(data, dict):
         return data
     found = dict(data)
@@ -319,15 +251,15 @@ def _from_folder(part: type[Section], data: Any, folder: Path) -> Any:
 
 
 def entries(part: Any) -> dict[str, Entry]:
-    """Field name → how it stands in TOML, for a part or its class."""
+    """Field name → `Entry`, of a section or its class."""
     return {f.name: f.metadata["entry"] for f in fields(part)}
 
 
 def brief(value: Any) -> str:
-    """A value in a line of a message."""
+    """Short text of a value for a message."""
     try:
         return "missing" if value is None else " ".join(reprlib.repr(value).split())
-    except ValueError:  # Python refuses to print whole numbers of thousands of digits
+    except ValueError:  # Python refuses to print integers of thousands of digits
         return "a number of thousands of digits"
 
 
@@ -335,7 +267,7 @@ def brief(value: Any) -> str:
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:
-    """What a file says, as Python's TOML reader gives it; `InputError` for one that is none."""
+    """Parse a TOML file; `InputError` if it is not valid."""
     text = read_text(path, "file", LARGEST)
     try:
         return tomllib.loads(text)
@@ -345,7 +277,7 @@ def read_toml(path: str | Path) -> dict[str, Any]:
 
 
 def to_toml(data: dict[str, Any]) -> str:
-    """A scene's `to_dict` as the text of a file: its own values, then its tables."""
+    """TOML text of a scene's `to_dict`: its own values, then its tables."""
 
     def inline(value: Any) -> str:
         if isinstance(value, dict):

@@ -1,9 +1,9 @@
-"""Formulas in a file: arithmetic of named variables, read into a tree of known parts; nothing in them is executed.
+"""Arithmetic formulas of named variables, parsed into a syntax tree; no code is executed.
 
     "0.1*x*sin(2*pi*t)"
 
-has numbers, variables, `pi`, + - * / **, and the functions of `FUNCTIONS`. Whoever evaluates it says what the variables and the
-functions are: numbers, arrays or coefficient functions.
+contains numbers, variables, `pi`, + - * / **, and the functions of `FUNCTIONS`. The values of the variables and the functions
+are given at evaluation: numbers, arrays or CoefficientFunctions.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ FUNCTIONS: Mapping[str, Callable[..., Any]] = {
     "min": np.minimum,
     "max": np.maximum,
 }
-"""What may be called, of arrays; min and max of two."""
+"""Functions that a formula may call, for arrays; min and max take two arguments."""
 TWO = ("min", "max")
 """Functions of two arguments."""
 OPERATORS: Mapping[type, Callable[..., Any]] = {
@@ -44,24 +44,24 @@ OPERATORS: Mapping[type, Callable[..., Any]] = {
     ast.USub: operator.neg,
 }
 LONGEST, LARGEST_POWER = 300, 20.0
-"""Characters of a formula; powers are of constants up to this size, as others are no polynomial of anything."""
+"""Maximum number of characters, and maximum exponent; exponents must be constants."""
 
 
 @dataclass(frozen=True)
 class Formula:
-    """A formula of some variables.
+    """An arithmetic formula of some variables.
 
     Parameters
     ----------
     text : str
-        As it is written.
+        The formula.
     names : tuple of str
-        Variables that it may have.
+        Variables that it may contain.
 
     Raises
     ------
     InputError
-        For anything but arithmetic of these.
+        The text contains anything but arithmetic of these variables.
 
     Examples
     --------
@@ -117,7 +117,7 @@ class Formula:
             for each in (node.left, node.right) if isinstance(node, ast.BinOp) else (node.operand,):
                 self._check(each)
             if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow):
-                # Before anything is computed of it: towers of powers never end.
+                # Checked before evaluation: towers of powers would take for ever.
                 power = node.right.operand if isinstance(node.right, ast.UnaryOp) else node.right
                 if not isinstance(power, ast.Constant) or not abs(power.value) <= LARGEST_POWER:  # type: ignore[arg-type]
                     self._refuse(f"powers that are numbers up to {LARGEST_POWER:g}")
@@ -126,11 +126,24 @@ class Formula:
 
     @property
     def variables(self) -> set[str]:
-        """Those that occur."""
+        """Variables that occur in the formula."""
         return _variables(self._tree)
 
     def __call__(self, values: Mapping[str, Any], functions: Mapping[str, Callable[..., Any]] = FUNCTIONS) -> Any:
-        """Its value for values of the variables, with functions that take these."""
+        """Evaluate the formula.
+
+        Parameters
+        ----------
+        values : mapping
+            Values of the variables.
+        functions : mapping, optional
+            Functions for values of this type.
+
+        Returns
+        -------
+        object
+            Of the type of the values.
+        """
         return _value(self._tree, values, functions)
 
 

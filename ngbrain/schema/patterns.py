@@ -1,4 +1,4 @@
-"""How long a regular expression may take: those that try too many ways to match a name are found before one is matched."""
+"""Check that a regular expression is quick to match: no exponential backtracking."""
 
 from __future__ import annotations
 
@@ -6,27 +6,27 @@ import re
 import warnings
 
 REPEATS = "at most four repeats, none within another"
-"""What `ways` allows, in words."""
+"""Limit on repeats, in words."""
 WANTED = f"a name or a regular expression (ECMAScript, up to 200 characters, {REPEATS})"
 """What `is_pattern` accepts, in words."""
 LONGEST = 64
-"""Characters of a name, about: what an unlimited repeat may try."""
+"""Approximate maximum length of a name: number of counts that an unlimited repeat tries."""
 MOST = float(LONGEST**4)
-"""Ways to match a name that may be tried: four unlimited repeats in a row."""
+"""Maximum number of ways to match a name: that of four unlimited repeats in a row."""
 _QUANTIFIER = re.compile(r"(?:[*+?]|\{(\d+)(?:(,)(\d*))?\})\??")
 _OPENING = re.compile(r"\((?:\?[:=!])?")
 _ITEM = re.compile(r"\\.|\[\^?\]?(?:\\.|[^\]\\])*\]|[^\\\[()|]")
 
 
 def is_pattern(text: str) -> bool:
-    """Whether a text is a name or a regular expression that means the same to Python and to NGSolve, and is quick to match.
+    """Whether a text is a name, or a regular expression that means the same to Python and NGSolve and is quick to match.
 
     >>> is_pattern("grey|white.*"), is_pattern("(.*)*z")
     (True, False)
     """
     try:
         with warnings.catch_warnings(action="ignore"):
-            # NGSolve knows no (?i), (?P<name>…), (?<!…) or {,n}, and takes minutes over what is very long.
+            # NGSolve does not support (?i), (?P<name>…), (?<!…) or {,n}, and takes minutes for very long patterns.
             if not text.strip() or len(text) > 200 or re.search(r"\(\?[^:=!]|\{,", text):
                 return False
             re.compile(text)
@@ -36,9 +36,9 @@ def is_pattern(text: str) -> bool:
 
 
 def ways(pattern: str) -> float:
-    """At most so many ways a pattern has of matching a name, all of which are tried where it does not match.
+    """Upper bound of the number of ways in which a pattern can match a name; a failing match tries all of them.
 
-    It is infinite where what is repeated may itself match in several ways.
+    Infinite where a repeated group can itself match in several ways.
 
     >>> ways("white|grey.*"), ways("(.*)*z"), ways("a?a?aa")
     (65.0, inf, 4.0)
@@ -48,7 +48,7 @@ def ways(pattern: str) -> float:
 
 
 def _branches(pattern: str, at: int) -> tuple[float, int]:
-    """Of alternatives, up to a closing parenthesis or the end; and where that is."""
+    """Number of ways of the alternatives up to a closing parenthesis or the end, and the index of that end."""
     total, here = 0.0, 1.0
     while at < len(pattern) and pattern[at] != ")":
         if pattern[at] == "|":
@@ -56,7 +56,7 @@ def _branches(pattern: str, at: int) -> tuple[float, int]:
             continue
         if opening := _OPENING.match(pattern, at):
             inner, at = _branches(pattern, opening.end())
-            if _told_apart(pattern[opening.end() : at]):
+            if _are_distinct_words(pattern[opening.end() : at]):
                 inner = 1.0
             at += 1
         elif item := _ITEM.match(pattern, at):
@@ -71,14 +71,14 @@ def _branches(pattern: str, at: int) -> tuple[float, int]:
     return total + here, at
 
 
-def _told_apart(inner: str) -> bool:
-    """Whether it is plain words, of which the first letter of a name chooses one at most."""
+def _are_distinct_words(inner: str) -> bool:
+    """Whether all alternatives are plain words with different first letters, so that at most one can match."""
     words = inner.split("|")
     return all(re.fullmatch(r"[\w-]+", word) for word in words) and len({word[0] for word in words}) == len(words)
 
 
 def _repeats(quantifier: re.Match[str]) -> float:
-    """How many numbers of repeats there are."""
+    """Number of possible repeat counts."""
     least, comma, most = quantifier.groups()
     if least is None or (comma and not most):
         return 2.0 if quantifier[0][0] == "?" else float(LONGEST)

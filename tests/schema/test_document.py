@@ -8,19 +8,8 @@ import pytest
 from ngbrain.errors import InputError
 from ngbrain.mesh import block
 from ngbrain.schema import document
-from ngbrain.schema.document import (
-    Section,
-    brief,
-    choice,
-    entries,
-    integer,
-    number,
-    pattern,
-    read_toml,
-    table,
-    text,
-    to_toml,
-)
+from ngbrain.schema.document import Section, brief, entries, read_toml, to_toml
+from ngbrain.schema.fields import choice, integer, number, pattern, table, text
 
 
 @dataclass(frozen=True, kw_only=True)
