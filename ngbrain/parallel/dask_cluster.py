@@ -1,4 +1,4 @@
-"""A Dask cluster as an executor: workers that die are replaced by others, and the run goes on."""
+"""A Dask cluster as an executor: tasks of a lost worker are computed by others."""
 
 from __future__ import annotations
 
@@ -15,25 +15,26 @@ from ngbrain.parallel.tasks import TaskLost
 from ngbrain.progress import LOG
 
 PATIENCE = 5.0
-"""Seconds within which a scheduler answers, and has a worker."""
+"""Time-out (s) for the answer of a scheduler and for its first worker."""
 _HAS_NGBRAIN = "__import__('importlib.util').util.find_spec('ngbrain') is not None"
 _EVENTS = "all"
 
 
 class DaskExecutor(Executor):
-    """The workers of a `distributed.Client`; each has to have ngbrain, in the version of this process, and one thread.
+    """Executor on the workers of a `distributed.Client`; each needs the same version of ngbrain as this process, and one thread.
 
-    Unlike `Client.get_executor` it keeps no result on the cluster that has come back, so that a worker that dies takes nothing
-    with it that would be computed again.
+    Unlike `Client.get_executor` it keeps no finished result on the cluster, so that the loss of a worker never causes a
+    recomputation.
 
     Parameters
     ----------
     client : distributed.Client
+        Client of the cluster.
 
     Raises
     ------
     InputError
-        There is no worker; or one that has no ngbrain, other versions, or several threads, in which NGSolve cannot work.
+        There is no worker, or one without ngbrain, with other versions, or with several threads (NGSolve needs one).
     """
 
     def __init__(self, client: Any) -> None:
@@ -49,7 +50,7 @@ class DaskExecutor(Executor):
         has = client.run(eval, _HAS_NGBRAIN)
         versions = client.run(identity, workers=[worker for worker, found in has.items() if found], on_error="return")
         for worker in has:
-            if isinstance(failed := versions.get(worker), Exception):  # such as NGSolve that is not installed there
+            if isinstance(failed := versions.get(worker), Exception):  # for example without NGSolve
                 wanted = f"one that `import ngbrain.parallel` ends well in; it said: {failed}"
                 raise OtherVersions(f"worker {worker}", "with an ngbrain that cannot be imported", wanted)
             check_identity(worker, failed)
@@ -62,7 +63,7 @@ class DaskExecutor(Executor):
         client.subscribe_topic(_EVENTS, self._hear)
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """A call on one of the workers. The future raises `TaskLost` where several workers die of it."""
+        """Submit a call. The future raises `TaskLost` if several workers die of it."""
         name = call_name(fn, args)
         key = f"{name} #{secrets.token_hex(4)}"
         future = Future[Any]()
@@ -74,7 +75,7 @@ class DaskExecutor(Executor):
         return future
 
     def _settle(self, future: Future[Any], there: Any, key: str) -> None:
-        """In a thread of the client."""
+        """Set the result of a future; called in a thread of the client."""
         name = self._names.pop(key)
         if not future.set_running_or_notify_cancel():
             there.release()
@@ -103,17 +104,25 @@ class DaskExecutor(Executor):
             LOG.warning(words, message.get("worker"), ", ".join(names))
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Listen no more; the client stays as it is."""
+        """Stop listening to the cluster; the client stays open.
+
+        Parameters
+        ----------
+        wait : bool, optional
+            Ignored.
+        cancel_futures : bool, optional
+            Ignored.
+        """
         with suppress(Exception):
             self._client.unsubscribe_topic(_EVENTS)
 
 
 def connect(address: str) -> Any:
-    """A client of the scheduler at an address. Raises `InputError` where none answers, `MissingExtra` without Dask."""
+    """Client of the scheduler at an address. Raises `InputError` if none answers, `MissingExtra` without Dask."""
     distributed = require("distributed", "cluster")
     try:
         scheme, place = distributed.comm.addressing.parse_address(address)
-        if scheme in ("tcp", "tls"):  # a client that finds none leaves a traceback behind when the program ends
+        if scheme in ("tcp", "tls"):  # a client without a scheduler prints a traceback at exit
             host, port = distributed.comm.addressing.parse_host_port(place)
             socket.create_connection((host, port), PATIENCE).close()
         return distributed.Client(address, timeout=PATIENCE, set_as_default=False)

@@ -1,4 +1,4 @@
-"""Tasks through an executor: results by name, progress, and what happens to a task that is lost."""
+"""Run tasks through an executor: results by name, progress, and retries of lost tasks."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ngbrain.progress import LOG
 from ngbrain.threads import threads
 
 POLL = 0.5
-"""Seconds between looks whether the program has been interrupted."""
+"""Seconds between checks for an interrupt."""
 Finished = Callable[[str, Any], Any]
 
 
@@ -33,27 +33,27 @@ def run(
     on_error: Literal["raise", "return"] = "raise",
     store: Store | None = None,
 ) -> dict[str, Any]:
-    """Compute tasks; the results are the same whoever computes them.
+    """Compute tasks; the results do not depend on the executor.
 
-    A task whose process dies is tried once more, alone where memory was the reason. Where tasks cannot be sent to the processes
-    of a `ProcessExecutor` (a function of the user's `__main__`, an object that no pickle holds), they are computed in this one,
-    one after the other. Warnings of the logger `ngbrain` say both.
+    A task whose process dies is tried once more, alone if memory was the reason. Tasks that cannot be sent to the processes of
+    a `ProcessExecutor` (a function of the user's `__main__`, an object that cannot be pickled) are computed in this process,
+    one after the other. The logger `ngbrain` warns of both.
 
     Parameters
     ----------
     tasks : sequence of Task
-        Or of plain tuples (name, function, args), with different names.
+        Or of tuples (name, function, args); names must be unique.
     executor : int or concurrent.futures.Executor, optional
-        Who computes: by default this process, a number means so many processes of this machine. A `distributed.Client` and a
-        `submitit.AutoExecutor` are taken too (`DaskExecutor`, `SlurmExecutor`). One that is given stays open.
+        By default this process; a number means that many processes of this machine. A `distributed.Client` and a
+        `submitit.AutoExecutor` are accepted too (`DaskExecutor`, `SlurmExecutor`). A given executor stays open.
     callback : callable, optional
-        Called in this thread with what a task tells; tasks of executors in other processes than ours are not heard.
+        Called in this thread with the progress of tasks; not available from executors other than `ProcessExecutor`.
     finished : callable, optional
-        Called in this thread with a task's name and result as soon as it has ended.
-    on_error : {"raise", "return"}
-        Whether the first exception of a task ends the others, or takes the place of the result.
+        Called in this thread with name and result of each finished task.
+    on_error : {"raise", "return"}, optional
+        Whether the first exception of a task cancels the others, or takes the place of the task's result.
     store : Store, optional
-        Keeps results by the digest of what they are made from (`ngbrain.io.FinishedWork`): what is in it is not computed again.
+        Store of finished results (`ngbrain.io.FinishedWork`); tasks found there are not computed again.
 
     Returns
     -------
@@ -63,11 +63,12 @@ def run(
     Raises
     ------
     InputError
-        Two tasks have one name, one needs what is not computed or takes more memory than there is; or a worker has other versions.
+        Names are not unique; a task needs another that is not computed, or more memory than available; a worker has other
+        versions.
     TaskLost
-        A task's process died twice, or memory was short; the message names the task.
+        The process of a task died twice, or memory was short; the message names the task.
     Exception
-        The first that a task raises. It ends the others.
+        The first exception of a task; it cancels the others.
 
     Examples
     --------
@@ -98,7 +99,7 @@ def run(
 
 
 class _Plan:
-    """Which tasks may begin, and what has come of the others."""
+    """Tasks that wait, and results of those that ended."""
 
     def __init__(self, tasks: Sequence[Task], finished: Finished, forgiving: bool, store: Store | None) -> None:
         self.tasks = {task.name: task for task in tasks}
@@ -117,7 +118,7 @@ class _Plan:
             before.add(task.name)
 
     def refuse(self, available: float | None) -> None:
-        """Tasks that take more than so many bytes."""
+        """Refuse tasks that need more memory (bytes) than available."""
         for task in list(self.waiting):
             if available is not None and task.memory > available:
                 self.waiting.remove(task)
@@ -127,7 +128,7 @@ class _Plan:
                 )
 
     def next(self) -> Task | None:
-        """The first task that may begin and is not in the store."""
+        """The first task that may start and is not in the store."""
         for task in list(self.waiting):
             if all(name in self.ended for name in task.needs):
                 self.waiting.remove(task)
@@ -151,25 +152,25 @@ class _Plan:
         return True
 
     def args(self, task: Task) -> tuple[Any, ...]:
-        """What its function is called with."""
+        """Arguments of a task's function."""
         return (*task.args, *(self.ended[name] for name in task.needs))
 
     def end(self, name: str, result: Any) -> None:
-        """It has ended well."""
+        """Record the result of a task."""
         if self._store is not None and name not in self._failed:
             self._store.keep(self._keys[name], result)
         self.ended[name] = result
         self._finished(name, result)
 
     def fail(self, name: str, error: Exception) -> None:
-        """It has not; raises the error unless errors are results."""
+        """Record that a task failed; raises the error unless errors are returned as results."""
         if not self._forgiving:
             raise error
         self._failed.add(name)
         self.end(name, error)
 
     def start_again(self) -> None:
-        """With all that has not ended."""
+        """Queue all unfinished tasks again."""
         self.waiting = deque(task for name, task in self.tasks.items() if name not in self.ended)
 
     def results(self) -> dict[str, Any]:
@@ -177,7 +178,7 @@ class _Plan:
 
 
 def _here(plan: _Plan, callback: Callback, share: int = 1) -> None:
-    def told(*what: Any) -> int:
+    def report(*what: Any) -> int:
         _heed()
         callback(*what)
         return share
@@ -185,7 +186,7 @@ def _here(plan: _Plan, callback: Callback, share: int = 1) -> None:
     with threads(1):
         while (task := plan.next()) is not None:
             try:
-                result = task.function(*plan.args(task), callback=told)
+                result = task.function(*plan.args(task), callback=report)
             except Exception as error:
                 plan.fail(task.name, error)
             else:
@@ -201,7 +202,7 @@ def _through(executor: Executor, plan: _Plan, callback: Callback) -> None:
         args = plan.args(task)
         if isinstance(executor, ProcessExecutor):
             future: Future[Any] = executor.submit_task(
-                task.name, task.function, args, lambda *what: inbox.put(("told", task.name, what)), task.memory
+                task.name, task.function, args, lambda *what: inbox.put(("progress", task.name, what)), task.memory
             )
         else:
             future = executor.submit(compute, task.name, task.function, args, identity())
@@ -221,7 +222,7 @@ def _through(executor: Executor, plan: _Plan, callback: Callback) -> None:
             if not under_way:
                 return
             kind, name, what = _next(inbox)
-            if kind == "told":
+            if kind == "progress":
                 callback(*what)
                 continue
             del under_way[name]
@@ -234,7 +235,7 @@ def _through(executor: Executor, plan: _Plan, callback: Callback) -> None:
                 tried.add(name)
                 LOG.warning("%s; it is tried again%s", error, ", alone" if error.memory else "")
                 alone.append(plan.tasks[name]) if error.memory else submit(plan.tasks[name])
-            except (NotSent, OtherVersions):  # not the task's own fault
+            except (NotSent, OtherVersions):  # not a failure of the task itself
                 raise
             except BrokenExecutor as error:
                 raise SolverError(
@@ -261,10 +262,10 @@ def _next(inbox: queue.SimpleQueue[Any]) -> Any:
                 return inbox.get(timeout=POLL)
             _heed()
     except KeyboardInterrupt:
-        raise KeyboardInterrupt from None  # without the queue's exception, which it may have come in the middle of
+        raise KeyboardInterrupt from None  # without the queue's exception as context
 
 
 def _heed() -> None:
-    """Ctrl-C is heard in the main thread only: in another, stop when it has ended the program."""
+    """Only the main thread receives Ctrl-C: another thread stops when the interrupt has ended the program."""
     if isinstance(getattr(sys, "last_value", None), KeyboardInterrupt) and not hasattr(sys, "ps1"):
         raise KeyboardInterrupt

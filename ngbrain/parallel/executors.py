@@ -1,4 +1,4 @@
-"""Executors by the name that a command line gives them."""
+"""Executors by their command-line name."""
 
 from __future__ import annotations
 
@@ -19,21 +19,25 @@ FORMS = "N | dask:ADDRESS | mpi[:N] | slurm[:time_min=M,mem_gb=G,partition=P,acc
 
 @contextmanager
 def open_executor(spec: str | int | None) -> Iterator[Executor | None]:
-    """The executor of a name, checked before hours are spent and closed afterwards.
+    """Open the executor of a name; it is checked before the work begins and closed afterwards.
 
     Parameters
     ----------
     spec : str or int, optional
-        N processes of this machine (None and 1: this process, for which None is given); `dask:ADDRESS`, the workers of a
-        scheduler; `mpi` or `mpi:N`, N ranks that compute; `slurm`, a job for each task, with options
+        N: processes of this machine (None and 1: this process, which yields None); `dask:ADDRESS`: workers of a scheduler;
+        `mpi` or `mpi:N`: N computing ranks; `slurm`: one job per task, with options
         `slurm:time_min=120,mem_gb=16,partition=long,account=me,at_once=100`.
+
+    Yields
+    ------
+    concurrent.futures.Executor or None
 
     Raises
     ------
     InputError
-        No executor has that name; no scheduler answers there; a worker has no ngbrain, or another version of it or of NGSolve.
+        The name is unknown; no scheduler answers; a worker has no ngbrain, or another version of it or of NGSolve.
     MissingExtra
-        Its package is not installed.
+        A package is not installed.
 
     Examples
     --------
@@ -63,7 +67,7 @@ def open_executor(spec: str | int | None) -> Iterator[Executor | None]:
 
 
 def as_executor(executor: Any) -> Any:
-    """A Dask client or an executor of submitit behind the interface of `concurrent.futures`; others as they are."""
+    """Wrap a Dask client or a submitit executor in the `concurrent.futures` interface; other executors are returned unchanged."""
     if hasattr(executor, "get_executor") and hasattr(executor, "scheduler_info"):
         return DaskExecutor(executor)
     if type(executor).__module__.partition(".")[0] == "submitit":
@@ -72,5 +76,5 @@ def as_executor(executor: Any) -> Any:
 
 
 def task_memory(executor: Executor) -> float | None:
-    """Bytes that a task can have where it is computed; None where that is not known."""
+    """Memory (bytes) available to a task on an executor; None if unknown."""
     return getattr(executor, "memory", machine_memory())

@@ -1,4 +1,4 @@
-"""What the system says of memory: how much there is, and how often it has ended a process for want of it."""
+"""Memory limits and out-of-memory kills, as reported by the operating system."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ _COUNT = re.compile(r"^oom_kill (\d+)$", re.MULTILINE)
 
 
 def memory_kills() -> int | None:
-    """Processes that the system has ended for want of memory: of this process's control group, else of the machine.
+    """Number of out-of-memory kills in this process's control group, or on the machine.
 
-    None where nothing says so (no Linux, or no right to read it).
+    None if unknown (no Linux, or no permission).
     """
     own = _group()
     for path in (own / "memory.events", _GROUPS / "memory/memory.oom_control", Path("/proc/vmstat")):
@@ -26,7 +26,7 @@ def memory_kills() -> int | None:
 
 
 def machine_memory() -> float | None:
-    """Bytes that processes here can have: of the machine, or of this process's control group where that is less."""
+    """Memory (bytes) of the machine, or of this process's control group if that is less; None if unknown."""
     found = list[float]()
     for path in (_group() / "memory.max", _GROUPS / "memory/memory.limit_in_bytes"):
         with suppress(OSError, ValueError):
@@ -37,7 +37,7 @@ def machine_memory() -> float | None:
 
 
 def _group() -> Path:
-    """The folder of this process's control group (version 2)."""
+    """Folder of this process's control group (version 2)."""
     with suppress(OSError):
         for line in Path("/proc/self/cgroup").read_text().splitlines():
             if line.startswith("0::") and (path := _GROUPS / line[3:].lstrip("/")).is_dir():

@@ -1,4 +1,4 @@
-"""How much memory a task will take, foretold by its size from what was measured (`benchmarks/memory.py`)."""
+"""Predicted peak memory of a task, from its size and measurements (`benchmarks/memory.py`)."""
 
 from __future__ import annotations
 
@@ -15,29 +15,34 @@ _TABLE = Path(__file__).with_name("memory.json")
 
 @cache
 def memory_table() -> dict[str, dict[str, Any]]:
-    """Kind of work → what its size is counted in, base and factor (GiB), power, sizes measured, the largest error from 1 GiB on."""
+    """Kind of work → unit of its size, base and factor (GiB), exponent, sizes measured, and largest relative error from 1 GiB on."""
     found: dict[str, dict[str, Any]] = json.loads(_TABLE.read_text())
     return found
 
 
 def predicted_memory(kind: str, size: float, frequencies: int = 1) -> float:
-    """Bytes that a process will take at its peak.
+    """Predict the peak memory (bytes) of a process.
 
     Parameters
     ----------
     kind : str
-        One of `memory_table`: "statics" (a factor of a mixed system, by unknowns), "zone" (an inversion in space in cubes of third
-        order, by cubes), "plane" (one in the plane, by points), "retraction" (by tetrahedra), "scan" (a T1 to a mesh, by
+        A key of `memory_table`: "statics" (factorisation of a mixed system, by unknowns), "zone" (3-D inversion on cubes of
+        third order, by cubes), "plane" (2-D inversion, by points), "retraction" (by tetrahedra), "scan" (meshing of a T1, by
         tetrahedra).
     size : float
-        As the table counts it.
-    frequencies : int
-        Of waves in space, whose matrices are all kept: each after the first adds the share `each_frequency` of the table. Other
-        kinds take as much whatever the number.
+        In the unit of the table.
+    frequencies : int, optional
+        Number of frequencies of 3-D waves, whose matrices are all stored: each after the first adds the share `each_frequency`
+        of the table. Ignored for other kinds.
 
     Returns
     -------
     float
+
+    Raises
+    ------
+    InputError
+        The kind of work is unknown.
 
     Examples
     --------

@@ -1,6 +1,7 @@
-"""Ranks of an MPI job as an executor: `mpiexec` starts them, `mpi4py.futures` hands out the work.
+"""Ranks of an MPI job as an executor: `mpiexec` starts them, `mpi4py.futures` distributes the work.
 
-The job is a child of this process, which is no rank itself: MPI ends all ranks when one dies, and somebody has to say so.
+The job is a child of this process, which is not a rank itself: when one rank dies, MPI ends all ranks, and this process reports
+it.
 """
 
 from __future__ import annotations
@@ -31,17 +32,17 @@ from ngbrain.parallel.remote import call_name
 _KEY = "NGBRAIN_MPI_KEY"
 _SERVE = "import sys; from ngbrain.parallel.mpi_job import serve; serve(sys.argv[1])"
 PATIENCE, FAREWELL = 60.0, 5.0
-"""Seconds within which the ranks have to be there, and to leave."""
+"""Time-outs (s) for the start and for the end of the ranks."""
 _REASON = re.compile(r"EXIT STRING: (.*)")
 
 
 class MpiExecutor(Executor):
-    """So many ranks that compute, and one more that hands out the work.
+    """Executor on the ranks of an MPI job, with one more rank that distributes the work.
 
     Parameters
     ----------
     workers : int
-        Ranks that compute.
+        Number of computing ranks.
 
     Raises
     ------
@@ -82,7 +83,7 @@ class MpiExecutor(Executor):
         threading.Thread(target=self._listen, daemon=True).start()
 
     def _accept(self, listener: Listener, address: str) -> Connection:
-        """The call of the rank that hands out the work, unless the job ends before."""
+        """Accept the connection of the distributing rank, unless the job ends before."""
 
         def unblock() -> None:
             self._process.wait()
@@ -103,7 +104,7 @@ class MpiExecutor(Executor):
             timer.cancel()
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """A call on one of the ranks; all that is under way raises `SolverError` where a rank dies."""
+        """Submit a call; all pending futures raise `SolverError` if a rank dies."""
         future = Future[Any]()
         sent = pickle.dumps((fn, args, kwargs))
         with self._lock:
@@ -112,12 +113,20 @@ class MpiExecutor(Executor):
                 return future
             number = next(self._numbers)
             self._pending[number] = call_name(fn, args), future
-        with suppress(OSError):  # the job has ended, which `_listen` notices
+        with suppress(OSError):  # the job has ended; `_listen` handles it
             self._connection.send((number, sent))
         return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the job, with `wait` when nothing is under way any more."""
+        """End the job.
+
+        Parameters
+        ----------
+        wait : bool, optional
+            Whether to wait for pending calls.
+        cancel_futures : bool, optional
+            Whether to cancel calls that have not started.
+        """
         with self._lock:
             left = [future for _, future in self._pending.values()]
         for future in left:
@@ -135,7 +144,7 @@ class MpiExecutor(Executor):
         self._folder.cleanup()
 
     def _leave(self) -> None:
-        """Nothing is left of the job."""
+        """Terminate the job."""
         self._process.terminate()
         self._process.wait()
         self._relay.join(FAREWELL)
@@ -165,7 +174,7 @@ class MpiExecutor(Executor):
         return SolverError(f"{name}: {why}, which ends the MPI job; started again, it goes on from what is finished")
 
     def _pass_on(self) -> None:
-        """What ranks say goes on to stderr, but for mpiexec's obituary."""
+        """Pass the output of the ranks on to stderr, without mpiexec's error report."""
         assert self._process.stdout is not None
         with self._process.stdout as lines:
             for line in lines:
@@ -176,12 +185,12 @@ class MpiExecutor(Executor):
 
 
 def rank_count() -> int:
-    """How many ranks there is room for: what Slurm gave, or a core each."""
+    """Number of available ranks: those of the Slurm allocation, or one per core."""
     return int(os.environ.get("SLURM_NTASKS", 0)) or os.cpu_count() or 1
 
 
 def serve(address: str) -> None:
-    """In the rank that hands out the work: what comes from the socket goes to the others, and back."""
+    """Main loop of the distributing rank: pass calls from the socket to the other ranks, and results back."""
     from mpi4py.futures import MPIPoolExecutor
 
     lock = threading.Lock()
@@ -201,7 +210,7 @@ def serve(address: str) -> None:
 
 
 def answer(sent: bytes) -> bytes:
-    """In a rank that computes."""
+    """Compute a pickled call in a rank, and pickle its result or exception."""
     try:
         fn, args, kwargs = pickle.loads(sent)
         found: tuple[bool, Any] = True, fn(*args, **kwargs)

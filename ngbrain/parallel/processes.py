@@ -1,7 +1,7 @@
-"""Processes of this machine as an executor: one task a process at a time, each single-threaded.
+"""Processes of this machine as an executor: one task per process at a time, each single-threaded.
 
 The processes (`ngbrain.parallel.worker`) never import the caller's `__main__`: a script needs no main guard, and may come from
-stdin, from `python -c`, from a notebook or run in a thread. They end when their parent does, however that ends.
+stdin, from `python -c`, from a notebook or run in a thread. They end with their parent process.
 """
 
 from __future__ import annotations
@@ -26,23 +26,23 @@ from ngbrain.parallel.tasks import Callback, TaskLost
 from ngbrain.parallel.worker import START
 
 PATIENCE = 5.0
-"""Seconds until a process that has closed its pipe is gone."""
+"""Time-out (s) for the end of a process that has closed its pipe."""
 
 
 class NotSent(Exception):
-    """A task cannot be computed in another process."""
+    """A task cannot be sent to another process."""
 
 
 class ProcessExecutor(Executor):
-    """Processes of this machine behind the interface of `concurrent.futures`.
+    """Executor on processes of this machine, with the `concurrent.futures` interface.
 
     Parameters
     ----------
     workers : int
-        Processes at most; each is started when there is a task for it.
+        Maximum number of processes; each is started when a task needs it.
     threads : int, optional
-        Threads that tasks under way share where they use `helped`; the last ones get those that are left over. By default every
-        task has one, and the same bits whatever is computed beside it.
+        Number of threads shared by tasks that use `share_threads`; the last tasks get the idle ones. By default every task has
+        one thread, and the same bits whatever runs beside it.
 
     Examples
     --------
@@ -64,20 +64,43 @@ class ProcessExecutor(Executor):
         self._over = False
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """A call in one of the processes; the future raises `TaskLost` where its process dies."""
+        """Submit a call; the future raises `TaskLost` if its process dies."""
         return self._add(Job(None, (fn, args, kwargs)))
 
     def submit_task(
         self, name: str, function: Callable[..., Any], args: tuple[Any, ...], callback: Callback, memory: float = 0.0
     ) -> Job:
-        """A call as `function(*args, callback=...)`; `callback` is called here, in another thread, with what it tells.
+        """Submit a call `function(*args, callback=...)`.
 
-        Calls of known memory (bytes) wait until they fit beside the others.
+        Parameters
+        ----------
+        name : str
+            Name of the task, for messages.
+        function : callable
+            A function of a module.
+        args : tuple
+            Its arguments.
+        callback : callable
+            Called in another thread of this process with the progress of the task.
+        memory : float, optional
+            Predicted memory (bytes); the call waits until it fits beside the running ones.
+
+        Returns
+        -------
+        Job
         """
         return self._add(Job(name, (function, args, {}), callback, memory))
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Take no more; processes end when nothing waits any more."""
+        """Accept no more calls; the processes end when the queue is empty.
+
+        Parameters
+        ----------
+        wait : bool, optional
+            Whether to wait for the processes.
+        cancel_futures : bool, optional
+            Whether to cancel calls that have not started.
+        """
         with self._changed:
             self._over = True
             while cancel_futures and self._waiting:
@@ -95,7 +118,7 @@ class ProcessExecutor(Executor):
                 servant = threading.Thread(target=self._serve, daemon=True)
                 try:
                     servant.start()
-                except RuntimeError as error:  # of a program whose main thread has ended, from Python 3.12 on
+                except RuntimeError as error:  # Python 3.12 starts no threads after the main thread has ended
                     if not self._servants:
                         self._waiting.pop()
                         raise NotSent(f"nobody can listen to another process ({error})") from error
@@ -116,13 +139,13 @@ class ProcessExecutor(Executor):
             return job
 
     def _fitting(self) -> Job | None:
-        """The first that fits into memory beside what is under way; alone, any."""
+        """The first waiting job that fits into the free memory; any job if none is running."""
         left = self._memory - sum(job.memory for job in self._under_way)
         fits = (job for job in self._waiting if job.memory <= left or not self._under_way)
         return next(fits, None)
 
     def _serve(self) -> None:
-        """In a thread of its own: one process, one job after the other."""
+        """Run jobs in one process, one after the other; in a thread of its own."""
         process: _Process | None = None
         while (job := self._take()) is not None:
             if job.set_running_or_notify_cancel():
@@ -155,7 +178,19 @@ class ProcessExecutor(Executor):
 
 
 class Job(Future[Any]):
-    """The future of a call, which can be ended while it is computed."""
+    """Future of a call that can be killed while it runs.
+
+    Parameters
+    ----------
+    name : str or None
+        Name of the task; None for a plain call without callback.
+    call : tuple
+        Function, arguments and keyword arguments.
+    callback : callable, optional
+        Called with the progress of the task.
+    memory : float, optional
+        Predicted memory (bytes).
+    """
 
     def __init__(
         self, name: str | None, call: tuple[Any, ...], callback: Callback | None = None, memory: float = 0.0
@@ -165,13 +200,13 @@ class Job(Future[Any]):
         self.process: _Process | None = None
 
     def kill(self) -> None:
-        """Not begun or ended at once, with its process."""
+        """Cancel the call, or kill its process."""
         if not self.cancel() and (process := self.process) is not None and not self.done():
             process.kill()
 
 
 class _Process:
-    """A process that computes, seen from here."""
+    """Handle of a worker process."""
 
     def __init__(self) -> None:
         command = [sys.executable, "-c", START, *map(str, sys.path)]
@@ -186,10 +221,10 @@ class _Process:
         self.ended = False
 
     def compute(self, job: Job, share: Callable[[], int]) -> Any:
-        """The result of a job, or its exception, raised."""
+        """Compute a job; returns its result or raises its exception."""
         try:
             sent = pickle.dumps(job.call, protocol=pickle.HIGHEST_PROTOCOL)
-        except Exception as error:  # whatever an object raises that does not want to be pickled
+        except Exception as error:  # objects that cannot be pickled raise many kinds of exception
             words = f"tasks cannot be sent to another process ({type(error).__name__}: {error})"
             raise NotSent(words) from error
         job.process = self
@@ -199,9 +234,9 @@ class _Process:
             while True:
                 try:
                     kind, what = pickle.load(self._answers)
-                except Exception:  # nothing more, or the half of something
+                except Exception:  # no data, or an incomplete message
                     raise self._dead(job.name or "a call") from None
-                if kind == "told":
+                if kind == "progress":
                     job.callback(*what)
                     self._write(share())
                 elif kind == "computed":
@@ -214,18 +249,18 @@ class _Process:
             job.process = None
 
     def kill(self) -> None:
-        """At once, whatever it is doing; `compute` notices."""
+        """Kill the process at once; `compute` handles it."""
         self._process.kill()
 
     def end(self) -> None:
-        """It is gone afterwards."""
+        """Kill the process and wait for its end."""
         self.ended = True
         self._process.kill()
-        with suppress(OSError), self._process:  # waits for it and closes the pipes
+        with suppress(OSError), self._process:  # waits for the process and closes the pipes
             pass
 
     def _write(self, what: Any) -> None:
-        with suppress(OSError):  # it is dead, which reading notices
+        with suppress(OSError):  # the process is dead; reading handles it
             pickle.dump(what, self._requests, protocol=pickle.HIGHEST_PROTOCOL)
             self._requests.flush()
 
@@ -253,7 +288,7 @@ class _Process:
 
 
 def _stderr() -> int | None:
-    """That of this process, or nothing where it has none: the first pipe would take its place."""
+    """Stderr of this process, or DEVNULL if it has none: otherwise the first pipe would take its file descriptor."""
     try:
         os.fstat(2)
     except OSError:
@@ -263,11 +298,11 @@ def _stderr() -> int | None:
 
 @contextmanager
 def _ctrl_c_blocked() -> Iterator[None]:
-    """Ctrl-C goes to every process of a terminal: those started here hear of it when they are ready to, this thread afterwards."""
+    """Block Ctrl-C while processes are started: they receive it when they are ready, this thread afterwards."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # is what a process started here begins with
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # inherited by processes started here
     try:
         yield
     finally:

@@ -1,4 +1,4 @@
-"""What workers elsewhere do: compute a task, and say what they compute with, so that another version is refused at once."""
+"""Work on remote workers: compute a task, and report versions, so that a worker with other versions is refused at once."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _SOURCE = "source of ngbrain"
 
 @cache
 def identity() -> dict[str, str]:
-    """Versions of this process, and a digest of every source file of ngbrain."""
+    """Versions of this process, and a digest of all source files of ngbrain."""
     found = dict[str, str]()
     for name in _PACKAGES:
         try:
@@ -37,7 +37,20 @@ def identity() -> dict[str, str]:
 
 
 def check_identity(worker: str, theirs: dict[str, str] | None) -> None:
-    """Raise `OtherVersions` for a worker without ngbrain (None), or one whose versions are not those of this process."""
+    """Check that a worker has the versions of this process.
+
+    Parameters
+    ----------
+    worker : str
+        Name of the worker, for messages.
+    theirs : dict or None
+        Its `identity`; None without ngbrain.
+
+    Raises
+    ------
+    OtherVersions
+        The worker has no ngbrain, or other versions.
+    """
     ours = identity()
     if theirs is None:
         wanted = f"ngbrain {ours['ngbrain']} and ngsolve {ours['ngsolve']} there, as here"
@@ -47,18 +60,52 @@ def check_identity(worker: str, theirs: dict[str, str] | None) -> None:
 
 
 class OtherVersions(InputError):
-    """A worker does not compute with what the process that sends it tasks does; no task is of use there."""
+    """A worker has other versions than the process that sends the tasks; no task can run there."""
 
 
 def mismatch(worker: str, theirs: dict[str, str], ours: dict[str, str]) -> OtherVersions:
-    """The error of a worker whose versions are not those of the process that asks it."""
+    """The error for a worker with other versions.
+
+    Parameters
+    ----------
+    worker : str
+        Name of the worker.
+    theirs, ours : dict
+        `identity` of the worker and of the process that sends the tasks.
+
+    Returns
+    -------
+    OtherVersions
+    """
     differ = [name for name, number in ours.items() if theirs.get(name) != number]
     there, here = (", ".join(f"{name} {of.get(name)}" for name in differ) for of in (theirs, ours))
     return OtherVersions(f"worker {worker}", f"with {there}", f"{here}, as in the process that sends the tasks")
 
 
 def compute(name: str, function: Callable[..., Any], args: tuple[Any, ...], theirs: dict[str, str]) -> Any:
-    """A task, sent by a process of versions `theirs`, on one thread; what it tells is not heard."""
+    """Compute a task on one thread of a worker; its progress is not reported.
+
+    Parameters
+    ----------
+    name : str
+        Name of the task, for messages.
+    function : callable
+        Called as `function(*args, callback=...)`.
+    args : tuple
+        Its arguments.
+    theirs : dict
+        `identity` of the process that sends the task.
+
+    Returns
+    -------
+    object
+        Result of the function.
+
+    Raises
+    ------
+    OtherVersions
+        The versions differ.
+    """
     ours = identity()
     if ours != theirs:
         raise mismatch(socket.gethostname(), ours, theirs)
@@ -70,5 +117,17 @@ def compute(name: str, function: Callable[..., Any], args: tuple[Any, ...], thei
 
 
 def call_name(fn: Callable[..., Any], args: tuple[Any, ...]) -> str:
-    """What a call is called in messages."""
+    """Name of a call in messages.
+
+    Parameters
+    ----------
+    fn : callable
+        The function.
+    args : tuple
+        Its arguments; the first is the name if the function is `compute`.
+
+    Returns
+    -------
+    str
+    """
     return str(args[0]) if fn is compute else getattr(fn, "__name__", "call")

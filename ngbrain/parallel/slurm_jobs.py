@@ -1,4 +1,4 @@
-"""Jobs of Slurm as an executor, by submitit. Its own folder, which it fills with pickles, must be seen by every node."""
+"""Slurm jobs as an executor, by submitit. Its folder of pickles must be visible on every node."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from ngbrain.parallel.remote import call_name
 from ngbrain.parallel.tasks import TaskLost
 
 POLL = 0.5
-"""Seconds between looks at jobs."""
+"""Polling interval (s)."""
 FOLDER = "slurm_jobs"
-"""Where submitit keeps what it sends, and what jobs print."""
+"""Folder of submitit's pickles and of the output of jobs."""
 _GIB = 2.0**30
 _OPTIONS: dict[str, Callable[[str], Any]] = {
     "time_min": int,
@@ -35,14 +35,14 @@ _SLURM = {
 
 
 class SlurmExecutor(Executor):
-    """A `submitit.AutoExecutor`, whose jobs are no futures, behind the interface of `concurrent.futures`.
+    """Executor on Slurm jobs: a `submitit.AutoExecutor` with the `concurrent.futures` interface.
 
     Parameters
     ----------
     executor : submitit.AutoExecutor
         With its parameters set.
     memory : float, optional
-        Bytes that each job may take.
+        Memory (bytes) of each job.
     """
 
     def __init__(self, executor: Any, memory: float | None = None) -> None:
@@ -53,7 +53,7 @@ class SlurmExecutor(Executor):
         self.memory = memory
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """A call as a job. The future raises `TaskLost` where the job ends without an answer."""
+        """Submit a call as a job. The future raises `TaskLost` if the job ends without a result."""
         future = Future[Any]()
         with self._lock:
             job = self._executor.submit(answer, sys.path, pickle.dumps((fn, args, kwargs)))
@@ -64,7 +64,7 @@ class SlurmExecutor(Executor):
 
     @contextmanager
     def batch(self) -> Iterator[None]:
-        """Calls submitted in here become one array of jobs."""
+        """Context manager: calls submitted inside become one job array."""
         with self._lock, self._executor.batch():
             yield
 
@@ -84,7 +84,15 @@ class SlurmExecutor(Executor):
                     self._jobs.remove(entry)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Look no more; with `wait` once all have ended, with `cancel_futures` the jobs that are left are cancelled."""
+        """Stop polling the jobs.
+
+        Parameters
+        ----------
+        wait : bool, optional
+            Whether to wait for all jobs.
+        cancel_futures : bool, optional
+            Whether to cancel unfinished jobs.
+        """
         with self._lock:
             left = list(self._jobs)
         for job, _, future in left:
@@ -97,7 +105,22 @@ class SlurmExecutor(Executor):
 
 
 def answer(path: list[str], sent: bytes) -> tuple[bool, Any]:
-    """In the job: whether it went well, and the result or the exception, of which submitit would leave only the text."""
+    """Compute a pickled call in a job; the exception itself is returned, of which submitit would keep only the text.
+
+    Parameters
+    ----------
+    path : list of str
+        `sys.path` of the submitting process.
+    sent : bytes
+        Pickled function, arguments and keyword arguments.
+
+    Returns
+    -------
+    well : bool
+        Whether the call succeeded.
+    what : object
+        Its result, or its exception.
+    """
     sys.path += [folder for folder in path if folder not in sys.path]
     try:
         fn, args, kwargs = pickle.loads(sent)
@@ -120,12 +143,12 @@ def _settle(job: Any, name: str, future: Future[Any]) -> None:
 
 
 def open_slurm(options: str) -> SlurmExecutor:
-    """Of the options of a command line, such as "time_min=120,mem_gb=16,partition=long,at_once=100".
+    """Executor from command-line options, such as "time_min=120,mem_gb=16,partition=long,at_once=100".
 
     Raises
     ------
     InputError
-        There is no `sbatch` here, or an option is none.
+        There is no `sbatch`, or an option is unknown.
     MissingExtra
         submitit is not installed.
     """

@@ -1,4 +1,4 @@
-"""What is computed, who computes it, and how it can be lost."""
+"""Tasks, their callback, and the error of a lost task."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from ngbrain.errors import SolverError
 from ngbrain.threads import threads
 
 Callback = Callable[..., Any]
-"""Called with how far a task is, in words of its own. The one that a task is given returns how many threads it may use from now on.
-"""
+"""Called with the progress of a task. The callback that a task is given returns the number of threads it may use from now on."""
 AnyExecutor = int | Executor | None
-"""Who computes: None this process, a number that many processes of this machine, or any executor."""
+"""None for this process, a number of processes of this machine, or any executor."""
 
 
 class Task(NamedTuple):
-    """A function to call, by a name that no other task has.
+    """A function to call, under a unique name.
 
-    Attributes
+    Parameters
     ----------
     name : str
-        Names the result, and the task in messages.
+        Name of the result, and of the task in messages.
     function : callable
-        Called as `function(*args, *results, callback=callback)`. Of a module, so that other processes find it.
-    args : tuple
-    needs : sequence of str
-        Names of tasks whose results it is called with; it begins when they have ended.
-    memory : float
-        Bytes that it will take, where that is known (`ngbrain.parallel.predicted_memory`).
+        Called as `function(*args, *results, callback=callback)`; a module-level function, so that other processes find it.
+    args : tuple, optional
+        Its arguments.
+    needs : sequence of str, optional
+        Names of tasks whose results are further arguments; the task starts when they have ended.
+    memory : float, optional
+        Predicted memory (bytes), see `ngbrain.parallel.predicted_memory`.
     """
 
     name: str
@@ -43,25 +43,47 @@ class Task(NamedTuple):
 
 
 class Store(Protocol):
-    """Keeps results of tasks from one run to the next."""
+    """Protocol of a store that keeps results of tasks between runs."""
 
     def key(self, function: Callable[..., Any], args: tuple[Any, ...]) -> str:
-        """Tells a call from every other."""
+        """Unique key of a call.
+
+        Parameters
+        ----------
+        function : callable
+            The function.
+        args : tuple
+            Its arguments.
+
+        Returns
+        -------
+        str
+        """
 
     def find(self, key: str) -> Any:
-        """The result; `KeyError` where there is none."""
+        """Look up a result; `KeyError` if there is none."""
 
     def keep(self, key: str, result: Any) -> None:
-        """Keep a result."""
+        """Store a result.
+
+        Parameters
+        ----------
+        key : str
+            Key of the call.
+        result : object
+            Its result.
+        """
 
 
 class TaskLost(SolverError):
-    """A task ended with its process, or for want of memory, which says nothing against the task itself.
+    """A task ended with its process or ran out of memory; the task itself may be correct.
 
-    Attributes
+    Parameters
     ----------
-    memory : bool
-        Whether memory was the reason, as far as can be known: it is tried again alone.
+    message : str, optional
+        What happened.
+    memory : bool, optional
+        Whether memory was the reason, as far as known: the task is then tried again alone.
     """
 
     def __init__(self, message: str = "", memory: bool = False) -> None:
@@ -73,7 +95,19 @@ class TaskLost(SolverError):
 
 
 def picklable_error(error: Exception, task: str) -> Exception:
-    """An exception that can be raised in another process, and says there where it came from."""
+    """Exception that can be raised in another process, with the original traceback as a note.
+
+    Parameters
+    ----------
+    error : Exception
+        The exception.
+    task : str
+        Name of the task.
+
+    Returns
+    -------
+    Exception
+    """
     if isinstance(error, MemoryError):
         return TaskLost(f"{task}: out of memory; fewer at once take less", memory=True)
     error.add_note("in another process:\n" + "".join(traceback.format_exception(error)))
@@ -86,15 +120,16 @@ def picklable_error(error: Exception, task: str) -> Exception:
 
 @contextmanager
 def share_threads(callback: Callback) -> Iterator[Callback]:
-    """Within a task: use its share of the threads, more once fewer tasks than threads are left; noticed when it tells.
+    """Context manager within a task: use its share of the threads, and more when other tasks end; updated at each call of the
+    callback.
 
-    NGSolve's task manager then adds up in another order, so that results differ by round-off from those of one thread. Only a
-    `ProcessExecutor` with threads to share gives a task more than one.
+    NGSolve's task manager then sums in another order, so that results differ by round-off from those on one thread. Only a
+    `ProcessExecutor` with shared threads gives a task more than one.
     """
     with ExitStack() as stack:
         used = 1
 
-        def told(*what: Any) -> None:
+        def report(*what: Any) -> None:
             nonlocal used
             share = callback(*what)
             if share != used:
@@ -102,4 +137,4 @@ def share_threads(callback: Callback) -> Iterator[Callback]:
                 stack.enter_context(threads(share))
                 used = share
 
-        yield told
+        yield report

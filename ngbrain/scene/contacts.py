@@ -8,7 +8,8 @@ from dataclasses import MISSING, dataclass
 from typing import TYPE_CHECKING, Any
 
 from ngbrain.scene.conditions import Given, depends_on_time
-from ngbrain.schema.document import Section, choice, formula, number, pattern
+from ngbrain.schema.document import Section
+from ngbrain.schema.fields import choice, formula, number, pattern
 from ngbrain.schema.formulas import FUNCTIONS, Formula
 
 if TYPE_CHECKING:
