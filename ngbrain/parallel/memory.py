@@ -15,7 +15,7 @@ _TABLE = Path(__file__).with_name("memory.json")
 
 @cache
 def memory_table() -> dict[str, dict[str, Any]]:
-    """Kind of work → unit of its size, base and factor (GiB), exponent, sizes measured, and largest relative error from 1 GiB on."""
+    """Kind of work → unit of its size, base and factor (GiB), exponent, sizes measured, largest relative error from 1 GiB on."""
     found: dict[str, dict[str, Any]] = json.loads(_TABLE.read_text())
     return found
 
