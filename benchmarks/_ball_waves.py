@@ -9,7 +9,7 @@ import numpy as np
 from netgen.csg import CSGeometry, OrthoBrick, Pnt
 
 from ngbrain.forward.common.interpolation import evaluation
-from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.inverse.problem.discretisation import Discretisation
 from ngbrain.inverse.problem.label_shares import combine_labels, label_shares
@@ -47,7 +47,7 @@ class BallInBlock:
         drives = [(1e-5 * ngs.z / self.side, 0, 0), (0, 1e-5 * (1 - ngs.x / self.side), 0.5e-5 * ngs.y / self.side)]
         loads = [Wave(self.hertz, {"all": drive}) for drive in drives]
         form = {"form": f"P{order}", "held": "all", "quadrature": order + 2}
-        body = Harmonic(mesh, Shearing(modulus), loads, bulk=BULK, **form)
+        body = HarmonicProblem(mesh, Shearing(modulus), loads, bulk=BULK, **form)
         line = np.linspace(0, self.side, round(self.side / spacing) + 1)
         points = np.array([[x, y, z] for z in line for y in line for x in line])
         observe = evaluation(ngs.H1(mesh, order=order), np.clip(points, 1e-9, self.side - 1e-9))

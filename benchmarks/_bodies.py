@@ -9,7 +9,7 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.forward.common.interpolation import evaluation
-from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.io.waves import WaveData
 from ngbrain.materials import Shearing, TransverselyIsotropic
@@ -47,7 +47,7 @@ def waves(
         law = TransverselyIsotropic(stiff, 0.5 + bump(ngs.x, ngs.y, ngs.exp), ngs.CF(0.3), fibre)
     loads = [Wave(50.0, {"top": (1e-5, 0)}), Wave(60.0, {"top": (0, 1e-5)})]
     loads += [Wave(40.0, {"top": (1e-5, 1e-5)})] if symmetry != "isotropic" else []
-    body = Harmonic(mesh, law, loads, bulk=bulk, form="P5/P4" if mixed else "P5", held="top")
+    body = HarmonicProblem(mesh, law, loads, bulk=bulk, form="P5/P4" if mixed else "P5", held="top")
     line = np.linspace(0, SIDE, n)
     points = np.column_stack([part.ravel() for part in np.meshgrid(line, line)])
     there = bump(*points.T)
@@ -67,7 +67,7 @@ def waves(
     )
 
 
-def sampled(body: Harmonic, points: np.ndarray) -> np.ndarray:
+def sampled(body: HarmonicProblem, points: np.ndarray) -> np.ndarray:
     """Its waves (loads, n, 2) at points."""
     at = evaluation(ngs.H1(body.mesh, order=body.form.order), points)
     waves = [(u.components[0] if body.mixed else u).vec.FV().NumPy() for u in body.solve()]

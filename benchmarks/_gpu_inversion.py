@@ -22,7 +22,7 @@ import numpy as np
 from _ball_waves import BallInBlock
 
 from ngbrain.adjoint.reduced import Reduced
-from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.sensitivity.harmonic.field_gradients import FieldGradient
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, WaveLinearisation
 from ngbrain.inverse.data.quality import noise_deviation
@@ -97,7 +97,7 @@ def timed(device: Device, clock: Clock) -> Device:
 def assembly(clock: Clock) -> Iterator[None]:
     """Count what is assembled inside."""
     with ExitStack() as stack:
-        for owner, name in ((Harmonic, "factorised"), (WaveLinearisation, "_sensitivity"), (FieldGradient, "__call__")):
+        for owner, name in ((HarmonicProblem, "factorised"), (WaveLinearisation, "_sensitivity"), (FieldGradient, "__call__")):
             stack.enter_context(patch.object(owner, name, clock.counting("assembly", getattr(owner, name))))
         yield
 

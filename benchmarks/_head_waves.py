@@ -11,7 +11,7 @@ import numpy as np
 from ngbrain.forward.common import interpolation as points
 from ngbrain.forward.common.interpolation import evaluation, inside, quadrature_field, quadrature_points
 from ngbrain.forward.harmonic import problem as harmonic
-from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.image import mni152
 from ngbrain.image.labelling import label_tissues
@@ -102,7 +102,7 @@ def waves_of_head(size: float, form: str, spacing: float, maps: tuple[str, str] 
         nod = (0, -NODDING * (ngs.z - HINGE[2]), NODDING * (ngs.y - HINGE[1]))
         loads = [Wave(FREQUENCY, {"skull": nod}), Wave(FREQUENCY, {"skull": (SIDEWAYS, 0, 0)})]
         law = Shearing(quadrature_field(space, modulus.real) + 1j * quadrature_field(space, modulus.imag))
-        body = Harmonic(mesh, law, loads, bulk=BULK, density=DENSITY, form=form, held="skull", quadrature=degree)
+        body = HarmonicProblem(mesh, law, loads, bulk=BULK, density=DENSITY, form=form, held="skull", quadrature=degree)
         x = _voxels(subject, mesh, spacing)
         observe = evaluation(ngs.H1(mesh, order=body.form.order), x)
         u = [(observe @ gfu.vec.FV().NumPy().reshape(3, -1).T) for gfu in body.solve()]

@@ -19,7 +19,7 @@ import numpy as np
 from _bodies import sampled
 from inversion_retraction import FINER, NOISE, noisy, observed, operation
 
-from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.io.waves import WaveData, write_waves
 from ngbrain.materials import Shearing
@@ -45,7 +45,7 @@ def waves_plane() -> WaveData:
 
     modulus = shear(ngs.x, ngs.y, ngs.exp)
     drives = [{"top": (1e-5, 0)}, {"top": (0, 1e-5)}]
-    body = Harmonic(
+    body = HarmonicProblem(
         square(side, 8e-3),
         Shearing(modulus),
         [Wave(hertz, drive) for drive in drives],
@@ -87,7 +87,7 @@ def waves_space() -> WaveData:
     for face, drive in (("bottom", (1e-5, 0, 0)), ("left", (0, 1e-5, 0))):
         load = Wave(hertz, {face: drive})
         law = Shearing(shear(away, ngs.exp))
-        (wave,) = Harmonic(mesh, law, [load], bulk=bulk, density=DENSITY, form="P4", held=face).solve()
+        (wave,) = HarmonicProblem(mesh, law, [load], bulk=bulk, density=DENSITY, form="P4", held=face).solve()
         waves.append(wave(at))
     return WaveData(
         points,
@@ -113,7 +113,7 @@ def ultrasound() -> WaveData:
         return 1e4 * (1 + 2 / (1 + exp((away - radius) / fade)))
 
     shear = youngs(ngs.x, ngs.y, ngs.exp, ngs.sqrt) / (2 * (1 + poisson))
-    body = Harmonic(
+    body = HarmonicProblem(
         square(side, 1.5e-3),
         Shearing(shear * (1 + 0j)),
         [Wave(0.0, {"top": (0, -0.01 * side)})],

@@ -27,7 +27,7 @@ from _front import figure
 from ngbrain import parallel
 from ngbrain.forward.common.interpolation import evaluation
 from ngbrain.forward.common.kinematics import AntiPlane
-from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.inverse.elastography.invert import invert
 from ngbrain.inverse.elastography.result import Inversion
@@ -53,7 +53,7 @@ def slice_of_waves() -> WaveData:
     for stiff, (x, y) in DISCS.items():
         ratio = ngs.IfPos(RADIUS**2 - (ngs.x - x) ** 2 - (ngs.y - y) ** 2, stiff, ratio)
     law = Shearing(ratio * G.real + 1j * (ratio * G.imag))
-    body = Harmonic(
+    body = HarmonicProblem(
         mesh,
         law,
         [Wave(50.0, {".*": (1e-5,)})],

@@ -21,7 +21,7 @@ import numpy as np
 from _command import main
 from _front import figure
 
-from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, WaveLinearisation, WaveModel
 from ngbrain.materials import Shearing, TransverselyIsotropic
@@ -54,7 +54,7 @@ def model(fields: str, form: str, n: int, loads: str, dim: int = 2) -> WaveModel
     first, second = ("top", "bottom") if dim == 2 else ("hull", "hull")
     driven = {first: (1e-3, 0, 0)[:dim]}, {second: (0, 1e-3, 0)[:dim]}
     waves = [Wave(f, held) for f, held in zip(LOADS[loads], driven, strict=False)]
-    body = Harmonic(mesh, law, waves, bulk=2e5, form=form)
+    body = HarmonicProblem(mesh, law, waves, bulk=2e5, form=form)
     inner = np.linspace(0.02, 0.98, POINTS if dim == 2 else 12) * SIDE
     return WaveModel(body, found, np.stack(np.meshgrid(*[inner] * dim), axis=-1).reshape(-1, dim))
 

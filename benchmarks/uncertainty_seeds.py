@@ -31,7 +31,7 @@ from scipy.special import ndtri
 
 from ngbrain import parallel
 from ngbrain.forward.common.interpolation import evaluation
-from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.inverse.elastography.invert import invert
 from ngbrain.inverse.phantoms.benchmark import Phantom
@@ -83,7 +83,9 @@ def block(
     drives = [(z, 1e-5 - z, x), (y, 1e-5 - x, 0.5 * y + 0.5 * x)]
     storage, loss = moduli(ngs.x, ngs.y, ngs.z, ngs.exp)
     waves = [Wave(60.0, {"all": drive}) for drive in drives]
-    body = Harmonic(mesh, Shearing(storage + 1j * loss), waves, bulk=BULK, form="P4", held="all", quadrature=order)
+    body = HarmonicProblem(
+        mesh, Shearing(storage + 1j * loss), waves, bulk=BULK, form="P4", held="all", quadrature=order
+    )
     line = np.linspace(0, side, round(side / spacing) + 1)
     points = np.array([[x, y, z] for z in line for y in line for x in line])
     observe = evaluation(ngs.H1(mesh, order=4), np.clip(points, 1e-9, side - 1e-9))

@@ -5,7 +5,7 @@ import numpy as np
 from netgen.csg import CSGeometry, OrthoBrick, Pnt
 
 from ngbrain.forward.common.interpolation import evaluation
-from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.inverse.problem.label_shares import combine_labels, label_shares
 from ngbrain.io.waves import WaveData
@@ -34,7 +34,9 @@ def wave_data():
         combine_labels(at, {"soft": ngs.CF(getattr(SOFT, k)), "stiff": ngs.CF(getattr(STIFF, k))})
         for k in ("real", "imag")
     ]
-    made = Harmonic(mesh, Shearing(parts[0] + 1j * parts[1]), WAVES, bulk=2e5, form="P4", held="all", quadrature=5)
+    made = HarmonicProblem(
+        mesh, Shearing(parts[0] + 1j * parts[1]), WAVES, bulk=2e5, form="P4", held="all", quadrature=5
+    )
     lines = [np.arange(SPACING / 2, side, SPACING) for side in SIDES]
     points = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3, order="F")
     observe = evaluation(ngs.H1(mesh, order=4), points)

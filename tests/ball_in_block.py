@@ -8,7 +8,7 @@ import numpy as np
 from netgen.csg import CSGeometry, OrthoBrick, Pnt
 
 from ngbrain.forward.common.interpolation import evaluation
-from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.inverse.problem.label_shares import combine_labels, label_shares
 from ngbrain.io.waves import WaveData
@@ -33,7 +33,7 @@ def label_at(x):
 
 
 def body(mesh, law, form="P3", degree=3):
-    return Harmonic(mesh, law, WAVES, bulk=2e5, form=form, held="all", quadrature=degree)
+    return HarmonicProblem(mesh, law, WAVES, bulk=2e5, form=form, held="all", quadrature=degree)
 
 
 @cache

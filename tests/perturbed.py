@@ -59,7 +59,7 @@ def perturb(seed: int) -> pytest.MonkeyPatch:
     from netgen import meshing
 
     from ngbrain.forward.contact.force_control import GivenForce
-    from ngbrain.forward.harmonic.problem import Harmonic
+    from ngbrain.forward.harmonic.problem import HarmonicProblem
     from ngbrain.forward.solid.inertia import GeneralizedAlpha
     from ngbrain.forward.solid.internal_variables import History
     from ngbrain.forward.solid.problem import Problem
@@ -97,7 +97,7 @@ def perturb(seed: int) -> pytest.MonkeyPatch:
     for owner, names, by in (
         (ngs.Mesh, ["__init__"], make),
         (Problem, ["load"], load),
-        (Harmonic, ["_prescribed", "pushed"], answer),
+        (HarmonicProblem, ["_prescribed", "pushed"], answer),
         (TimeStepper, ["_propose"], answer),
         (ToolMotion, ["at"], answer),
         (GivenForce, ["at"], answer),

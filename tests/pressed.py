@@ -9,7 +9,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from ngbrain.forward.common.interpolation import evaluation
-from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.io.waves import WaveData
 from ngbrain.materials import Shearing
@@ -57,7 +57,7 @@ def compression(shape, noise=1.5e-3, grain=(0.6, 0.4), seed=0):
     held = {name: "bottom|top" if name == "y" else "bottom" for name in "xyz"[: mesh.dim]}
     drive = (0, press, 0)[: mesh.dim]
     bulk = 2 * (1 + POISSON) / (3 * (1 - 2 * POISSON)) * shear
-    body = Harmonic(
+    body = HarmonicProblem(
         mesh, Shearing(shear * (1 + 0j)), [Wave(0.0, {"bottom": still, "top": drive})], bulk=bulk, form=form, held=held
     )
     (wave,) = body.solve()

@@ -13,7 +13,7 @@ sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
 
 from _bodies import sampled, waves
 
-from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.io.waves import WaveData
 from ngbrain.materials import Shearing
@@ -36,7 +36,7 @@ def pressed(poisson: float = 0.49, bulk: float | None = None, tilted: bool = Fal
     shear = stiffness(ngs.x, ngs.y, ngs.exp)
     squeezed = 2 * (1 + poisson) / (3 * (1 - 2 * poisson)) * shear if bulk is None else bulk
     loads = [Wave(0.0, {"top": (0, -4e-4)}), Wave(0.0, {"top": (0, -4e-4 * ngs.x / side)})][: 1 + tilted]
-    body = Harmonic(mesh, Shearing(shear * (1 + 0j)), loads, bulk=squeezed, form="P5/P4", held="top|bottom")
+    body = HarmonicProblem(mesh, Shearing(shear * (1 + 0j)), loads, bulk=squeezed, form="P5/P4", held="top|bottom")
     points = np.column_stack([part.ravel() for part in np.meshgrid(*[np.linspace(0, side, n)] * 2)])
     return WaveData(
         points,

@@ -13,7 +13,7 @@ from perturbed import DRAWN, moved
 
 from ngbrain import parallel
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import NeoHooke, Prony, Shearing
@@ -69,7 +69,9 @@ def of_times():
 
 def of_waves():
     mesh, ends = rectangles(np.linspace(0, 0.1, 3), np.linspace(0, 0.1, 3)), (1e-3, 3e-3)
-    body = Harmonic(mesh, Shearing(2000 + 800j), [Wave(50.0, {"top": ends})], bulk=2e5, held="top|bottom", form="Q1")
+    body = HarmonicProblem(
+        mesh, Shearing(2000 + 800j), [Wave(50.0, {"top": ends})], bulk=2e5, held="top|bottom", form="Q1"
+    )
     found = body.prescribed[0]
     return np.where(found.real > 2e-3, 3e-3, 1e-3)[found != 0], found[found != 0].real
 

@@ -5,7 +5,7 @@ import numpy as np
 from waves import cube, square
 
 from ngbrain.forward.common.kinematics import Axisymmetric
-from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.harmonic.wave import Absorbing, Wave
 from ngbrain.forward.sensitivity.harmonic.wave_model import WaveModel
 from ngbrain.materials import Shearing, TransverselyIsotropic
@@ -43,7 +43,7 @@ def model(kind="viscoelastic", form="P2", mesh=None, waves=WAVES, order=1, **opt
         a = (ngs.cos(30 * ngs.x), ngs.sin(30 * ngs.x), 0.3)
         three = mesh.dim == 3 or options.get("kinematics")
         law = TransverselyIsotropic(shear, fields["zeta"], fields["phi"], ngs.CF(a if three else a[:2]))
-    body = Harmonic(
+    body = HarmonicProblem(
         mesh,
         law,
         waves,

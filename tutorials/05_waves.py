@@ -17,7 +17,7 @@ import ngsolve as ngs
 import numpy as np
 from ngsolve.meshes import MakeStructured2DMesh
 
-from ngbrain.forward import Absorbing, Harmonic, LoadPath, Material, Problem, Wave, WaveModel
+from ngbrain.forward import Absorbing, HarmonicProblem, LoadPath, Material, Problem, Wave, WaveModel
 from ngbrain.materials import NeoHooke, Shearing, TransverselyIsotropic
 from ngbrain.materials.modulus import shear_wave
 
@@ -37,7 +37,9 @@ def slab(n, order, length=0.1, modulus=BRAIN, **options):
     """A strip of n elements, and its wave."""
     mesh = MakeStructured2DMesh(quads=True, nx=n, ny=1, mapping=lambda x, y: (length * x, length / n * y))
     held, wave = {"x": ".*", "y": "left|right"}, Wave(HERTZ, {"left": (0, 1e-3)})
-    body = Harmonic(mesh, Shearing(modulus), [wave], bulk=1e5, density=RHO, form=f"P{order}", held=held, **options)
+    body = HarmonicProblem(
+        mesh, Shearing(modulus), [wave], bulk=1e5, density=RHO, form=f"P{order}", held=held, **options
+    )
     return body, body.solve()[0]
 
 
@@ -90,7 +92,7 @@ stiff = slab(8, 6, modulus=2000.0)[0]
 print(f"without loss, nearest resonance: {100 * stiff.factorised().detuning(0):.1f} % off")
 mesh = MakeStructured2DMesh(quads=True, nx=8, ny=1, mapping=lambda x, y: (0.1 * x, 0.01 * y))
 held, driven = {"x": ".*", "y": "left"}, Wave(HERTZ, {"left": (0, 1e-3)})
-open_ = Harmonic(
+open_ = HarmonicProblem(
     mesh, Shearing(2000.0), [driven], bulk=1e5, form="P6", held=held, absorbing=[Absorbing("right", 2000.0, 1e5)]
 )
 leaving = 1e-3 * ngs.CF((0, ngs.exp(-1j * OMEGA * np.sqrt(RHO / 2000.0) * ngs.x)))
@@ -115,7 +117,7 @@ waves = [Wave(HERTZ, {"bottom": (1e-3, 0)}), Wave(HERTZ, {"bottom": (0, 1e-3)})]
 probe = (0.07, 0.06)
 for form in ("P1", "P2", "P3/P2", "P4/P3"):
     start = time.process_time()
-    body = Harmonic(mesh, Shearing(shear * (1 + 0.4j)), waves, bulk=2e9, form=form, held="bottom")
+    body = HarmonicProblem(mesh, Shearing(shear * (1 + 0.4j)), waves, bulk=2e9, form=form, held="bottom")
     solved = [wave.components[0] if body.mixed else wave for wave in body.solve()]
     there = solved[0](mesh(*probe))[0]
     print(f"{form:<6} {body.fes.ndof:6d} unknowns {time.process_time() - start:5.2f} s: {1e3 * there:.4f} mm")
@@ -144,7 +146,7 @@ plt.show()
 storage, loss = (ngs.GridFunction(ngs.H1(mesh, order=1)) for _ in range(2))
 storage.Set(2000.0)
 loss.Set(800.0)
-body = Harmonic(mesh, Shearing(storage + 1j * loss), waves, bulk=2e9, form="P3/P2", held="bottom")
+body = HarmonicProblem(mesh, Shearing(storage + 1j * loss), waves, bulk=2e9, form="P3/P2", held="bottom")
 points = np.column_stack([g.ravel() for g in np.meshgrid(*[np.linspace(0.01, 0.11, 21)] * 2)])
 model = WaveModel(body, {"storage": storage, "loss": loss}, points)
 at = model.evaluate(model.theta)
@@ -166,15 +168,15 @@ k = OMEGA * np.sqrt(RHO / fast)
 plane = MakeStructured2DMesh(quads=False, nx=6, ny=6, mapping=lambda x, y: (0.06 * x, 0.06 * y))
 running = 1e-3 * ngs.CF((0, ngs.exp(-1j * k * ngs.x)))  # along x, the fibre at 30° to it
 law = TransverselyIsotropic(mu, zeta, phi, (np.cos(theta), np.sin(theta)))
-body = Harmonic(plane, law, [Wave(HERTZ, {".*": running})], bulk=2e9, form="P5/P4")
+body = HarmonicProblem(plane, law, [Wave(HERTZ, {".*": running})], bulk=2e9, form="P5/P4")
 u = body.solve()[0].components[0]
 error = off(u, running)
 print(f"fast wave, {np.sqrt(fast / RHO):.3f} m/s: error {error:.1e}")
 
 # %% [markdown]
 # ## A stretched block
-# Waves of small amplitude feel how tissue is deformed. `Harmonic.about` takes a `Problem` in equilibrium: along the stretch λ of
-# a Neo-Hookean block in plane strain runs ρc² = μλ².
+# Waves of small amplitude feel how tissue is deformed. `HarmonicProblem.about` takes a `Problem` in equilibrium: along
+# the stretch λ of a Neo-Hookean block in plane strain runs ρc² = μλ².
 
 # %%
 stretch = 1.3
@@ -183,7 +185,7 @@ ends = {"left": (0, None), "right": ((stretch - 1) * 0.06, None), "bottom": (Non
 solid = Problem(block, {".*": Material(NeoHooke(2000.0), 2e9)}, ends, element="Q6/Q5")
 LoadPath(solid).solve()
 shaken = [Wave(HERTZ, {"left": (0, 1e-6)})]
-u = Harmonic.about(solid, shaken, loss=0.4, held={"x": ".*", "y": "left|right"}).solve()[0].components[0]
+u = HarmonicProblem.about(solid, shaken, loss=0.4, held={"x": ".*", "y": "left|right"}).solve()[0].components[0]
 k = OMEGA * np.sqrt(RHO / (2000 * (1 + 0.4j))) / stretch
 away = stretch * (0.06 - ngs.x)  # of the deformed right end
 stretched = off(u, ngs.CF((0, 1e-6 / np.sin(k * stretch * 0.06) * ngs.sin(k * away))))

@@ -18,7 +18,7 @@ import numpy as np
 
 import ngbrain
 from ngbrain.datasets import load_waves
-from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.inverse.data.direct_inversion import navier
 from ngbrain.inverse.data.outliers import remove_outliers
@@ -52,7 +52,7 @@ square.edges.name = "free"
 square.edges.Min(occ.Y).name = "bottom"
 mesh = ngs.Mesh(occ.OCCGeometry(square, dim=2).GenerateMesh(maxh=5e-3))
 G = shear(ngs.x, ngs.y, ngs.exp)
-body = Harmonic(
+body = HarmonicProblem(
     mesh,
     Shearing(G),
     [Wave(HERTZ, {"bottom": (0, 1e-5)}), Wave(HERTZ, {"bottom": (1e-5, 0)})],

@@ -274,12 +274,12 @@ class Derived:
     Examples
     --------
     >>> import ngsolve as ngs
-    >>> from ngbrain.forward import Harmonic, Wave, WaveModel
+    >>> from ngbrain.forward import HarmonicProblem, Wave, WaveModel
     >>> from ngbrain.materials import Shearing
     >>> from ngbrain.mesh.geometry.structured import rectangles
     >>> mesh = rectangles(np.linspace(0, 0.1, 6), np.linspace(0, 0.1, 6))
     >>> storage = ngs.GridFunction(ngs.H1(mesh, order=1)); storage.Set(2000.0)
-    >>> body = Harmonic(mesh, Shearing(storage * (1 + 0.2j)), [Wave(50.0, {"top": (1e-3, 0)})], bulk=1e5, form="P2")
+    >>> body = HarmonicProblem(mesh, Shearing(storage * (1 + 0.2j)), [Wave(50.0, {"top": (1e-3, 0)})], bulk=1e5, form="P2")
     >>> waves = WaveModel(body, {"storage": storage}, np.array([[0.03, 0.05]]))
     >>> there = Derived(waves, Amplitude()).evaluate(waves.theta)
     >>> there.data.shape, there.gradient(there.data).shape == waves.theta.shape

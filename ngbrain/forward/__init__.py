@@ -12,7 +12,7 @@ Solution
     For a loop of your own: `advance` makes one step from one `State` to the next under a `LoadProgram`; `newton_for` gives
     Newton's method with the settings that the element needs.
 Harmonic waves
-    `Harmonic` with `Wave` and `Absorbing` boundaries; `Harmonic.about` for small waves on a deformed body.
+    `HarmonicProblem` with `Wave` and `Absorbing` boundaries; `HarmonicProblem.about` for small waves on a deformed body.
 Differentiable models
     `StaticModel` of equilibria (`LoadCase`), `RunModel` of runs in time, `WaveModel` of harmonic waves.
 
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from ngbrain.forward.contact.force_control import GivenForce
     from ngbrain.forward.contact.friction import Friction
     from ngbrain.forward.contact.rigid import Closing, RigidContact, Sliding
-    from ngbrain.forward.harmonic.problem import Harmonic
+    from ngbrain.forward.harmonic.problem import HarmonicProblem
     from ngbrain.forward.harmonic.wave import Wave
     from ngbrain.forward.sensitivity.harmonic.wave_model import WaveModel
     from ngbrain.forward.sensitivity.static_model import LoadCase, StaticModel

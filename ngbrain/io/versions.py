@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import platform
 from importlib.metadata import version
 
@@ -10,3 +11,15 @@ def versions() -> dict[str, str]:
     """Versions of everything that numbers depend on."""
     packages = {name: version(name) for name in ("ngbrain", "ngsolve", "netgen-mesher", "numpy", "scipy", "h5py")}
     return {"python": platform.python_version(), **packages}
+
+
+def show_versions() -> None:
+    """Print the versions of everything that numbers depend on, the platform and the threads, as a report of a fault needs them.
+
+    >>> show_versions()  # doctest: +ELLIPSIS
+    python         ...
+    ngbrain        ...
+    """
+    rows = {**versions(), "platform": platform.platform(), "cores": str(os.cpu_count())}
+    for name, value in rows.items():
+        print(f"{name:<14} {value}")

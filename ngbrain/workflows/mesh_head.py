@@ -180,6 +180,63 @@ class Subject:
         return cls(labels, None, file.affine, (shape[0], shape[1], shape[2]), source, notes=notes)
 
 
+def mesh_head(
+    source: str | os.PathLike[str],
+    path: str | os.PathLike[str],
+    route: str = "hull",
+    *,
+    labels: bool | str | Mapping[int, str] = False,
+    structures: bool = False,
+    size: Graded | None = None,
+) -> HeadMesh:
+    """Mesh a head from a T1 or a label map and write the mesh, its labels and result.json, as `ngbrain mesh` does.
+
+    Parameters
+    ----------
+    source : path
+        A T1 (NIfTI, MGZ, a folder of DICOM), or a label map with `labels`.
+    path : path
+        Of the mesh: .vtkhdf, or a suffix of `ngbrain.io.exchange`.
+    route : {"hull", "lattice", "conforming"}
+        How labels become tetrahedra.
+    labels : bool, str or mapping
+        Whether `source` is a label map; a scheme (freesurfer, spm, ngbrain) or number → region says what its numbers mean.
+    structures : bool
+        Split the tissues of a T1 into structures (`grey_left`, `brain_stem`, …).
+    size : Graded, optional
+        Element sizes (m); by default those of the route.
+
+    Returns
+    -------
+    HeadMesh
+        The mesh, its regions' volumes and quality; reads as result.json does.
+
+    Raises
+    ------
+    InputError
+        For a file that is not what is wanted, or `structures` of a label map.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> ball = np.linalg.norm(np.indices((24, 24, 24)) - 12, axis=0) < 10
+    >>> grid = Volume(ball.astype(np.uint8), np.diag([5e-3, 5e-3, 5e-3, 1.0]))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_nifti(Path(folder) / "labels.nii.gz", grid)
+    ...     made = mesh_head(Path(folder) / "labels.nii.gz", Path(folder) / "head.vtkhdf", "lattice", labels={1: "grey"})
+    >>> sorted(made["regions"])
+    ['grey']
+    """
+    if labels and structures:
+        raise InputError("structures", "given with labels", "a T1 to find them in, or labels without it")
+    if labels:
+        named = None if labels is True else labels
+        subject = Subject.from_labels(source, named)
+    else:
+        subject = Subject.from_structures(source) if structures else Subject.from_scan(source)
+    return write_subject(subject, path, route, size)
+
+
 def write_subject(
     subject: Subject,
     path: str | os.PathLike[str],

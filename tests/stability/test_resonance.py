@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from waves import displacement, strip
 
-from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.materials import Shearing
 
@@ -24,7 +24,7 @@ def slab(omega, xi=0.0):
     """Driven on the left, clamped on the right."""
     wave = Wave(omega / (2 * np.pi), {"left": (0, 1.0)})
     held = {"x": ".*", "y": "left|right"}
-    return Harmonic(strip(12, LENGTH), Shearing(MODULUS * (1 + 2j * xi)), [wave], bulk=1e5, form="P5", held=held)
+    return HarmonicProblem(strip(12, LENGTH), Shearing(MODULUS * (1 + 2j * xi)), [wave], bulk=1e5, form="P5", held=held)
 
 
 def peak(omega, xi=0.0):

@@ -35,9 +35,9 @@ def errors(data):
 
 def test_naive_the_subtracted_mean_spoils_the_moduli(data, monkeypatch):
     def whole(*args, translation, **options):
-        return harmonic.Harmonic(*args, **options)
+        return harmonic.HarmonicProblem(*args, **options)
 
-    monkeypatch.setattr(wave_problem, "Harmonic", whole)
+    monkeypatch.setattr(wave_problem, "HarmonicProblem", whole)
     storage, loss = errors(data)
     print(storage, loss)
     assert max(storage, loss) > 0.15

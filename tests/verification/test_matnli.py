@@ -13,7 +13,7 @@ import ngsolve as ngs
 import numpy as np
 import pytest
 
-from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, WaveModel
 from ngbrain.materials import Shearing, TransverselyIsotropic
@@ -128,7 +128,7 @@ class Grid:
     def model(self, values, waves, held):
         for field, value, unit in zip(self.fields.values(), values, UNITS[len(values)], strict=True):
             field.vec.FV().NumPy()[:] = unit * np.asarray(value)
-        body = Harmonic(self.mesh, self.law, waves, held=held, bulk=self.bulk, form=self.form, quadrature=1)
+        body = HarmonicProblem(self.mesh, self.law, waves, held=held, bulk=self.bulk, form=self.form, quadrature=1)
         return WaveModel(body, self.fields, np.column_stack([self.x, self.y]) * MM)
 
     def data(self, held, driven):

@@ -8,7 +8,7 @@ import pytest
 from ngsolve.meshes import MakeStructured3DMesh
 
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.forward.sensitivity.harmonic.wave_model import WaveModel
 from ngbrain.forward.sensitivity.static_model import PrescribedDisplacement
@@ -41,7 +41,7 @@ def stretched(law, stretch, loss=ETA, frequency=FREQUENCY):
     points = np.array([(x, 0.4 * WIDTH, 0.7 * WIDTH) for x in PLACES])
     held = {"x": ".*", "y": "back|front", "z": ".*"}
     parameters = {"mu": mu, "front": PrescribedDisplacement(body, "front")}
-    return WaveModel(Harmonic.about(body, across, loss=loss, density=RHO, held=held), parameters, points)
+    return WaveModel(HarmonicProblem.about(body, across, loss=loss, density=RHO, held=held), parameters, points)
 
 
 def standing(modulus, stretch):

@@ -18,7 +18,7 @@ from ngbrain.solvers.device import PIVOTED, CpuFactor, Device, Factor
 from ngbrain.solvers.matrices import rows, to_scipy
 
 if TYPE_CHECKING:
-    from ngbrain.forward.harmonic.problem import Harmonic
+    from ngbrain.forward.harmonic.problem import HarmonicProblem
 
 Array = np.ndarray
 ROUGH = 1e-6
@@ -34,7 +34,7 @@ class Factorised:
     solves  where they and their back-substitutions are counted
     """
 
-    def __init__(self, body: Harmonic, solves: Solves | None = None) -> None:
+    def __init__(self, body: HarmonicProblem, solves: Solves | None = None) -> None:
         self.body, self.solves = body, Solves() if solves is None else solves
         matrices = body.matrices()
         self._matrices = {omega: matrices(omega) for omega in {wave.omega for wave in body.waves}}

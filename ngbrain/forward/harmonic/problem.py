@@ -8,7 +8,8 @@ W is a quadratic energy with complex moduli, written without conjugates: the mat
 the adjoint too. With motion through the plane (`AntiPlane`) u is one number and ∂W/∂ε:ε(v) = G ∇u·∇v. Nearly incompressible
 bodies take the pressure p as one more unknown, W = W_shape(ε) + p tr ε - p²/2K. ω = 0 is the quasi-static case.
 
-About the equilibrium of a deformed body (`Harmonic.about`) the matrix is the tangent of all that acts on it, see `about_state`.
+About the equilibrium of a deformed body (`HarmonicProblem.about`) the matrix is the tangent of all that acts on it, see
+`about_state`.
 """
 
 from __future__ import annotations
@@ -43,8 +44,8 @@ LawOfFrequency: TypeAlias = SmallStrainLaw | Callable[[float], SmallStrainLaw]
 """A law of ε with complex moduli, or a function that gives it for ω (rad/s)."""
 
 
-class Harmonic:
-    """A body in which waves are looked for: at rest, or with `Harmonic.about` about the equilibrium of a deformed one.
+class HarmonicProblem:
+    """A body in which waves are looked for: at rest, or with `HarmonicProblem.about` about the equilibrium of a deformed one.
 
     Parameters
     ----------
@@ -88,7 +89,7 @@ class Harmonic:
     >>> from ngbrain.materials import Shearing
     >>> from ngbrain.mesh.geometry.structured import rectangles
     >>> mesh = rectangles(np.linspace(0, 0.1, 9), np.linspace(0, 0.1, 9))
-    >>> body = Harmonic(mesh, Shearing(2000 + 800j), [Wave(50.0, {"top": (1e-3, 0)})], bulk=2e5, held="top|bottom")
+    >>> body = HarmonicProblem(mesh, Shearing(2000 + 800j), [Wave(50.0, {"top": (1e-3, 0)})], bulk=2e5, held="top|bottom")
     >>> u, = body.solve()
     >>> u(mesh(0.05, 0.1))[0]
     (0.001+0j)
@@ -149,7 +150,7 @@ class Harmonic:
         density: Value = 1000.0,
         held: str | Mapping[str, str] | None = None,
         device: Device = CPU,
-    ) -> Harmonic:
+    ) -> HarmonicProblem:
         """Small waves about the equilibrium that a body has when they are solved for (acoustoelasticity).
 
         Coordinates, points, densities and tractions are those of rest; contact is frozen as it is. A loss that depends on
@@ -187,7 +188,7 @@ class Harmonic:
         >>> mesh = rectangles(np.linspace(0, 0.1, 4), np.linspace(0, 0.1, 4))
         >>> body = Problem(mesh, {".*": Material(NeoHooke(2e3), 1e5)}, {"bottom": 0, "top": (0, -0.02)}, element="Q2/Q1")
         >>> record = LoadPath(body).solve()
-        >>> u, = Harmonic.about(body, [Wave(30.0, {"top": (1e-3, 0)})], loss=0.2).solve()
+        >>> u, = HarmonicProblem.about(body, [Wave(30.0, {"top": (1e-3, 0)})], loss=0.2).solve()
         >>> u.components[0](mesh(0.05, 0.1))[0]
         (0.001+0j)
         """
@@ -387,7 +388,7 @@ def _dirichlet(axes: Mapping[str, str]) -> dict[str, str]:
     return {f"dirichlet{axis}": pattern for axis, pattern in axes.items()}
 
 
-def _amplitudes(body: Harmonic) -> list[Array]:
+def _amplitudes(body: HarmonicProblem) -> list[Array]:
     """All unknowns of each wave."""
     factors = body.factorised()
     return [factors.driven(number, g) for number, g in enumerate(body.prescribed)]
@@ -396,4 +397,4 @@ def _amplitudes(body: Harmonic) -> list[Array]:
 def _solved(
     mesh: ngs.Mesh, law: LawOfFrequency, waves: Sequence[Wave], how: Mapping[str, Any], *, callback: parallel.Callback
 ) -> list[Array]:
-    return _amplitudes(Harmonic(mesh, law, waves, **how))
+    return _amplitudes(HarmonicProblem(mesh, law, waves, **how))

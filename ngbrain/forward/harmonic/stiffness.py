@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ngbrain.forward.common.kinematics import AntiPlane, PlaneStrain
-from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.materials.linear import SmallStrainLaw
 from ngbrain.solvers.matrices import to_ngsolve, to_scipy
 
@@ -18,7 +18,7 @@ NEARLY = 100.0
 """K/g at most: elements of low order are too stiff beyond."""
 
 
-def shear_stiffness(body: Harmonic, omega: float) -> ngs.CoefficientFunction:
+def shear_stiffness(body: HarmonicProblem, omega: float) -> ngs.CoefficientFunction:
     """g (Pa, complex): twice the energy of a unit shear, the mean over the planes that coordinates span."""
     law = law_of(body, omega)
     n = 2 if body.mesh.dim == 2 and isinstance(body.kinematics, PlaneStrain) else 3
@@ -31,7 +31,7 @@ def shear_stiffness(body: Harmonic, omega: float) -> ngs.CoefficientFunction:
     return total
 
 
-def law_of(body: Harmonic, omega: float) -> SmallStrainLaw:
+def law_of(body: HarmonicProblem, omega: float) -> SmallStrainLaw:
     """The law at an angular frequency (rad/s)."""
     return body.law if isinstance(body.law, SmallStrainLaw) else body.law(omega)
 
@@ -43,7 +43,7 @@ def unit(n: int, entry: tuple[int, int], value: float) -> ngs.CoefficientFunctio
     return ngs.CF(tuple(values.ravel()), dims=(n, n))
 
 
-def element_means(body: Harmonic, integrand: ngs.CoefficientFunction) -> ngs.GridFunction:
+def element_means(body: HarmonicProblem, integrand: ngs.CoefficientFunction) -> ngs.GridFunction:
     """Size of the mean over each element: enough to precondition with, and an integrand is evaluated once at each point."""
     space = ngs.L2(body.mesh, order=0, complex=True)
     sums, sizes = (ngs.LinearForm(space) for _ in range(2))
@@ -56,7 +56,7 @@ def element_means(body: Harmonic, integrand: ngs.CoefficientFunction) -> ngs.Gri
     return mean
 
 
-def elastic(body: Harmonic, load: int, order: int) -> sp.csr_array:
+def elastic(body: HarmonicProblem, load: int, order: int) -> sp.csr_array:
     """The matrix of 1/(ρω² V) ∫ K (tr ε)² + 2 g ε:ε dx for displacements of an order, V the volume of the body.
 
     At 0 Hz with the frequency of the slowest wave of shear that fits in.

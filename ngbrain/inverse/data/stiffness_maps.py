@@ -73,7 +73,7 @@ class StiffnessMap:
         )
 
     def quadrature_fields(self, mesh: ngs.Mesh, degree: int) -> tuple[ngs.GridFunction, ngs.GridFunction]:
-        """G' and G'' (Pa) at the points of a `Harmonic` with `quadrature=degree` on a mesh, for its integrals alone.
+        """G' and G'' (Pa) at the points of a `HarmonicProblem` with `quadrature=degree` on a mesh, for its integrals alone.
 
         Raises what `at` does.
         """

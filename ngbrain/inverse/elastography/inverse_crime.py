@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ngbrain.forward.common.elements import ElementPair
-from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.io.waves import WaveData
 
 ELEMENTS = {"q4": ElementPair.named("Q1"), "q4p0": ElementPair.named("Q1/L2(0)")}
@@ -13,7 +13,7 @@ CLOSE = 1e-9
 """Of the body's size: points that are the same."""
 
 
-def is_inverse_crime(data: WaveData, body: Harmonic) -> bool:
+def is_inverse_crime(data: WaveData, body: HarmonicProblem) -> bool:
     """Whether `data` say that they were computed with the elements of `body`, on its vertices; to be told with every answer.
 
     Without noise any method then fits to the last digit: an error says nothing of what data of a real wave would give.

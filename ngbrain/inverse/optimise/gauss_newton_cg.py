@@ -20,7 +20,7 @@ import numpy as np
 from ngbrain.adjoint.reduced import Point, Reduced
 from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError
-from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.sensitivity.harmonic.wave_model import WaveLinearisation
 from ngbrain.inverse.optimise.fingerprint import differing_parts, problem_fingerprint
 from ngbrain.inverse.optimise.gauss_newton import ROUNDS, GaussNewton, WaveInversionResult
@@ -234,7 +234,7 @@ class SolverCost:
         return self.factor_s + 2 * loads * (iterations + 1) * self.solve_s
 
 
-def estimate_solver_cost(body: Harmonic) -> SolverCost:
+def estimate_solver_cost(body: HarmonicProblem) -> SolverCost:
     """Cost of a body's factor, extrapolated from heads meshed with P2; right within a factor of two or three.
 
     Measured on one core: 20 million entries, 4.7 s and .13 s with 45 000 unknowns, 143 million, 81 s and .79 s with 131 000.
@@ -243,7 +243,7 @@ def estimate_solver_cost(body: Harmonic) -> SolverCost:
     >>> from ngbrain.materials import Shearing
     >>> from ngbrain.mesh.geometry.structured import rectangles
     >>> mesh = rectangles(np.linspace(0, 0.1, 4), np.linspace(0, 0.1, 4))
-    >>> estimate_solver_cost(Harmonic(mesh, Shearing(2000 + 800j), [Wave(50.0)], bulk=2e5, form="P2")).unknowns
+    >>> estimate_solver_cost(HarmonicProblem(mesh, Shearing(2000 + 800j), [Wave(50.0)], bulk=2e5, form="P2")).unknowns
     98
     """
     n = body.fes.ndof / 131e3

@@ -22,7 +22,7 @@ import scipy.sparse.linalg
 from ngbrain.adjoint.reduced import Point, Reduced
 from ngbrain.errors import SolverError
 from ngbrain.forward.common.interpolation import evaluation
-from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.harmonic.stiffness import definite, elastic, element_means, law_of, shear_stiffness, unit
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, WaveLinearisation, WaveModel
 from ngbrain.solvers.matrices import to_scipy
@@ -156,7 +156,7 @@ def _of_boundary(loads: list[Apply], inner: sp.csr_array) -> Apply:
 
 
 def stress_sensitivity_squared(
-    body: Harmonic, omega: float, u: ngs.GridFunction, field: ngs.GridFunction
+    body: HarmonicProblem, omega: float, u: ngs.GridFunction, field: ngs.GridFunction
 ) -> ngs.CoefficientFunction:
     """|∂σ/∂θ|² at a strain: of stress without change of volume, by differentiation of the energy."""
     displacement, _, gradient = body.split(u)
@@ -184,7 +184,7 @@ def _density(model: WaveModel, weight: Array) -> list[ngs.GridFunction]:
     return found
 
 
-def _assembled(space: ngs.FESpace, body: Harmonic, integrand: ngs.CoefficientFunction) -> sp.csr_array:
+def _assembled(space: ngs.FESpace, body: HarmonicProblem, integrand: ngs.CoefficientFunction) -> sp.csr_array:
     form = ngs.BilinearForm(space)
     form += integrand * ngs.dx(intrules=body.rules)
     form.Assemble()

@@ -18,7 +18,7 @@ import scipy.sparse.linalg
 
 from ngbrain.adjoint.reduced import Reduced, Regulariser
 from ngbrain.errors import InputError, SolverError, nearest
-from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, WaveModel
 from ngbrain.inverse.objective.misfit import LeastSquares
@@ -159,12 +159,14 @@ class _Square:
             angle = np.deg2rad(TI_ANGLE)
             fibre = np.cos(angle), np.sin(angle)
             law = TransverselyIsotropic(fields["mu"], fields["zeta"], fields["phi"], fibre)
-            body = Harmonic(self.mesh, law, waves, bulk=self.phantom.bulk, form="Q1", quadrature=1, device=device)
+            body = HarmonicProblem(
+                self.mesh, law, waves, bulk=self.phantom.bulk, form="Q1", quadrature=1, device=device
+            )
         else:
             shear = fields["youngs"] / (2 * (1 + nu)) if "youngs" in fields else fields["storage"] + 1j * fields["loss"]
             form = "Q1/L2(0)" if nu > NEARLY else "Q1"
             bulk = 2 * (1 + nu) / (3 * (1 - 2 * nu)) * shear
-            body = Harmonic(self.mesh, Shearing(shear), waves, bulk=bulk, form=form, quadrature=1, device=device)
+            body = HarmonicProblem(self.mesh, Shearing(shear), waves, bulk=bulk, form=form, quadrature=1, device=device)
         return WaveModel(body, fields, self.points)
 
 

@@ -45,9 +45,9 @@ class Discretisation:
     """Elements for wave data.
 
     mesh        in m
-    form        as `Harmonic` takes it
+    form        as `HarmonicProblem` takes it
     fields      order of the fields that are looked for
-    quadrature  as `Harmonic` takes it
+    quadrature  as `HarmonicProblem` takes it
     inside      (n,) bool, the points in the mesh
     nodal       whether the points are the mesh's vertices, one by one and in their order
     held        pattern of the boundaries that measured displacements drive; others are free of forces

@@ -23,7 +23,7 @@ Array = np.ndarray
 def label_shares(
     mesh: ngs.Mesh, degree: int, label_at: Callable[[Array], Array], names: Sequence[str]
 ) -> dict[str, ngs.GridFunction]:
-    """Name → s_l, at the quadrature points of a `Harmonic` with `quadrature=degree`; for use in its integrals alone.
+    """Name → s_l, at the quadrature points of a `HarmonicProblem` with `quadrature=degree`; for use in its integrals alone.
 
     label_at   points (n, dim) m → numbers (n,) from 0 on, indices into `names`
 

@@ -34,7 +34,7 @@ class VoxelLattice:
 
     planes  for each coordinate, growing (m)
     cells   (nx, ny, nz) or (nx, ny) bool, those between planes that count
-    form    of the elements, as `Harmonic` takes it
+    form    of the elements, as `HarmonicProblem` takes it
     """
 
     planes: tuple[Array, ...]

@@ -16,7 +16,7 @@ from scipy.spatial import KDTree
 from ngbrain.errors import InputError
 from ngbrain.forward.common.interpolation import evaluation
 from ngbrain.forward.common.kinematics import AntiPlane
-from ngbrain.forward.harmonic.problem import Harmonic, LawOfFrequency
+from ngbrain.forward.harmonic.problem import HarmonicProblem, LawOfFrequency
 from ngbrain.forward.harmonic.stiffness import definite, elastic
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, WaveModel
@@ -80,7 +80,7 @@ class ElastographyProblem:
         """Factor of the bulk modulus."""
         loads = [Wave(float(f)) for f in data.frequency]
         law, bulk = self._material()
-        self.body = Harmonic(
+        self.body = HarmonicProblem(
             elements.mesh,
             law,
             loads,

@@ -7,7 +7,7 @@
   with the loads.
 - `property_maps`: Measured maps of stiffness and of fibres, as fields over a body.
 - `section`: What a plane section, or a region of interest, of a scene's body does not have.
-- `waves`: What a model is of a body that is shaken: `Harmonic`, and the amplitudes that are asked for.
+- `waves`: What a model is of a body that is shaken: `HarmonicProblem`, and the amplitudes that are asked for.
 """
 
 __all__ = ["bodies", "contacts", "geometry", "motions", "property_maps", "section", "waves"]

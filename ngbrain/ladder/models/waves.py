@@ -1,4 +1,4 @@
-"""What a model is of a body that is shaken: `Harmonic`, and the amplitudes that are asked for."""
+"""What a model is of a body that is shaken: `HarmonicProblem`, and the amplitudes that are asked for."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.forward.observables.percentiles import weighted_percentile
 from ngbrain.ladder.levels import Model
@@ -62,7 +62,7 @@ def harmonic_answers(
     held = {axis: "|".join(g.boundary for g in given if axis in g.components) for axis in "xyz"}
     names = dict(zip("xy", "xz", strict=True)) if plane else dict(zip("xyz", "xyz", strict=True))
     course = PrescribedMotion(lambda _: (0.0, 1.0), plane)
-    body = Harmonic(
+    body = HarmonicProblem(
         mesh,
         Shearing(G),
         [
@@ -87,7 +87,7 @@ def _moved(course: PrescribedMotion, bc: DisplacementBC) -> tuple[Any, ...]:
     return tuple(0.0 if part is None else part for part in parts)
 
 
-def _amplitude(quantity: Quantity, body: Harmonic, gfu: ngs.GridFunction, thickness: float) -> float:
+def _amplitude(quantity: Quantity, body: HarmonicProblem, gfu: ngs.GridFunction, thickness: float) -> float:
     plane = body.mesh.dim == 2
     u = body.split(gfu)[0]
     if quantity.name == "displacement":
@@ -99,7 +99,7 @@ def _amplitude(quantity: Quantity, body: Harmonic, gfu: ngs.GridFunction, thickn
     return weighted_percentile(*_strains(quantity, body, u), quantity.percentile)
 
 
-def _force(quantity: Quantity, body: Harmonic, gfu: ngs.GridFunction) -> complex:
+def _force(quantity: Quantity, body: HarmonicProblem, gfu: ngs.GridFunction) -> complex:
     """The body's forces on a boundary, along the question's direction: its work for a motion of the boundary."""
     (wave,) = body.waves
     form = ngs.BilinearForm(body.fes)
@@ -115,7 +115,7 @@ def _force(quantity: Quantity, body: Harmonic, gfu: ngs.GridFunction) -> complex
     return complex(np.dot(motion.vec.FV().NumPy(), product.FV().NumPy()))
 
 
-def _strains(quantity: Quantity, body: Harmonic, u: ngs.CoefficientFunction) -> tuple[Array, Array]:
+def _strains(quantity: Quantity, body: HarmonicProblem, u: ngs.CoefficientFunction) -> tuple[Array, Array]:
     """Largest principal strains over a period at points, and the volumes that these stand for."""
     mesh = body.mesh
     points, weights = quadrature_in_region(mesh, quantity)

@@ -28,7 +28,7 @@ from scipy.ndimage import map_coordinates
 from ngbrain import parallel
 from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError, file_context, nearest
-from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.io.finished import FinishedWork
 from ngbrain.io.hdf5 import hdf5_image
@@ -124,7 +124,7 @@ def solve_displacement(
     spread = ngs.VoxelCoefficient((0, 0), (side, side), np.asarray(shear, complex), linear=True)
     bulk = 2 * (1 + poisson) / (3 * (1 - 2 * poisson)) * spread
     form = f"P{ORDER}/P{ORDER - 1}" if poisson > 0.45 else f"P{ORDER}"
-    body = Harmonic(
+    body = HarmonicProblem(
         mesh,
         Shearing(spread),
         [Wave(frequency, drive)],

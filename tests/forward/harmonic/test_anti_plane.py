@@ -8,7 +8,7 @@ from waves import number, square
 from ngbrain.adjoint.check import dot, taylor
 from ngbrain.errors import InputError
 from ngbrain.forward.common.kinematics import AntiPlane
-from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.harmonic.wave import Absorbing, Wave
 from ngbrain.forward.sensitivity.harmonic.wave_model import WaveModel
 from ngbrain.materials import Shearing
@@ -24,7 +24,7 @@ def plane_wave():
 
 def error(order, n=4):
     mesh, exact = square(n, SIDE), plane_wave()
-    body = Harmonic(
+    body = HarmonicProblem(
         mesh, Shearing(G), [Wave(FREQUENCY, {".*": exact})], form=f"P{order}", held=".*", kinematics=AntiPlane()
     )
     (u,) = body.solve()
@@ -43,10 +43,10 @@ def test_it_is_the_wave_through_a_slab_in_space():
     """The same waves in three dimensions, between rollers that let z alone move."""
     exact, mesh = plane_wave(), ngs.Mesh(_cube())
     still = ngs.CF((0, 0, exact))
-    body = Harmonic(mesh, Shearing(G), [Wave(FREQUENCY, {".*": still})], bulk=1e6, form="P3", held=".*")
+    body = HarmonicProblem(mesh, Shearing(G), [Wave(FREQUENCY, {".*": still})], bulk=1e6, form="P3", held=".*")
     (u,) = body.solve()
     flat = square(6, SIDE)
-    alone = Harmonic(flat, Shearing(G), [Wave(FREQUENCY, {".*": exact})], form="P3", kinematics=AntiPlane())
+    alone = HarmonicProblem(flat, Shearing(G), [Wave(FREQUENCY, {".*": exact})], form="P3", kinematics=AntiPlane())
     (w,) = alone.solve()
     for x, y in ((0.011, 0.02), (0.03, 0.041)):
         assert u(mesh(x, y, 0.005))[2] == pytest.approx(w(flat(x, y)), rel=1e-2)
@@ -68,7 +68,7 @@ def model(mesh, translation=False):
         fields[name].Set(value * (1 + 0.2 * ngs.sin(70 * ngs.x) * ngs.cos(50 * ngs.y)))
     modulus = fields["storage"] + 1j * fields["loss"]
     loads = [Wave(40.0, {"top": (1e-3,)}), Wave(80.0, {"bottom": (1e-3j,)})]
-    body = Harmonic(
+    body = HarmonicProblem(
         mesh,
         lambda omega: Shearing(modulus * (1.0 if omega < 300 else ngs.exp(fields["exponent"] * np.log(2.0)))),
         loads,
@@ -107,7 +107,9 @@ def test_a_translation_is_what_u_leaves_out_of_the_inertia():
     """What is left of a wave when a number is subtracted solves the problem whose body moves by that number."""
     mesh, shift = square(3, SIDE), 3e-6 - 2e-6j
     whole, rest = (
-        Harmonic(mesh, Shearing(G), [Wave(FREQUENCY, {".*": u})], form="P3", kinematics=AntiPlane(), translation=moves)
+        HarmonicProblem(
+            mesh, Shearing(G), [Wave(FREQUENCY, {".*": u})], form="P3", kinematics=AntiPlane(), translation=moves
+        )
         for u, moves in ((plane_wave(), False), (plane_wave() - shift, True))
     )
     (u,) = whole.solve()
@@ -118,13 +120,13 @@ def test_a_translation_is_what_u_leaves_out_of_the_inertia():
     constant.Set(shift)
     assert np.allclose(left, u.vec.FV().NumPy() - constant.vec.FV().NumPy(), atol=1e-12)
     with pytest.raises(InputError, match="translation is True; wanted: False but with motion through the plane"):
-        Harmonic(mesh, Shearing(G), [Wave(FREQUENCY)], bulk=1e5, translation=True)
+        HarmonicProblem(mesh, Shearing(G), [Wave(FREQUENCY)], bulk=1e5, translation=True)
 
 
 def test_volume_does_not_change_so_that_nothing_of_it_is_taken():
     mesh = square(2, SIDE)
     for more in ({"bulk": 1e5}, {"bulk": 1e5, "form": "P2/P1"}):
         with pytest.raises(InputError, match="changes no volume"):
-            Harmonic(mesh, Shearing(G), [Wave(FREQUENCY)], kinematics=AntiPlane(), **more)
+            HarmonicProblem(mesh, Shearing(G), [Wave(FREQUENCY)], kinematics=AntiPlane(), **more)
     with pytest.raises(InputError, match="a vector of 2 components; wanted: 1"):
-        Harmonic(mesh, Shearing(G), [Wave(FREQUENCY, {"top": (1, 0)})], kinematics=AntiPlane())
+        HarmonicProblem(mesh, Shearing(G), [Wave(FREQUENCY, {"top": (1, 0)})], kinematics=AntiPlane())

@@ -10,7 +10,7 @@ from waves import cube, square, strip
 from ngbrain.errors import InputError, SolverError
 from ngbrain.forward.common.kinematics import Axisymmetric
 from ngbrain.forward.harmonic import factors
-from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.harmonic.wave import Absorbing, Wave
 from ngbrain.materials import NeoHooke, Shearing, TransverselyIsotropic
 from ngbrain.mesh.geometry.structured import rectangles
@@ -20,7 +20,7 @@ LAW, PUSHED = Shearing(2000 + 800j), Wave(50.0, {"top": (1e-3, 0)})
 
 
 def body(law=LAW, waves=(PUSHED,), mesh=None, **options):
-    return Harmonic(mesh or square(2), law, waves, **({"bulk": 1e5, "form": "P2"} | options))
+    return HarmonicProblem(mesh or square(2), law, waves, **({"bulk": 1e5, "form": "P2"} | options))
 
 
 REFUSED = {
@@ -148,11 +148,13 @@ def test_frequencies_side_by_side_are_the_same_to_the_last_bit(caplog):
     waves = [
         Wave(f, {"top": (a, 0)}, force=(0, 1j)) for f, a in ((60.0, 1e-3), (40.0, 2e-3), (60.0, 1e-3j), (0.0, 1e-3))
     ]
-    body = Harmonic(mesh, Shearing(stiff * (1 + 0.3j)), waves, bulk=1e7, form="P3/P2", held="top|bottom")
+    body = HarmonicProblem(mesh, Shearing(stiff * (1 + 0.3j)), waves, bulk=1e7, form="P3/P2", held="top|bottom")
     alone, both = body.solve(), body.solve(executor=2)
     for one, other in zip(alone, both, strict=True):
         np.testing.assert_array_equal(other.vec.FV().NumPy(), one.vec.FV().NumPy())
     assert len({complex(u.components[0](mesh(0.05, 0.03))[0]) for u in both}) == 4  # each in its place
-    by_law = Harmonic(mesh, lambda omega: Shearing(stiff * (1 + 1e-3j * omega)), waves, form="P2", held="top|bottom")
+    by_law = HarmonicProblem(
+        mesh, lambda omega: Shearing(stiff * (1 + 1e-3j * omega)), waves, form="P2", held="top|bottom"
+    )
     assert len(by_law.solve(executor=2)) == 4
     assert caplog.text.count("in this process") == 1  # a law that no pickle holds

@@ -10,7 +10,7 @@ from waves import square
 
 from ngbrain.errors import InputError
 from ngbrain.forward.common.kinematics import AntiPlane
-from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.inverse.data.direct_inversion import uniform_modulus
 from ngbrain.inverse.elastography.invert import invert
@@ -42,7 +42,9 @@ def inclusion(ratio):
     modulus = ngs.IfPos((7.5e-3) ** 2 - away, ratio, 1.0)
     modulus = G.real * modulus + 1j * (G.imag * modulus)
     loads = [Wave(60.0, {"left|top": (1e-5,)}), Wave(60.0, {"bottom": (1e-5,), "left": (-1e-5,)})]
-    body = Harmonic(mesh, Shearing(modulus), loads, form="P4", held="left|bottom|top|right", kinematics=AntiPlane())
+    body = HarmonicProblem(
+        mesh, Shearing(modulus), loads, form="P4", held="left|bottom|top|right", kinematics=AntiPlane()
+    )
     line = np.linspace(1e-9, SIDE - 1e-9, n)
     points = np.array([[x, y] for y in line for x in line])
     u = np.array([wave(mesh(*points.T)).reshape(-1, 1) for wave in body.solve()])

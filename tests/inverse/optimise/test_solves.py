@@ -5,7 +5,7 @@ import pytest
 from planewaves import RHO, grid, shear_waves
 from waves import square
 
-from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.inverse.elastography.invert import invert
 from ngbrain.inverse.elastography.invert_3d import invert_in_space
@@ -109,7 +109,7 @@ def test_every_solve_is_counted(way, asked):
 
 def test_refinements_are_counted_too(asked):
     """Of discontinuous pressures at K/μ = 10⁸, whose first solution leaves too much, and its adjoint likewise."""
-    body = Harmonic(square(4), Shearing(2000.0), [Wave(50.0, {"top": (1e-3, 0)})], bulk=2e11, form="P4/L2(2)")
+    body = HarmonicProblem(square(4), Shearing(2000.0), [Wave(50.0, {"top": (1e-3, 0)})], bulk=2e11, form="P4/L2(2)")
     factors = body.factorised()
     factors.driven(0, body.prescribed[0])
     assert factors.improved and asked.made == factors.solves.factorisations

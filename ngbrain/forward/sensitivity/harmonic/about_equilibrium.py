@@ -14,7 +14,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ngbrain.forward.harmonic.about_state import AboutState
-from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.observables.points import SolutionUnknowns
 from ngbrain.forward.sensitivity.harmonic.state_work import StateWork
 from ngbrain.forward.sensitivity.parameter_blocks import Parameter
@@ -30,7 +30,7 @@ class AboutEquilibrium:
     parameters  as in `StaticModel`; loss and density may be made of them too
     """
 
-    def __init__(self, body: Harmonic, parameters: Mapping[str, Parameter], newton: Newton | None, steps: int) -> None:
+    def __init__(self, body: HarmonicProblem, parameters: Mapping[str, Parameter], newton: Newton | None, steps: int) -> None:
         state = body.state
         assert isinstance(state, AboutState)
         self.body = body

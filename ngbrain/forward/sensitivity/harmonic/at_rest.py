@@ -13,7 +13,7 @@ import scipy.sparse as sp
 from ngbrain.errors import InputError
 from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.forward.harmonic.integrands import complexified
-from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.sensitivity.harmonic.field_gradients import (
     FieldGradient,
     Pair,
@@ -32,7 +32,7 @@ class AtRest:
     fields  name → real GridFunction
     """
 
-    def __init__(self, body: Harmonic, fields: Mapping[str, Any]) -> None:
+    def __init__(self, body: HarmonicProblem, fields: Mapping[str, Any]) -> None:
         for name, field in fields.items():
             if not isinstance(field, ngs.GridFunction):
                 raise InputError(f"parameters.{name}", type(field).__name__, "a GridFunction, of a body at rest")

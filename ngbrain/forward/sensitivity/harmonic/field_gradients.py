@@ -9,7 +9,7 @@ import numpy as np
 from ngsolve import CoefficientFunction
 
 from ngbrain.forward.harmonic.integrands import Change, complexified, derivative, vanishes
-from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.problem import HarmonicProblem
 
 Array = np.ndarray
 Pair = tuple[Array, Array]
@@ -32,7 +32,7 @@ class FieldGradient:
 
     def __init__(
         self,
-        body: Harmonic,
+        body: HarmonicProblem,
         omega: float,
         field: ngs.GridFunction,
         pairs: int,
@@ -63,7 +63,7 @@ class FieldGradient:
 
 
 def proportional_fields(
-    body: Harmonic, fields: Mapping[str, ngs.GridFunction], omega: float
+    body: HarmonicProblem, fields: Mapping[str, ngs.GridFunction], omega: float
 ) -> dict[str, tuple[str, complex]]:
     """Field → the first one, and the r, with ∂A/∂field = r ∂A/∂first whatever the fields are; else itself and 1.
 
@@ -77,7 +77,7 @@ def proportional_fields(
     >>> storage, loss = ngs.GridFunction(ngs.H1(mesh)), ngs.GridFunction(ngs.H1(mesh))
     >>> storage.Set(2000.0), loss.Set(800.0)
     (None, None)
-    >>> body = Harmonic(mesh, Shearing(storage + 1j * loss), [Wave(50.0)], bulk=1e5, form="P2")
+    >>> body = HarmonicProblem(mesh, Shearing(storage + 1j * loss), [Wave(50.0)], bulk=1e5, form="P2")
     >>> found = proportional_fields(body, {"storage": storage, "loss": loss}, body.waves[0].omega)
     >>> [(first, complex(np.round(r, 6))) for first, r in found.values()]
     [('storage', (1+0j)), ('storage', 1j)]
@@ -102,7 +102,7 @@ def proportional_fields(
     return found
 
 
-def _tried(body: Harmonic, fields: Mapping[str, ngs.GridFunction], omega: float) -> dict[str, Array]:
+def _tried(body: HarmonicProblem, fields: Mapping[str, ngs.GridFunction], omega: float) -> dict[str, Array]:
     rng = np.random.default_rng(0)
     kept = {name: field.vec.FV().NumPy().copy() for name, field in fields.items()}
     parts: dict[str, list[Array]] = {name: [] for name in fields}
@@ -127,5 +127,5 @@ def _changed(values: Array, rng: np.random.Generator) -> Array:
     )
 
 
-def _random(body: Harmonic, rng: np.random.Generator) -> Array:
+def _random(body: HarmonicProblem, rng: np.random.Generator) -> Array:
     return np.asarray(rng.normal(size=body.fes.ndof) + 1j * rng.normal(size=body.fes.ndof))

@@ -14,7 +14,7 @@ import numpy as np
 from ngsolve import CoefficientFunction
 
 from ngbrain.forward.harmonic.integrands import Change, vanishes
-from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.sensitivity.harmonic.field_gradients import FieldGradient, Pair, derivative_operator
 
 Array = np.ndarray
@@ -23,7 +23,7 @@ Array = np.ndarray
 class MatrixDerivative:
     """A' of a body, and the slopes of A', along the direction that was last given to `set_direction`. Forms are made once."""
 
-    def __init__(self, body: Harmonic, fields: Mapping[str, ngs.GridFunction]) -> None:
+    def __init__(self, body: HarmonicProblem, fields: Mapping[str, ngs.GridFunction]) -> None:
         self._body, self._fields = body, fields
         self._directions = {name: ngs.GridFunction(field.space) for name, field in fields.items()}
         self._turn = _directional(fields, self._directions)

@@ -22,7 +22,7 @@ import scipy.sparse as sp
 from ngbrain.errors import ConvergenceError, InputError, check_shape
 from ngbrain.forward.common.interpolation import evaluation
 from ngbrain.forward.harmonic.factors import Factorised
-from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.sensitivity.harmonic.at_rest import AtRest
 from ngbrain.forward.sensitivity.harmonic.medium import Medium
 from ngbrain.forward.sensitivity.parameter_blocks import Parameter, block_slices
@@ -38,7 +38,7 @@ class WaveModel:
 
     Parameters
     ----------
-    body : Harmonic
+    body : HarmonicProblem
         At rest or about the equilibrium of a deformed body.
     parameters : dict
         Name → what is θ, one after the other, then the block `boundary`. At rest real GridFunctions that the law is made of; of
@@ -62,7 +62,7 @@ class WaveModel:
     >>> from ngbrain.mesh.geometry.structured import rectangles
     >>> mesh = rectangles(np.linspace(0, 0.1, 6), np.linspace(0, 0.1, 6))
     >>> storage = ngs.GridFunction(ngs.H1(mesh, order=1)); storage.Set(2000.0)
-    >>> body = Harmonic(mesh, Shearing(storage * (1 + 0.2j)), [Wave(50.0, {"top": (1e-3, 0)})], bulk=1e5, form="P2")
+    >>> body = HarmonicProblem(mesh, Shearing(storage * (1 + 0.2j)), [Wave(50.0, {"top": (1e-3, 0)})], bulk=1e5, form="P2")
     >>> model = WaveModel(body, {"storage": storage}, np.array([[0.05, 0.05]]))
     >>> model.evaluate(model.theta).data.shape
     (1, 1, 2)
@@ -70,7 +70,7 @@ class WaveModel:
 
     def __init__(
         self,
-        body: Harmonic,
+        body: HarmonicProblem,
         parameters: Mapping[str, Parameter],
         points: Array,
         newton: Newton | None = None,
@@ -235,7 +235,7 @@ class WaveLinearisation:
         return np.concatenate([part for _, rest in adjoints for part in (rest.real, -rest.imag)])
 
 
-def _medium(body: Harmonic, parameters: Mapping[str, Parameter], newton: Newton | None, steps: int) -> Medium:
+def _medium(body: HarmonicProblem, parameters: Mapping[str, Parameter], newton: Newton | None, steps: int) -> Medium:
     if body.state is None:
         return AtRest(body, parameters)
     from ngbrain.forward.sensitivity.harmonic.about_equilibrium import AboutEquilibrium

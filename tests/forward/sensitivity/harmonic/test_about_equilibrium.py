@@ -1,4 +1,4 @@
-"""Waves in bodies that are deformed already: at rest those of `Harmonic`, and Taylor rates of all that they depend on."""
+"""Waves in bodies that are deformed already: at rest those of `HarmonicProblem`, and Taylor rates of all that they depend on."""
 
 import ngsolve as ngs
 import numpy as np
@@ -15,7 +15,7 @@ from ngbrain.forward.common.kinematics import Axisymmetric
 from ngbrain.forward.common.loads import CavityVolume, PressureLoad, TractionLoad, Weight
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.rigid import RigidContact
-from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, WaveModel
 from ngbrain.forward.sensitivity.static_model import NodePositions, PrescribedDisplacement
@@ -63,7 +63,7 @@ def model(law=ogden, form="P2/P1", load=TractionLoad, mesh=None, held=None, node
     body = Problem(mesh, {".*": Material(law(parameter), bulk)}, {"bottom": 0, "top": down}, [acting], element=form)
     parameters["top"] = PrescribedDisplacement(body, "top")
     loss, rho = parameter("loss", 0.2), parameter("rho", 1e3)
-    about = Harmonic.about(body, waves(mesh.dim), loss=loss, density=rho, held=held)
+    about = HarmonicProblem.about(body, waves(mesh.dim), loss=loss, density=rho, held=held)
     return WaveModel(about, parameters, POINTS[:, : mesh.dim], tight(body))
 
 
@@ -151,7 +151,7 @@ def test_around_an_axis(rng):
     rollers = {"bottom": (None, 0), "left": (0, None), "top": (None, 0)}
     sinking, around = [Weight((0.0, -2e3))], Axisymmetric()
     body = Problem(mesh, {".*": Material(NeoHooke(mu), 5e4)}, rollers, sinking, element="P2/P1", kinematics=around)
-    about = Harmonic.about(body, [Wave(20.0, {"top": (0, 1e-6)})], loss=0.1)
+    about = HarmonicProblem.about(body, [Wave(20.0, {"top": (0, 1e-6)})], loss=0.1)
     verify(WaveModel(about, {"mu": mu}, POINTS[:, :2]), rng)
 
 
@@ -173,7 +173,7 @@ def test_a_cavity_keeps_its_volume(rng):
     )
     swinging = [Wave(20.0, {"right": (1e-6, 5e-7j)})]
     held = {"x": "top|right", "y": "bottom|right"}
-    of = WaveModel(Harmonic.about(body, swinging, loss=0.1, held=held), {"mu": mu}, SIDE * np.array([[0.25, 0.25]]))
+    of = WaveModel(HarmonicProblem.about(body, swinging, loss=0.1, held=held), {"mu": mu}, SIDE * np.array([[0.25, 0.25]]))
     verify(of, rng)
     assert abs(of.evaluate(of.theta).waves[0, -1]) > 0
 
@@ -183,9 +183,9 @@ def test_at_rest_they_are_harmonic_waves(form):
     mesh = square(3, size=SIDE)
     mu = field(mesh, 2e3)
     body = Problem(mesh, {".*": Material(NeoHooke(mu), 1e4)}, {"bottom": 0, "top": 0}, element=form)
-    rest = Harmonic.about(body, waves(), loss=0.3, density=1100.0).solve()
+    rest = HarmonicProblem.about(body, waves(), loss=0.3, density=1100.0).solve()
     settings = {"bulk": 1e4, "density": 1100.0, "form": form, "held": "bottom|top"}
-    harmonic = Harmonic(mesh, Shearing(mu * (1 + 0.3j)), waves(), **settings).solve()
+    harmonic = HarmonicProblem(mesh, Shearing(mu * (1 + 0.3j)), waves(), **settings).solve()
     for found, wanted in zip(rest, harmonic, strict=True):
         found, wanted = found.vec.FV().NumPy()[: len(body.held)], wanted.vec.FV().NumPy()[: len(body.held)]
         assert np.abs(found - wanted).max() < 1e-9 * np.abs(wanted).max()
@@ -280,13 +280,13 @@ def test_what_makes_no_sense(changes, named):
     body = Problem(mesh, {".*": Material(NeoHooke(1e3), 5e4)}, {"bottom": 0, "top": (0, -0.01)}, element="P2/P1")
     given = {"body": body, "waves": waves()} | changes
     with pytest.raises(InputError, match=f"^{named} is"):
-        Harmonic.about(**given)
+        HarmonicProblem.about(**given)
 
 
 def test_a_pressure_that_follows_is_refused_by_a_gpu():
     of = model(neo_hooke, load=PressureLoad, held="top").body
     with pytest.raises(InputError, match="follows"):
-        Harmonic.about(of.state.body, of.waves, device=Device("cuda", CPU.make))
+        HarmonicProblem.about(of.state.body, of.waves, device=Device("cuda", CPU.make))
 
 
 @pytest.mark.parametrize("load", [TractionLoad, PressureLoad])
@@ -294,7 +294,7 @@ def test_a_resonance_without_loss_is_said(load):
     """A body that nothing holds, pushed evenly."""
     of = model(neo_hooke, load=load).body
     with pytest.raises(SolverError, match="resonance"):
-        Harmonic.about(of.state.body, [Wave(0.0, traction={"top": (1.0, 0)})], held={}).solve()
+        HarmonicProblem.about(of.state.body, [Wave(0.0, traction={"top": (1.0, 0)})], held={}).solve()
 
 
 @pytest.mark.parametrize("form", ["P2", "P2/P1"])
@@ -309,11 +309,11 @@ def test_a_small_traction_at_rest_is_a_little_more_load(form):
         body.changed()
         LoadPath(body).solve(newton=tight(body))
         equilibria.append(body.x)
-    found = Harmonic.about(body, [Wave(0.0, traction={"right": (2.0, 0.0)})]).solve()[0].vec.FV().NumPy()
+    found = HarmonicProblem.about(body, [Wave(0.0, traction={"right": (2.0, 0.0)})]).solve()[0].vec.FV().NumPy()
     wanted = equilibria[1] - equilibria[0]
     n = len(body.held)
     assert np.abs(found[:n] - wanted[:n]).max() < 1e-5 * np.abs(wanted[:n]).max()
-    rest = Harmonic(
+    rest = HarmonicProblem(
         mesh, Shearing(1e3), [Wave(0.0, traction={"right": (2.0, 0.0)})], bulk=4e3, form=form, held="bottom"
     )
     assert np.abs(rest.solve()[0].vec.FV().NumPy()[:n] - wanted[:n]).max() > 0.05 * np.abs(wanted[:n]).max()
@@ -333,14 +333,14 @@ def test_waves_in_a_body_in_contact_have_their_rates(rng):
     """The contact is frozen: it resists what presses on the plate, as its tangent says."""
     body, parameters = pressed_by_a_plate()
     still = [Wave(30.0, {"bottom": (1e-6, 2e-7j)})]
-    of = WaveModel(Harmonic.about(body, still, loss=0.2), parameters, POINTS[:, :2], tight(body))
+    of = WaveModel(HarmonicProblem.about(body, still, loss=0.2), parameters, POINTS[:, :2], tight(body))
     verify(of, rng)
 
 
 def test_at_rest_they_are_how_its_equilibrium_changes():
     body, parameters = pressed_by_a_plate()
     move = 1e-7
-    of = WaveModel(Harmonic.about(body, [Wave(1e-3, {"bottom": (move, 0)})]), parameters, POINTS[:, :2], tight(body))
+    of = WaveModel(HarmonicProblem.about(body, [Wave(1e-3, {"bottom": (move, 0)})]), parameters, POINTS[:, :2], tight(body))
     found = of.evaluate(of.theta).data.real[0]
     states = []
     for share in (0.0, 1e3):  # by as much more
@@ -354,6 +354,6 @@ def test_at_rest_they_are_how_its_equilibrium_changes():
     wanted = (states[1] - states[0]) / 1e3
     assert found == pytest.approx(wanted, abs=0.02 * np.abs(wanted).max())
     free, _ = pressed_by_a_plate(depth=-1e-3)  # a plate that does not touch lets all of it go along
-    gone = WaveModel(Harmonic.about(free, [Wave(1e-3, {"bottom": (move, 0)})]), {"mu": parameters["mu"]}, POINTS[:, :2])
+    gone = WaveModel(HarmonicProblem.about(free, [Wave(1e-3, {"bottom": (move, 0)})]), {"mu": parameters["mu"]}, POINTS[:, :2])
     assert gone.evaluate(gone.theta).data.real[0][:, 0] == pytest.approx(move, rel=1e-6)
     assert np.abs(found[:, 0] - move).max() > 0.1 * move

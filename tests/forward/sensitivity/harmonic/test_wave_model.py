@@ -11,7 +11,7 @@ from waves import square
 from ngbrain.adjoint.check import dot, taylor
 from ngbrain.errors import ConvergenceError, InputError
 from ngbrain.forward.harmonic.factors import Factorised
-from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.harmonic.wave import Absorbing
 from ngbrain.forward.sensitivity.harmonic import wave_model as sensitivity
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, WaveLinearisation, WaveModel
@@ -56,7 +56,7 @@ def test_absorbing_edges_of_fields(rng):
     mesh = square(3, SIDE)
     storage = field(mesh, "storage")
     law, edge = Shearing(storage * (1 + 0.3j)), Absorbing("left|right", storage * (1 + 0.3j), 1e4)
-    body = Harmonic(mesh, law, WAVES, bulk=9e3, form="P2", held="bottom|top", absorbing=[edge])
+    body = HarmonicProblem(mesh, law, WAVES, bulk=9e3, form="P2", held="bottom|top", absorbing=[edge])
     of = WaveModel(body, {"storage": storage}, np.array([[0.01, 0.02], [0.03, 0.011]]))
     value, gradient = misfit(of, wanted(of, rng))
     name, direction = next(directions(of, rng))
@@ -78,7 +78,7 @@ def test_fields_of_any_space(space, rng):
         storage.Set(START["storage"])
     else:
         storage.vec[:] = START["storage"]
-    body = Harmonic(mesh, Shearing(storage * (1 + 0.3j)), WAVES, bulk=9e3, form="P2", held="bottom|top")
+    body = HarmonicProblem(mesh, Shearing(storage * (1 + 0.3j)), WAVES, bulk=9e3, form="P2", held="bottom|top")
     of = WaveModel(body, {"storage": storage}, np.array([[0.01, 0.02], [0.03, 0.011]]))
     weight = wanted(of, rng)
     value, gradient = misfit(of, weight)
@@ -115,8 +115,8 @@ def reversed_sign(patch):
 
 def without_mass(patch):
     """∂M/∂ρ forgotten."""
-    works = Harmonic.works
-    patch.setattr(Harmonic, "works", lambda self, omega, u, v: works(self, 0.0 if _waves(u) else omega, u, v))
+    works = HarmonicProblem.works
+    patch.setattr(HarmonicProblem, "works", lambda self, omega, u, v: works(self, 0.0 if _waves(u) else omega, u, v))
 
 
 def coarser_gradient(patch):
@@ -207,7 +207,7 @@ def test_a_matrix_that_is_not_transposed_fails_the_dot_test(monkeypatch, rng):
 def test_bad_input():
     mesh = square(2, SIDE)
     storage = field(mesh, "storage")
-    body = Harmonic(mesh, Shearing(storage), WAVES, bulk=9e3, form="P2", held="bottom|top")
+    body = HarmonicProblem(mesh, Shearing(storage), WAVES, bulk=9e3, form="P2", held="bottom|top")
     with pytest.raises(InputError, match="boundary"):
         WaveModel(body, {"boundary": storage}, np.array([[0.01, 0.01]]))
     with pytest.raises(InputError, match="1 of 2 outside"):
