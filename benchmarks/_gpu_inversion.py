@@ -97,7 +97,11 @@ def timed(device: Device, clock: Clock) -> Device:
 def assembly(clock: Clock) -> Iterator[None]:
     """Count what is assembled inside."""
     with ExitStack() as stack:
-        for owner, name in ((HarmonicProblem, "factorised"), (WaveLinearisation, "_sensitivity"), (FieldGradient, "__call__")):
+        for owner, name in (
+            (HarmonicProblem, "factorised"),
+            (WaveLinearisation, "_sensitivity"),
+            (FieldGradient, "__call__"),
+        ):
             stack.enter_context(patch.object(owner, name, clock.counting("assembly", getattr(owner, name))))
         yield
 

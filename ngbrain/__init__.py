@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from ngbrain.image.labelling import label_tissues as segment
     from ngbrain.image.read.volume import read_scan
     from ngbrain.inverse.elastography.invert import invert
-    from ngbrain.inverse.fitting.estimate import recover as estimate
+    from ngbrain.inverse.fitting.estimate import estimate
     from ngbrain.io.versions import show_versions
     from ngbrain.io.waves import read_waves
     from ngbrain.scene import Scene
@@ -114,7 +114,7 @@ _HOME = {
     "TimeStepper": "forward.transient.time_stepper",
     "calibrate": "surgery.calibrate",
     "cohort": "workflows.cohort",
-    "estimate": "inverse.fitting.estimate:recover",
+    "estimate": "inverse.fitting.estimate",
     "invert": "inverse.elastography.invert",
     "mesh_head": "workflows.mesh_head",
     "predict": "surrogate.prediction.predict",

@@ -187,7 +187,7 @@ def mesh_head(
     *,
     labels: bool | str | Mapping[int, str] = False,
     structures: bool = False,
-    size: Graded | None = None,
+    size: RadialSizeField | None = None,
 ) -> HeadMesh:
     """Mesh a head from a T1 or a label map and write the mesh, its labels and result.json, as `ngbrain mesh` does.
 
@@ -203,7 +203,7 @@ def mesh_head(
         Whether `source` is a label map; a scheme (freesurfer, spm, ngbrain) or number → region says what its numbers mean.
     structures : bool
         Split the tissues of a T1 into structures (`grey_left`, `brain_stem`, …).
-    size : Graded, optional
+    size : RadialSizeField, optional
         Element sizes (m); by default those of the route.
 
     Returns
