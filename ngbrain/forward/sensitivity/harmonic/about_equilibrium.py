@@ -30,7 +30,9 @@ class AboutEquilibrium:
     parameters  as in `StaticModel`; loss and density may be made of them too
     """
 
-    def __init__(self, body: HarmonicProblem, parameters: Mapping[str, Parameter], newton: Newton | None, steps: int) -> None:
+    def __init__(
+        self, body: HarmonicProblem, parameters: Mapping[str, Parameter], newton: Newton | None, steps: int
+    ) -> None:
         state = body.state
         assert isinstance(state, AboutState)
         self.body = body

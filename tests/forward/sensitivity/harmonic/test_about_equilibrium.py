@@ -173,7 +173,9 @@ def test_a_cavity_keeps_its_volume(rng):
     )
     swinging = [Wave(20.0, {"right": (1e-6, 5e-7j)})]
     held = {"x": "top|right", "y": "bottom|right"}
-    of = WaveModel(HarmonicProblem.about(body, swinging, loss=0.1, held=held), {"mu": mu}, SIDE * np.array([[0.25, 0.25]]))
+    of = WaveModel(
+        HarmonicProblem.about(body, swinging, loss=0.1, held=held), {"mu": mu}, SIDE * np.array([[0.25, 0.25]])
+    )
     verify(of, rng)
     assert abs(of.evaluate(of.theta).waves[0, -1]) > 0
 
@@ -340,7 +342,9 @@ def test_waves_in_a_body_in_contact_have_their_rates(rng):
 def test_at_rest_they_are_how_its_equilibrium_changes():
     body, parameters = pressed_by_a_plate()
     move = 1e-7
-    of = WaveModel(HarmonicProblem.about(body, [Wave(1e-3, {"bottom": (move, 0)})]), parameters, POINTS[:, :2], tight(body))
+    of = WaveModel(
+        HarmonicProblem.about(body, [Wave(1e-3, {"bottom": (move, 0)})]), parameters, POINTS[:, :2], tight(body)
+    )
     found = of.evaluate(of.theta).data.real[0]
     states = []
     for share in (0.0, 1e3):  # by as much more
@@ -354,6 +358,8 @@ def test_at_rest_they_are_how_its_equilibrium_changes():
     wanted = (states[1] - states[0]) / 1e3
     assert found == pytest.approx(wanted, abs=0.02 * np.abs(wanted).max())
     free, _ = pressed_by_a_plate(depth=-1e-3)  # a plate that does not touch lets all of it go along
-    gone = WaveModel(HarmonicProblem.about(free, [Wave(1e-3, {"bottom": (move, 0)})]), {"mu": parameters["mu"]}, POINTS[:, :2])
+    gone = WaveModel(
+        HarmonicProblem.about(free, [Wave(1e-3, {"bottom": (move, 0)})]), {"mu": parameters["mu"]}, POINTS[:, :2]
+    )
     assert gone.evaluate(gone.theta).data.real[0][:, 0] == pytest.approx(move, rel=1e-6)
     assert np.abs(found[:, 0] - move).max() > 0.1 * move
