@@ -1,4 +1,4 @@
-"""How far predicted data are off the measured ones, in units of their noise."""
+"""Data misfit in units of the measurement noise: least squares, and Huber's robust misfit."""
 
 from __future__ import annotations
 
@@ -11,17 +11,26 @@ from ngbrain.errors import InputError, check_shape, nearest
 
 Array = np.ndarray
 REAL_MEDIAN = 0.454936423
-"""Of the square of a normal deviate; of a complex one, 2 ln 2."""
+"""Median of the square of a standard normal deviate; of a complex one it is 2 ln 2."""
 
 
 class LeastSquares:
-    """Φ = ½ Σ |(d - m)/σ|² over what is measured.
+    """Least-squares misfit Φ = ½ Σ |(d - m)/σ|² over all measured components.
 
-    measured   m (loads, n, dim), complex, m, or real data of any shape; NaN where a component is not measured
-    sigma      standard deviation of the data, of complex ones that of the real and of the imaginary part, of any shape that
-               fits m's
+    With the correct σ, 2Φ at the true parameters is close to `count`, the number of real data.
 
-    With the right σ, 2Φ of the truth is close to `count`, the number of real data.
+    Parameters
+    ----------
+    measured : array (loads, n, dim)
+        Measured data m: complex displacements in m, or real data of any shape. NaN where a component is not measured.
+    sigma : array or float
+        Standard deviation of the data, broadcastable to the shape of `measured`. For complex data: of the real and of the
+        imaginary part.
+
+    Raises
+    ------
+    InputError
+        If no datum is known, `sigma` has the wrong shape, or a standard deviation is not positive.
     """
 
     def __init__(self, measured: Array, sigma: Array | float) -> None:
@@ -38,41 +47,84 @@ class LeastSquares:
         self.count = int(self.known.sum()) * (2 if np.iscomplexobj(measured) else 1)
 
     def residual(self, data: Array) -> Array:
-        """(d - m)/σ, 0 where nothing is measured; `InputError` for data of another shape."""
+        """Residual (d - m)/σ, zero where nothing is measured; `InputError` for data of another shape."""
         check_shape("measured", self.measured.shape, np.shape(data))
         return np.where(self.known, (data - self.measured) / self.sigma, 0)
 
     def value(self, data: Array) -> float:
-        """Φ."""
+        """Misfit Φ of predicted data."""
         return 0.5 * float(np.sum(np.abs(self.residual(data)) ** 2))
 
     def weighted_squares(self, data: Array) -> float:
-        """Σ |(d - m)/σ|², by which noise and weights are judged: 2Φ."""
+        """Sum of squared residuals Σ |(d - m)/σ|² = 2Φ, which the noise level and the regularisation weights are judged by."""
         return 2 * self.value(data)
 
     def gradient(self, data: Array) -> Array:
-        """w with dΦ = Re Σ w̄ · δd (1/m)."""
+        """Gradient w with respect to the data (1/m), such that dΦ = Re Σ w̄ · δd."""
         return self.residual(data) / self.sigma
 
     def weight(self, data: Array) -> Array:
-        """What Gauss and Newton weigh squares by, 1/σ² (1/m²)."""
+        """Gauss-Newton weight 1/σ² of the data (1/m²), zero where nothing is measured."""
         return np.where(self.known, 1 / self.sigma**2, 0)
 
     def gauss_newton_product(self, data: Array, change: Array) -> Array:
-        """`weight` times a change of the data."""
+        """Product of the Gauss-Newton weight with a change of the data.
+
+        Parameters
+        ----------
+        data : array (loads, n, dim)
+            Predicted data.
+        change : array (loads, n, dim)
+            Change of the data.
+
+        Returns
+        -------
+        array (loads, n, dim)
+            `weight(data) * change`.
+        """
         return self.weight(data) * change
 
     def hvp(self, data: Array, change: Array) -> Array:
-        """Φ'' times a change of the data: here the same."""
+        """Product of the Hessian Φ'' with a change of the data; for least squares, the Gauss-Newton product.
+
+        Parameters
+        ----------
+        data : array (loads, n, dim)
+            Predicted data.
+        change : array (loads, n, dim)
+            Change of the data.
+
+        Returns
+        -------
+        array (loads, n, dim)
+            Φ'' δd.
+        """
         return self.gauss_newton_product(data, change)
 
 
 class Huber(LeastSquares):
-    """Φ = Σ ρ(|r|), ρ = ½ r² up to a threshold k and k |r| - ½ k² beyond: outliers pull with a bounded force.
+    """Huber's robust misfit Φ = Σ ρ(|r|): ρ = ½ r² up to a threshold k, and k |r| - ½ k² beyond it.
 
-    For moderate ones: those as large as the waves spoil the start, see `outliers.remove_outliers`.
+    The influence of an outlier is bounded. This is enough for moderate outliers; outliers as large as the waves spoil the
+    initial guess and must be removed first, see `outliers.without_outliers`.
 
-    Source: Huber 1964, 10.1214/aoms/1177703732.
+    Parameters
+    ----------
+    measured : array (loads, n, dim)
+        Measured data, as for `LeastSquares`.
+    sigma : array or float
+        Standard deviation of the data, as for `LeastSquares`.
+    threshold : float
+        Threshold k in standard deviations.
+
+    Raises
+    ------
+    InputError
+        If the threshold is not positive, and as for `LeastSquares`.
+
+    References
+    ----------
+    Huber 1964, 10.1214/aoms/1177703732.
     """
 
     def __init__(self, measured: Array, sigma: Array | float, threshold: float = 2.5) -> None:
@@ -82,25 +134,40 @@ class Huber(LeastSquares):
         self.threshold = threshold
 
     def value(self, data: Array) -> float:
-        """Φ."""
+        """Misfit Φ of predicted data."""
         size, k = np.abs(self.residual(data)), self.threshold
         return float(np.sum(np.where(size <= k, 0.5 * size**2, k * size - 0.5 * k**2)))
 
     def weighted_squares(self, data: Array) -> float:
-        """What the sum of squares would be without outliers: by the median of |(d - m)/σ|² beside that of Gaussian noise."""
+        """Robust estimate of Σ |(d - m)/σ|²: the median of |r|² relative to that of Gaussian noise, times `count`."""
         usual = 2 * np.log(2) if np.iscomplexobj(self.measured) else REAL_MEDIAN
         return self.count * float(np.median(np.abs(self.residual(data)[self.known]) ** 2)) / usual
 
     def gradient(self, data: Array) -> Array:
-        """w with dΦ = Re Σ w̄ · δd (1/m)."""
+        """Gradient w with respect to the data (1/m), such that dΦ = Re Σ w̄ · δd."""
         return self._share(data) * super().gradient(data)
 
     def weight(self, data: Array) -> Array:
-        """1/σ², less for outliers (1/m²)."""
+        """Gauss-Newton weight (1/m²): 1/σ², reduced for outliers."""
         return self._share(data) * super().weight(data)
 
     def hvp(self, data: Array, change: Array) -> Array:
-        """Φ'' times a change of the data: nothing along an outlier's residual, k/|r| of the squares' across it."""
+        """Product of the Hessian Φ'' with a change of the data.
+
+        For an outlier it is zero along the residual, and k/|r| times the least-squares product across it.
+
+        Parameters
+        ----------
+        data : array (loads, n, dim)
+            Predicted data.
+        change : array (loads, n, dim)
+            Change of the data.
+
+        Returns
+        -------
+        array (loads, n, dim)
+            Φ'' δd.
+        """
         r = self.residual(data)
         size = np.maximum(np.abs(r), self.threshold)
         along = np.where(size > self.threshold, r * (np.conj(r) * change).real / size**2, 0)
@@ -111,13 +178,13 @@ class Huber(LeastSquares):
 
 
 MisfitKind: TypeAlias = Callable[[Array, Array], LeastSquares]
-"""Measured displacements and σ → a misfit."""
+"""Constructor of a misfit from measured displacements and their σ."""
 MISFITS: dict[str, MisfitKind] = {"squares": LeastSquares, "huber": Huber}
-"""Misfits by name, as `invert` offers them."""
+"""Misfits that `invert` offers by name."""
 
 
 def resolve_misfit(chosen: str | MisfitKind) -> MisfitKind:
-    """That of a name in `MISFITS`, or one of one's own; `InputError` for another name.
+    """Return the misfit of a name in `MISFITS`, or a constructor of your own unchanged; `InputError` for an unknown name.
 
     >>> resolve_misfit("huber").__name__
     'Huber'

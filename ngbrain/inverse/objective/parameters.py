@@ -1,7 +1,7 @@
-"""What is looked for: fields of a model in variables that can take any value, nodal or one for each label.
+"""Unknown fields of a model and their transforms to unconstrained variables.
 
-A field θ > floor is looked for by x = ln(θ - floor): no step can make a modulus negative. A map from fewer values (labels)
-to a field's unknowns is a sparse matrix.
+A field θ > floor is represented by x = ln(θ - floor), so that no step makes a modulus negative. Fields may be nodal, or have
+one value per label: a sparse matrix (`Unknown.basis`) maps the fewer values to the coefficients of the field.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ Array = np.ndarray
 
 
 class Transform(Protocol):
-    """θ = value(x), elementwise and monotone."""
+    """Elementwise, monotone transform θ = value(x)."""
 
     def value(self, x: Array) -> Array:
-        """θ."""
+        """Parameter θ of the variable x."""
 
     def gradient(self, x: Array) -> Array:
-        """dθ/dx."""
+        """First derivative dθ/dx."""
 
     def curvature(self, x: Array) -> Array:
-        """d²θ/dx²."""
+        """Second derivative d²θ/dx²."""
 
     def inverse(self, theta: Array) -> Array:
-        """x; `InputError` for a value that θ cannot take."""
+        """Variable x of the parameter θ; `InputError` for a value that θ cannot take."""
 
 
 @dataclass(frozen=True)
 class LogTransform:
-    """θ = floor + e^x: for moduli, and for ζ > -3/4 and φ > -1.
+    """Logarithmic transform θ = floor + eˣ: for moduli, and for ζ > -3/4 and φ > -1.
 
     >>> float(LogTransform(-1.0).value(LogTransform(-1.0).inverse(np.array([0.25])))[0])
     0.25
@@ -47,23 +47,23 @@ class LogTransform:
     floor: float = 0.0
 
     def value(self, x: Array) -> Array:
-        """θ."""
+        """Parameter θ."""
         return self.floor + np.exp(x)
 
     def function(self, x: CoefficientFunction) -> CoefficientFunction:
-        """The same of a field, in integrals."""
+        """Parameter θ as an NGSolve function of the field x, for use in integrals."""
         return self.floor + ngs.exp(x)
 
     def gradient(self, x: Array) -> Array:
-        """dθ/dx."""
+        """First derivative dθ/dx."""
         return np.exp(x)
 
     def curvature(self, x: Array) -> Array:
-        """d²θ/dx²."""
+        """Second derivative d²θ/dx²."""
         return np.exp(x)
 
     def inverse(self, theta: Array) -> Array:
-        """x; `InputError` at the floor or below."""
+        """Variable x; `InputError` at the floor or below."""
         if not np.all(np.asarray(theta) > self.floor):
             raise InputError("start", float(np.min(theta)), f"values above {self.floor:g}")
         return np.log(theta - self.floor)
@@ -71,8 +71,17 @@ class LogTransform:
 
 @dataclass(frozen=True)
 class BoundedTransform:
-    """θ = low + (high - low)/(1 + e^-x): between two bounds.
+    """Logistic transform θ = low + (high - low)/(1 + e⁻ˣ) between two bounds.
 
+    Parameters
+    ----------
+    low : float
+        Lower bound.
+    high : float
+        Upper bound.
+
+    Examples
+    --------
     >>> float(BoundedTransform(1.0, 3.0).value(np.zeros(1))[0])
     2.0
     """
@@ -81,25 +90,25 @@ class BoundedTransform:
     high: float
 
     def value(self, x: Array) -> Array:
-        """θ."""
+        """Parameter θ."""
         return self.low + (self.high - self.low) / (1 + np.exp(-x))
 
     def function(self, x: CoefficientFunction) -> CoefficientFunction:
-        """The same of a field, in integrals."""
+        """Parameter θ as an NGSolve function of the field x, for use in integrals."""
         return self.low + (self.high - self.low) / (1 + ngs.exp(-x))
 
     def gradient(self, x: Array) -> Array:
-        """dθ/dx."""
+        """First derivative dθ/dx."""
         part = 1 / (1 + np.exp(-x))
         return (self.high - self.low) * part * (1 - part)
 
     def curvature(self, x: Array) -> Array:
-        """d²θ/dx²."""
+        """Second derivative d²θ/dx²."""
         part = 1 / (1 + np.exp(-x))
         return (self.high - self.low) * part * (1 - part) * (1 - 2 * part)
 
     def inverse(self, theta: Array) -> Array:
-        """x; `InputError` on a bound or beyond."""
+        """Variable x; `InputError` on a bound or outside."""
         theta = np.asarray(theta)
         if not np.all((theta > self.low) & (theta < self.high)):
             raise InputError("start", float(np.max(theta)), f"values between {self.low:g} and {self.high:g}")
@@ -108,34 +117,39 @@ class BoundedTransform:
 
 @dataclass(frozen=True)
 class ScaledTransform:
-    """θ = scale x: for what may take either sign, such as displacements (m)."""
+    """Linear transform θ = scale · x, for parameters of either sign such as displacements (m)."""
 
     scale: Array | float = 1.0
 
     def value(self, x: Array) -> Array:
-        """θ."""
+        """Parameter θ."""
         return self.scale * x
 
     def gradient(self, x: Array) -> Array:
-        """dθ/dx."""
+        """First derivative dθ/dx."""
         return self.scale * np.ones_like(x)
 
     def curvature(self, x: Array) -> Array:
-        """d²θ/dx²."""
+        """Second derivative d²θ/dx², zero."""
         return np.zeros_like(x)
 
     def inverse(self, theta: Array) -> Array:
-        """x."""
+        """Variable x."""
         return theta / self.scale
 
 
 @dataclass(frozen=True)
 class Unknown:
-    """A field that is looked for.
+    """An unknown field: initial guess, transform and basis.
 
-    start      where the search begins, and what regularisers draw it to: a number, or a value for each that is looked for
-    transform  the change of variable
-    basis      (unknowns of the field, k) sparse: the k values looked for → the field; None: each of its own
+    Parameters
+    ----------
+    start : array or float
+        Initial guess, which is also the reference of the regularisers: a number, or one value per unknown.
+    transform : Transform
+        Change of variable.
+    basis : sparse array (coefficients of the field, k), optional
+        Map from the k unknown values to the coefficients of the field. By default every coefficient is unknown.
     """
 
     start: Array | float
@@ -144,12 +158,33 @@ class Unknown:
 
 
 class ParameterFields:
-    """x ↦ θ for some blocks of θ; the others keep what they are.
+    """Map x ↦ θ from the unconstrained unknowns of some blocks to all parameters; other blocks keep their values.
 
-    theta      θ (size,) with values of all blocks
-    blocks     name → where in θ
-    unknowns   name → Unknown
+    Parameters
+    ----------
+    theta : array (size,)
+        Parameters θ with values of all blocks.
+    blocks : mapping of str to slice
+        Name and place of each block in θ.
+    unknowns : mapping of str to Unknown
+        Blocks that are unknown.
 
+    Attributes
+    ----------
+    start : array (n,)
+        Initial guess x of all unknowns.
+    blocks : dict of str to slice
+        Name and place of each unknown block in x.
+    undetermined_direction : array (n,), optional
+        Direction of x that the data hardly determine. Gauss-Newton steps of plane problems have no component along it.
+
+    Raises
+    ------
+    InputError
+        If an unknown is not one of the blocks.
+
+    Examples
+    --------
     >>> fields = ParameterFields(np.array([1.0, 1.0, 5.0]), {"mu": slice(0, 2), "rest": slice(2, 3)}, {"mu": Unknown(2000.0)})
     >>> fields.theta(fields.start).round(9).tolist()
     [2000.0, 2000.0, 5.0]
@@ -169,10 +204,10 @@ class ParameterFields:
             end += size
         self.start, self.blocks = np.concatenate(starts), places
         self.undetermined_direction: Array | None = None
-        """A direction of x along which data tell next to nothing: steps in the plane leave out what lies along it."""
+        """Direction of x that the data hardly determine; steps of plane problems have no component along it."""
 
     def theta(self, x: Array) -> Array:
-        """θ(x)."""
+        """Parameters θ(x), all blocks."""
         theta = self._theta.copy()
         for name, unknown in self.unknowns.items():
             value = unknown.transform.value(x[self.blocks[name]])
@@ -180,7 +215,7 @@ class ParameterFields:
         return theta
 
     def jacobian(self, x: Array) -> sp.csr_array:
-        """∂θ/∂x."""
+        """Jacobian ∂θ/∂x (size of θ, n), sparse."""
         rows, columns, values = [], [], []
         for name, unknown in self.unknowns.items():
             part = sp.diags_array(unknown.transform.gradient(x[self.blocks[name]]))
@@ -192,16 +227,31 @@ class ParameterFields:
         return sp.coo_array((np.concatenate(values), at), shape=(len(self._theta), len(x))).tocsr()
 
     def curvature_product(self, x: Array, slope: Array, direction: Array) -> Array:
-        """Σ_i slope_i (∂²θ_i/∂x²) δx."""
-        found = np.zeros(len(x))
+        """Second-derivative product Σᵢ slopeᵢ (∂²θᵢ/∂x²) δx.
+
+        Parameters
+        ----------
+        x : array (n,)
+            Unknowns.
+        slope : array (size,)
+            Derivative of a functional with respect to θ.
+        direction : array (n,)
+            Direction δx.
+
+        Returns
+        -------
+        array (n,)
+            The product.
+        """
+        product = np.zeros(len(x))
         for name, unknown in self.unknowns.items():
             block, part = self.blocks[name], slope[self._where[name]]
             if unknown.basis is not None:
                 part = unknown.basis.T @ part
-            found[block] = part * unknown.transform.curvature(x[block]) * direction[block]
-        return found
+            product[block] = part * unknown.transform.curvature(x[block]) * direction[block]
+        return product
 
     def values(self, x: Array) -> dict[str, Array]:
-        """Name → the field's unknowns in θ."""
+        """Coefficients of each unknown field in θ, by name."""
         theta = self.theta(x)
         return {name: theta[self._where[name]] for name in self.unknowns}

@@ -1,7 +1,8 @@
-"""What is thought of a field before it is measured: smooth, of few flat parts, alike inside a label.
+"""Regularisers of a field: H1 smoothness, total variation, Matérn covariance, ridge.
 
-Each is an energy of x, a field in the variables of `parameters`, drawn to x̄; its matrix enters a Gauss-Newton step. Energies
-φ(|∇x|²) are differentiated by NGSolve; where φ is not linear, the matrix is that of the last x (lagged diffusivity).
+Each regulariser is an energy of x, a field in the variables of `parameters`, relative to a reference x̄. Its matrix enters the
+Gauss-Newton step. Energies φ(|∇x|²) are differentiated by NGSolve; where φ is not linear, the matrix is that of the current
+iterate (lagged diffusivity).
 """
 
 from __future__ import annotations
@@ -22,41 +23,65 @@ from ngbrain.solvers.matrices import to_scipy
 
 Array = np.ndarray
 NEAR = 1e-8
-"""Of the body: points that are the same."""
-HELD = 1e-2
-"""Share of the mass matrix that keeps a constant from costing nothing, over the squared size of the body."""
-ROUGHEST = 1.0
-"""Weight of `smooth` and `total_variation` at least: below it logarithms of moduli vary by a factor of about e from place to place,
-more than tissue does, and follow whatever in the data is no wave of the model."""
+"""Relative distance, of the size of the domain, below which two points are the same."""
+MASS_SHARE = 1e-2
+"""Share of the mass matrix that is added so that constants have a cost, over the squared size of the domain."""
+MIN_WEIGHT = 1.0
+"""Smallest weight of `smooth` and `total_variation`. Below it logarithms of moduli vary by a factor of about e from place to
+place, more than tissue does, and fit errors of the data that the model cannot represent.
+"""
 
 
 class QuadraticRegulariser:
-    """½ (x - x̄)·R (x - x̄) of one matrix R; `least` is the weight that no rule of weights goes below."""
+    """Quadratic regulariser ½ (x - x̄)·R (x - x̄) with a constant matrix R.
+
+    Parameters
+    ----------
+    matrix : sparse array (n, n)
+        R, symmetric positive semi-definite.
+    reference : array (n,) or float
+        Reference x̄.
+    min_weight : float
+        Weight that no weight selection goes below.
+    """
 
     def __init__(self, matrix: sp.csr_array, reference: Array | float, min_weight: float = 0.0) -> None:
         self._matrix, self.min_weight = matrix, min_weight
         self.reference = np.broadcast_to(np.asarray(reference, float), (matrix.shape[0],))
 
     def matrix(self, block: Array) -> sp.csr_array:
-        """R."""
+        """Matrix R."""
         return self._matrix
 
     def value(self, block: Array) -> float:
-        """The energy."""
+        """Energy."""
         off = block - self.reference
         return 0.5 * float(off @ (self._matrix @ off))
 
     def gradient(self, block: Array) -> Array:
-        """Its gradient."""
+        """Gradient of the energy."""
         return self._matrix @ (block - self.reference)
 
     def hvp(self, block: Array, direction: Array) -> Array:
-        """R times a direction."""
+        """Hessian-vector product R δx.
+
+        Parameters
+        ----------
+        block : array (n,)
+            Unknowns of the field.
+        direction : array (n,)
+            Direction δx.
+
+        Returns
+        -------
+        array (n,)
+            R δx.
+        """
         return self._matrix @ direction
 
 
 def ridge(reference: Array) -> QuadraticRegulariser:
-    """½ |x - x̄|²: for few values, such as one for each label.
+    """Ridge (Tikhonov) regulariser ½ |x - x̄|², for few values such as one per label.
 
     >>> ridge(np.zeros(2)).value(np.array([1.0, 1.0]))
     1.0
@@ -67,18 +92,52 @@ def ridge(reference: Array) -> QuadraticRegulariser:
 def smooth(
     space: ngs.FESpace, reference: Array | float, weight: CoefficientFunction | float = 1.0
 ) -> QuadraticRegulariser:
-    """½ ∫ w |∇(x - x̄)|² and a little of ½ ∫ (x - x̄)²/L², times L^(2-d) with L the body's size: H1, without a unit.
+    """H1 regulariser ½ ∫ w |∇(x - x̄)|² plus a small share of ½ ∫ (x - x̄)²/L².
 
-    `weight` w may be any CoefficientFunction, such as one that is small between labels.
+    The energy is multiplied by L^(2-d), L being the size of the domain, so that it has no unit.
+
+    Parameters
+    ----------
+    space : FESpace
+        Space of the field.
+    reference : array (n,) or float
+        Reference x̄.
+    weight : CoefficientFunction or float
+        Local weight w, for example small at the interfaces between labels.
+
+    Returns
+    -------
+    QuadraticRegulariser
     """
-    return QuadraticRegulariser(_Gradients(space).matrix(weight), reference, ROUGHEST)
+    return QuadraticRegulariser(_Gradients(space).matrix(weight), reference, MIN_WEIGHT)
 
 
 def matern(space: ngs.FESpace, reference: Array | float, length: float) -> QuadraticRegulariser:
-    """½ (x - x̄)·(ℓ²K + M) M⁻¹ (ℓ²K + M)(x - x̄)/ℓᵈ: Gaussian fields with correlations over ℓ (m), Matérn's of ν = 2 - d/2.
+    """Regulariser of a Gaussian field with Matérn covariance: ½ (x - x̄)·(ℓ²K + M) M⁻¹ (ℓ²K + M)(x - x̄)/ℓᵈ.
 
-    M⁻¹ is lumped. Smoother than H1: for fields without edges. Raises `InputError` unless ℓ is positive.
-    Source: Lindgren, Rue, Lindström 2011, 10.1111/j.1467-9868.2011.00777.x.
+    The smoothness is ν = 2 - d/2 and M⁻¹ is lumped. Fields are smoother than with H1: for fields without edges.
+
+    Parameters
+    ----------
+    space : FESpace
+        Space of the field.
+    reference : array (n,) or float
+        Reference x̄.
+    length : float
+        Correlation length ℓ (m).
+
+    Returns
+    -------
+    QuadraticRegulariser
+
+    Raises
+    ------
+    InputError
+        If the length is not positive.
+
+    References
+    ----------
+    Lindgren, Rue, Lindström 2011, 10.1111/j.1467-9868.2011.00777.x.
     """
     if not length > 0:
         raise InputError("length", length, "a positive length in m")
@@ -90,12 +149,22 @@ def matern(space: ngs.FESpace, reference: Array | float, length: float) -> Quadr
 
 
 class LaggedDiffusivityRegulariser:
-    """½ ∫ φ(|∇(x - x̄)|²), with φ growing and bending down so that a step costs less than a slope as high; else as `smooth`.
+    """Edge-preserving regulariser ½ ∫ φ(|∇(x - x̄)|²) with a concave, increasing φ, so that a step costs less than a slope of
+    the same height.
 
-    `energy` is φ, of a CoefficientFunction (1/m²).
+    The small share of the mass matrix and the scale are those of `smooth`.
+
+    Parameters
+    ----------
+    space : FESpace
+        Space of the field.
+    reference : array (n,) or float
+        Reference x̄.
+    energy : callable
+        φ, a function of a CoefficientFunction (1/m²).
     """
 
-    min_weight = ROUGHEST
+    min_weight = MIN_WEIGHT
 
     def __init__(
         self,
@@ -109,39 +178,75 @@ class LaggedDiffusivityRegulariser:
         squared = ngs.InnerProduct(gradient, gradient).MakeVariable()
         self._energy = energy(squared)
         self._diffusivity = self._energy.Diff(squared)
-        self._along = ngs.GridFunction(space)
-        turned = self._diffusivity.Diff(squared) * ngs.InnerProduct(gradient, ngs.Grad(self._along)) * gradient
-        self._turned = ngs.LinearForm(2 * ngs.InnerProduct(turned, ngs.Grad(space.TestFunction())) * self._gradients.dx)
+        self._direction = ngs.GridFunction(space)
+        change = self._diffusivity.Diff(squared) * ngs.InnerProduct(gradient, ngs.Grad(self._direction)) * gradient
+        self._tangent = ngs.LinearForm(
+            2 * ngs.InnerProduct(change, ngs.Grad(space.TestFunction())) * self._gradients.dx
+        )
 
     def matrix(self, block: Array) -> sp.csr_array:
-        """R with the diffusivity φ' of these x."""
+        """Matrix R with the diffusivity φ' of the given x."""
         self._field.vec.FV().NumPy()[:] = block - self.reference
         return self._gradients.matrix(self._diffusivity)
 
     def value(self, block: Array) -> float:
-        """The energy."""
+        """Energy."""
         off = block - self.reference
         self._field.vec.FV().NumPy()[:] = off
-        steep = ngs.Integrate(self._energy * self._gradients.dx, self.space.mesh)
-        return 0.5 * (self._gradients.scale * float(steep) + float(off @ (self._gradients.held @ off)))
+        energy = ngs.Integrate(self._energy * self._gradients.dx, self.space.mesh)
+        return 0.5 * (self._gradients.scale * float(energy) + float(off @ (self._gradients.mass_share @ off)))
 
     def gradient(self, block: Array) -> Array:
-        """Its gradient."""
+        """Gradient of the energy."""
         return self.matrix(block) @ (block - self.reference)
 
     def hvp(self, block: Array, direction: Array) -> Array:
-        """The energy's second derivative times a direction: R's, less what a slope that grows costs less."""
-        R = self.matrix(block)  # and the field is that of the block
-        self._along.vec.FV().NumPy()[:] = direction
-        self._turned.Assemble()
-        return R @ direction + self._gradients.scale * self._turned.vec.FV().NumPy()
+        """Hessian-vector product: R δx plus the derivative of the diffusivity.
+
+        Parameters
+        ----------
+        block : array (n,)
+            Unknowns of the field.
+        direction : array (n,)
+            Direction δx.
+
+        Returns
+        -------
+        array (n,)
+            Second derivative of the energy times δx.
+        """
+        R = self.matrix(block)  # also sets the field to that of the block
+        self._direction.vec.FV().NumPy()[:] = direction
+        self._tangent.Assemble()
+        return R @ direction + self._gradients.scale * self._tangent.vec.FV().NumPy()
 
 
 def total_variation(space: ngs.FESpace, reference: Array | float, edge: float) -> LaggedDiffusivityRegulariser:
-    """∫ √(|∇x|² + 1/ℓ²) - 1/ℓ, times 1/ℓ: over a length ℓ = `edge` (m) x may change by one at no more cost than H1's.
+    """Smoothed total variation ∫ (√(|∇x|² + 1/ℓ²) - 1/ℓ), times 1/ℓ.
 
-    Raises `InputError` unless ℓ is positive. Sources: Rudin, Osher, Fatemi 1992, 10.1016/0167-2789(92)90242-F; lagged
-    diffusivity: Vogel and Oman 1996, 10.1137/0917016.
+    Over a length ℓ, x may change by one at no more cost than with H1.
+
+    Parameters
+    ----------
+    space : FESpace
+        Space of the field.
+    reference : array (n,) or float
+        Reference x̄.
+    edge : float
+        Width ℓ of an edge (m).
+
+    Returns
+    -------
+    LaggedDiffusivityRegulariser
+
+    Raises
+    ------
+    InputError
+        If the width is not positive.
+
+    References
+    ----------
+    Rudin, Osher, Fatemi 1992, 10.1016/0167-2789(92)90242-F. Lagged diffusivity: Vogel and Oman 1996, 10.1137/0917016.
     """
     if not edge > 0:
         raise InputError("edge", edge, "a positive length in m")
@@ -150,7 +255,7 @@ def total_variation(space: ngs.FESpace, reference: Array | float, edge: float) -
 
 
 def nodes(space: ngs.FESpace) -> Array:
-    """Points (ndof, dim) m, a lattice in each element, at which a function of an H1 space may take any values."""
+    """Lagrange nodes (ndof, dim) in m: a lattice of points in each element at which an H1 function may take any values."""
     line = np.linspace(0, 1, space.globalorder + 1)
     cube = [point for point in itertools.product(line, repeat=space.mesh.dim)]
     simplex = [point for point in cube if sum(point) < 1 + 1e-9]
@@ -165,34 +270,38 @@ def nodes(space: ngs.FESpace) -> Array:
 
 
 class _Gradients:
-    """Matrices of a space: mass, stiffness with a weight, and what regularisers make of them."""
+    """Mass and stiffness matrices of a space, and the matrices that regularisers make of them."""
 
     def __init__(self, space: ngs.FESpace) -> None:
         self.space = space
-        # One rule for energies and matrices, so that one is the other's slope on quadrilaterals too.
+        # The same quadrature rule for energies and matrices, so that gradients are exact on quadrilaterals too.
         self.dx = ngs.dx(intrules=IntegrationRuleSpace(space.mesh, order=space.globalorder).GetIntegrationRules())
         corners = np.array([vertex.point for vertex in space.mesh.vertices])
         extent = float(np.max(np.ptp(corners, axis=0)))
         self.scale = extent ** (2 - space.mesh.dim)
         trial, test = space.TnT()
-        self.mass = self._assembled(trial * test)
-        self.held = self.scale * HELD / extent**2 * self.mass
+        self.mass = self._assemble(trial * test)
+        self.mass_share = self.scale * MASS_SHARE / extent**2 * self.mass
 
     def stiffness(self, weight: CoefficientFunction | float) -> sp.csr_array:
         trial, test = self.space.TnT()
-        return self._assembled(weight * ngs.InnerProduct(ngs.Grad(trial), ngs.Grad(test)))
+        return self._assemble(weight * ngs.InnerProduct(ngs.Grad(trial), ngs.Grad(test)))
 
     def matrix(self, weight: CoefficientFunction | float) -> sp.csr_array:
-        return sp.csr_array(self.scale * self.stiffness(weight) + self.held)
+        return sp.csr_array(self.scale * self.stiffness(weight) + self.mass_share)
 
     def lumped_inverse(self) -> sp.csr_array:
-        """M⁻¹ of a mass matrix that is diagonal in values at nodes, with the diagonal of M's scaled to the body's size.
+        """Inverse of a lumped mass matrix, which is diagonal in nodal values; its diagonal is scaled to the size of the domain.
 
-        In values: of higher order unknowns are none, and a diagonal in them is no mass. Scaled diagonals are positive.
-        Source: Hinton, Rock, Zienkiewicz 1976, 10.1002/eqe.4290040305.
+        Nodal values are used because the coefficients of higher-order elements are not values, and a diagonal in them is no mass.
+        The scaled diagonal is positive.
+
+        References
+        ----------
+        Hinton, Rock, Zienkiewicz 1976, 10.1002/eqe.4290040305.
         """
         at = evaluation(self.space, nodes(self.space))
-        back = at.T  # of first order unknowns are values
+        back = at.T  # first-order coefficients are values
         if self.space.globalorder > 1:
             back = scipy.sparse.linalg.spsolve(sp.csc_array(at), sp.eye_array(at.shape[0], format="csc"))
         back = sp.csc_array(back)
@@ -200,7 +309,7 @@ class _Gradients:
         diagonal *= ngs.Integrate(1.0, self.space.mesh) / diagonal.sum()
         return sp.csr_array(back @ sp.diags_array(1 / diagonal) @ back.T)
 
-    def _assembled(self, integrand: CoefficientFunction) -> sp.csr_array:
+    def _assemble(self, integrand: CoefficientFunction) -> sp.csr_array:
         form = ngs.BilinearForm(self.space)
         form += integrand * self.dx
         form.Assemble()

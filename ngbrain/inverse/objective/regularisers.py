@@ -1,9 +1,10 @@
-"""Regularisers by name, as `invert` offers them: what a field in these elements is thought to be before it is measured.
+"""Regularisers that `invert` offers by name.
 
-smooth   of small slope, see `regularise.smooth`
-edges    of few flat parts, see `regularise.total_variation`; an edge is `EDGE` of the body wide
-steps    the same with `STEP`: the longer that is, the less a steep edge costs beside a slope as high
-matern   with bumps of a size, see `regularise.matern`; correlated over `REACH` of the body
+- "smooth": H1 smoothness, see `regularisation.smooth`.
+- "edges": total variation with edges `EDGE` of the domain wide, see `regularisation.total_variation`.
+- "steps": total variation with edges of `STEP`. The longer the edge, the less a steep step costs relative to a slope of the
+  same height.
+- "matern": Matérn covariance with a correlation length of `REACH` of the domain, see `regularisation.matern`.
 """
 
 from __future__ import annotations
@@ -19,14 +20,14 @@ from ngbrain.errors import InputError, nearest
 from ngbrain.inverse.objective.regularisation import matern, smooth, total_variation
 
 Prior: TypeAlias = Callable[[ngs.FESpace, np.ndarray], Regulariser]
-"""A space and x̄ → a regulariser of fields in it."""
+"""Constructor of a regulariser from a space and the reference x̄."""
 EDGE, STEP, REACH = 0.1, 0.3, 0.1
 AUTO = ("smooth", "edges")
-"""Those of which cross-validation chooses unasked."""
+"""Regularisers that cross-validation chooses from by default."""
 
 
 def extent(space: ngs.FESpace) -> float:
-    """The longest side (m) of the box around the space's mesh."""
+    """Longest side (m) of the bounding box of the mesh of a space."""
     corners = np.array([vertex.point for vertex in space.mesh.vertices])
     return float(np.max(np.ptp(corners, axis=0)))
 
@@ -44,13 +45,13 @@ def _matern(space: ngs.FESpace, reference: np.ndarray) -> Regulariser:
 
 
 PRIORS: dict[str, Prior] = {"smooth": smooth, "edges": _edges, "steps": _steps, "matern": _matern}
-"""Functions of this module or another, so that other processes find them."""
+"""Functions of modules, so that other processes find them."""
 
 
 def resolve_priors(chosen: str | Prior) -> dict[str, Prior]:
-    """Those to try: of a name, "auto" for `AUTO`, or a prior of one's own under its function's name.
+    """Regularisers to try: that of a name, those of `AUTO` for "auto", or one of your own under the name of its function.
 
-    Raises `InputError` for another name.
+    Raises `InputError` for an unknown name.
 
     >>> list(resolve_priors("auto")), list(resolve_priors("matern"))
     (['smooth', 'edges'], ['matern'])

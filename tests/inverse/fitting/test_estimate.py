@@ -33,7 +33,9 @@ def measured(law, noise, rng):
     """From a finer mesh of another order, with noise of each observation's rms."""
     fine = seen(square(12, size=SIDE), "P3/P2", law, {"none": ngs.Parameter(0.0)})
     data = fine.evaluate(fine.theta).data
-    sigma = np.concatenate([np.full(s.stop - s.start, noise * np.sqrt(np.mean(data[s] ** 2))) for s in fine.observed])
+    sigma = np.concatenate(
+        [np.full(s.stop - s.start, noise * np.sqrt(np.mean(data[s] ** 2))) for s in fine.observation_slices]
+    )
     return data + sigma * rng.normal(size=len(data))
 
 

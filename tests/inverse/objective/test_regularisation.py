@@ -6,7 +6,7 @@ import pytest
 
 from ngbrain.adjoint.check import taylor
 from ngbrain.errors import InputError
-from ngbrain.inverse.objective.regularisation import HELD, matern, smooth, total_variation
+from ngbrain.inverse.objective.regularisation import MASS_SHARE, matern, smooth, total_variation
 from ngbrain.mesh.geometry.structured import rectangles
 
 
@@ -24,14 +24,14 @@ def of(space, f):
 @pytest.mark.parametrize("order", [1, 2])
 def test_smooth_energy_of_a_ramp_has_no_unit(side, order):
     space = space_of(4, side, order)
-    assert smooth(space, 0.0).value(of(space, ngs.x / side)) == pytest.approx(0.5 * (1 + HELD / 3), rel=1e-10)
+    assert smooth(space, 0.0).value(of(space, ngs.x / side)) == pytest.approx(0.5 * (1 + MASS_SHARE / 3), rel=1e-10)
 
 
 def test_total_variation_of_a_ramp():
     side, edge = 0.1, 0.02
     space = space_of(4, side)
     steep, floor = 1 / side, 1 / edge
-    wanted = side**2 * floor * (np.sqrt(steep**2 + floor**2) - floor) + 0.5 * HELD / 3
+    wanted = side**2 * floor * (np.sqrt(steep**2 + floor**2) - floor) + 0.5 * MASS_SHARE / 3
     assert total_variation(space, 0.0, edge).value(of(space, ngs.x / side)) == pytest.approx(wanted, rel=1e-10)
 
 
