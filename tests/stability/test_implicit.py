@@ -285,7 +285,8 @@ def test_what_has_no_influence_is_told_and_not_moved():
     naive = Reduced(model, misfit, fields, {}, {})
     for optimiser in OPTIMISERS:
         with pytest.raises(
-            InputError, match="k1, of which data tell nothing; wanted: those that they tell of, or a regular"
+            InputError,
+            match="k1, which the data do not depend on; wanted: unknowns that they depend on, or a regulariser",
         ):
             optimiser(naive, fields.start, FixedWeights())
     drawn = {name: ridge(fields.start[block]) for name, block in fields.blocks.items()}

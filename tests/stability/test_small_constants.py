@@ -61,15 +61,15 @@ def fitted(truth):
 @pytest.mark.filterwarnings("ignore:An ill-conditioned matrix")
 @pytest.mark.parametrize("truth", CASES, ids=str)
 def test_naive_long_steps_lose_the_small_constant(truth, monkeypatch):
-    monkeypatch.setattr(optimiser, "SHORT", optimiser.LONGEST)
-    monkeypatch.setattr(optimiser, "bounded", lambda *_: optimiser.LONGEST)
+    monkeypatch.setattr(optimiser, "SHORT", optimiser.MAX_CHANGE)
+    monkeypatch.setattr(optimiser, "next_step_bound", lambda *_: optimiser.MAX_CHANGE)
     monkeypatch.setattr(optimiser, "LIGHT", optimiser.FIRST)
     of = Metric.from_point
-    monkeypatch.setattr(Metric, "of", staticmethod(lambda point, before=None: of(point)))
+    monkeypatch.setattr(Metric, "from_point", staticmethod(lambda point, before=None: of(point)))
     try:
         found = fitted(truth)
     except InputError as error:
-        assert "data tell nothing" in str(error)
+        assert "the data do not depend on" in str(error)
         return
     print(found.values, found.misfit)
     assert found.values["c2"] < 1e-3 * truth[1] and found.misfit > 1000

@@ -1,7 +1,7 @@
-"""What tells one inversion's problem from another, part by part: a checkpoint is of use for its own alone.
+"""Fingerprint of an inverse problem, part by part, by which a checkpoint is matched to its problem.
 
-Parts are told apart by what they do, not by what they are called: the matrices A(θ) of the waves by A(θ) u, regularisers by
-their slopes, the misfit by its slope, all at one x and u that are drawn at random, so that nothing cancels.
+Parts are compared by their effect, not by their names: the wave operator by A(θ) u, regularisers and misfit by their
+gradients, all at one random x and u, so that nothing cancels.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 ASIDE = 0.1
-"""How far from its start x is drawn (rms)."""
+"""Root-mean-square distance of the random x from the initial guess."""
 DIGITS = 5
-"""To which computed numbers are told apart, relative to the largest: on several threads sums differ in their last bits."""
+"""Digits to which computed numbers are compared, relative to the largest: with several threads, sums differ in their last bits."""
 FAR = 10.0
-"""Residual (standard deviations) at which misfits are compared: there outliers count as such."""
+"""Residual (standard deviations) at which misfits are compared; there a robust misfit treats the data as outliers."""
 
 
 def problem_fingerprint(reduced: Reduced) -> dict[str, str]:
-    """Part of the problem → a hash of it; parts are named so that "… differ" makes sense.
+    """Hash of each part of the inverse problem, by name.
 
-    The model is a `WaveModel`, the misfit `LeastSquares` or made of it. Nothing is factorised, the fields keep their values.
-    Where the boundary's displacements are unknown, another guess of them is no other problem.
+    The model is a `WaveModel`, the misfit `LeastSquares` or derived from it. Nothing is factorised and the fields keep their
+    values. Where the boundary displacements are unknown, another initial guess of them is the same problem.
     """
     model: WaveModel = reduced.model  # type: ignore[assignment]
     misfit: LeastSquares = reduced.misfit  # type: ignore[assignment]
@@ -65,8 +65,22 @@ def problem_fingerprint(reduced: Reduced) -> dict[str, str]:
 
 
 def differing_parts(one: object, other: Mapping[str, str]) -> list[str]:
-    """Names of the parts of `other` that `one` has not, or has others of.
+    """Names of the parts of `other` that `one` lacks or has with another hash.
 
+    Parameters
+    ----------
+    one : object
+        Fingerprint read from a checkpoint; anything but a mapping counts as empty.
+    other : mapping of str to str
+        Fingerprint of the problem at hand.
+
+    Returns
+    -------
+    list of str
+        Names of the parts that differ.
+
+    Examples
+    --------
     >>> differing_parts({"points": "a", "elements": "b"}, {"points": "a", "elements": "c"})
     ['elements']
     """
@@ -91,7 +105,7 @@ def _images(model: WaveModel, theta: Array, random: np.random.Generator) -> list
 
 @contextmanager
 def _at(model: WaveModel, theta: Array) -> Iterator[None]:
-    """Fields at θ, for a while: an inversion may be under way."""
+    """Set the fields to θ temporarily; an inversion may be in progress."""
     before = {name: field.vec.FV().NumPy().copy() for name, field in model.fields.items()}
     try:
         for name, field in model.fields.items():
@@ -103,7 +117,7 @@ def _at(model: WaveModel, theta: Array) -> Iterator[None]:
 
 
 def _hash(*parts: object) -> str:
-    """Of what is given, to the last bit."""
+    """Hash of bytes, exact."""
     found = hashlib.sha256()
     for part in parts:
         found.update(part.encode() if isinstance(part, str) else np.ascontiguousarray(part).tobytes())
@@ -111,7 +125,7 @@ def _hash(*parts: object) -> str:
 
 
 def _hash_of_computed(name: str, parts: Iterable[Array]) -> str:
-    """Of what is computed, to `DIGITS` of the largest number of each part."""
+    """Hash of computed arrays, rounded to `DIGITS` of the largest number of each."""
     found: list[object] = [name]
     for part in parts:
         values = np.ascontiguousarray(part)

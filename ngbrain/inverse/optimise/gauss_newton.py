@@ -1,8 +1,9 @@
-"""Gauss-Newton inversion of plane problems: every step by one factorisation of the optimality conditions.
+"""Gauss-Newton inversion of plane wave problems; every step is one factorisation of the optimality conditions.
 
-`from_waves` starts at measured waves, which need not fit the fields: each of its rounds is a linear least-squares problem for
-both (an equation-error method in which every datum counts by its noise). `descend` starts at fields, solves for their waves
-and goes down in J; from a far start it can end in a local minimum, from where `from_waves` ends it polishes.
+`from_waves` starts at measured waves, which need not satisfy the equation of motion for the fields. Each iteration is a linear
+least-squares problem for both (an equation-error method in which every datum is weighted by its noise). `descend` starts at
+fields, solves for their waves and lowers the objective J. From a distant initial guess it can end in a local minimum; after
+`from_waves` it refines the result.
 """
 
 from __future__ import annotations
@@ -24,29 +25,41 @@ from ngbrain.inverse.optimise.regularisation_weight import EffectiveParameterCou
 from ngbrain.inverse.optimise.result import Iteration, IterationLog, OptimisationResult, convergence_status
 
 Array = np.ndarray
-LONGEST = 1.0
-"""Change of any unknown field in one step: by a factor of e where its logarithm is looked for."""
-SHORTEST = 1e-4
-"""Share of a step at which halving it ends: what is not lower so near is a minimum, as far as round-off lets one see."""
-ROUNDS = 12
-"""Of `from_waves` at most; `descend` may take four times as many."""
+MAX_CHANGE = 1.0
+"""Largest change of any unknown field in one step: a factor of e where its logarithm is the unknown."""
+MIN_STEP = 1e-4
+"""Step length at which the backtracking line search stops: without descent so close by, the point is a minimum up to round-off."""
+MAX_ITERATIONS = 12
+"""Maximum number of iterations of `from_waves`; `descend` may take four times as many."""
 
 
 @dataclass(repr=False, eq=False)
 class WaveInversionResult(OptimisationResult):
-    """So with the waves (loads, ndof) at the end."""
+    """Result of an inversion with the waves (loads, ndof) at its end."""
 
     waves: Array = field(default_factory=lambda: np.empty((0, 0)))
 
 
 class GaussNewton:
-    """Steps of `reduced` whose model is a `WaveModel`.
+    """Gauss-Newton optimiser of a reduced objective whose model is a `WaveModel`.
 
-    policy   what changes the weights, see `weights`
-    callback     called with each `Iteration`
-    seed     of the probes that estimate traces
+    The boundary displacements are unknown too where `reduced.unknowns` has the block "boundary".
 
-    The boundary's displacements are unknown too where `reduced.unknowns` has the block "boundary".
+    Parameters
+    ----------
+    reduced : Reduced
+        Objective; its unknowns are `ParameterFields`.
+    policy : WeightPolicy, optional
+        Update of the regularisation weights, see `regularisation_weight`. Default `Evidence`.
+    callback : callable
+        Called with each `Iteration`.
+    seed : int
+        Seed of the random probes that estimate traces.
+
+    Raises
+    ------
+    InputError
+        If the model is no `WaveModel` of a body at rest, or the unknowns are not `ParameterFields`.
     """
 
     def __init__(
@@ -62,7 +75,7 @@ class GaussNewton:
             or model.body.state is not None
             or not isinstance(unknowns, ParameterFields)
         ):
-            wanted = "a WaveModel of a body at rest, and Fields; other models descend by l_bfgs"
+            wanted = "a WaveModel of a body at rest, and ParameterFields; use l_bfgs for other models"
             raise InputError("reduced", type(model).__name__, wanted)
         self.reduced, self.model, self.unknowns = reduced, model, unknowns
         self._ledger = IterationLog(reduced, policy, callback, seed)
@@ -72,24 +85,57 @@ class GaussNewton:
         self._width = max(blocks[name].stop for name in self._fields)
         self._fixed = BOUNDARY not in blocks
 
-    def from_waves(self, x: Array, waves: Array, max_iterations: int = ROUNDS) -> WaveInversionResult:
-        """From waves (loads, ndof), measured ones, to fields and waves that fit both data and equation of motion."""
+    def from_waves(self, x: Array, waves: Array, max_iterations: int = MAX_ITERATIONS) -> WaveInversionResult:
+        """Invert from measured waves to fields and waves that fit both the data and the equation of motion.
+
+        Parameters
+        ----------
+        x : array (n,)
+            Initial guess of the unknowns.
+        waves : array (loads, ndof)
+            Measured waves, as coefficients in the space of displacements and pressures.
+        max_iterations : int
+            Maximum number of iterations.
+
+        Returns
+        -------
+        WaveInversionResult
+        """
         history: list[Iteration] = []
         for _ in range(max_iterations):
             theta = self.reduced.unknowns.theta(x)
             state = self.model.linearise(theta, waves)
             balance = np.array([self.model.body.pushed(k) - state.factors.apply(k, u) for k, u in enumerate(waves)])
             conditions, dx, du = self._step(x, state, balance)
-            step = self._bounded(dx)
-            x, waves = self._moved(x, step * dx, waves + step * du)
+            step = self._step_bound(dx)
+            x, waves = self._apply_step(x, step * dx, waves + step * du)
             data = np.array([self.model.observe(u) for u in waves])
             settled = self._ledger.enter("waves", x, data, conditions, step * dx, step, history)
             if settled:
                 break
-        return self._found(x, waves, self.model.linearise(self.reduced.unknowns.theta(x), waves).data, history, settled)
+        return self._result(
+            x, waves, self.model.linearise(self.reduced.unknowns.theta(x), waves).data, history, settled
+        )
 
-    def descend(self, x: Array, max_iterations: int = 4 * ROUNDS) -> WaveInversionResult:
-        """From fields down to a minimum of J, at weights that settle with it."""
+    def descend(self, x: Array, max_iterations: int = 4 * MAX_ITERATIONS) -> WaveInversionResult:
+        """Minimise J from given fields, with weights that converge along with them.
+
+        Parameters
+        ----------
+        x : array (n,)
+            Initial guess of the unknowns.
+        max_iterations : int
+            Maximum number of iterations.
+
+        Returns
+        -------
+        WaveInversionResult
+
+        Raises
+        ------
+        ConvergenceError
+            If no step from `x` lowers J.
+        """
         return self._down(self.reduced.evaluate(x), max_iterations, [])
 
     def _down(
@@ -98,28 +144,28 @@ class GaussNewton:
         stuck = False
         for _ in range(0 if settled else max_iterations):
             conditions, dx, du = self._step(point.x, self._state(point), None)
-            step, lower = self._lower(point, dx, du)
+            step, lower = self._line_search(point, dx, du)
             if lower is None:
                 stuck = True
                 break
             point = lower
             moved = step * dx[: self._width]
             settled = self._ledger.enter("fields", point.x, point.state.data, conditions, moved, step, history)
-            settled = settled or self._still(history)
-            self._keep(point.x, history, settled)
-            point = Point(self.reduced, point.x, point.state)  # at the new weights
+            settled = settled or self._is_stationary(history)
+            self._write_checkpoint(point.x, history, settled)
+            point = Point(self.reduced, point.x, point.state)  # with the new weights
             if settled:
                 break
         if not history:
             raise ConvergenceError("no step lowers the objective from where it starts: try another start")
-        return self._found(point.x, self._state(point).waves, point.state.data, history, settled, stuck)
+        return self._result(point.x, self._state(point).waves, point.state.data, history, settled, stuck)
 
-    def _still(self, history: list[Iteration]) -> bool:
-        """Whether more iterations would change nothing that matters, though the fields still move."""
+    def _is_stationary(self, history: list[Iteration]) -> bool:
+        """Whether further iterations would change nothing that matters, though the fields still move."""
         return False
 
-    def _keep(self, x: Array, history: list[Iteration], settled: bool) -> None:
-        """Where one that is long writes down how far it is."""
+    def _write_checkpoint(self, x: Array, history: list[Iteration], settled: bool) -> None:
+        """Write a checkpoint, in optimisers that have one."""
 
     @staticmethod
     def _state(point: Point) -> WaveLinearisation:
@@ -138,7 +184,7 @@ class GaussNewton:
         dx, du = conditions.step(reduced.regular_gradient(x)[:width], residual, balance)
         return conditions, dx, du
 
-    def _moved(self, x: Array, dx: Array, waves: Array) -> tuple[Array, Array]:
+    def _apply_step(self, x: Array, dx: Array, waves: Array) -> tuple[Array, Array]:
         new = x.copy()
         new[: self._width] += dx
         if not self._fixed:
@@ -148,10 +194,10 @@ class GaussNewton:
             new[self.reduced.unknowns.blocks[BOUNDARY]] = transform.inverse(parts)
         return new, waves
 
-    def _lower(self, point: Point, dx: Array, du: Array) -> tuple[float, Point | None]:
-        step = self._bounded(dx)
-        while step >= SHORTEST:
-            x, _ = self._moved(point.x, step * dx, self._state(point).waves + step * du)
+    def _line_search(self, point: Point, dx: Array, du: Array) -> tuple[float, Point | None]:
+        step = self._step_bound(dx)
+        while step >= MIN_STEP:
+            x, _ = self._apply_step(point.x, step * dx, self._state(point).waves + step * du)
             try:
                 tried = self.reduced.evaluate(x)
             except SolverError:
@@ -161,15 +207,15 @@ class GaussNewton:
             step /= 2
         return step, None
 
-    def _bounded(self, dx: Array) -> float:
-        # By values at the points of the data: of higher order, unknowns are no values.
+    def _step_bound(self, dx: Array) -> float:
+        # Bounded by values at the measurement points: coefficients of higher-order elements are not values.
         unknowns, blocks = self.unknowns.unknowns, self.reduced.unknowns.blocks
         values = [dx[blocks[name]] for name in self._fields if unknowns[name].basis is not None]
-        values += [self._at_points[name] @ dx[blocks[name]] for name in self._at_points]
-        return min(1.0, LONGEST / max(float(np.abs(np.concatenate(values)).max()), 1e-300))
+        values += [self._interpolation[name] @ dx[blocks[name]] for name in self._interpolation]
+        return min(1.0, MAX_CHANGE / max(float(np.abs(np.concatenate(values)).max()), 1e-300))
 
     @cached_property
-    def _at_points(self) -> dict[str, sp.csr_array]:
+    def _interpolation(self) -> dict[str, sp.csr_array]:
         found, once = {}, dict[int, sp.csr_array]()
         for name in self._fields:
             if self.unknowns.unknowns[name].basis is None:
@@ -179,7 +225,7 @@ class GaussNewton:
                 found[name] = once[space.globalorder]
         return found
 
-    def _found(
+    def _result(
         self, x: Array, waves: Array, data: Array, history: list[Iteration], settled: bool, stuck: bool = False
     ) -> WaveInversionResult:
         level, weights = (

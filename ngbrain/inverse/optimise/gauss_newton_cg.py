@@ -1,7 +1,7 @@
-"""Gauss-Newton inversion of problems in space: every step by preconditioned conjugate gradients, with a checkpoint.
+"""Gauss-Newton inversion of 3-D wave problems by preconditioned conjugate gradients, with checkpoints.
 
-The factor of the waves is made once for each point that is tried and serves its forward solves, its gradient and all the
-products of its step. Weights settle as in `gauss_newton`; what the data determine is estimated by one more solve a step.
+The wave operator is factorised once at each trial point; the factor serves the forward solves, the gradient and all products
+of the step. Weights converge as in `gauss_newton`; the effective number of parameters is estimated by one more solve per step.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from ngbrain.errors import InputError
 from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.sensitivity.harmonic.wave_model import WaveLinearisation
 from ngbrain.inverse.optimise.fingerprint import differing_parts, problem_fingerprint
-from ngbrain.inverse.optimise.gauss_newton import ROUNDS, GaussNewton, WaveInversionResult
+from ngbrain.inverse.optimise.gauss_newton import MAX_ITERATIONS, GaussNewton, WaveInversionResult
 from ngbrain.inverse.optimise.normal_equations import FORCING, MOST, NormalEquations
 from ngbrain.inverse.optimise.preconditioners import BoundaryExtensionPreconditioner
 from ngbrain.inverse.optimise.regularisation_weight import Evidence, MisfitLevel, WeightPolicy
@@ -34,9 +34,9 @@ from ngbrain.solvers.quasi_newton_preconditioner import QuasiNewtonPreconditione
 
 Array = np.ndarray
 STILL, ALIKE = 5e-3, 1.5
-"""Change of the misfit, and of any weight (factor), at which iterations end."""
+"""Relative change of the misfit, and factor of change of any weight, at which the iterations end."""
 SLOW, FALL = 2.0, 10.0
-"""Of `approach`: by how much a step is to lower the misfit for another one to follow; factor of the weights."""
+"""Of `approach`: least reduction factor of the misfit for another step to follow; factor by which the weights are lowered."""
 
 
 NOWHERE = np.empty((0, 0), complex)
@@ -44,15 +44,30 @@ NOWHERE = np.empty((0, 0), complex)
 
 
 class GaussNewtonCG(GaussNewton):
-    """Steps of `reduced` whose model is a `WaveModel` in space (or in the plane).
+    """Gauss-Newton-CG optimiser of a reduced objective whose model is a `WaveModel` in 3-D or in the plane.
 
-    policy      what changes the weights, see `weights`
-    forcing, most  where conjugate gradients stop: residual as a part of its start, iterations
-    checkpoint  .npz that is written after each iteration, or None
-    tell, seed  as for `GaussNewton`
+    The prescribed boundary displacements are unknown too where `reduced.unknowns` has the block "boundary".
 
-    Held displacements are unknown too where `reduced.unknowns` has the block "boundary".
-    Sources: Eisenstat and Walker 1996, 10.1137/0917003 (forcing); Petra et al. 2014, 10.1137/130934805 (products).
+    Parameters
+    ----------
+    reduced : Reduced
+        Objective; its unknowns are `ParameterFields`.
+    policy : WeightPolicy, optional
+        Update of the regularisation weights. Default `Evidence`.
+    forcing : float
+        Relative residual at which conjugate gradients stop.
+    max_cg_iterations : int
+        Maximum number of conjugate-gradient iterations per step.
+    checkpoint : path, optional
+        .npz file that is written after each iteration.
+    callback : callable
+        Called with each `Iteration`.
+    seed : int
+        Seed of the random probes that estimate traces.
+
+    References
+    ----------
+    Forcing: Eisenstat and Walker 1996, 10.1137/0917003. Hessian products: Petra et al. 2014, 10.1137/130934805.
     """
 
     def __init__(
@@ -71,41 +86,71 @@ class GaussNewtonCG(GaussNewton):
         self.checkpoint = None if checkpoint is None else Path(checkpoint)
         self.directions, self.extensions = QuasiNewtonPreconditioner(), BoundaryExtensionPreconditioner()
         self.iterations: list[int] = []
-        """Of conjugate gradients, for each solve: steps and probes in turn."""
+        """Conjugate-gradient iterations of each solve: steps and probes in turn."""
         self.approach_result: OptimisationResult | None = None
-        """Where `approach` ended, if there was one; its misfit is expected to be the number of data."""
+        """Result of `approach`, if there was one; its expected misfit is the number of data."""
 
     @property
     def has_checkpoint(self) -> bool:
-        """Whether there is a checkpoint to go on from."""
+        """Whether there is a checkpoint to resume from."""
         return self.checkpoint is not None and self.checkpoint.exists()
 
-    def resume(self, max_iterations: int = 4 * ROUNDS) -> WaveInversionResult:
-        """`descend` from the checkpoint, as if it had never stopped; its rounds count those done before.
+    def resume(self, max_iterations: int = 4 * MAX_ITERATIONS) -> WaveInversionResult:
+        """Resume `descend` from the checkpoint, as if it had never stopped; earlier iterations count.
 
-        An inversion that had settled is not begun again: what it found comes back, for one forward solve.
-        Raises `InputError` where there is no checkpoint, one of another problem (it says what differs, see `identity`), or one of
-        a way that had not come to its end: `from_measured` goes on from that.
+        An inversion that had converged is not repeated: its result is returned after one forward solve.
+
+        Parameters
+        ----------
+        max_iterations : int
+            Maximum number of iterations, those before the checkpoint included.
+
+        Returns
+        -------
+        WaveInversionResult
+
+        Raises
+        ------
+        InputError
+            If there is no checkpoint, if it belongs to another problem (the message says what differs, see
+            `fingerprint.problem_fingerprint`), or if `approach` had not ended; then use `from_measured_waves`.
         """
         x, waves, notes = self._saved()
         if len(waves):
-            raise InputError("checkpoint", f"{self.checkpoint}, on the way from measured waves", "one of a descent")
+            raise InputError("checkpoint", f"{self.checkpoint}, written before the descent began", "one of a descent")
         history = _history(notes["history"])
         self._ledger.begun -= history[-1].cpu_s
         return self._down(self.reduced.evaluate(x), max_iterations - len(history), history, notes["settled"])
 
-    def from_measured_waves(self, x: Array, waves: Array, approach: int, max_iterations: int) -> WaveInversionResult:
-        """`approach` in so many rounds at most, then `descend`; from the checkpoint, if there is one, on either way.
+    def from_measured_waves(
+        self, x: Array, waves: Array, approach_iterations: int, max_iterations: int
+    ) -> WaveInversionResult:
+        """Run `approach` and then `descend`, resuming from the checkpoint where there is one.
 
-        On the way, preconditioners are made anew: what follows is as good, but not the same to the last bit.
+        After a resumed `approach` the preconditioners are rebuilt: the result is as good, but not identical to the last bit.
+
+        Parameters
+        ----------
+        x : array (n,)
+            Initial guess of the unknowns.
+        waves : array (loads, ndof)
+            Measured waves.
+        approach_iterations : int
+            Maximum number of iterations of `approach`.
+        max_iterations : int
+            Maximum number of iterations of `descend`.
+
+        Returns
+        -------
+        WaveInversionResult
         """
         done, own = list[Iteration](), np.inf
         if self.has_checkpoint:
-            saved, on_the_way, notes = self._saved()
-            if not len(on_the_way):
+            saved, saved_waves, notes = self._saved()
+            if not len(saved_waves):
                 return self.resume(max_iterations)
-            x, waves, done, own = saved, on_the_way, _history(notes["done"]), notes["own"]
-        return self._down(self.approach(x, waves, approach, done, own), max_iterations, [])
+            x, waves, done, own = saved, saved_waves, _history(notes["done"]), notes["own"]
+        return self._down(self.approach(x, waves, approach_iterations, done, own), max_iterations, [])
 
     def _step(self, x: Array, state: WaveLinearisation, balance: Array | None) -> tuple[NormalEquations, Array, Array]:
         point = Point(self.reduced, x, state)
@@ -114,23 +159,41 @@ class GaussNewtonCG(GaussNewton):
         )
         return normal, normal.solve(-normal.gradient()), np.zeros_like(state.waves)
 
-    def _moved(self, x: Array, dx: Array, waves: Array) -> tuple[Array, Array]:
+    def _apply_step(self, x: Array, dx: Array, waves: Array) -> tuple[Array, Array]:
         return x + dx, waves
 
     def approach(
         self, x: Array, waves: Array, max_iterations: int, done: Sequence[Iteration] = (), before: float = np.inf
     ) -> Point:
-        """Where `descend` finds its way, from waves (loads, ndof) near the data that need not fit the fields.
+        """Find an initial guess for `descend` from waves close to the data that need not fit the fields.
 
-        Steps of `from_waves`, each but the first with weights lower by `FALL`, for so many rounds or until the misfit of the
-        fields' own waves hardly falls (`SLOW`). Of the rounds some may be `done`, the last from the misfit `before`.
+        The steps are those of `from_waves`. Each but the first lowers the weights by `FALL`. They end after `max_iterations`, or
+        when the misfit of the waves of the current fields hardly decreases (`SLOW`).
+
+        Parameters
+        ----------
+        x : array (n,)
+            Initial guess of the unknowns.
+        waves : array (loads, ndof)
+            Measured waves.
+        max_iterations : int
+            Maximum number of iterations, those of `done` included.
+        done : sequence of Iteration
+            Iterations before a checkpoint.
+        before : float
+            Misfit of the last of these.
+
+        Returns
+        -------
+        Point
+            Point of the reduced objective to descend from.
         """
         begun, history, point = time.process_time(), list(done), None
         for number in range(len(history), max_iterations):
             state = self.model.linearise(self.unknowns.theta(x), waves)
             balance = [self.model.body.pushed(k) - state.factors.apply(k, u) for k, u in enumerate(waves)]
             moved = np.array([state.factors.solve(k, b) for k, b in enumerate(balance)])
-            own = WaveLinearisation(self.model, state.factors, waves + moved)  # of waves that fit the fields
+            own = WaveLinearisation(self.model, state.factors, waves + moved)  # waves of the current fields
             misfit = self.misfit.value(own.data)
             if misfit > before / SLOW:
                 point = Point(self.reduced, x, own)
@@ -140,7 +203,7 @@ class GaussNewtonCG(GaussNewton):
                 self.reduced.weights[name] /= FALL
             normal, dx, _ = self._step(x, state, None)
             moved += state.state_derivative(normal.point.jacobian @ dx)
-            step = self._bounded(dx)
+            step = self._step_bound(dx)
             x, waves = x + step * dx, waves + step * moved
             change = float(np.sqrt(np.mean((step * dx[: self._width]) ** 2)))
             cpu_s, weights = time.process_time() - begun, dict(self.reduced.weights)
@@ -158,8 +221,8 @@ class GaussNewtonCG(GaussNewton):
         )
         return point
 
-    def _still(self, history: list[Iteration]) -> bool:
-        # Traces are estimates, so what the data hardly determine never quite settles.
+    def _is_stationary(self, history: list[Iteration]) -> bool:
+        # Traces are estimates, so weights of what the data hardly determine never converge exactly.
         if len(history) < 2:
             return False
         before, now = history[-2:]
@@ -170,7 +233,7 @@ class GaussNewtonCG(GaussNewton):
     def _problem(self) -> dict[str, str]:
         return problem_fingerprint(self.reduced)
 
-    def _keep(self, x: Array, history: list[Iteration], settled: bool) -> None:
+    def _write_checkpoint(self, x: Array, history: list[Iteration], settled: bool) -> None:
         self._save(x, {"settled": settled, "history": [asdict(entry) for entry in history]})
 
     def _save(self, x: Array, more: dict[str, object], waves: Array = NOWHERE) -> None:
@@ -189,19 +252,19 @@ class GaussNewtonCG(GaussNewton):
         atomic_write(self.checkpoint, write)
 
     def _saved(self) -> tuple[Array, Array, dict[str, Any]]:
-        """x, waves (none in a descent) and notes of the checkpoint, whose weights and directions are taken on."""
-        wanted = "a file that an inversion has written"
+        """x, waves (empty during a descent) and notes of the checkpoint; its weights and search directions are restored."""
+        wanted = "a checkpoint that an inversion has written"
         if self.checkpoint is None or not self.has_checkpoint:
             raise InputError("checkpoint", str(self.checkpoint), wanted)
         try:
             saved = read_npz(self.checkpoint, "checkpoint")
             x, waves, begun, directions = (saved[name] for name in ("x", "waves", "begun", "directions"))
             notes = json.loads(str(saved["notes"]))
-            told = notes.get("problem")
+            recorded = notes.get("problem")
         except (KeyError, ValueError, AttributeError) as error:
-            raise InputError("checkpoint", f"{self.checkpoint}, which is none", wanted) from error
-        if others := differing_parts(told, self._problem):
-            found = f"{self.checkpoint}, of another problem: other {', '.join(others)}"
+            raise InputError("checkpoint", f"{self.checkpoint}, which is not one", wanted) from error
+        if others := differing_parts(recorded, self._problem):
+            found = f"{self.checkpoint}, of another problem: differs in {', '.join(others)}"
             raise InputError("checkpoint", found, "one of the same problem, or no file there")
         self.reduced.weights, self.directions.arrays = notes["weights"], directions
         if arrived := notes.get("arrived"):
@@ -217,11 +280,18 @@ def _history(entries: Sequence[dict[str, Any]]) -> list[Iteration]:
 
 @dataclass(frozen=True)
 class SolverCost:
-    """What an inversion is expected to take.
+    """Estimated cost of one factorisation and of its solves.
 
-    unknowns     complex, of one wave
-    memory_gib   of the factor
-    factor_s, solve_s   CPU time of a factorisation and of a back-substitution
+    Parameters
+    ----------
+    unknowns : int
+        Complex unknowns of one wave.
+    memory_gib : float
+        Memory of the factor (GiB).
+    factor_s : float
+        CPU time of a factorisation (s).
+    solve_s : float
+        CPU time of a back-substitution (s).
     """
 
     unknowns: int
@@ -230,14 +300,28 @@ class SolverCost:
     solve_s: float
 
     def step_s(self, loads: int, iterations: int) -> float:
-        """CPU time of a step with so many iterations of conjugate gradients: two solves for each load and iteration."""
+        """CPU time (s) of a Gauss-Newton step: two solves per load and conjugate-gradient iteration.
+
+        Parameters
+        ----------
+        loads : int
+            Number of loads.
+        iterations : int
+            Conjugate-gradient iterations of the step.
+
+        Returns
+        -------
+        float
+            CPU time (s).
+        """
         return self.factor_s + 2 * loads * (iterations + 1) * self.solve_s
 
 
 def estimate_solver_cost(body: HarmonicProblem) -> SolverCost:
-    """Cost of a body's factor, extrapolated from heads meshed with P2; right within a factor of two or three.
+    """Estimate the cost of factorising the wave operator of a body, extrapolated from head meshes with P2 elements.
 
-    Measured on one core: 20 million entries, 4.7 s and .13 s with 45 000 unknowns, 143 million, 81 s and .79 s with 131 000.
+    The estimate is right within a factor of two or three. Measured on one core: 20 million entries, 4.7 s and 0.13 s with 45 000
+    unknowns; 143 million entries, 81 s and 0.79 s with 131 000.
 
     >>> from ngbrain.forward.harmonic.wave import Wave
     >>> from ngbrain.materials import Shearing

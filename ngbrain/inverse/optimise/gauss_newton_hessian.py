@@ -1,4 +1,4 @@
-"""The Gauss-Newton matrix H = JᵀWJ + Σ αR of any model, known by its products, and the metric that makes them few."""
+"""Gauss-Newton Hessian H = JᵀWJ + Σ αR of any model by its products, and the metric of the regularisers that preconditions it."""
 
 from __future__ import annotations
 
@@ -14,19 +14,33 @@ from ngbrain.solvers.krylov import truncated_cg
 
 Array = np.ndarray
 ROUGH, MOST = 1e-3, 200
-"""Of the solutions by which traces are estimated."""
+"""Relative residual and maximum number of iterations of the solves by which traces are estimated."""
 FORGOTTEN = 2.0
-"""Fits of a small constant arrive by 2 and by 4, in 16 to 28 steps, by 16 none does; four Prony terms take a sixth fewer runs by 2
-than by 1.
+"""Factor by which an earlier curvature counts less at each new point. Fits of a small constant converge with 2 and with 4, in 16 to
+28 steps; with 16 none does. Four Prony terms take a sixth fewer runs with 2 than with 1.
 """
 
 
 class Metric:
-    """M = Σ αR, and the mean diagonal of H where no regulariser is: how far apart two x are before anything is measured.
+    """Metric M = Σ αR, completed by the mean diagonal of H for unknowns without a regulariser.
 
-    With M = Lᵀ'L' for a triangular L', ξ = L'(x - x̄) are white: all of them are expected to be of size one, so that BFGS may
-    start with the identity.
+    With M = Lᵀ'L' for a triangular L', the variables ξ = L'(x - x̄) are white: each is expected to be of size one, so that BFGS
+    may start from the identity.
 
+    Parameters
+    ----------
+    matrix : sparse array (n, n)
+        M, symmetric positive definite.
+    free : array (n,), optional
+        Mean diagonal of H for unknowns without a regulariser, zero for the others.
+
+    Raises
+    ------
+    SolverError
+        If M is singular.
+
+    Examples
+    --------
     >>> import scipy.sparse as sp
     >>> metric = Metric(sp.csr_array(np.array([[4.0, 1.0], [1.0, 9.0]])))
     >>> np.allclose(metric.unwhiten(metric.unwhiten(np.eye(2)).T), metric.solve(np.eye(2)))
@@ -36,7 +50,7 @@ class Metric:
     def __init__(self, matrix: sp.csr_array, free: Array | None = None) -> None:
         self.matrix, self.free = matrix, free
         self.loose = np.zeros(matrix.shape[0], bool) if free is None else free > 0
-        """Unknowns that no regulariser holds."""
+        """Mask of the unknowns without a regulariser."""
         self._factor = _without_pivots(sp.csc_array(matrix), "MMD_AT_PLUS_A")
         self._order = np.argsort(self._factor.perm_r)
         root = self._factor.L @ sp.diags_array(np.sqrt(self._factor.U.diagonal()))
@@ -45,10 +59,30 @@ class Metric:
 
     @staticmethod
     def from_point(point: Point, before: Metric | None = None) -> Metric:
-        """At a point, with the weights as they are; by one product where there are unknowns that no regulariser holds.
+        """Metric at a point with the current weights; takes one Hessian product per block without a regulariser.
 
-        Of these the largest so far counts, less by `FORGOTTEN` with each point since, with the metric of a point `before`: one that
-        has become so small that it changes nothing is then not drawn on for that (Moré 1978, 10.1007/BFb0067700, without less).
+        For these blocks the largest curvature so far is used, reduced by `FORGOTTEN` at each new point. A parameter that has become
+        so small that it has no influence then keeps a bounded step.
+
+        Parameters
+        ----------
+        point : Point
+            Point of the reduced objective.
+        before : Metric, optional
+            Metric of the previous point.
+
+        Returns
+        -------
+        Metric
+
+        Raises
+        ------
+        InputError
+            If the data do not depend on an unknown without a regulariser.
+
+        References
+        ----------
+        Scaling by the largest curvature so far, without forgetting: Moré 1978, 10.1007/BFb0067700.
         """
         reduced, free = point.reduced, np.zeros(len(point.x))
         loose = {name: block for name, block in reduced.unknowns.blocks.items() if name not in reduced.regularisers}
@@ -59,48 +93,74 @@ class Metric:
             free[block] = float(alone @ point.product(alone)) / (block.stop - block.start)
             if not free[block.start] > 0:
                 raise InputError(
-                    "unknowns", f"{name}, of which data tell nothing", "those that they tell of, or a regulariser"
+                    "unknowns",
+                    f"{name}, which the data do not depend on",
+                    "unknowns that they depend on, or a regulariser",
                 )
         if before is not None and before.free is not None:
             free = np.maximum(free, before.free / FORGOTTEN)
         return Metric(sp.csr_array(point.regular_matrix + sp.diags_array(free)), free)
 
     def solve(self, b: Array) -> Array:
-        """M⁻¹ b."""
+        """Solution M⁻¹ b."""
         return self._factor.solve(b)
 
     def unwhiten(self, xi: Array) -> Array:
-        """x - x̄ of ξ."""
+        """x - x̄ of the white variables ξ."""
         x = np.empty_like(xi)
         x[self._order] = self._root.solve(xi, trans="T")
         return x
 
     def colour(self, white: Array) -> Array:
-        """A vector z with E[z zᵀ] = M, of one with E = 1."""
+        """Random vector z with covariance M, from one with unit covariance."""
         z = np.empty_like(white)
         z[self._order] = self._lower @ white
         return z
 
     def whiten_gradient(self, gradient: Array) -> Array:
-        """The gradient by ξ of the gradient by x: the transpose of `back`."""
+        """Gradient with respect to ξ from that with respect to x: the transpose of `unwhiten`."""
         return self._root.solve(gradient[self._order])
 
 
 class GaussNewtonHessian:
-    """H at a point, inverted by conjugate gradients with M⁻¹ as preconditioner: no factor, for problems of any size.
+    """Gauss-Newton Hessian H at a point, inverted by conjugate gradients with M⁻¹ as preconditioner.
 
-    It has to be asked before the model moves on, as the point has.
+    Nothing is factorised, so that problems may be of any size. Like the point, it is valid until the model moves on.
+
+    Parameters
+    ----------
+    point : Point
+        Point of the reduced objective.
+    metric : Metric
+        Metric M.
     """
 
     def __init__(self, point: Point, metric: Metric) -> None:
         self.point, self.metric = point, metric
 
     def apply(self, x: Array) -> Array:
-        """H x."""
+        """Hessian-vector product H x."""
         return self.point.product(x)
 
     def solve(self, b: Array, damping: float = 0.0, rtol: float = ROUGH, max_iterations: int = MOST) -> Array:
-        """(H + damping M)⁻¹ b, or a step on the way there that lowers its energy."""
+        """Approximate (H + damping M)⁻¹ b by truncated conjugate gradients; a truncated step is still a descent direction.
+
+        Parameters
+        ----------
+        b : array (n,)
+            Right-hand side.
+        damping : float
+            Damping λ.
+        rtol : float
+            Relative residual.
+        max_iterations : int
+            Maximum number of iterations.
+
+        Returns
+        -------
+        array (n,)
+            The step.
+        """
 
         def damped(x: Array) -> Array:
             return self.apply(x) + damping * (self.metric.matrix @ x)
@@ -108,16 +168,16 @@ class GaussNewtonHessian:
         return truncated_cg(damped, self.metric.solve, b, rtol, max_iterations)[0]
 
     def data_share(self, direction: Array) -> float:
-        """Of what holds x along a direction, how much is data: 1 where it is measured, 0 where it is merely assumed.
+        """Share of the data in the curvature along a direction: 1 where it is measured, 0 where it is only assumed.
 
-        Asked along a whole field it finds what the data leave open: the bulk modulus of nearly incompressible tissue; the level
-        of all moduli where nothing but displacements drives a body at rest.
+        Along a whole field it shows what the data leave undetermined: the bulk modulus of nearly incompressible tissue, or the
+        common level of all moduli where a body at rest is driven by displacements only.
         """
         assumed, all_of_it = direction @ (self.point.regular_matrix @ direction), direction @ self.apply(direction)
         return float(1 - assumed / all_of_it)
 
     def effective_parameters(self, random: np.random.Generator) -> float:
-        """How many numbers the data determine, n - tr(Σ αR H⁻¹), estimated."""
+        """Effective number of parameters that the data determine, n - tr(Σ αR H⁻¹), estimated with random probes."""
         blocks = self.point.reduced.unknowns.blocks
         regular = {name: self.point.regular_matrix for name in self.point.reduced.regularisers}
         held = self.effective_parameters_by_block({name: blocks[name] for name in regular}, regular, random)
@@ -127,8 +187,22 @@ class GaussNewtonHessian:
     def effective_parameters_by_block(
         self, blocks: Mapping[str, slice], regular: Mapping[str, sp.csr_array], random: np.random.Generator
     ) -> dict[str, float]:
-        """So of each block; the regularisers as they were for `metric`."""
-        # tr(R H⁻¹) = E[z·H⁻¹z] with E[zzᵀ] = R: a symmetric form varies far less than e·RH⁻¹e of signs e.
+        """Effective number of parameters of each block, with the regularisers of `metric`.
+
+        Parameters
+        ----------
+        blocks : mapping of str to slice
+            Name and place of each block in x.
+        regular : mapping of str to sparse array
+            Weighted regulariser matrix of each block.
+        random : Generator
+            Random probes.
+
+        Returns
+        -------
+        dict of str to float
+        """
+        # tr(R H⁻¹) = E[z·H⁻¹z] with E[zzᵀ] = R: this symmetric form has a far smaller variance than e·RH⁻¹e with random signs e.
         coloured = self.metric.colour(random.choice([-1.0, 1.0], size=len(self.point.x)))
         found = {}
         for name in regular:
@@ -146,5 +220,5 @@ def _without_pivots(matrix: sp.csc_array, order: str) -> scipy.sparse.linalg.Sup
         )
     except RuntimeError as error:
         raise SolverError(
-            "neither regularisers nor data hold some unknown where the search went; give it a regulariser, or bounds"
+            "neither regularisers nor data determine some unknown at the current iterate; give it a regulariser, or bounds"
         ) from error

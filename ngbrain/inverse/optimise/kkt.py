@@ -1,14 +1,14 @@
-"""One Gauss-Newton step with waves and fields as unknowns together, by one sparse factorisation.
+"""One Gauss-Newton step with waves and fields as joint unknowns, by one sparse factorisation.
 
 Around fields x and waves u the step (δx, δu) minimises
 
     ½ |W^½ (B (u + δu) - m)|² + ½ (x + δx - x̄)·R (x + δx - x̄)    subject to    A (u + δu) + (∂A/∂x u) δx = f
 
-with W the weights of the data. Its optimality conditions are sparse and symmetric, and their factor also tells how many
-numbers the data determine. The waves need not satisfy the equation of motion to begin with: started from measured waves the
-first step is a linear least-squares problem, which has no local minima to fall into.
+with W the weights of the data. The optimality (KKT) conditions are sparse and symmetric; their factor also yields the effective
+number of parameters. The waves need not satisfy the equation of motion initially: started from measured waves, the first
+step is a linear least-squares problem without local minima.
 
-For plane problems: the factor of a problem in space does not fit.
+For plane problems; in 3-D the factor does not fit into memory.
 """
 
 from __future__ import annotations
@@ -26,31 +26,45 @@ from ngbrain.solvers.matrices import to_ngsolve
 
 Array = np.ndarray
 SHIFT = 1e-8
-"""Added to the diagonal, negative for the equations: then any order of elimination is stable without pivots (Vanderbei 1995,
-10.1137/0805005), and refinement takes it off again."""
-TIED = 1e-6
-"""Weight, in squared deviations of the data, of changes on the boundary: an edge between points is held by little else."""
-FAINT = 1e-3
-"""The same of a component that is never measured: with 2 % noise a change as large as the waves costs as much as a few data."""
-SEEN = 1e-12
-"""Share of the largest squared value at the data below which an unknown counts as not seen: at a node, or beside it by as much as
-single precision rounds, functions of other nodes are nothing but round-off."""
+"""Shift of the diagonal, negative for the equations, so that any elimination order is stable without pivoting (Vanderbei 1995,
+10.1137/0805005). Iterative refinement removes it.
+"""
+BOUNDARY_WEIGHT = 1e-6
+"""Weight of boundary changes, in squared deviations of the data: little else determines an edge between measurement points."""
+UNMEASURED_WEIGHT = 1e-3
+"""The same for a component that is never measured: with 2 % noise, a change as large as the waves then costs as much as a few
+data."""
+OBSERVED = 1e-12
+"""Share of the largest squared basis function value at the data below which an unknown counts as unobserved. At nodes, or within
+single-precision round-off of them, basis functions of other nodes are only round-off.
+"""
 REFINEMENTS = 6
 ROUGH = 1e-6
 
 
 class KKTSystem:
-    """The conditions around one state, factorised.
+    """Factorised optimality (KKT) conditions of the linearised problem around one state.
 
-    state     fields and waves that the problem is linearised around
-    jacobian  ∂θ/∂x of the fields' unknowns (rows in θ before the boundary's)
-    regular   R, with its weights
-    weight    W (loads, n, dim), 0 where nothing is measured
-    fixed     whether the held displacements are known exactly; else they are unknowns as all others, held by the data
-    level     a direction of x that δx shall have no part of. At rest the equation of motion is fulfilled best by moduli of
-              nothing, whatever the waves: their common factor has to be left where it is
+    Parameters
+    ----------
+    state : WaveLinearisation
+        Fields and waves around which the problem is linearised.
+    jacobian : sparse array
+        ∂θ/∂x of the unknown fields (rows of θ before those of the boundary).
+    regular : sparse array (n, n)
+        Weighted regulariser matrix R.
+    weight : array (loads, n, dim)
+        Data weights W, zero where nothing is measured.
+    fixed : bool
+        Whether the prescribed displacements are known exactly; otherwise they are unknowns determined by the data.
+    fixed_direction : array (n,), optional
+        Direction of x along which δx is zero. For a body at rest the equation of motion is satisfied best by vanishing moduli,
+        whatever the waves, so that their common factor must stay fixed.
 
-    Raises `SolverError` when the conditions are singular.
+    Raises
+    ------
+    SolverError
+        If the conditions are singular.
     """
 
     def __init__(
@@ -78,12 +92,12 @@ class KKTSystem:
             square = sp.csr_array(seen.T @ seen)
             matrix = state.factors.matrix(k)[self.free][:, self.active]
             column = _column_scale(square, matrix)
-            tied = sp.diags_array(np.where(self.free, 0.0, self._ties(weight[k]))[self.active])
+            boundary = sp.diags_array(np.where(self.free, 0.0, self._boundary_weights(weight[k]))[self.active])
             matrix = matrix @ sp.diags_array(column)
             row = 1 / np.sqrt(np.asarray(abs(matrix).power(2).sum(axis=1)).ravel())
             matrix = sp.diags_array(row) @ matrix
             change = sp.diags_array(row) @ (fields.matrices[k] @ jacobian)[self.free]
-            square = sp.csr_array(sp.diags_array(column) @ square @ sp.diags_array(column) + tied)
+            square = sp.csr_array(sp.diags_array(column) @ square @ sp.diags_array(column) + boundary)
             hessians += [square, square]
             before, after = [None] * (2 * k), [None] * (2 * (self.loads - 1 - k))
             rows.append([change.real, *before, matrix.real, -matrix.imag, *after])
@@ -104,26 +118,40 @@ class KKTSystem:
         self._factor = body.device.factor(self._shifted, what="the optimality conditions")
         state.model.solves.factorisations += 1
 
-    def _ties(self, weight: Array) -> Array:
-        """Of each of a wave's unknowns, were it on the boundary."""
-        ties = np.full(len(self.free), TIED)
+    def _boundary_weights(self, weight: Array) -> Array:
+        """Weight of each unknown of a wave, if it lay on the boundary."""
+        weights = np.full(len(self.free), BOUNDARY_WEIGHT)
         body = self.state.model.body
         moved = body.displacement.ndof
-        ties[:moved].reshape(weight.shape[1], -1)[~np.any(weight > 0, axis=0)] = FAINT  # components one after the other
-        return ties
+        weights[:moved].reshape(weight.shape[1], -1)[~np.any(weight > 0, axis=0)] = (
+            UNMEASURED_WEIGHT  # component by component
+        )
+        return weights
 
     def step(self, slope: Array, residual: Array, imbalance: Array | None = None) -> tuple[Array, Array]:
-        """δx and δu (loads, ndof).
+        """Solve for the Gauss-Newton step.
 
-        slope      gradient of the regularisers at x
-        residual   m - B u (loads, n, dim), 0 where nothing is measured
-        imbalance  f - A u (loads, ndof); None: the waves satisfy the equation of motion
+        Parameters
+        ----------
+        slope : array (n,)
+            Gradient of the regularisers at x.
+        residual : array (loads, points, dim)
+            Data residual m - B u, zero where nothing is measured.
+        imbalance : array (loads, ndof), optional
+            Residual f - A u of the equation of motion. By default the waves satisfy it.
+
+        Returns
+        -------
+        dx : array (n,)
+            Step of the fields.
+        du : array (loads, ndof)
+            Step of the waves.
         """
-        pulls = [root * part.T.ravel() for root, part in zip(self._root, residual, strict=True)]
-        return self._solve(-slope, pulls, imbalance)
+        weighted_residuals = [root * part.T.ravel() for root, part in zip(self._root, residual, strict=True)]
+        return self._solve(-slope, weighted_residuals, imbalance)
 
     def effective_parameters(self, random: np.random.Generator) -> float:
-        """How many of the real data the fitted unknowns use up: an estimate of the trace of the influence matrix."""
+        """Effective number of real data that the unknowns use up: an estimate of the trace of the influence matrix."""
         probes = [random.choice([-1.0, 1.0], size=(len(root), 2)) @ [1, 1j] for root in self._root]
         _, waves = self._solve(
             np.zeros(self.size), [np.where(r > 0, z, 0) for z, r in zip(probes, self._root, strict=True)]
@@ -136,8 +164,22 @@ class KKTSystem:
     def effective_parameters_by_block(
         self, blocks: Mapping[str, slice], regular: Mapping[str, sp.csr_array], random: np.random.Generator
     ) -> dict[str, float]:
-        """For each block how many of its numbers the data determine: n - tr(R_b H⁻¹), estimated; R_b with its weight."""
-        # tr(R H⁻¹) = E[z·H⁻¹z] with E[zzᵀ] = R: a symmetric form varies far less than e·RH⁻¹e of signs e.
+        """Effective number of parameters of each block, n - tr(R_b H⁻¹), estimated with random probes.
+
+        Parameters
+        ----------
+        blocks : mapping of str to slice
+            Name and place of each block in x.
+        regular : mapping of str to sparse array
+            Weighted regulariser matrix of each block.
+        random : Generator
+            Random probes.
+
+        Returns
+        -------
+        dict of str to float
+        """
+        # tr(R H⁻¹) = E[z·H⁻¹z] with E[zzᵀ] = R: this symmetric form has a far smaller variance than e·RH⁻¹e with random signs e.
         found = {}
         for name, matrix in regular.items():
             block, probe = blocks[name], np.zeros(self.size)
@@ -147,10 +189,12 @@ class KKTSystem:
             found[name] = float(np.clip(size - probe @ y, 0.0, size))
         return found
 
-    def _solve(self, slope: Array, pulls: list[Array], imbalance: Array | None = None) -> tuple[Array, Array]:
+    def _solve(
+        self, slope: Array, weighted_residuals: list[Array], imbalance: Array | None = None
+    ) -> tuple[Array, Array]:
         parts = [slope]
-        for root, pull, column in zip(self._root, pulls, self._columns, strict=True):
-            b = column * (self.observe.T @ (root * pull))
+        for root, weighted_residual, column in zip(self._root, weighted_residuals, self._columns, strict=True):
+            b = column * (self.observe.T @ (root * weighted_residual))
             parts += [b.real, b.imag]
         for k, row in enumerate(self._rows):
             c = np.zeros(len(row), complex) if imbalance is None else row * imbalance[k][self.free]
@@ -164,7 +208,7 @@ class KKTSystem:
             if not np.linalg.norm(left) > ROUGH * 1e-4 * np.linalg.norm(b):
                 break
         if not np.linalg.norm(left) <= ROUGH * np.linalg.norm(b):
-            raise SolverError("the optimality conditions are singular: nothing holds some of the unknowns")
+            raise SolverError("the optimality conditions are singular: some unknowns are not determined")
         waves = np.zeros((self.loads, len(self.free)), complex)
         rest = x[self.size : self.size + 2 * self.loads * int(self.active.sum())].reshape(self.loads, 2, -1)
         for k, column in enumerate(self._columns):
@@ -173,9 +217,9 @@ class KKTSystem:
 
 
 def _column_scale(square: sp.csr_array, matrix: sp.csr_array) -> Array:
-    """Units of the waves' unknowns: a standard deviation of the data; of a pressure, what weighs as much in the matrix."""
+    """Scale of the unknowns of the waves: a standard deviation of the data; for pressures, the same norm of the matrix column."""
     squares = square.diagonal()
-    seen = squares > SEEN * squares.max()
+    seen = squares > OBSERVED * squares.max()
     sigma = 1 / np.sqrt(np.median(squares[seen]))
     weights = np.sqrt(np.asarray(abs(matrix).power(2).sum(axis=0)).ravel())
     typical = np.median(weights[seen])

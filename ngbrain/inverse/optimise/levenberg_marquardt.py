@@ -28,11 +28,11 @@ DENSE = 2000
 FIRST, LIGHT = 1.0, 0.1
 """Damping to begin with: in this metric as much as all regularisers; and a tenth of the mean curvature where none holds some
 unknown, whose steps are bounded anyway (relaxing bodies: 6 Jacobians for 9 and 17 for 18; by .01 the same)."""
-SHORT, LONGEST = 1.0, 3.0
+SHORT, MAX_CHANGE = 1.0, 3.0
 """A step changes no unknown by more than the second, of logarithms a factor of 20, and one that no regulariser holds at first by no
 more than the other, a factor of e: else one of which data tell little is lost at once, and they tell nothing of it from there."""
 HEAVY = 1e12
-ROUNDS = 60
+MAX_ITERATIONS = 60
 ROUGH, MOST = 0.01, 200
 """Of steps by conjugate gradients."""
 NOTHING = 1e-9
@@ -46,7 +46,7 @@ def levenberg_marquardt(
     seed: int = 0,
     *,
     max_dense: int = DENSE,
-    max_iterations: int = ROUNDS,
+    max_iterations: int = MAX_ITERATIONS,
     initial_damping: float | None = None,
 ) -> OptimisationResult:
     """From x down, the weights changed by `policy` after every step that falls.
@@ -78,7 +78,7 @@ def levenberg_marquardt(
         while damping < HEAVY:
             step = -H.solve(gradient, damping, ROUGH, MOST)
             size = float(np.max(np.abs(step[metric.loose]), initial=0.0))
-            if not (size <= longest and np.abs(step).max() <= LONGEST):  # beyond what second order can foretell
+            if not (size <= longest and np.abs(step).max() <= MAX_CHANGE):  # beyond what second order can foretell
                 damping, growth = damping * growth, 2 * growth
                 continue
             foretold = -float(step @ gradient) - 0.5 * float(step @ H.apply(step))
@@ -118,7 +118,7 @@ def next_step_bound(longest: float, size: float, gain: float) -> float:
     """
     if gain < 0.25:
         return max(size / 2, 1e-3)
-    return min(2 * longest, LONGEST) if gain > 0.75 and size > longest / 2 else longest
+    return min(2 * longest, MAX_CHANGE) if gain > 0.75 and size > longest / 2 else longest
 
 
 class DenseGaussNewtonHessian(GaussNewtonHessian):

@@ -30,7 +30,7 @@ from ngbrain.inverse.optimise.result import Iteration, IterationLog, Optimisatio
 
 Array = np.ndarray
 GAIN = 1e-4
-MEMORY, ROUNDS = 20, 16
+MEMORY, MAX_ITERATIONS = 20, 16
 BACK = 3.0
 """Where a model has no solution, how much steeper it goes up than it went down before: that of a parabola whose least is a
 quarter of the step away. A huge value instead, and scipy's L-BFGS interpolates a step of no length and gives up."""
@@ -48,7 +48,7 @@ def bfgs(
     seed: int = 0,
     *,
     max_inner_iterations: int = 50,
-    max_iterations: int = ROUNDS,
+    max_iterations: int = MAX_ITERATIONS,
 ) -> OptimisationResult:
     """Rounds of BFGS with a dense matrix: n² numbers, so for n ≲ 10 000.
 
@@ -71,7 +71,7 @@ def l_bfgs(
     seed: int = 0,
     *,
     max_inner_iterations: int = 50,
-    max_iterations: int = ROUNDS,
+    max_iterations: int = MAX_ITERATIONS,
 ) -> OptimisationResult:
     """Rounds of BFGS that remembers the last `MEMORY` steps (scipy), for any n; slower to arrive than `bfgs`.
 
@@ -100,7 +100,7 @@ def newton_cg(
     seed: int = 0,
     *,
     max_inner_iterations: int = 20,
-    max_iterations: int = ROUNDS,
+    max_iterations: int = MAX_ITERATIONS,
 ) -> OptimisationResult:
     """Rounds of Gauss-Newton steps in a trust region, by conjugate gradients (scipy): fewest iterations, two solves in each of
     theirs.

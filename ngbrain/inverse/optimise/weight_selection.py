@@ -17,7 +17,7 @@ import numpy as np
 
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import ConvergenceError, InputError, nearest
-from ngbrain.inverse.optimise.gauss_newton import ROUNDS, GaussNewton
+from ngbrain.inverse.optimise.gauss_newton import MAX_ITERATIONS, GaussNewton
 from ngbrain.inverse.optimise.regularisation_weight import (
     DiscrepancyPrinciple,
     Evidence,
@@ -41,7 +41,7 @@ class WeightSelection:
     """Weights that a policy changes with the fields, in so many `rounds` of a descent at most."""
 
     policy: Callable[[], WeightPolicy] = Evidence
-    max_iterations: int = 8 * ROUNDS
+    max_iterations: int = 8 * MAX_ITERATIONS
 
     def from_waves(self, reduced: Reduced, x: Array, waves: Array, callback: Tell) -> OptimisationResult:
         """`GaussNewton.from_waves`; the weights it ends with stay in `reduced`."""

@@ -197,7 +197,10 @@ def test_a_checkpoint_of_another_problem_is_refused(tmp_path):
     moved, heavier = problem(weight=1e4)[0], problem(weight=1e4)[0]
     moved.misfit.measured[0, 0, 0] *= 1.001
     heavier.model.body.density *= 1.001
-    for other, words in ((moved, "other measured displacements;"), (heavier, "other material, density or fibres;")):
+    for other, words in (
+        (moved, "differs in measured displacements;"),
+        (heavier, "differs in material, density or fibres;"),
+    ):
         with pytest.raises(InputError, match=words):
             GaussNewtonCG(other, checkpoint=tmp_path / "part.npz").resume()
 

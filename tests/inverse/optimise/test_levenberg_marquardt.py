@@ -13,7 +13,7 @@ from ngbrain.inverse.objective.parameters import ParameterFields, Unknown
 from ngbrain.inverse.objective.regularisation import ridge
 from ngbrain.inverse.optimise.gauss_newton import GaussNewton
 from ngbrain.inverse.optimise.gauss_newton_hessian import GaussNewtonHessian, Metric
-from ngbrain.inverse.optimise.levenberg_marquardt import LONGEST, DenseGaussNewtonHessian, levenberg_marquardt
+from ngbrain.inverse.optimise.levenberg_marquardt import MAX_CHANGE, DenseGaussNewtonHessian, levenberg_marquardt
 from ngbrain.inverse.optimise.regularisation_weight import FixedWeights
 from ngbrain.inverse.phantoms.benchmark import Phantom
 
@@ -67,7 +67,7 @@ def test_nowhere_to_go_from_where_the_data_fit():
 
 
 def test_what_nothing_holds_is_said():
-    with pytest.raises(SolverError, match="neither regularisers nor data hold some unknown"):
+    with pytest.raises(SolverError, match="neither regularisers nor data determine some unknown"):
         Metric(sp.csr_array(np.diag([1.0, 0.0])))
 
 
@@ -129,5 +129,5 @@ def test_no_step_changes_an_unknown_beyond_what_can_be_foretold():
     inversion.reduced.evaluate = watched
     levenberg_marquardt(inversion.reduced, inversion.start, FixedWeights(), max_iterations=6)
     assert (
-        max(np.abs(np.diff(seen, axis=0)).max(axis=1)) <= 2 * LONGEST
+        max(np.abs(np.diff(seen, axis=0)).max(axis=1)) <= 2 * MAX_CHANGE
     )  # from a trial to the next one, both from one point
