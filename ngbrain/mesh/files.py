@@ -1,4 +1,4 @@
-"""Where a mesh goes: a file of our own that keeps every bit, or one of another program's."""
+"""Mesh files: the format of this package, which keeps every bit, and the formats of other programs."""
 
 from __future__ import annotations
 
@@ -18,9 +18,18 @@ OWN = ".vtkhdf"
 
 
 def write(path: Path, elements: Elements, route: str, mesh: ngs.Mesh | None = None) -> None:
-    """Write a mesh in the format of the path's suffix, in a folder that is made if need be.
+    """Write a mesh in the format of the path's suffix; missing folders are made.
 
-    mesh   the same, curved, for a file of our own
+    Parameters
+    ----------
+    path : Path
+        File, `.vtkhdf` or a suffix of `ngbrain.io.exchange`.
+    elements : Elements
+        The mesh with straight edges.
+    route : str
+        Name of the meshing route; it is stored in a `.vtkhdf` file.
+    mesh : ngsolve.Mesh, optional
+        The same mesh with curved elements, for a `.vtkhdf` file.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     if path.name.lower().endswith(OWN):
@@ -32,9 +41,27 @@ def write(path: Path, elements: Elements, route: str, mesh: ngs.Mesh | None = No
 def write_result(
     path: Path, source: str, route: str, elements: Elements, started: float, **rest: Any
 ) -> dict[str, Any]:
-    """Write result.json beside a mesh: what each has, and the `rest` of this one, which goes before; returns it.
+    """Write `result.json` beside a mesh.
 
-    started   when its making began, by `time.monotonic`
+    Parameters
+    ----------
+    path : Path
+        File of the mesh.
+    source : str
+        What the mesh was made from.
+    route : str
+        Name of the meshing route.
+    elements : Elements
+        The mesh.
+    started : float
+        Start of the computation, by `time.monotonic` (s).
+    **rest
+        Further entries; they replace the default ones of the same name.
+
+    Returns
+    -------
+    dict of str to Any
+        The result as written.
     """
     result = {
         "verb": "mesh",
@@ -56,7 +83,7 @@ def write_result(
 
 
 def check_writable(path: Path) -> None:
-    """Try the folder, or the one that it would be made in; raises `InputError` for a folder and `OSError` where nothing can be."""
+    """Check that a file can be written; raises `InputError` for a folder and `OSError` where nothing can be written."""
     if path.is_dir():
         raise InputError("-o", repr(str(path)), "a file, not a folder")
     there = next(folder for folder in path.absolute().parents if folder.exists())
@@ -65,7 +92,7 @@ def check_writable(path: Path) -> None:
 
 
 def stem(path: Path) -> str:
-    """The name without its suffix; raises `InputError` for one that no mesh is written to."""
+    """File name without its suffix; raises `InputError` for a suffix without a writer."""
     for suffix in (OWN, *SUFFIXES):
         if path.name.lower().endswith(suffix):
             return path.name[: -len(suffix)]

@@ -1,4 +1,4 @@
-"""What comes of meshing a head: the mesh, its regions' volumes, and whether it shows the labels that it was made from."""
+"""The result of meshing a head: the mesh, the volumes of its regions and the comparison with the labels."""
 
 from __future__ import annotations
 
@@ -15,41 +15,54 @@ from ngbrain.result_file import FileResult
 
 @dataclass(repr=False, eq=False)
 class HeadMesh(FileResult):
-    """A mesh that was written, with its `result.json`.
+    """A mesh that was written to a file, with its `result.json`.
 
     Parameters
     ----------
-    elements
-        With straight edges.
+    elements : Elements
+        The mesh with straight edges.
     """
 
     elements: Elements
 
     @classmethod
     def of(cls, data: dict[str, Any], elements: Elements) -> HeadMesh:
-        """With regions that are off in volume as warnings."""
+        """Make the result from its JSON; regions with a wrong volume become warnings.
+
+        Parameters
+        ----------
+        data : dict of str to Any
+            Content of `result.json`.
+        elements : Elements
+            The mesh.
+
+        Returns
+        -------
+        HeadMesh
+            Converged, with one warning for each region whose volume is off.
+        """
         off = [f"{name} is off by {error:+.0%} in volume" for name, error in data["checks"]["regions_off"].items()]
         return cls(data, elements, status=Status.CONVERGED, warnings=off)
 
     @property
     def value(self) -> dict[str, float]:
-        """Region → ml."""
+        """Region → volume (ml)."""
         return {name: region["volume_ml"] for name, region in self.data["regions"].items()}
 
     @property
     def headline(self) -> str:
-        """Volumes, in ml."""
+        """Volumes of the regions (ml) as text."""
         return ", ".join(f"{name} {ml:.4g} ml" for name, ml in self.value.items())
 
     @property
     def statistics(self) -> dict[str, float]:
-        """How many elements there are, and how flat the worst one is."""
+        """Number of tetrahedra and smallest dihedral angle (degrees)."""
         quality = self.data["quality"]
         return {"tetrahedra": quality["n_tets"], "degrees_at_least": round(quality["min_dihedral_deg"], 1)}
 
     @property
     def reasons(self) -> list[str]:
-        """Elements that are folded, and regions that were changed too much to be those of the labels."""
+        """Reasons not to use the mesh: folded elements, and regions that differ too much from their labels."""
         changed = [
             f"{name} is not as in the labels by {ml:.2g} ml" for name, ml in self.data["checks"]["changed_ml"].items()
         ]
@@ -57,12 +70,12 @@ class HeadMesh(FileResult):
         return [*super().reasons, *folded, *changed]
 
     def plot(self) -> Any:
-        """Regions of the tetrahedra about the middle, seen from above."""
+        """Plot the regions of the tetrahedra in an axial layer through the centre."""
         return middle_slice(self.elements)
 
 
 def middle_slice(elements: Elements) -> Any:
-    """Middles of tetrahedra in a layer about the mesh's own, by region, as a matplotlib Figure."""
+    """Centres of the tetrahedra in an axial layer through the mesh's centre, coloured by region, as a matplotlib Figure."""
     centres = elements.points[elements.tets].mean(axis=1)
     size = np.cbrt(np.ptp(centres, axis=0).prod() / len(centres))
     near = np.abs(centres[:, 2] - centres[:, 2].mean()) < size / 2

@@ -1,4 +1,4 @@
-"""A volume mesh of another program: read, checked, written, and what it is."""
+"""Volume meshes of other programs: reading, checking, conversion and summary."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ ROUTE = "imported"
 
 
 def write_imported(source: str | os.PathLike[str], path: str | os.PathLike[str], unit: str = "mm") -> HeadMesh:
-    """Read a mesh, write it in the format of the path's suffix, and result.json beside it.
+    """Read a mesh of another program and write it in the format of the path's suffix, with `result.json` beside it.
 
     Parameters
     ----------
-    source
+    source : str or path-like
         A file that `ngbrain.io.foreign.read_mesh` reads.
-    path
-        .vtkhdf or a suffix of `ngbrain.io.exchange`.
-    unit
-        Of the source's lengths.
+    path : str or path-like
+        Output file: `.vtkhdf` or a suffix of `ngbrain.io.exchange`.
+    unit : str, default "mm"
+        Unit of the source's lengths.
 
     Returns
     -------
     HeadMesh
-        Reads as `result.json` does.
+        The mesh with the content of `result.json`.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""How good a tetrahedral mesh is, and how well it shows the labels that it was made from."""
+"""Quality of tetrahedral meshes: element shapes, and agreement with the labels that the mesh was made from."""
 
 from __future__ import annotations
 
@@ -17,7 +17,17 @@ FLAT = 0.1
 
 @dataclass(frozen=True)
 class Quality:
-    """Shapes of tetrahedra: how many, the smallest dihedral angle (°) of each, the radius ratio 3 r_in/r_circ of each."""
+    """Element shapes of a mesh.
+
+    Parameters
+    ----------
+    n_tets : int
+        Number of tetrahedra.
+    dihedrals : ndarray, shape (n_tets,)
+        Smallest dihedral angle of each (degrees).
+    ratios : ndarray, shape (n_tets,)
+        Radius ratio 3 r_in/r_circ of each.
+    """
 
     n_tets: int
     dihedrals: np.ndarray
@@ -25,12 +35,12 @@ class Quality:
 
     @classmethod
     def of(cls, elements: Elements) -> Quality:
-        """Of a mesh with straight edges."""
+        """Measure a mesh with straight edges."""
         corners = elements.points[elements.tets]
         return cls(len(corners), smallest_angles(corners), radius_ratios(corners))
 
     def summary(self) -> dict[str, float]:
-        """For a result."""
+        """Summary for `result.json`."""
         return {
             "n_tets": self.n_tets,
             "min_dihedral_deg": float(self.dihedrals.min()),
@@ -39,7 +49,7 @@ class Quality:
 
 
 def radius_ratios(x: np.ndarray) -> np.ndarray:
-    """3 r_in/r_circ of every tetrahedron (n, 4, 3): 1 if regular, 0 if flat."""
+    """Radius ratio 3 r_in/r_circ of every tetrahedron (n, 4, 3): 1 if regular, 0 if flat."""
     a, b, c = (x[:, i] - x[:, 0] for i in (1, 2, 3))
     volume = np.abs(np.einsum("ij,ij->i", a, np.cross(b, c))) / 6
     faces = sum(
@@ -55,13 +65,13 @@ def radius_ratios(x: np.ndarray) -> np.ndarray:
 
 
 def volumes_ml(elements: Elements) -> dict[str, float]:
-    """Millilitres of each region of a mesh with straight edges."""
+    """Volume of each region (ml) of a mesh with straight edges."""
     found = np.bincount(elements.region, np.abs(elements.volumes()), len(elements.regions)) * 1e6
     return dict(zip(elements.regions, found.tolist(), strict=True))
 
 
 def interfaces(elements: Elements) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles (k, 3) between different regions or region and outside, and both regions' numbers (k, 2) from 1; 0 is outside."""
+    """Triangles (k, 3) on the surface or between two regions, and the numbers of both regions (k, 2) from 1; 0 is outside."""
     faces = np.sort(elements.tets[:, [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]].reshape(-1, 3), axis=1)
     owner = np.repeat(elements.region + 1, 4)
     order = np.lexsort(faces.T)
@@ -77,10 +87,23 @@ def interfaces(elements: Elements) -> tuple[np.ndarray, np.ndarray]:
 def deviations(
     elements: Elements, indicators: Indicators, where: Callable[[np.ndarray], np.ndarray] | None = None
 ) -> dict[tuple[int, int], np.ndarray]:
-    """Distance (m) of an interface's triangles from where the labels' smoothed indicators say that the two regions meet.
+    """Distance of a mesh's interfaces from the interfaces of the labels' smoothed indicators.
 
-    At the corners and middles of triangles, for every pair of region numbers (from 1; 0 is outside). `where` (points → mask)
-    restricts it.
+    It is measured at the vertices and centres of the triangles.
+
+    Parameters
+    ----------
+    elements : Elements
+        The mesh.
+    indicators : Indicators
+        Smoothed indicators of the labels.
+    where : callable, optional
+        Points (n, 3) → mask (n,); it restricts the points that are measured.
+
+    Returns
+    -------
+    dict of tuple of int to ndarray
+        Pair of region numbers (from 1; 0 is outside) → distances (m).
     """
     triangles, pairs = interfaces(elements)
     found = {}
@@ -96,6 +119,19 @@ def deviations(
 
 
 def volume_errors(elements: Elements, labels: LabelMap) -> dict[str, float]:
-    """Relative error of each region's volume against its voxels'."""
+    """Relative error of each region's volume against its voxels.
+
+    Parameters
+    ----------
+    elements : Elements
+        The mesh.
+    labels : LabelMap
+        The labels it was made from.
+
+    Returns
+    -------
+    dict of str to float
+        Region → V_mesh/V_labels - 1.
+    """
     meshed, wanted = volumes_ml(elements), labels.volumes_ml()
     return {name: meshed.get(name, 0.0) / ml - 1 for name, ml in wanted.items()}

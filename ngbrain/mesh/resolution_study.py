@@ -1,4 +1,4 @@
-"""How much of the anatomy a question needs: which route and size, by what was measured on one head."""
+"""Which meshing route and element size are fine enough for a quantity of interest, by measurements on one head."""
 
 from __future__ import annotations
 
@@ -9,24 +9,39 @@ from functools import cache
 from importlib.resources import files
 
 TABLE = "detail.json"
-"""The records of `benchmarks/mesh_routes.py`, a copy of `benchmarks/mesh_routes.json`."""
+"""Records of `benchmarks/mesh_routes.py`, a copy of `benchmarks/mesh_routes.json`."""
 QUESTIONS: Mapping[str, tuple[str, str, str, float]] = {
     "mean pressure under a dent of 5 mm": ("pressure_error", "cpu_s", "ndof", 0.05),
     "95th percentile of the strain around it": ("strain_error", "cpu_s", "ndof", 0.05),
     "displacement in tissue by a wave of 50 Hz": ("wave_error", "wave_s", "wave_ndof", 0.1),
 }
-"""Question → keys of its difference, CPU time and unknowns in a record, and how exactly it is asked by itself."""
+"""Question → keys of its difference, CPU time and number of unknowns in a record, and its default tolerance."""
 
 
 @dataclass(frozen=True)
 class MeshRecommendation:
-    """What a question needs.
+    """The cheapest mesh that is accurate enough for a quantity of interest.
 
-    within       difference asked for, relative
-    known        how well the finest mesh is itself known: its difference from the next finest, by unknowns
-    enough       whether a mesh differs by no more than `within` - `known` from the finest one
-    route, size  of the cheapest that does, else of the finest (m); order of its elements
-    cpu_s        of mesh and solution; difference of that mesh
+    Parameters
+    ----------
+    question : str
+        The quantity of interest, a key of `QUESTIONS`.
+    tolerance : float
+        Relative error allowed.
+    reference_error : float
+        Uncertainty of the reference: relative difference of the two finest meshes, by number of unknowns.
+    adequate : bool
+        Whether a mesh differs from the finest one by `tolerance` - `reference_error` at most.
+    route : str
+        Meshing route of the cheapest such mesh, else of the finest mesh.
+    size : float
+        Its element size (m).
+    order : int
+        Its polynomial order.
+    cpu_s : float
+        CPU time of mesh and solution (s).
+    difference : float
+        Relative difference of that mesh from the finest one.
     """
 
     question: str
@@ -40,7 +55,7 @@ class MeshRecommendation:
     difference: float
 
     def __str__(self) -> str:
-        """In a sentence."""
+        """The recommendation as a sentence."""
         mesh = f"{self.route} of {1e3 * self.size:g} mm, order {self.order}"
         known = f"is known to {self.reference_error:.1%}"
         if self.adequate:
@@ -58,12 +73,28 @@ def _records() -> tuple[dict, ...]:
 def recommend_mesh(
     question: str, tolerance: float | None = None, records: tuple[dict, ...] | None = None
 ) -> MeshRecommendation:
-    """The cheapest mesh for one of `QUESTIONS`, by records of the benchmark (those that come with the library).
+    """Recommend the cheapest mesh for a quantity of interest.
 
-    Differences are from the finest mesh of all routes, so that what a route leaves out counts as what its elements do. A
-    mesh does if its difference and that by which the finest mesh is known add up to no more than `within`. One head, MNI152,
-    one site, one law of tissue: a guide, no bound.
+    Differences are from the finest mesh of all routes, so that they include what a route leaves out of the anatomy. A mesh is
+    adequate if its difference plus the uncertainty of the finest mesh is at most the tolerance. The records are of one head
+    (MNI152), one site and one material law: they are a guide, not a bound.
 
+    Parameters
+    ----------
+    question : str
+        A key of `QUESTIONS`.
+    tolerance : float, optional
+        Relative error allowed; None: that of the question.
+    records : tuple of dict, optional
+        Records of the benchmark; None: those shipped with the package.
+
+    Returns
+    -------
+    MeshRecommendation
+        The cheapest adequate mesh, else the finest one.
+
+    Examples
+    --------
     >>> rows = [("hull", 9, 0.03, 4.0, 100), ("lattice", 6, 0.01, 7.0, 200), ("lattice", 5, 0.0, 9.0, 300)]
     >>> keys = ("method", "size_mm", "pressure_error", "cpu_s", "ndof")
     >>> records = tuple(dict(zip(keys, row, strict=True)) | {"order": 2, "converged": True} for row in rows)
@@ -91,5 +122,5 @@ def recommend_mesh(
 
 
 def recommend_meshes() -> tuple[MeshRecommendation, ...]:
-    """Of all questions."""
+    """Recommendations for all questions."""
     return tuple(map(recommend_mesh, QUESTIONS))

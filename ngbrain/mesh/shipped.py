@@ -11,10 +11,12 @@ from ngbrain.errors import InputError, nearest
 
 
 def load(name: str) -> ngs.Mesh:
-    """A shipped mesh: "block" (a box of tissue) or "idealised_head" (see `idealised_head`); curved where it was made so.
+    """Load a shipped mesh: "block" (a box of tissue) or "idealised_head" (see `idealised_head`), curved where it was made so.
 
     Raises `InputError` for another name.
 
+    Examples
+    --------
     >>> load("block").GetMaterials()
     ('tissue',)
     """

@@ -1,4 +1,4 @@
-"""A tetrahedral mesh with named regions and boundaries as plain arrays: what is kept on disk, exactly."""
+"""A tetrahedral mesh with named regions and boundaries as plain arrays, which files keep bit by bit."""
 
 from __future__ import annotations
 
@@ -13,14 +13,26 @@ import numpy as np
 from ngbrain.errors import InputError
 
 GRADING = 0.3
-"""Growth of the tetrahedra away from the given triangles."""
+"""Growth of the tetrahedra away from the given triangles, Netgen's `grading`."""
 FINER = 0.75
-"""Netgen's tetrahedra have edges longer than the size that it is told by this."""
+"""Factor on sizes passed to Netgen, whose edges come out longer than the size asked for."""
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Triangles (k, 3) under a name, outwards of the region numbered `inside`; `outside` is -1 for nothing."""
+    """A named set of triangles between two regions.
+
+    Parameters
+    ----------
+    name : str
+        Name of the boundary.
+    triangles : ndarray of int, shape (k, 3)
+        Vertices, with the normal pointing out of the region `inside`.
+    inside : int
+        Number of the region on the inner side, from 0.
+    outside : int, default -1
+        Number of the region on the outer side; -1 for none.
+    """
 
     name: str
     triangles: np.ndarray
@@ -30,9 +42,24 @@ class Surface:
 
 @dataclass(frozen=True, eq=False)
 class Elements:
-    """points (n, 3) m; tets (m, 4) in Netgen's orientation and region (m,); triangles (k, 3) and boundary (k,).
+    """A tetrahedral mesh as plain arrays.
 
-    `regions` and `boundaries` are the names that `region` and `boundary` number.
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Vertices (m).
+    tets : ndarray of int, shape (m, 4)
+        Vertices of the tetrahedra in Netgen's orientation.
+    region : ndarray of int, shape (m,)
+        Number of each tetrahedron's region, from 0.
+    triangles : ndarray of int, shape (k, 3)
+        Vertices of the boundary and interface triangles.
+    boundary : ndarray of int, shape (k,)
+        Number of each triangle's boundary, from 0.
+    regions : tuple of str
+        Names of the regions.
+    boundaries : tuple of str
+        Names of the boundaries.
     """
 
     points: np.ndarray
@@ -52,11 +79,32 @@ class Elements:
         maxh: float,
         size: Callable[[np.ndarray], np.ndarray] | None = None,
     ) -> Elements:
-        """Fill closed surfaces with tetrahedra, which keep every triangle; one thread, so the same bits every time.
+        """Fill closed surfaces with tetrahedra and keep every triangle.
 
-        size   points (n, 3) → element size (n,) inside; without it, elements grow away from the triangles up to `maxh`
+        Netgen runs on one thread, so that the same input gives the same mesh bit by bit.
 
-        Raises `InputError` where Netgen finds no mesh.
+        Parameters
+        ----------
+        points : ndarray, shape (n, 3)
+            Vertices of the surfaces (m).
+        surfaces : list of Surface
+            Closed surfaces.
+        regions : tuple of str
+            Names of the regions that the surfaces number.
+        maxh : float
+            Largest element size (m).
+        size : callable, optional
+            Points (n, 3) → element size inside (n,) in m. Without it, elements grow away from the triangles up to `maxh`.
+
+        Returns
+        -------
+        Elements
+            The mesh; its volumes are all positive.
+
+        Raises
+        ------
+        InputError
+            Netgen finds no mesh.
         """
         mesh = meshing.Mesh()
         mesh.dim = 3
@@ -69,7 +117,7 @@ class Elements:
             _restrict(mesh, points, size, maxh)
         try:
             mesh.GenerateVolumeMesh(mp=meshing.MeshingParameters(maxh=maxh, grading=GRADING, parallel_meshing=False))
-        except Exception as error:  # Netgen raises its own exceptions and bare ones
+        except Exception as error:  # Netgen raises exceptions of several types
             raise InputError("mesh sizes", f"such that Netgen gives up ({error})", "other element sizes") from error
         flat, solid = mesh.Elements2D().NumPy(), mesh.Elements3D().NumPy()
         if not len(solid):
@@ -88,22 +136,22 @@ class Elements:
         return made
 
     def volumes(self) -> np.ndarray:
-        """Volume (m³) of every tetrahedron; negative where one is inside out."""
+        """Volume of every tetrahedron (m³), shape (m,); negative for an inverted one."""
         x = self.points[self.tets]
         return np.asarray(-np.linalg.det(x[:, 1:] - x[:, :1]) / 6)
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """For a file; `from_arrays` gives the same back."""
+        """Arrays for a file; `from_arrays` is the inverse."""
         return {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
 
     @classmethod
     def from_arrays(cls, arrays: dict[str, np.ndarray]) -> Elements:
-        """From what `arrays` gave."""
+        """Rebuild a mesh from the arrays that `arrays` returned."""
         named = {key: tuple(arrays[key].tolist()) for key in ("regions", "boundaries")}
         return cls(**(arrays | named))  # type: ignore[arg-type]
 
     def mesh(self) -> ngs.Mesh:
-        """As an NGSolve mesh."""
+        """Convert to an NGSolve mesh."""
         mesh = meshing.Mesh()
         mesh.dim = 3
         mesh.AddPoints(self.points)
@@ -118,7 +166,7 @@ class Elements:
 
 
 def _restrict(mesh: meshing.Mesh, points: np.ndarray, size: Callable[[np.ndarray], np.ndarray], maxh: float) -> None:
-    """Tell Netgen the sizes that are wanted inside, on a grid as fine as the smallest of them asks for."""
+    """Pass the size field to Netgen on a grid as fine as its smallest value requires."""
     low, high = points.min(axis=0), points.max(axis=0)
     steps = np.ceil((high - low) / max(float(size(points).min()), maxh / 4)).astype(int) + 1
     grid = np.stack(np.meshgrid(*map(np.linspace, low, high, steps), indexing="ij"), axis=-1).reshape(-1, 3)
@@ -130,12 +178,12 @@ def _restrict(mesh: meshing.Mesh, points: np.ndarray, size: Callable[[np.ndarray
 
 
 def centres(mesh: ngs.Mesh) -> np.ndarray:
-    """Centres (m) of the elements of a mesh (element, 3)."""
+    """Centres of a mesh's elements (m), shape (elements, 3)."""
     return np.array([np.mean([mesh[v].point for v in element.vertices], axis=0) for element in mesh.Elements()])
 
 
 def smallest_angles(x: np.ndarray) -> np.ndarray:
-    """Smallest angle (degrees) between two faces of every tetrahedron (n, 4, 3)."""
+    """Smallest dihedral angle (degrees) of every tetrahedron, for vertices (n, 4, 3)."""
     smallest = np.full(len(x), np.inf)
     for i, j in combinations(range(4), 2):
         k, m = sorted({0, 1, 2, 3} - {i, j})
@@ -147,15 +195,31 @@ def smallest_angles(x: np.ndarray) -> np.ndarray:
 
 
 def named_elements(points: np.ndarray, tets: np.ndarray, region: np.ndarray, regions: tuple[str, ...]) -> Elements:
-    """Tetrahedra (m, 4) in regions (m,) from 0, boundaries and interfaces named `outer_REGION` and `REGION_REGION`.
+    """Build a mesh from tetrahedra in regions and name its boundaries.
 
-    Points that no tetrahedron uses are left out.
+    Boundaries are `outer_REGION` on the outside and `REGION_REGION` between two regions. Unused points are removed.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Vertices (m).
+    tets : ndarray of int, shape (m, 4)
+        Tetrahedra in Netgen's orientation.
+    region : ndarray of int, shape (m,)
+        Region of each tetrahedron, from 0.
+    regions : tuple of str
+        Names of the regions.
+
+    Returns
+    -------
+    Elements
+        The mesh; triangles point out of the region named first.
     """
     used, tets = np.unique(tets, return_inverse=True)
     tets = tets.reshape(-1, 4).astype(np.int32)
     outwards = tets[:, [[1, 3, 2], [0, 2, 3], [0, 3, 1], [0, 1, 2]]].reshape(-1, 3)
     owner = np.repeat(region, 4)
-    order = np.lexsort([owner, *np.sort(outwards, axis=1).T])  # of two, that of the lower region first
+    order = np.lexsort([owner, *np.sort(outwards, axis=1).T])  # of two equal triangles, that of the lower region first
     outwards, owner = outwards[order], owner[order]
     same = (np.sort(outwards[1:], axis=1) == np.sort(outwards[:-1], axis=1)).all(axis=1)
     first, twice = np.flatnonzero(np.r_[True, ~same]), np.r_[same, False]

@@ -1,4 +1,4 @@
-"""Between a mesh and the voxels of a picture."""
+"""Transfer of a mesh's regions to the voxels of an image."""
 
 from __future__ import annotations
 
@@ -14,13 +14,28 @@ _SLACK = 1e-9
 def voxelise(
     elements: Elements, affine: np.ndarray, shape: tuple[int, int, int]
 ) -> tuple[Volume, np.ndarray, np.ndarray]:
-    """The regions of a mesh on a grid, and in which element each voxel's middle lies.
+    """Regions of a mesh on an image grid, and the element that contains each voxel centre.
 
-    affine   indices to m (4, 4), of any orientation, such as a file's
+    Parameters
+    ----------
+    elements : Elements
+        The mesh.
+    affine : ndarray, shape (4, 4)
+        Voxel indices → m, in any orientation, for example that of a file.
+    shape : tuple of int
+        Number of voxels along each axis.
 
-    Returns the map (uint8: regions from 1 on, 0 outside), the flat indices (k,) of the voxels inside, and for each of them
-    the tetrahedron. A middle on a face of two belongs to one of them.
+    Returns
+    -------
+    regions : Volume
+        Label map, uint8: regions from 1, outside 0.
+    voxels : ndarray of int, shape (k,)
+        Flat indices of the voxels inside the mesh.
+    owner : ndarray of int, shape (k,)
+        Tetrahedron of each of them. A centre on a common face belongs to one of the two tetrahedra.
 
+    Examples
+    --------
     >>> tet = np.array([[0, 0, 0], [4, 0, 0], [0, 4, 0], [0, 0, 4.0]]) * 1e-3
     >>> none = np.zeros((0, 3), int)
     >>> one = Elements(tet, np.array([[1, 0, 2, 3]]), np.zeros(1, int), none, np.zeros(0, int), ("brain",), ())

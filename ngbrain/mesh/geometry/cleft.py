@@ -1,4 +1,4 @@
-"""The surgeon's opening: a slot from the surface to a target, and the frame that a blade moves in."""
+"""The surgical cleft: a slot from the brain's surface to a target, and the frame in which a retractor blade moves."""
 
 from __future__ import annotations
 
@@ -13,15 +13,24 @@ Vector = np.ndarray
 
 @dataclass(frozen=True)
 class Cleft:
-    """A slot with plane walls: floor centre at `target`, running out along `out` to the surface.
+    """A slot with plane walls: the floor's centre at `target`, running out along `out` to the surface.
 
-    target     centre of the floor (m)
-    out        unit vector from the floor to the surface
-    across     unit vector from one wall to the other, at right angles to `out`; the blade pushes this way
-    depth      floor to surface along `out` (m)
-    opening    between the walls (m); `width`: along them (m)
+    Its boundaries are `wall_plus` and `wall_minus` (towards ±across), `end_plus`, `end_minus` and `floor`.
 
-    Boundaries: `wall_plus` and `wall_minus` (towards ±across), `end_plus`, `end_minus`, `floor`.
+    Parameters
+    ----------
+    target : ndarray, shape (3,)
+        Centre of the floor (m).
+    out : ndarray, shape (3,)
+        Unit vector from the floor to the surface.
+    across : ndarray, shape (3,)
+        Unit vector from wall to wall, orthogonal to `out`: the direction in which a blade pushes.
+    depth : float
+        Distance from floor to surface along `out` (m).
+    opening : float
+        Distance between the walls (m).
+    width : float
+        Extent along the walls (m).
     """
 
     target: Vector
@@ -33,20 +42,20 @@ class Cleft:
 
     @property
     def along(self) -> Vector:
-        """Unit vector along the walls, at right angles to `out` and `across`."""
+        """Unit vector along the walls, orthogonal to `out` and `across`."""
         return np.cross(self.out, self.across)
 
     @property
     def entry(self) -> Vector:
-        """Where the axis meets the surface (m)."""
+        """Intersection of the axis with the surface (m)."""
         return self.target + self.depth * self.out
 
     def coordinates(self, points: Vector) -> Vector:
-        """Points (n, 3) in m to (across, along, height above the floor), (n, 3) in m."""
+        """Transform points (n, 3) in m to (across, along, height above the floor), (n, 3) in m."""
         return (np.asarray(points) - self.target) @ np.column_stack([self.across, self.along, self.out])
 
     def distance_to_walls(self, points: Vector) -> Vector:
-        """Distance (m) of points (n, 3) to the nearer wall of the unloaded slot."""
+        """Distance (m) of points (n, 3) to the nearer wall of the undeformed slot."""
         a, b, c = self.coordinates(points).T
         off_b = np.maximum(np.abs(b) - self.width / 2, 0)
         off_c = np.maximum(np.maximum(-c, c - self.depth), 0)
@@ -54,7 +63,20 @@ class Cleft:
 
 
 def frame(out: Vector, across: Vector | None = None) -> tuple[Vector, Vector]:
-    """Unit `out` and the unit vector at right angles to it that is nearest to `across` (left to right by default)."""
+    """Orthonormal pair of axes of a cleft.
+
+    Parameters
+    ----------
+    out : ndarray, shape (3,)
+        Direction outwards, of any length.
+    across : ndarray, shape (3,), optional
+        Preferred direction from wall to wall; left to right by default.
+
+    Returns
+    -------
+    out, across : ndarray, shape (3,)
+        Unit vector outwards, and the unit vector orthogonal to it that is nearest to `across`.
+    """
     out = np.asarray(out, float)
     size = np.linalg.norm(out)
     if not size > 0:

@@ -1,4 +1,4 @@
-"""The walls, ends and floor of a cleft as triangles in exact planes, up to where a smooth surface cuts them off."""
+"""The walls, ends and floor of a cleft as triangles in exact planes, cut by a smooth surface."""
 
 from __future__ import annotations
 
@@ -11,19 +11,27 @@ from ngbrain.mesh.geometry.cleft import Cleft
 from ngbrain.mesh.geometry.level_set import LevelSet, Points
 
 LEAST_ACROSS = 2
-"""Elements across the floor."""
+"""Smallest number of elements across the floor."""
 BEYOND = 40e-3
-"""The walls may end so much (m) above or below where the axis leaves."""
+"""Largest height (m) of the walls' rim above or below the point where the axis leaves the surface."""
 START = 16e-3
-"""How far (m) below the entry the way out to the rim of the craniotomy begins: further the surface must not curve away."""
+"""Depth (m) below the entry from which rays to the craniotomy's rim start; the surface must not curve away further."""
 
 
 @dataclass(frozen=True, eq=False)
 class CleftWalls:
-    """Grids on the five sides of a cleft, sharing their edges.
+    """Triangle grids on the five sides of a cleft, with common edges.
 
-    points   (n, 3) m, of which the first `mouth` go round its mouth on the surface
-    sides    boundary name → triangles (m, 3), into the slot
+    Parameters
+    ----------
+    cleft : Cleft
+        The cleft.
+    points : ndarray, shape (n, 3)
+        Vertices (m); the first `mouth` of them form the mouth on the surface.
+    mouth : int
+        Number of vertices of the mouth.
+    sides : dict of str to ndarray of int, shape (m, 3)
+        Boundary name → triangles, with normals into the slot.
     """
 
     cleft: Cleft
@@ -33,7 +41,27 @@ class CleftWalls:
 
     @classmethod
     def of(cls, cleft: Cleft, surface: LevelSet, site: float) -> CleftWalls:
-        """Cut by a surface, with elements of size `site` (m) and at least two across the floor."""
+        """Build the walls of a cleft up to a surface.
+
+        Parameters
+        ----------
+        cleft : Cleft
+            The cleft.
+        surface : LevelSet
+            The brain's surface.
+        site : float
+            Element size (m); at least two elements lie across the floor.
+
+        Returns
+        -------
+        CleftWalls
+            The triangles.
+
+        Raises
+        ------
+        InputError
+            The walls do not reach the surface.
+        """
         na = max(LEAST_ACROSS, int(np.ceil(cleft.opening / site - 1e-9)))
         nb, nc = (max(2, int(np.ceil(length / site - 1e-9))) for length in (cleft.width, cleft.depth))
         a = np.linspace(-cleft.opening / 2, cleft.opening / 2, na + 1)
@@ -71,7 +99,24 @@ class CleftWalls:
 
 
 def rim(cleft: Cleft, surface: LevelSet, diameter: float, size: float) -> Points:
-    """Points (n, 3) a `size` (m) apart on the edge of a round craniotomy about a cleft."""
+    """Points on the edge of a round craniotomy about a cleft.
+
+    Parameters
+    ----------
+    cleft : Cleft
+        The cleft.
+    surface : LevelSet
+        The brain's surface.
+    diameter : float
+        Diameter of the craniotomy (m).
+    size : float
+        Distance of neighbouring points (m).
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        Points (m) on the surface.
+    """
     n = max(8, int(np.ceil(np.pi * diameter / size)))
     angle = 2 * np.pi * (np.arange(n) + 0.5) / n
     below = max(cleft.depth - START, 0.0)
@@ -88,7 +133,7 @@ def _at(cleft: Cleft, a: float, b: float, c: float) -> np.ndarray:
 
 
 def _triangles(grid: np.ndarray, points: Points, inwards: np.ndarray) -> np.ndarray:
-    """Two triangles a square of a grid (n, m) of indices, seen from `inwards`; halved alternately."""
+    """Two triangles for each square of a grid (n, m) of indices, oriented to `inwards`; the diagonals alternate."""
     squares = np.stack([grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]], axis=-1)
     even = (np.indices(squares.shape[:2]).sum(axis=0) % 2 == 0).ravel()
     p, q, r, s = squares.reshape(-1, 4).T

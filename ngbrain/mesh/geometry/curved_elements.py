@@ -1,4 +1,4 @@
-"""Tetrahedra with curved edges that follow the shape as far as they can without folding."""
+"""Second-order tetrahedra that follow the geometry as far as they can without folding."""
 
 from __future__ import annotations
 
@@ -11,33 +11,33 @@ import numpy as np
 from ngbrain.errors import InputError
 
 LOWEST = 0.1
-"""The Jacobian determinant anywhere in an element is at least this part of the element's largest."""
+"""Smallest Jacobian determinant anywhere in an element, as a part of the element's largest."""
 STEP = 1 / 16
-"""Part of an edge's bow that is taken back at a time."""
+"""Step in which the curvature of an edge is reduced."""
 
 _CHUNK = 1 << 12
 _EDGES = np.array(list(combinations(range(4), 2)))
-"""Netgen's order of the six middle nodes, by the vertices that they lie between."""
+"""Netgen's order of the six mid-edge nodes, by the vertices of the edge."""
 
 
 def curve(mesh: meshing.Mesh) -> int:
-    """Put a node on the middle of every edge, on the shape that the mesh was made from; the mesh is changed in place.
+    """Place a node on the middle of every edge, on the geometry that the mesh was made from; the mesh is changed in place.
 
-    Where a coarse element would fold, for instance one with two faces on the same smooth surface, the edge that
-    helps most is pulled back step by step, at worst to a straight line: neighbours still fit, and all other edges keep
-    to the shape. To be called once, before `ngsolve.Mesh(mesh)` and instead of its `Curve`.
+    Where a coarse element would fold, for instance one with two faces on the same smooth surface, the edge that helps most is
+    straightened step by step. Neighbours stay conforming, and all other edges keep to the geometry. Call it once, before
+    `ngsolve.Mesh(mesh)` and instead of its `Curve`.
 
-    Returns the number of edges pulled back. Raises `InputError` when an element is inside out while still straight.
+    Returns the number of edges that were straightened. Raises `InputError` when an element is inverted while still straight.
     """
     mesh.SecondOrder()
-    points = mesh.Coordinates()  # the mesh's own memory: writing here moves its nodes
+    points = mesh.Coordinates()  # a view of the mesh's memory: writing here moves its nodes
     nodes = mesh.Elements3D().NumPy()["nodes"] - 1
     straight = points.copy()
     straight[nodes[:, 4:]] = points[nodes[:, _EDGES]].mean(axis=2)
     if not (np.linalg.det(straight[nodes[:, 1:4]] - straight[nodes[:, :1]]) < 0).all():  # Netgen's orientation
         raise InputError("mesh sizes", "such that Netgen turns an element inside out", "smaller elements")
     bow, kept = points - straight, np.ones(len(points))
-    kept[np.abs(bow).max(axis=1) < 1e-9 * np.ptp(straight, axis=0).max()] = 0  # straight, but for rounding
+    kept[np.abs(bow).max(axis=1) < 1e-9 * np.ptp(straight, axis=0).max()] = 0  # straight up to rounding
     bowed = kept > 0
     suspects = nodes[bowed[nodes].any(axis=1)]
     while len(folded := suspects[folds(determinants(points[suspects]))]):
@@ -56,7 +56,7 @@ def curve(mesh: meshing.Mesh) -> int:
 def determinants(elements: np.ndarray) -> np.ndarray:
     """Bernstein coefficients (n, 20) of the Jacobian determinant, a cubic polynomial, of ten-node tetrahedra (n, 10, 3).
 
-    The determinant lies between the least and the largest of them everywhere, so that no fold goes unseen.
+    The determinant lies between the smallest and the largest coefficient everywhere, so that no fold is missed.
     """
     found = np.empty((len(elements), len(_COEFFICIENTS)))
     for start in range(0, len(elements), _CHUNK):
@@ -70,12 +70,25 @@ def determinants(elements: np.ndarray) -> np.ndarray:
 
 
 def folds(coefficients: np.ndarray, lowest: float = LOWEST) -> np.ndarray:
-    """Which elements (n,) fold, or nearly do, by what `determinants` says of them."""
+    """Which elements fold or nearly fold.
+
+    Parameters
+    ----------
+    coefficients : ndarray, shape (n, 20)
+        Bernstein coefficients from `determinants`.
+    lowest : float
+        Smallest coefficient allowed, as a part of the largest.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        True for a folded element.
+    """
     return ~(coefficients.min(axis=1) > lowest * coefficients.max(axis=1))
 
 
 def _bernstein() -> tuple[np.ndarray, np.ndarray]:
-    """Slopes of the ten shape functions (20, 10, 3) on a lattice; from values there to Bernstein coefficients (20, 20)."""
+    """Gradients of the shape functions (20, 10, 3) on a lattice; matrix (20, 20) from values to Bernstein coefficients."""
     powers = np.array([np.bincount(c, minlength=4) for c in combinations_with_replacement(range(4), 3)])
     at = powers / 3  # barycentric coordinates
     slopes = np.zeros((20, 10, 4))

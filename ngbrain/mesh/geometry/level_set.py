@@ -1,4 +1,4 @@
-"""A shape given by voxels, as a smooth signed distance that points can be put on."""
+"""A shape from voxels as a smooth signed distance, with projection of points onto it."""
 
 from __future__ import annotations
 
@@ -11,22 +11,29 @@ from ngbrain.errors import require
 
 Points = np.ndarray
 LARGE = 100_000
-"""Grid points beside the outline of a shape that is drawn with every other one."""
+"""Number of grid points near the outline above which only every second one is used for triangles."""
 LEVELS = 8
-"""Rounds in which levels follow the volume around each place,"""
+"""Iterations of the local volume correction,"""
 STEP = 0.5
-"""by so many voxels at most in each,"""
+"""largest shift in each (voxels),"""
 FAINT = 0.02
-"""and less where there is less outline than this (per voxel)."""
+"""and smallest outline area (per voxel) for a full shift."""
 NEWTON = 12
-"""Steps with which a point is put on a level: a smoothed distance has a slope near 1."""
+"""Newton steps that project a point onto a level; a smoothed distance has a slope near 1."""
 
 
 @dataclass(frozen=True, eq=False)
 class LevelSet:
-    """φ (m), negative inside, linear between the points of a grid; far from the shape it is only a bound.
+    """Signed distance φ (m) on a grid, negative inside and trilinear in between; far from the shape it is only a bound.
 
-    values   (nx, ny, nz) m; origin (3,) of the first, m; spacing of the grid (m)
+    Parameters
+    ----------
+    values : ndarray, shape (nx, ny, nz)
+        φ at the grid points (m).
+    origin : ndarray, shape (3,)
+        Position of the first grid point (m).
+    spacing : float
+        Grid spacing (m).
     """
 
     values: np.ndarray
@@ -44,20 +51,37 @@ class LevelSet:
         around: float = 0.0,
         volume: float | None = None,
     ) -> LevelSet:
-        """The smoothed outline of a mask (nx, ny, nz), `origin` (m) at its first voxel; it encloses a volume.
+        """Smooth the outline of a mask and keep its volume.
 
-        smoothing   standard deviation (m) of the Gaussian that rounds the voxels' steps
-        margin      room (m) around the mask
-        around      standard deviation (m) of a Gaussian: the volume is kept within so much of every place, so that what is thin
-                    stays, and does not make the rest thicker; 0 keeps it as a whole
-        volume      that is enclosed (m³); None: the mask's
+        Parameters
+        ----------
+        mask : ndarray of bool, shape (nx, ny, nz)
+            The shape.
+        origin : ndarray, shape (3,)
+            Centre of the first voxel (m).
+        spacing : float
+            Voxel size (m).
+        smoothing : float
+            Standard deviation (m) of the Gaussian that smooths the voxel steps.
+        margin : float
+            Margin (m) around the mask.
+        around : float, default 0
+            Standard deviation (m) of a Gaussian window in which the volume is kept locally. Thin parts then stay and do not
+            thicken the rest. 0 keeps the total volume only.
+        volume : float, optional
+            Enclosed volume (m³); None: that of the mask.
+
+        Returns
+        -------
+        LevelSet
+            The smoothed outline.
         """
         box = [slice(*np.flatnonzero(mask.any(axis=tuple({0, 1, 2} - {i})))[[0, -1]] + [0, 1]) for i in range(3)]
         start = np.array([s.start for s in box])
         pad = int(np.ceil(margin / spacing))
         inner = np.pad(mask[tuple(box)], pad)
         distance = ndimage.distance_transform_edt(~inner) - ndimage.distance_transform_edt(inner)
-        distance -= 0.5 * np.sign(distance)  # the outline lies between voxels
+        distance -= 0.5 * np.sign(distance)  # the outline lies halfway between voxels
         smooth = ndimage.gaussian_filter(distance.astype(np.float32), smoothing / spacing)
         n = int(inner.sum())
         wanted = n if volume is None else min(round(volume / spacing**3), inner.size - 1)
@@ -67,7 +91,7 @@ class LevelSet:
         return cls(smooth * np.float32(spacing), origin + (start - pad) * spacing, spacing)
 
     def solid(self) -> LevelSet:
-        """The largest piece without its holes: smaller pieces are outside, and what is closed in is inside."""
+        """The largest component with its cavities filled; smaller components become outside."""
         found = self.values.copy()
         for side in (-1, 1):
             pieces, _ = ndimage.label(side * found > 0)
@@ -77,25 +101,38 @@ class LevelSet:
         return replace(self, values=found)
 
     def __call__(self, points: Points) -> np.ndarray:
-        """φ (n,) at points (n, 3) in m; beyond the grid the value at its border."""
+        """Values φ (n,) in m at points (n, 3) in m; beyond the grid, the value at its border."""
         at = (np.atleast_2d(points) - self.origin) / self.spacing
         return ndimage.map_coordinates(self.values, at.T, order=1, mode="nearest", output=float)
 
     def normals(self, points: Points) -> np.ndarray:
-        """∇φ (n, 3), by differences over a voxel to each side."""
+        """Gradient ∇φ (n, 3) at points (n, 3), by central differences over one voxel to each side."""
         steps = self.spacing * np.concatenate([np.eye(3), -np.eye(3)])
         ahead, behind = self((points + steps[:, None]).reshape(-1, 3)).reshape(2, 3, -1)
         return np.asarray((ahead - behind).T / (2 * self.spacing))
 
     def outline(self) -> np.ndarray:
-        """Triangles (n, 3, 3) m all over φ = 0, a grid spacing or, of large shapes, two in size; needs the extra `mri`."""
+        """Triangles (n, 3, 3) in m that cover φ = 0, of one grid spacing (two for large shapes); needs the extra `mri`."""
         measure = require("skimage.measure", "mri")
         stride = 1 if np.count_nonzero(np.abs(self.values) < self.spacing / 2) < LARGE else 2
         vertices, faces, *_ = measure.marching_cubes(self.values, 0.0, step_size=stride)
         return np.asarray((self.origin + vertices.astype(float) * self.spacing)[faces])
 
     def project(self, points: Points, level: float | np.ndarray = 0.0) -> Points:
-        """Points (n, 3) moved along the gradient to φ = level, one or one each, at most two voxels at a time."""
+        """Project points onto a level along the gradient, by at most two voxels a step.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, 3)
+            Points (m).
+        level : float or ndarray, shape (n,)
+            Level (m), one for all points or one for each.
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
+            Points with φ = level (m).
+        """
         points = np.array(points, float)
         for _ in range(NEWTON):
             gradient = self.normals(points)
@@ -105,7 +142,22 @@ class LevelSet:
         return points
 
     def ray_distance(self, start: Points, direction: np.ndarray, longest: float) -> np.ndarray:
-        """How far (n,) from points inside, along a unit vector, φ = 0 is first met (m); NaN where it is not."""
+        """Distance from points inside to the surface φ = 0 along a ray.
+
+        Parameters
+        ----------
+        start : ndarray, shape (n, 3)
+            Points inside (m).
+        direction : ndarray, shape (3,)
+            Unit vector.
+        longest : float
+            Length of the ray (m).
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Distance (m) to the first intersection; NaN where there is none.
+        """
         s = np.arange(0.0, longest, self.spacing / 2)
         path = start[:, None] + s[:, None] * direction
         phi = self(path.reshape(-1, 3)).reshape(len(start), -1)
@@ -119,15 +171,15 @@ class LevelSet:
 
 
 def _level(smooth: np.ndarray, n: int) -> np.floating:
-    """The value below which there are n voxels."""
+    """The level below which there are n voxels."""
     found: np.floating = np.partition(smooth.ravel(), n)[n]
     return found
 
 
 def _levelled(smooth: np.ndarray, inner: np.ndarray, n: int, around: float) -> np.ndarray:
-    """A distance (voxels) shifted from place to place so that as much is below 0 around each as in `inner`, n voxels in all.
+    """Shift a distance (voxels) locally, so that each neighbourhood has the volume of `inner`, and n voxels are below 0 in all.
 
-    Newton's method: what is missing over the outline's area, both as averages by a Gaussian.
+    Newton's method: missing volume over outline area, both as Gaussian averages.
     """
     wanted = ndimage.gaussian_filter(inner, around)
     for _ in range(LEVELS):

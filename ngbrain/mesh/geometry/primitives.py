@@ -18,29 +18,41 @@ from ngbrain.mesh.geometry.curved_elements import curve
 from ngbrain.units import check_count, check_lengths
 
 SEMI_AXES = np.array([0.066, 0.084, 0.060])
-"""Half width (left-right), length (front-back) and height (m) of the idealised brain: 1.39 l."""
+"""Semi-axes (m) of the idealised brain, an ellipsoid of 1.39 l: left-right, front-back, height."""
 CORTEX_THICKNESS = 0.008
-"""Folded cortex as a mantle (m)."""
+"""Thickness (m) of the mantle that stands for the folded cortex."""
 VENTRICLE_CENTRE = np.array([0.014, 0.0, 0.006])
 VENTRICLE_SEMI_AXES = np.array([0.009, 0.021, 0.010])
 FREE_MARGIN = 0.5
-"""The falx ends at an ellipsoid of this part of the brain's axes."""
+"""Scale of the ellipsoid, relative to the brain's axes, at which the falx ends."""
 TENTORIUM_HEIGHT = -0.020
-"""z of the tentorium, a horizontal plane (m); the falx stands on it."""
+"""Height z (m) of the tentorium, a horizontal plane; the falx stands on it."""
 NOTCH_CENTRE, NOTCH_RADIUS = -0.020, 0.020
 """The tentorium lies behind this y (m), but for half a disc of this radius around the brain stem."""
 SHEETS = ("falx", "tentorium")
 NEAR_DEPTH = 0.016
-"""Depth (m) of the zone under the craniotomy that is meshed finer."""
+"""Depth (m) of the refined zone under the craniotomy."""
 MOST_LOST = 0.01
-"""Part of the brain's volume that the elements may miss."""
+"""Largest part of the brain's volume that the elements may miss."""
 TOUCH = 1e-6
-"""A slot nearer (m) than this to a ventricle would open it."""
+"""Distance (m) from a ventricle below which a slot opens it."""
 
 
 @dataclass(frozen=True)
 class Sizes:
-    """Element sizes (m): on the cleft (`site`), under the craniotomy (`near`) and elsewhere (`far`)."""
+    """Element sizes of the idealised head (m).
+
+    Parameters
+    ----------
+    site : float
+        On the cleft.
+    near : float
+        Under the craniotomy.
+    far : float
+        Elsewhere.
+    grading : float
+        Netgen's grading: growth of the element size with distance.
+    """
 
     site: float = 2e-3
     near: float = 6e-3
@@ -55,8 +67,22 @@ class Sizes:
 
 
 def block(size: tuple[float, float, float] = (0.06, 0.06, 0.04), maxh: float = 0.01) -> ngs.Mesh:
-    """A box from the origin, region `tissue`, boundaries `left`/`right` (x), `front`/`back` (y), `bottom`/`top` (z).
+    """A box with one corner at the origin: region `tissue`, boundaries `left`/`right` (x), `front`/`back` (y), `bottom`/`top` (z).
 
+    Parameters
+    ----------
+    size : tuple of float
+        Edge lengths (m).
+    maxh : float
+        Element size (m).
+
+    Returns
+    -------
+    ngsolve.Mesh
+        The mesh.
+
+    Examples
+    --------
     >>> mesh = block(maxh=0.02)
     >>> sorted(set(mesh.GetBoundaries()))
     ['back', 'bottom', 'front', 'left', 'right', 'top']
@@ -78,9 +104,30 @@ def cleft_to(
     approach: np.ndarray | None = None,
     across: np.ndarray | None = None,
 ) -> Cleft:
-    """The slot from the idealised brain's surface to `target` (m), by the shortest way or along `approach` (outwards).
+    """A cleft from the idealised brain's surface to a target.
 
-    Raises `InputError` when the target lies outside the brain or in a ventricle.
+    Parameters
+    ----------
+    target : ndarray, shape (3,)
+        Centre of the cleft's floor (m).
+    opening : float
+        Distance between the walls (m).
+    width : float
+        Extent along the walls (m).
+    approach : ndarray, shape (3,), optional
+        Direction outwards; None: the shortest path to the surface.
+    across : ndarray, shape (3,), optional
+        Direction from wall to wall; None: left to right.
+
+    Returns
+    -------
+    Cleft
+        The cleft.
+
+    Raises
+    ------
+    InputError
+        The target lies outside the brain or in a ventricle.
     """
     target = numbers("cleft.target_mm", target, (3,), "three finite coordinates")
     check_lengths("opening", opening)
@@ -101,12 +148,12 @@ def cleft_to(
 
 
 class Ellipsoids:
-    """The idealised head before it is opened, as a scene asks for one."""
+    """The idealised head before it is opened, with the interface of a scene's head."""
 
     cleft_to = staticmethod(cleft_to)
 
     def point(self, voxel: Sequence[float]) -> np.ndarray:
-        """There is none."""
+        """Not available: an idealised head has no voxels."""
         raise InputError("cleft.target_voxel", list(voxel), "cleft.target_mm: the idealised head has no voxels")
 
 
@@ -133,21 +180,37 @@ def _way_out(target: np.ndarray) -> np.ndarray:
 def idealised_head(
     cleft: Cleft | None = None, craniotomy: float = 40e-3, sizes: Sizes | None = None, sheets: Sequence[str] = ()
 ) -> ngs.Mesh:
-    """A smooth brain, optionally opened: curved elements of second order, none folded (see `curve`).
+    """A smooth idealised brain, with or without a cleft, in second-order curved elements, none of them folded (see `curve`).
 
-    Regions `cortex`, `white`, `ventricle_left`, `ventricle_right`; boundaries `skull` (the surface), `ventricle_wall`,
-    and with a cleft `craniotomy` (a disc of that diameter, m, around it) and the cleft's own (see `Cleft`).
+    Regions are `cortex`, `white`, `ventricle_left` and `ventricle_right`; boundaries are `skull` (the surface) and
+    `ventricle_wall`. With a cleft there are also `craniotomy` (a disc around it) and the cleft's own boundaries (see
+    `Cleft`). The mesh is already curved: do not call its `Curve`.
 
-    cleft        from `cleft_to`; None for the whole head
-    craniotomy   diameter (m)
-    sizes        element sizes
-    sheets       "falx", "tentorium" or both: faces inside the brain, boundaries of that name. The falx is the part of the mid
-                 plane outside an ellipsoid of half the brain's axes and above the tentorium; this is the horizontal plane
-                 20 mm below the middle, behind the notch for the brain stem. A cleft cuts through them.
+    Parameters
+    ----------
+    cleft : Cleft, optional
+        From `cleft_to`; None for the intact head.
+    craniotomy : float
+        Diameter of the craniotomy (m).
+    sizes : Sizes, optional
+        Element sizes.
+    sheets : sequence of str
+        "falx", "tentorium" or both: faces inside the brain, boundaries of that name. The falx is the part of the midsagittal
+        plane outside an ellipsoid of half the brain's axes and above the tentorium. The tentorium is the horizontal plane
+        20 mm below the centre, behind the notch for the brain stem. A cleft cuts through them.
 
-    The mesh is curved already: its `Curve` must not be called. Raises `InputError` for sizes that are too large,
-    a cleft that opens a ventricle, and other names of sheets.
+    Returns
+    -------
+    ngsolve.Mesh
+        The mesh.
 
+    Raises
+    ------
+    InputError
+        Sizes are too large, the cleft opens a ventricle, or a sheet has another name.
+
+    Examples
+    --------
     >>> mesh = idealised_head(sizes=Sizes(far=0.018, grading=0.5))
     >>> sorted(set(mesh.GetMaterials()))
     ['cortex', 'ventricle_left', 'ventricle_right', 'white']
@@ -184,7 +247,7 @@ def idealised_head(
         straight = _mesh(whole, sizes.far, sizes.grading)
         curve(straight)
         mesh = ngs.Mesh(straight)
-        solid = sum(part.mass for part in whole.solids)  # of the whole it is wrong where faces lie inside solids
+        solid = sum(part.mass for part in whole.solids)  # the mass of the whole is wrong where faces lie inside solids
         lost = 1 - ngs.Integrate(ngs.CF(1), mesh) / solid
         if abs(lost) > MOST_LOST:
             raise InputError("mesh sizes", f"such that {100 * lost:.1f} % of the brain is cut off", "smaller elements")
@@ -257,5 +320,5 @@ def _mesh(shape: occ.TopoDS_Shape, maxh: float, grading: float) -> meshing.Mesh:
     geometry = occ.OCCGeometry(shape)
     try:
         return geometry.GenerateMesh(maxh=maxh, grading=grading, curvaturesafety=1.0, parallel_meshing=False)
-    except Exception as error:  # Netgen raises its own exceptions and bare ones
+    except Exception as error:  # Netgen raises exceptions of several types
         raise InputError("mesh sizes", f"such that Netgen gives up ({error})", "smaller elements") from error

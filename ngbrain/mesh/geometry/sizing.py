@@ -1,4 +1,4 @@
-"""How fine a mesh is where: fine around a site, coarser away from it."""
+"""Size fields: element size as a function of position."""
 
 from __future__ import annotations
 
@@ -12,21 +12,35 @@ from ngbrain.image.read.label_map import LabelMap
 from ngbrain.mesh.geometry.cleft import Cleft
 
 SizeField = Callable[[np.ndarray], np.ndarray]
-"""Points (n, 3) m → element size (n,) m: what every route takes."""
+"""Points (n, 3) in m → element size (n,) in m: the argument of every meshing route."""
 ACROSS = 2
-"""Elements across a cleft at least: larger ones bridge it."""
+"""Smallest number of elements across a cleft; larger elements bridge it."""
 
 
 @dataclass(frozen=True)
 class RadialSizeField:
-    """Element size h(x) = min(far, near + growth · max(|x - site| - radius, 0)), all in m.
+    """Element size that grows with the distance from a site: h(x) = min(far, near + growth · max(|x - site| - radius, 0)).
 
-    near, far  sizes at the site and away from it; growth per distance
-    site       point (3,); None: `far` everywhere
-    radius     around the site in which the size is `near`
+    Parameters
+    ----------
+    near : float
+        Element size at the site (m).
+    far : float
+        Element size far from it (m).
+    site : tuple of float, optional
+        Position of the site (m); None: `far` everywhere.
+    radius : float
+        Radius (m) around the site in which the size is `near`.
+    growth : float
+        Growth of the size per distance.
 
-    Raises `InputError` unless 0 < near ≤ far, and for a radius below 0.
+    Raises
+    ------
+    InputError
+        Not 0 < near ≤ far, or the radius is negative.
 
+    Examples
+    --------
     >>> size = RadialSizeField(0.002, 0.008, site=(0.0, 0.0, 0.0))
     >>> size(np.array([[0, 0, 0.01], [0, 0, 0.025], [0, 0, 0.1]])).round(4).tolist()
     [0.002, 0.004, 0.008]
@@ -46,7 +60,7 @@ class RadialSizeField:
             raise InputError("radius", f"{1e3 * self.radius:g} mm", "a length from 0 on")
 
     def __call__(self, points: np.ndarray) -> np.ndarray:
-        """Sizes (n,) at points (n, 3)."""
+        """Element sizes (n,) in m at points (n, 3) in m."""
         if self.site is None:
             return np.full(len(points), self.far)
         away = np.linalg.norm(np.asarray(points) - np.asarray(self.site), axis=1)
@@ -55,9 +69,23 @@ class RadialSizeField:
 
 @dataclass(frozen=True)
 class CleftSizeField:
-    """Element size (m) `near` at the walls of a cleft, growing with the distance from them up to `far`.
+    """Element size that grows with the distance from the walls of a cleft, from `near` up to `far`.
 
-    Raises `InputError` unless 0 < near ≤ far and `ACROSS` elements fit between the walls.
+    Parameters
+    ----------
+    cleft : Cleft
+        The cleft.
+    near : float
+        Element size at the walls (m).
+    far : float
+        Largest element size (m).
+    growth : float
+        Growth of the size per distance.
+
+    Raises
+    ------
+    InputError
+        Not 0 < near ≤ far, or fewer than `ACROSS` elements fit between the walls.
     """
 
     cleft: Cleft
@@ -74,15 +102,33 @@ class CleftSizeField:
             raise InputError("mesh size", found, f"{wanted}, and not less far away")
 
     def __call__(self, points: np.ndarray) -> np.ndarray:
-        """Sizes (n,) at points (n, 3)."""
+        """Element sizes (n,) in m at points (n, 3) in m."""
         return np.minimum(self.far, self.near + self.growth * self.cleft.distance_to_walls(points))
 
 
 def sample_sizes(labels: LabelMap, size: SizeField, per_cube: float, most: float) -> np.ndarray:
-    """Sizes (n,) m in the voxels of a map that have a label.
+    """Evaluate a size field at the labelled voxels and check the number of elements.
 
-    Raises `InputError` where there is none, for sizes that are not positive numbers, and such that, with so many tetrahedra in a
-    cube of their size, more than `most` would result.
+    Parameters
+    ----------
+    labels : LabelMap
+        The labels.
+    size : SizeField
+        Element size (m).
+    per_cube : float
+        Number of tetrahedra in a cube of their size.
+    most : float
+        Largest number of tetrahedra allowed.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Element sizes (m) at the voxels with a label.
+
+    Raises
+    ------
+    InputError
+        No voxel has a label, a size is not a positive number, or the sizes give more than `most` tetrahedra.
     """
     at = labels.volume.to_world(np.argwhere(labels.volume.data != 0))
     if not len(at):

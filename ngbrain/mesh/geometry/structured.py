@@ -1,6 +1,6 @@
-"""Structured meshes: quadrilaterals on the points of a grid, as published wave data were made in, or of cells, and hexahedra.
+"""Structured meshes: quadrilaterals on a grid of points (as in published wave data) or of cells, and hexahedra.
 
-Boundaries of such meshes, whose sides are straight, may get other names.
+Boundaries of such meshes with straight sides can be renamed.
 """
 
 from __future__ import annotations
@@ -17,13 +17,29 @@ from ngbrain.errors import InputError
 
 
 def rectangles(x: np.ndarray, y: np.ndarray, cells: np.ndarray | None = None) -> ngs.Mesh:
-    """Quadrilaterals between the lines x and y (m), region `tissue`, boundaries `left`, `right`, `bottom`, `top`.
+    """Quadrilaterals between grid lines: region `tissue`, boundaries `left`, `right`, `bottom`, `top`.
 
-    cells  bool, one fewer along each axis than there are lines: only these; their boundary is `hull` then. None: all
+    Vertices are numbered along x first, so that a nodal field is `values.ravel()` of an array (y, x).
 
-    Vertices count along x first, so that a nodal field is `values.ravel()` of an array (y, x).
-    Raises `InputError` unless both grow and have two values or more, and a cell of so many is chosen.
+    Parameters
+    ----------
+    x, y : ndarray, shape (n,) and (m,)
+        Increasing coordinates of the grid lines (m).
+    cells : ndarray of bool, shape (n - 1, m - 1), optional
+        Cells to keep; their boundary is then `hull`. None: all cells.
 
+    Returns
+    -------
+    ngsolve.Mesh
+        The mesh.
+
+    Raises
+    ------
+    InputError
+        Coordinates do not increase or are fewer than two, or no cell is chosen.
+
+    Examples
+    --------
     >>> mesh = rectangles(np.linspace(0, 0.12, 4), np.linspace(0, 0.12, 3))
     >>> mesh.nv, mesh.ne, mesh.GetBoundaries()
     (12, 6, ('bottom', 'right', 'top', 'left'))
@@ -59,12 +75,27 @@ _SIDES = {
 
 
 def boxes(cells: np.ndarray, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> ngs.Mesh:
-    """Hexahedra in the chosen cells between planes x, y and z (m), region `tissue`, boundary `hull`.
+    """Hexahedra in chosen cells of a grid: region `tissue`, boundary `hull`.
 
-    cells  bool, one fewer along each axis than there are planes
+    Parameters
+    ----------
+    cells : ndarray of bool, shape (nx - 1, ny - 1, nz - 1)
+        Cells to keep.
+    x, y, z : ndarray
+        Increasing coordinates of the grid planes (m).
 
-    Raises `InputError` unless all planes grow, two or more of each, and a cell of so many is chosen.
+    Returns
+    -------
+    ngsolve.Mesh
+        The mesh.
 
+    Raises
+    ------
+    InputError
+        Coordinates do not increase or are fewer than two, or no cell is chosen.
+
+    Examples
+    --------
     >>> cells = np.ones((3, 2, 2), bool); cells[0, 0, 0] = False
     >>> mesh = boxes(cells, np.arange(4.0), np.arange(3.0), np.arange(3.0))
     >>> mesh.ne, mesh.nv, round(ngs.Integrate(1, mesh), 9)
@@ -78,7 +109,7 @@ def boxes(cells: np.ndarray, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> ngs
 
 
 def _chosen(name: str, cells: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Cells as bool, between so many planes along each axis."""
+    """Cells as bool, one fewer along each axis than planes."""
     wanted = f"some of {tuple(n - 1 for n in shape)}"
     try:
         cells = np.asarray(cells, bool)
@@ -90,7 +121,7 @@ def _chosen(name: str, cells: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _of_cells(cells: np.ndarray, planes: Sequence[np.ndarray]) -> ngs.Mesh:
-    """Quadrilaterals or hexahedra in the chosen cells, vertices numbered along the last axis first."""
+    """Quadrilaterals or hexahedra in the chosen cells; vertices are numbered along the last axis first."""
     d, shape = cells.ndim, tuple(n + 1 for n in cells.shape)
     corners = np.argwhere(cells)[:, None] + _CORNERS[d]
     used, elements = np.unique(np.ravel_multi_index(tuple(corners.reshape(-1, d).T), shape), return_inverse=True)
@@ -112,10 +143,27 @@ def _of_cells(cells: np.ndarray, planes: Sequence[np.ndarray]) -> ngs.Mesh:
 
 
 def with_boundaries(mesh: ngs.Mesh, names: Sequence[str]) -> ngs.Mesh:
-    """The same mesh of straight sides with other names of its boundary elements, one for each in their order.
+    """Copy a mesh with straight sides under other boundary names.
 
-    Raises `InputError` for another number of names.
+    Parameters
+    ----------
+    mesh : ngsolve.Mesh
+        The mesh.
+    names : sequence of str
+        One name for each boundary element, in their order.
 
+    Returns
+    -------
+    ngsolve.Mesh
+        The copy.
+
+    Raises
+    ------
+    InputError
+        The number of names is another.
+
+    Examples
+    --------
     >>> mesh = rectangles(np.arange(3.0), np.arange(2.0))
     >>> again = with_boundaries(mesh, ["a", "a", "b", "a", "a", "a"])
     >>> again.GetBoundaries(), again.nv, ngs.Integrate(1, again.Boundaries("b"))
