@@ -1,16 +1,13 @@
-"""Moves and swaps that improve tetrahedra and keep interfaces.
+"""Mesh improvement: vertex moves, swaps and snapping that raise element quality and keep interfaces.
 
-- `curving`: Meshes of tissues curved to where the labels say that tissues meet.
-- `guarded_moves`: Moves of a mesh's points that never make a bad tetrahedron.
-- `octree`: Tetrahedra between the middles and the corners of cubes: a body-centred lattice whose cubes are as large
-  as a size field asks.
-- `reconnection`: Swaps of edges and faces that replace a mesh's worst tetrahedra by better ones on the same vertices.
-- `smoothing`: Moves of a mesh's vertices that make its worst tetrahedra better and keep its interfaces where they
-  are.
-- `snapped_lattice`: Tetrahedra whose points go to where regions meet: the part of the `lattice` mesh that knows
-  shares but no names.
-- `snapping`: Points of a mesh that go to where regions meet, and edges that are cut there.
-- `volume_matching`: Moves of a mesh's interfaces that give its regions the volumes that they should have.
+- `curving`: second-order meshes whose interfaces are curved onto those of the labels.
+- `guarded_moves`: vertex moves that never make a bad tetrahedron.
+- `octree`: a body-centred cubic lattice of tetrahedra on an octree, graded by a size field.
+- `reconnection`: edge and face swaps that replace the worst tetrahedra.
+- `smoothing`: optimisation-based vertex smoothing that keeps interfaces.
+- `snapped_lattice`: a lattice whose vertices are moved onto the interfaces of volume fractions.
+- `snapping`: snapping of vertices to interfaces, and cuts of the edges that still cross one.
+- `volume_matching`: interface moves that give regions their target volumes.
 """
 
 __all__ = [

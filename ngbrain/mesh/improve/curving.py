@@ -1,4 +1,4 @@
-"""Meshes of tissues curved to where the labels say that tissues meet."""
+"""Second-order meshes whose interfaces are curved onto the interfaces of the labels."""
 
 from __future__ import annotations
 
@@ -17,35 +17,44 @@ from ngbrain.mesh.labels.volume_zones import Zones
 from ngbrain.mesh.tet_mesh import Elements
 
 FURTHEST = 0.5e-3
-"""Distance (m) that a node is moved at most."""
+"""Largest move of a node (m)."""
 MATCHES, MATCHED = 2, 0.5
-"""How often volumes are matched, and part of the longest move by which a node is moved for them."""
+"""Number of volume corrections, and the part of a node's largest move that they may use."""
 RETURNED = 0.6
-"""Part of what regions then lack that they are given back: the rest would move interfaces farther than the volume is worth."""
+"""Part of the missing volume that is restored; restoring more would move interfaces too far from those of the labels."""
 HALVINGS = 4
-"""of a node's move in an element that folds, before it stays where it is."""
+"""Number of times a node's move is halved in a folded element, before the node keeps its place."""
 LOWEST = 0.03
-"""The Jacobian determinant anywhere in an element is at least this part of the element's largest."""
+"""Smallest Jacobian determinant anywhere in an element, as a part of the element's largest."""
 _BUBBLE = -0.125
-"""Value in the middle of an edge of NGSolve's second-order function of that edge."""
+"""Value at the middle of an edge of NGSolve's second-order edge function."""
 _EDGES = list(combinations(range(4), 2))
 _AT = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4], [2, 2, 2]]) / 6
-"""Barycentric coordinates of the points of a triangle at which its distance is measured,"""
+"""Barycentric coordinates of the points of a triangle at which the distance is measured,"""
 _BASIS = np.concatenate([_AT * (2 * _AT - 1), 4 * _AT[:, [0, 0, 1]] * _AT[:, [1, 2, 2]]], axis=1)
-"""and the functions there of its corners and of the middles of its edges 01, 02, 12."""
+"""and the values there of the functions of its corners and of the middles of its edges 01, 02, 12."""
 
 
 @dataclass(frozen=True, eq=False)
 class CurvingResult:
-    """How a mesh was curved.
+    """A curved mesh and the distances of its interfaces from those of the labels.
 
-    deformation  the displacement (m) that the mesh now has, `mesh.SetDeformation`'s
-    at           points (n, 3) m all over the straight interfaces
-    before       distance (n,) m there from where the labels' regions meet, to first order; huge where none do for some mm
-    after        the same, curved
-    held         share of the interfaces' nodes that were moved less than wanted, as an element would have folded
-    nodes        numbers (m, 10) of the tetrahedra's corners and middles of edges, 01, 02, 03, 12, 13, 23
-    places       (n, 3) m, where these are now
+    Parameters
+    ----------
+    deformation : ngsolve.GridFunction
+        Displacement (m) of the mesh, as set by `mesh.SetDeformation`.
+    sample_points : ndarray, shape (n, 3)
+        Points (m) all over the straight interfaces.
+    distance_before : ndarray, shape (n,)
+        First-order distance (m) of these points from the labels' interfaces; huge where there is none within some mm.
+    distance_after : ndarray, shape (n,)
+        The same distance after curving (m).
+    held_back : float
+        Part of the interface nodes whose move was shortened, because an element would have folded.
+    element_nodes : ndarray of int, shape (m, 10)
+        Corners and mid-edge nodes 01, 02, 03, 12, 13, 23 of the tetrahedra.
+    node_positions : ndarray, shape (nodes, 3)
+        Positions of the nodes after curving (m).
     """
 
     deformation: ngs.GridFunction
@@ -65,20 +74,44 @@ def curve_interfaces(
     towards: Indicators | None = None,
     volumes: np.ndarray | None = None,
 ) -> CurvingResult:
-    """Give a mesh of straight tetrahedra a deformation that brings its interfaces onto where the labels' regions meet.
+    """Deform a mesh of straight tetrahedra so that its interfaces lie on those of the labels.
 
-    Interfaces are the boundaries `outer_<a>` and `<a>_<b>` of regions of the indicators. Their vertices and, of order 2,
-    the middles of their edges move by the shortest way to equal shares of the regions around them, `furthest` m at most
-    (and a quarter of the shortest edge beside them). Where an element folds, its nodes' moves are halved, until the
-    Jacobian determinant is positive all over every element: by its Bernstein coefficients, not only at quadrature
-    points (Johnen, Remacle & Geuzaine 2013, 10.1016/j.jcp.2012.08.051).
+    Interfaces are the boundaries `outer_<a>` and `<a>_<b>` of the indicators' regions. Their vertices and, for order 2, the
+    middles of their edges move by the shortest way to equal volume fractions of the adjacent regions: by `furthest` at most,
+    and by a quarter of the shortest edge beside them. Where an element folds, the moves of its nodes are halved until the
+    Jacobian determinant is positive everywhere in the element. This is checked by its Bernstein coefficients, not only at
+    quadrature points.
 
-    towards   if given, where regions meet by these instead, such as `Indicators.filled`; distances stay those of `indicators`
-    volumes   (regions,) m³; if given, interfaces then move on by the same small part all over each until regions of a mesh of
-              second order have `RETURNED` of what they lack of them, as far as elements let them
+    Parameters
+    ----------
+    mesh : ngsolve.Mesh
+        Straight tetrahedra.
+    indicators : Indicators
+        Smoothed indicators of the labels; distances are measured from their interfaces.
+    order : int
+        1 or 2.
+    furthest : float
+        Largest move of a node (m).
+    towards : Indicators, optional
+        Other indicators to move to, such as those of `Indicators.correct_volumes`.
+    volumes : ndarray, shape (regions,), optional
+        Target volumes (m³). Interfaces then move further, all by the same small part, until the second-order mesh has regained
+        the part `RETURNED` of the missing volumes, as far as the elements allow.
 
-    Raises `InputError` for another order, a mesh that is curved already, that has an element inside out, or that has no
-    such boundary; with `volumes`, one whose triangles are not outwards of the region named first.
+    Returns
+    -------
+    CurvingResult
+        The deformation, which is also set on the mesh, and the distances.
+
+    Raises
+    ------
+    InputError
+        Another order; a mesh that is already curved, has an inverted element or has no such boundary; with `volumes`, a mesh
+        whose triangles do not point out of the region named first.
+
+    References
+    ----------
+    Johnen, Remacle & Geuzaine (2013), doi:10.1016/j.jcp.2012.08.051.
     """
     if order not in (1, 2):
         raise InputError("order", order, "1 or 2")
@@ -136,11 +169,32 @@ def curve_interfaces(
 
 
 def second_order_mesh(elements: Elements, labels: LabelMap) -> tuple[ngs.Mesh, CurvingResult]:
-    """A mesh whose own geometry is curved, of second order, without a deformation; and what `curved` says of it.
+    """Curve a mesh to the labels and store the curvature in its own second-order geometry, without a deformation.
 
-    It can be saved, loaded, and deformed by whatever is computed on it. Of the volume that films of tissue lose `RETURNED` is
-    given back. Raises what `curved` raises.
+    Such a mesh can be saved, loaded, and deformed by a computed displacement. Of the volume that thin films of tissue lose,
+    the part `RETURNED` is restored.
 
+    Parameters
+    ----------
+    elements : Elements
+        The mesh with straight edges.
+    labels : LabelMap
+        The labels it was made from.
+
+    Returns
+    -------
+    mesh : ngsolve.Mesh
+        The second-order mesh.
+    result : CurvingResult
+        Report of `curve_interfaces`.
+
+    Raises
+    ------
+    InputError
+        As `curve_interfaces` does.
+
+    Examples
+    --------
     >>> from ngbrain.image.read.volume import Volume
     >>> from ngbrain.mesh.routes.lattice import lattice
     >>> ball = np.linalg.norm(np.indices((24, 24, 24)) - 11.5, axis=0) < 10
@@ -184,7 +238,7 @@ def _read(mesh: ngs.Mesh, indicators: Indicators) -> tuple[Points, np.ndarray, n
 def _surface(
     mesh: ngs.Mesh, straight: Points, tets: np.ndarray, six: np.ndarray, pairs: np.ndarray, indicators: Indicators
 ) -> QuadraticInterfaces:
-    """The interfaces; raises `InputError` unless they enclose what the tetrahedra of each region fill."""
+    """The interfaces; raises `InputError` unless they enclose the volume of each region's tetrahedra."""
     surface = QuadraticInterfaces(six, np.where(pairs[:, :1] == 0, pairs[:, ::-1], pairs), len(indicators.regions))
     numbers = np.array([0, *(1 + indicators.regions.index(name) for name in mesh.GetMaterials())])
     x = straight[tets]
@@ -199,9 +253,9 @@ def _surface(
 
 
 def _numbers(mesh: ngs.Mesh, ends: np.ndarray, middle: np.ndarray) -> np.ndarray:
-    """NGSolve's number of each edge (n, 2), of which `middle` (6 m,) are those of the tetrahedra; asked for all at once.
+    """NGSolve's number of each edge (n, 2), evaluated for all elements at once; `middle` (6 m,) are the tetrahedra's edges.
 
-    Of the functions of second order only that of an edge does not vanish in its middle.
+    Of the second-order functions, only that of an edge is not zero at the edge's middle.
     """
     at = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, 0]], float)  # of the corners in NGSolve's element
     rule = ngs.IntegrationRule([tuple(at[[i, j]].mean(axis=0)) for i, j in _EDGES], [0.0] * 6)
@@ -218,7 +272,7 @@ def _numbers(mesh: ngs.Mesh, ends: np.ndarray, middle: np.ndarray) -> np.ndarray
 def _backtracked(
     straight: Points, nodes: np.ndarray, ends: np.ndarray, move: np.ndarray, on: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Which nodes had to be held back, and moves (n, 3) of all such that no element (m, 10) folds; edges inside stay straight."""
+    """Mask of shortened nodes, and moves (n, 3) for which no element (m, 10) folds; interior edges stay straight."""
     n = len(straight) - len(ends)
     halvings = np.zeros(len(straight), int)
 
@@ -234,7 +288,7 @@ def _backtracked(
         folded = suspects[folds(determinants((straight + shift)[suspects]), LOWEST)]
         if not len(folded):
             return halvings > 0, shift
-        # Of each the node that is farthest off first: a vertex from its place, a middle from between its ends.
+        # First the node with the longest move: of a vertex from its place, of an edge's middle from the straight edge.
         off = np.linalg.norm(shift, axis=1)
         off[n:] = np.linalg.norm(shift[n:] - shift[ends].mean(axis=1), axis=1)
         off[halvings > HALVINGS] = 0
@@ -247,7 +301,7 @@ def _backtracked(
 
 
 def _distances(at: Points, pairs: np.ndarray, indicators: Indicators) -> np.ndarray:
-    """Distance (m) of the points on triangles, as many on each, from where their two regions (k, 2) meet."""
+    """Distance (m) of points on triangles, the same number on each, from the interface of the triangle's two regions (k, 2)."""
     both = np.repeat(pairs, len(at) // len(pairs), axis=0)
     found = np.empty(len(at))
     for i, j in np.unique(pairs, axis=0).tolist():

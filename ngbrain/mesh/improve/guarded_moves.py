@@ -1,4 +1,4 @@
-"""Moves of a mesh's points that never make a bad tetrahedron."""
+"""Vertex moves that never make a bad tetrahedron."""
 
 from __future__ import annotations
 
@@ -10,19 +10,37 @@ from ngbrain.mesh.quality import radius_ratios
 
 Points = np.ndarray
 ANGLE = 12.0
-"""No move makes a dihedral angle smaller (degrees),"""
+"""Smallest dihedral angle (degrees) that a move may lead to,"""
 RATIO = 0.11
-"""nor a radius ratio 3 r_in/r_circ."""
+"""and smallest radius ratio 3 r_in/r_circ."""
 _HALVINGS = 2
 _CHUNK = 1 << 15
 
 
 def apply_guarded_moves(points: Points, tets: np.ndarray, target: Points) -> tuple[Points, np.ndarray]:
-    """Points (n, 3) moved to their targets, or a half or a quarter of the way, or not at all; and which (n,) have arrived.
+    """Move points to their targets, or a half or a quarter of the way, or not at all, so that no tetrahedron becomes bad.
 
-    All move at once; of each tetrahedron (in Netgen's orientation) that is then bad, the point that went farthest goes half
-    the way back, until none is bad. That ends, as every tetrahedron whose points have not moved is taken for good.
+    All points move at once. In each tetrahedron that is then bad, the point with the longest move goes half the way back, until
+    no tetrahedron is bad. This terminates, since a tetrahedron whose points have not moved counts as good.
 
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Points (m).
+    tets : ndarray of int, shape (m, 4)
+        Tetrahedra in Netgen's orientation.
+    target : ndarray, shape (n, 3)
+        Target positions (m).
+
+    Returns
+    -------
+    points : ndarray, shape (n, 3)
+        New positions (m).
+    arrived : ndarray of bool, shape (n,)
+        Which points have reached their target.
+
+    Examples
+    --------
     >>> points, tets = np.array([[0, 0, 0], [0, 1, 0], [1, 0, 0], [0, 0, 1.0]]), np.array([[0, 1, 2, 3]])
     >>> moved, arrived = apply_guarded_moves(points, tets, np.array([[0, 0, 0.1], [0, 1, 0], [1, 0, 0], [0, 0, -1.0]]))
     >>> moved[:, 2].tolist(), arrived.tolist()
@@ -47,7 +65,20 @@ def apply_guarded_moves(points: Points, tets: np.ndarray, target: Points) -> tup
 
 
 def good(points: Points, tets: np.ndarray) -> np.ndarray:
-    """Which tetrahedra (m,) have no angle below ANGLE and no radius ratio below RATIO, and are not inside out."""
+    """Whether tetrahedra are not inverted and have no dihedral angle below `ANGLE` and no radius ratio below `RATIO`.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Points (m).
+    tets : ndarray of int, shape (m, 4)
+        Tetrahedra in Netgen's orientation.
+
+    Returns
+    -------
+    ndarray of bool, shape (m,)
+        True for a good tetrahedron.
+    """
     found = worst_cosines(points, tets) <= np.cos(np.radians(ANGLE))
     rest = np.flatnonzero(found)
     for part in np.array_split(rest, 1 + len(rest) // _CHUNK):
@@ -56,15 +87,29 @@ def good(points: Points, tets: np.ndarray) -> np.ndarray:
 
 
 def worst_cosines(points: Points, tets: np.ndarray) -> np.ndarray:
-    """Cosine (n,) of the smallest angle between two faces of each tetrahedron; 2 where one is inside out.
+    """Cosine of the smallest dihedral angle of each tetrahedron; 2 for an inverted one.
 
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Points.
+    tets : ndarray of int, shape (m, 4)
+        Tetrahedra.
+
+    Returns
+    -------
+    ndarray, shape (m,)
+        Cosines.
+
+    Examples
+    --------
     >>> corner = np.array([[0, 0, 0], [0, 1, 0], [1, 0, 0], [0, 0, 1.0]])
     >>> worst_cosines(corner, np.array([[0, 1, 2, 3], [1, 0, 2, 3]])) ** 2
     array([0.33333333, 4. ])
     """
     found = np.empty(len(tets))
     for start in range(0, len(tets), _CHUNK):
-        x = points.T[:, tets[start : start + _CHUNK].T]  # components apart: several times as fast
+        x = points.T[:, tets[start : start + _CHUNK].T]  # components as separate arrays: several times as fast
         a, b, c = (x[:, k] - x[:, 0] for k in (1, 2, 3))
         normals = [_cross(b, c), _cross(c, a), _cross(a, b)]
         right = (a * normals[0]).sum(axis=0) < 0
@@ -76,5 +121,5 @@ def worst_cosines(points: Points, tets: np.ndarray) -> np.ndarray:
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Of (3, n)."""
+    """Cross product of vectors (3, n)."""
     return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])

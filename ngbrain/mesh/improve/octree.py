@@ -1,4 +1,4 @@
-"""Tetrahedra between the middles and the corners of cubes: a body-centred lattice whose cubes are as large as a size field asks."""
+"""A body-centred cubic lattice of tetrahedra on an octree whose cubes are as large as a size field asks."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from ngbrain.mesh.geometry.sizing import SizeField
 Points = np.ndarray
 Cells = np.ndarray
 COARSER = 2**0.5
-"""A cube may be so much larger than the size asked for: the half of a larger one is as much smaller."""
+"""Largest ratio of a cube's edge to the size asked for; half of a larger cube would be as much too small."""
 PER_CUBE = 12
 """Tetrahedra for each cube of a uniform lattice."""
 FINEST = 12
-"""How often a cube is halved at most."""
+"""Largest number of times a cube is halved."""
 MOST = 5_000_000
-"""Tetrahedra at most."""
+"""Largest number of tetrahedra."""
 _BITS = 20
 _AXES = np.eye(3, dtype=np.int64)
 _TURNS = [(i, (i + 1) % 3, (i + 2) % 3) for i in range(3)]
@@ -29,18 +29,42 @@ _CHILDREN = np.array(list(np.ndindex(2, 2, 2)))
 def body_centred_lattice(
     low: Points, high: Points, size: SizeField, finest: float, inside: Callable[[Points], np.ndarray]
 ) -> tuple[Points, np.ndarray]:
-    """Points (n, 3) in m and tetrahedra (m, 4), in Netgen's orientation, around what lies in a box from `low` to `high` (3,) m.
+    """Tetrahedra of a body-centred cubic lattice on an octree, in a box around a shape.
 
-    The cubes' edges are `finest` · 2^k, k ≥ 0 (or below where `size` is), and 0.7 to 1.4 times `size` unless a neighbour is
-    smaller: cubes with a common edge differ by a factor of two at most. Two cubes of one size and an edge between them make a
-    tetrahedron with dihedral angles of 60° and 90°, or two where smaller cubes halve the edge; a quarter of a large cube's
-    face makes two with each cube's middle. All angles are 45° or more.
+    The cubes' edges are `finest` · 2^k with k ≥ 0 (or below where `size` is smaller). They are 0.7 to 1.4 times `size`, unless a
+    neighbour is smaller: cubes with a common edge differ by a factor of two at most. Two cubes of one size and an edge between
+    them make a tetrahedron with dihedral angles of 60° and 90°, or two where smaller cubes halve the edge. A quarter of a large
+    cube's face makes two with each cube's centre. All dihedral angles are 45° or more.
 
-    inside   points (n, 3) → mask (n,); cubes with a corner or the middle inside, and those that touch one, are kept
+    Parameters
+    ----------
+    low, high : ndarray, shape (3,)
+        Corners of the box (m).
+    size : SizeField
+        Element size (m).
+    finest : float
+        Edge of the smallest cubes (m).
+    inside : callable
+        Points (n, 3) → mask (n,). Cubes with a corner or the centre inside are kept, and those that touch one.
 
-    Method: Labelle & Shewchuk 2007, doi:10.1145/1276377.1276448. Raises `InputError` if sizes are not positive, need more than
-    `MOST` tetrahedra, or differ by more than 2^`FINEST`.
+    Returns
+    -------
+    points : ndarray, shape (n, 3)
+        Vertices (m).
+    tets : ndarray of int, shape (m, 4)
+        Tetrahedra in Netgen's orientation.
 
+    Raises
+    ------
+    InputError
+        Sizes are not positive, need more than `MOST` tetrahedra, or differ by more than 2^`FINEST`.
+
+    References
+    ----------
+    Labelle & Shewchuk (2007), doi:10.1145/1276377.1276448.
+
+    Examples
+    --------
     >>> half, every = lambda x: np.full(len(x), 0.5), lambda x: np.ones(len(x), bool)
     >>> points, tets = body_centred_lattice(np.zeros(3), np.ones(3), half, 0.5, every)
     >>> points.min(axis=0).tolist(), points.max(axis=0).tolist(), len(tets)
@@ -51,7 +75,7 @@ def body_centred_lattice(
         raise InputError("size", f"{sizes.min():g} m somewhere", "more than 0 everywhere")
     depth = int(np.clip(np.floor(np.log2(COARSER * sizes.max() / finest)), 0, FINEST))
     root = finest * 2**depth
-    # A layer of cubes all around, as the outermost ones lack the tetrahedra of their outer faces.
+    # A layer of cubes all around, since the outermost ones lack the tetrahedra of their outer faces.
     count = np.ceil((high - low) / root - 1e-9).astype(int) + 2
     origin = (low + high) / 2 - count * root / 2
     leaves = _leaves(count, origin, root, size)
@@ -72,7 +96,7 @@ def _grid(low: Points, high: Points, n: int) -> Points:
 
 
 def _packed(cells: Cells) -> np.ndarray:
-    """Whole numbers (n, 3), -1 at least, as one (n,)."""
+    """Integers (n, 3), -1 at least, packed into one (n,)."""
     cells = cells + 1
     return np.asarray((cells[:, 0] << 2 * _BITS) | (cells[:, 1] << _BITS) | cells[:, 2])
 
@@ -83,7 +107,7 @@ def _unpacked(keys: np.ndarray) -> Cells:
 
 
 def _among(keys: np.ndarray, ordered: np.ndarray) -> np.ndarray:
-    """Which keys (any shape) are in an ordered array."""
+    """Which keys (any shape) occur in a sorted array."""
     if not len(ordered):
         return np.zeros(keys.shape, bool)
     at = np.searchsorted(ordered, keys)
@@ -91,7 +115,7 @@ def _among(keys: np.ndarray, ordered: np.ndarray) -> np.ndarray:
 
 
 def _leaves(count: np.ndarray, origin: Points, root: float, size: SizeField) -> list[np.ndarray]:
-    """Packed cubes that are not halved, from the largest to the smallest; those next to each other differ by 2 at most."""
+    """Packed leaf cubes, from the largest to the smallest; neighbours differ by a factor of 2 at most."""
     cells = np.stack(np.meshgrid(*(np.arange(n) for n in count), indexing="ij"), axis=-1).reshape(-1, 3)
     halved: list[np.ndarray] = []
     edge = root
@@ -103,7 +127,7 @@ def _leaves(count: np.ndarray, origin: Points, root: float, size: SizeField) -> 
         if not (smallest > 0).all():
             raise InputError("size", f"{smallest.min():g} m somewhere", "more than 0 everywhere")
         cells = cells[edge > COARSER * smallest * (1 + 1e-9)]
-        if PER_CUBE * 8 * len(cells) > 4 * MOST:  # half of a box may well be outside
+        if PER_CUBE * 8 * len(cells) > 4 * MOST:  # half of a box may be outside
             raise InputError("size", "so small that too many tetrahedra would result", f"at most {MOST:.2g} of them")
         halved.append(np.sort(_packed(cells)))
         cells = (2 * cells[:, None] + _CHILDREN).reshape(-1, 3)
@@ -157,7 +181,7 @@ def _stencils(leaves: list[np.ndarray], inside: Callable[[Cells], np.ndarray]) -
 
 
 def _between_equals(middle: Cells, axes: np.ndarray, corners: np.ndarray) -> list[np.ndarray]:
-    """Packed tetrahedra around the line from the middles of cubes to those of the next ones along the first of `axes`."""
+    """Packed tetrahedra around the line between the centres of neighbouring cubes along the first of `axes`."""
     a, b = _packed(middle), _packed(middle + 2 * axes[0])
     tets = []
     for u, v in ((axes[1], axes[2]), (axes[2], -axes[1]), (-axes[1], -axes[2]), (-axes[2], axes[1])):
@@ -170,7 +194,7 @@ def _between_equals(middle: Cells, axes: np.ndarray, corners: np.ndarray) -> lis
 
 
 def _to_larger(cubes: Cells, larger: Cells, step: int, axes: tuple[int, int, int], way: int) -> list[np.ndarray]:
-    """Packed tetrahedra between small cubes and the large ones that they have a quarter of a face in common with."""
+    """Packed tetrahedra between small cubes and the large ones with which they share a quarter of a face."""
     middle, far = 2 * step * cubes + step, 4 * step * larger + 2 * step
     square = middle + way * step * _AXES[axes[0]]
     # From the middle of the large face to its corner: the diagonal that all quarters of the face share with their mirror images.

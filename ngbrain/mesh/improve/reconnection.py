@@ -1,4 +1,4 @@
-"""Swaps of edges and faces that replace a mesh's worst tetrahedra by better ones on the same vertices."""
+"""Edge and face swaps that replace a mesh's worst tetrahedra by better ones on the same vertices."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ import numpy as np
 from ngbrain.mesh.improve.smoothing import FLATTEST, Stars, shape_quality
 
 LARGEST = 7
-"""Most tetrahedra around an edge that is removed: of more, the others get worse."""
+"""Largest number of tetrahedra around an edge that is removed; with more, the new ones are worse."""
 
 Found = tuple[float, set[int], list[tuple[list[int], int]]]
-"""The worst shape of what is new, the tetrahedra that it replaces, and the new ones' corners and regions."""
+"""The worst shape quality of the new tetrahedra, the tetrahedra they replace, and their corners and regions."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Pair:
-    """Corners (3, 4) of what would replace the two tetrahedra `old`, and their region."""
+    """A 2-3 swap: corners (3, 4) of the tetrahedra that would replace the two tetrahedra `old`, and their region."""
 
     corners: np.ndarray
     old: set[int]
@@ -27,12 +27,24 @@ class _Pair:
 
 @dataclass(frozen=True, eq=False)
 class _Ring:
-    """What is around an edge.
+    """The neighbourhood of an edge.
 
-    corners   (2 n, 4) of tetrahedra at its second end, then at its first, over the n triangles of `triples` of ring corners
-    old       the tetrahedra around it
-    ring      corners around it, in order; regions of what is between each and the next
-    changes   at which of them the region changes
+    Parameters
+    ----------
+    corners : ndarray, shape (2 n, 4)
+        Tetrahedra at its second end, then at its first, over the n triangles `triples` of ring corners.
+    old : set of int
+        The tetrahedra around the edge.
+    edge : tuple of int
+        Its ends.
+    ring : list of int
+        Corners around it, in order.
+    regions : list of int
+        Region between each ring corner and the next.
+    changes : list of int
+        Ring positions at which the region changes.
+    triples : list of tuple of int
+        Triangles of ring corners.
     """
 
     corners: np.ndarray
@@ -45,7 +57,17 @@ class _Ring:
 
 
 class Reconnection:
-    """Tetrahedra (m, 4) in regions (m,), 0 for outside, on fixed vertices, changed by `improve`."""
+    """Local reconnection (topological swaps) of tetrahedra on fixed vertices.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Vertices (m).
+    tets : ndarray of int, shape (m, 4)
+        Tetrahedra in Netgen's orientation.
+    region : ndarray of int, shape (m,)
+        Region of each; 0 is outside.
+    """
 
     def __init__(self, points: np.ndarray, tets: np.ndarray, region: np.ndarray) -> None:
         self.points, self.tets, self.region = points, tets.tolist(), region.tolist()
@@ -56,7 +78,7 @@ class Reconnection:
         self._around: dict[int, set[int]] = {}
 
     def improve(self, goal: float) -> int:
-        """Try every tetrahedron with a shape below the goal, the worst ones first; returns how many were replaced."""
+        """Try to replace every tetrahedron with a shape quality below `goal`, the worst first; returns the number replaced."""
         self.goal = goal
         quality, region = np.array(self.quality), np.array(self.region)
         bad = np.flatnonzero((quality < goal) & (region > 0))
@@ -67,13 +89,13 @@ class Reconnection:
         return changed
 
     def arrays(self) -> tuple[np.ndarray, np.ndarray]:
-        """Tetrahedra and regions as they are now."""
+        """The current tetrahedra and regions."""
         alive = np.ones(len(self.tets), bool)
         alive[list(self.dead)] = False
         return np.array(self.tets)[alive], np.array(self.region)[alive]
 
     def tets_of_vertex(self, vertex: int) -> set[int]:
-        """Numbers of the tetrahedra around a vertex."""
+        """Numbers of the tetrahedra that share a vertex."""
         if vertex not in self._around:
             first, last = self._stars.start[vertex : vertex + 2]
             self._around[vertex] = {t for t in self._stars.tets[first:last].tolist() if t not in self.dead}
@@ -84,7 +106,7 @@ class Reconnection:
         edges = [self._ring(a, b) for a, b in combinations(self.tets[t], 2)]
         faces = [self._pair(t, apex) for apex in self.tets[t]]
         offers: list[_Ring | _Pair] = [offer for offer in (*edges, *faces) if offer is not None]
-        if offers:  # their shapes at once: a call for each takes several times as long
+        if offers:  # all qualities in one call: one call for each takes several times as long
             shape = shape_quality(self.points[np.concatenate([offer.corners for offer in offers])])
             ends = np.cumsum([len(offer.corners) for offer in offers])
             for offer, mine in zip(offers, np.split(shape, ends[:-1]), strict=True):
@@ -110,7 +132,7 @@ class Reconnection:
         return True
 
     def _outside(self, t: int) -> Found | None:
-        """A tetrahedron at the surface, as there are flat ones where that is a plane, becomes part of the outside.
+        """Remove a flat tetrahedron at the surface: it becomes part of the outside.
 
         Not where parts of the surface would then touch.
         """
@@ -123,18 +145,18 @@ class Reconnection:
             (beyond if sharing and not any(self.region[k] for k in sharing) else within).append(apex)
         if not beyond:
             return None
-        # What the surface gets to: the corner or the edge that all faces within share, which no surface may have yet.
+        # New part of the surface: the corner or edge common to all inner faces, which must not be on the surface yet.
         shared = set.intersection(*(self.tets_of_vertex(v) for v in beyond))
         if len(within) > 1 and not all(self.region[k] for k in shared):
             return None
         return self.goal, {t}, [(tet, 0)]
 
     def _worst(self, old: set[int]) -> float:
-        """Shape that the replacement has to beat."""
+        """Shape quality that the replacement has to exceed."""
         return min(self.quality[t] for t in old if self.region[t])
 
     def _pair(self, t: int, apex: int) -> _Pair | None:
-        """Two tetrahedra of a region, the first without one apex, and the three around the line between their apices."""
+        """Two tetrahedra of one region that share a face, and the three around the line between their apices."""
         p, q, r = (v for v in self.tets[t] if v != apex)
         sharing = (self.tets_of_vertex(p) & self.tets_of_vertex(q) & self.tets_of_vertex(r)) - {t}
         if len(sharing) != 1:  # at the hull
@@ -146,18 +168,18 @@ class Reconnection:
         return _Pair(np.array([self._like(t, corner, far) for corner in (p, q, r)]), {t, other}, self.region[t])
 
     def _without_face(self, pair: _Pair, shape: np.ndarray) -> Found | None:
-        """The two become the three."""
+        """2-3 swap: the two tetrahedra become the three."""
         worst = float(shape.min())
         if worst <= self._worst(pair.old):
             return None
         return worst, pair.old, [(corners, pair.region) for corners in pair.corners.tolist()]
 
     def _like(self, t: int, corner: int, by: int) -> list[int]:
-        """A tetrahedron with a corner replaced, in the same orientation."""
+        """The tetrahedron with one corner replaced, in the same orientation."""
         return [by if v == corner else v for v in self.tets[t]]
 
     def _ring(self, a: int, b: int) -> _Ring | None:
-        """The tetrahedra around an edge, and those that triangles of the ring around it make with its ends."""
+        """The tetrahedra around an edge, and those between its ends and the triangles of the ring around it."""
         old = self.tets_of_vertex(a) & self.tets_of_vertex(b)
         if not 3 <= len(old) <= LARGEST:
             return None
@@ -187,10 +209,10 @@ class Reconnection:
         return _Ring(np.concatenate([up, down]), old, (a, b), ring, regions, changes, triples)
 
     def _without_edge(self, around: _Ring, shape: np.ndarray) -> Found | None:
-        """The tetrahedra around an edge become those on both sides of a triangulation of the ring around it.
+        """Edge removal: the tetrahedra around an edge are replaced by those on both sides of a triangulation of its ring.
 
-        An edge in an interface takes the chord between the interface's two other corners into its place; on the side
-        that the chord leaves empty, what there was joins the other side.
+        An edge in an interface is replaced by the chord between the interface's two other corners. On the side that the
+        chord leaves empty, the tetrahedra join the other region.
         """
         (a, b), ring, regions, n = around.edge, around.ring, around.regions, len(around.ring)
         value = dict(zip(around.triples, shape.reshape(2, -1).min(axis=0).tolist(), strict=True))
@@ -213,7 +235,7 @@ class Reconnection:
 
 
 def _beyond(tet: list[int], a: int, b: int) -> tuple[int, int]:
-    """The two other corners of a tetrahedron, in the order in which one turns around the edge from a to b."""
+    """The two other corners of a tetrahedron, in the order of rotation about the edge from a to b."""
     i, j = tet.index(a), tet.index(b)
     k, m = (x for x in range(4) if x not in (i, j))
     even = (i, j, k, m) in _EVEN
@@ -229,7 +251,7 @@ _EVEN = {
 def _triangulation(
     part: list[int], value: dict[tuple[int, int, int], float]
 ) -> tuple[float, list[tuple[int, int, int]]]:
-    """Of a polygon, the triangulation whose worst triangle is best, and that triangle's value (Klincsek's recursion)."""
+    """The triangulation of a polygon whose worst triangle is best, and that triangle's value (Klincsek's recursion)."""
     n = len(part)
     best: dict[tuple[int, int], tuple[float, int]] = {}
     for width in range(2, n):

@@ -1,4 +1,4 @@
-"""Moves of a mesh's vertices that make its worst tetrahedra better and keep its interfaces where they are."""
+"""Optimisation-based vertex smoothing: moves of single vertices that improve the worst tetrahedra and keep interfaces."""
 
 from __future__ import annotations
 
@@ -9,19 +9,22 @@ import numpy as np
 
 Points = np.ndarray
 TRIES = 6
-"""Steps of a vertex of which the best is taken."""
+"""Number of trial steps of a vertex, of which the best is taken."""
 FLATTEST = 1e-4
-"""Shape that tetrahedra outside have to keep: they only must not turn inside out."""
+"""Shape quality that tetrahedra outside have to keep: they only must not be inverted."""
 _EDGES = ((0, 1, 2, 3), (0, 2, 1, 3), (0, 3, 1, 2), (1, 2, 0, 3), (1, 3, 0, 2), (2, 3, 0, 1))
-"""Of each edge its corners, and the corners opposite to the two faces that it lies between."""
+"""Of each edge its corners, and the corners opposite to the two faces that share it."""
 
 
 def shape_quality(x: np.ndarray) -> np.ndarray:
-    """Smallest sine (n,) of the angles between two faces of tetrahedra (n, 4, 3) in Netgen's orientation.
+    """Shape quality of tetrahedra (n, 4, 3) in Netgen's orientation: smallest sine (n,) of the dihedral angles.
 
-    Small for angles near 0 and near 180°; negative where the tetrahedron is inside out (sin = 3/2 V l / (A B) for faces of
-    areas A and B with a common edge of length l: Freitag & Ollivier-Gooch 1997,
-    10.1002/(SICI)1097-0207(19971115)40:21<3979::AID-NME251>3.0.CO;2-9).
+    It is small for angles near 0° and near 180°, and negative for an inverted tetrahedron: sin = 3/2 V l / (A B) for faces of
+    areas A and B with a common edge of length l.
+
+    References
+    ----------
+    Freitag & Ollivier-Gooch (1997), doi:10.1002/(SICI)1097-0207(19971115)40:21<3979::AID-NME251>3.0.CO;2-9.
     """
     p, q, r = x[:, 1] - x[:, 0], x[:, 2] - x[:, 0], x[:, 3] - x[:, 0]
     s, t = x[:, 2] - x[:, 1], x[:, 3] - x[:, 1]
@@ -48,19 +51,40 @@ def _square(a: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Stars:
-    """Which tetrahedra there are around each vertex: `tets[start[v] : start[v + 1]]`."""
+    """Vertex stars: the tetrahedra around vertex v are `tets[start[v] : start[v + 1]]`.
+
+    Parameters
+    ----------
+    start : ndarray of int, shape (n + 1,)
+        Start of each vertex's tetrahedra.
+    tets : ndarray of int
+        Numbers of the tetrahedra.
+    """
 
     start: np.ndarray
     tets: np.ndarray
 
     @classmethod
     def of(cls, tets: np.ndarray, n: int) -> Stars:
-        """Of n vertices of tetrahedra (m, 4)."""
+        """Stars of the n vertices of tetrahedra.
+
+        Parameters
+        ----------
+        tets : ndarray of int, shape (m, 4)
+            Tetrahedra.
+        n : int
+            Number of vertices.
+
+        Returns
+        -------
+        Stars
+            The stars.
+        """
         order = np.argsort(tets.ravel(), kind="stable")
         return cls(np.r_[0, np.cumsum(np.bincount(tets.ravel(), minlength=n))], order // 4)
 
     def tets_of_vertices(self, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The tetrahedra around vertices, one after the other, and where those of each vertex start."""
+        """The tetrahedra around vertices, concatenated, and the start of each vertex's part."""
         count = self.start[vertices + 1] - self.start[vertices]
         first = np.r_[0, np.cumsum(count)[:-1]]
         return self.tets[np.repeat(self.start[vertices] - first, count) + np.arange(count.sum())], first
@@ -75,13 +99,32 @@ def smooth_vertices(
     rounds: int,
     rng: np.random.Generator,
 ) -> Points:
-    """Points (n, 3) moved so that fewer tetrahedra (m, 4) have a shape (see `shapes`) below the goal.
+    """Move vertices so that fewer tetrahedra have a shape quality (`shape_quality`) below a goal.
 
-    Random steps of single vertices of bad tetrahedra, the best of several, taken where the worst tetrahedron around the
-    vertex gets better; many vertices at a time, none two of one tetrahedron.
+    Single vertices of bad tetrahedra try random steps. The best step is taken if it improves the worst tetrahedron around the
+    vertex. Many vertices move at a time, but no two of one tetrahedron.
 
-    kept    (m,), the tetrahedra whose shape counts; the others only must not turn inside out
-    place   (vertices, wanted points) → points where these vertices may be
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Vertices (m).
+    tets : ndarray of int, shape (m, 4)
+        Tetrahedra in Netgen's orientation.
+    kept : ndarray of bool, shape (m,)
+        Tetrahedra whose quality counts; the others only must not be inverted.
+    place : callable
+        (vertices, wanted points) → nearest allowed points of these vertices (m).
+    goal : float
+        Quality below which a tetrahedron is bad.
+    rounds : int
+        Number of rounds.
+    rng : numpy.random.Generator
+        Random numbers.
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        New positions (m).
     """
     points = points.copy()
     stars = Stars.of(tets, len(points))
@@ -120,7 +163,7 @@ def smooth_vertices(
 def _apart(
     tets: np.ndarray, stars: Stars, quality: np.ndarray, active: np.ndarray, n: int, rng: np.random.Generator
 ) -> np.ndarray:
-    """Those of the active vertices of which no two share a tetrahedron: the ones that come first in a random order."""
+    """An independent subset of the active vertices, no two in one tetrahedron: the first ones in a random order."""
     turn = np.full(n, np.inf)
     turn[active] = rng.random(len(active))
     around, first = stars.tets_of_vertices(active)

@@ -1,4 +1,4 @@
-"""Tetrahedra whose points go to where regions meet: the part of the `lattice` mesh that knows shares but no names."""
+"""A lattice of tetrahedra whose vertices are moved onto the interfaces of volume fractions, without names of regions."""
 
 from __future__ import annotations
 
@@ -13,31 +13,52 @@ from ngbrain.mesh.labels.volume_zones import everywhere
 
 Points = np.ndarray
 FACES = np.array([[1, 3, 2], [0, 2, 3], [0, 3, 1], [0, 1, 2]])
-"""Corners of a tetrahedron's faces: outwards in Netgen's orientation."""
+"""Corners of a tetrahedron's faces, oriented outwards in Netgen's orientation."""
 _DAMPED = 0.5
-_HELD = 0.03  # part of its interfaces' area that a region has to the outside besides
-_LIFTED = 0.37  # in shares at most: beyond they are no measure of distance
-_FARTHEST = 0.3  # part of an element's size that a point may go in one step
-_ON = 0.05  # part of an element's size up to which a point is on an interface
+_HELD = 0.03  # extra area to the outside of each region, as a part of its interfaces' area
+_LIFTED = 0.37  # largest bias of a volume fraction: beyond it, a bias no longer measures a distance
+_FARTHEST = 0.3  # part of an element's size that a vertex may move in one step
+_ON = 0.05  # part of an element's size up to which a vertex is on an interface
 _RELAXED = 0.3  # part of the way to the middle of the tetrahedra around
-_DEEP = 0.999  # share at all corners with which a small tetrahedron is taken for inside a region
+_DEEP = 0.999  # volume fraction at all corners from which a small tetrahedron is inside a region
 _LARGE = 4.0  # widths of an interface above which a tetrahedron is sampled at 20 points instead of 4
-_STILL = 0.02  # part of an element's size below which its shares are not sampled again
-_PEELED = 3  # layers of a spike that are taken off
+_STILL = 0.02  # move, as a part of the element size, below which fractions are not sampled again
+_PEELED = 3  # layers of a spike that are removed
 _GAUSS = np.full((4, 4), (5 - 5**0.5) / 20) + np.eye(4) / 5**0.5
 _MANY = (np.array([(i, j, k, 3 - i - j - k) for i, j, k in np.ndindex(4, 4, 4) if i + j + k <= 3]) + 0.25) / 4
 
 
 @dataclass(eq=False)
 class SnappedLattice:
-    """Points and tetrahedra among regions.
+    """Vertices and tetrahedra on a field of volume fractions.
 
-    points   (n, 3) m; tets (m, 4) in Netgen's orientation; `shares` of the regions, 0 is outside
-    width    standard deviation (m) of an interface's blur
-    zone     points (n, 3) → (n, zones), adding up to 1: where volumes are balanced each for itself
-    bias     (zones, regions + 1), added to the shares times `weight` (n,) of the points, size / largest size
-    beside   (m, 4) tetrahedra across the FACES, -1 for none; scale (n,) edge (m) of the smallest cube at a point
-    means    (m, regions + 1) mean shares in the tetrahedra, when their points were as `sampled` (n, 3)
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Vertices (m).
+    tets : ndarray of int, shape (m, 4)
+        Tetrahedra in Netgen's orientation.
+    fractions : VolumeFractions
+        Volume fractions of the regions; 0 is outside.
+    width : float
+        Standard deviation (m) of the blur of an interface.
+    scale : ndarray, shape (n,)
+        Edge (m) of the smallest cube at each vertex.
+    zone : callable
+        Points (n, 3) → weights of the zones (n, zones), which add up to 1; volumes are balanced in each zone.
+
+    Attributes
+    ----------
+    bias : ndarray, shape (zones, regions + 1)
+        Added to the volume fractions times `weight`.
+    weight : ndarray, shape (n,)
+        Size over largest size at the vertices.
+    beside : ndarray of int, shape (m, 4)
+        Tetrahedra across the `FACES`; -1 for none.
+    means : ndarray, shape (m, regions + 1)
+        Mean volume fractions in the tetrahedra, for vertices at `sampled`.
+    sampled : ndarray, shape (n, 3)
+        Positions at the last sampling (m).
     """
 
     points: Points
@@ -66,15 +87,15 @@ class SnappedLattice:
 
     @property
     def slope(self) -> float:
-        """Of s_a - s_b across an interface (1/m)."""
+        """Slope of the difference s_a - s_b across an interface (1/m)."""
         return slope_across(self.width)
 
     def bias_at_points(self) -> np.ndarray:
-        """What is added to the shares at the points (n, regions + 1)."""
+        """Bias of the volume fractions at the vertices (n, regions + 1)."""
         return (self.weight[:, None] * (self.zone(self.points) @ self.bias)).clip(-_LIFTED, _LIFTED)
 
     def _sample(self) -> None:
-        """Mean shares in each tetrahedron, anew where points have moved."""
+        """Update the mean volume fractions of the tetrahedra whose vertices have moved."""
         moved = np.abs(self.points - self.sampled).max(axis=1) > _STILL * self.scale
         stale = moved[self.tets].any(axis=1)
         self.sampled = np.where(moved[:, None], self.points, self.sampled)
@@ -86,9 +107,9 @@ class SnappedLattice:
                 self.means[at] = total / np.float32(len(weights))
 
     def _regions(self) -> np.ndarray:
-        """Number (m,) of the region with the largest mean share in each tetrahedron.
+        """Region (m,) with the largest mean volume fraction in each tetrahedron.
 
-        One that none of its neighbours agrees with takes the region of that neighbour which has the largest share in it.
+        A tetrahedron that agrees with none of its neighbours takes the region of the neighbour with the largest fraction in it.
         """
         lift = self.bias_at_points().astype(np.float32)
         score = self.means + sum(lift[corner] for corner in self.tets.T) / np.float32(4)
@@ -102,18 +123,31 @@ class SnappedLattice:
         return self._without_spikes(np.asarray(region))
 
     def _without_spikes(self, region: np.ndarray) -> np.ndarray:
-        """The same without tetrahedra that stick out: three faces or more of theirs look outside."""
+        """Remove spikes: tetrahedra with three or more faces to the outside."""
         for _ in range(_PEELED):
             across = np.where(self.beside >= 0, region[self.beside], 0)
             region = np.where((across == 0).sum(axis=1) >= 3, 0, region)
         return region
 
     def balance(self, wanted: np.ndarray, most: float) -> np.ndarray:
-        """Shift `bias` for the volumes (zones, regions) wanted (m³); each tetrahedron's region (m,) then.
+        """Update the bias so that the regions get their target volumes.
 
-        A Newton step in each zone: an interface moves by the difference of the biases over the slope, and takes its area times
-        that from one region to the other. Shares are not linear, so the step is damped; `most` bounds the biases. All regions of
-        a zone together are held back a little: where hardly any of it is at the outside, there is nobody to give them room.
+        A Newton step in each zone: an interface moves by the difference of the biases over the slope, and transfers its
+        area times that distance from one region to the other. Volume fractions are not linear, so the step is damped. All
+        regions of a zone are slightly damped together, because a zone that hardly touches the outside cannot enlarge all
+        its regions.
+
+        Parameters
+        ----------
+        wanted : ndarray, shape (zones, regions)
+            Target volumes (m³).
+        most : float
+            Bound on the biases.
+
+        Returns
+        -------
+        ndarray of int, shape (m,)
+            Region of each tetrahedron.
         """
         self._sample()
         size, n = volumes(self.points, self.tets), self.fractions.count
@@ -135,30 +169,59 @@ class SnappedLattice:
         return self._regions()
 
     def volume_errors(self, region: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-        """How far regions are from the volumes (regions,) wanted (m³), as parts of these."""
+        """Relative volume errors of the regions.
+
+        Parameters
+        ----------
+        region : ndarray of int, shape (m,)
+            Region of each tetrahedron.
+        wanted : ndarray, shape (regions,)
+            Target volumes (m³).
+
+        Returns
+        -------
+        ndarray, shape (regions,)
+            Absolute errors as parts of the targets.
+        """
         found = np.bincount(region, volumes(self.points, self.tets), self.fractions.count)[1:]
         return np.asarray(abs(found / wanted - 1))
 
     def interface_faces(self, region: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Tetrahedra, their faces (numbers in FACES) between regions, and the other region there: each face once.
+        """Tetrahedra, their faces (numbers in `FACES`) between regions, and the other region there, each face once.
 
-        From the region of the smaller number, but from inside where nothing lies beyond.
+        Seen from the region with the smaller number, and from inside where the other side is outside.
         """
         across = np.where(self.beside >= 0, region[self.beside], 0)
         t, k = np.nonzero((across > region[:, None]) | ((self.beside < 0) & (region > 0)[:, None]))
         return t, k, across[t, k]
 
     def adjacent_regions(self, region: np.ndarray) -> np.ndarray:
-        """Which regions (n, regions + 1) the tetrahedra around each point have, if more than one."""
+        """Regions (n, regions + 1) of the tetrahedra around each vertex, if there is more than one."""
         has = np.zeros((len(self.points), self.fractions.count), bool)
         for k in range(4):
             has[self.tets[:, k], region] = True
         return has & (has.sum(axis=1) > 1)[:, None]
 
     def interface_offset(self, points: Points, lift: np.ndarray, has: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How far (n,) in m points with regions `has` (n, regions + 1) are from where these meet, and the way there (n, 3).
+        """First-order distance of points from the interface of their regions.
 
-        To first order; where more than two meet, from the interface that is farthest off.
+        Where more than two regions meet, it is the distance from the farthest of the interfaces.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, 3)
+            Points (m).
+        lift : ndarray, shape (n, regions + 1)
+            Bias of the volume fractions at the points.
+        has : ndarray of bool, shape (n, regions + 1)
+            Regions that meet there.
+
+        Returns
+        -------
+        distance : ndarray, shape (n,)
+            Distance (m).
+        step : ndarray, shape (n, 3)
+            Step to the interface (m).
         """
         values, gradients = self.fractions.slopes(points)
         values = values + lift
@@ -174,8 +237,8 @@ class SnappedLattice:
         return farthest, way
 
     def target_positions(self, region: np.ndarray) -> Points:
-        """Where the points (n, 3) are to go: those near an interface towards the middle of the tetrahedra around, and those of
-        interfaces from there onto these.
+        """Target positions of the vertices (n, 3) in m: near an interface, the centre of the tetrahedra around, and for vertices of
+        an interface its projection onto the interface.
         """
         has = self.adjacent_regions(region)
         border = np.asarray(has.any(axis=1))
@@ -193,7 +256,7 @@ class SnappedLattice:
         return target
 
     def is_on_interface(self, region: np.ndarray) -> np.ndarray:
-        """For each point of an interface (n,), whether it is on it to a part of its element's size."""
+        """For each vertex of an interface (n,), whether it lies on it within a part of its element's size."""
         has = self.adjacent_regions(region)
         on = np.flatnonzero(has.any(axis=1))
         far, _ = self.interface_offset(self.points[on], self.bias_at_points()[on], has[on])
@@ -201,19 +264,45 @@ class SnappedLattice:
 
 
 def slope_across(width: float) -> float:
-    """Of s_a - s_b (1/m) where a step from -1 to 1 is blurred by a Gaussian of standard deviation `width` (m)."""
+    """Slope of s_a - s_b (1/m) of a step from -1 to 1 blurred by a Gaussian of standard deviation `width` (m)."""
     return float(2 / (np.sqrt(2 * np.pi) * width))
 
 
 def volumes(points: Points, tets: np.ndarray) -> np.ndarray:
-    """Of tetrahedra (m,) in m³."""
+    """Volumes of tetrahedra.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Vertices (m).
+    tets : ndarray of int, shape (m, 4)
+        Tetrahedra.
+
+    Returns
+    -------
+    ndarray, shape (m,)
+        Volumes (m³).
+    """
     x = points.T[:, tets.T]
     a, b, c = (x[:, k] - x[:, 0] for k in (1, 2, 3))
     return np.asarray(np.abs((a * np.cross(b, c, axis=0)).sum(axis=0)) / 6)
 
 
 def scales(points: Points, tets: np.ndarray) -> np.ndarray:
-    """Edge (n,) in m of a cube as large as 12 of the smallest tetrahedron at each point."""
+    """Element size at each vertex: edge of a cube as large as 12 of the smallest tetrahedron there.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Vertices (m).
+    tets : ndarray of int, shape (m, 4)
+        Tetrahedra.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Sizes (m).
+    """
     found = np.full(len(points), np.inf)
     for k, cubes in enumerate([np.cbrt(12 * volumes(points, tets))] * 4):
         np.minimum.at(found, tets[:, k], cubes)

@@ -1,4 +1,4 @@
-"""Points of a mesh that go to where regions meet, and edges that are cut there."""
+"""Snapping of vertices to interfaces, and cuts of the edges that still cross one."""
 
 from __future__ import annotations
 
@@ -11,14 +11,31 @@ from ngbrain.mesh.labels.volume_fractions import VolumeFractions
 
 Points = np.ndarray
 _EDGES = np.array(list(combinations(range(4), 2)))
-_HALVINGS = 4  # of an edge until a Newton step is good enough
-_FARTHEST = 0.3  # part of the way that a Newton step may go
-_STEEP = 0.1  # part of an interface's usual slope above which a direction is to be trusted
-_CLEAR = 0.15  # part of an edge that is left on both sides of a cut, at least
+_HALVINGS = 4  # halvings of an edge before the Newton step
+_FARTHEST = 0.3  # largest Newton step as a part of the edge
+_STEEP = 0.1  # part of the usual slope above which a gradient direction is reliable
+_CLEAR = 0.15  # smallest part of an edge on either side of a cut
 
 
 def snap_targets(points: Points, tets: np.ndarray, fractions: VolumeFractions, slope: float) -> Points:
-    """Where the points (n, 3) are to go: onto the interface, if one cuts an edge of theirs in the half nearer to them."""
+    """Target positions of vertices: on the interface that crosses one of their edges in the half nearer to them.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Vertices (m).
+    tets : ndarray of int, shape (m, 4)
+        Tetrahedra.
+    fractions : VolumeFractions
+        Volume fractions of the regions.
+    slope : float
+        Usual slope of s_a - s_b across an interface (1/m).
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        Targets (m); other vertices keep their position.
+    """
     number = fractions(points).argmax(axis=1)
     p, q = _parted(tets, number)
     a, b = number[p], number[q]
@@ -28,7 +45,7 @@ def snap_targets(points: Points, tets: np.ndarray, fractions: VolumeFractions, s
     c = np.where(s[i, c] > np.maximum(s[i, a], s[i, b]) + 0.1, c, -1)
     third = np.flatnonzero(c >= 0)
     node, own, other, place = np.r_[p, q], np.r_[a, b], np.r_[b, a], np.r_[place, place]
-    between = np.r_[third, third + len(p)]  # a third region lies across the edge, and is met first
+    between = np.r_[third, third + len(p)]  # a third region crosses the edge and is met first
     other[between] = np.r_[c[third], c[third]]
     place[between] = _where(fractions, points[node[between]], place[between], own[between], other[between])
     distance = np.linalg.norm(place - points[node], axis=1)
@@ -43,7 +60,7 @@ def snap_targets(points: Points, tets: np.ndarray, fractions: VolumeFractions, s
 
 
 def _where(fractions: VolumeFractions, p: Points, q: Points, a: np.ndarray, b: np.ndarray) -> Points:
-    """Between p, where s_a > s_b, and q, where it is not: where they are about the same (n, 3)."""
+    """Point (n, 3) with about equal fractions, between p with s_a > s_b and q without."""
     i, low, high = np.arange(len(p)), np.zeros(len(p)), np.ones(len(p))
     for _ in range(_HALVINGS):
         middle = (low + high) / 2
@@ -56,7 +73,7 @@ def _where(fractions: VolumeFractions, p: Points, q: Points, a: np.ndarray, b: n
 def _foot(
     fractions: VolumeFractions, usual: float, start: Points, place: Points, a: np.ndarray, b: np.ndarray
 ) -> Points:
-    """What is nearest to `start` on the interface's tangent plane at `place`, and a Newton step; `place` where in doubt."""
+    """Point nearest to `start` on the interface's tangent plane at `place`, and a Newton step; `place` where that is doubtful."""
     reach = np.linalg.norm(place - start, axis=1)
     value, slope, steep = _difference(fractions, place, a, b)
     normal = slope / steep[:, None]
@@ -70,7 +87,7 @@ def _foot(
 def _difference(
     fractions: VolumeFractions, points: Points, a: np.ndarray, b: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """φ = s_a - s_b (n,), its gradient (n, 3) and the gradient's length (n,), in 1/m."""
+    """φ = s_a - s_b (n,), its gradient (n, 3) and the gradient's norm (n,), in 1/m."""
     values, gradients = fractions.slopes(points)
     i = np.arange(len(points))
     slope = gradients[i, a] - gradients[i, b]
@@ -80,10 +97,28 @@ def _difference(
 def cut_edges(
     points: Points, tets: np.ndarray, fractions: VolumeFractions, scale: np.ndarray, longest: float
 ) -> tuple[Points, np.ndarray, np.ndarray]:
-    """Points, tetrahedra and `scale` (of points) with edges cut in two where they cross an interface well away from their ends.
+    """Split the edges that cross an interface well away from their ends.
 
-    Edges above `longest` (m) are left alone, and those with a tetrahedron around them that would become bad. As every
-    tetrahedron is cut at one edge at a time, those that share a face are cut alike.
+    Edges are left alone if they are longer than `longest` or if a tetrahedron around them would become bad. Every tetrahedron is
+    split at one edge at a time, so that tetrahedra with a common face are split alike.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Vertices (m).
+    tets : ndarray of int, shape (m, 4)
+        Tetrahedra in Netgen's orientation.
+    fractions : VolumeFractions
+        Volume fractions of the regions.
+    scale : ndarray, shape (n,)
+        Element size at the vertices (m).
+    longest : float
+        Length of edges above which they are not split (m).
+
+    Returns
+    -------
+    points, tets, scale : ndarray
+        The mesh after the splits.
     """
     number = fractions(points).argmax(axis=1)
     work, tried = tets, np.zeros(0, np.int64)
@@ -125,7 +160,7 @@ def cut_edges(
 
 
 def _having(tets: np.ndarray, keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Tetrahedra and which of the edges, given by ordered keys, they have."""
+    """Tetrahedra that contain an edge, given by sorted keys, and which one."""
     pairs = np.sort(tets[:, _EDGES].astype(np.int64), axis=2)
     mine = pairs[..., 0] << 32 | pairs[..., 1]
     at = np.minimum(np.searchsorted(keys, mine), len(keys) - 1)

@@ -1,4 +1,4 @@
-"""Moves of a mesh's interfaces that give its regions the volumes that they should have."""
+"""Interface moves that give the regions of a mesh their target volumes."""
 
 from __future__ import annotations
 
@@ -10,32 +10,50 @@ from ngbrain.mesh.improve.smoothing import FLATTEST, shape_quality
 from ngbrain.mesh.labels.volume_zones import Zones
 
 FURTHEST = 0.2
-"""Part of the element size that a vertex is moved at most."""
+"""Largest move of a vertex, as a part of the element size."""
 HELD = 0.03
-"""Part by which each region is held back: in a zone that hardly reaches the outside nobody can give all of them room."""
+"""Relative damping of each region: a zone that hardly touches the outside cannot enlarge all its regions."""
 ROUNDS = 6
 INSIDE = np.concatenate([np.full((1, 4), 0.25), np.full((4, 4), 0.1) + 0.6 * np.eye(4)])
-"""Barycentric coordinates at which a tetrahedron asks where it is."""
+"""Barycentric coordinates at which a tetrahedron is assigned to a region."""
 _FACES = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))
-"""Opposite to each corner of a tetrahedron in Netgen's orientation, turning such that normals point to the corner."""
+"""Face opposite to each corner of a tetrahedron in Netgen's orientation, with normals towards the corner."""
 
 
 def match_volumes(
     points: np.ndarray, tets: np.ndarray, region: np.ndarray, zones: Zones, size: np.ndarray, sound: float
 ) -> np.ndarray:
-    """Points (n, 3) with interfaces moved along their normals, by the same part of the element size all over each in a zone.
+    """Move interfaces along their normals so that regions get their target volumes.
 
-    Facets cut corners, so that regions bounded by convex interfaces are too small, and films too thin for the mesh are
-    counted to what is around them. A region whose volume cannot be matched within `FURTHEST` leaves the rest to the one
-    that it shares the largest interface with. No tetrahedron gets a shape (see `relocation.shapes`) worse than `sound`,
-    unless it has it.
+    In each zone, an interface moves by the same part of the element size everywhere. This corrects two errors: plane facets cut
+    corners, so that regions with convex interfaces are too small, and films too thin for the mesh are assigned to their
+    neighbours. A region whose volume cannot be matched within `FURTHEST` leaves the rest to the region with the largest common
+    interface. No tetrahedron gets a shape quality (`smoothing.shape_quality`) below `sound`, unless it already has it.
 
-    region   (m,), 0 for outside; size (n,) m
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Vertices (m).
+    tets : ndarray of int, shape (m, 4)
+        Tetrahedra in Netgen's orientation.
+    region : ndarray of int, shape (m,)
+        Region of each; 0 is outside.
+    zones : Zones
+        Zones and target volumes.
+    size : ndarray, shape (n,)
+        Element size at the vertices (m).
+    sound : float
+        Smallest shape quality that a move may lead to.
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        New positions (m).
     """
-    count, kept = zones.wanted.shape[1], region > 0
-    start, points, limit, wanted = points, points.copy(), FURTHEST * size, zones.wanted.copy()
-    fractions = np.mean([zones.share(np.einsum("k,nkd->nd", where, points[tets])) for where in INSIDE], axis=0)
-    vertices = zones.share(points).argmax(axis=1)
+    count, kept = zones.target_volumes.shape[1], region > 0
+    start, points, limit, wanted = points, points.copy(), FURTHEST * size, zones.target_volumes.copy()
+    fractions = np.mean([zones.weights(np.einsum("k,nkd->nd", where, points[tets])) for where in INSIDE], axis=0)
+    vertices = zones.weights(points).argmax(axis=1)
     floor = np.minimum(shape_quality(points[tets]), np.where(kept, sound, FLATTEST))
     free = np.ones(len(points), bool)
     for k in range(ROUNDS):
@@ -64,7 +82,7 @@ def match_volumes(
 
 
 def _volumes(x: np.ndarray, tets: np.ndarray, region: np.ndarray, n: int, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Volume of each tetrahedron (m,), and how those of regions change with the place of each vertex (n, 3, count)."""
+    """Volume of each tetrahedron (m,), and derivatives of the regions' volumes by the vertex positions (n, 3, count)."""
     slopes = np.zeros((n * (count + 1), 3))
     for corner, (i, j, k) in enumerate(_FACES):
         area = np.cross(x[:, j] - x[:, i], x[:, k] - x[:, i]) / 6
@@ -72,12 +90,12 @@ def _volumes(x: np.ndarray, tets: np.ndarray, region: np.ndarray, n: int, count:
         slopes += np.stack([np.bincount(at, area[:, d], len(slopes)) for d in range(3)], axis=1)
     volume = -np.linalg.det(x[:, 1:] - x[:, :1]) / 6
     every = slopes.reshape(n, count + 1, 3)[:, 1:]
-    every[np.abs(every).max(axis=(1, 2)) < 1e-9 * np.abs(every).max()] = 0  # inside a region the sum cancels
+    every[np.abs(every).max(axis=(1, 2)) < 1e-9 * np.abs(every).max()] = 0  # the sum cancels inside a region
     return volume, every.transpose(0, 2, 1).copy()
 
 
 def _attainable(wanted: np.ndarray, volumes: np.ndarray, slopes: np.ndarray, limit: np.ndarray) -> np.ndarray:
-    """The volumes wanted, as far as moves within half the limit give them; what is left goes to the largest neighbour."""
+    """The part of the target volumes that moves within half the limit reach; the rest goes to the largest neighbour."""
     wanted = wanted.copy()
     reach = 0.5 * np.einsum("v,vr->r", limit, np.linalg.norm(slopes, axis=1))
     shared = -np.einsum("vdr,vds->rs", slopes, slopes)
@@ -94,11 +112,11 @@ _POINTS = np.array(
     [[1 - 2 * a, a, a][k:] + [1 - 2 * a, a, a][:k] for a in (0.445948490915965, 0.091576213509771) for k in range(3)]
 )
 _WEIGHTS = np.repeat([0.223381589678011, 0.109951743655322], 3) / 2
-"""Of fourth order on a triangle (Dunavant 1985, 10.1002/nme.1620210612), barycentric."""
+"""Quadrature of fourth order on a triangle in barycentric coordinates (Dunavant 1985, doi:10.1002/nme.1620210612)."""
 
 
 def _six() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The functions of a triangle's corners and of the middles of its edges 01, 02, 12, and their two slopes, at `_POINTS`."""
+    """Shape functions of a triangle's corners and mid-edge nodes 01, 02, 12, and their two derivatives, at `_POINTS`."""
     p, i, j = _POINTS, [0, 0, 1], [1, 2, 2]
     along = np.array([[-1, 1, 0], [-1, 0, 1]])  # of the barycentric coordinates
     slopes = [
@@ -112,11 +130,16 @@ _VALUES, _ALONG, _ACROSS = _six()
 
 @dataclass(frozen=True, eq=False)
 class QuadraticInterfaces:
-    """Interfaces of second order, and the volumes that they enclose: V = ⅓ ∮ x·n, ∂V/∂x_i = ∮ N_i n.
+    """Second-order interfaces and the volumes that they enclose: V = ⅓ ∮ x·n, ∂V/∂x_i = ∮ N_i n.
 
-    six     (k, 6) nodes of triangles: corners, then middles of the edges 01, 02, 12; outwards of the first region
-    pairs   (k, 2) the region on the inner side and that on the outer one, 0 for outside
-    count   of regions
+    Parameters
+    ----------
+    six : ndarray of int, shape (k, 6)
+        Nodes of the triangles: corners, then middles of the edges 01, 02, 12; normals point out of the first region.
+    pairs : ndarray of int, shape (k, 2)
+        Region on the inner and on the outer side; 0 is outside.
+    count : int
+        Number of regions.
     """
 
     six: np.ndarray
@@ -124,14 +147,14 @@ class QuadraticInterfaces:
     count: int
 
     def volumes(self, places: np.ndarray) -> np.ndarray:
-        """Of each region (count,) in m³, nodes being at `places` (n, 3) m."""
+        """Volume of each region (count,) in m³, for nodes at `places` (n, 3) in m."""
         normals, at = self._normals(places), _VALUES @ places[self.six]
         each = np.einsum("q,tqd,tqd->t", _WEIGHTS, at, normals) / 3
         inner, outer = (np.bincount(side, each, self.count + 1) for side in self.pairs.T)
         return np.asarray((inner - outer)[1:])
 
     def slopes(self, places: np.ndarray) -> np.ndarray:
-        """Of the volumes with the places of the nodes (n, 3, count) m²."""
+        """Derivatives of the volumes by the node positions (n, 3, count) in m²."""
         each = np.einsum("q,qi,tqd->tid", _WEIGHTS, _VALUES, self._normals(places))
         found = np.zeros((len(places) * (self.count + 1), 3))
         for side, sign in zip(self.pairs.T, (1, -1), strict=True):
@@ -145,9 +168,21 @@ class QuadraticInterfaces:
         return np.cross(_ALONG @ x, _ACROSS @ x)
 
     def match_volumes(self, places: np.ndarray, wanted: np.ndarray, reach: np.ndarray) -> np.ndarray:
-        """Places (n, 3) moved along normals, all by about the same part of `reach` (n,) m, until volumes are those wanted.
+        """Move nodes along their normals until the volumes match.
 
-        Not where `reach` is 0, and never farther than it.
+        Parameters
+        ----------
+        places : ndarray, shape (n, 3)
+            Node positions (m).
+        wanted : ndarray, shape (count,)
+            Target volumes (m³).
+        reach : ndarray, shape (n,)
+            Largest move of each node (m). All move by about the same part of it; nodes with 0 stay.
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
+            New positions (m).
         """
         start = places
         for _ in range(ROUNDS):

@@ -1,4 +1,4 @@
-"""A map of labels as smooth functions: what a mesh of tissues follows, and is measured against."""
+"""Smooth indicator functions of a label map: a mesh of tissues follows their interfaces and is measured against them."""
 
 from __future__ import annotations
 
@@ -15,25 +15,32 @@ from ngbrain.mesh.labels.volume_zones import Zones
 
 Points = np.ndarray
 SMOOTHING = 0.75e-3
-"""Standard deviation (m) of the Gaussian that rounds the voxels' steps."""
+"""Standard deviation (m) of the Gaussian that smooths the voxel steps."""
 FILLED = 0.75
-"""Part of the volume that smoothing takes from films and sheets of a tissue that `Indicators.filled` gives back,"""
+"""Part of the volume lost by smoothing that `Indicators.correct_volumes` restores,"""
 MOST = 0.25
-"""and share that is given to a region for it at most."""
+"""and largest bias of a volume fraction for it."""
 _STEPS = 0.1 * 0.85 ** np.arange(30)
 LARGEST = 4e9
-"""Bytes of all shares; a mesh takes some copies of them."""
+"""Largest size of all volume fractions (bytes); a mesh takes some copies of them."""
 FAR = 5e-3
-"""Distance (m) beyond which a slope says nothing: in the middle of a film it vanishes."""
+"""Distance (m) beyond which a gradient is meaningless: it vanishes in the middle of a film."""
 
 
 @dataclass(frozen=True, eq=False)
 class Indicators:
-    """Share s_k of each region around a point; outside is region 0. The regions of the largest share part the head without
-    gaps or overlaps, and two of them meet where s_a - s_b = 0.
+    """Volume fraction s_k of each region around a point; region 0 is outside.
 
-    shares   (regions + 1, nx, ny, nz) float32, linear between the middles of voxels; names of the regions from 1 on
-    affine   (4, 4), indices to m
+    The regions of the largest fraction partition the head without gaps or overlaps. Two of them meet where s_a - s_b = 0.
+
+    Parameters
+    ----------
+    fractions : ndarray of float32, shape (regions + 1, nx, ny, nz)
+        Volume fractions at the voxel centres, trilinear in between.
+    affine : ndarray, shape (4, 4)
+        Indices → m.
+    regions : tuple of str
+        Names of the regions from 1.
     """
 
     fractions: np.ndarray
@@ -42,9 +49,26 @@ class Indicators:
 
     @classmethod
     def of(cls, labels: LabelMap, smoothing: float = SMOOTHING, margin: float = 4e-3) -> Indicators:
-        """Of labels, with a margin (m) of outside around them.
+        """Smooth the indicators of a label map.
 
-        Raises `InputError` for more regions and voxels than shares of `LARGEST` bytes can be had of.
+        Parameters
+        ----------
+        labels : LabelMap
+            The labels.
+        smoothing : float
+            Standard deviation of the Gaussian (m).
+        margin : float
+            Margin of outside around the labels (m).
+
+        Returns
+        -------
+        Indicators
+            The smoothed indicators.
+
+        Raises
+        ------
+        InputError
+            Volume fractions of that many regions and voxels exceed `LARGEST` bytes.
         """
         pad = int(np.ceil(margin / labels.volume.spacing.min()))
         voxels = float(np.prod(np.array(labels.volume.data.shape) + 2.0 * pad))
@@ -71,15 +95,14 @@ class Indicators:
         return VolumeFractions.of(self.fractions, self.affine)
 
     def correct_volumes(self, zones: Zones) -> Indicators:
-        """With constants added to regions' shares, in each zone its own, so that those of the largest share come closer to the
-        volumes wanted there.
+        """Add a constant to each region's volume fraction, in each zone its own, so that volumes come closer to their targets.
 
-        Smoothing thins whatever is bent or thin: a constant of 0.1 moves an interface by about 0.1 mm on voxels of 1 mm. What
-        is left to be missing (see `FILLED`) would move interfaces farther than the volume is worth.
+        Smoothing thins whatever is curved or thin. A constant of 0.1 moves an interface by about 0.1 mm on voxels of 1 mm. The rest
+        (see `FILLED`) stays missing, since restoring it would move interfaces too far.
         """
-        count, wanted = len(self.fractions), zones.wanted / abs(np.linalg.det(self.affine[:3, :3]))
+        count, wanted = len(self.fractions), zones.target_volumes / abs(np.linalg.det(self.affine[:3, :3]))
         zone, fractions = self._voxels_in(zones), self.fractions.reshape(count, -1)
-        sure = fractions.max(axis=0) > 0.5 + MOST  # stays the largest whatever is added
+        sure = fractions.max(axis=0) > 0.5 + MOST  # stays the largest for any bias
         inside = [np.bincount(fractions[:, sure].argmax(axis=0), part[sure], count) for part in zone]
         fractions, there, given = fractions[:, ~sure], zone[:, ~sure], np.zeros((len(wanted), count), np.float32)
         for step in _STEPS:
@@ -92,28 +115,41 @@ class Indicators:
         )
 
     def volumes(self, zones: Zones) -> np.ndarray:
-        """Volumes (zones, regions) m³ where regions have the largest share."""
+        """Volumes (zones, regions) in m³ where each region has the largest volume fraction."""
         number = self.fractions.reshape(len(self.fractions), -1).argmax(axis=0)
         voxels = np.stack([np.bincount(number, part, len(self.fractions)) for part in self._voxels_in(zones)])
         return np.asarray(voxels[:, 1:] * abs(np.linalg.det(self.affine[:3, :3])))
 
     def _voxels_in(self, zones: Zones) -> np.ndarray:
-        """How far each voxel is of each zone (zones, voxels)."""
+        """Weight of each voxel in each zone (zones, voxels)."""
         _, *sheet = self.fractions.shape[1:]
         at = np.indices((1, *sheet)).reshape(3, -1).T @ self.affine[:3, :3].T + self.affine[:3, 3]
-        sheets = [zones.share(at + i * self.affine[:3, 0]).astype(np.float32) for i in range(self.fractions.shape[1])]
+        sheets = [zones.weights(at + i * self.affine[:3, 0]).astype(np.float32) for i in range(self.fractions.shape[1])]
         return np.concatenate(sheets).T
 
     def __call__(self, points: Points) -> np.ndarray:
-        """Shares (n, regions + 1) at points (n, 3) in m."""
+        """Volume fractions (n, regions + 1) at points (n, 3) in m."""
         return self._together(np.asarray(points))
 
     def region(self, points: Points) -> np.ndarray:
-        """Number (n,) of the region of the largest share."""
+        """Number (n,) of the region with the largest volume fraction at points (n, 3)."""
         return self(points).argmax(axis=1)
 
     def distance(self, points: Points, a: int, b: int) -> np.ndarray:
-        """First-order distance (n,) in m from where regions a and b meet: |φ|/|∇φ| with φ = s_a - s_b, at most `FAR`."""
+        """First-order distance from the interface of two regions: |φ|/|∇φ| with φ = s_a - s_b.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, 3)
+            Points (m).
+        a, b : int
+            Numbers of the regions.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Distances (m), at most `FAR`.
+        """
         at = np.linalg.solve(self.affine[:3, :3], (np.asarray(points) - self.affine[:3, 3]).T)
         phi = self.fractions[a] - self.fractions[b]
 
@@ -126,26 +162,66 @@ class Indicators:
         return np.minimum(np.abs(value(at)) / np.maximum(gradient, 1e-12), FAR)
 
     def slopes(self, points: Points) -> np.ndarray:
-        """∇s (n, regions + 1, 3) in 1/m, by differences over half a voxel to each side."""
+        """Gradients ∇s (n, regions + 1, 3) in 1/m, by central differences over half a voxel to each side."""
         return self._together.slopes(np.asarray(points))[1]
 
     def normals(self, points: Points, pairs: np.ndarray) -> np.ndarray:
-        """Unit vectors (n, 3) from the first region of each pair (n, 2) to the second, where the two meet."""
+        """Unit normals of interfaces.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, 3)
+            Points on interfaces (m).
+        pairs : ndarray of int, shape (n, 2)
+            The two regions at each point.
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
+            Unit vectors from the first region to the second.
+        """
         slopes, rows = self.slopes(points), np.arange(len(points))
         gradient = slopes[rows, pairs[:, 1]] - slopes[rows, pairs[:, 0]]
         return np.asarray(gradient / np.maximum(np.linalg.norm(gradient, axis=1), 1e-12)[:, None])
 
     def spread(self, points: Points, meeting: np.ndarray) -> np.ndarray:
-        """Largest less smallest share (n,) of the regions that are True in `meeting` (n, regions + 1): 0 where they meet."""
+        """Difference of the largest and smallest volume fraction among chosen regions: 0 where they meet.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, 3)
+            Points (m).
+        meeting : ndarray of bool, shape (n, regions + 1)
+            Regions that count.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Differences.
+        """
         fractions = self(points)
         return np.asarray(
             np.where(meeting, fractions, -np.inf).max(axis=1) - np.where(meeting, fractions, np.inf).min(axis=1)
         )
 
     def project_to_interface(self, points: Points, meeting: np.ndarray, steps: int = 3) -> Points:
-        """Points (n, 3) moved to where all the regions that are True in `meeting` (n, regions + 1) have the same share.
+        """Project points to where chosen regions have equal volume fractions.
 
-        The shortest Newton steps, of at most a voxel each; a condition that hardly changes in space is left alone.
+        Shortest Newton steps of at most a voxel each; a condition that hardly varies in space is skipped.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, 3)
+            Points (m).
+        meeting : ndarray of bool, shape (n, regions + 1)
+            Regions that meet there.
+        steps : int
+            Number of Newton steps.
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
+            Projected points (m).
         """
         points = np.array(points, float)
         two, rows = meeting.sum(axis=1) == 2, np.arange(len(points))

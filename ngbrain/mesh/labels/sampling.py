@@ -1,4 +1,4 @@
-"""Points to mesh regions with: on where regions meet and inside them, as far apart as a size field asks."""
+"""Sample points on interfaces and inside regions, spaced by a size field, for Delaunay meshing."""
 
 from __future__ import annotations
 
@@ -10,23 +10,24 @@ from ngbrain.mesh.labels.indicators import Indicators
 
 Points = np.ndarray
 APART = 0.8
-"""Samples are at least this part of the element size apart; as many as fit are then a size apart on average."""
+"""Smallest distance of samples as a part of the element size; a maximal set is then one size apart on average."""
 CLEAR = 0.65
-"""and samples inside at least this part of it away from interfaces."""
+"""Smallest distance of interior samples from interfaces, as a part of the element size."""
 THIRD = 0.2
-"""Share of a third region on an interface from which on a line where three regions meet is looked for."""
+"""Volume fraction of a third region on an interface from which a triple line is searched for."""
 AROUND = 1.5
-"""Outside samples are within this part of it of the surface."""
+"""Largest distance of outside samples from the surface, as a part of the element size."""
 TOGETHER = 512
-"""Candidates whose neighbours are looked for at once, which takes a third of the time; few of them are near each other."""
+"""Number of candidates whose neighbours are searched at once, which takes a third of the time."""
 FILM = 1e-3
-"""The sides of a film count as farther apart by √6 times this (m), so that both have samples where elements are below 3 mm."""
+"""Extra distance of the two sides of a film: √6 times this (m), so that both get samples where elements are below 3 mm."""
 
 
 def interface_points(indicators: Indicators) -> tuple[Points, np.ndarray]:
-    """Points (n, 3) in m all over the interfaces, one for each pair of neighbouring voxels of two regions, and the pairs (n, 2).
+    """Points all over the interfaces, one for each pair of neighbouring voxels of two regions.
 
-    On the line between the two voxels, where their regions' shares are equal.
+    Each lies between the two voxel centres, where the volume fractions of their regions are equal. Returns the points (n, 3) in
+    m and the pairs of regions (n, 2).
     """
     fractions = indicators.fractions
     numbers = fractions.argmax(axis=0)
@@ -47,11 +48,25 @@ def interface_points(indicators: Indicators) -> tuple[Points, np.ndarray]:
 
 
 def sample_interfaces(indicators: Indicators, size: SizeField, rng: np.random.Generator) -> Points:
-    """Samples (n, 3) on the interfaces, `APART` sizes apart; nearer than that only across a film or a sheet of a tissue.
+    """Sample the interfaces with points `APART` element sizes apart.
 
-    A maximal set thrown at random (dart throwing), first on the lines where three regions meet.
-    Of two points with normals n, m between regions a→b and c→d, those are
-    neighbours for which |x - y|² + FILM² |n⊗(e_b - e_a) - m⊗(e_d - e_c)|² is small: facing sides of a film are not.
+    A maximal random set (dart throwing), first on the triple lines. Of two points with normals n, m between regions a→b and c→d,
+    those are neighbours for which |x - y|² + FILM² |n⊗(e_b - e_a) - m⊗(e_d - e_c)|² is small. The opposite sides of a film or
+    sheet are therefore not neighbours, and only there are samples closer.
+
+    Parameters
+    ----------
+    indicators : Indicators
+        Smoothed indicators of the labels.
+    size : SizeField
+        Element size (m).
+    rng : numpy.random.Generator
+        Random numbers.
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        Samples (m).
     """
     points, pairs = interface_points(indicators)
     lines, here = _where_three_meet(indicators, points)
@@ -75,7 +90,7 @@ def sample_interfaces(indicators: Indicators, size: SizeField, rng: np.random.Ge
 
 
 def _where_three_meet(indicators: Indicators, points: Points) -> tuple[Points, np.ndarray]:
-    """Points (n, 3) on lines where three regions meet, and which of the points on interfaces they come from."""
+    """Points (n, 3) on triple lines, and the interface points they come from."""
     fractions = indicators(points)
     if fractions.shape[1] < 3:
         return np.zeros((0, 3)), np.zeros(0, int)
@@ -90,9 +105,23 @@ def _where_three_meet(indicators: Indicators, points: Points) -> tuple[Points, n
 
 
 def sample_interior(indicators: Indicators, size: SizeField, rng: np.random.Generator) -> Points:
-    """Samples (n, 3) inside the regions, `APART` sizes from one another and `CLEAR` from all of the interfaces.
+    """Sample the interior with points `APART` element sizes from one another and `CLEAR` from all interfaces.
 
-    And outside, within `AROUND` sizes of the surface, so that nothing is bridged where the surface is hollow.
+    There are also samples outside, within `AROUND` sizes of the surface, so that concave parts of it are not bridged.
+
+    Parameters
+    ----------
+    indicators : Indicators
+        Smoothed indicators of the labels.
+    size : SizeField
+        Element size (m).
+    rng : numpy.random.Generator
+        Random numbers.
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        Samples (m).
     """
     candidates = _darts(indicators, size, rng)
     h = size(candidates)
@@ -101,7 +130,7 @@ def sample_interior(indicators: Indicators, size: SizeField, rng: np.random.Gene
     for part, reach in (
         (solid, CLEAR),
         (~solid, AROUND),
-    ):  # what is farther does not matter, and takes longest to measure
+    ):  # larger distances are not needed, and take longest to compute
         most = 1.001 * reach * h[part].max(initial=0.0)
         away[part] = interfaces.query(candidates[part], distance_upper_bound=most)[0]
     free = (away > CLEAR * h) & ((away < AROUND * h) | solid)
@@ -110,7 +139,7 @@ def sample_interior(indicators: Indicators, size: SizeField, rng: np.random.Gene
     taken = np.zeros(len(candidates), bool)
     chosen = []
     for some in np.array_split(order := rng.permutation(len(candidates)), 1 + len(order) // TOGETHER):
-        some = some[~taken[some]]  # of the others, neighbours need not be looked for
+        some = some[~taken[some]]  # removed candidates need no neighbour search
         for i, near in zip(some.tolist(), tree.query_ball_point(candidates[some], APART * h[some]), strict=True):
             if not taken[i]:
                 chosen.append(i)
@@ -119,7 +148,7 @@ def sample_interior(indicators: Indicators, size: SizeField, rng: np.random.Gene
 
 
 def _darts(indicators: Indicators, size: SizeField, rng: np.random.Generator) -> Points:
-    """Points thrown one into each of the cells of an octree of 0.7 sizes."""
+    """One random point in each cell of an octree with cells of 0.7 element sizes."""
     inside = np.argwhere(indicators.fractions[0] < 0.5)
     low, high = (indicators.affine[:3, :3] @ inside.min(axis=0), indicators.affine[:3, :3] @ inside.max(axis=0))
     low, high = np.minimum(low, high) + indicators.affine[:3, 3], np.maximum(low, high) + indicators.affine[:3, 3]

@@ -123,17 +123,23 @@ def _triangulated(points: Points, indicators: Indicators, zones: Zones) -> tuple
     x = points[tets]
     swapped = np.linalg.det(x[:, 1:] - x[:, :1]) > 0
     tets[swapped] = tets[swapped][:, [1, 0, 2, 3]]
-    fractions, zone = np.zeros((len(tets), zones.wanted.shape[1] + 1)), np.zeros((len(tets), len(zones.wanted)))
+    fractions, zone = (
+        np.zeros((len(tets), zones.target_volumes.shape[1] + 1)),
+        np.zeros((len(tets), len(zones.target_volumes))),
+    )
     for at in INSIDE:
         where = np.einsum("k,nkd->nd", at, x)
         fractions += indicators(where) / len(INSIDE)
-        zone += zones.share(where) / len(INSIDE)
+        zone += zones.weights(where) / len(INSIDE)
     volume = np.abs(np.linalg.det(x[:, 1:] - x[:, :1])) / 6
     # First what is inside at all, then which region: fluid that is short of volume shall not grow thorns into the air, nor is
     # anything inside that reaches into it, as its corner could not be brought back.
     air = (indicators(points)[:, 0] > AIR)[tets].any(axis=1)
-    deep, favour = fractions[:, 1:].max(axis=1) - fractions[:, 0], np.zeros((len(zones.wanted), fractions.shape[1]))
-    wanted = np.column_stack([zones.wanted.sum(axis=1), zones.wanted])
+    deep, favour = (
+        fractions[:, 1:].max(axis=1) - fractions[:, 0],
+        np.zeros((len(zones.target_volumes), fractions.shape[1])),
+    )
+    wanted = np.column_stack([zones.target_volumes.sum(axis=1), zones.target_volumes])
     for _ in range(BALANCING):
         mine = zone @ favour
         within = _without_thorns((deep + mine[:, 0] > 0) & ~air, beside)

@@ -87,14 +87,14 @@ def lattice(labels: LabelMap, size: SizeField, smoothing: float = SMOOTHING) -> 
     scale = scales(points, tets)
     points, _ = apply_guarded_moves(points, tets, snap_targets(points, tets, fractions, slope_across(width)))
     points, tets, scale = cut_edges(points, tets, fractions, scale, CUT * width)
-    net = SnappedLattice(points, tets, fractions, width, scale, zones.share)
+    net = SnappedLattice(points, tets, fractions, width, scale, zones.weights)
     most = SHIFT * float(net.scale.max()) * net.slope
-    region = net.balance(zones.wanted, most)
+    region = net.balance(zones.target_volumes, most)
     for done in range(ROUNDS + MORE):
-        if done >= ROUNDS and net.volume_errors(region, zones.wanted.sum(axis=0)).max() < OFF:
+        if done >= ROUNDS and net.volume_errors(region, zones.target_volumes.sum(axis=0)).max() < OFF:
             break
         net.points, _ = apply_guarded_moves(net.points, net.tets, net.target_positions(region))
-        region = net.balance(zones.wanted, most)
+        region = net.balance(zones.target_volumes, most)
     if len(lost := np.setdiff1d(np.arange(1, fractions.count), region)):
         raise InputError("size", f"so large that {labels.regions[lost[0] - 1]} has no element", "smaller sizes there")
     settled = net.is_on_interface(region)

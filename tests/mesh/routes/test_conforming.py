@@ -345,7 +345,7 @@ def test_a_film_is_filled_where_the_mesh_is_fine_though_the_head_has_fluid_enoug
     smooth = Indicators.of(labels, 1.2e-3)
     near = np.linalg.norm(voxels_of(smooth) - site, axis=1) < 8 * MM
     plain, even, ours = (
-        np.sum(fractions.argmax(axis=0).ravel()[near] == 1) * MM**3 / zones.wanted[0, 0]
+        np.sum(fractions.argmax(axis=0).ravel()[near] == 1) * MM**3 / zones.target_volumes[0, 0]
         for fractions in (
             smooth.fractions,
             smooth.correct_volumes(Zones.whole(labels)).fractions,

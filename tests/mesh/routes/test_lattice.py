@@ -323,8 +323,8 @@ def test_a_graded_lattice_has_the_labels_volumes_where_it_is_fine():
     size = RadialSizeField(2 * MM, 8 * MM, (0.0, 0.0, 20 * MM), radius=6 * MM)
     zones = Zones.of(labels, size, _fine)
     made = lattice(labels, size).elements
-    found, wanted = volumes_near(made, labels, lambda points: zones.share(points)[:, 0])
-    assert wanted == pytest.approx(zones.wanted[0], rel=1e-6)
+    found, wanted = volumes_near(made, labels, lambda points: zones.weights(points)[:, 0])
+    assert wanted == pytest.approx(zones.target_volumes[0], rel=1e-6)
     print(found / wanted - 1, volume_errors(made, labels))
     assert found == pytest.approx(wanted, rel=0.015)  # one balance for all: fluid +7 %, grey matter -3 %
     assert all(abs(error) < 0.03 for error in volume_errors(made, labels).values())
@@ -333,7 +333,7 @@ def test_a_graded_lattice_has_the_labels_volumes_where_it_is_fine():
 def test_a_fine_zone_inside_of_one_region():
     labels = phantom(nested, names={1: "grey", 2: "white"})
     size = RadialSizeField(1 * MM, 4 * MM, (0.0, 0.0, 0.0), radius=1 * MM, growth=0.6)
-    assert Zones.of(labels, size, _fine).wanted[0] == pytest.approx([0, 0.6e-6], abs=0.35e-6)
+    assert Zones.of(labels, size, _fine).target_volumes[0] == pytest.approx([0, 0.6e-6], abs=0.35e-6)
     errors = volume_errors(lattice(labels, size).elements, labels)
     assert abs(errors["grey"]) < 0.01 and abs(errors["white"]) < 0.04  # whose ball is four elements wide
 
