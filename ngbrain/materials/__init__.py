@@ -1,7 +1,19 @@
-"""Tissue laws: an energy density each; stress, tangent and sensitivities are derived from it."""
+"""Material laws: an energy density each, from which stress, tangent and sensitivities are derived.
+
+- `base`: interface of a law, sums and multiples of laws
+- `isotropic`, `fibre`, `linear`: elastic laws
+- `volumetric`: volumetric energies
+- `viscous`, `flow`: hereditary and finite viscoelasticity
+- `modulus`: complex shear modulus of harmonic problems
+- `families`: scaling, merging and mixing of laws
+- `catalogue`: published constants
+- `registry`, `named`, `admission`: laws by name, and checks of user-defined laws
+- `points`: evaluation at many points
+- `lab`: homogeneous tests, fits and plots
+"""
 
 from ngbrain.materials.base import Deformation, Law, Scaled, Sum, density
-from ngbrain.materials.catalogue import CATALOGUE, constants, find_published
+from ngbrain.materials.catalogue import CATALOGUE, constants, find_entry
 from ngbrain.materials.families import RelaxingOgden, mix
 from ngbrain.materials.fibre import Fung, Guccione, HolzapfelGasserOgden
 from ngbrain.materials.flow import Flow, Flows, Maxwell
@@ -52,7 +64,7 @@ __all__ = [
     "barrier",
     "constants",
     "density",
-    "find_published",
+    "find_entry",
     "fourier",
     "logarithmic",
     "mix",

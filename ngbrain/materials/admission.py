@@ -1,8 +1,9 @@
-"""What a law of one's own has to pass before anything is computed with it.
+"""Checks that a user-defined law passes before anything is computed with it.
 
-It is an energy of C that a rotation does not change and that has no stress at rest, it says the `initial_modulus` that it has
-there, and it is elliptic there: waves of every direction have a real speed (Legendre-Hadamard). Where ellipticity is lost further
-out, that is said. `stretch = (low, high)` in the class says how far out it is meant to go.
+A law is an energy density of C that is objective (unchanged by a rotation), has no stress in the reference
+configuration, states its shear modulus there as `initial_modulus`, and is elliptic there: plane waves of every
+direction have a real speed (Legendre-Hadamard condition). Where ellipticity is lost at larger stretches, a warning
+says so. The class attribute `stretch = (low, high)` gives the range of stretches that the law is meant for.
 """
 
 from __future__ import annotations
@@ -18,35 +19,37 @@ from ngbrain.materials.points import Points, isotropic
 from ngbrain.tensors import tensor
 
 STRETCH = (0.8, 1.25)
-"""Stretches that are looked at where the class says nothing."""
+"""Range of stretches that is checked where the class states none."""
 SAMPLES = 10
-"""Stretches on either side of 1."""
+"""Number of stretches on either side of 1."""
 ALIKE, MODULUS = 1e-8, 1e-6
-"""Of energies, rotated and not, relative to the largest; of the modulus at rest, and of stresses there in moduli."""
+"""Relative tolerances: of energies before and after a rotation (of the largest energy), and of the initial modulus.
+The second is also that of the stress in the reference configuration, in units of the modulus.
+"""
 STRAINS = (0.02, 0.1)
-"""Sizes of the displacement gradients that rotations are tried on."""
+"""Sizes of the random displacement gradients on which objectivity is checked."""
 
 
 def admit(law: Any, name: str) -> list[str]:
-    """What to know of a law, in words; `InputError` for one that computations cannot be made with.
+    """Check a user-defined law and return warnings about it.
 
     Parameters
     ----------
-    law : Law
-        With its parameters' values, all numbers.
+    law : object
+        The law with the values of its parameters, all numbers.
     name : str
-        What it is called, for messages.
+        Name of the law, for messages.
 
     Returns
     -------
     list of str
-        Stretches at which it is not elliptic, or has no energy.
+        Warnings: stretches at which the law is not elliptic or has no finite energy.
 
     Raises
     ------
     InputError
-        It has no energy, one that changes with a rotation, a stress at rest, another modulus there than its `initial_modulus`, or
-        is not elliptic there.
+        The law has no energy, is not objective, has a stress in the reference configuration, has there another
+        modulus than its `initial_modulus`, or is not elliptic there.
 
     Examples
     --------
@@ -78,7 +81,7 @@ def admit(law: Any, name: str) -> list[str]:
 
 
 def _at(law: Law, F: np.ndarray) -> tuple[Points, ngs.CoefficientFunction, ngs.CoefficientFunction]:
-    """Points at deformations (n, 3, 3), the energy (Pa) there, and the nine entries of F that it is made of."""
+    """Points at deformations (n, 3, 3), the energy density (Pa) there, and the nine entries of F as variables."""
     points = Points.line(len(F))
     field = points.field(F.reshape(-1, 9).T)
     entries = ngs.CF(tuple(field[i] for i in range(9))).MakeVariable()
@@ -95,7 +98,9 @@ def _check_objective(law: Law, name: str) -> None:
     plain, turned = points(energy)[0].reshape(2, -1)
     known = np.isfinite(plain) & np.isfinite(turned)
     if not known[: len(known) // 2].any():
-        raise InputError(name, f"a law without an energy at strains of {STRAINS[0]:g}", "one that has one")
+        raise InputError(
+            name, f"a law without an energy at strains of {STRAINS[0]:g}", "one with a finite energy there"
+        )
     apart = np.abs(turned - plain)[known]
     if (np.isfinite(plain) != np.isfinite(turned)).any() or np.max(apart) > ALIKE * np.max(np.abs(plain[known])):
         worst = int(np.argmax(apart))
@@ -104,7 +109,7 @@ def _check_objective(law: Law, name: str) -> None:
 
 
 def _declared(law: Law, name: str) -> float:
-    """The modulus at rest (Pa) that the law says, found in its energy."""
+    """The declared initial modulus (Pa), checked against the second derivative of the energy."""
     declared = getattr(law, "initial_modulus", None)
     if isinstance(declared, bool) or not isinstance(declared, int | float) or not 0 < declared < np.inf:
         found = "missing" if declared is None else repr(declared)
@@ -112,7 +117,7 @@ def _declared(law: Law, name: str) -> float:
             f"{name}.initial_modulus", found, "its shear modulus at rest in Pa, a positive number or property"
         )
     moduli = _moduli_at_rest(law)
-    nearest = moduli[np.argmin(np.abs(moduli - declared))]  # with fibres, that of one plane
+    nearest = moduli[np.argmin(np.abs(moduli - declared))]  # with fibres, one of the six shears
     if not abs(nearest - declared) <= MODULUS * declared:
         raise InputError(
             f"{name}.initial_modulus", f"{declared:g} Pa", f"{nearest:.9g} Pa, which its energy has at rest"
@@ -121,7 +126,7 @@ def _declared(law: Law, name: str) -> float:
 
 
 def _moduli_at_rest(law: Law) -> np.ndarray:
-    """∂²W/∂γ² (Pa) in simple shears; of a law with directions in all six along the axes."""
+    """∂²W/∂γ² (Pa) in simple shear; for an anisotropic law in all six shears along the axes."""
     planes = [(i, j) for i in range(3) for j in range(3) if i != j][: 1 if isotropic(law) else 6]
     found = []
     for i, j in planes:
@@ -139,13 +144,13 @@ def _check_rest(law: Law, name: str, modulus: float) -> None:
     stress = points(energy.Diff(entries))
     largest = float(np.max(np.abs(stress)))
     if not largest <= MODULUS * modulus:
-        raise InputError(name, f"a law with a stress of {largest:.3g} Pa at rest", "one that has none there")
+        raise InputError(name, f"a law with a stress of {largest:.3g} Pa at rest", "one without")
 
 
 def _ellipticity(law: Law, name: str, modulus: float) -> list[str]:
-    """What is lost, in words."""
+    """Warnings about stretches at which ellipticity or the energy is lost."""
     from ngbrain.materials.lab.elastic import (
-        smallest_acoustic_eigenvalue,  # scipy's optimisers, which scenes of other laws do without
+        smallest_acoustic_eigenvalue,  # imports scipy.optimize, which other scenes do not need
     )
 
     low, high = getattr(law, "stretch", STRETCH)
@@ -162,7 +167,9 @@ def _ellipticity(law: Law, name: str, modulus: float) -> list[str]:
             worst = np.where(np.isfinite(least).all(axis=1), least.min(axis=1), np.nan)
             if not worst[0] > ALIKE * modulus:
                 raise InputError(
-                    name, "a law that is not elliptic at rest", "waves of every direction (Legendre-Hadamard)"
+                    name,
+                    "a law that is not elliptic at rest",
+                    "real wave speeds in every direction (Legendre-Hadamard)",
                 )
             lost = np.flatnonzero(~(worst[1:] > 0))
             if lost.size:

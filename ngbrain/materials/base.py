@@ -1,4 +1,4 @@
-"""What a material is: an energy density, nothing else."""
+"""The interface of a material law: an energy density, from which all else is derived."""
 
 from __future__ import annotations
 
@@ -15,14 +15,15 @@ from ngbrain.errors import InputError
 from ngbrain.tensors import isochoric, right_cauchy_green
 
 Value: TypeAlias = float | CoefficientFunction
-"""A parameter: a number, a `Parameter`, a CoefficientFunction or a GridFunction."""
+"""A material parameter: a number, an NGSolve `Parameter`, a CoefficientFunction or a GridFunction."""
 
 
 @runtime_checkable
 class Law(Protocol):
-    """An elastic law: any object with this one method can be used wherever the package takes a law.
+    """Interface of an elastic law: any object with this one method is accepted wherever the package takes a law.
 
-    It is given the isochoric C̄. A law that needs more of the deformation has `density(at)` besides, of a `Deformation`.
+    The argument is the isochoric right Cauchy-Green tensor C̄. A law that needs more of the deformation also
+    defines `density(at)`, with a `Deformation` as its argument.
     """
 
     def energy(self, C: CoefficientFunction) -> CoefficientFunction:
@@ -31,8 +32,21 @@ class Law(Protocol):
 
 @dataclass(frozen=True)
 class Deformation:
-    """What a law may ask of a state: C̄ (`shape`), C = FᵀF, J = det F and F itself (`gradient`), 3×3 but for J.
+    """Deformation measures at a point, which a law may use. Tensors are 3×3.
 
+    Parameters
+    ----------
+    shape : CoefficientFunction
+        Isochoric right Cauchy-Green tensor C̄ = J^(-2/3) C.
+    C : CoefficientFunction
+        Right Cauchy-Green tensor C = FᵀF.
+    J : CoefficientFunction
+        Volume ratio J = det F.
+    gradient : CoefficientFunction, optional
+        Deformation gradient F; None where only C is known, as in a viscoelastic branch.
+
+    Examples
+    --------
     >>> import ngsolve as ngs
     >>> tuple(Deformation.from_gradient(2 * ngs.Id(3)).shape.dims)
     (3, 3)
@@ -45,26 +59,47 @@ class Deformation:
 
     @classmethod
     def from_gradient(cls, F: CoefficientFunction) -> Deformation:
-        """All of it from the deformation gradient."""
+        """All measures, from the deformation gradient F."""
         C = right_cauchy_green(F)
         return cls(isochoric(C), C, ngs.Det(F), F)
 
     @classmethod
     def from_stretch(cls, C: CoefficientFunction) -> Deformation:
-        """A state without change of volume, of which C is all that is known."""
+        """A deformation without change of volume, of which only C is known."""
         return cls(C, C, ngs.CF(1.0))
 
     @property
     def F(self) -> CoefficientFunction:
-        """The deformation gradient; `InputError` where only stretches are known, as in a relaxing branch."""
+        """The deformation gradient; raises `InputError` where only C is known, as in a viscoelastic branch."""
         if self.gradient is None:
             raise InputError("law", "a linear one, of the displacement gradient", "here one of C, such as SaintVenant")
         return self.gradient
 
 
 def density(law: Law, at: Deformation) -> CoefficientFunction:
-    """Energy density (Pa) of any law: of the C̄ there, unless it has a `density` of its own. `InputError` for what is no law.
+    """Energy density of a law at a deformation.
 
+    The law's own `density` is used where it has one, else its `energy` of the isochoric C̄.
+
+    Parameters
+    ----------
+    law : Law
+        Law to evaluate.
+    at : Deformation
+        Deformation measures.
+
+    Returns
+    -------
+    CoefficientFunction
+        Energy density (Pa), one component.
+
+    Raises
+    ------
+    InputError
+        The object is no law, or its energy is no CoefficientFunction of one component.
+
+    Examples
+    --------
     >>> import ngsolve as ngs
     >>> from ngbrain.materials import NeoHooke
     >>> density(NeoHooke(1000.0), Deformation.from_gradient(ngs.Id(3))).dim
@@ -83,10 +118,24 @@ def density(law: Law, at: Deformation) -> CoefficientFunction:
 
 
 def density_of_log_strains(law: Law, logs: Sequence[CoefficientFunction]) -> CoefficientFunction:
-    """Energy density (Pa) of an isotropic law at three logarithmic strains that add up to 0.
+    """Energy density of an isotropic law at three principal logarithmic strains.
 
-    A law may have `log_strain_energy`, which needs no eigenvalue computation; of a composite law each part uses its own.
+    A law may define `log_strain_energy`, which needs no eigenvalues; in a composite law each part uses its own.
 
+    Parameters
+    ----------
+    law : Law
+        Isotropic law.
+    logs : sequence of CoefficientFunction
+        The three ln λ_i, which add up to 0.
+
+    Returns
+    -------
+    CoefficientFunction
+        Energy density (Pa).
+
+    Examples
+    --------
     >>> import ngsolve as ngs
     >>> from ngbrain.materials import Ogden
     >>> density_of_log_strains(Scaled(Ogden(900.0, -19.0), 0.5), [ngs.x, -ngs.x, ngs.CF(0.0)]).dim
@@ -102,7 +151,7 @@ def density_of_log_strains(law: Law, logs: Sequence[CoefficientFunction]) -> Coe
 
 
 class Addable:
-    """Gives a law the `+` that makes a `Sum`."""
+    """Adds the operator `+` to a law; the result is a `Sum`."""
 
     def __add__(self, other: Law) -> Sum:
         if not isinstance(other, Law):
@@ -114,22 +163,25 @@ class Addable:
 
 
 class Composite(Addable):
-    """A law made of others: what it says of C̄ alone follows from its `density`."""
+    """Base of laws made of other laws: `energy` follows from `density`."""
 
     def density(self, at: Deformation) -> CoefficientFunction:
         """Energy density (Pa)."""
         raise NotImplementedError
 
     def energy(self, C: CoefficientFunction) -> CoefficientFunction:
-        """Energy density (Pa) where C is C̄."""
+        """Energy density (Pa) at C = C̄, without change of volume."""
         return self.density(Deformation.from_stretch(C))
 
 
 class TotalStretchLaw(Addable):
-    """A law of C with its change of volume, such as one of fibres: split off, a dilatation would not stretch them."""
+    """Base of laws of the total C, without the isochoric split.
+
+    Laws with fibres need it: with the split, a dilatation would not stretch the fibres.
+    """
 
     def energy(self, C: CoefficientFunction) -> CoefficientFunction:
-        """Energy density (Pa) of C."""
+        """Energy density (Pa) of the total C."""
         raise NotImplementedError
 
     def density(self, at: Deformation) -> CoefficientFunction:
@@ -139,24 +191,32 @@ class TotalStretchLaw(Addable):
 
 @dataclass(frozen=True)
 class Sum(Composite):
-    """W = Σ W_i, made by `law + law`."""
+    """Sum of laws, W = Σ W_i, made by `law + law`."""
 
     parts: tuple[Law, ...]
 
     def density(self, at: Deformation) -> CoefficientFunction:
-        """Sum of the parts' energies (Pa)."""
+        """Sum of the energy densities of the parts (Pa)."""
         first, *rest = (density(part, at) for part in self.parts)
         return sum(rest, first)
 
     def log_strain_energy(self, logs: Sequence[CoefficientFunction]) -> CoefficientFunction:
-        """The same (Pa) at logarithmic strains, see `density_of_log_strains`."""
+        """Energy density (Pa) at principal logarithmic strains, see `density_of_log_strains`."""
         first, *rest = (density_of_log_strains(part, logs) for part in self.parts)
         return sum(rest, first)
 
 
 @dataclass(frozen=True)
 class Scaled(Composite):
-    """factor × law."""
+    """A law times a factor, W = factor × W_law.
+
+    Parameters
+    ----------
+    law : Law
+        The law.
+    factor : float or CoefficientFunction
+        Dimensionless factor.
+    """
 
     law: Law
     factor: Value
@@ -166,32 +226,38 @@ class Scaled(Composite):
         return self.factor * density(self.law, at)
 
     def log_strain_energy(self, logs: Sequence[CoefficientFunction]) -> CoefficientFunction:
-        """The same (Pa) at logarithmic strains, see `density_of_log_strains`."""
+        """Energy density (Pa) at principal logarithmic strains, see `density_of_log_strains`."""
         return self.factor * density_of_log_strains(self.law, logs)
 
 
 def check_parameter(
     value: Value, name: str, fits: Callable[[float], bool], wanted: str, complex_too: bool = False
 ) -> Value:
-    """A parameter of a law, as it is.
+    """Check a parameter of a law and return it unchanged.
 
     Parameters
     ----------
     value : float or CoefficientFunction
-        A number is looked at; a function is taken at its word, as long as it has one component.
+        A number is checked; of a function only the number of components is checked.
     name : str
-        What it is, for messages.
+        Name of the parameter, for messages.
     fits : callable
-        Whether a number may be the value; of a complex modulus what it stores.
+        Whether a number is admissible; of a complex modulus its real part is passed.
     wanted : str
-        What `fits` lets pass, in words.
-    complex_too : bool
-        Whether the law takes complex moduli, as linear laws of waves do.
+        The admissible values in words, for messages.
+    complex_too : bool, default False
+        Whether complex values are admissible, as in linear laws of waves.
+
+    Returns
+    -------
+    float or CoefficientFunction
+        The value itself.
 
     Raises
     ------
     InputError
-        It is no number and no function of one component, not finite, complex where it may not be, or does not fit.
+        The value is no number and no function of one component, is not finite, is complex where it must be real, or
+        is not admissible.
     """
     if isinstance(value, CoefficientFunction):
         if value.dim != 1:
@@ -212,5 +278,25 @@ def check_parameter(
 
 
 def check_positive(value: Value, name: str, complex_too: bool = False) -> Value:
-    """The value itself, or an `InputError` naming the parameter when it is a number that is not positive; see `check_parameter`."""
+    """Check that a parameter of a law is positive and return it unchanged; see `check_parameter`.
+
+    Parameters
+    ----------
+    value : float or CoefficientFunction
+        A number, or a function of one component, whose values are not checked.
+    name : str
+        Name of the parameter, for messages.
+    complex_too : bool, default False
+        Whether complex values are admissible; their real part is checked.
+
+    Returns
+    -------
+    float or CoefficientFunction
+        The value itself.
+
+    Raises
+    ------
+    InputError
+        A number that is not positive, or what `check_parameter` refuses.
+    """
     return check_parameter(value, name, lambda number: number > 0, "a positive number", complex_too)

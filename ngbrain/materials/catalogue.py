@@ -1,4 +1,4 @@
-"""Published constants of the tissues of the head, by name: "author year:region", and further parts where needed."""
+"""Published constants of the tissues of the head, by name: "author year:region", with further parts where needed."""
 
 from __future__ import annotations
 
@@ -15,28 +15,53 @@ from ngbrain.materials.isotropic import Demiray, Gent, NeoHooke, Ogden, Polynomi
 from ngbrain.materials.viscous import Prony, Viscous, viscous
 
 ALIKE = 0.6
-"""Share of letters in common from which a name may have been meant."""
+"""Smallest similarity ratio from which a name is suggested."""
 _warned: set[str] = set()
 
 
 @dataclass(frozen=True)
 class Published:
-    """A published material, where it comes from and how far it reaches.
+    """A published material with its source and its range of validity.
 
-    material         the law, as the source's constants give it
-    initial_modulus  its shear modulus μ₀ (Pa) at sudden small strain
-    protocol     what was done to the samples, and how fast
-    stretch      lowest and highest stretch in the data
-    convention   the source's symbols, where they differ from those here
-    evidence     of the numbers: read at the source; in a transcription (others' public code); a refit, fitted for this
-                 package to the source's curves; or recalled, so to be looked up before they are quoted
-    note         what else to know
-    caution      what a scene's result says where it is used
-    bulk         bulk modulus K (Pa), where the source has one
-    poisson      Poisson's ratio, where the source has one
-    preconditioned   whether samples were loaded before they were measured, which softens them
-    pace         of an elastic law, what it is the law of: a sudden strain, a slow one, or one so slow that fluid has drained;
-                 laws that relax are of any pace
+    Parameters
+    ----------
+    material : Law or Viscous
+        The law with the constants of the source.
+    initial_modulus : float
+        Shear modulus μ₀ (Pa) at small strain, instantaneous.
+    name : str
+        Name in the catalogue.
+    source : str
+        Authors and year.
+    doi : str
+        DOI of the source.
+    species : str
+        Species of the samples.
+    region : str
+        Region of the head.
+    protocol : str
+        Tests of the samples and their rates.
+    stretch : tuple of (float, float)
+        Lowest and highest stretch of the data.
+    evidence : {'source', 'transcription', 'refit', 'recalled'}
+        Origin of the numbers. "source": read in the source; "transcription": read in public code of others;
+        "refit": fitted for this package to the curves of the source; "recalled": from memory, to be looked up
+        before they are quoted.
+    convention : str, default 'as here'
+        Symbols of the source where they differ from those of this package.
+    note : str, default ''
+        Further remarks.
+    caution : str, default ''
+        Warning that the result of a scene with this material carries.
+    bulk : float, optional
+        Bulk modulus K (Pa), where the source states one.
+    poisson : float, optional
+        Poisson's ratio, where the source states one.
+    preconditioned : bool, default False
+        Whether the samples were preconditioned, which softens them.
+    pace : {'sudden', 'slow', 'drained'}, default 'slow'
+        Loading rate that an elastic law describes: sudden, slow, or so slow that the fluid has drained.
+        Viscoelastic laws cover all.
     """
 
     material: Law | Viscous
@@ -59,17 +84,17 @@ class Published:
     pace: Literal["sudden", "slow", "drained"] = "slow"
 
     def law(self) -> Law | Viscous:
-        """The material, ready for a solver."""
+        """The material law."""
         return self.material
 
     @property
     def fitted_strain(self) -> float:
-        """Largest stretch change (|λ - 1|) of the data."""
+        """Largest |λ - 1| of the data."""
         return round(max(abs(stretch - 1) for stretch in self.stretch), 9)
 
     @property
     def principal_stretch(self) -> tuple[float, float]:
-        """Lowest and highest principal stretch in the samples: λ along their axis, and λ^(-1/2) across it at constant volume.
+        """Lowest and highest principal stretch of the samples: λ along the axis and λ^(-1/2) across it, at constant volume.
 
         >>> constants("budday2017:cortex:ogden:compression").principal_stretch
         (0.9, 1.0540925533894598)
@@ -80,7 +105,7 @@ class Published:
 
     @property
     def cautions(self) -> list[str]:
-        """What whoever computes with it has to know, in words.
+        """Warnings for users of these constants.
 
         >>> constants("miller1997:brain").cautions
         ['measured in compression alone', 'constants recalled: look them up before you quote them']
@@ -94,7 +119,13 @@ class Published:
         return found
 
     def check(self, low: float, high: float) -> None:
-        """Warn, once in a process, if stretches from `low` to `high` leave those of the data."""
+        """Warn, once per process, if stretches leave the range of the data.
+
+        Parameters
+        ----------
+        low, high : float
+            Lowest and highest stretch of the computation.
+        """
         least, most = self.stretch
         if (low < least - 1e-9 or high > most + 1e-9) and self.name not in _warned:
             _warned.add(self.name)
@@ -189,7 +220,7 @@ def _budday() -> list[Published]:
     for region, laws in _BUDDAY_ONE_MODE.items():
         for law, values in laws.items():
             for (mode, stretch), constants in zip(_MODES.items(), values, strict=True):
-                locks = f"no state beyond I₁ = {3 + constants[1]:g} has an energy" if law is Gent else ""
+                locks = f"the energy is undefined beyond I₁ = {3 + constants[1]:g}" if law is Gent else ""
                 found.append(
                     Published(
                         law(*constants),
@@ -210,7 +241,7 @@ def _budday() -> list[Published]:
     return found
 
 
-# The same relaxation in both; W is the instantaneous law.
+# Both have the same relaxation; W is the instantaneous law.
 _MILLER = {"g": [0.450, 0.365], "tau": [0.5, 50.0]}
 _MILLER_RATES = "cylinders in vitro, strain rates 0.64 to 0.64e-5 /s"
 
@@ -255,7 +286,7 @@ def _soft() -> list[Published]:
             evidence="transcription",
             note="incompressible; DOI and range recalled",
             pace="sudden",
-            caution="the law of a sudden strain alone; c₁₀ < 0: not stable in every deformation",
+            caution="instantaneous law only; c₁₀ < 0: not stable in every deformation",
         ),
         Published(
             # μ/α of the source is 2μ/α² here.
@@ -272,7 +303,7 @@ def _soft() -> list[Published]:
             convention="W = Σ μ/α (Σ λ^α - 3) with μ = 1044, 1183 Pa, α = 4.309, 7.736; initial shear modulus Σ μα/2",
             note="the range is a cautious guess, DOI recalled",
             pace="drained",
-            caution="the drained skeleton, without the fluid that bears fast loads",
+            caution="the drained solid skeleton, without the fluid that carries fast loads",
         ),
         Published(
             Ogden(670.0, -19.0),
@@ -297,7 +328,7 @@ def _soft() -> list[Published]:
             doi="10.1016/j.jbiomech.2006.02.021",
             species="none",
             region="ventricles",
-            protocol="none: a very soft solid in the place of a fluid that can leave",
+            protocol="none: a very soft solid in place of a fluid that can drain",
             stretch=(0.0, math.inf),
             evidence="recalled",
             convention="E = 10 Pa",
@@ -309,7 +340,7 @@ def _soft() -> list[Published]:
 
 def _stiff() -> list[Published]:
     linear = "linear elasticity by Young's modulus; for small strain only"
-    small = "a linear law for small strain, taken as Neo-Hooke's"
+    small = "a linear law for small strain, used as Neo-Hookean"
     return [
         Published(
             NeoHooke(68.1e6 / 3),
@@ -379,14 +410,14 @@ CATALOGUE: dict[str, Published] = {e.name: e for e in _griffiths() + _budday() +
 
 
 def suggest(name: str) -> str:
-    """What an unknown name of constants may have meant: those it is a part of, or the nearest ones.
+    """Suggestions for an unknown name: entries that contain it, or the most similar ones.
 
     >>> suggest("miler2002:brain")
     "a name in the catalogue, such as 'miller2002:brain', 'miller1997:brain', 'laksari2012:brain'; `ngbrain materials` lists all"
     """
 
     def likeness(known: str) -> float:
-        """Of the whole, or of a part between colons."""
+        """Similarity of the whole name, or of a part between colons."""
         parts = (known, *known.split(":"))
         return max(SequenceMatcher(None, name.casefold(), part).ratio() for part in parts) + (name.casefold() in known)
 
@@ -396,7 +427,7 @@ def suggest(name: str) -> str:
 
 
 def constants(name: str) -> Published:
-    """Published constants by name, for example "griffiths2024:cortex"; an unknown name raises `InputError`.
+    """The published constants of a name, for example "griffiths2024:cortex"; raises `InputError` for an unknown name.
 
     >>> constants("miller2002:brain").initial_modulus
     842.0
@@ -406,10 +437,10 @@ def constants(name: str) -> Published:
     return CATALOGUE[name]
 
 
-def find_published(law: object) -> Published | None:
-    """The entry whose law equals this one, or None.
+def find_entry(law: object) -> Published | None:
+    """The catalogue entry whose law equals this one, or None.
 
-    >>> find_published(Ogden(670.0, -19.0)).name
+    >>> find_entry(Ogden(670.0, -19.0)).name
     'bennion2022:brain'
     """
     wanted = viscous(cast(Law, law))

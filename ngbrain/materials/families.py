@@ -1,7 +1,8 @@
-"""Laws by family: one with its moduli times a factor, several as one where they have the same form, or each where it occurs.
+"""Families of laws: scaling of moduli, sums of laws as few energies, and one law for several tissues.
 
-A family is a class of laws whose energies differ in constants alone: Neo-Hooke and Ogden (Neo-Hooke is Ogden with α = 2), and each
-other law with itself. Tissues of one family cost what one of them does, as their constants may be fields.
+A family is a class of laws whose energies differ only in constants: Neo-Hooke and Ogden (Neo-Hooke is Ogden with α
+= 2), and every other law by itself. Tissues of one family cost as much as one tissue, as their constants may be
+fields.
 """
 
 from __future__ import annotations
@@ -34,22 +35,27 @@ MODULI: dict[type, tuple[str, ...]] = {
     Fung: ("c",),
     Guccione: ("c",),
 }
-"""The fields of a law that its energy is proportional to."""
+"""Parameters of a law that its energy is linear in."""
 FAMILIES = (NeoHooke, Ogden, Polynomial, Gent, Demiray)
-"""Laws whose constants may be fields all alike."""
+"""Laws all of whose constants may be fields."""
 NEO_HOOKE = 2.0
-"""The exponent with which Ogden's law is Neo-Hooke's."""
+"""Exponent for which Ogden's law is Neo-Hooke's."""
 T = TypeVar("T")
 Pair = tuple[Law | None, Value]
-"""A tissue's law, None where it has none, and the tissue's share."""
+"""A tissue's law, None where it has none, and the tissue's indicator function."""
 
 
 @dataclass(frozen=True)
 class Piecewise(Composite):
-    """Several laws, each where its share is more than a half; elsewhere it is not heard, even where it has no energy.
+    """Several laws, each evaluated only where its indicator exceeds one half; elsewhere its energy may be undefined.
 
-    parts   (law, share) each; the share is 1 where the law holds and 0 elsewhere, at every quadrature point
+    Parameters
+    ----------
+    parts : tuple of tuple of (Law, float or CoefficientFunction)
+        Pairs of a law and its indicator function: 1 where the law holds and 0 elsewhere, at every quadrature point.
 
+    Examples
+    --------
     >>> import ngsolve as ngs
     >>> left = ngs.IfPos(ngs.x, 0.0, 1.0)
     >>> Piecewise(((NeoHooke(1e3), left), (Gent(2e3, 0.1), 1 - left))).energy(ngs.Id(3)).dim
@@ -64,7 +70,7 @@ class Piecewise(Composite):
         return sum(rest, first)
 
     def log_strain_energy(self, logs: Sequence[CoefficientFunction]) -> CoefficientFunction:
-        """The same (Pa) at logarithmic strains, see `density_of_log_strains`."""
+        """Energy density (Pa) at principal logarithmic strains, see `density_of_log_strains`."""
         first, *rest = (ngs.IfPos(share - 0.5, density_of_log_strains(law, logs), 0.0) for law, share in self.parts)
         return sum(rest, first)
 
@@ -72,27 +78,28 @@ class Piecewise(Composite):
 def RelaxingOgden(  # noqa: N802  (reads as a law)
     mu: Sequence[Value], alpha: Sequence[float] = (), eta: Sequence[Value] = (), tau: Sequence[Value] = ()
 ) -> Viscous:
-    """Ogden terms of which the last relax, each in a branch of its own; those with exponent 2 are Neo-Hooke.
+    """Viscoelastic Ogden material: the last terms are viscoelastic branches; terms with exponent 2 are Neo-Hooke.
 
     Parameters
     ----------
-    mu : sequence
-        Shear moduli (Pa), of the terms that stay first.
-    alpha : sequence of float
-        As many exponents; left out, all are 2.
-    eta : sequence
-        Viscosities (Pa s) of the last terms, which then are `Maxwell` branches of finite viscoelasticity, τ = η/μ.
-    tau : sequence
-        In place of `eta`: relaxation times (s) of the last terms, which then are hereditary (`Branch`).
+    mu : sequence of float or CoefficientFunction
+        Shear moduli (Pa); those of the equilibrium terms come first.
+    alpha : sequence of float, optional
+        Exponents, one per modulus; 2 where left out.
+    eta : sequence of float or CoefficientFunction, optional
+        Viscosities (Pa s) of the last terms, which become `Maxwell` branches of finite viscoelasticity, τ = η/μ.
+    tau : sequence of float or CoefficientFunction, optional
+        Instead of `eta`: relaxation times (s) of the last terms, which become hereditary branches (`Branch`).
 
     Returns
     -------
     Viscous
+        The viscoelastic material.
 
     Raises
     ------
     InputError
-        If both `eta` and `tau` are given, if they leave no term that stays, or for another number of exponents.
+        Both `eta` and `tau` are given, no equilibrium term remains, or the numbers of moduli and exponents differ.
 
     Examples
     --------
@@ -116,8 +123,22 @@ def RelaxingOgden(  # noqa: N802  (reads as a law)
 
 
 def scale(law: Law, factor: Value) -> Law:
-    """The law with its moduli times a factor, a number or a field.
+    """Multiply the moduli of a law by a factor.
 
+    Parameters
+    ----------
+    law : Law
+        Law to scale.
+    factor : float or CoefficientFunction
+        A number or a field.
+
+    Returns
+    -------
+    Law
+        A law of the same class where its moduli are known (`MODULI`), else a `Scaled` one.
+
+    Examples
+    --------
     >>> scale(Demiray(1e3, 5.0), 0.5)
     Demiray(mu=500.0, b=5.0)
     """
@@ -133,7 +154,20 @@ def scale(law: Law, factor: Value) -> Law:
 
 
 def stiffen(material: Viscous, factor: Value) -> Viscous:
-    """The material with all moduli and viscosities times a factor: stiffer, as quick to relax."""
+    """Multiply all moduli and viscosities of a material by a factor; relaxation times stay the same.
+
+    Parameters
+    ----------
+    material : Viscous
+        Viscoelastic material.
+    factor : float or CoefficientFunction
+        A number or a field.
+
+    Returns
+    -------
+    Viscous
+        The scaled material.
+    """
 
     def branch(of: Branch | Maxwell) -> Branch | Maxwell:
         law = scale(of.law, factor)
@@ -143,7 +177,7 @@ def stiffen(material: Viscous, factor: Value) -> Viscous:
 
 
 def shear_modulus(law: Law) -> Value:
-    """Shear modulus at rest (Pa) by the constants of a known law, or by the energy of another.
+    """Initial shear modulus (Pa) from the constants of a known law, or from the energy of another.
 
     >>> shear_modulus(Scaled(Polynomial({(1, 0): 263.0, (0, 1): 263.0, (2, 0): 491.0}), 0.5))
     526.0
@@ -164,13 +198,27 @@ def shear_modulus(law: Law) -> Value:
 
 
 def relaxation_time(branch: Branch | Maxwell) -> Value:
-    """τ (s); of a Maxwell branch η/μ at small strain, by the constants."""
+    """Relaxation time τ (s); for a Maxwell branch η/μ at small strain."""
     return branch.eta / shear_modulus(branch.law) if isinstance(branch, Maxwell) else branch.tau
 
 
 def elastic_law(material: Viscous, left: Callable[[float], float]) -> Law:
-    """The elastic law with what is left of each branch, which is a function of its relaxation time (s).
+    """Elastic law with a share of each viscoelastic branch.
 
+    Parameters
+    ----------
+    material : Viscous
+        Viscoelastic material.
+    left : callable
+        Share of a branch, from 0 to 1, as a function of its relaxation time (s).
+
+    Returns
+    -------
+    Law
+        W_∞ + Σ share(τ_k) W_k, merged into few energies.
+
+    Examples
+    --------
     >>> elastic_law(RelaxingOgden([160.0, 970.0], [-25.7, -25.7], eta=[2190.0]), lambda tau: 0.5)
     Ogden(mu=645.0, alpha=-25.7)
     """
@@ -179,27 +227,40 @@ def elastic_law(material: Viscous, left: Callable[[float], float]) -> Law:
 
 
 def law_after(material: Viscous, dt: float) -> Law:
-    """The elastic law that one step of `dt` seconds from rest amounts to at small strain: W_∞ + Σ β_k W_k."""
+    """Elastic law equivalent to one time step from rest at small strain, W_∞ + Σ β_k W_k.
+
+    Parameters
+    ----------
+    material : Viscous
+        Viscoelastic material.
+    dt : float
+        Time step (s).
+
+    Returns
+    -------
+    Law
+        The elastic law.
+    """
     return elastic_law(material, lambda tau: float(step_factors(dt, np.array(tau))[1]))
 
 
 def instantaneous_law(material: Viscous) -> Law:
-    """What a sudden deformation meets, as few energies: W_∞ + Σ W_k."""
+    """Instantaneous elastic law W_∞ + Σ W_k, merged into few energies."""
     return elastic_law(material, lambda tau: 1.0)
 
 
 def hereditary_form(material: Viscous) -> Viscous:
-    """The material with hereditary branches in place of Maxwell ones: the same springs and relaxation times."""
+    """The material with hereditary branches in place of Maxwell ones: same springs, same relaxation times."""
     return Viscous(material.equilibrium, tuple(Branch(b.law, relaxation_time(b)) for b in material.branches))
 
 
 def is_neo_hooke(material: Viscous) -> bool:
-    """Whether all parts of it are Neo-Hooke's law, which does not stiffen."""
+    """Whether the equilibrium law and all branches are Neo-Hooke's."""
     return all(isinstance(law, NeoHooke) for law in (material.equilibrium, *(b.law for b in material.branches)))
 
 
 def merge(laws: Sequence[Law]) -> Law:
-    """The sum of several laws as few energies: moduli are added where all else is the same.
+    """Sum of laws with as few energies as possible: moduli are added where all other constants agree.
 
     >>> merge([NeoHooke(100.0), Ogden(50.0, -20.0), NeoHooke(10.0), Ogden(5.0, -20.0)])
     Ogden(mu=(110.0, 55.0), alpha=(2.0, -20.0))
@@ -212,7 +273,7 @@ def merge(laws: Sequence[Law]) -> Law:
 
 
 def _flat(laws: Sequence[Law]) -> list[Law]:
-    """Without sums, and with factors in the moduli."""
+    """The laws without sums, with scale factors moved into the moduli."""
     found: list[Law] = []
     for law in laws:
         inner = scale(law, 1.0) if isinstance(law, Scaled) else law
@@ -221,19 +282,19 @@ def _flat(laws: Sequence[Law]) -> list[Law]:
 
 
 def _addable(one: Law, other: Law) -> bool:
-    """Whether one law has the sum of both as its energy."""
+    """Whether the sum of both is again a law of the same class."""
     if _family(one) != _family(other) or type(one) not in MODULI:
         return False
     return isinstance(one, NeoHooke | Ogden | Polynomial) or _rest(one) == _rest(other)
 
 
 def _rest(law: Law) -> list[Any]:
-    """What a law has beside moduli."""
+    """Constants of a law other than its moduli."""
     return [getattr(law, f.name) for f in fields(cast(Any, law)) if f.name not in MODULI[type(law)]]
 
 
 def _added(laws: Sequence[Law]) -> Law:
-    """Of one family, with the same constants beside moduli."""
+    """Sum of laws of one family with the same constants other than moduli."""
     if isinstance(laws[0], NeoHooke | Ogden):
         mu: dict[Value, Value] = {}  # by exponent
         for m, a in (term for law in laws for term in _terms(law)):
@@ -253,10 +314,11 @@ def _added(laws: Sequence[Law]) -> Law:
 
 
 def mix(tissues: Sequence[tuple[Viscous | Law, Value]]) -> Viscous:
-    """One material for several tissues side by side, each where its share is 1 (elsewhere it is 0, at every quadrature point).
+    """One material for several tissues, each where its indicator function is 1 (elsewhere 0, at every quadrature point).
 
-    Tissues of one family share one energy whose constants are fields; different families have one each, see `Piecewise`. The k-th
-    Maxwell branch of all tissues is one branch, and so is the k-th hereditary one; a tissue that has fewer has none there.
+    Tissues of one family share one energy whose constants are fields; different families have one each, see
+    `Piecewise`. The k-th Maxwell branches of all tissues are merged into one branch, and so are the k-th hereditary
+    ones. A tissue with fewer branches has none there.
 
     >>> import ngsolve as ngs
     >>> left = ngs.IfPos(ngs.x, 0.0, 1.0)
@@ -277,7 +339,7 @@ def mix(tissues: Sequence[tuple[Viscous | Law, Value]]) -> Viscous:
         return _mix([(branch and branch.law, share) for branch, share in zip(each, shares, strict=True)])
 
     def mean(each: Sequence[Any], name: str) -> Value:
-        # 1 where there is no such branch: any will do
+        # any value, here 1, where there is no such branch
         return sum(
             share * (getattr(branch, name) if branch else 1.0) for branch, share in zip(each, shares, strict=True)
         )
@@ -289,7 +351,7 @@ def mix(tissues: Sequence[tuple[Viscous | Law, Value]]) -> Viscous:
 
 
 def group_by_family(tissues: Mapping[str, Viscous | Law]) -> list[list[str]]:
-    """Names of tissues in groups that have one energy each, by the families of their laws at rest.
+    """Groups of tissues that share one energy, by the families of their equilibrium laws.
 
     >>> group_by_family({"grey": NeoHooke(1e3), "white": Ogden(2e3, -20.0), "lesion": Gent(3e3, 0.1)})
     [['grey', 'white'], ['lesion']]
@@ -299,7 +361,7 @@ def group_by_family(tissues: Mapping[str, Viscous | Law]) -> list[list[str]]:
 
 
 def _grouped(items: Sequence[T], alike: Callable[[T, T], bool]) -> list[list[T]]:
-    """In groups of those that are like the first of their group."""
+    """Groups of items that are equivalent to the first of their group."""
     groups: list[list[T]] = []
     for item in items:
         like = next((group for group in groups if alike(group[0], item)), None)
@@ -311,10 +373,10 @@ def _grouped(items: Sequence[T], alike: Callable[[T, T], bool]) -> list[list[T]]
 
 
 def _mix(pairs: Sequence[Pair]) -> Law:
-    """One law of several, a `Piecewise` one where they are of several families."""
+    """One law of several; a `Piecewise` one where they are of several families."""
     present = [(_simple(law), share) for law, share in pairs if law is not None]
     groups = _grouped(present, lambda one, other: _alike(one[0], other[0]))
-    # A term of Ogden's without a modulus has no energy: so one energy does where a tissue has no such branch.
+    # An Ogden term with modulus 0 has no energy: one law suffices where a tissue has no such branch.
     if len(groups) == 1 and (len(present) == len(pairs) or isinstance(groups[0][0][0], NeoHooke | Ogden)):
         return _with_fields([(law and _simple(law), share) for law, share in pairs])
     return Piecewise(tuple((_with_fields(group), sum(share for _, share in group)) for group in groups))
@@ -329,12 +391,12 @@ def _family(law: Law) -> type:
 
 
 def _alike(one: Law, other: Law) -> bool:
-    """Whether they are of one family, whose constants can be fields."""
+    """Whether two laws are of one family, all of whose constants may be fields."""
     return one is other or (_family(one) == _family(other) and type(one) in FAMILIES)
 
 
 def _with_fields(pairs: Sequence[Pair]) -> Law:
-    """One law whose constants are each tissue's where it is."""
+    """One law whose constants are fields, each tissue's constants where the tissue is."""
     laws = [law for law, _ in pairs if law is not None]
     if isinstance(laws[0], NeoHooke | Ogden):
         terms = [(_terms(law) if law is not None else [], share) for law, share in pairs]
@@ -365,7 +427,7 @@ def _with_moduli(law: Law, change: Callable[[Value], Value]) -> Law:
 
 
 def _terms(law: Law) -> list[tuple[Value, Value]]:
-    """(μ, α) of each term of Ogden's law."""
+    """(μ, α) of each Ogden term."""
     if isinstance(law, NeoHooke):
         return [(law.mu, NEO_HOOKE)]
     ogden = cast(Ogden, law)

@@ -1,6 +1,8 @@
-"""Laws with fibres, and exponential ones of every entry of strain. All but their matrix is of C with its change of volume.
+"""Laws with fibres, and exponential laws of all strain components. Except for the isotropic matrix they are laws of
+the total C.
 
-A fibre is a vector field of three components, or three numbers, of any length but 0 and either sign: M = a⊗a/|a|².
+A fibre is a vector field of three components, or three numbers, of any length but 0 and of either sign: M =
+a⊗a/|a|².
 """
 
 from __future__ import annotations
@@ -18,33 +20,55 @@ from ngbrain.errors import InputError
 from ngbrain.materials.base import Composite, Deformation, TotalStretchLaw, Value, check_parameter, check_positive
 
 Fibre: TypeAlias = CoefficientFunction | Sequence[Value]
-"""A direction: a CoefficientFunction or GridFunction with a component for each axis, or as many numbers."""
+"""Fibre direction: a CoefficientFunction or GridFunction with one component per axis, or as many numbers."""
 
 SLACK = 1e-12
-"""Fibres bear down to E = -SLACK, so that they count in the stiffness at rest, where E is 0 but for round-off: without
-them Newton's first step overshoots however small the load. Stress jumps there by 2 k₁ SLACK, far below any tolerance."""
+"""Fibres carry load from E = -SLACK on, so that they contribute to the stiffness at rest, where E is 0 up to
+round-off. Without it the first Newton step overshoots however small the load. The stress jumps there by 2 k₁
+SLACK, far below any tolerance.
+"""
 
 STIFF = 1e-12
-"""Smallest eigenvalue of `Fung.B`, in parts of the largest, that counts as one."""
+"""Smallest admissible eigenvalue of `Fung.B`, relative to the largest."""
 
 
 @dataclass(frozen=True)
 class HolzapfelGasserOgden(Composite):
-    """W = μ/2 (Ī₁ - 3) + Σ k₁/2k₂ (exp(k₂ E²) - 1), E = κ (I₁ - 3) + (1 - 3κ)(I₄ - 1), the sum over fibres with E > 0.
+    """Holzapfel-Gasser-Ogden law with dispersed fibres.
 
-    mu      shear modulus of the matrix (Pa); I₁ = tr C, Ī₁ of C̄, I₄ = a·Ca with a the unit vector along the fibre
-    k1, k2  stiffness (Pa, at least 0) and stiffening (positive) of the fibres
-    kappa   their dispersion, from 0 (all along a) to 1/3 (none preferred)
-    fibre   one fibre, or a sequence of them for several families
+    W = μ/2 (Ī₁ - 3) + Σ k₁/2k₂ (exp(k₂ E²) - 1), E = κ (I₁ - 3) + (1 - 3κ)(I₄ - 1), summed over fibres with E > 0;
+    I₁ = tr C, Ī₁ = tr C̄, I₄ = a·Ca with the unit vector a along the fibre.
 
-    I₄ is of C, not of C̄, in which a dilatation would not stretch fibres. So is the I₁ of E, the other part of one mean
-    square stretch over a family's directions: with κ = 1/3 it is an isotropic exponential law whatever a is. Pressed
-    fibres (E ≤ 0) bear nothing; stress is continuous there, its slope is not. Initial shear modulus μ₀ = μ, of shears along
-    and across one fibre.
+    I₄ is taken of C, not of C̄, with which a dilatation would not stretch the fibres. So is the I₁ of E, the other
+    part of one mean square stretch over the directions of a family: with κ = 1/3 the law is isotropic and
+    exponential whatever a is. Compressed fibres (E ≤ 0) carry no load; the stress is continuous there, its slope is
+    not. The initial shear modulus is μ₀ = μ, for shears along and across one fibre.
 
-    Source: Gasser, Ogden, Holzapfel 2006, 10.1098/rsif.2005.0073; no split: Nolan et al. 2014,
+    Parameters
+    ----------
+    mu : float or CoefficientFunction
+        Shear modulus of the matrix (Pa).
+    k1 : float or CoefficientFunction
+        Stiffness of the fibres (Pa), at least 0.
+    k2 : float or CoefficientFunction
+        Exponential stiffening of the fibres (dimensionless), positive.
+    kappa : float or CoefficientFunction
+        Dispersion, from 0 (all fibres along a) to 1/3 (isotropic).
+    fibre : Fibre or sequence of Fibre
+        One fibre direction, or a sequence of them for several families.
+
+    Raises
+    ------
+    InputError
+        A parameter out of its bounds, or no direction of three components.
+
+    References
+    ----------
+    Gasser, Ogden, Holzapfel 2006, 10.1098/rsif.2005.0073; without the isochoric split: Nolan et al. 2014,
     10.1016/j.jmbbm.2014.06.016.
 
+    Examples
+    --------
     >>> import ngsolve as ngs
     >>> law = HolzapfelGasserOgden(mu=500.0, k1=2000.0, k2=5.0, kappa=0.1, fibre=(1, 1, 0))
     >>> law.energy(ngs.Id(3)).dim
@@ -83,15 +107,30 @@ class HolzapfelGasserOgden(Composite):
 
 @dataclass(frozen=True)
 class Fung(TotalStretchLaw):
-    """W = c/2 (exp(Q) - 1), Q = E:B:E = vᵀBv with v = (E_xx, E_yy, E_zz, 2E_yz, 2E_xz, 2E_xy), E = (C - 1)/2.
+    """Fung's exponential law, W = c/2 (exp(Q) - 1).
 
-    c   scale (Pa); c B is the stiffness at rest
-    B   6 rows of 6 numbers or fields, symmetric and positive definite (dimensionless), or a 6×6 CoefficientFunction
+    Q = E:B:E = vᵀBv with v = (E_xx, E_yy, E_zz, 2E_yz, 2E_xz, 2E_xy) and E = (C - 1)/2. Isotropic for b (2 + β) at
+    xx, yy, zz, bβ between them and b at the shears; the initial shear modulus is then μ₀ = c b.
 
-    Isotropic: b (2 + β) for xx, yy, zz, bβ between them and b for the shears; initial shear modulus μ₀ = c b.
+    Parameters
+    ----------
+    c : float or CoefficientFunction
+        Scale (Pa); c B is the stiffness at rest.
+    B : sequence of sequence of float or CoefficientFunction or numpy.ndarray or CoefficientFunction
+        Dimensionless stiffness: 6 rows of 6 numbers or fields, symmetric and positive definite, or a 6×6
+        CoefficientFunction.
 
-    Source: Fung, Fronek, Patitucci 1979, 10.1152/ajpheart.1979.237.5.H620.
+    Raises
+    ------
+    InputError
+        `c` is not positive, or `B` is not 6×6, not symmetric or not positive definite.
 
+    References
+    ----------
+    Fung, Fronek, Patitucci 1979, 10.1152/ajpheart.1979.237.5.H620.
+
+    Examples
+    --------
     >>> import numpy as np, ngsolve as ngs
     >>> Fung(c=100.0, B=np.diag([20.0, 20.0, 20.0, 10.0, 10.0, 10.0])).energy(ngs.Id(3)).dim
     1
@@ -134,16 +173,35 @@ class Fung(TotalStretchLaw):
 
 @dataclass(frozen=True)
 class Guccione(TotalStretchLaw):
-    """W = c/2 (exp(Q) - 1), Q = b_f E_ff² + b_t (E_ss² + E_nn² + 2E_sn²) + 2b_fs (E_fs² + E_fn²), E = (C - 1)/2.
+    """Guccione's transversely isotropic exponential law, W = c/2 (exp(Q) - 1): `Fung` with one fibre.
 
-    c            scale (Pa)
-    bf, bt, bfs  stiffness along the fibre f, across it (s, n), and of shears along it (dimensionless, positive)
-    fibre        f
+    Q = b_f E_ff² + b_t (E_ss² + E_nn² + 2E_sn²) + 2b_fs (E_fs² + E_fn²), E = (C - 1)/2. Initial shear moduli: c
+    b_fs/2 along the fibre, c b_t/2 across it.
 
-    `Fung` with one fibre. Initial shear moduli: c b_fs/2 along the fibre, c b_t/2 across it.
+    Parameters
+    ----------
+    c : float or CoefficientFunction
+        Scale (Pa).
+    bf : float or CoefficientFunction
+        Stiffness along the fibre f (dimensionless, positive).
+    bt : float or CoefficientFunction
+        Stiffness across the fibre, in s and n (dimensionless, positive).
+    bfs : float or CoefficientFunction
+        Stiffness of shears along the fibre (dimensionless, positive).
+    fibre : Fibre
+        Direction f.
 
-    Source: Guccione, McCulloch, Waldman 1991, 10.1115/1.2894084.
+    Raises
+    ------
+    InputError
+        A parameter that is not positive, or no direction of three components.
 
+    References
+    ----------
+    Guccione, McCulloch, Waldman 1991, 10.1115/1.2894084.
+
+    Examples
+    --------
     >>> import ngsolve as ngs
     >>> Guccione(c=2000.0, bf=8.0, bt=2.0, bfs=4.0, fibre=(1, 0, 0)).energy(ngs.Id(3)).dim
     1
@@ -171,8 +229,29 @@ class Guccione(TotalStretchLaw):
 
 
 def structural(fibre: Fibre, name: str, sizes: Sequence[int] = (3,)) -> CoefficientFunction:
-    """M = a⊗a/|a|² of a fibre a, or an `InputError` naming the parameter unless it has one of these numbers of components.
+    """Structural tensor M = a⊗a/|a|² of a fibre a.
 
+    Parameters
+    ----------
+    fibre : Fibre
+        Direction a.
+    name : str
+        Name of the parameter, for messages.
+    sizes : sequence of int, default (3,)
+        Admissible numbers of components.
+
+    Returns
+    -------
+    CoefficientFunction
+        The tensor M.
+
+    Raises
+    ------
+    InputError
+        No direction of an admissible number of components.
+
+    Examples
+    --------
     >>> tuple(structural((0, 3, 4), "fibre").dims)
     (3, 3)
     """

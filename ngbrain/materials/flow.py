@@ -1,21 +1,23 @@
-"""Finite viscoelasticity: Maxwell branches whose spring and dashpot are a law of their own and a viscosity.
+"""Finite viscoelasticity: Maxwell branches with a spring of any isotropic law and a viscous dashpot.
 
-A branch has an inner state C_v; its spring sees the elastic part of the shape, F_e = F̄ F_v⁻¹, through an isotropic law
-W(C_e), and its dashpot flows with the overstress, τ = 2η D_v. With a step's C_v⁻¹ = GGᵀ, the elastic logarithmic strains
-before the step's flow are x_i = ½ ln (eigenvalues of GᵀC̄G), traceless, and after it they are the e that minimises
+The internal variable of a branch is C_v. Its spring is strained by the elastic part of the isochoric deformation,
+F_e = F̄ F_v⁻¹, through an isotropic law W(C_e); its dashpot flows with the overstress, τ = 2η D_v. With C_v⁻¹ = GGᵀ
+at the start of a step, the elastic logarithmic strains before the flow of the step are x_i = ½ ln (eigenvalues of
+GᵀC̄G), traceless. After it they are the e that minimises
 
     W(e) + κ |x - e|² ,     κ of the order of 2η/Δt ,
 
-so a step is a minimisation here too, its stress 2κ(x - e) = ∂W/∂e. Backward Euler's κ = η/Δt is first order; here G is
-first relaxed over half of the step with the stress it had, and κ is half a step's, both with the factors that make a
-branch of constant modulus exact for ramps of any length (as the hereditary one is): with y = μΔt/η, 2μ = |∂W|²/(e·∂W),
+so a step is again a minimisation, with the stress 2κ(x - e) = ∂W/∂e. Backward Euler, κ = η/Δt, is of first order.
+Here G is first relaxed over half of the step with the stress at its start, and κ is that of half a step. Both have
+factors that make a branch of constant modulus exact for ramps of any length, as the hereditary one is: with y =
+μΔt/η, 2μ = |∂W|²/(e·∂W),
 
     e ← e - θ Δt/4η ∂W/∂e ,  θ = 2/y (1 - y/(exp y - 1)) ;     κ = η/Δt · y β/(1 - β) ,  β = (1 - exp(-y))/y .
 
-Second order otherwise, stable for any Δt; Δt → 0 gives W, Δt → ∞ no stress. Unlike a hereditary branch's its free energy
-is one of its state, so every step dissipates.
+The scheme is otherwise of second order and stable for any Δt; Δt → 0 gives W, Δt → ∞ gives no stress. Unlike that
+of a hereditary branch its free energy is a function of state, so every step dissipates.
 
-Source: Reese & Govindjee 1998, 10.1016/S0020-7683(97)00217-5; as a minimum: Ortiz & Stainier 1999,
+References ---------- Reese & Govindjee 1998, 10.1016/S0020-7683(97)00217-5; as a minimum: Ortiz & Stainier 1999,
 10.1016/S0045-7825(98)00219-9; Fancello, Ponthot & Stainier 2006, 10.1002/nme.1525.
 """
 
@@ -35,27 +37,41 @@ from ngbrain.materials.points import EVERYWHERE, Points, initial_modulus, isotro
 from ngbrain.tensors import from_voigt, principal_values, to_voigt
 
 PLANE = np.array([[1, -1, 0], [1, 1, -2]]) / np.sqrt([[2], [6]])
-"""Two unit vectors that span the traceless strains; a strain's coordinates are PLANE @ (e₁, e₂, e₃)."""
+"""Orthonormal basis of the traceless strains; the coordinates of a strain are PLANE @ (e₁, e₂, e₃)."""
 ENTRIES = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
-"""Of a symmetric tensor, in the order of `to_voigt`."""
+"""Index pairs of a symmetric tensor in Voigt order."""
 REST = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 HALF = np.array([[1.0], [1.0], [1.0], [0.5], [0.5], [0.5]])
-"""From a derivative by the six entries to that by a tensor, which has each shear twice."""
+"""Factors from a derivative by the six Voigt entries to a derivative by the tensor, which contains each shear twice."""
 UPPER = np.triu_indices(6)
 SHORT = 1e-7
-"""Step of elastic strains that is the last in a step's minimum: Newton's method then misses by its square."""
+"""Newton steps of elastic strain below this size are the last: the error is then of the order of its square."""
 ITERATIONS = 60
 HALVINGS = 10
 SMALL = 1e-5
-"""Elastic strain below which a branch has its modulus at rest: at rest the formula of eigenvalues gives 1e-6."""
+"""Elastic strain below which a branch has its initial modulus: near rest the eigenvalue formula is accurate to 1e-6."""
 SUDDEN = 1e-12
 """Duration of a sudden change, in relaxation times."""
 
 
 @dataclass(frozen=True)
 class Maxwell:
-    """A spring and a dashpot in series: an isotropic law W and a viscosity η (Pa s); `InputError` for a law with fibres.
+    """Maxwell branch: a spring (isotropic law W) and a dashpot in series.
 
+    Parameters
+    ----------
+    law : Law
+        Law of the spring, isotropic.
+    eta : float or CoefficientFunction
+        Viscosity η (Pa s), positive.
+
+    Raises
+    ------
+    InputError
+        A law with fibres, or a viscosity that is not positive.
+
+    Examples
+    --------
     >>> from ngbrain.materials import NeoHooke, Viscous
     >>> tissue = Viscous(NeoHooke(160.0), (Maxwell(NeoHooke(970.0), eta=2190.0),))
     """
@@ -66,7 +82,7 @@ class Maxwell:
     def __post_init__(self) -> None:
         check_positive(self.eta, "Maxwell.eta")
         if not varies(self.law) and not isotropic(self.law):
-            raise InputError("Maxwell.law", self.law, "an isotropic law; fibres can stand beside it, in what stays")
+            raise InputError("Maxwell.law", self.law, "an isotropic law; fibres belong in the equilibrium law")
 
     @property
     def tau(self) -> Value:
@@ -82,9 +98,21 @@ class Maxwell:
         return ngs.CF((W, *by, by[0].Diff(first), by[0].Diff(second), by[1].Diff(second))).Compile()
 
     def overstress(self, points: Points, C: CoefficientFunction, times: np.ndarray) -> np.ndarray:
-        """2 ∂W/∂C̄ (Pa), shape (histories, times, 3, 3), under given histories of C̄, the first value put on suddenly.
+        """Overstress 2 ∂W/∂C̄ under given histories of C̄; the first value is applied suddenly.
 
-        C holds its values at `points`: one history after the other.
+        Parameters
+        ----------
+        points : Points
+            Evaluation points.
+        C : CoefficientFunction
+            C̄, with its values at `points`: one history after the other.
+        times : numpy.ndarray of shape (times)
+            Times (s).
+
+        Returns
+        -------
+        numpy.ndarray of shape (histories, times, 3, 3)
+            Overstress (Pa).
         """
         histories = points(to_voigt(C)).reshape(6, -1, len(times))
         flow = Flow(Points.line(histories.shape[1]), self.slopes, number(self.eta))
@@ -100,14 +128,20 @@ class Maxwell:
 
 
 class Flow:
-    """A Maxwell branch at n points: what it remembers, and what it answers to a shape.
+    """Internal variables of a Maxwell branch at n points, and their update in a time step.
 
-    points   `Points`
-    slopes   elastic strain → `Maxwell.slopes` there
-    eta      η (n,) in Pa s, 0 where there is no such branch
+    Tensors C̄ are arrays of their Voigt entries (6, n). After `relax`, `energy` (n,) is the minimum of W + κ|x -
+    e|² and `stress` (6, n) is 2 ∂/∂C̄ of it, in Pa. Both belong to the given step, so that they are a potential and
+    its derivative.
 
-    Shapes C̄ are arrays of their `to_voigt` entries (6, n). `energy` (n,) is the least W + κ|x - e|² at the shapes of the last
-    `relax`, `stress` 2 ∂/∂C̄ of it (6, n), in Pa; both for a given step, so that they are a potential and its derivative.
+    Parameters
+    ----------
+    points : Points
+        Evaluation points.
+    slopes : callable
+        Elastic strain → `Maxwell.slopes` there.
+    eta : float or numpy.ndarray
+        Viscosity η (n,) in Pa s, 0 where there is no such branch.
     """
 
     def __init__(
@@ -129,7 +163,7 @@ class Flow:
         self._second = by_a.Diff(a).Reshape((72,)).Compile()
 
     def reset(self, eta: float | np.ndarray) -> None:
-        """Forget: rest, with this η and the law as its parameters are now."""
+        """Reset the internal variables to rest, with this viscosity (Pa s) and the present parameters of the law."""
         n = len(self.points.mapped)
         self.eta = np.broadcast_to(np.asarray(eta, float), (n,))
         self.kappa = np.zeros(n)
@@ -141,7 +175,15 @@ class Flow:
         self._modulus = self._at(self._elastic)[3] / 2
 
     def begin(self, dt: float, shapes: np.ndarray) -> None:
-        """Start a step of `dt` seconds at these shapes: half of it with the stress there."""
+        """Start a time step: relax over its first half with the stress at the start.
+
+        Parameters
+        ----------
+        dt : float
+            Time step (s).
+        shapes : numpy.ndarray of shape (6, n)
+            C̄ at the start of the step.
+        """
         self._begin(dt, *self._strained(_congruence(self.G), shapes))
 
     def _begin(self, dt: float, axes: np.ndarray, e: np.ndarray) -> None:
@@ -149,13 +191,13 @@ class Flow:
         self._axes, self._start = axes, e
         slope = self._at(e)[1:3]
         squared, along = np.sum(slope * slope, axis=0), np.sum(e * slope, axis=0)
-        strained = (np.sum(e * e, axis=0) > SMALL**2) & (along > 0)  # at rest both are round-off
+        strained = (np.sum(e * e, axis=0) > SMALL**2) & (along > 0)  # at rest both are round-off errors
         modulus = np.where(strained, squared / (2 * np.where(strained, along, 1.0)), self._modulus)
         safe = np.where(self.eta > 0, self.eta, 1.0)
         theta, factor = half_step_factors(dt * modulus / safe)
         self.kappa = self.eta / dt * factor
         flowed, self._share = -theta * dt / (4 * safe) * slope, np.ones_like(theta)
-        for _ in range(HALVINGS):  # still downhill at its end, a path of flow has not gone uphill: it dissipates
+        for _ in range(HALVINGS):  # where W still decreases at its end, the flow dissipates
             uphill = np.sum(self._at(e + flowed)[1:3] * slope, axis=0) < 0
             if not np.any(uphill):
                 break
@@ -164,16 +206,24 @@ class Flow:
         self._set(self.G @ _stretched(axes, flowed))
 
     def resume_step(self, begun: np.ndarray, start: np.ndarray) -> None:
-        """The rest of a step that has `begun` so, from elastic strains `start` (2, n)."""
+        """Restore a step after its first half.
+
+        Parameters
+        ----------
+        begun : numpy.ndarray of shape (10, n)
+            `step_state` of that step.
+        start : numpy.ndarray of shape (2, n)
+            Elastic strains at its start.
+        """
         self.kappa, self._start = begun[9], start
         self._set(begun[:9].T.reshape(-1, 3, 3))
 
     def _set(self, step: np.ndarray) -> None:
-        """G after the first half."""
+        """Set G after the first half of the step."""
         self._step, self._pull = step, _congruence(step)
 
     def relax(self, shapes: np.ndarray) -> None:
-        """Find the minimum at these shapes; NaN where there is none."""
+        """Find the minimum at these C̄ (6, n); NaN where there is none."""
         self.points.put(self._pulled, np.einsum("ijn,jn->in", self._pull, shapes))
         answer = self.points(self._first)
         x, by_a = answer[:2], answer[2:].reshape(2, 6, -1)
@@ -183,7 +233,7 @@ class Flow:
         self.stress = 2 * HALF * np.einsum("ijn,in->jn", self._pull, np.einsum("kn,kin->in", slopes[1:3], by_a))
 
     def stiffness(self, where: np.ndarray | slice = EVERYWHERE) -> np.ndarray:
-        """∂²/∂C̄² of the energy by the six entries of C̄ (n, 6, 6), at the shapes of the last `relax`; or at some points."""
+        """∂²/∂C̄² of the energy by the six entries of C̄ (n, 6, 6), at the C̄ of the last `relax`; or at some points."""
         (_, by_a, slopes), k = self._here, 2 * self.kappa[where]
         by_a, slopes, pull = by_a[..., where], slopes[:, where], np.moveaxis(self._pull[..., where], 2, 0)
         a, b, c = slopes[3:]
@@ -194,11 +244,11 @@ class Flow:
         return np.swapaxes(pull, 1, 2) @ bent @ pull
 
     def finish(self, shapes: np.ndarray) -> None:
-        """End the step at these shapes."""
+        """End the step at these C̄ (6, n)."""
         self._finish(shapes)
 
     def _finish(self, shapes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The same; axes of the new GᵀC̄G, which flow does not turn, and its elastic strains."""
+        """The same; returns the axes of the new GᵀC̄G, which the flow does not rotate, and its elastic strains."""
         axes, x = self._strained(self._pull, shapes)
         e, _ = self._minimum(x)
         self.G = self._step @ _stretched(axes, e - x)
@@ -206,7 +256,9 @@ class Flow:
 
     @property
     def step_solution(self) -> np.ndarray:
-        """What the present step found: e of the last `relax`, e at its start, and the share of the first half's flow (5, n)."""
+        """Solution of the present step (5, n): e of the last `relax`, e at its start, and the accepted fraction of
+        the first half's flow.
+        """
         return np.vstack([self._elastic, self._start, self._share])
 
     @property
@@ -215,17 +267,30 @@ class Flow:
         return np.vstack([self._step.reshape(-1, 9).T, self.kappa])
 
     def half_step_stress(self, half: float, middle: np.ndarray, end: np.ndarray) -> np.ndarray:
-        """`stress` at the end of two steps of `half` seconds by way of these shapes; the step that was begun stays as it is."""
-        twin = copy(self)  # its arrays are replaced, never written into
+        """Stress at the end of two steps of half the length; the present step is unchanged.
+
+        Parameters
+        ----------
+        half : float
+            Length of each of the two steps (s).
+        middle, end : numpy.ndarray of shape (6, n)
+            C̄ at the end of the first and of the second step.
+
+        Returns
+        -------
+        numpy.ndarray of shape (6, n)
+            `stress` (Pa) at the end.
+        """
+        twin = copy(self)  # its arrays are replaced, never modified
         twin._begin(half, self._axes, self._start)
         twin.relax(middle)
         twin._begin(half, *twin._finish(middle))
         twin.relax(end)
-        self.points.put(self._pulled, np.einsum("ijn,jn->in", self._pull, end))  # a field is shared
+        self.points.put(self._pulled, np.einsum("ijn,jn->in", self._pull, end))  # the field is shared with the copy
         return twin.stress
 
     def _strained(self, pull: np.ndarray, shapes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Axes n_i ⊗ n_i (3, n, 3, 3) of GᵀC̄G and its strains, with G as `pull` has it, by the formula that the energy uses."""
+        """Axes n_i ⊗ n_i (3, n, 3, 3) of GᵀC̄G and its strains, with G as in `pull`, by the formula that the energy uses."""
         self.points.put(self._pulled, np.einsum("ijn,jn->in", pull, shapes))
         found = self.points(self._spectrum)
         return np.array([tensors(HALF * axis) for axis in found[2:].reshape(3, 6, -1)]), found[:2]
@@ -235,9 +300,9 @@ class Flow:
         return self.points(self._slopes, where)
 
     def _minimum(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The minimising e and `slopes` there, by Newton's method with steps halved until the gradient shrinks.
+        """The minimising e and `slopes` there, by Newton's method with backtracking until the gradient shrinks.
 
-        A step shorter than `SHORT` is a point's last, with slopes by Taylor's formula.
+        A step shorter than `SHORT` is the last of a point, with slopes by Taylor's formula.
         """
         k, e = 2 * self.kappa, self._elastic.copy()
         slopes, left = self._at(e), np.arange(len(self.kappa))
@@ -257,7 +322,7 @@ class Flow:
                 tried[:, left] = e[:, left] + length * step
                 there = self._at(tried, left)
                 shrunk = np.sum((there[1:3] - k[left] * (x - tried)[:, left]) ** 2, axis=0) <= size
-                worse = ~shrunk & (np.max(np.abs(step), axis=0) > SHORT)  # below it, round-off decides
+                worse = ~shrunk & (np.max(np.abs(step), axis=0) > SHORT)  # below this size round-off decides
                 if not np.any(worse):
                     break
                 length = np.where(worse, length / 2, length)
@@ -269,7 +334,7 @@ class Flow:
 
 
 def _last(e: np.ndarray, slopes: np.ndarray, where: np.ndarray, step: np.ndarray) -> None:
-    """Take a short step at some points: W and ∂W with what second order adds, ∂²W as it was."""
+    """Take a short step at some points: W and ∂W to second order, ∂²W unchanged."""
     w, first, second, a, b, c = slopes[:, where]
     change = np.array([a * step[0] + b * step[1], b * step[0] + c * step[1]])
     slopes[0, where] = w + np.sum((np.array([first, second]) + change / 2) * step, axis=0)
@@ -278,18 +343,28 @@ def _last(e: np.ndarray, slopes: np.ndarray, where: np.ndarray, step: np.ndarray
 
 
 class Flows:
-    """All Maxwell branches at the same points, as one part of a step's energy.
+    """All Maxwell branches at the same points, as one term of the energy of a time step.
 
-    The energy is a quadratic function a + b·d + ½ d·Dd of the six entries of C̄ less those of the present state, d, with
-    the value, slope and curvature that the sum of the branches has there: `relax` sets value and slope, `stiffen` the
-    curvature. Forces and tangent are exact there, and the form costs the same for any laws and any number of branches.
+    The energy is the quadratic function a + b·d + ½ d·Dd of d, the six entries of C̄ minus those of the present
+    state, with the value, gradient and Hessian of the sum of the branches: `relax` sets value and gradient,
+    `stiffen` the Hessian. Forces and tangent are exact at the present state, and the form costs the same for any
+    laws and any number of branches.
+
+    Parameters
+    ----------
+    points : Points
+        Evaluation points.
+    flows : sequence of Flow
+        The branches.
     """
 
     def __init__(self, points: Points, flows: Sequence[Flow]) -> None:
         n = len(points.mapped)
         self.points, self.flows = points, tuple(flows)
         self._stiffness = np.zeros((n, 6, 6))
-        self._energy = points.field(np.zeros((34, n)))  # state, a, b, upper half of D: one field, for each costs time
+        self._energy = points.field(
+            np.zeros((34, n))
+        )  # state, a, b, upper triangle of D: one field is cheaper than four
         self._stress = points.field(np.zeros((6, n)))
 
     def __bool__(self) -> bool:
@@ -305,23 +380,31 @@ class Flows:
         return self._energy[6] + ngs.InnerProduct(slope + D * d / 2, d)
 
     def work(self, C: CoefficientFunction) -> CoefficientFunction:
-        """½ S:C̄: what has the slope of `energy` at the present state, for forces alone."""
+        """½ S:C̄, which has the gradient of `energy` at the present state, for forces alone."""
         return 0.5 * ngs.InnerProduct(from_voigt(self._stress), C)
 
     def begin(self, dt: float, shapes: np.ndarray) -> None:
-        """Start a step of `dt` seconds at these shapes."""
+        """Start a time step in all branches.
+
+        Parameters
+        ----------
+        dt : float
+            Time step (s).
+        shapes : numpy.ndarray of shape (6, n)
+            C̄ at the start of the step.
+        """
         for flow in self.flows:
             flow.begin(dt, shapes)
 
     def relax(self, shapes: np.ndarray) -> None:
-        """Let all branches flow at these shapes."""
+        """Find the minimum of every branch at these C̄ (6, n)."""
         for flow in self.flows:
             flow.relax(shapes)
         self._shapes = shapes
         self._set()
 
     def stiffen(self, where: np.ndarray | slice = EVERYWHERE) -> None:
-        """Set the curvature, of the shapes of the last `relax`; or at some points, all of their elements."""
+        """Set the Hessian at the C̄ of the last `relax`, everywhere or at some points, all of their elements."""
         self._stiffness[where] = np.sum([flow.stiffness(where) for flow in self.flows], axis=0)
         self._set()
 
@@ -333,7 +416,7 @@ class Flows:
         self.points.put(self._stress, stress)
 
     def finish(self, shapes: np.ndarray) -> None:
-        """End the step at these shapes."""
+        """End the step at these C̄ (6, n)."""
         for flow in self.flows:
             flow.finish(shapes)
 
@@ -344,17 +427,18 @@ class Flows:
 
     @frozen.setter
     def frozen(self, values: list[np.ndarray]) -> None:
+        """The coefficients of the energy, to be restored later."""
         for field, value in zip((self._energy, self._stress), values, strict=True):
             field.vec.FV().NumPy()[:] = value
 
 
 def tensors(entries: np.ndarray) -> np.ndarray:
-    """Symmetric tensors (n, 3, 3) from their `to_voigt` entries (6, n)."""
+    """Symmetric tensors (n, 3, 3) from their Voigt entries (6, n)."""
     return np.moveaxis(entries[np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])], 2, 0)
 
 
 def _congruence(G: np.ndarray) -> np.ndarray:
-    """The matrices (6, 6, n) that take the six entries of C to those of GᵀCG."""
+    """Matrices (6, 6, n) that map the Voigt entries of C to those of GᵀCG."""
     g = np.ascontiguousarray(np.moveaxis(G, 0, 2))
     matrices = np.empty((6, 6, len(G)))
     for row, (i, j) in zip(matrices, ENTRIES, strict=True):
@@ -364,7 +448,7 @@ def _congruence(G: np.ndarray) -> np.ndarray:
 
 
 def half_step_factors(y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """θ and κ Δt/η (see the module) of a step y = Δt/τ times the branch's relaxation time; 1 and 2 at y = 0.
+    """θ and κ Δt/η (see the module) of a step y = Δt/τ with the relaxation time τ of the branch; 1 and 2 at y = 0.
 
     >>> theta, factor = half_step_factors(np.array([0.0, 1e6]))
     >>> theta.round(5).tolist(), factor.round(5).tolist()

@@ -1,4 +1,4 @@
-"""Isotropic laws. Each is an energy of C; each states its initial shear modulus μ₀."""
+"""Isotropic laws: each is an energy density of C and states its initial shear modulus μ₀."""
 
 from __future__ import annotations
 
@@ -36,12 +36,14 @@ class NeoHooke(Addable):
 
 @dataclass(frozen=True)
 class UnsplitNeoHooke(Composite):
-    """W = μ/2 (tr C - 3 - 2 ln J) of the whole C, initial shear modulus μ₀ = μ (Pa); a law of volume is to be added.
+    """W = μ/2 (tr C - 3 - 2 ln J) of the total C, initial shear modulus μ₀ = μ (Pa); to be added to a volumetric energy.
 
-    What textbooks and benchmarks (Cook's membrane) call compressible Neo-Hooke. `NeoHooke` is of C̄ and has no part in a
-    change of volume; this one has, 2/3 μ at small strain.
+    This is what textbooks and benchmarks (Cook's membrane) call compressible Neo-Hooke. `NeoHooke` is a law of C̄
+    and does not contribute to a change of volume; this one does, with a bulk modulus of 2/3 μ at small strain.
 
-    Source: Simo & Pister 1984, 10.1016/0045-7825(84)90062-8.
+    References
+    ----------
+    Simo & Pister 1984, 10.1016/0045-7825(84)90062-8.
 
     >>> import ngsolve as ngs
     >>> UnsplitNeoHooke(mu=1000.0).energy(4 * ngs.Id(3)).dim
@@ -62,8 +64,22 @@ class UnsplitNeoHooke(Composite):
 class MooneyRivlin(Addable):
     """W = c₁₀ (I₁ - 3) + c₀₁ (I₂ - 3), initial shear modulus μ₀ = 2 (c₁₀ + c₀₁) (Pa); I₂ = (I₁² - tr C²)/2.
 
-    Source: Rivlin 1948, 10.1098/rsta.1948.0024.
+    Parameters
+    ----------
+    c10, c01 : float or CoefficientFunction
+        Coefficients (Pa) of the first and the second invariant; their sum is positive.
 
+    Raises
+    ------
+    InputError
+        The sum of the coefficients is not positive.
+
+    References
+    ----------
+    Rivlin 1948, 10.1098/rsta.1948.0024.
+
+    Examples
+    --------
     >>> import ngsolve as ngs
     >>> MooneyRivlin(c10=300.0, c01=200.0).energy(4 * ngs.Id(3)).dim
     1
@@ -85,10 +101,23 @@ class MooneyRivlin(Addable):
 class Polynomial(Addable):
     """W = Σ c_ij (I₁ - 3)^i (I₂ - 3)^j, initial shear modulus μ₀ = 2 (c₁₀ + c₀₁) (Pa).
 
-    c   (i, j) → c_ij (Pa), whole numbers i, j ≥ 0, not both 0; without (1, 0) and (0, 1) a part for a sum, soft at rest
+    Parameters
+    ----------
+    c : dict of tuple of (int, int) to float or CoefficientFunction
+        (i, j) → c_ij (Pa), whole numbers i, j ≥ 0, not both 0. Without (1, 0) and (0, 1) it is a term of a sum,
+        without initial stiffness.
 
-    Source: Rivlin & Saunders 1951, 10.1098/rsta.1951.0004.
+    Raises
+    ------
+    InputError
+        Inadmissible powers, no coefficient, or an initial modulus that is not positive.
 
+    References
+    ----------
+    Rivlin & Saunders 1951, 10.1098/rsta.1951.0004.
+
+    Examples
+    --------
     >>> import ngsolve as ngs
     >>> Polynomial({(1, 0): 300.0, (0, 1): 200.0, (1, 1): 50.0}).energy(ngs.Id(3)).dim
     1
@@ -117,8 +146,22 @@ class Polynomial(Addable):
 def Yeoh(c1: Value, c2: Value = 0.0, c3: Value = 0.0) -> Polynomial:  # noqa: N802  (reads as a law)
     """W = c₁ (I₁ - 3) + c₂ (I₁ - 3)² + c₃ (I₁ - 3)³, initial shear modulus μ₀ = 2 c₁ (Pa).
 
-    Source: Yeoh 1993, 10.5254/1.3538343.
+    Parameters
+    ----------
+    c1, c2, c3 : float or CoefficientFunction
+        Coefficients (Pa); `c1` is positive.
 
+    Returns
+    -------
+    Polynomial
+        The law as a polynomial.
+
+    References
+    ----------
+    Yeoh 1993, 10.5254/1.3538343.
+
+    Examples
+    --------
     >>> Yeoh(100.0, 20.0) == Polynomial({(1, 0): 100.0, (2, 0): 20.0})
     True
     """
@@ -128,12 +171,23 @@ def Yeoh(c1: Value, c2: Value = 0.0, c3: Value = 0.0) -> Polynomial:  # noqa: N8
 
 @dataclass(frozen=True)
 class Gent(Addable):
-    """W = -μ J_m/2 ln(1 - (I₁ - 3)/J_m), initial shear modulus μ₀ = μ (Pa); no state beyond I₁ - 3 = J_m has an energy.
+    """W = -μ J_m/2 ln(1 - (I₁ - 3)/J_m), initial shear modulus μ₀ = μ (Pa); undefined beyond I₁ - 3 = J_m.
 
-    There energy and stress are NaN, which Newton's method refuses like an inverted element.
+    Beyond this locking limit energy and stress are NaN, which Newton's method rejects like an inverted element.
 
-    Source: Gent 1996, 10.5254/1.3538357.
+    Parameters
+    ----------
+    mu : float or CoefficientFunction
+        Shear modulus (Pa), positive.
+    jm : float or CoefficientFunction
+        Locking limit J_m of I₁ - 3, positive.
 
+    References
+    ----------
+    Gent 1996, 10.5254/1.3538357.
+
+    Examples
+    --------
     >>> import ngsolve as ngs
     >>> Gent(mu=1000.0, jm=2.0).energy(ngs.Id(3)).dim
     1
@@ -156,8 +210,19 @@ class Gent(Addable):
 class Demiray(Addable):
     """W = μ/(2b) (exp(b (I₁ - 3)) - 1), initial shear modulus μ₀ = μ (Pa).
 
-    Source: Demiray 1972, 10.1016/0021-9290(72)90047-4.
+    Parameters
+    ----------
+    mu : float or CoefficientFunction
+        Shear modulus (Pa), positive.
+    b : float or CoefficientFunction
+        Exponential stiffening (dimensionless), positive.
 
+    References
+    ----------
+    Demiray 1972, 10.1016/0021-9290(72)90047-4.
+
+    Examples
+    --------
     >>> import ngsolve as ngs
     >>> Demiray(mu=1000.0, b=5.0).energy(ngs.Id(3)).dim
     1
@@ -179,11 +244,27 @@ class Demiray(Addable):
 class Ogden(Addable):
     """W = Σ 2μ_i/α_i² (λ₁^α_i + λ₂^α_i + λ₃^α_i - 3), initial shear modulus μ₀ = Σ μ_i (Pa); λ² are the eigenvalues of C.
 
-    The convention of Budday 2017 and Miller & Chinzei 2002 (others use μ/α or c/α²). μ and α are one value or a list
-    each, any real α but 0. Stress and tangent are good to 1e-10 at equal stretches too.
+    This is the convention of Budday 2017 and Miller & Chinzei 2002; others use μ/α or c/α². Stress and tangent are
+    accurate to 1e-10 at equal stretches too.
 
-    Source: Ogden 1972, 10.1098/rspa.1972.0026; brain constants: 10.1016/j.actbio.2016.10.036.
+    Parameters
+    ----------
+    mu : float or CoefficientFunction or sequence of float or CoefficientFunction
+        Shear modulus (Pa) of each term, positive.
+    alpha : float or CoefficientFunction or sequence of float or CoefficientFunction
+        Exponent of each term, any real number but 0.
 
+    Raises
+    ------
+    InputError
+        The numbers of moduli and exponents differ, or a value is inadmissible.
+
+    References
+    ----------
+    Ogden 1972, 10.1098/rspa.1972.0026; constants of brain tissue: 10.1016/j.actbio.2016.10.036.
+
+    Examples
+    --------
     >>> import ngsolve as ngs
     >>> Ogden(mu=[1000.0, 200.0], alpha=[-20.0, 2.0]).energy(ngs.Id(3)).dim
     1
@@ -234,7 +315,7 @@ def _power(base: CoefficientFunction, exponent: int) -> CoefficientFunction:
 
 
 def _stiff(law: str, name: str, *parts: Value) -> None:
-    """Raise `InputError` if numbers add up to no initial stiffness."""
+    """Raise `InputError` if coefficients that are numbers give no initial stiffness."""
     for part in parts:
         check_parameter(part, f"{law}.{name}", lambda _: True, "finite numbers")
     if not any(isinstance(part, CoefficientFunction) for part in parts):

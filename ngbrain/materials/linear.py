@@ -1,7 +1,8 @@
-"""Quadratic laws: of the displacement gradient for small strain, of Green's strain for small strain at any rotation.
+"""Quadratic laws: of the displacement gradient (small strain), or of Green's strain (small strain, any rotation).
 
-The linear ones' `energy` takes the strain ε itself, real or complex: written without conjugates, so that a harmonic form
-made of it is complex-symmetric. They know no rotation: turned as a whole by 10°, a body has the energy of 3 % shear.
+The `energy` of the linear laws takes the strain ε itself, real or complex. It is written without complex
+conjugates, so that a harmonic bilinear form made of it is complex-symmetric. Linear laws are not objective: a rigid
+rotation by 10° has the energy of 3 % shear.
 """
 
 from __future__ import annotations
@@ -17,10 +18,10 @@ from ngbrain.materials.fibre import Fibre, structural
 
 
 class SmallStrainLaw(Addable):
-    """A law of ε = sym F - 1."""
+    """Base of laws of the small strain ε = sym F - 1."""
 
     def energy(self, strain: CoefficientFunction) -> CoefficientFunction:
-        """The quadratic form (Pa) of a strain ε: 3×3, or 2×2 for plane strain."""
+        """Quadratic form (Pa) of a strain ε: 3×3, or 2×2 for plane strain."""
         raise NotImplementedError
 
     def density(self, at: Deformation) -> CoefficientFunction:
@@ -30,8 +31,23 @@ class SmallStrainLaw(Addable):
 
 @dataclass(frozen=True)
 class LinearElastic(SmallStrainLaw):
-    """W = μ ε:ε + λ/2 (tr ε)²; shear modulus μ (Pa), bulk modulus λ + 2μ/3 (2μ/3 without λ: for use with a pressure).
+    """Linear elasticity, W = μ ε:ε + λ/2 (tr ε)².
 
+    Parameters
+    ----------
+    mu : float or CoefficientFunction
+        Shear modulus μ (Pa).
+    lam : float or CoefficientFunction, default 0.0
+        Lamé's first parameter λ (Pa), above -2/3 μ. The bulk modulus is λ + 2μ/3; without λ it is 2μ/3, for use
+        with a pressure.
+
+    Raises
+    ------
+    InputError
+        An inadmissible modulus.
+
+    Examples
+    --------
     >>> import ngsolve as ngs
     >>> LinearElastic(mu=1000.0, lam=2000.0).energy(ngs.Id(3)).dim
     1
@@ -44,15 +60,15 @@ class LinearElastic(SmallStrainLaw):
         _elastic("LinearElastic", self.mu, self.lam)
 
     def energy(self, strain: CoefficientFunction) -> CoefficientFunction:
-        """The quadratic form (Pa) of a strain ε: 3×3, or 2×2 for plane strain."""
+        """Quadratic form (Pa) of a strain ε: 3×3, or 2×2 for plane strain."""
         return _quadratic(strain, self.mu, self.lam)
 
 
 @dataclass(frozen=True)
 class Shearing(SmallStrainLaw):
-    """W = μ |dev ε|², dev ε = ε - (tr ε/3) 1: shear alone, μ in Pa and complex for harmonic work (G* = G' + iG'').
+    """W = μ |dev ε|², dev ε = ε - (tr ε/3) 1: deviatoric part alone; μ in Pa, complex in harmonic problems (G* = G' + iG'').
 
-    Change of volume is left to a bulk modulus.
+    The volumetric part is left to a bulk modulus.
 
     >>> import ngsolve as ngs
     >>> Shearing(1000.0 + 200.0j).energy(ngs.Id(3)).dim
@@ -65,17 +81,31 @@ class Shearing(SmallStrainLaw):
         check_positive(self.mu, "Shearing.mu", complex_too=True)
 
     def energy(self, strain: CoefficientFunction) -> CoefficientFunction:
-        """The quadratic form (Pa) of a strain ε: 3×3, or 2×2 for plane strain."""
+        """Quadratic form (Pa) of a strain ε: 3×3, or 2×2 for plane strain."""
         volume = ngs.Trace(strain)
         return self.mu * (ngs.Trace(strain * strain) - 1 / 3 * volume * volume)
 
 
 @dataclass(frozen=True)
 class SaintVenant(TotalStretchLaw):
-    """W = μ E:E + λ/2 (tr E)², E = (C - 1)/2; initial shear modulus μ₀ = μ (Pa), bulk modulus λ + 2μ/3 as in linear theory.
+    """Saint Venant-Kirchhoff law, W = μ E:E + λ/2 (tr E)², E = (C - 1)/2; for small strain at any rotation.
 
-    For small strain at any rotation: pressed to less than 1/√3 of its length it resists ever less.
+    Compressed to less than 1/√3 of its length, the material softens.
 
+    Parameters
+    ----------
+    mu : float or CoefficientFunction
+        Shear modulus μ₀ = μ (Pa).
+    lam : float or CoefficientFunction, default 0.0
+        Lamé's first parameter λ (Pa), above -2/3 μ; the bulk modulus is λ + 2μ/3.
+
+    Raises
+    ------
+    InputError
+        An inadmissible modulus.
+
+    Examples
+    --------
     >>> import ngsolve as ngs
     >>> SaintVenant(mu=1000.0, lam=2000.0).energy(ngs.Id(3)).dim
     1
@@ -94,17 +124,33 @@ class SaintVenant(TotalStretchLaw):
 
 @dataclass(frozen=True)
 class TransverselyIsotropic(SmallStrainLaw):
-    """W = μ |dev ε|² + 2φμ (|εa|² - (a·εa)²) + 2ζμ (a·dev ε a)², with a the unit vector along the fibre.
+    """Transversely isotropic law, W = μ |dev ε|² + 2φμ (|εa|² - (a·εa)²) + 2ζμ (a·dev ε a)², with a the unit vector
+    along the fibre.
 
-    mu     shear modulus across the fibre, μ₂ (Pa)
-    zeta   E₁/E₂ - 1 without change of volume, above -3/4
-    phi    μ₁/μ₂ - 1, above -1; μ₁ is the shear modulus along the fibre
-    fibre  a direction, in 2×2 use one of two components
+    The volumetric part is left to a bulk modulus.
 
-    Change of volume is left to a bulk modulus.
+    Parameters
+    ----------
+    mu : float or CoefficientFunction
+        Shear modulus across the fibre, μ₂ (Pa).
+    zeta : float or CoefficientFunction
+        Tensile anisotropy E₁/E₂ - 1 without change of volume, above -3/4.
+    phi : float or CoefficientFunction
+        Shear anisotropy μ₁/μ₂ - 1, above -1; μ₁ is the shear modulus along the fibre.
+    fibre : Fibre
+        Fibre direction, of two components for 2×2 strains.
 
-    Source: Tweten, Okamoto, Schmidt, Garbow, Bayly 2015, 10.1016/j.jbiomech.2015.09.009.
+    Raises
+    ------
+    InputError
+        An inadmissible parameter.
 
+    References
+    ----------
+    Tweten, Okamoto, Schmidt, Garbow, Bayly 2015, 10.1016/j.jbiomech.2015.09.009.
+
+    Examples
+    --------
     >>> import ngsolve as ngs
     >>> TransverselyIsotropic(mu=1000.0, zeta=1.0, phi=0.5, fibre=(1, 0, 0)).energy(ngs.Id(3)).dim
     1
@@ -127,7 +173,7 @@ class TransverselyIsotropic(SmallStrainLaw):
         return structural(self.fibre, "TransverselyIsotropic.fibre", (2, 3))
 
     def energy(self, strain: CoefficientFunction) -> CoefficientFunction:
-        """The quadratic form (Pa) of a strain ε: 3×3, or 2×2 for plane strain."""
+        """Quadratic form (Pa) of a strain ε: 3×3, or 2×2 for plane strain."""
         M = self._structural()
         if M.dims[0] != strain.dims[0]:
             found, wanted = f"a direction of {M.dims[0]} components", f"{strain.dims[0]} of them, as the strain has"

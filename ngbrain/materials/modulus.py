@@ -1,8 +1,9 @@
-"""The complex shear modulus G*(ω) of harmonic work: stress amplitude over strain amplitude, time factor e^{+iωt}.
+"""Rheological models of the complex shear modulus G*(ω) for harmonic problems: stress over strain, time factor e^{+iωt}.
 
-A modulus is called with ω (rad/s) and answers G* (Pa): the storage modulus G' is its real part, the loss modulus
-G'' ≥ 0 its imaginary part. Numbers in give a complex number, an array of ω gives an array; parameters (or an ω) that
-are Parameters, CoefficientFunctions or GridFunctions give a CoefficientFunction. `a + b` is both side by side.
+A model is called with the angular frequency ω (rad/s) and returns G* (Pa): the storage modulus G' is the real part,
+the loss modulus G'' ≥ 0 the imaginary part. Numbers give a complex number, an array of ω gives an array; parameters
+(or an ω) that are Parameters, CoefficientFunctions or GridFunctions give a CoefficientFunction. `a + b` is the
+parallel connection of two models.
 
 >>> fluid_and_solid = KelvinVoigt(mu=2000.0, eta=1.0) + Springpot(kappa=500.0, exponent=0.3)
 >>> bool(fluid_and_solid(300.0).imag > 0)
@@ -34,23 +35,23 @@ Complex: TypeAlias = complex | np.ndarray | CoefficientFunction
 
 
 def modulus_from_stiffness(stiffness: np.ndarray | float, damping_ratio: np.ndarray | float) -> np.ndarray:
-    """The complex shear modulus of maps of shear stiffness and damping ratio, as elastography publishes them (MRE134, say).
+    """Complex shear modulus from maps of shear stiffness and damping ratio, as published atlases such as MRE134 store them.
 
-    Stiffness is μ = 2|G*|²/(G' + |G*|), ρ times the square of the speed of a plane shear wave, and damping ratio ξ = G''/2G', so
-    that G' = μ (1 + √(1 + 4ξ²))/(2 (1 + 4ξ²)) and G'' = 2ξG'. `ngbrain.inverse.elastography.derived_maps.maps_from_shear` goes the
-    other way.
+    Shear stiffness is μ = 2|G*|²/(G' + |G*|), ρ times the square of the speed of a plane shear wave, and the
+    damping ratio is ξ = G''/2G', so that G' = μ (1 + √(1 + 4ξ²))/(2 (1 + 4ξ²)) and G'' = 2ξG'.
+    `ngbrain.inverse.elastography.derived_maps.maps_from_shear` is the inverse.
 
     Parameters
     ----------
-    stiffness : array_like
-        μ in Pa, at least 0 or NaN.
-    damping_ratio : array_like
-        ξ, at least 0 or NaN.
+    stiffness : numpy.ndarray or float
+        Shear stiffness μ (Pa), at least 0 or NaN.
+    damping_ratio : numpy.ndarray or float
+        Damping ratio ξ (dimensionless), at least 0 or NaN.
 
     Returns
     -------
     numpy.ndarray
-        G* in Pa, complex.
+        Complex shear modulus G* (Pa).
 
     Raises
     ------
@@ -73,7 +74,7 @@ def modulus_from_stiffness(stiffness: np.ndarray | float, damping_ratio: np.ndar
 
 
 class Modulus(ABC):
-    """G*(ω); a new one needs no more than `__call__`."""
+    """Base of models of G*(ω); a new one only defines `__call__`."""
 
     @abstractmethod
     def __call__(self, omega: Frequency) -> Complex:
@@ -88,7 +89,7 @@ class Modulus(ABC):
 
 @dataclass(frozen=True)
 class Parallel(Modulus):
-    """G* = Σ G*_i, made by `modulus + modulus`: all see the same strain."""
+    """Parallel connection, G* = Σ G*_i, made by `modulus + modulus`: all parts have the same strain."""
 
     parts: tuple[Modulus, ...]
 
@@ -100,8 +101,17 @@ class Parallel(Modulus):
 
 @dataclass(frozen=True)
 class KelvinVoigt(Modulus):
-    """G* = μ + iωη: a spring μ (Pa) and a dashpot η (Pa s) side by side.
+    """Kelvin-Voigt model, G* = μ + iωη: a spring and a dashpot in parallel.
 
+    Parameters
+    ----------
+    mu : float or CoefficientFunction
+        Shear modulus of the spring (Pa), positive.
+    eta : float or CoefficientFunction
+        Viscosity of the dashpot (Pa s), at least 0.
+
+    Examples
+    --------
     >>> KelvinVoigt(mu=2000.0, eta=2.0)(100.0)
     (2000+200j)
     """
@@ -120,8 +130,17 @@ class KelvinVoigt(Modulus):
 
 @dataclass(frozen=True)
 class MaxwellModulus(Modulus):
-    """G* = μ iωτ/(1 + iωτ), τ = η/μ: a spring μ (Pa) and a dashpot η (Pa s) one behind the other.
+    """Maxwell model, G* = μ iωτ/(1 + iωτ), τ = η/μ: a spring and a dashpot in series.
 
+    Parameters
+    ----------
+    mu : float or CoefficientFunction
+        Shear modulus of the spring (Pa), positive.
+    eta : float or CoefficientFunction
+        Viscosity of the dashpot (Pa s), positive.
+
+    Examples
+    --------
     >>> MaxwellModulus(mu=1000.0, eta=10.0)(100.0)
     (500+500j)
     """
@@ -140,8 +159,19 @@ class MaxwellModulus(Modulus):
 
 @dataclass(frozen=True)
 class Zener(Modulus):
-    """G* = μ_∞ + μ iωτ/(1 + iωτ), τ = η/μ: a spring beside a `MaxwellModulus` element, the standard linear solid.
+    """Standard linear solid, G* = μ_∞ + μ iωτ/(1 + iωτ), τ = η/μ: a spring in parallel with a Maxwell element.
 
+    Parameters
+    ----------
+    mu_inf : float or CoefficientFunction
+        Equilibrium shear modulus (Pa), positive.
+    mu : float or CoefficientFunction
+        Shear modulus of the Maxwell element (Pa), positive.
+    eta : float or CoefficientFunction
+        Viscosity of the Maxwell element (Pa s), positive.
+
+    Examples
+    --------
     >>> Zener(mu_inf=500.0, mu=1000.0, eta=10.0)(100.0)
     (1000+500j)
     """
@@ -162,13 +192,23 @@ class Zener(Modulus):
 
 @dataclass(frozen=True)
 class Springpot(Modulus):
-    """G* = κ (iω)^a: between a spring (a = 0) and a dashpot (a = 1); loss tangent tan(πa/2) at every ω.
+    """Springpot, G* = κ (iω)^a: between a spring (a = 0) and a dashpot (a = 1); the loss tangent is tan(πa/2) at every ω.
 
-    kappa      κ > 0 (Pa s^a)
-    exponent   a, 0 < a < 1
+    The relaxation function is κ t^(-a)/Γ(1 - a).
 
-    Its relaxation function is κ t^(-a)/Γ(1 - a). Source: Koeller 1984, 10.1115/1.3167616.
+    Parameters
+    ----------
+    kappa : float or CoefficientFunction
+        Coefficient κ (Pa s^a), positive.
+    exponent : float or CoefficientFunction
+        Exponent a, between 0 and 1.
 
+    References
+    ----------
+    Koeller 1984, 10.1115/1.3167616.
+
+    Examples
+    --------
     >>> G = Springpot(kappa=100.0, exponent=0.5)(400.0)
     >>> round(G.imag / G.real, 12)
     1.0
@@ -193,16 +233,25 @@ class Springpot(Modulus):
 
 @dataclass(frozen=True)
 class PowerLaw(Modulus):
-    """G* = (G'₀ + iG''₀) (ω/ω₀)^a, as fitted to elastography at several frequencies around ω₀.
+    """Power law G* = (G'₀ + iG''₀) (ω/ω₀)^a, as fitted to elastography at several frequencies around ω₀.
 
-    storage, loss   G'₀ > 0 and G''₀ ≥ 0 (Pa), at ω₀
-    exponent        a ≥ 0
-    reference       ω₀ > 0 (rad/s)
+    It describes only the measured frequencies. Storage and loss modulus obey the Kramers-Kronig relations only if
+    G''₀/G'₀ = tan(πa/2), 0 < a < 1; the model is then the `Springpot` of κ = |G*₀| ω₀^(-a). Any other has no real
+    and causal relaxation function.
 
-    It is a description of the frequencies measured. Only with G''₀/G'₀ = tan(πa/2), 0 < a < 1, do its parts obey the
-    relations of Kramers and Kronig; then it is the `Springpot` of κ = |G*₀| ω₀^(-a). Any other has no relaxation
-    function in time that is real and causal.
+    Parameters
+    ----------
+    storage : float or CoefficientFunction
+        Storage modulus G'₀ (Pa) at ω₀, positive.
+    loss : float or CoefficientFunction
+        Loss modulus G''₀ (Pa) at ω₀, at least 0.
+    exponent : float or CoefficientFunction
+        Exponent a, at least 0.
+    reference : float or CoefficientFunction
+        Reference frequency ω₀ (rad/s), positive.
 
+    Examples
+    --------
     >>> PowerLaw(storage=2000.0, loss=800.0, exponent=0.5, reference=300.0)(1200.0)
     (4000+1600j)
     """
@@ -225,12 +274,26 @@ class PowerLaw(Modulus):
 
 @dataclass(frozen=True)
 class PronySeries(Modulus):
-    """G* = μ (1 - Σ g_k + Σ g_k iωτ_k/(1 + iωτ_k)): the image of G(t) = μ (1 - Σ g_k + Σ g_k e^(-t/τ_k)).
+    """Prony series G* = μ (1 - Σ g_k + Σ g_k iωτ_k/(1 + iωτ_k)).
 
-    mu    instantaneous shear modulus (Pa)
-    g     fractions of it that relax, each > 0, sum < 1
-    tau   relaxation times (s)
+    It is the transform of the relaxation modulus G(t) = μ (1 - Σ g_k + Σ g_k e^(-t/τ_k)).
 
+    Parameters
+    ----------
+    mu : float or CoefficientFunction
+        Instantaneous shear modulus (Pa), positive.
+    g : sequence of float or CoefficientFunction
+        Relaxing fractions of it, each positive, with a sum below 1.
+    tau : sequence of float or CoefficientFunction
+        Relaxation times (s), positive.
+
+    Raises
+    ------
+    InputError
+        An inadmissible value, or different numbers of fractions and times.
+
+    Examples
+    --------
     >>> PronySeries(mu=1500.0, g=[2 / 3], tau=[0.01])(100.0)
     (1000+500j)
     """
@@ -260,7 +323,7 @@ class PronySeries(Modulus):
 
 
 def fourier(material: Viscous | Law) -> PronySeries:
-    """The modulus of small harmonic strains of a material: every part's `initial_modulus` and time, from its energy.
+    """Complex modulus of a viscoelastic material at small strain: initial moduli and relaxation times of all branches.
 
     >>> from ngbrain.materials import NeoHooke, Prony
     >>> fourier(Prony(NeoHooke(1500.0), g=[2 / 3], tau=[0.01]))(100.0)
@@ -274,7 +337,15 @@ def fourier(material: Viscous | Law) -> PronySeries:
 
 @dataclass(frozen=True)
 class ShearWave:
-    """A plane shear wave e^{i(ωt - kz)} of angular frequency ω (rad/s) and wave number k (1/m), Im k ≤ 0."""
+    """Plane shear wave e^{i(ωt - kz)}.
+
+    Parameters
+    ----------
+    omega : float or numpy.ndarray
+        Angular frequency ω (rad/s).
+    k : complex or numpy.ndarray
+        Wave number (1/m), Im k ≤ 0.
+    """
 
     omega: float | np.ndarray
     k: complex | np.ndarray
@@ -291,14 +362,35 @@ class ShearWave:
 
     @property
     def depth(self) -> float | np.ndarray:
-        """Way (m) on which the amplitude falls to 1/e; infinite without loss."""
+        """Penetration depth (m), over which the amplitude falls to 1/e; infinite without loss."""
         with np.errstate(divide="ignore"):
             return 1 / np.abs(np.imag(self.k))
 
 
 def shear_wave(G: complex | np.ndarray, rho: float, omega: float | np.ndarray) -> ShearWave:
-    """The wave in a medium of modulus G* (Pa) and density ρ (kg/m³): k = ω √(ρ/G*).
+    """Plane shear wave in a homogeneous medium, k = ω √(ρ/G*).
 
+    Parameters
+    ----------
+    G : complex or numpy.ndarray
+        Complex shear modulus G* (Pa), with an imaginary part of at least 0.
+    rho : float
+        Density ρ (kg/m³).
+    omega : float or numpy.ndarray
+        Angular frequency ω (rad/s).
+
+    Returns
+    -------
+    ShearWave
+        The wave.
+
+    Raises
+    ------
+    InputError
+        A negative loss modulus, or a density that is not positive.
+
+    Examples
+    --------
     >>> wave = shear_wave(2000 + 800j, rho=1000.0, omega=2 * math.pi * 50)
     >>> round(1e3 * float(wave.length), 1), round(1e3 * float(wave.depth), 1)
     (29.9, 24.7)

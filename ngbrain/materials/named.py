@@ -1,4 +1,4 @@
-"""A law as a scene has it: by its name in the registry or by its place, with the values of its parameters."""
+"""Laws as scenes state them: by registry name or by the path of a user-defined law, with parameter values."""
 
 from __future__ import annotations
 
@@ -24,11 +24,24 @@ from ngbrain.materials.registry import (
 )
 
 ETA = Parameter("eta", "Pa_s", 1e-6, 1e12)
-"""Of a branch, whatever its law is."""
+"""Viscosity of a branch, whatever its law."""
 
 
 def from_folder(material: Any, folder: Path) -> Any:
-    """A material, or a list of them, as a file in a folder has it, with the path of its law as it is from here."""
+    """Resolve the relative path of a user-defined law against the folder of the file that names it.
+
+    Parameters
+    ----------
+    material : object
+        Table of a material, or a list of them.
+    folder : pathlib.Path
+        Folder of the file.
+
+    Returns
+    -------
+    object
+        The same with resolved paths.
+    """
     if isinstance(material, list):
         return [from_folder(each, folder) for each in material]
     source = material.get("path") if isinstance(material, dict) else None
@@ -38,14 +51,14 @@ def from_folder(material: Any, folder: Path) -> Any:
 
 @dataclass(frozen=True)
 class NamedLaw:
-    """A law by its name in the registry, or by its place, with its parameters' values (SI).
+    """A law by its name in the registry, or by its path, with its parameter values (SI).
 
     Parameters
     ----------
     name : str
-        One of `REGISTRY`, or FILE.py:CLASS, package.module:CLASS.
-    values : tuple of (str, number or tuple)
-        The parameters given, in the order of the registry.
+        A key of `REGISTRY`, FILE.py:CLASS or package.module:CLASS.
+    values : tuple of (str, float or tuple of float)
+        Parameter names and values, in the order of the registry.
 
     Examples
     --------
@@ -58,10 +71,25 @@ class NamedLaw:
 
     @classmethod
     def read(cls, data: Mapping[str, Any], path: str = "material") -> NamedLaw:
-        """From a table of a file: `name`, or the `path` of a law of one's own, and its parameters with the unit in the key.
+        """Read a law from a table: `name`, or the `path` of a user-defined law, and its parameters with the unit in the key.
 
-        Raises `InputError` for a name that is none, a file that may not be run, a parameter that is missing, unknown or out of its
-        bounds, for values that the law itself refuses, and for a law of one's own that is not admitted.
+        Parameters
+        ----------
+        data : dict of str to object
+            The table.
+        path : str, default 'material'
+            Position of the table in the file, for messages.
+
+        Returns
+        -------
+        NamedLaw
+            The law.
+
+        Raises
+        ------
+        InputError
+            An unknown name, a file that may not be run, a parameter that is missing, unknown or out of its bounds,
+            values that the law itself refuses, or a user-defined law that is not admitted.
         """
         name, source = data.get("name"), data.get("path")
         if source is not None and name is not None:
@@ -95,7 +123,7 @@ class NamedLaw:
 
     @property
     def entry(self) -> LawEntry:
-        """Of the registry, or of the file that was run."""
+        """Entry of the registry, or of the file that was run."""
         return entry_at(self.name, "material") if ":" in self.name else REGISTRY[self.name]
 
     def law(self) -> Law:
@@ -104,29 +132,29 @@ class NamedLaw:
 
     @property
     def cautions(self) -> list[str]:
-        """Where a law of one's own is not elliptic, or has no energy, in words."""
+        """Warnings: where a user-defined law is not elliptic or has no finite energy."""
         return list(_admitted(self)) if self.entry.is_user_defined else []
 
     def to_dict(self) -> dict[str, Any]:
-        """As a file has it."""
+        """The table, as a file states it."""
         keys = {parameter.name: parameter.key for parameter in self.entry.parameters}
         shown = {keys[name]: list(v) if isinstance(v, tuple) else v for name, v in self.values}
         return {"path" if ":" in self.name else "name": self.name, **shown}
 
-    def __reduce__(self) -> tuple[Any, ...]:  # another process has to run the file too
+    def __reduce__(self) -> tuple[Any, ...]:  # another process has to execute the file too
         return _restored, (self.name, self.values, self.entry.source)
 
 
 @dataclass(frozen=True)
 class NamedBranch:
-    """A Maxwell branch: a law by its name or place, and a viscosity (Pa s).
+    """A Maxwell branch: a law by its name or path, and a viscosity.
 
     Parameters
     ----------
     named : NamedLaw
-        Of the spring, an isotropic one.
+        Law of the spring, isotropic.
     eta : float
-        η (Pa s); the branch relaxes in η/μ at small strain.
+        Viscosity η (Pa s); the relaxation time at small strain is η/μ.
 
     Examples
     --------
@@ -139,7 +167,25 @@ class NamedBranch:
 
     @classmethod
     def read(cls, data: Mapping[str, Any], path: str = "maxwell") -> NamedBranch:
-        """From a table of a file: that of a law, and `eta_Pa_s`; `InputError` for a law that cannot be a branch."""
+        """Read a branch from a table: that of a law, and `eta_Pa_s`.
+
+        Parameters
+        ----------
+        data : dict of str to object
+            The table.
+        path : str, default 'maxwell'
+            Position of the table in the file, for messages.
+
+        Returns
+        -------
+        NamedBranch
+            The branch.
+
+        Raises
+        ------
+        InputError
+            What `NamedLaw.read` refuses, no viscosity, or a law that cannot be a branch.
+        """
         if ETA.key not in data:
             raise InputError(f"{path}.{ETA.key}", "missing", ETA.wanted)
         named = NamedLaw.read({key: value for key, value in data.items() if key != ETA.key}, path)
@@ -155,7 +201,7 @@ class NamedBranch:
         return Maxwell(self.named.law(), self.eta)
 
     def to_dict(self) -> dict[str, Any]:
-        """As a file has it."""
+        """The table, as a file states it."""
         return {**self.named.to_dict(), ETA.key: self.eta}
 
 
@@ -170,7 +216,7 @@ def _restored(name: str, values: tuple[tuple[str, Number], ...], source: str) ->
 
 @lru_cache(maxsize=256)
 def _admitted(named: NamedLaw) -> tuple[str, ...]:
-    """What to know of a law of one's own; `InputError` where it is not admitted."""
+    """Warnings about a user-defined law; `InputError` where it is not admitted."""
     name = named.name.rpartition(":")[2]
     try:
         law = named.law()

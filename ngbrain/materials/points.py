@@ -1,4 +1,4 @@
-"""Arrays in, arrays out: CoefficientFunctions evaluated at many points at once, with or without a mesh of the user's."""
+"""Evaluation of CoefficientFunctions at many points at once, from arrays to arrays, with or without a mesh."""
 
 from __future__ import annotations
 
@@ -16,20 +16,27 @@ from ngbrain.tensors import tensor
 
 EVERYWHERE = slice(None)
 TINY = 1e-30
-"""A shear that is nothing: of 0 itself NGSolve leaves out what is multiplied by it, before anything is differentiated."""
+"""A shear of practically zero: NGSolve drops terms multiplied by an exact 0 before they are differentiated."""
 AT_ONCE = 16
-"""Points of one element that NGSolve evaluates a function at together. It counts those beyond from 0 again, and as fields at
-quadrature points know a point by its number in its element, they are then read where others' values, or none, are."""
+"""Number of points of one element that NGSolve evaluates together. It numbers further points from 0 again. Fields
+at quadrature points identify a point by its number in its element, so they would be read at wrong points.
+"""
 _CONSTANT = re.compile(r"(ZeroCF|Identity matrix|[-+]?[\d.]+(e[-+]?\d+)?\s*$)")
-"""What numbers are called in NGSolve's steps of an expression."""
+"""Names of numbers in NGSolve's printed expression steps."""
 
 
 class Points:
     """n points that hold fields given as arrays (components, n).
 
-    space   scalar space with one unknown for each point
-    mapped  the points, for evaluation
+    Parameters
+    ----------
+    space : ngs.FESpace
+        Scalar space with one unknown per point.
+    mapped : numpy.ndarray
+        The points, mapped for evaluation.
 
+    Examples
+    --------
     >>> points = Points.line(3)
     >>> x = points.field(np.array([[1.0, 2.0, 3.0]]))
     >>> points(x[0] * x[0])
@@ -42,7 +49,7 @@ class Points:
 
     @classmethod
     def line(cls, n: int) -> Points:
-        """Points without a place, for laws whose parameters are numbers or `Parameter`s."""
+        """Points without position, for laws whose parameters are numbers or `Parameter`s."""
         space, mapped = _line(1 << max(n - 1, 0).bit_length())
         return cls(space, mapped[:n])
 
@@ -53,19 +60,42 @@ class Points:
         return field
 
     def put(self, field: ngs.GridFunction, values: np.ndarray) -> None:
-        """Set the values (components, n) of a `field`."""
+        """Set the values of a field.
+
+        Parameters
+        ----------
+        field : ngs.GridFunction
+            A field made by `field`.
+        values : numpy.ndarray of shape (components, n)
+            New values.
+        """
         field.vec.FV().NumPy().reshape(len(values), -1)[:, : len(self.mapped)] = values
 
     def share_element(self, numbers: np.ndarray, some: np.ndarray) -> np.ndarray:
-        """Which points, of these numbers, are in an element with some of them (both masks)."""
+        """Which points lie in an element that contains at least one of the selected points.
+
+        Parameters
+        ----------
+        numbers : numpy.ndarray
+            Numbers of the points.
+        some : numpy.ndarray
+            Mask over `numbers` of the selected points.
+
+        Returns
+        -------
+        numpy.ndarray
+            Mask over `numbers` of the points in the same elements as selected ones.
+        """
         element = self.mapped["nr"][numbers]
         busy = np.zeros(element.max(initial=-1) + 1, bool)
         busy[element[some]] = True
         return busy[element]
 
     def __call__(self, function: CoefficientFunction, where: np.ndarray | slice = EVERYWHERE) -> np.ndarray:
-        """Its values (components, n), tensors by rows; or those at some points, all of their elements (`beside`): fields know
-        a point by its place in its element.
+        """Values (components, n) of a function, tensors by rows; or those at some points.
+
+        Such points must be all points of their elements (`share_element`), as fields identify a point by its number
+        in its element.
         """
         if self._crowded:
             field = ngs.GridFunction(self.space if function.dim == 1 else ngs.VectorValued(self.space, function.dim))
@@ -75,10 +105,23 @@ class Points:
 
 
 def evaluate_at_points(function: CoefficientFunction, mapped: np.ndarray) -> np.ndarray:
-    """Values (n, components) at the points of elements of one shape, each with all of its points, `AT_ONCE` at most.
+    """Values of a function at points of elements of one shape.
 
-    NGSolve gives every thread an equal share of the points, and fields at quadrature points know a point by its place in its
-    element: a share that began inside one would read others' values. So the last element is repeated until shares are whole.
+    Every element is present with all of its points, at most `AT_ONCE`. NGSolve gives every thread an equal share of
+    the points. A share that began inside an element would read the values of other points, as fields identify a
+    point by its number in its element. So the last element is repeated until no share does.
+
+    Parameters
+    ----------
+    function : CoefficientFunction
+        Function to evaluate.
+    mapped : numpy.ndarray
+        Mapped points, element by element.
+
+    Returns
+    -------
+    numpy.ndarray of shape (n, components)
+        Values, tensors by rows.
     """
     n = len(mapped)
     if n == 0 or ngs.ngsglobals.numthreads == 1:
@@ -97,12 +140,12 @@ def _line(n: int) -> tuple[ngs.FESpace, np.ndarray]:
 
 
 def number(value: Value) -> float:
-    """What a number, a `Parameter` or an expression of these holds."""
+    """The value of a number, a `Parameter` or an expression of these."""
     return float(Points.line(1)(value)[0, 0]) if isinstance(value, CoefficientFunction) else float(value)
 
 
 def initial_modulus(law: Law) -> Value:
-    """Shear modulus (Pa) of an isotropic law at rest, ∂²W/∂γ² in simple shear γ; it may depend on place.
+    """Initial shear modulus (Pa) of an isotropic law, ∂²W/∂γ² in simple shear γ; a field where the law varies in space.
 
     >>> from ngbrain.materials import Ogden
     >>> initial_modulus(Ogden(mu=[1000.0, 200.0], alpha=[-20.0, 2.0]))
@@ -114,7 +157,7 @@ def initial_modulus(law: Law) -> Value:
 
 
 def varies(law: Law) -> bool:
-    """Whether the energy of a law has anything but numbers in it: fields, `Parameter`s, places; whatever the law is made of.
+    """Whether the energy of a law contains anything but numbers: fields, `Parameter`s or coordinates.
 
     >>> from ngbrain.materials import Demiray
     >>> varies(Demiray(1e3, 2.0)), varies(Demiray(1e3, ngs.Parameter(2.0)))
@@ -126,13 +169,13 @@ def varies(law: Law) -> bool:
 
 
 def _sheared() -> tuple[CoefficientFunction, CoefficientFunction]:
-    """F of simple shear, and the shear, which is nothing."""
+    """F of simple shear, and the shear, which is practically zero."""
     shear = ngs.CF(TINY).MakeVariable()
     return tensor(1, shear, 0, 0, 1, 0, 0, 0, 1), shear
 
 
 def isotropic(law: Law) -> bool:
-    """Whether a law has the same energy for a shape and the shape turned.
+    """Whether the energy of a law is unchanged by a rotation of the reference configuration.
 
     >>> from ngbrain.materials import Guccione, NeoHooke
     >>> isotropic(NeoHooke(1.0)), isotropic(Guccione(1.0, 8.0, 2.0, 4.0, (1, 0, 0)))

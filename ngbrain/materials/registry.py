@@ -1,12 +1,13 @@
-"""Laws by name: what a scene's file or a command may ask for, with the parameters of each, their units and bounds.
+"""Registry of laws by name, with parameters, units and bounds, for scene files and commands.
 
-A law of one's own takes a class (see `ngbrain.materials.base.Law`) that says its `initial_modulus`, and one line, such as
+A user-defined law needs a class (see `ngbrain.materials.base.Law`) that states its `initial_modulus`, and one line,
+such as
 
     REGISTRY["LopezPamies"] = LawEntry(LopezPamies, (MU, Parameter("a", low=0.1, high=20.0)))
 
-in a Python file for `--laws` (`register`), or no line at all: a scene's `path = "my_laws.py:LopezPamies"` then takes the
-arguments of the class. `ngbrain.materials.admission` is what it has to pass. The file is run, so a scene that a run wrote may
-not ask for it.
+in a Python file for `--laws` (`register`). Without such a line, `path = "my_laws.py:LopezPamies"` in a scene takes
+the arguments of the class as parameters. `ngbrain.materials.admission` checks the law. The file is executed, so a
+scene that a run has written may not name one.
 
 >>> [parameter.key for parameter in REGISTRY["Gent"].parameters]
 ['mu_Pa', 'jm']
@@ -41,15 +42,15 @@ class Parameter:
     Parameters
     ----------
     name : str
-        As the law's class has it.
-    unit : str
-        "Pa", or "" of a pure number.
-    low, high : float
-        What it lies between, ends included.
+        Name of the argument of the law's class.
+    unit : str, default ''
+        "Pa", or "" for a dimensionless parameter.
+    low, high : float, default -math.inf
+        Admissible range, ends included.
     default : float, optional
-        Without one it has to be given.
-    several : bool
-        Whether there may be a list of them, a term each.
+        Default value; without one the parameter is required.
+    several : bool, default False
+        Whether a list is admissible, one value per term.
     """
 
     name: str
@@ -61,18 +62,36 @@ class Parameter:
 
     @property
     def key(self) -> str:
-        """With its unit, as a file has it."""
+        """Key in a file: the name with its unit."""
         return f"{self.name}_{self.unit}" if self.unit else self.name
 
     @property
     def wanted(self) -> str:
-        """What is accepted, in words."""
+        """Description of admissible values."""
         unit = f" in {self.unit}" if self.unit else ""
         many = ", or a list of them" if self.several else ""
         return f"a number{unit} from {self.low:g} to {self.high:g}{many}"
 
     def read(self, raw: Any, path: str) -> Number:
-        """The value; `InputError` for one that is none."""
+        """Check a value from a file.
+
+        Parameters
+        ----------
+        raw : object
+            Value as read.
+        path : str
+            Position of the table in the file, for messages.
+
+        Returns
+        -------
+        Number
+            The value, or a tuple of values.
+
+        Raises
+        ------
+        InputError
+            No number, out of range, or a list where one value is expected.
+        """
         many = isinstance(raw, list | tuple)
         values = raw if many else [raw]
         numbers = all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
@@ -86,7 +105,17 @@ class Parameter:
 
 @dataclass(frozen=True)
 class LawEntry:
-    """A law that has a name: what makes it of its parameters, and of a user's own `FILE.py:CLASS` or `package.module:CLASS`."""
+    """Entry of the registry.
+
+    Parameters
+    ----------
+    make : callable
+        Class or function that makes the law from its parameters.
+    parameters : tuple of Parameter
+        The parameters.
+    source : str, default ''
+        `FILE.py:CLASS` or `package.module:CLASS` of a user-defined law, else "".
+    """
 
     make: Callable[..., Law]
     parameters: tuple[Parameter, ...]
@@ -94,12 +123,12 @@ class LawEntry:
 
     @property
     def is_user_defined(self) -> bool:
-        """Whether it is none of the package."""
+        """Whether the law is not part of this package."""
         return not self.make.__module__.startswith("ngbrain.")
 
     @property
     def about(self) -> str:
-        """The first line of what its class says of itself."""
+        """First line of the docstring of its class."""
         return (inspect.getdoc(self.make) or "").partition("\n")[0]
 
 
@@ -127,17 +156,20 @@ REGISTRY: dict[str, LawEntry] = {
 
 
 RESULT = "result.json"
-"""What says that a folder has results in it."""
+"""File whose presence marks a folder of results."""
 WHERE = "FILE.py:CLASS, or package.module:CLASS"
 _loaded: dict[str, dict[str, LawEntry]] = {}
-"""Files and modules that were run → their laws."""
+"""Files and modules already executed → their laws."""
 _given: ContextVar[str] = ContextVar("given", default="a scene that is not read from a file")
-"""Why a scene may not name a file to be run; nothing where it may."""
+"""Why a scene may not name a file to be executed; empty where it may."""
 
 
 @contextmanager
 def reading(file: str | Path) -> Iterator[None]:
-    """A user's own file is read, which may name a file of laws; one beside a result.json may not, as a run wrote it."""
+    """Context in which a user's own file is read, which may name a file of laws.
+
+    A file beside a result.json may not, as a run has written it.
+    """
     folders = {Path(file).parent, Path(file).resolve().parent}
     of_results = [folder for folder in folders if (folder / RESULT).exists()]
     token = _given.set(f"a scene beside {of_results[0] / RESULT}" if of_results else "")
@@ -148,33 +180,34 @@ def reading(file: str | Path) -> Iterator[None]:
 
 
 def register(where: str | Path) -> list[str]:
-    """Give the laws of a Python file, or of a module that can be imported, their names in `REGISTRY`; it is run.
+    """Execute a Python file or importable module and add its laws to `REGISTRY`.
 
     Parameters
     ----------
-    where : str or Path
-        The file, or the module's name. Every class in it that has an `energy` is a law under its name, with the arguments of the
-        class or the `Parameter`s that its `parameters` lists; so is what the file itself puts into `REGISTRY`.
+    where : str or pathlib.Path
+        The file, or the name of the module. Every class with an `energy` is a law under its own name. Its
+        parameters are the arguments of the class, or the `Parameter`s that its attribute `parameters` lists. What
+        the file itself puts into `REGISTRY` is added too.
 
     Returns
     -------
     list of str
-        Their names.
+        The names of the laws.
 
     Raises
     ------
     InputError
-        It cannot be run, has no law, or has a name that is taken.
+        The file fails, has no law, or uses a name that is taken.
 
     Examples
     --------
     >>> register("ngbrain.materials.linear")
     Traceback (most recent call last):
-    ngbrain.errors.InputError: --laws is 'ngbrain.materials.linear', which is the package's own; wanted: laws of your own
+    ngbrain.errors.InputError: --laws is 'ngbrain.materials.linear', a module of this package; wanted: user-defined laws
     """
     place = _place(str(where))
     if place.split(".")[0] == "ngbrain":
-        raise InputError("--laws", f"{str(where)!r}, which is the package's own", "laws of your own")
+        raise InputError("--laws", f"{str(where)!r}, a module of this package", "user-defined laws")
     found = laws_of(place, "--laws")
     if not found:
         raise InputError("--laws", f"{where}, without a law", "a file with a class that has `energy(C)`")
@@ -186,12 +219,30 @@ def register(where: str | Path) -> list[str]:
 
 
 def _place(where: str) -> str:
-    """A file's whole path, a module's name as it is."""
+    """Absolute path of a file; the name of a module unchanged."""
     return str(Path(where).resolve()) if where.endswith(".py") else where
 
 
 def laws_of(place: str, path: str) -> dict[str, LawEntry]:
-    """The laws of a file or module, which is run once."""
+    """The laws of a file or module, which is executed once.
+
+    Parameters
+    ----------
+    place : str
+        Absolute path of the file, or name of the module.
+    path : str
+        Name of the field or option, for messages.
+
+    Returns
+    -------
+    dict of str to LawEntry
+        Laws by name.
+
+    Raises
+    ------
+    InputError
+        The file fails, or uses a name that is taken.
+    """
     if place not in _loaded:
         before = dict(REGISTRY)
         try:
@@ -214,12 +265,12 @@ def laws_of(place: str, path: str) -> dict[str, LawEntry]:
 
 
 def _run(place: str, path: str) -> ModuleType:
-    """The module; whatever goes wrong in it is an `InputError`."""
+    """Execute the module; every failure in it becomes an `InputError`."""
     try:
         if not place.endswith(".py"):
             return importlib.import_module(place)
         if not Path(place).is_file():
-            raise InputError(path, f"{place}, where no file is", "a Python file with a law in it")
+            raise InputError(path, f"{place}, which does not exist", "a Python file with a law in it")
         name = f"ngbrain_own_laws_{len(_loaded)}_{Path(place).stem}"
         spec = importlib.util.spec_from_file_location(name, place)
         assert spec is not None and spec.loader is not None
@@ -233,7 +284,7 @@ def _run(place: str, path: str) -> ModuleType:
 
 
 def _arguments(make: type, path: str) -> tuple[Parameter, ...]:
-    """What a class says of its parameters, or the arguments that it takes."""
+    """Parameters that a class declares, or the arguments that it takes."""
     declared = getattr(make, "parameters", None)
     if isinstance(declared, tuple) and all(isinstance(each, Parameter) for each in declared):
         return declared
@@ -248,12 +299,31 @@ def _arguments(make: type, path: str) -> tuple[Parameter, ...]:
 
 
 def describe_error(error: BaseException) -> str:
-    """What went wrong in code of a user's, in a line."""
+    """One-line description of an error in user code."""
     return f"{type(error).__name__}: {' '.join(str(error).split())}"
 
 
 def entry_at(source: str, path: str) -> LawEntry:
-    """A user's own law by its place; `InputError` unless that was run already, or the file that names it may have it run."""
+    """Entry of a user-defined law by its path.
+
+    Parameters
+    ----------
+    source : str
+        FILE.py:CLASS or package.module:CLASS.
+    path : str
+        Position of the table in the file, for messages.
+
+    Returns
+    -------
+    LawEntry
+        The entry.
+
+    Raises
+    ------
+    InputError
+        A malformed path, no such class, or a file that was not executed before and that this scene may not have
+        executed.
+    """
     where, _, name = source.rpartition(":")
     if not where or not name.isidentifier():
         raise InputError(f"{path}.path", repr(source), WHERE)
@@ -262,7 +332,7 @@ def entry_at(source: str, path: str) -> LawEntry:
         wanted = "no code to be run: give the file by --laws (in Python: ngbrain.materials.registry.register), or move the scene"
         raise InputError(f"{path}.path", f"{source!r}, in {why}", wanted)
     laws = laws_of(place, f"{path}.path")
-    if name not in laws and not place.endswith(".py"):  # a class that the module has from elsewhere
+    if name not in laws and not place.endswith(".py"):  # a class that the module imports
         made = getattr(sys.modules[place], name, None)
         if isinstance(made, type) and callable(getattr(made, "energy", None)):
             laws[name] = LawEntry(made, _arguments(made, f"{path}.path"), f"{place}:{name}")

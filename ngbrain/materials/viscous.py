@@ -1,14 +1,15 @@
-"""Relaxing materials by a hereditary law whose time step is again an energy.
+"""Hereditary viscoelasticity, with time steps that are again energies.
 
-Each branch k has its own isochoric energy W_k(C̄) and time τ_k; W_∞ stays. With S̄_k = DEV{2 ∂W_k/∂C̄},
-x_k = Δt/τ_k, e_k = exp(-x_k) and β_k = (1 - e_k)/x_k, the state at the end of a step minimises
+Each branch k has an isochoric energy W_k(C̄) and a relaxation time τ_k; W_∞ is the equilibrium energy. With S̄_k =
+DEV{2 ∂W_k/∂C̄}, x_k = Δt/τ_k, e_k = exp(-x_k) and β_k = (1 - e_k)/x_k, the state at the end of a step minimises
 
     W = W_∞(C̄) + Σ β_k W_k(C̄) + ½ Σ (e_k H_k - β_k S̄_k) : C̄          (H_k, S̄_k at the start of the step)
 
-and the history moves on by H_k ← e_k H_k + β_k (S̄_k,new - S̄_k). Exact for S̄ linear in time within a step, second
-order otherwise, stable for any Δt/τ; Δt → 0 gives W_∞ + Σ W_k, Δt → ∞ gives W_∞.
+and the internal variables are updated by H_k ← e_k H_k + β_k (S̄_k,new - S̄_k). The update is exact for S̄ linear
+in time within a step, of second order otherwise, and stable for any Δt/τ; Δt → 0 gives W_∞ + Σ W_k, Δt → ∞ gives
+W_∞.
 
-Source: Simo 1987, 10.1016/0045-7825(87)90107-1; Simo & Hughes 1998, section 10.3.
+References ---------- Simo 1987, 10.1016/0045-7825(87)90107-1; Simo & Hughes 1998, section 10.3.
 """
 
 from __future__ import annotations
@@ -30,7 +31,15 @@ from ngbrain.tensors import lagrangian_deviator
 
 @dataclass(frozen=True)
 class Branch:
-    """One relaxing branch: its energy W_k (a law) and its time τ_k (s)."""
+    """Hereditary viscoelastic branch.
+
+    Parameters
+    ----------
+    law : Law
+        Its energy W_k.
+    tau : float or CoefficientFunction
+        Relaxation time τ_k (s), positive.
+    """
 
     law: Law
     tau: Value
@@ -44,9 +53,21 @@ class Branch:
         return overstress(density(self.law, Deformation.from_stretch(C)), C)
 
     def overstress(self, points: Points, C: CoefficientFunction, times: np.ndarray) -> np.ndarray:
-        """H (Pa), shape (histories, times, 3, 3), under given histories of C̄; at the first time H = S̄.
+        """Overstress H under given histories of C̄; at the first time H = S̄.
 
-        C holds its values at `points`: one history after the other. A branch of another kind has its own `overstress`.
+        Parameters
+        ----------
+        points : Points
+            Evaluation points.
+        C : CoefficientFunction
+            C̄, with its values at `points`: one history after the other.
+        times : numpy.ndarray of shape (times)
+            Times (s).
+
+        Returns
+        -------
+        numpy.ndarray of shape (histories, times, 3, 3)
+            Overstress H (Pa).
         """
         S = points(self.stress(C).Compile()).T.reshape(-1, len(times), 3, 3)
         H = S.copy()
@@ -57,17 +78,39 @@ class Branch:
 
 
 def overstress(energy: CoefficientFunction, C: CoefficientFunction) -> CoefficientFunction:
-    """DEV{2 ∂W/∂C̄} (Pa) of an energy of the variable C̄, 3×3."""
+    """DEV{2 ∂W/∂C̄} of an energy.
+
+    Parameters
+    ----------
+    energy : CoefficientFunction
+        Energy density (Pa).
+    C : CoefficientFunction
+        The variable C̄, 3×3.
+
+    Returns
+    -------
+    CoefficientFunction
+        Stress (Pa), 3×3.
+    """
     by_C = energy.Diff(C)
-    return lagrangian_deviator(by_C + by_C.trans, C)  # a law of single entries leaves by_C unsymmetric
+    return lagrangian_deviator(by_C + by_C.trans, C)  # by_C is unsymmetric for laws of single entries
 
 
 @dataclass(frozen=True)
 class Viscous:
-    """A law that stays, W_∞, and branches that relax: hereditary (`Branch`) or of finite viscoelasticity (`Maxwell`).
+    """Viscoelastic material: an equilibrium law and viscoelastic branches.
 
-    `+` adds a law to W_∞, or another such material with its branches.
+    `+` adds a law to the equilibrium law, or another viscoelastic material with its branches.
 
+    Parameters
+    ----------
+    equilibrium : Law
+        Equilibrium law W_∞.
+    branches : tuple of Branch or Maxwell, default ()
+        Hereditary branches (`Branch`) and branches of finite viscoelasticity (`Maxwell`).
+
+    Examples
+    --------
     >>> from ngbrain.materials import NeoHooke
     >>> len((Viscous(NeoHooke(160.0), (Branch(NeoHooke(970.0), 2.3),)) + NeoHooke(50.0)).branches)
     1
@@ -85,21 +128,34 @@ class Viscous:
 
     @property
     def hereditary_branches(self) -> tuple[Branch, ...]:
-        """The branches that remember overstress."""
+        """The branches whose internal variable is the overstress."""
         return tuple(branch for branch in self.branches if isinstance(branch, Branch))
 
     @property
     def maxwell_branches(self) -> tuple[Maxwell, ...]:
-        """The branches that have an inner state."""
+        """The branches of finite viscoelasticity."""
         return tuple(branch for branch in self.branches if isinstance(branch, Maxwell))
 
     @property
     def instantaneous(self) -> Law:
-        """W_∞ + Σ W_k, what a sudden deformation meets."""
+        """Instantaneous law W_∞ + Σ W_k."""
         return Sum((self.equilibrium, *(branch.law for branch in self.branches)))
 
     def density(self, at: Deformation, shares: Sequence[Value]) -> CoefficientFunction:
-        """W_∞ + Σ β_k W_k(C̄) (Pa) over the hereditary branches; `shares` are their β_k, 1 at once and 0 in the end."""
+        """Energy density of the equilibrium law and a share of the hereditary branches, W_∞ + Σ β_k W_k(C̄).
+
+        Parameters
+        ----------
+        at : Deformation
+            Deformation measures.
+        shares : sequence of float or CoefficientFunction
+            Shares β_k of the branches: 1 instantaneously, 0 in equilibrium.
+
+        Returns
+        -------
+        CoefficientFunction
+            Energy density (Pa).
+        """
         shape = Deformation.from_stretch(at.shape)
         relaxing = (
             beta * density(branch.law, shape) for beta, branch in zip(shares, self.hereditary_branches, strict=True)
@@ -108,7 +164,7 @@ class Viscous:
 
 
 def viscous(law: Viscous | Law) -> Viscous:
-    """The material itself, or an elastic law as one without branches.
+    """The material itself, or an elastic law as a material without branches.
 
     >>> from ngbrain.materials import NeoHooke
     >>> viscous(NeoHooke(500.0))
@@ -118,11 +174,29 @@ def viscous(law: Viscous | Law) -> Viscous:
 
 
 def Prony(law: Law, g: Sequence[Value], tau: Sequence[Value]) -> Viscous:  # noqa: N802  (reads as a law)
-    """Quasi-linear viscoelasticity: W_k = g_k W, W_∞ = (1 - Σ g_k) W, with W the instantaneous law.
+    """Quasi-linear viscoelasticity: W_k = g_k W, W_∞ = (1 - Σ g_k) W.
 
-    g     fractions of the initial modulus that relax, each > 0, sum < 1
-    tau   relaxation times (s)
+    Parameters
+    ----------
+    law : Law
+        Instantaneous law W.
+    g : sequence of float or CoefficientFunction
+        Relaxing fractions of the initial modulus, each positive, with a sum below 1.
+    tau : sequence of float or CoefficientFunction
+        Relaxation times (s), positive.
 
+    Returns
+    -------
+    Viscous
+        The viscoelastic material.
+
+    Raises
+    ------
+    InputError
+        An inadmissible value, or different numbers of fractions and times.
+
+    Examples
+    --------
     >>> from ngbrain.materials import NeoHooke
     >>> len(Prony(NeoHooke(842.0), g=[0.45, 0.365], tau=[0.5, 50.0]).branches)
     2
@@ -144,14 +218,33 @@ def RelaxingPolynomial(  # noqa: N802  (reads as a law)
     gamma: Sequence[float] | Mapping[tuple[int, int], Sequence[float]],
     tau: Sequence[Value] | Mapping[tuple[int, int], Sequence[Value]],
 ) -> Viscous:
-    """A `Polynomial` law whose coefficients relax each in its own way, C_ij(t) = C_ij∞ + (C_ij0 - C_ij∞) Σ γ_k exp(-t/τ_k).
+    """`Polynomial` law whose coefficients relax individually, C_ij(t) = C_ij∞ + (C_ij0 - C_ij∞) Σ γ_k exp(-t/τ_k).
 
-    c0, c_inf    (i, j) → coefficient (Pa) at once and in the end, for the same powers
-    gamma, tau   shares γ_k > 0 with sum 1 and times τ_k (s), for all coefficients alike or (i, j) → those of one
+    There is one branch for each relaxation time, with the (C_ij0 - C_ij∞) γ_k that relax with it. c₁₀ and c₀₁ may
+    not grow, so that small strains dissipate; higher coefficients may. If all coefficients relax alike, the
+    material is `Prony` of Polynomial(c0) with g_k = γ_k (1 - C_ij∞/C_ij0).
 
-    There is a branch for each time, with the (C_ij0 - C_ij∞) γ_k that relax with it. c₁₀ and c₀₁ may not grow, so that small
-    strains dissipate; higher ones may. All alike, it is `Prony` of Polynomial(c0) with g_k = γ_k (1 - C_ij∞/C_ij0).
+    Parameters
+    ----------
+    c0, c_inf : dict of tuple of (int, int) to float or CoefficientFunction
+        (i, j) → instantaneous and equilibrium coefficient (Pa), for the same powers.
+    gamma : sequence of float or dict of tuple of (int, int) to sequence of float
+        Shares γ_k > 0 with sum 1, for all coefficients alike or (i, j) → those of one.
+    tau : sequence of float or CoefficientFunction or dict of tuple of (int, int) to sequence of float or CoefficientFunction
+        Relaxation times τ_k (s), for all coefficients alike or (i, j) → those of one.
 
+    Returns
+    -------
+    Viscous
+        The viscoelastic material.
+
+    Raises
+    ------
+    InputError
+        Different powers, a first-order coefficient that grows, or inadmissible shares and times.
+
+    Examples
+    --------
     >>> law = RelaxingPolynomial({(1, 0): 300.0, (2, 0): 500.0}, {(1, 0): 60.0, (2, 0): 40.0}, [0.6, 0.4], [0.5, 50.0])
     >>> [branch.tau for branch in law.branches]
     [0.5, 50.0]
@@ -175,7 +268,7 @@ def _shares_of(
     gamma: Sequence[float] | Mapping[tuple[int, int], Sequence[float]],
     tau: Sequence[Value] | Mapping[tuple[int, int], Sequence[Value]],
 ) -> tuple[Sequence[float], Sequence[Value]]:
-    """What `gamma` and `tau` say of one coefficient."""
+    """Shares and relaxation times of one coefficient."""
     given = [values.get(power, ()) if isinstance(values, Mapping) else values for values in (gamma, tau)]
     for name, values in zip(("gamma", "tau"), given, strict=True):
         if not len(values):
@@ -191,8 +284,22 @@ def _shares_of(
 
 
 def step_factors(dt: float | np.ndarray, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """e = exp(-Δt/τ) and β = (1 - e)/(Δt/τ) of a step, to full precision for any Δt/τ ≥ 0 (β = 1 at 0).
+    """e = exp(-Δt/τ) and β = (1 - e)/(Δt/τ) of a time step, to full precision for any Δt/τ ≥ 0 (β = 1 at 0).
 
+    Parameters
+    ----------
+    dt : float or numpy.ndarray
+        Time step (s).
+    tau : numpy.ndarray
+        Relaxation times (s).
+
+    Returns
+    -------
+    tuple of (numpy.ndarray, numpy.ndarray)
+        e and β, of the broadcast shape.
+
+    Examples
+    --------
     >>> e, beta = step_factors(1.0, np.array([1e9]))
     >>> float(beta[0]) <= 1.0 and 1 - float(beta[0]) < 1e-9
     True

@@ -1,4 +1,4 @@
-"""Volume change: what a law of shape leaves open."""
+"""Volumetric energies U(J), which complete isochoric laws."""
 
 from __future__ import annotations
 
@@ -12,34 +12,104 @@ from ngbrain.errors import InputError
 from ngbrain.materials.base import Addable, Deformation, Value, check_positive
 
 STEEPNESS = 30
-"""m of `barrier`: its resistance is 10 times κ at J = 0.9 and 400 times at 0.8."""
+"""Exponent m of `barrier`: its stiffness is 10 times κ at J = 0.9 and 400 times at 0.8."""
 
 
 def perturbed_lagrangian(J: CoefficientFunction, p: CoefficientFunction, bulk: Value) -> CoefficientFunction:
-    """p (J - 1) - p²/2K, stationary in p at p = K (J - 1), for any bulk modulus K (Pa); p is the mean Cauchy stress."""
+    """Mixed volumetric energy p (J - 1) - p²/2K, stationary in p at p = K (J - 1).
+
+    Parameters
+    ----------
+    J : CoefficientFunction
+        Volume ratio.
+    p : CoefficientFunction
+        Pressure unknown (Pa): the mean Cauchy stress.
+    bulk : float or CoefficientFunction
+        Bulk modulus K (Pa), of any size.
+
+    Returns
+    -------
+    CoefficientFunction
+        Energy density (Pa).
+    """
     return p * (J - 1) - p * p / (2 * bulk)
 
 
 def perturbed_logarithm(J: CoefficientFunction, p: CoefficientFunction, bulk: Value) -> CoefficientFunction:
-    """p ln J - p²/2K, stationary in p at p = K ln J, that of `squared_log`; p is the mean Kirchhoff stress, J times Cauchy's."""
+    """Mixed volumetric energy p ln J - p²/2K, stationary in p at p = K ln J, that of `squared_log`.
+
+    Parameters
+    ----------
+    J : CoefficientFunction
+        Volume ratio.
+    p : CoefficientFunction
+        Pressure unknown (Pa): the mean Kirchhoff stress, J times the Cauchy stress.
+    bulk : float or CoefficientFunction
+        Bulk modulus K (Pa), of any size.
+
+    Returns
+    -------
+    CoefficientFunction
+        Energy density (Pa).
+    """
     return p * ngs.log(J) - p * p / (2 * bulk)
 
 
 def quadratic(J: CoefficientFunction, bulk: Value) -> CoefficientFunction:
-    """K/2 (J - 1)², the `perturbed_lagrangian` without its p; finite for a body pressed to nothing."""
+    """Volumetric energy K/2 (J - 1)², that of `perturbed_lagrangian`; finite at J = 0.
+
+    Parameters
+    ----------
+    J : CoefficientFunction
+        Volume ratio.
+    bulk : float or CoefficientFunction
+        Bulk modulus K (Pa).
+
+    Returns
+    -------
+    CoefficientFunction
+        Energy density (Pa).
+    """
     return bulk / 2 * (J - 1) * (J - 1)
 
 
 def logarithmic(J: CoefficientFunction, bulk: Value) -> CoefficientFunction:
-    """K/4 (J² - 1 - 2 ln J), without bound at J → 0 and J → ∞ and convex between.
+    """Volumetric energy K/4 (J² - 1 - 2 ln J), unbounded for J → 0 and J → ∞ and convex.
 
-    Source (this and others): Doll & Schweizerhof 2000, 10.1115/1.321146.
+    Parameters
+    ----------
+    J : CoefficientFunction
+        Volume ratio.
+    bulk : float or CoefficientFunction
+        Bulk modulus K (Pa).
+
+    Returns
+    -------
+    CoefficientFunction
+        Energy density (Pa).
+
+    References
+    ----------
+    This and other volumetric energies: Doll & Schweizerhof 2000, 10.1115/1.321146.
     """
     return bulk / 4 * (J * J - 1 - 2 * ngs.log(J))
 
 
 def squared_log(J: CoefficientFunction, bulk: Value) -> CoefficientFunction:
-    """K/2 (ln J)², without bound at J → 0; softens beyond J = e."""
+    """Volumetric energy K/2 (ln J)², unbounded for J → 0; it softens beyond J = e.
+
+    Parameters
+    ----------
+    J : CoefficientFunction
+        Volume ratio.
+    bulk : float or CoefficientFunction
+        Bulk modulus K (Pa).
+
+    Returns
+    -------
+    CoefficientFunction
+        Energy density (Pa).
+    """
     log = ngs.log(J)
     return bulk / 2 * log * log
 
@@ -47,7 +117,7 @@ def squared_log(J: CoefficientFunction, bulk: Value) -> CoefficientFunction:
 def mixed_form(
     change: Callable[[CoefficientFunction, Value], CoefficientFunction],
 ) -> Callable[[CoefficientFunction, CoefficientFunction, Value], CoefficientFunction]:
-    """The energy of J and a pressure that is stationary in it where U(J) is: the same law in mixed form.
+    """Energy of J and a pressure, stationary in the pressure where U(J) is: the same volumetric law in mixed form.
 
     >>> mixed_form(quadratic) is perturbed_lagrangian
     True
@@ -61,10 +131,17 @@ def mixed_form(
 
 @dataclass(frozen=True)
 class Compressible(Addable):
-    """W = U(J): what a law of shape needs, added to it, for a body without pressure unknowns; bulk modulus K (Pa) at J = 1.
+    """Volumetric energy as a law, W = U(J), to be added to an isochoric law of a body without pressure unknowns.
 
-    change  U of J and K: `logarithmic`, `quadratic`, `squared_log` or one of your own
+    Parameters
+    ----------
+    bulk : float or CoefficientFunction
+        Bulk modulus K (Pa) at J = 1, positive.
+    change : callable, default logarithmic
+        U of J and K: `logarithmic`, `quadratic`, `squared_log` or a user-defined function.
 
+    Examples
+    --------
     >>> import ngsolve as ngs
     >>> from ngbrain.materials import Deformation, NeoHooke, density
     >>> density(NeoHooke(1000.0) + Compressible(50e3), Deformation.from_gradient(ngs.Id(3))).dim
@@ -82,15 +159,28 @@ class Compressible(Addable):
         return self.change(at.J, self.bulk)
 
     def energy(self, C: CoefficientFunction) -> CoefficientFunction:
-        """Energy density (Pa) of C with its change of volume."""
+        """Energy density (Pa) of the total C."""
         return self.change(ngs.sqrt(ngs.Det(C)), self.bulk)
 
 
 def barrier(J: CoefficientFunction, kappa: Value) -> CoefficientFunction:
-    """κ/m² (cosh(m ln J) - 1), κ/2 (J - 1)² near J = 1 and steep beyond |J - 1| = 0.1.
+    """Barrier against collapse, κ/m² (cosh(m ln J) - 1): κ/2 (J - 1)² near J = 1 and steep beyond |J - 1| = 0.1.
 
-    A continuous p holds J only in the mean over an element; this keeps single points from collapsing. With κ (Pa) a part
-    of a shear modulus it neither locks nor adds to what a bulk modulus of a thousand carries.
+    A continuous pressure controls J only in the mean over an element; the barrier keeps single points from
+    collapsing. With κ a fraction of the shear modulus it neither locks nor adds noticeably to a bulk modulus of a
+    thousand times that.
+
+    Parameters
+    ----------
+    J : CoefficientFunction
+        Volume ratio.
+    kappa : float or CoefficientFunction
+        Stiffness κ (Pa), a fraction of a shear modulus.
+
+    Returns
+    -------
+    CoefficientFunction
+        Energy density (Pa).
     """
     power = ngs.exp(STEEPNESS * ngs.log(J))
     return kappa / (2 * STEEPNESS**2) * (power + 1 / power - 2)

@@ -9,7 +9,7 @@ import pytest
 from netgen.occ import unit_cube
 
 from ngbrain.errors import InputError, RangeWarning
-from ngbrain.materials import CATALOGUE, NeoHooke, Ogden, Viscous, catalogue, constants, find_published
+from ngbrain.materials import CATALOGUE, NeoHooke, Ogden, Viscous, catalogue, constants, find_entry
 from ngbrain.materials.points import initial_modulus
 
 MESH = ngs.Mesh(unit_cube.GenerateMesh(maxh=2.0))
@@ -90,7 +90,7 @@ def test_every_entry_says_where_it_comes_from(name):
     least, most = entry.stretch
     assert 0 <= least <= 1 <= most and least < most
     assert entry.evidence in ("source", "transcription", "refit", "recalled")
-    assert find_published(entry.law()) is entry
+    assert find_entry(entry.law()) is entry
 
 
 @pytest.mark.parametrize("name", CATALOGUE)
@@ -185,8 +185,8 @@ def test_griffiths_cortex():
 
 
 def test_law_is_found_again_unless_changed():
-    assert find_published(Ogden(1442.0, -19.2)).name == "budday2017:cortex"
-    assert find_published(Ogden(1442.0, -19.0)) is None and find_published(NeoHooke(ngs.Parameter(290.0))) is None
+    assert find_entry(Ogden(1442.0, -19.2)).name == "budday2017:cortex"
+    assert find_entry(Ogden(1442.0, -19.0)) is None and find_entry(NeoHooke(ngs.Parameter(290.0))) is None
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ from ngbrain.forward.sensitivity.static_model import LoadCase, StaticLinearisati
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.materials.base import Law
-from ngbrain.materials.lab.curves import Curve, checked_curves
+from ngbrain.materials.lab.curves import Curve, check_curves
 from ngbrain.materials.lab.fit import Bounds, CurveFit, Fit
 from ngbrain.materials.lab.modes import find_mode
 from ngbrain.materials.points import initial_modulus
@@ -90,7 +90,7 @@ class BondedSpecimen:
         Begin with what `lab.fit` finds. Intervals know nothing of the mesh: by default stresses are about 1 % too high. Raises
         `InputError` for curves with times and for other tests.
         """
-        return BondedFit(self, law, checked_curves(data), dict(start), bounds or {}, weights or {}).best(starts, seed)
+        return BondedFit(self, law, check_curves(data), dict(start), bounds or {}, weights or {}).best(starts, seed)
 
     def _bulk(self, law: Law) -> float:
         return STIFF * float(initial_modulus(law)) if self.bulk is None else self.bulk

@@ -1,7 +1,14 @@
-"""The material laboratory: homogeneous tests of laws without a mesh, fits to measured curves, pictures of both.
+"""Material laboratory: homogeneous tests of laws without a mesh, fits to measured curves, plots of both.
 
-Everything is a nominal stress (first Piola-Kirchhoff, Pa) of an incompressible body in one of four tests, "uniaxial",
-"equibiaxial", "planar" and "shear". Parameters of laws are numbers or ngsolve `Parameter`s.
+Stresses are nominal (first Piola-Kirchhoff, Pa), of an incompressible body in one of four tests: "uniaxial",
+"equibiaxial", "planar" and "shear". Parameters of laws are numbers or NGSolve `Parameter`s.
+
+- `curves`: measured curves
+- `elastic`: stress and ellipticity of elastic laws
+- `relaxing`: stress histories, relaxation, creep and complex modulus of viscoelastic materials
+- `fit`: least-squares fits of parameters
+- `plot`: plots of laws and curves
+- `modes`, `specimen`: kinematics and equilibrium of the tests
 """
 
 from ngbrain.materials.lab.curves import Curve, budday

@@ -1,4 +1,4 @@
-"""Measured curves, and some that come with the package."""
+"""Measured curves, and some published ones that come with the package."""
 
 from __future__ import annotations
 
@@ -15,14 +15,28 @@ from ngbrain.materials.lab.modes import find_mode
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """A measured curve of one test.
+    """Measured curve of one test.
 
-    mode       "uniaxial", "equibiaxial", "planar" or "shear"
-    stretches  λ or γ, shape (n,)
-    stress     nominal stress (Pa), shape (n,)
-    name       what results call it; the mode without
-    times      s, from 0 on, of a history of a relaxing material; without, the curve is elastic
+    Parameters
+    ----------
+    mode : str
+        "uniaxial", "equibiaxial", "planar" or "shear".
+    stretches : numpy.ndarray of shape (n)
+        Stretch λ or amount of shear γ.
+    stress : numpy.ndarray of shape (n)
+        Nominal stress (Pa).
+    name : str, optional
+        Name in results; the mode where left out.
+    times : numpy.ndarray of shape (n), optional
+        Times (s) from 0 on, of a history of a viscoelastic material; without them the curve is elastic.
 
+    Raises
+    ------
+    InputError
+        Inadmissible stretches, or stresses or times of another shape.
+
+    Examples
+    --------
     >>> Curve("planar", [1.0, 1.1], [0.0, 300.0]).label
     'planar'
     """
@@ -50,12 +64,12 @@ class Curve:
 
     @property
     def label(self) -> str:
-        """Its name, or its mode."""
+        """Name of the curve, or its mode."""
         return self.name or self.mode
 
 
-def checked_curves(data: Iterable[Curve]) -> list[Curve]:
-    """The curves, each with a name of its own."""
+def check_curves(data: Iterable[Curve]) -> list[Curve]:
+    """The curves as a list; raises `InputError` where two have the same name."""
     curves = list(data)
     labels = [curve.label for curve in curves]
     twice = [label for label in labels if labels.count(label) > 1]
@@ -65,12 +79,24 @@ def checked_curves(data: Iterable[Curve]) -> list[Curve]:
 
 
 def budday(region: str) -> list[Curve]:
-    """Compression, tension and shear (either way, symmetric) of human brain tissue, mean curves in Pa.
+    """Mean curves (Pa) of human brain tissue in compression, tension and shear (both directions, symmetric), by region.
 
-    region   "cortex", "corona_radiata", "basal_ganglia" or "corpus_callosum"
+    Parameters
+    ----------
+    region : str
+        "cortex", "corona_radiata", "basal_ganglia" or "corpus_callosum".
 
-    Source: Budday et al. 2017, 10.1016/j.actbio.2016.10.036, as distributed with LivingMatterLab/CANN.
+    Returns
+    -------
+    list of Curve
+        The three curves.
 
+    References
+    ----------
+    Budday et al. 2017, 10.1016/j.actbio.2016.10.036, as distributed with LivingMatterLab/CANN.
+
+    Examples
+    --------
     >>> [(curve.name, curve.mode, float(curve.stress[-1])) for curve in budday("cortex")]
     [('compression', 'uniaxial', 0.0), ('tension', 'uniaxial', 415.1), ('shear', 'shear', 543.5)]
     """

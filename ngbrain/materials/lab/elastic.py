@@ -1,4 +1,4 @@
-"""What an elastic law answers in a homogeneous test."""
+"""Stress and ellipticity of elastic laws in homogeneous tests."""
 
 from __future__ import annotations
 
@@ -13,16 +13,35 @@ from ngbrain.materials.points import Points
 
 
 def stress(law: Law, mode: str, stretches: ArrayLike) -> np.ndarray:
-    """Nominal stress (Pa) of an incompressible body with free surfaces, of the shape of `stretches`.
+    """Nominal stress of an incompressible body with free lateral surfaces.
 
-    mode       "uniaxial", "equibiaxial" (P₁₁), "planar" (no strain along 2) or "shear" (P₁₂, of F = 1 + γ e₁⊗e₂)
-    stretches  λ along 1 (> 0), or the amounts of shear γ
+    F = [[λ, a, b], [0, l, c], [0, 0, 1/(λ l)]] in uniaxial tests, where l, a, b, c minimise the energy; so do b and
+    c in the equibiaxial [[λ, 0, b], [0, λ, c], [0, 0, 1/λ²]] and the planar [[λ, 0, b], [0, 1, c], [0, 0, 1/λ]]. A
+    law of the catalogue warns once beyond the stretches of its data (`RangeWarning`); a shear γ counts as 1 ± γ/2.
 
-    F = [[λ, a, b], [0, l, c], [0, 0, 1/(λ l)]] in uniaxial tests, where l, a, b, c take their least energy; so do b and
-    c in the equibiaxial [[λ, 0, b], [0, λ, c], [0, 0, 1/λ²]] and the planar [[λ, 0, b], [0, 1, c], [0, 0, 1/λ]].
+    Parameters
+    ----------
+    law : Law
+        Elastic law.
+    mode : str
+        "uniaxial", "equibiaxial" (P₁₁), "planar" (no strain along 2) or "shear" (P₁₂, of F = 1 + γ e₁⊗e₂).
+    stretches : array_like
+        λ along 1 (> 0), or the amounts of shear γ.
 
-    A law of the catalogue warns once beyond the stretches of its data (`RangeWarning`); a shear γ counts as 1 ± γ/2.
+    Returns
+    -------
+    numpy.ndarray
+        Nominal stress (Pa), of the shape of `stretches`.
 
+    Raises
+    ------
+    InputError
+        An unknown mode, inadmissible stretches, or a stretch at which the law has no finite energy.
+    ConvergenceError
+        No equilibrium is found.
+
+    Examples
+    --------
     >>> from ngbrain.materials import NeoHooke
     >>> stress(NeoHooke(mu=1000.0), "uniaxial", [0.5, 1.0, 2.0])
     array([-3500.,     0.,  1750.])
@@ -36,14 +55,32 @@ def stress(law: Law, mode: str, stretches: ArrayLike) -> np.ndarray:
 
 
 def ellipticity(law: Law, mode: str, stretches: ArrayLike) -> np.ndarray:
-    """Smallest eigenvalue (Pa) of the acoustic tensor over all directions n; waves and shear bands: see below.
+    """Smallest eigenvalue of the acoustic tensor over all directions, in a homogeneous test.
 
-    Q(n)_ik = A_iJkL (Fᵀn)_J (Fᵀn)_L with A = ∂²W/∂F∂F and |n| = 1, restricted to amplitudes perpendicular to n, where
-    the pressure drops out. It is ρc² of the slowest plane wave: > 0 is strong ellipticity, ≤ 0 its loss (shear bands,
-    no convergence under refinement). Arguments as for `stress`.
+    Q(n)_ik = A_iJkL (Fᵀn)_J (Fᵀn)_L with A = ∂²W/∂F∂F and |n| = 1, restricted to amplitudes perpendicular to n,
+    where the pressure drops out. The value is ρc² of the slowest plane wave: > 0 is strong ellipticity, ≤ 0 its
+    loss (shear bands, no convergence under refinement).
 
-    Source: Zee & Sternberg 1983, Archive for Rational Mechanics and Analysis 83, 53-90.
+    Parameters
+    ----------
+    law : Law
+        Elastic law.
+    mode : str
+        As for `stress`.
+    stretches : array_like
+        As for `stress`.
 
+    Returns
+    -------
+    numpy.ndarray
+        Eigenvalue (Pa), of the shape of `stretches`.
+
+    References
+    ----------
+    Zee & Sternberg 1983, Archive for Rational Mechanics and Analysis 83, 53-90.
+
+    Examples
+    --------
     >>> from ngbrain.materials import NeoHooke
     >>> round(float(ellipticity(NeoHooke(1000.0), "planar", 2.0)), 6)
     250.0
@@ -56,8 +93,22 @@ def ellipticity(law: Law, mode: str, stretches: ArrayLike) -> np.ndarray:
 
 
 def smallest_acoustic_eigenvalue(law: Law, F: np.ndarray) -> np.ndarray:
-    """The same at any deformations F (n, 3, 3) of determinant 1.
+    """Smallest eigenvalue of the acoustic tensor over all directions, at any isochoric deformation; see `ellipticity`.
 
+    Parameters
+    ----------
+    law : Law
+        Elastic law.
+    F : numpy.ndarray of shape (n, 3, 3)
+        Deformation gradients of determinant 1.
+
+    Returns
+    -------
+    numpy.ndarray of shape (n,)
+        Eigenvalue (Pa).
+
+    Examples
+    --------
     >>> from ngbrain.materials import NeoHooke
     >>> round(float(smallest_acoustic_eigenvalue(NeoHooke(1000.0), np.diag([2.0, 1.0, 0.5])[None])[0]), 6)
     250.0

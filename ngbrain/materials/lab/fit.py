@@ -1,4 +1,4 @@
-"""Parameters of a law from measured curves, with what the data say about them."""
+"""Least-squares fit of the parameters of a law to measured curves, with confidence intervals."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from scipy.stats import t as student
 from ngbrain.errors import ConvergenceError, InputError, SolverError, require
 from ngbrain.look import STYLE, figure
 from ngbrain.materials.base import Law
-from ngbrain.materials.lab.curves import Curve, checked_curves
+from ngbrain.materials.lab.curves import Curve, check_curves
 from ngbrain.materials.lab.modes import MODES
 from ngbrain.materials.lab.relaxing import history
 from ngbrain.materials.lab.specimen import Specimen
@@ -24,23 +24,37 @@ from ngbrain.result import Result, Status
 Bounds = tuple[float, float]
 FREE: Bounds = (-np.inf, np.inf)
 SAME_OPTIMUM = 1e-6
-"""Relative difference of the sums of squares below which two starts count as ended alike."""
+"""Relative difference of the sums of squares below which two starts count as the same optimum."""
 DRAWS = 100
 
 
 @dataclass(repr=False, eq=False)
 class Fit(Result):
-    """The best parameters found.
+    """Result of a fit.
 
-    parameters   name → value
-    confidence   name → ends of the 95 % interval (t-distribution, linearised at the optimum); nan at an active bound,
-                 infinite where the data do not tell
-    r2           curve → 1 - Σ(P - data)²/Σ(data - mean)²
-    residual     root mean square of the scaled misfits
-    active       name → bound the value lies on
-    reached      how many of the `starts` ended at this optimum
-    law          the law, with these numbers
-    curves       the data, and `stresses` (Pa) of the fit along them
+    Parameters
+    ----------
+    parameters : dict of str to float
+        Name → best value.
+    confidence : dict of str to tuple of (float, float)
+        Name → ends of the 95 % interval (t-distribution, linearised at the optimum); nan at an active bound,
+        infinite where the data do not identify the parameter.
+    r2 : dict of str to float
+        Curve → coefficient of determination 1 - Σ(P - data)²/Σ(data - mean)².
+    residual : float
+        Root mean square of the scaled residuals.
+    active : dict of str to float
+        Name → active bound.
+    reached : int
+        Number of starts that ended at this optimum.
+    starts : int
+        Number of starts.
+    law : Law or Viscous
+        The law with the best parameters.
+    curves : list of Curve
+        The data.
+    stresses : list of numpy.ndarray
+        Nominal stress (Pa) of the fit along the curves.
     """
 
     parameters: dict[str, float]
@@ -55,7 +69,7 @@ class Fit(Result):
     stresses: list[np.ndarray]
 
     def plot(self) -> Any:
-        """Stress of the fit against the data, a panel for each curve."""
+        """Stress of the fit and the data, one panel per curve."""
         with require("matplotlib", "report").rc_context(STYLE):
             page = figure(3.6 * len(self.curves), 3.2)
             panels = page.subplots(1, len(self.curves), squeeze=False)[0]
@@ -79,14 +93,14 @@ class Fit(Result):
 
     @property
     def headline(self) -> str:
-        """Parameters with their intervals, and how well the curves are met."""
+        """Parameters with their intervals, and the smallest R²."""
         ends = {name: "{:.4g} to {:.4g}".format(*interval) for name, interval in self.confidence.items()}
         found = [f"{name} {value:.4g} ({ends[name]})" for name, value in self.parameters.items()]
         return ", ".join([*found, f"R² {min(self.r2.values()):.3g}"])
 
     @property
     def statistics(self) -> dict[str, float]:
-        """Of the starts."""
+        """Numbers of starts."""
         return {"starts": self.starts, "at_this_optimum": self.reached}
 
 
@@ -99,35 +113,76 @@ def fit(
     weights: Mapping[str, float] | None = None,
     seed: int = 0,
 ) -> Fit:
-    """Least squares over all curves at once; each curve's misfit is divided by its own peak stress.
+    """Fit the parameters of a law to all curves at once; the residuals of each curve are divided by its peak stress.
 
-    law      makes the law of named parameters: a class, or a function such as `lambda mu, alpha: Ogden(mu, alpha)`
-    start    name → first guess
-    bounds   name → (lowest, highest); what the law itself refuses is never tried either
-    starts   the guess and so many less one drawn around it: within finite bounds, else up to ten times smaller or
-             larger and of either sign
-    weights  curve → further factor of its misfit
+    Parameters
+    ----------
+    law : callable
+        Makes the law from named parameters: a class, or a function such as `lambda mu, alpha: Ogden(mu, alpha)`.
+    data : iterable of Curve
+        Measured curves.
+    start : dict of str to float
+        Name → initial guess.
+    bounds : dict of str to Bounds, optional
+        Name → (lowest, highest). Values that the law refuses are excluded too.
+    starts : int, default 8
+        Number of starts: the initial guess, and others drawn at random within finite bounds, else up to ten times
+        smaller or larger and of either sign.
+    weights : dict of str to float, optional
+        Curve → further factor of its residuals.
+    seed : int, default 0
+        Seed of the random starts.
 
-    Raises `InputError` for data that cannot decide and a guess that the law refuses, `ConvergenceError` when no start ends.
+    Returns
+    -------
+    Fit
+        Best parameters with intervals.
 
+    Raises
+    ------
+    InputError
+        More parameters than data, unknown names, or an initial guess that the law refuses.
+    ConvergenceError
+        No start converged.
+
+    Examples
+    --------
     >>> from ngbrain.materials import NeoHooke
     >>> data = [Curve("shear", [0.1, 0.2, 0.3], [100.0, 201.0, 299.0])]
     >>> round(fit(NeoHooke, data, {"mu": 500.0}).parameters["mu"])
     999
     """
-    return CurveFit(law, checked_curves(data), dict(start), bounds or {}, weights or {}).best(starts, seed)
+    return CurveFit(law, check_curves(data), dict(start), bounds or {}, weights or {}).best(starts, seed)
 
 
 class CurveFit:
-    """Scaled misfits as a function of the parameters; infinite where the law refuses them.
+    """Scaled residuals as a function of the parameters; infinite where the law refuses them.
 
-    What stresses a specimen has at given parameters, `stresses`, is for others to say anew.
+    Subclasses may redefine `prepare` and `stresses`.
+
+    Parameters
+    ----------
+    law : callable
+        Makes the law from named parameters.
+    curves : list of Curve
+        Measured curves.
+    start : dict of str to float
+        Name → initial guess.
+    bounds : dict of str to Bounds
+        Name → (lowest, highest).
+    weights : dict of str to float
+        Curve → further factor of its residuals.
+
+    Raises
+    ------
+    InputError
+        See `fit`.
     """
 
     slope: str | Callable[[np.ndarray], np.ndarray] = "3-point"
-    """Derivative of the misfits (data, parameters), or how scipy is to find it."""
+    """Jacobian of the residuals (data, parameters), or scipy's name of a finite-difference rule."""
     ends: Mapping[str, float] = {"xtol": 1e-12, "ftol": 1e-14, "gtol": 1e-12}
-    """When scipy may stop."""
+    """Stopping tolerances of scipy."""
 
     def __init__(
         self,
@@ -158,20 +213,20 @@ class CurveFit:
         self.parameters = {name: ngs.Parameter(value) for name, value in start.items()}
         self.prepare()
         if not np.isfinite(self.misfits(self.start)).all():
-            self.stresses(dict(start))  # raises what is wrong
+            self.stresses(dict(start))  # raises the law's own error
             raise InputError("start", start, "parameters with finite stress at all data")
 
     def prepare(self) -> None:
-        """One expression for each curve, built once: its parameters are set again and again."""
+        """Build one expression per curve, whose parameters are set again for each evaluation."""
         plain = [curve for curve in self.curves if curve.times is None]
         self._specimens = dict[str, Specimen]()
-        if plain:  # a relaxing law need not take parameters
+        if plain:  # a viscoelastic law need not accept `Parameter`s
             law = cast(Law, self.law(**self.parameters))
             self._specimens |= {c.label: Specimen.from_law(law, MODES[c.mode], len(c.stretches)) for c in plain}
 
     def stresses(self, values: Mapping[str, float]) -> list[np.ndarray]:
         """Nominal stress (Pa) along each curve."""
-        law = self.law(**values)  # a law checks numbers
+        law = self.law(**values)  # the law checks the numbers
         for name, value in values.items():
             self.parameters[name].Set(value)
         answers = []
@@ -189,7 +244,7 @@ class CurveFit:
         return dict(zip(self.names, x.tolist(), strict=True))
 
     def misfits(self, x: np.ndarray) -> np.ndarray:
-        """(P - data)/peak at all data, one curve after the other."""
+        """Residuals (P - data)/peak at all data, one curve after the other."""
         try:
             stresses = self.stresses(self.parameter_values(x))
         except (InputError, SolverError):
@@ -197,11 +252,29 @@ class CurveFit:
         return self.scale_stresses([stress - curve.stress for stress, curve in zip(stresses, self.curves, strict=True)])
 
     def scale_stresses(self, stresses: list[np.ndarray]) -> np.ndarray:
-        """Stresses (Pa) along all curves over each one's peak, one curve after the other."""
+        """Stresses (Pa) along all curves over the peak of each curve, one curve after the other."""
         return np.concatenate([scale * stress for scale, stress in zip(self._scales, stresses, strict=True)])
 
     def initial_guesses(self, count: int, seed: int) -> list[np.ndarray]:
-        """The start, and others that the law accepts."""
+        """The initial guess, and random ones that the law accepts.
+
+        Parameters
+        ----------
+        count : int
+            Number of guesses.
+        seed : int
+            Seed of the random numbers.
+
+        Returns
+        -------
+        list of numpy.ndarray
+            Parameter vectors.
+
+        Raises
+        ------
+        InputError
+            `count` is below 1.
+        """
         if count < 1:
             raise InputError("starts", count, "at least 1")
         random, found = np.random.default_rng(seed), [self.start]
@@ -226,16 +299,34 @@ class CurveFit:
         return guess
 
     def best(self, starts: int, seed: int) -> Fit:
-        """The best of several starts; `ConvergenceError` when none ends."""
+        """Fit from several starts and report the best.
+
+        Parameters
+        ----------
+        starts : int
+            Number of starts.
+        seed : int
+            Seed of the random starts.
+
+        Returns
+        -------
+        Fit
+            The best fit.
+
+        Raises
+        ------
+        ConvergenceError
+            No start converged.
+        """
         results = [result for guess in self.initial_guesses(starts, seed) if (result := self.solve(guess)) is not None]
         if not results:
-            raise ConvergenceError("none of the starts of the fit ended; try another guess or bounds")
+            raise ConvergenceError("no start of the fit converged; try another initial guess or bounds")
         best = min(results, key=lambda result: result.cost)
         alike = best.cost * (1 + SAME_OPTIMUM) + 1e-24
         return self.report(best, sum(result.cost <= alike for result in results), starts)
 
     def solve(self, guess: np.ndarray) -> OptimizeResult | None:
-        """Where this start ends, or None when it breaks down."""
+        """Least-squares solution from one start, or None when it fails."""
         try:
             with np.errstate(all="ignore"):
                 return least_squares(
@@ -245,7 +336,22 @@ class CurveFit:
             return None
 
     def report(self, result: OptimizeResult, reached: int, starts: int) -> Fit:
-        """Numbers of the optimum, with what the data say about them."""
+        """Result of an optimum, with confidence intervals.
+
+        Parameters
+        ----------
+        result : OptimizeResult
+            Optimum of scipy.
+        reached : int
+            Number of starts that ended at it.
+        starts : int
+            Number of starts.
+
+        Returns
+        -------
+        Fit
+            The fit.
+        """
         values = self.parameter_values(result.x)
         stresses = self.stresses(values)
         active = self._active(result)

@@ -1,4 +1,4 @@
-"""The homogeneous tests of the laboratory: incompressible deformations with what is prescribed and what the body chooses."""
+"""Kinematics of the homogeneous tests: isochoric deformations with prescribed and free entries."""
 
 from __future__ import annotations
 
@@ -14,12 +14,20 @@ from ngbrain.errors import InputError, nearest
 
 @dataclass(frozen=True)
 class Mode:
-    """One test: F(x) with det F = 1 for any x, so that the free surfaces' pressure never appears.
+    """Kinematics of a test: F(x) with det F = 1 for any x, so that the pressure drops out.
 
-    rest         value of the stretch where nothing is deformed: 1, or 0 for a shear
-    given        how many leading entries of x the test prescribes; the body chooses the others: least energy
-    deformation  x (CoefficientFunction) → F, 3×3
-    isotropic    stretches (n,) → x (entries, n) of a body without directions
+    Parameters
+    ----------
+    name : str
+        Name of the test.
+    rest : float
+        Stretch of the undeformed body: 1, or 0 for a shear.
+    given : int
+        Number of leading entries of x that the test prescribes; the others minimise the energy.
+    deformation : callable
+        x (CoefficientFunction) → F, 3×3.
+    isotropic : callable
+        Stretches (n,) → x (entries, n) of an isotropic body.
     """
 
     name: str
@@ -29,7 +37,7 @@ class Mode:
     isotropic: Callable[[np.ndarray], np.ndarray]
 
     def check_stretches(self, stretches: object) -> np.ndarray:
-        """The stretches as an array; `InputError` unless they are finite and, where they are ratios, > 0."""
+        """The stretches as an array; raises `InputError` unless they are finite and, where they are ratios, positive."""
         try:
             values = np.asarray(stretches, dtype=float)
         except (TypeError, ValueError):
@@ -79,7 +87,7 @@ MODES = {
 
 
 def find_mode(name: str) -> Mode:
-    """The test of that name; `InputError` for an unknown one."""
+    """The test of a name; raises `InputError` for an unknown name."""
     if name not in MODES:
         raise InputError("mode", repr(name), nearest(str(name), MODES))
     return MODES[name]

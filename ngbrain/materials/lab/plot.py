@@ -1,4 +1,4 @@
-"""Pictures of the laboratory."""
+"""Plots of the material laboratory."""
 
 from __future__ import annotations
 
@@ -27,17 +27,32 @@ SAMPLES = 121
 
 
 def plot(laws: Mapping[str, Law], data: Iterable[Curve] = (), modes: Sequence[str] | None = None) -> Any:
-    """Nominal stress (kPa) against stretch, one panel for each mode: laws as lines, data as marks; a matplotlib Figure.
+    """Plot nominal stress (kPa) against stretch, one panel per mode: laws as lines, data as markers.
 
-    laws    label → elastic law
-    data    elastic curves; they set the modes and the ranges
-    modes   which panels; without, those of the data, or all four
+    Parameters
+    ----------
+    laws : dict of str to Law
+        Label → elastic law.
+    data : iterable of Curve, optional
+        Elastic curves; they set the modes and the ranges.
+    modes : sequence of str, optional
+        Modes to show; without them those of the data, or all four.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The figure.
+
+    Raises
+    ------
+    InputError
+        Nothing to plot, or more laws than line styles.
     """
     curves = list(data)
     if not laws and not curves:
         raise InputError("laws", "empty", "at least one law or one curve")
     if len(laws) > len(LINES):
-        raise InputError("laws", f"{len(laws)} laws", f"at most {len(LINES)}, so that lines can be told apart")
+        raise InputError("laws", f"{len(laws)} laws", f"at most {len(LINES)}, so that lines stay distinguishable")
     shown = [find_mode(m).name for m in modes or [m for m in MODES if not curves or m in {c.mode for c in curves}]]
 
     with require("matplotlib", "report").rc_context(STYLE):
@@ -78,23 +93,24 @@ def _panel(axes: Any, mode: str, laws: Mapping[str, Law], curves: list[tuple[Cur
 
 
 def plot_catalogue(entries: Sequence[Published]) -> Any:
-    """Nominal stress (kPa) of published laws in tension, compression and shear, each over the stretches of its data.
+    """Plot nominal stress (kPa) of published laws in tension, compression and shear, each over the stretches of its data.
 
     Parameters
     ----------
     entries : sequence of Published
-        Of the catalogue. Of laws that relax the line is what a sudden strain meets, and a thin one of the same colour what is
-        left of it in the end.
+        Entries of the catalogue. A viscoelastic one has two lines of one colour: instantaneous, and thin in
+        equilibrium.
 
     Returns
     -------
     matplotlib.figure.Figure
-        Two panels. A shear γ counts as the stretches 1 ± γ/2, so that what was pulled or pressed alone has no line there.
+        Two panels. A shear γ counts as the stretches 1 ± γ/2, so that a material measured in tension or compression
+        alone has no line in shear.
 
     Raises
     ------
     InputError
-        No entry, or more than lines can be told apart for.
+        No entry, or more than distinguishable line styles.
 
     Examples
     --------
@@ -105,7 +121,7 @@ def plot_catalogue(entries: Sequence[Published]) -> Any:
     """
     looks = [(colour, dash) for dash in ("-", (0, (5, 1.6)), (0, (1.5, 1.5))) for colour, _ in LINES]
     if not 0 < len(entries) <= len(looks):
-        wanted = f"1 to {len(looks)}, so that lines can be told apart"
+        wanted = f"1 to {len(looks)}, so that lines stay distinguishable"
         raise InputError("entries", f"{len(entries)} of them", wanted)
     with require("matplotlib", "report").rc_context(STYLE):
         page = figure(8.6, 3.9 + 0.2 * (len(entries) // 2))
@@ -122,7 +138,7 @@ def plot_catalogue(entries: Sequence[Published]) -> Any:
                     continue
                 at = np.linspace(low, high, SAMPLES)
                 for each, width in shown:
-                    label = entry.name if width > 1 else f"{entry.name}, in the end"
+                    label = entry.name if width > 1 else f"{entry.name}, equilibrium"
                     axes.plot(at, stress(each, mode, at) / 1e3, color=colour, ls=dash, lw=width, label=label)
         for axes, title, name, rest in zip(
             panels,

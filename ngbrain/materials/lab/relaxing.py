@@ -1,4 +1,4 @@
-"""What a relaxing material answers in a homogeneous test: histories, relaxation, creep, small oscillations."""
+"""Viscoelastic materials in homogeneous tests: stress histories, relaxation, creep, complex modulus."""
 
 from __future__ import annotations
 
@@ -21,13 +21,36 @@ RAMP_STEPS = 200
 
 
 def history(material: Viscous, mode: str, times: ArrayLike, stretches: ArrayLike) -> np.ndarray:
-    """Nominal stress (Pa) over time, of the shape of `stretches`: (times,), or (histories, times) for many at once.
+    """Nominal stress over time under prescribed stretches.
 
-    times      s, increasing from 0 on
-    stretches  at these times; what is there at time 0 was put on suddenly (every branch starts with H = S̄)
+    Exact where the stresses of the branches are linear in time within each step, else of second order in the steps.
 
-    Exact where the branches' stresses are linear in time within each step, else second order in the steps.
+    Parameters
+    ----------
+    material : Viscous
+        Viscoelastic material.
+    mode : str
+        As for `stress`.
+    times : array_like of shape (times)
+        Times (s), increasing from 0 on.
+    stretches : array_like
+        Stretches at these times, (times,) or (histories, times); that at time 0 is applied suddenly (H = S̄ in
+        every branch).
 
+    Returns
+    -------
+    numpy.ndarray
+        Nominal stress (Pa), of the shape of `stretches`.
+
+    Raises
+    ------
+    InputError
+        Inadmissible times, stretches or material.
+    ConvergenceError
+        No equilibrium is found.
+
+    Examples
+    --------
     >>> from ngbrain.materials import NeoHooke, Prony
     >>> material = Prony(NeoHooke(1000.0), g=[0.5], tau=[2.0])
     >>> history(material, "shear", [0.0, 2.0, 100.0], [0.1, 0.1, 0.1])
@@ -44,10 +67,34 @@ def history(material: Viscous, mode: str, times: ArrayLike, stretches: ArrayLike
 
 
 def relaxation(material: Viscous, mode: str, stretch: float, times: ArrayLike, rise: float = 0.0) -> np.ndarray:
-    """Nominal stress (Pa) at `times` (s, increasing, ≥ 0) of a stretch that is held, after a ramp from rest of `rise` s.
+    """Relaxation test: nominal stress at constant stretch after a ramp.
 
-    Without `rise` the stretch is sudden, and the answer is exact at any times.
+    Parameters
+    ----------
+    material : Viscous
+        Viscoelastic material.
+    mode : str
+        As for `stress`.
+    stretch : float
+        The constant stretch.
+    times : array_like of shape (times)
+        Times (s), increasing, at least 0.
+    rise : float, default 0.0
+        Duration of the ramp from rest (s); without a ramp the stretch is applied suddenly, and the result is exact
+        at any times.
 
+    Returns
+    -------
+    numpy.ndarray
+        Nominal stress (Pa) at these times.
+
+    Raises
+    ------
+    InputError
+        An inadmissible value.
+
+    Examples
+    --------
     >>> from ngbrain.materials import NeoHooke, Prony
     >>> relaxation(Prony(NeoHooke(1000.0), g=[0.5], tau=[2.0]), "shear", 0.1, [2.0, 100.0])
     array([68.394, 50.   ])
@@ -63,14 +110,34 @@ def relaxation(material: Viscous, mode: str, stretch: float, times: ArrayLike, r
 
 
 def press(material: Viscous, mode: str, times: ArrayLike, stretches: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """Stretch and nominal stress (Pa) of a body that plates press but never pull, of the shape of `stretches`.
+    """Compression between plates that are not bonded: stretch and nominal stress; the plates press but never pull.
 
-    times      s, increasing from 0 on
-    stretches  that the plates would hold the body at: (times,), or (histories, times) for many at once; above those of the
-               free body the plates are clear of it, and it recovers by itself under no stress
+    Each time is one step, of second order in its length.
 
-    Each time is one step, second order in its length. `InputError` for a shear.
+    Parameters
+    ----------
+    material : Viscous
+        Viscoelastic material.
+    mode : str
+        "uniaxial", "equibiaxial" or "planar".
+    times : array_like of shape (times)
+        Times (s), increasing from 0 on.
+    stretches : array_like
+        Stretches that the plates prescribe, (times,) or (histories, times). Above those of the free body the plates
+        are out of contact, and the body recovers without stress.
 
+    Returns
+    -------
+    tuple of (numpy.ndarray, numpy.ndarray)
+        Stretch and nominal stress (Pa), of the shape of `stretches`.
+
+    Raises
+    ------
+    InputError
+        A shear test, or an inadmissible value.
+
+    Examples
+    --------
     >>> from ngbrain.materials import NeoHooke, Prony
     >>> stretch, stress = press(Prony(NeoHooke(1000.0), [0.5], [2.0]), "planar", [0.0, 2.0, 2.1], [0.9, 0.9, 1.0])
     >>> stretch.round(4), stress.round(1)
@@ -78,7 +145,7 @@ def press(material: Viscous, mode: str, times: ArrayLike, stretches: ArrayLike) 
     """
     test, times = _test(material, mode), _checked_times(times)
     if not test.rest:
-        raise InputError("mode", repr(mode), "one that presses: uniaxial, equibiaxial or planar")
+        raise InputError("mode", repr(mode), "a compression test: uniaxial, equibiaxial or planar")
     values = _checked_histories(test, times, stretches)
     warn_beyond(material, test, np.minimum(values, test.rest))
     rows = values.reshape(-1, len(times))
@@ -100,10 +167,33 @@ def press(material: Viscous, mode: str, times: ArrayLike, stretches: ArrayLike) 
 
 
 def creep(material: Viscous, mode: str, stress: ArrayLike, times: ArrayLike) -> np.ndarray:
-    """Stretch (or shear) at `times` (s, increasing from 0) under a nominal stress (Pa): a number, sudden, or one for each time.
+    """Creep test: stretch (or shear) over time under a prescribed nominal stress.
 
-    Each time is one step, second order in its length. An equibiaxial test carries the stress both ways.
+    Each time is one step, of second order in its length. An equibiaxial test carries the stress in both directions.
 
+    Parameters
+    ----------
+    material : Viscous
+        Viscoelastic material.
+    mode : str
+        As for `stress`.
+    stress : array_like
+        Nominal stress (Pa): a number, applied suddenly, or one value per time.
+    times : array_like of shape (times)
+        Times (s), increasing from 0 on.
+
+    Returns
+    -------
+    numpy.ndarray
+        Stretch, or amount of shear, at these times.
+
+    Raises
+    ------
+    InputError
+        An inadmissible value.
+
+    Examples
+    --------
     >>> from ngbrain.materials import NeoHooke, Prony
     >>> creep(Prony(NeoHooke(1000.0), g=[0.5], tau=[2.0]), "shear", 100.0, np.linspace(0, 100, 2001))[[0, -1]]
     array([0.1, 0.2])
@@ -124,8 +214,22 @@ def creep(material: Viscous, mode: str, stress: ArrayLike, times: ArrayLike) -> 
 
 
 def storage_loss(material: Viscous, omega: ArrayLike) -> np.ndarray:
-    """G*(ω) = μ_∞ + Σ μ_k iωτ_k/(1 + iωτ_k) (Pa), complex, of small strain; ω in rad/s, ≥ 0.
+    """Complex shear modulus at small strain, G*(ω) = μ_∞ + Σ μ_k iωτ_k/(1 + iωτ_k).
 
+    Parameters
+    ----------
+    material : Viscous
+        Viscoelastic material.
+    omega : array_like
+        Angular frequency ω (rad/s), at least 0.
+
+    Returns
+    -------
+    numpy.ndarray
+        G* (Pa), complex.
+
+    Examples
+    --------
     >>> from ngbrain.materials import NeoHooke, Prony
     >>> storage_loss(Prony(NeoHooke(1000.0), g=[0.5], tau=[2.0]), [0.5])
     array([750.+250.j])
@@ -140,7 +244,7 @@ def storage_loss(material: Viscous, omega: ArrayLike) -> np.ndarray:
 def _test(material: Viscous, mode: str) -> Mode:
     if not isinstance(material, Viscous):
         raise InputError(
-            "material", describe_law(material), "a relaxing one, such as Viscous(law) or Prony(law, g, tau)"
+            "material", describe_law(material), "a viscoelastic one, such as Viscous(law) or Prony(law, g, tau)"
         )
     check_homogeneous(material.instantaneous)
     for branch in material.branches:
@@ -165,7 +269,7 @@ def _checked_histories(test: Mode, times: np.ndarray, stretches: ArrayLike) -> n
 
 
 def _symmetric(material: Viscous, test: Mode, times: np.ndarray, stretches: np.ndarray) -> np.ndarray | None:
-    """All times at once in the symmetric state, or None where that is no equilibrium."""
+    """Stress at all times at once in the symmetric state, or None where that is not in equilibrium."""
     specimen = Specimen.from_law(material.equilibrium, test, stretches.size)
     specimen.state = test.isotropic(stretches.ravel())
     force = specimen.force
@@ -182,7 +286,7 @@ def _symmetric(material: Viscous, test: Mode, times: np.ndarray, stretches: np.n
 
 
 def _stepped(material: Viscous, test: Mode, times: np.ndarray, stretches: np.ndarray) -> np.ndarray:
-    """One time after the other, the body choosing its transverse strains in each."""
+    """Stress by time steps, each with its own transverse equilibrium."""
     march = _March(material, test, len(stretches))
     answer = np.empty_like(stretches)
     for n, dt in enumerate(np.diff(times, prepend=times[0])):
@@ -196,7 +300,7 @@ def _stepped(material: Viscous, test: Mode, times: np.ndarray, stretches: np.nda
 
 
 class _March:
-    """Time steps as energies, W_∞ + Σ β_k W_k + ½ Σ (e_k H_k - β_k S̄_k) : C + Maxwell branches; the first is sudden."""
+    """Time steps as energies, W_∞ + Σ β_k W_k + ½ Σ (e_k H_k - β_k S̄_k) : C + Maxwell branches; the first step is sudden."""
 
     def __init__(self, material: Viscous, test: Mode, count: int) -> None:
         hereditary = material.hereditary_branches
@@ -223,7 +327,7 @@ class _March:
         self._factors = np.zeros((len(hereditary), 1, 1)), np.ones((len(hereditary), 1, 1))
 
     def begin(self, dt: float) -> None:
-        """Set up the step of `dt` seconds from the state reached."""
+        """Set up the step of `dt` seconds from the present state."""
         e, beta = step_factors(dt, self._tau)
         for parameter, value in zip(self._beta, beta, strict=True):
             parameter.Set(value)
@@ -236,7 +340,7 @@ class _March:
             self._relax()
 
     def hold(self, stretches: np.ndarray) -> None:
-        """Put the test to these stretches (n,) from the present state on; the body chooses the rest."""
+        """Prescribe these stretches (n,), starting from the present state; the other entries minimise the energy."""
         given = self.specimen.mode.given
         state = self.specimen.state.copy()
         state[:given] = stretches
@@ -248,7 +352,7 @@ class _March:
         self._flows.stiffen()
 
     def end(self) -> None:
-        """Carry the history over."""
+        """Update the internal variables."""
         e, beta = self._factors
         points = self.specimen.points
         S = np.array([points(stress) for stress in self._stress]).reshape(self._S.shape)

@@ -1,4 +1,4 @@
-"""Many copies of one material under one test, each at its own stretch: energy, nominal stress and equilibrium."""
+"""Many copies of one material in one test, each at its own stretch: energy, nominal stress and equilibrium."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from ngsolve import CoefficientFunction
 
 from ngbrain.errors import ConvergenceError, InputError
 from ngbrain.materials.base import Deformation, Law, density
-from ngbrain.materials.catalogue import find_published
+from ngbrain.materials.catalogue import find_entry
 from ngbrain.materials.lab.modes import Mode
 from ngbrain.materials.points import Points
 
 Energy: TypeAlias = Callable[[Deformation], CoefficientFunction]
 STATIONARY = 1e-9
-"""Share of the largest stress below which the transverse forces of the symmetric state count as rounding."""
+"""Transverse forces of the symmetric state below this fraction of the largest stress count as round-off."""
 NEWTON_STEPS = 80
 _FIELDS = re.compile(r"coordinate|GridFunction|Voxel|DomainWise|MeshSize|NormalVector")
 
@@ -27,8 +27,21 @@ _FIELDS = re.compile(r"coordinate|GridFunction|Voxel|DomainWise|MeshSize|NormalV
 class Specimen:
     """n states x of one `Mode`, as one array (entries, n), with derivatives of the energy from NGSolve.
 
-    Whatever is in `follow` is called after a change of state.
+    The functions in `follow` are called after every change of state.
 
+    Parameters
+    ----------
+    energy : Energy
+        Deformation → energy density (Pa).
+    mode : Mode
+        The test.
+    count : int
+        Number n of states.
+    name : str, default 'the material'
+        Name of the material, for messages.
+
+    Examples
+    --------
     >>> from ngbrain.materials import NeoHooke
     >>> from ngbrain.materials.lab.modes import MODES
     >>> specimen = Specimen.from_law(NeoHooke(2.0), MODES["planar"], 1)
@@ -42,7 +55,7 @@ class Specimen:
         self.follow: list[Callable[[], None]] = []
         self.points = Points.line(count)
         self._field = self.points.field(mode.isotropic(np.full(count, mode.rest)))
-        # Entries of their own make x one vector to derive by, in every mode.
+        # Separate entries make x one vector variable of differentiation in every mode.
         self.x = ngs.CF(tuple(self._field[i] for i in range(self._field.dim))).MakeVariable()
         self.F = mode.deformation(self.x)
         self.C = self.F.trans * self.F
@@ -51,7 +64,7 @@ class Specimen:
 
     @classmethod
     def from_law(cls, law: Law, mode: Mode, count: int) -> Specimen:
-        """Of an elastic law."""
+        """Specimen of an elastic law."""
         check_elastic(law)
         return cls(lambda at: density(law, at), mode, count, describe_law(law))
 
@@ -91,7 +104,7 @@ class Specimen:
 
     @property
     def stress(self) -> np.ndarray:
-        """Nominal stress (Pa), shape (n,): 11, or 12 in shear. By the least energy of the rest it is ∂W/∂x₀."""
+        """Nominal stress (Pa), shape (n,): P₁₁, or P₁₂ in shear. As the other entries minimise the energy, it is ∂W/∂x₀."""
         return self.force[0]
 
     @property
@@ -109,7 +122,7 @@ class Specimen:
         )
 
     def stretch_to(self, stretches: np.ndarray) -> None:
-        """Put the test to these stretches (n,) and let the body choose the rest, from the symmetric state on."""
+        """Prescribe these stretches (n,) and find equilibrium, starting from the symmetric state."""
         self.state = self.mode.isotropic(stretches)
         force = self.force
         self.check_finite_energy(stretches, self.energy + force.sum(axis=0))
@@ -118,7 +131,20 @@ class Specimen:
             self.find_equilibrium(self.mode.given)
 
     def check_finite_energy(self, stretches: np.ndarray, values: np.ndarray) -> None:
-        """`InputError` that names the stretch nearest to rest without a finite value, and where values end."""
+        """Raise `InputError` where values are not finite, with the admissible range of stretches.
+
+        Parameters
+        ----------
+        stretches : numpy.ndarray of shape (n)
+            Stretches.
+        values : numpy.ndarray of shape (n)
+            Energies or stresses at these.
+
+        Raises
+        ------
+        InputError
+            Names the stretch nearest to rest without a finite value, and the limit of admissible stretches.
+        """
         bad = stretches[~np.isfinite(values)]
         if bad.size:
             worst = float(bad[np.argmin(np.abs(bad - self.mode.rest))])
@@ -139,14 +165,26 @@ class Specimen:
             ends = np.concatenate([[low], trial, [high]])
             low, high = float(ends[count]), float(ends[count + 1])
         if abs(low - self.mode.rest) < 1e-9:
-            return "a law that has one near rest"
+            return "a law with a finite energy near rest"
         return f"{'less' if bad > self.mode.rest else 'more'} than {low:.6g}"
 
     def find_equilibrium(self, first: int, load: np.ndarray | float = 0.0) -> None:
-        """Least energy W - load (x₀ + … of the given entries) over the entries of x from `first` on.
+        """Minimise the energy W - load (x₀ + … of the prescribed entries) over the entries of x from `first` on.
 
-        Newton's method at all points at once, on the absolute curvature, each with its own step length. Stretches stay
-        positive. Starts from `state`; `ConvergenceError` when it does not end.
+        Newton's method at all points at once, with the absolute Hessian and a line search at each point, from the
+        present `state`. Stretches stay positive.
+
+        Parameters
+        ----------
+        first : int
+            First free entry of x.
+        load : numpy.ndarray or float, default 0.0
+            Nominal stress (Pa) on the prescribed entries.
+
+        Raises
+        ------
+        ConvergenceError
+            Newton's method does not converge.
         """
         last = np.inf
         for _ in range(NEWTON_STEPS):
@@ -159,7 +197,7 @@ class Specimen:
             along = np.einsum("nij,in->nj", vectors, slope) / size
             step[first:] = -np.einsum("nij,nj->in", vectors, along)
             moved = np.max(np.abs(step) / (1 + np.abs(x)))
-            done = moved <= 1e-9 or (moved <= 1e-5 and moved > last / 2)  # or as small as rounding lets it be
+            done = moved <= 1e-9 or (moved <= 1e-5 and moved > last / 2)  # or as small as round-off permits
             last = moved
             self._advance(step, load, np.einsum("in,in->n", slope, step[first:]), size.max(axis=1))
             if done:
@@ -182,7 +220,7 @@ class Specimen:
         return self.energy - load * self._state[: self.mode.given].sum(axis=0)
 
     def _advance(self, step: np.ndarray, load: np.ndarray | float, slope: np.ndarray, stiff: np.ndarray) -> None:
-        """Go along `step`, at each point as far as the potential falls (Armijo)."""
+        """Line search along `step` at each point (Armijo)."""
         x, before, length = self.state, self._potential(load), np.ones(step.shape[1])
         slack = 1e-14 * (np.abs(before) + stiff)
         for _ in range(50):
@@ -197,7 +235,7 @@ class Specimen:
 
 
 def check_elastic(law: Law) -> None:
-    """`InputError` unless `law` is elastic and without fields in space."""
+    """Raise `InputError` unless `law` is elastic and without parameters that vary in space."""
     if hasattr(law, "branches"):
         raise InputError("law", type(law).__name__, "an elastic one: material.equilibrium or material.instantaneous")
     if not isinstance(law, Law):
@@ -206,14 +244,24 @@ def check_elastic(law: Law) -> None:
 
 
 def warn_beyond(material: object, mode: Mode, stretches: np.ndarray) -> None:
-    """Warn, once for each entry, if a material of the catalogue is taken beyond its data; a shear γ counts as 1 ± γ/2."""
-    if entry := find_published(material):
+    """Warn, once per entry, if a material of the catalogue leaves the stretches of its data; a shear γ counts as 1 ± γ/2.
+
+    Parameters
+    ----------
+    material : object
+        Material in the test.
+    mode : Mode
+        The test.
+    stretches : numpy.ndarray
+        Stretches of the test.
+    """
+    if entry := find_entry(material):
         met = stretches if mode.rest else 1 + np.outer([-0.5, 0.5], stretches.ravel())
         entry.check(float(met.min()), float(met.max()))
 
 
 def check_homogeneous(law: Law) -> None:
-    """`InputError` for parameters that vary in space: the laboratory has no place."""
+    """Raise `InputError` for parameters that vary in space."""
     found = _FIELDS.search(str(density(law, Deformation(ngs.Id(3), ngs.Id(3), ngs.CF(1.0), ngs.Id(3)))))
     if found:
         raise InputError(
@@ -222,6 +270,6 @@ def check_homogeneous(law: Law) -> None:
 
 
 def describe_law(law: object) -> str:
-    """A law as a message shows it."""
+    """Text of a law for messages."""
     text = repr(law)
     return text if len(text) < 100 and " object at " not in text else type(law).__name__

@@ -135,7 +135,7 @@ def test_what_is_assumed_is_said():
     said = ladder.solve(scene, model=model_of(scene))["warnings"]
     assert said == [
         "tissue#1 (.*): bulk_to_shear_ratio is not given: 1000 is assumed, nearly incompressible",
-        "tissue#2 (dura): pearcy2022:dura (human cranial dura mater): a linear law for small strain, taken as Neo-Hooke's; "
+        "tissue#2 (dura): pearcy2022:dura (human cranial dura mater): a linear law for small strain, used as Neo-Hookean; "
         "measured in tension alone",
         "tissue#2 (dura): bulk_to_shear_ratio is not given: 1000 is assumed, nearly incompressible",
         "tissue#3 (x): bulk_to_shear_ratio is not given: 220.9 is used, of the source's bulk modulus",
