@@ -193,7 +193,7 @@ def test_no_scene_beside_a_result_has_code_run(case, tmp_path):
 @pytest.mark.parametrize(
     ("text", "source", "said"),
     [
-        (FILE, "laws/other.py:Quartic", "other.py, where no file is"),
+        (FILE, "laws/other.py:Quartic", "other.py, which does not exist"),
         (FILE, "laws/mine.py:Quintic", r"wanted: a class with `energy\(C\)` in it, .*'Quartic'"),
         (FILE, "laws/mine.py", r"wanted: FILE\.py:CLASS"),
         (FILE, "no_such_module:Quartic", "no_such_module, which ends in ModuleNotFoundError"),
@@ -241,7 +241,7 @@ def test_the_command_takes_laws_by_path_and_by_name(case, capsys):
     assert main(["materials", "--laws", laws]) == 0
     assert "Quartic" in capsys.readouterr().out
     assert main(["materials", "--laws", str(case / "none.py")]) == 2
-    assert "where no file is" in capsys.readouterr().err
+    assert "which does not exist" in capsys.readouterr().err
 
 
 def test_names_that_are_taken(case):
