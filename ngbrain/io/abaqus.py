@@ -1,7 +1,7 @@
-"""Nodes, tetrahedra, triangles and element sets of Abaqus' input files.
+"""Nodes, tetrahedra, triangles and element sets of Abaqus input files.
 
-meshio's reader keeps only the last *NODE block, mixes up element sets that several *ELEMENT blocks share and knows neither hybrid
-tetrahedra of first order (C3D4H) nor most triangles.
+meshio's reader keeps only the last *NODE block, mixes up element sets that several *ELEMENT blocks share, and supports neither
+first-order hybrid tetrahedra (C3D4H) nor most triangles.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ _TETRAHEDRON = re.compile(r"(?:AC|D)?C3D(4|10)[A-Z]*")
 _TRIANGLE = re.compile(r"(?:CPS|CPE|CPEG|CAX|M3D|SFM3D|S|DS|STRI|R3D|F3D)(3|6|65)[A-Z]*")
 _OTHER_SOLID = re.compile(r"(?:AC|D)?C3D\d+[A-Z]*")
 _NODES = {"3": 3, "4": 4, "6": 6, "65": 6, "10": 10}
-"""Nodes by the number in an element's name."""
+"""Number of nodes, by the number in the element type."""
 
 
 @dataclass(eq=False)
 class AbaqusMesh:
-    """What a file holds: cells by their corners, as rows of `points`.
+    """Content of an input file: cells by their corners, as rows of `points`.
 
-    Attributes
+    Parameters
     ----------
-    points
-        (n, 3), in the file's unit.
-    solid, flat
-        Element set → the corners (m, 4) of its tetrahedra, (m, 3) of its triangles.
-    others
-        Kind → number of solids that are no tetrahedra.
+    points : numpy.ndarray
+        (n, 3), in the unit of the file.
+    solid, flat : dict of numpy.ndarray
+        Element set → corners of its tetrahedra (m, 4), and of its triangles (m, 3).
+    others : dict of int
+        Element type → number of solid elements that are not tetrahedra.
     """
 
     points: np.ndarray
@@ -53,22 +53,22 @@ class _Read:
 
 
 def read_abaqus(path: Path) -> AbaqusMesh:
-    """Read one part of an input file.
+    """Read one part of an Abaqus input file.
 
     Parameters
     ----------
-    path
-        An .inp file with its nodes and elements in it.
+    path : Path
+        An .inp file with nodes and elements.
 
     Returns
     -------
     AbaqusMesh
-        Only the corners of quadratic elements; lines, springs, quadrilaterals and masses are left out.
+        Only the corners of quadratic elements; lines, springs, quadrilaterals and masses are ignored.
 
     Raises
     ------
     InputError
-        For several parts, files that include others, numbers that are none, nodes that are missing.
+        The file has several parts, includes other files, has invalid numbers, or lacks nodes.
     """
     read, parts = _Read(), 0
     try:
@@ -105,7 +105,7 @@ def read_abaqus(path: Path) -> AbaqusMesh:
 
 
 def _blocks(path: Path) -> Iterator[tuple[str, dict[str, str], list[str]]]:
-    """Keywords with their options, upper case, and their lines of data."""
+    """Keywords with their options, upper case, and their data lines."""
     keyword, options, lines = "", dict[str, str](), list[str]()
     open_line = False
     for raw in read_text(path, "mesh file", MOST).splitlines():

@@ -1,4 +1,4 @@
-"""What takes long to make, kept on disk under the digest of all that it was made from."""
+"""Disk cache of intermediate results, keyed by a digest of their inputs and of the code that computes them."""
 
 from __future__ import annotations
 
@@ -26,39 +26,41 @@ Arrays = dict[str, np.ndarray]
 
 PACKAGE = "ngbrain"
 _DIGEST = "sha256 of the rest"
-"""Name of the array that binds an entry to its content."""
+"""Name of the array with the checksum of the others."""
 _MOST = 2**34
-"""Bytes that an entry may hold."""
+"""Maximum size (bytes) of an entry."""
 
 
 def cache_folder() -> Path:
-    """$NGBRAIN_CACHE, or `ngbrain` in $XDG_CACHE_HOME, or `~/.cache/ngbrain`. Anything in it may be deleted."""
+    """Folder of the cache: $NGBRAIN_CACHE, or `ngbrain` in $XDG_CACHE_HOME, or `~/.cache/ngbrain`. Its files may be deleted at any
+    time.
+    """
     if own := os.environ.get("NGBRAIN_CACHE"):
         return Path(own)
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ngbrain"
 
 
 def load_or_compute(stage: str, made_from: Any, modules: Iterable[ModuleType], make: Callable[[], Arrays]) -> Arrays:
-    """The arrays that `make` gives, from the cache if they were made before; a damaged or changed file is made again.
+    """Load arrays from the cache, or compute and store them; a damaged or modified file is computed again.
 
-    The file's name depends on the source of every module of this package that the module of `make` imports, directly or through
-    others (`closure`), and on the versions of all that computes.
+    The file name depends on the source of every module of this package that the module of `make` imports, directly or
+    indirectly (`source_files`), and on the versions of all numerical packages.
 
     Parameters
     ----------
     stage : str
-        Its name, part of the file's.
+        Name of the stage, part of the file name.
     made_from : object
-        Everything else that decides the result, fit for JSON.
+        All other inputs of the result, JSON-compatible.
     modules : iterable of module
-        Further ones that `make` uses without importing them.
+        Further modules that `make` uses without importing them.
     make : callable
-        Gives arrays by name.
+        Computes the arrays, by name.
 
     Returns
     -------
     dict of numpy.ndarray
-        By name.
+        Arrays by name.
     """
     digest = hashlib.sha256(json.dumps([stage, made_from, versions()], sort_keys=True).encode())
     _feed_sources(digest, (make.__module__, *(module.__name__ for module in modules)))
@@ -72,14 +74,14 @@ def load_or_compute(stage: str, made_from: Any, modules: Iterable[ModuleType], m
         path.parent.mkdir(parents=True, exist_ok=True)
         named: dict[str, Any] = {**arrays, _DIGEST: np.array(_sum(arrays))}
         atomic_write(path, lambda part: np.savez(part, **named))
-    except OSError:  # no room or no right to write: made again next time
+    except OSError:  # disk full or no write permission: computed again next time
         pass
     return arrays
 
 
 @cache
 def code_digest(names: tuple[str, ...]) -> str:
-    """Of the source of modules and of all of this package that they import, and of the versions of all that computes."""
+    """Digest of the source of modules, of all modules of this package that they import, and of the versions of numerical packages."""
     digest = hashlib.sha256(json.dumps(versions(), sort_keys=True).encode())
     _feed_sources(digest, names)
     return digest.hexdigest()
@@ -91,7 +93,7 @@ def _feed_sources(digest: Any, names: tuple[str, ...]) -> None:
 
 
 def source_files(names: Iterable[str]) -> list[Path]:
-    """The files of modules and of every module of this package that they import, directly or through others, in order.
+    """Source files of modules and of all modules of this package that they import, directly or indirectly, in order.
 
     >>> [path.name for path in source_files(["ngbrain.mesh.geometry.cleft"])]
     ['atomic.py', 'errors.py', 'cleft.py', 'result.py']
@@ -115,7 +117,7 @@ def _imported(name: str) -> frozenset[str]:
 
 
 def _imports(tree: ast.Module, package: str) -> Iterator[str]:
-    """Modules of this package that a module names in its import statements, those within functions too."""
+    """Modules of this package in the import statements of a module, also inside functions."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names if _ours(alias.name))
@@ -126,7 +128,7 @@ def _imports(tree: ast.Module, package: str) -> Iterator[str]:
                 continue
             parts = [f"{base}.{alias.name}" for alias in node.names]
             yield from (part for part in parts if _file(part) is not None)
-            if any(_file(part) is None for part in parts):  # a name that the module has, or hands on from another
+            if any(_file(part) is None for part in parts):  # a name defined or re-exported by the module
                 yield base
 
 
@@ -135,7 +137,7 @@ def _ours(name: str) -> bool:
 
 
 def _file(name: str) -> Path | None:
-    """The source of a module that is imported, or of one of this package."""
+    """Source file of an imported module, or of a module of this package."""
     if name in sys.modules:
         own = getattr(sys.modules[name], "__file__", None)
         return Path(own) if own and own.endswith(".py") else None
@@ -146,7 +148,7 @@ def _file(name: str) -> Path | None:
 def _found(name: str) -> Path | None:
     try:
         spec = find_spec(name)
-    except ModuleNotFoundError:  # what looks like its package is a module
+    except ModuleNotFoundError:  # its apparent package is a module
         return None
     return Path(spec.origin) if spec and spec.origin and spec.origin.endswith(".py") else None
 

@@ -1,13 +1,13 @@
-"""One file that shows a run in ParaView and restarts it.
+"""Checkpoints: one file that ParaView shows and a run restarts from.
 
-A checkpoint is a VTKHDF 2 file (`.vtkhdf`, an HDF5 file): the mesh once, the frames as time steps. Beside the group
-`/VTKHDF` stands `/ngbrain`, which viewers ignore: the exact mesh and whatever the run needs to go on.
+A checkpoint is a VTKHDF 2 file (`.vtkhdf`, an HDF5 file): the mesh once, the frames as time steps. Next to the group `/VTKHDF`,
+the group `/ngbrain`, which viewers ignore, holds the exact mesh and the state of the run.
 
     /VTKHDF            quadratic tetrahedra, PointData per frame, CellData/region, FieldData/region_names, Steps
     /ngbrain           attributes: format, ngsolve (the version that wrote it)
-    /ngbrain/mesh      arrays that the mesh is built from again (`ngbrain.io.mesh_arrays`)
-    /ngbrain/state     the state as JSON; in it ["array", i] stands for /ngbrain/arrays/i
-    last 48 bytes      a mark and the SHA-256 of all bytes before; HDF5 readers do not look behind their data
+    /ngbrain/mesh      arrays that the mesh is rebuilt from (`ngbrain.io.mesh_arrays`)
+    /ngbrain/state     the state as JSON, where ["array", i] stands for /ngbrain/arrays/i
+    last 48 bytes      a marker and the SHA-256 of all bytes before it; HDF5 readers ignore bytes after their data
 """
 
 from __future__ import annotations
@@ -44,21 +44,24 @@ _MARK = b"ngbrain  sha256\n"
 _SEAL = len(_MARK) + hashlib.sha256().digest_size
 _VTK_QUADRATIC_TETRA = 24
 MOST_CHECKPOINT = 2**34
-"""Bytes that a checkpoint may hold: 16 GiB."""
+"""Maximum size (bytes) of a checkpoint: 16 GiB."""
 ROUNDING = 1e-12
-"""Part of the largest coordinate by which nodes may differ when a mesh is built again."""
-# What VTK has: no half or extended precision, no complex numbers, no bool.
+"""Tolerance of the nodes of a rebuilt mesh, relative to the largest coordinate."""
+# Types of VTK: no half or extended precision, no complex numbers, no bool.
 _VTK_TYPES = {"f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8"}
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """What is shown at one time.
+    """Fields at one time.
 
-    Attributes:
-        time: s (or whatever orders the frames).
-        point_data: name → (n,) or (n, k) values at the nodes of the grid, as `QuadraticGrid.values` gives them. Their
-            type is kept: pass float32 where a picture is all you want.
+    Parameters
+    ----------
+    time : float
+        Time (s), or another quantity that orders the frames.
+    point_data : mapping
+        Name → (n,) or (n, k) values at the nodes of the grid, as from `QuadraticGrid.values`. The data type is kept; float32 is
+        enough for pictures.
     """
 
     time: float
@@ -67,7 +70,19 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class Checkpoint:
-    """What `load` found, as `save` was given it; the mesh is that of `grid`."""
+    """Content of a checkpoint, as it was given to `save`.
+
+    Parameters
+    ----------
+    grid : QuadraticGrid
+        The grid, with its mesh.
+    frames : tuple of Frame
+        Fields over time.
+    state : dict
+        State of the run.
+    cell_data : dict
+        Name → (ntets,) or (ntets, k) values.
+    """
 
     grid: QuadraticGrid
     frames: tuple[Frame, ...]
@@ -76,7 +91,7 @@ class Checkpoint:
 
     @property
     def mesh(self) -> ng.Mesh:
-        """The mesh of the run: same points to the last bit, same numbering, same curving."""
+        """The mesh of the run: same points to the last bit, same numbering, same curvature."""
         return self.grid.mesh
 
 
@@ -87,23 +102,34 @@ def save(
     state: Mapping[str, Any] | None = None,
     cell_data: Mapping[str, Array] | None = None,
 ) -> None:
-    """Write a checkpoint; the file at `path` is always the old one or the new one, whole.
+    """Write a checkpoint atomically: the file at `path` is always the complete old or the complete new one.
 
-    It is written beside its place, forced to disk and then renamed (`ngbrain.atomic`). A process killed meanwhile leaves the
-    old file, and perhaps a part beside it that the next `save` clears away.
+    It is written to a temporary file, flushed to disk and renamed (`ngbrain.atomic`). If the process is killed meanwhile, the
+    old file stays, and the next `save` removes the temporary one.
 
-    Args:
-        path: best with the suffix `.vtkhdf`, by which ParaView knows the format; its folder must exist.
-        grid: the mesh.
-        frames: in order of time, all with the same fields; may be empty.
-        state: names → None, bool, int, float, str, NumPy numbers, NumPy arrays of any dtype without objects, and
-            lists, tuples and mappings of these.
-        cell_data: name → (ntets,) or (ntets, k), the same at all times. "region" is always added.
+    Parameters
+    ----------
+    path : str or Path
+        Output file in an existing folder; ParaView recognises the suffix `.vtkhdf`.
+    grid : QuadraticGrid
+        The mesh.
+    frames : sequence of Frame, optional
+        In order of time, all with the same fields.
+    state : mapping, optional
+        Name → None, bool, int, float, str, NumPy numbers, NumPy arrays without objects, and lists, tuples and mappings of
+        these.
+    cell_data : mapping, optional
+        Name → (ntets,) or (ntets, k), constant in time. "region" is always added.
 
-    Raises:
-        InputError: something of the above does not hold. Nothing is written.
-        OSError: the disk is full, the folder is not writable, ...
+    Raises
+    ------
+    InputError
+        An argument is not as described. Nothing is written.
+    OSError
+        The disk is full, the folder is not writable, ...
 
+    Examples
+    --------
     >>> import tempfile
     >>> from netgen.occ import unit_cube
     >>> grid = QuadraticGrid(ng.Mesh(unit_cube.GenerateMesh(maxh=1)))
@@ -150,17 +176,25 @@ def save(
 
 
 def load(path: str | os.PathLike[str]) -> Checkpoint:
-    """Read a checkpoint back: arrays, floats and points of the mesh equal to the last bit. Nothing in the file is run.
+    """Read a checkpoint: arrays, floats and mesh points are equal to the last bit. Nothing in the file is executed.
 
-    Raises:
-        InputError: no such file; cut short, damaged, edited or not written by `save`; written by an earlier ngbrain that kept
-            the mesh as a pickle, or by a version of ngsolve that numbers meshes otherwise.
+    Raises
+    ------
+    InputError
+        The file does not exist; it is truncated, damaged, edited or not written by `save`; it was written by an earlier ngbrain
+        that pickled the mesh, or by a version of ngsolve that numbers meshes differently.
     """
     path = Path(path)
     _verify(path)
     try:
         return _read(path)
-    except (KeyError, ValueError, TypeError, IndexError, AttributeError) as error:  # sealed, but not by `save`
+    except (
+        KeyError,
+        ValueError,
+        TypeError,
+        IndexError,
+        AttributeError,
+    ) as error:  # valid checksum, but not by `save`
         if isinstance(error, InputError):
             if error.field == "checkpoint":
                 raise
@@ -187,7 +221,7 @@ def _read(path: Path) -> Checkpoint:
 
 
 def _digest(stream: BinaryIO, size: int) -> bytes:
-    """SHA-256 of the first `size` bytes, in pieces: a checkpoint may be larger than the memory left."""
+    """SHA-256 of the first `size` bytes, in chunks: a checkpoint may be larger than the free memory."""
     sha = hashlib.sha256()
     while size > 0 and (piece := stream.read(min(size, 1 << 20))):
         sha.update(piece)
@@ -196,7 +230,7 @@ def _digest(stream: BinaryIO, size: int) -> bytes:
 
 
 def _verify(path: Path) -> None:
-    """Check the seal before HDF5, which is not made for damaged input, sees a byte."""
+    """Verify the checksum before HDF5, which may crash on damaged input, reads a byte."""
     try:
         check_regular(path, "checkpoint", MOST_CHECKPOINT)
         with open(path, "rb") as stream:
@@ -218,7 +252,7 @@ def _read_grid(path: Path, own: h5py.Group, vtk: h5py.Group) -> QuadraticGrid:
     if not same or not np.allclose(points, grid.points, rtol=0, atol=ROUNDING * np.abs(points).max(initial=0)):
         wrote = f"ngsolve {own.attrs['ngsolve']}, which wrote it (this is {ng.__version__})"
         raise InputError("checkpoint", path, f"{wrote}; edges are numbered otherwise here")
-    grid.points = points  # nodes on curved edges to the last bit too
+    grid.points = points  # nodes on curved edges are exact too
     return grid
 
 
@@ -234,7 +268,7 @@ def _check(frames: Sequence[Frame], cells: Mapping[str, Array], grid: QuadraticG
 
 
 def _check_fields(where: str, fields: Mapping[str, Array], rows: int) -> dict[str, str]:
-    """Refuse what VTK cannot hold; the kind of every field, in words."""
+    """Refuse fields that VTK cannot hold; returns type and shape of every field."""
     for name, data in fields.items():
         data = np.asarray(data)
         if name in ("", ".") or "/" in name:
@@ -246,7 +280,7 @@ def _check_fields(where: str, fields: Mapping[str, Array], rows: int) -> dict[st
 
 
 def _write_vtk(vtk: h5py.Group, grid: QuadraticGrid, frames: Sequence[Frame], cells: Mapping[str, Array]) -> None:
-    """The VTKHDF part: one piece, geometry shared by all steps (their offsets into it are all 0)."""
+    """Write the VTKHDF part: one piece, with the geometry shared by all steps (all offsets into it are 0)."""
     ntets, n, steps = len(grid.connectivity), len(grid.points), len(frames)
     vtk.attrs["Version"] = [2, 2]
     vtk.attrs["Type"] = np.bytes_("UnstructuredGrid")  # readers want a string of fixed length
@@ -261,7 +295,7 @@ def _write_vtk(vtk: h5py.Group, grid: QuadraticGrid, frames: Sequence[Frame], ce
     vtk.create_dataset("FieldData/region_names", data=names, dtype=h5py.string_dtype("ascii"))
     points = vtk.create_group("PointData")
     if not frames:
-        return  # a still mesh
+        return  # a mesh without frames
     series = vtk.create_group("Steps")
     series.attrs["NSteps"] = steps
     series["Values"] = np.array([frame.time for frame in frames], float)

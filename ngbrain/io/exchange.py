@@ -1,4 +1,4 @@
-"""Tetrahedral meshes to the formats of other programs (`ngbrain.io.foreign` reads them); lengths stay in m, names go along."""
+"""Write tetrahedral meshes in the formats of other programs (`ngbrain.io.foreign` reads them); lengths stay in m, names are kept."""
 
 from __future__ import annotations
 
@@ -16,22 +16,34 @@ from ngbrain.mesh.tet_mesh import Elements
 
 _FORMATS = {".vtu": "vtu", ".vtk": "vtk", ".msh": "gmsh22", ".inp": "abaqus"}
 SUFFIXES = (".vtu", ".vtk", ".msh", ".inp", ".feb", ".vol.gz", ".vol")
-"""ParaView (two), Gmsh 2.2, Abaqus, FEBio 4, Netgen (two)."""
+"""Suffixes of ParaView (two), Gmsh 2.2, Abaqus, FEBio 4, and Netgen (two)."""
 _LINE, _ZEROS = 120, bytes(1 << 16)
-"""Bytes that a point or an element takes in Netgen's files, at most; what a file is tried with."""
+"""Maximum size (bytes) of a point or an element in Netgen's files, and a block that tests whether the disk has room."""
 _POSITIVE = [1, 0, 2, 3]
-"""Other programs want det(b - a, c - a, d - a) > 0, Netgen the opposite."""
+"""Other programs use tetrahedra with det(b - a, c - a, d - a) > 0, Netgen the opposite."""
 
 
 def write_mesh(path: str | os.PathLike[str], elements: Elements) -> None:
-    """Write a mesh in the format of the path's suffix; the file is whole or not there.
+    """Write a mesh atomically, in the format of the file suffix.
 
-    Tetrahedra and boundary triangles carry their names: as physical groups (Gmsh), element sets (Abaqus), parts and surfaces
-    (FEBio), materials and boundary conditions (Netgen); VTK has numbers only, `region`: of `elements.regions` from 0 on,
-    then of `elements.boundaries`.
+    Tetrahedra and boundary triangles keep their names: as physical groups (Gmsh), element sets (Abaqus), parts and surfaces
+    (FEBio), materials and boundary conditions (Netgen). VTK has only numbers, `region`: indices into `elements.regions`,
+    followed by `elements.boundaries`.
 
-    Raises `InputError` for a suffix that is none of `SUFFIXES`, and for a folder that does not exist.
+    Parameters
+    ----------
+    path : str or Path
+        Output file with one of `SUFFIXES`, in an existing folder.
+    elements : Elements
+        The mesh.
 
+    Raises
+    ------
+    InputError
+        The suffix is unknown, or the folder does not exist.
+
+    Examples
+    --------
     >>> write_mesh("head.stl", None)
     Traceback (most recent call last):
     ngbrain.errors.InputError: mesh file is 'head.stl'; wanted: .vtu, .vtk, .msh, .inp, .feb, .vol.gz, .vol
@@ -48,7 +60,7 @@ def write_mesh(path: str | os.PathLike[str], elements: Elements) -> None:
 
 
 def mesh_suffix(path: str | os.PathLike[str]) -> str:
-    """The known suffix that a path ends with."""
+    """The known suffix of a mesh file; `InputError` for others."""
     name = Path(path).name.lower()
     for suffix in SUFFIXES:
         if name.endswith(suffix):
@@ -87,7 +99,7 @@ def _write_meshio(path: Path, elements: Elements) -> None:
 
 def _write_netgen(path: Path, elements: Elements) -> None:
     room = _LINE * (len(elements.points) + len(elements.tets) + len(elements.triangles))
-    with path.open("wb") as part:  # Netgen says nothing where a disk is full
+    with path.open("wb") as part:  # Netgen does not report a full disk
         for _ in range(0, room, len(_ZEROS)):
             part.write(_ZEROS)
         os.fsync(part.fileno())
@@ -95,7 +107,7 @@ def _write_netgen(path: Path, elements: Elements) -> None:
 
 
 def _write_febio(path: Path, elements: Elements) -> None:
-    """FEBio 4: nodes, an element part for each region and a surface for each boundary; the rest is left to its user."""
+    """FEBio 4: nodes, an element part per region and a surface per boundary; materials and loads are left to the user."""
     with path.open("w", encoding="utf-8") as out:
         out.write(
             '<?xml version="1.0" encoding="UTF-8"?>\n<febio_spec version="4.0">\n\t<Mesh>\n\t\t<Nodes name="all">\n'

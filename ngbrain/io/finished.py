@@ -1,4 +1,4 @@
-"""Finished work on disk: results of tasks under the digest of all that they are made from."""
+"""Store of finished task results on disk, keyed by a digest of all their inputs."""
 
 from __future__ import annotations
 
@@ -19,16 +19,21 @@ from ngbrain.io.state import load_state, save_state
 
 
 class FinishedWork:
-    """A folder of results that `ngbrain.parallel.run` finds there instead of computing them, in this run or the next.
+    """Folder of results that `ngbrain.parallel.run` loads instead of computing them, in this run or the next.
 
-    The name of a file is the digest of the function, the source of all that its module imports of ngbrain, versions, and the
-    arguments: numbers, text, arrays, paths, sequences, mappings and dataclasses of these. A result is whatever `save_state` takes
-    (no pickles). Files that are damaged are computed again.
+    The file name is a digest of the function, the source of all modules of ngbrain that its module imports, versions, and the
+    arguments: numbers, text, arrays, paths, sequences, mappings and dataclasses of these. A result is whatever `save_state`
+    accepts (no pickles). Damaged files are computed again.
 
     Parameters
     ----------
     folder : str or Path
-        Made if it is not there.
+        Created if it does not exist.
+
+    Raises
+    ------
+    InputError
+        The path is a file.
 
     Examples
     --------
@@ -48,14 +53,31 @@ class FinishedWork:
         self.folder.mkdir(parents=True, exist_ok=True)
 
     def key(self, function: Callable[..., Any], args: tuple[Any, ...]) -> str:
-        """Tells a call from every other."""
+        """Unique key of a call.
+
+        Parameters
+        ----------
+        function : callable
+            The function.
+        args : tuple
+            Its arguments.
+
+        Returns
+        -------
+        str
+
+        Raises
+        ------
+        InputError
+            An argument has a type that cannot be digested.
+        """
         digest = hashlib.sha256(f"{function.__module__}.{function.__qualname__}\n".encode())
         digest.update(code_digest((function.__module__,)).encode())
         _feed(digest, args, f"what {function.__qualname__} is called with")
         return digest.hexdigest()[:32]
 
     def find(self, key: str) -> Any:
-        """The result; `KeyError` where there is none."""
+        """Look up a result; `KeyError` if there is none."""
         path = self.folder / f"{key}.npz"
         try:
             return load_state(path)
@@ -63,12 +85,20 @@ class FinishedWork:
             raise KeyError(key) from error
 
     def keep(self, key: str, result: Any) -> None:
-        """Keep a result, whole or not at all."""
+        """Store a result atomically.
+
+        Parameters
+        ----------
+        key : str
+            Key of the call.
+        result : object
+            Its result.
+        """
         save_state(self.folder / f"{key}.npz", result)
 
 
 def _feed(digest: Any, value: Any, name: str) -> None:
-    """Every value with its kind and size in front, so that no two feed the same bytes."""
+    """Digest a value with its type and size in front, so that no two values give the same bytes."""
     if value is None or isinstance(value, (bool, int, float, complex, str, Enum, np.generic)):
         text = f"{value!r}" if not isinstance(value, np.generic) else f"{value.dtype.str} {value.tobytes().hex()}"
         digest.update(f"{type(value).__name__} {len(text)} {text}\n".encode())

@@ -1,4 +1,4 @@
-"""Tetrahedral meshes from the files of other programs: Gmsh, Abaqus, VTK, FEBio, Netgen, Medit, XDMF."""
+"""Read tetrahedral meshes of other programs: Gmsh, Abaqus, VTK, FEBio, Netgen, Medit, XDMF."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ngbrain.mesh.tet_mesh import Elements, named_elements
 from ngbrain.units import UNITS_OF_LENGTH
 
 WIDTHS = (5e-3, 3.0)
-"""Smallest and largest width (m) that a body can have."""
+"""Smallest and largest plausible extent (m) of a body."""
 _CORNERS = {"tetra": 4, "tetra10": 4, "triangle": 3, "triangle6": 3}
 _MESHIO: Mapping[str, Callable[[Path], meshio.Mesh]] = {
     ".msh": meshio.gmsh.read,
@@ -28,7 +28,7 @@ _MESHIO: Mapping[str, Callable[[Path], meshio.Mesh]] = {
     ".mesh": meshio.medit.read,
     ".xdmf": meshio.xdmf.read,
 }
-"""Readers by suffix: `meshio.read` prints what it cannot read and ends the program."""
+"""Readers by suffix; `meshio.read` itself ends the program on errors."""
 SUFFIXES = (*_MESHIO, ".inp", ".feb", ".vol", ".vol.gz")
 _OTHER_SOLIDS = ("hexahedron", "wedge", "pyramid")
 _NUMBERS = (
@@ -42,22 +42,22 @@ _NUMBERS = (
     "material",
     "label",
 )
-"""Cell data that say which region a cell belongs to."""
+"""Names of cell data with the region number of a cell."""
 _MOST = 255
-"""Regions that a mesh may have."""
+"""Maximum number of regions of a mesh."""
 _FLAT = 1e-12
-"""Volume of a tetrahedron over the cube of its longest edge, below which it is flat."""
+"""A tetrahedron is flat if its volume, relative to the cube of its longest edge, is below this."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Cells:
-    """Cells (n, k) of one kind, and which of them each group has, by name."""
+    """Cells (n, k) of one type, and the cells of each group, by name."""
 
     cells: np.ndarray
     groups: Mapping[str, np.ndarray]
 
     def once(self) -> _Cells:
-        """Each cell once, as formats write those of two groups twice."""
+        """Each cell once; some formats write cells of two groups twice."""
         if not len(self.cells):
             return self
         _, first, number = np.unique(np.sort(self.cells, axis=1), axis=0, return_index=True, return_inverse=True)
@@ -65,7 +65,9 @@ class _Cells:
         return _Cells(self.cells[first], {name: np.unique(number[mine]) for name, mine in self.groups.items()})
 
     def named(self, without: str) -> tuple[np.ndarray, tuple[str, ...]]:
-        """A number for each cell and their names: of groups that share cells the smallest, which says most, has them."""
+        """Group number of each cell, and the group names; a cell of several groups belongs to the smallest, which is the most
+        specific.
+        """
         names = sorted(self.groups, key=lambda name: (-len(self.groups[name]), name))
         owner = np.full(len(self.cells), -1)
         for i, name in enumerate(names):
@@ -78,7 +80,7 @@ class _Cells:
 
 
 def is_mesh(path: str | os.PathLike[str]) -> bool:
-    """Whether a file's name is that of a volume mesh.
+    """Whether a file name is that of a volume mesh.
 
     >>> is_mesh("head.MSH"), is_mesh("head.nii.gz")
     (True, False)
@@ -87,28 +89,29 @@ def is_mesh(path: str | os.PathLike[str]) -> bool:
 
 
 def read_mesh(path: str | os.PathLike[str], unit: str = "m") -> Elements:
-    """A mesh of tetrahedra with straight edges, each cell once, in m.
+    """Read a mesh of straight-edged tetrahedra, each cell once, in m.
 
     Parameters
     ----------
-    path
-        Gmsh (.msh 2.2 or 4.1), Abaqus (.inp), VTK (.vtu, .vtk), FEBio (.feb), Netgen (.vol, .vol.gz), Medit (.mesh), XDMF (.xdmf).
-    unit
-        Of the file's lengths: m, cm, mm or um.
+    path : str or Path
+        Gmsh (.msh 2.2 or 4.1), Abaqus (.inp), VTK (.vtu, .vtk), FEBio (.feb), Netgen (.vol, .vol.gz), Medit (.mesh), XDMF
+        (.xdmf).
+    unit : str, optional
+        Unit of length of the file: m, cm, mm or um.
 
     Returns
     -------
     Elements
         Regions are physical groups (by dimension and number), element sets, parts or materials; numbers without a name become
-        `region_1`, …. A cell of several groups is of the smallest of them. Boundaries have the names of the file's
-        groups of triangles; faces between regions and outside that are in none are called `outer_REGION` and `REGION_REGION`.
-        Only the corners of quadratic elements are kept.
+        `region_1`, …. A cell of several groups belongs to the smallest. Boundaries have the names of the file's groups of
+        triangles; other faces between regions and towards the outside are called `outer_REGION` and `REGION_REGION`. Only the
+        corners of quadratic elements are kept.
 
     Raises
     ------
     InputError
-        For a file that cannot be read or holds no tetrahedra, or other solids too; for flat ones; for more than 255 regions; for
-        a unit in which no body is so large or small.
+        The file cannot be read, holds no tetrahedra, other solids, or flat tetrahedra; it has more than 255 regions; the body
+        has an implausible size in this unit.
 
     Examples
     --------
@@ -149,7 +152,24 @@ def read_mesh(path: str | os.PathLike[str], unit: str = "m") -> Elements:
 
 
 def unit_scale(unit: str, path: Path) -> float:
-    """What a unit of length is in m."""
+    """A unit of length in m.
+
+    Parameters
+    ----------
+    unit : str
+        m, cm, mm or um.
+    path : Path
+        The file, for messages.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    InputError
+        The unit is unknown.
+    """
     if unit not in UNITS_OF_LENGTH:
         *most, last = UNITS_OF_LENGTH
         raise InputError("unit", repr(unit), f"{', '.join(most)} or {last}", path)
@@ -157,7 +177,22 @@ def unit_scale(unit: str, path: Path) -> float:
 
 
 def check_width(points: np.ndarray, unit: str, path: Path) -> None:
-    """`InputError` where points (n, 3) m are not those of a body, which names the units in which they would be."""
+    """Check that a body has a plausible size; the message names the units in which it would have.
+
+    Parameters
+    ----------
+    points : numpy.ndarray
+        (n, 3) m.
+    unit : str
+        Unit of length of the file.
+    path : Path
+        The file, for messages.
+
+    Raises
+    ------
+    InputError
+        The largest extent is outside `WIDTHS`.
+    """
     width = float(np.ptp(points, axis=0).max())
     if not WIDTHS[0] <= width <= WIDTHS[1]:
         number = width / UNITS_OF_LENGTH[unit]
@@ -169,7 +204,7 @@ def check_width(points: np.ndarray, unit: str, path: Path) -> None:
 
 
 def _bounded(made: Elements, used: np.ndarray, flat: _Cells) -> Elements:
-    """With the file's names of boundaries; of its triangles those inside a region stay too, if they are faces."""
+    """The mesh with the file's boundary names; triangles inside a region are kept if they are faces of tetrahedra."""
     number, names = flat.named("boundary_1" if not flat.groups else "ungrouped_boundary")
     at = np.minimum(np.searchsorted(used, flat.cells), len(used) - 1)
     known = (used[at] == flat.cells).all(axis=1)
@@ -199,7 +234,7 @@ def _bounded(made: Elements, used: np.ndarray, flat: _Cells) -> Elements:
 def _meshio(path: Path) -> tuple[np.ndarray, _Cells, _Cells]:
     try:
         mesh = _MESHIO[path.suffix.lower()](path)
-    except Exception as error:  # of whatever kind a damaged file leads it into
+    except Exception as error:  # damaged files make meshio raise many kinds of exception
         if path.suffix.lower() == ".mesh" and b"P2" in path.read_bytes():
             wanted = "straight ones (in Gmsh: Mesh.ElementOrder = 1), or another format"
             raise InputError("mesh file", "Medit's with elements of second order", wanted, path) from error
@@ -217,7 +252,7 @@ def _meshio(path: Path) -> tuple[np.ndarray, _Cells, _Cells]:
 
 
 def _vtk(path: Path) -> meshio.Mesh:
-    """By meshio, which wants a line's end after the last binary data, where Gmsh leaves it out."""
+    """Read VTK by meshio, which needs a line end after the last binary data, where Gmsh writes none."""
     with tempfile.NamedTemporaryFile(suffix=".vtk") as ended:
         ended.write(path.read_bytes() + b"\n")
         ended.flush()
@@ -231,7 +266,7 @@ def _tetrahedra_alone(others: Mapping[str, int], path: Path) -> None:
 
 
 def _group(mesh: meshio.Mesh, kinds: tuple[str, ...], dimension: int, word: str) -> _Cells:
-    """Cells of a dimension; a group's name goes with its number and its dimension."""
+    """Cells of a dimension, with the groups of this dimension."""
     cells, groups, count = [np.zeros((0, dimension + 1), np.int64)], dict[str, list[np.ndarray]](), 0
     key = _numbering(mesh)
     tagged = mesh.field_data.items() if key == "gmsh:physical" else ()
@@ -257,7 +292,7 @@ def _group(mesh: meshio.Mesh, kinds: tuple[str, ...], dimension: int, word: str)
 
 
 def _numbering(mesh: meshio.Mesh) -> str | None:
-    """The cell data that number regions: by its name, or the only ones with whole numbers, few of them."""
+    """Name of the cell data that numbers the regions: a known name, or the only data with few integer values."""
 
     def whole(key: str) -> bool:
         values = np.concatenate([np.asarray(part).reshape(len(part), -1) for part in mesh.cell_data[key]])

@@ -8,7 +8,7 @@ import h5py
 
 
 def hdf5_image(fill: Callable[[h5py.File], object]) -> bytes:
-    """The bytes of an HDF5 file that `fill` fills. libhdf5 must not write to a disk itself: it crashes where that is full."""
+    """Bytes of an HDF5 file that `fill` writes. libhdf5 must not write to disk itself: it crashes on a full disk."""
     with h5py.File("image", "w", driver="core", backing_store=False) as file:
         fill(file)
         file.flush()

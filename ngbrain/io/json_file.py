@@ -1,4 +1,4 @@
-"""Small results as JSON files that are whole or not there."""
+"""JSON files, written atomically."""
 
 from __future__ import annotations
 
@@ -10,6 +10,14 @@ from ngbrain.atomic import atomic_write
 
 
 def write_json(path: Path, data: Any) -> None:
-    """Write, then rename: a reader never sees half a file. NaN and infinity are refused."""
+    """Write data as JSON, atomically; NaN and infinity are refused.
+
+    Parameters
+    ----------
+    path : Path
+        Output file.
+    data : object
+        JSON-compatible data.
+    """
     text = json.dumps(data, indent=1, allow_nan=False)
     atomic_write(path, lambda part: part.write_text(text, encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""A tetrahedral mesh as plain arrays, from which the same mesh can be built again, without any pickle."""
+"""A tetrahedral mesh as plain arrays, from which the same mesh is rebuilt; no pickles."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from ngbrain.errors import InputError
 Arrays = dict[str, np.ndarray]
 
 _TETRAHEDRON, _TRIANGLE = list(combinations(range(4), 2)), [(1, 2), (0, 2), (0, 1)]
-"""Netgen's order of middle nodes, by the corners that they lie between."""
+"""Netgen's order of midside nodes, as pairs of corners."""
 _MIDDLES = [(0.5, 0.0, 0.0), (0.0, 0.5, 0.0), (0.0, 0.0, 0.5), (0.5, 0.5, 0.0), (0.5, 0.0, 0.5), (0.0, 0.5, 0.5)]
-"""Reference coordinates of the middles of a tetrahedron's edges, in NGSolve's order."""
+"""Reference coordinates of the edge midpoints of a tetrahedron, in NGSolve's order."""
 
 
 def mesh_arrays(mesh: ng.Mesh) -> Arrays:
-    """What a mesh of tetrahedra is made of.
+    """Arrays that define a tetrahedral mesh.
 
     Parameters
     ----------
@@ -30,14 +30,14 @@ def mesh_arrays(mesh: ng.Mesh) -> Arrays:
     Returns
     -------
     dict of numpy.ndarray
-        points (n, 3) in m; tetrahedra (m, 4 or 10), triangles (k, 3 or 6), counted from 0, in Netgen's order of nodes; region
-        (m,), face (k,), counted from 1; regions, the regions' names; faces (f, 4) with the surface, the regions within and
-        without, and the number of the boundary, and face_names.
+        points (n, 3) in m; tetrahedra (m, 4 or 10) and triangles (k, 3 or 6), counted from 0, in Netgen's node order; region
+        (m,) and face (k,), counted from 1; regions, the names of the regions; faces (f, 4): surface number, regions inside and
+        outside, and boundary number; face_names.
 
     Raises
     ------
     InputError
-        The mesh is curved by polynomials of a higher degree, which no nodes on edges can hold.
+        The mesh is curved by polynomials of higher degree, which edge nodes cannot represent.
     """
     if mesh.GetCurveOrder() > 2:
         wanted = "one that is straight or curved by polynomials of degree 2, as with mesh.Curve(2)"
@@ -63,12 +63,12 @@ def mesh_arrays(mesh: ng.Mesh) -> Arrays:
 
 
 def build_mesh(arrays: Mapping[str, np.ndarray]) -> ng.Mesh:
-    """The mesh that `mesh_arrays` took apart: the same points and numbering.
+    """Rebuild the mesh of `mesh_arrays`, with the same points and numbering.
 
     Raises
     ------
     InputError
-        The arrays are those of no mesh.
+        The arrays do not define a mesh.
     """
     points, tetrahedra, triangles, region, face, faces = (
         _checked(arrays, name, kind, columns)
@@ -113,7 +113,7 @@ def build_mesh(arrays: Mapping[str, np.ndarray]) -> ng.Mesh:
 def _quadratic(
     mesh: ng.Mesh, corners: np.ndarray, tetrahedra: np.ndarray, triangles: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points with the middles of curved edges behind the corners, and elements with middle nodes."""
+    """Points with edge midpoints appended to the corners, and elements with midside nodes."""
     edges = np.array([[n.nr for n in element.edges] for element in mesh.Elements(ng.VOL)])
     rule = ng.IntegrationRule(_MIDDLES, [0.0] * len(_MIDDLES))
     middles = np.zeros((mesh.nedge, 3))

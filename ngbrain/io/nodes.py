@@ -1,4 +1,4 @@
-"""The ten-node view of a tetrahedral mesh: what a file or a picture can hold of an NGSolve field."""
+"""The quadratic (10-node) view of a tetrahedral mesh, for files and pictures of NGSolve fields."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ngbrain.io.mesh_arrays import build_mesh, mesh_arrays
 # 03 13 23 01 02 12.
 _NODES = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)]
 _NODES += [(0.5, 0.0, 0.0), (0.0, 0.5, 0.0), (0.0, 0.0, 0.5), (0.5, 0.5, 0.0), (0.5, 0.0, 0.5), (0.0, 0.5, 0.5)]
-# VTK wants vertices abcd with det(b-a, c-a, d-a) > 0 and then the midpoints ab bc ca ad bd cd. The first row takes
+# VTK has vertices abcd with det(b-a, c-a, d-a) > 0 and then the midpoints ab bc ca ad bd cd. The first row takes
 # abcd = 0123; the second abcd = 1023, which turns a negative tetrahedron (Netgen's usual ones are) into a positive one.
 _TO_VTK = np.array([[0, 1, 2, 3, 7, 9, 8, 4, 5, 6], [1, 0, 2, 3, 7, 8, 9, 5, 4, 6]])
 
@@ -27,24 +27,37 @@ def _topology(mesh: ng.Mesh) -> npt.NDArray[np.int64]:
 
 
 class QuadraticGrid:
-    """A tetrahedral mesh as quadratic (10-node) tetrahedra, numbered and oriented as VTK wants them.
+    """A tetrahedral mesh as quadratic (10-node) tetrahedra, numbered and oriented as in VTK.
 
-    Node `i < mesh.nv` is vertex `i`; node `mesh.nv + e` is the middle of NGSolve's edge `e`, on the curved geometry
-    when the mesh is curved. Build it once per run: it also keeps the arrays of the mesh, which every `save` writes.
+    Node `i < mesh.nv` is vertex `i`; node `mesh.nv + e` is the midpoint of NGSolve's edge `e`, on the curved geometry if the
+    mesh is curved. Build it once per run: it also holds the arrays of the mesh that every `save` writes.
 
-    Attributes:
-        mesh: the NGSolve mesh. Do not refine, curve or move it afterwards.
-        points: (n, 3) coordinates, m.
-        connectivity: (ntets, 10) nodes, VTK_QUADRATIC_TETRA order, positively oriented.
-        region: (ntets,) index into `region_names`.
-        region_names: the materials of the mesh.
-        arrays: what the mesh is built from again (`ngbrain.io.mesh_arrays`).
+    Parameters
+    ----------
+    mesh : ngsolve.Mesh
+        Must not be refined, curved or deformed afterwards.
 
-    Raises:
-        InputError: the mesh holds anything but tetrahedra, is deformed, curved by polynomials of a degree above 2, or was refined
-            inside NGSolve: such a mesh comes back from a file with other edge numbers, which would scramble every vector of
-            unknowns.
+    Attributes
+    ----------
+    points : numpy.ndarray
+        (n, 3) coordinates, m.
+    connectivity : numpy.ndarray
+        (ntets, 10) nodes in the order of VTK_QUADRATIC_TETRA, positively oriented.
+    region : numpy.ndarray
+        (ntets,) index into `region_names`.
+    region_names : tuple of str
+        Materials of the mesh.
+    arrays : dict of numpy.ndarray
+        Arrays that the mesh is rebuilt from (`ngbrain.io.mesh_arrays`).
 
+    Raises
+    ------
+    InputError
+        The mesh contains other elements than tetrahedra, is deformed, curved by polynomials of degree above 2, or was refined
+        inside NGSolve: such a mesh is rebuilt with other edge numbers, which would permute every vector of unknowns.
+
+    Examples
+    --------
     >>> from netgen.occ import unit_cube
     >>> grid = QuadraticGrid(ng.Mesh(unit_cube.GenerateMesh(maxh=0.5)))
     >>> u = grid.values(ng.CF((ng.x, ng.y, ng.x * ng.z)))
@@ -66,7 +79,7 @@ class QuadraticGrid:
             raise InputError("mesh", "refined or renumbered", wanted)
         self.region_names: tuple[str, ...] = tuple(mesh.GetMaterials())
         self.region: npt.NDArray[np.int32] = np.array([el.index for el in elements], dtype=np.int32)
-        # In the order of _NODES, to scatter what NGSolve evaluates there.
+        # In the order of _NODES, to scatter NGSolve's values there.
         self._nodes = np.hstack([topology[:, :4], mesh.nv + topology[:, 4:10]])
         self._rule = ng.IntegrationRule(_NODES, [0.0] * len(_NODES))
         self.points: npt.NDArray[np.float64] = np.zeros((mesh.nv + mesh.nedge, 3))
@@ -81,20 +94,27 @@ class QuadraticGrid:
         return np.asarray(cf(at)).reshape(len(self._nodes), len(_NODES), cf.dim)
 
     def values(self, cf: Any, regions: str | None = None) -> npt.NDArray[np.float64]:
-        """A field at the nodes: the plain mean over the tetrahedra that meet there.
+        """Nodal values of a field: the mean over the adjacent tetrahedra.
 
-        A continuous field keeps its nodal values (to rounding); one that jumps, such as a stress, is averaged.
+        A continuous field keeps its nodal values (to round-off); a discontinuous one, such as a stress, is averaged.
 
-        Args:
-            cf: a real CoefficientFunction or GridFunction, or a number.
-            regions: NGSolve pattern of material names (`"brain|tumour"`); only their tetrahedra count. Give it for a
-                field that lives on a part of the mesh: the zeros beyond would halve the mean at the border.
+        Parameters
+        ----------
+        cf : ngsolve.CoefficientFunction or float
+            A real field.
+        regions : str, optional
+            NGSolve pattern of material names (`"brain|tumour"`); only their tetrahedra count. Give it for a field defined on a
+            part of the mesh: the zeros elsewhere would halve the mean at the interface.
 
-        Returns:
-            (n,) for a scalar field, else (n, dim), a tensor row by row; 0 at nodes where no tetrahedron counts.
+        Returns
+        -------
+        numpy.ndarray
+            (n,) for a scalar field, else (n, dim), a tensor row by row; 0 at nodes without a counted tetrahedron.
 
-        Raises:
-            InputError: a complex field, or no region of that name.
+        Raises
+        ------
+        InputError
+            The field is complex, or no region matches.
         """
         cf = ng.CF(cf)
         if cf.is_complex:

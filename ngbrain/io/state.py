@@ -1,4 +1,4 @@
-"""The state of a run as JSON and plain arrays: all types kept, every number to the last bit, and no pickles."""
+"""The state of a run as JSON and plain arrays: types are kept, numbers are exact, and nothing is pickled."""
 
 from __future__ import annotations
 
@@ -19,12 +19,26 @@ from ngbrain.reading import read_npz
 
 Array = npt.NDArray[Any]
 MOST_STATE = 2**34
-"""Bytes that a state may hold: 16 GiB."""
+"""Maximum size (bytes) of a state: 16 GiB."""
 
 
 def save_state(path: str | os.PathLike[str], state: Any) -> None:
-    """Write a state, whole or not at all; raises what `pack` does.
+    """Write a state atomically.
 
+    Parameters
+    ----------
+    path : str or Path
+        Output .npz file.
+    state : object
+        Anything that `pack` accepts.
+
+    Raises
+    ------
+    InputError
+        `pack` refuses a part of the state.
+
+    Examples
+    --------
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     save_state(f"{folder}/state.npz", {"u": np.arange(2.0), "step": 12})
@@ -38,7 +52,7 @@ def save_state(path: str | os.PathLike[str], state: Any) -> None:
 
 
 def load_state(path: str | os.PathLike[str]) -> Any:
-    """What `save_state` has written; `InputError` for anything else."""
+    """Read a state that `save_state` has written; `InputError` for other files."""
     path = Path(path)
     found = read_npz(path, "state", MOST_STATE)
     try:
@@ -49,12 +63,33 @@ def load_state(path: str | os.PathLike[str]) -> Any:
 
 
 def pack(value: Any, name: str, arrays: list[tuple[str, Array]]) -> Any:
-    """As JSON, the arrays put aside; `InputError` for what is neither. Sequences carry their kind in front, so that no list is
-    taken for a mark."""
-    if isinstance(value, np.number | np.bool_):  # in place: a list may hold thousands
+    """Convert a value to JSON-compatible data and a list of arrays.
+
+    Sequences start with their type, so that no list can be mistaken for an array reference.
+
+    Parameters
+    ----------
+    value : object
+        None, bool, int, float, str, NumPy numbers and arrays without objects, and lists, tuples and mappings of these.
+    name : str
+        Name of the value, for messages and arrays.
+    arrays : list of (str, numpy.ndarray)
+        Named arrays are appended here.
+
+    Returns
+    -------
+    object
+        JSON-compatible data.
+
+    Raises
+    ------
+    InputError
+        The value has another type.
+    """
+    if isinstance(value, np.number | np.bool_):  # inline, as a list may hold thousands
         return ["number", value.dtype.str, value.tobytes().hex()]
     if value is None or isinstance(value, (bool, int, float, str)):
-        return value  # JSON as Python writes it keeps every float, inf and nan included
+        return value  # Python's JSON keeps every float exactly, also inf and nan
     if isinstance(value, Mapping) and all(isinstance(key, str) for key in value):
         return {key: pack(item, f"{name}.{key}", arrays) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
@@ -67,7 +102,19 @@ def pack(value: Any, name: str, arrays: list[tuple[str, Array]]) -> Any:
 
 
 def unpack(packed: Any, arrays: Sequence[Array]) -> Any:
-    """What `pack` was given."""
+    """Invert `pack`.
+
+    Parameters
+    ----------
+    packed : object
+        JSON-compatible data.
+    arrays : sequence of numpy.ndarray
+        The arrays.
+
+    Returns
+    -------
+    object
+    """
     if isinstance(packed, dict):
         return {key: unpack(item, arrays) for key, item in packed.items()}
     if not isinstance(packed, list):
@@ -79,7 +126,21 @@ def unpack(packed: Any, arrays: Sequence[Array]) -> Any:
 
 
 def write_array(group: h5py.Group, name: str, array: Array) -> h5py.Dataset:
-    """Plain numbers as HDF5 has them; dtypes that HDF5 lacks (text, dates, records, long double) as .npy bytes."""
+    """Write an array to HDF5; types that HDF5 lacks (text, dates, records, long double) as .npy bytes.
+
+    Parameters
+    ----------
+    group : h5py.Group
+        The group.
+    name : str
+        Name in the group.
+    array : numpy.ndarray
+        The array.
+
+    Returns
+    -------
+    h5py.Dataset
+    """
     if array.dtype.kind in "biufc" and array.dtype.char not in "gG":
         return group.create_dataset(name, data=array)
     stream = io.BytesIO()
@@ -89,5 +150,5 @@ def write_array(group: h5py.Group, name: str, array: Array) -> h5py.Dataset:
 
 
 def read_array(data: h5py.Dataset) -> Array:
-    """What `write_array` was given."""
+    """Read an array that `write_array` has written."""
     return np.asarray(np.load(io.BytesIO(data[()]), allow_pickle=False) if "npy" in data.attrs else data[()])

@@ -1,4 +1,4 @@
-"""Surfaces of triangles in files: STL, PLY, OBJ, OFF, GIfTI and FreeSurfer's."""
+"""Triangle surfaces in files: STL, PLY, OBJ, OFF, GIfTI and FreeSurfer."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ _MESHIO: Mapping[str, Callable[[Path], meshio.Mesh]] = {
 _GIFTI = ".gii"
 _FREESURFER = b"\xff\xff\xfe"
 _SHIFT = ("VolGeomC_R", "VolGeomC_A", "VolGeomC_S")
-"""Where FreeSurfer's coordinates have their origin, as its own GIfTI files say it."""
+"""Keys of the origin of FreeSurfer's coordinates in its GIfTI files."""
 
 
 def is_surface(path: str | os.PathLike[str]) -> bool:
-    """Whether a file is a surface: by its name, or by its first bytes for FreeSurfer's, whose names have no suffix."""
+    """Whether a file is a surface: by its suffix, or by its first bytes for FreeSurfer, whose file names have no suffix."""
     path = Path(path)
     if path.name.lower().endswith((*_MESHIO, _GIFTI)):
         return True
-    if not path.is_file():  # a pipe may never begin
+    if not path.is_file():  # reading a pipe may never return
         return False
     try:
         with path.open("rb") as file:
@@ -42,21 +42,25 @@ def is_surface(path: str | os.PathLike[str]) -> bool:
 
 
 def read_surface(path: str | os.PathLike[str], unit: str = "mm") -> SurfaceMesh:
-    """A closed surface, in m and where the scan that it was made from has it.
+    """Read a closed surface, in m, in the coordinates of its scan.
 
     Parameters
     ----------
-    path
-        STL, PLY, OBJ, OFF; GIfTI; `lh.pial` and the like of FreeSurfer.
-    unit
-        Of the file's lengths: m, cm, mm or um. GIfTI and FreeSurfer's are always in mm.
+    path : str or Path
+        STL, PLY, OBJ, OFF, GIfTI, or a FreeSurfer surface such as `lh.pial`.
+    unit : str, optional
+        Unit of length of the file: m, cm, mm or um. GIfTI and FreeSurfer are always in mm.
+
+    Returns
+    -------
+    SurfaceMesh
 
     Raises
     ------
     InputError
-        For a file that cannot be read, holds no triangles, or is open; for a unit in which no body is so large or small.
+        The file cannot be read, holds no triangles, or the surface is open; the body has an implausible size in this unit.
     MissingExtra
-        For GIfTI and FreeSurfer's where nibabel is not installed.
+        nibabel, needed for GIfTI and FreeSurfer, is not installed.
 
     Examples
     --------
@@ -71,7 +75,7 @@ def read_surface(path: str | os.PathLike[str], unit: str = "mm") -> SurfaceMesh:
     suffix = path.suffix.lower()
     try:
         if suffix in _MESHIO:
-            with np.errstate(over="ignore"):  # it tries whether an STL file's text is a number of triangles
+            with np.errstate(over="ignore"):  # meshio interprets the text of an STL file as a number of triangles
                 mesh = _MESHIO[suffix](path)
             points = mesh.points
             triangles = np.concatenate([np.zeros((0, 3), int), *(c.data for c in mesh.cells if c.type == "triangle")])
@@ -93,7 +97,9 @@ def read_surface(path: str | os.PathLike[str], unit: str = "mm") -> SurfaceMesh:
         raise InputError("surface file", "with points that are not finite", "numbers", path)
     check_width(used, unit, path)
     triangles = corners.reshape(-1, 3)
-    triangles = triangles[(triangles != triangles[:, [1, 2, 0]]).all(axis=1)]  # of two corners that were one point
+    triangles = triangles[
+        (triangles != triangles[:, [1, 2, 0]]).all(axis=1)
+    ]  # not degenerate after merging equal points
     _check_closed(used, triangles, path)
     return SurfaceMesh(used, triangles)
 
@@ -119,7 +125,22 @@ def _check_closed(points: np.ndarray, triangles: np.ndarray, path: Path) -> None
 
 
 def write_surface(path: str | os.PathLike[str], surface: SurfaceMesh, structure: str = "Cortex") -> None:
-    """Write a surface as GIfTI, in mm where its scan is; the file is whole or not there."""
+    """Write a surface as GIfTI atomically, in mm, in the coordinates of its scan.
+
+    Parameters
+    ----------
+    path : str or Path
+        Output file.
+    surface : SurfaceMesh
+        The surface.
+    structure : str, optional
+        Anatomical structure (`AnatomicalStructurePrimary`).
+
+    Raises
+    ------
+    MissingExtra
+        nibabel is not installed.
+    """
     gifti = require("nibabel.gifti", "mri")
     place = gifti.GiftiCoordSystem("NIFTI_XFORM_SCANNER_ANAT", "NIFTI_XFORM_SCANNER_ANAT", np.eye(4))
     meta = gifti.GiftiMetaData({"AnatomicalStructurePrimary": structure})
@@ -131,7 +152,22 @@ def write_surface(path: str | os.PathLike[str], surface: SurfaceMesh, structure:
 
 
 def write_values(path: str | os.PathLike[str], values: np.ndarray, name: str) -> None:
-    """Write values (n,) at the vertices of a surface as GIfTI; the file is whole or not there."""
+    """Write values at the vertices of a surface as GIfTI, atomically.
+
+    Parameters
+    ----------
+    path : str or Path
+        Output file.
+    values : numpy.ndarray
+        (n,) values.
+    name : str
+        Name of the quantity.
+
+    Raises
+    ------
+    MissingExtra
+        nibabel is not installed.
+    """
     gifti = require("nibabel.gifti", "mri")
     array = gifti.GiftiDataArray(
         values.astype(np.float32), "NIFTI_INTENT_SHAPE", meta=gifti.GiftiMetaData({"Name": name})

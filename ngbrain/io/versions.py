@@ -1,4 +1,4 @@
-"""Versions of what computes."""
+"""Versions of the packages that affect results."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from importlib.metadata import version
 
 
 def versions() -> dict[str, str]:
-    """Versions of everything that numbers depend on."""
+    """Versions of Python and of all packages that affect numerical results."""
     packages = {name: version(name) for name in ("ngbrain", "ngsolve", "netgen-mesher", "numpy", "scipy", "h5py")}
     return {"python": platform.python_version(), **packages}
 

@@ -1,4 +1,4 @@
-"""The displacements of a harmonic or quasi-static experiment, checked."""
+"""Validated displacement data of a harmonic or quasi-static experiment."""
 
 from __future__ import annotations
 
@@ -28,36 +28,58 @@ _POSITIVE = ("youngs", "shear", "mu")
 
 @dataclass(frozen=True, eq=False)
 class WaveData:
-    """Displacements u(x, t) = Re(u(x) e^{iωt}) at points, and what is known of the material that moves.
+    """Displacements u(x, t) = Re(u(x) e^{iωt}) at points, and known properties of the material.
 
-    Attributes:
-        points: (n, d) m, d = 2 or 3.
-        displacement: (loads, n, d) complex, m; NaN where a component is not measured. Of anti-plane motion (loads, n, 1).
-        frequency: (loads,) Hz; 0 is quasi-static.
-        density: kg/m³.
-        symmetry: isotropic | transversely_isotropic.
-        rheology: elastic | viscoelastic.
-        poisson: Poisson's ratio, above -1 and below 0.5; this or `bulk`. Anti-plane viscoelastic data need neither.
-        bulk: Pa, real or complex; this or `poisson`.
-        fibre: (n, d) unit vectors, or one vector (d,) for all points; needed when transversely isotropic.
-        element: q4 | q4p0 when the data were computed with these elements on the grid of the points, else None.
-        dirichlet: (n,) bool, points of the border whose displacements drive the body, the rest of it being free of forces; by
-            default the hull of the mask, and to be given anew (or None) with another mask.
-        mask: (n,) bool, the points that count; by default all.
-        noise: of the displacement, relative to the rms of each component: one number, or one above 0 for each point (n,), whatever
-            outside of the mask; None: not known.
-        labels: (n,) whole numbers from 0 on, or None.
-        truth: name → (n,): youngs, shear (complex), mu (Pa), zeta, phi.
-        motion: of points in the plane: in_plane (plane strain) or anti_plane, one component, through the plane; None in space.
-        tissue: brain, liver, breast, muscle or phantom: moduli beyond its range are warned of; None: not said.
-        affine: (4, 4), indices of the image that the points are the voxels of → m; None: not from an image.
+    Parameters
+    ----------
+    points : numpy.ndarray
+        (n, d) m, d = 2 or 3.
+    displacement : numpy.ndarray
+        (loads, n, d) complex, m; NaN where a component is not measured. (loads, n, 1) for anti-plane motion.
+    frequency : numpy.ndarray
+        (loads,) Hz; 0 is quasi-static.
+    density : float
+        Density (kg/m³).
+    symmetry : str
+        "isotropic" or "transversely_isotropic".
+    rheology : str
+        "elastic" or "viscoelastic".
+    poisson : float, optional
+        Poisson's ratio, above -1 and below 0.5; this or `bulk`. Anti-plane viscoelastic data need neither.
+    bulk : complex, optional
+        Bulk modulus (Pa), real or complex; this or `poisson`.
+    fibre : numpy.ndarray, optional
+        (n, d) unit vectors, or one vector (d,) for all points; needed if transversely isotropic.
+    element : str, optional
+        "q4" or "q4p0" if the data were computed with these elements on the grid of the points.
+    dirichlet : numpy.ndarray, optional
+        (n,) bool, boundary points with prescribed displacements; the rest of the boundary is traction-free. By default the
+        boundary of the mask; to be given again (or None) with another mask.
+    mask : numpy.ndarray, optional
+        (n,) bool, points that are used; by default all.
+    noise : float or numpy.ndarray, optional
+        Noise of the displacement relative to the rms of each component: one number, or (n,) numbers above 0 (arbitrary outside
+        the mask); None if unknown.
+    labels : numpy.ndarray, optional
+        (n,) integers from 0 on.
+    truth : mapping, optional
+        Name → (n,): youngs, shear (complex), mu (Pa), zeta, phi.
+    affine : numpy.ndarray, optional
+        (4, 4), from voxel indices of the image to m, if the points are its voxels.
+    motion : str, optional
+        For plane points "in_plane" (plane strain) or "anti_plane", one component normal to the plane; None in 3-D.
+    tissue : str, optional
+        "brain", "liver", "breast", "muscle" or "phantom"; moduli outside its range cause a warning.
 
-    Raises:
-        InputError: a field of another shape or kind, not finite or out of bounds; points given twice; points or
-            displacements that cannot be in m; a load that is 0 everywhere; both or neither of `poisson` and `bulk`;
-            transversely isotropic without `fibre`; `element` or `affine` where the points are no grid along the
-            coordinates, or no grid.
+    Raises
+    ------
+    InputError
+        A field has another shape or type, is not finite or out of range; points coincide; points or displacements cannot be in
+        m; a load is 0 everywhere; both or neither of `poisson` and `bulk` are given; `fibre` is missing; `element` or `affine`
+        is given although the points are not a (coordinate-aligned) grid.
 
+    Examples
+    --------
     >>> grid = np.array([[x, y] for y in range(3) for x in range(3)]) * 0.01
     >>> u = 1e-6 * np.ones((1, 9, 2))
     >>> data = WaveData(grid, u, [50.0], 1000.0, "isotropic", "elastic", poisson=0.49)
@@ -124,7 +146,7 @@ class WaveData:
 
     def _set(self, **fields: Any) -> None:
         for name, value in fields.items():
-            object.__setattr__(self, name, value)  # the class is frozen for everyone else
+            object.__setattr__(self, name, value)  # the class is frozen
 
     def _check_points(self) -> None:
         points = _array("points", self.points, (None, (2, 3)), "fiu").astype(float)
@@ -165,7 +187,7 @@ class WaveData:
             if np.isnan(each).all():
                 raise InputError("displacement", f"NaN everywhere in load {load}", "a measured component")
         across = float(np.ptp(self.points, axis=0).max())
-        # Theory is linear: computed waves near a resonance may be larger than the body. Units that cannot be are far beyond.
+        # Computed waves near a resonance may exceed the body, as the theory is linear; wrong units exceed it by far more.
         if (most := float(np.nanmax(np.abs(u)))) > _MOVED * across:
             wanted = f"metres: below {_MOVED * across:.6g} m, {_MOVED:g} times the size of the region"
             raise InputError("displacement", f"{most:.6g} at most", wanted)
@@ -229,53 +251,53 @@ class WaveData:
 
     @property
     def dim(self) -> int:
-        """2 or 3."""
+        """Dimension, 2 or 3."""
         return self.points.shape[1]
 
     @property
     def components(self) -> str:
-        """Names of the displacement's components: xyz, xy, or z of anti-plane motion."""
+        """Names of the displacement components: xyz, xy, or z for anti-plane motion."""
         return "z" if self.motion == "anti_plane" else "xyz"[: self.dim]
 
     @property
     def loads(self) -> int:
-        """How many displacement fields."""
+        """Number of displacement fields."""
         return len(self.displacement)
 
     @cached_property
     def grid(self) -> Grid | None:
-        """The grid of the points (shape, spacing, axes), or None if they are scattered."""
+        """Grid of the points, or None if they are scattered."""
         return Grid.from_points(self.points)
 
     @cached_property
     def point_spacing(self) -> float:
-        """Median distance (m) of points of the mask from the nearest other one."""
+        """Median distance (m) of a point of the mask to its nearest neighbour."""
         points = self.points[self.mask]
         return float(np.median(KDTree(points).query(points, k=2)[0][:, 1]))
 
     @cached_property
     def border(self) -> np.ndarray:
-        """(n,) bool: the points of the mask at its border, see `hull`."""
+        """(n,) bool: boundary points of the mask, see `hull`."""
         return hull(self.points, self.grid, self.mask)
 
     @property
     def measured(self) -> np.ndarray:
-        """(loads, n, d) bool: which components are."""
+        """(loads, n, d) bool: measured components."""
         return ~np.isnan(self.displacement)
 
     @property
     def rms(self) -> np.ndarray:
-        """(loads, 1, d) m: the rms of |u| over the measured points of the mask, of each component; 0 where there are none."""
+        """(loads, 1, d) m: rms of |u| over the measured points of the mask, per component; 0 where there are none."""
         counts = self.measured & self.mask[:, None]
         size = np.where(counts, np.abs(self.displacement), 0)
         return np.sqrt((size**2).sum(axis=1, keepdims=True) / np.maximum(counts.sum(axis=1, keepdims=True), 1))
 
     @property
     def truth_views(self) -> dict[str, np.ndarray]:
-        """The truth under the names of the answers: youngs, or storage and loss (Pa), or mu, zeta, phi.
+        """The truth under the names of results: youngs, or storage and loss (Pa), or mu, zeta, phi.
 
-        Isotropic: G from `shear`, or from `youngs` E by `poisson` ν, G = E/2(1+ν), or by `bulk` K, G = 3KE/(9K-E);
-        elastic: E back from it; viscoelastic: storage = Re G, loss = Im G, of mu with fibres.
+        Isotropic: G from `shear`, or from `youngs` E by `poisson` ν, G = E/2(1+ν), or by `bulk` K, G = 3KE/(9K-E). Elastic: E
+        from G. Viscoelastic: storage = Re G, loss = Im G; with fibres those of mu.
         """
         views = {name: self.truth[name] for name in ("mu", "zeta", "phi") if name in self.truth}
         shear, youngs = self.truth.get("shear"), self.truth.get("youngs")
@@ -291,42 +313,58 @@ class WaveData:
         return {**views, "storage": np.real(shear), "loss": np.imag(shear)}
 
     def youngs_of(self, shear: Any) -> Any:
-        """Young's modulus (Pa) that belongs to a shear modulus G (Pa): 2G(1 + ν), or 9KG/(3K + G)."""
+        """Young's modulus (Pa) from the shear modulus G (Pa): 2G(1 + ν), or 9KG/(3K + G)."""
         if self.bulk is None:
             return 2 * shear * (1 + float(self.poisson or 0))
         return 9 * self.bulk * shear / (3 * self.bulk + shear)
 
     def shear_of(self, youngs: Any) -> Any:
-        """Shear modulus (Pa) that belongs to Young's modulus E (Pa): the inverse of `youngs_of`."""
+        """Shear modulus (Pa) from Young's modulus E (Pa): the inverse of `youngs_of`."""
         if self.bulk is None:
             return youngs / (2 * (1 + float(self.poisson or 0)))
         return 3 * self.bulk * youngs / (9 * self.bulk - youngs)
 
     def conjugate(self) -> WaveData:
-        """The same waves from the other time convention, e^{-iωt}: complex conjugates of the displacement."""
+        """The same waves in the time convention e^{-iωt}: the displacement is conjugated."""
         return replace(self, displacement=np.conj(self.displacement))
 
     def lacks_imaginary(self, noise: float) -> bool:
-        """Whether waves with a loss are in phase everywhere but for noise, relative to their rms: real parts alone tell no loss."""
+        """Whether viscoelastic waves are in phase everywhere up to noise (relative to their rms), so that the loss is not
+        identifiable.
+        """
         moving = np.nan_to_num(self.displacement[self.frequency > 0][:, self.mask])
         size = np.sum(np.abs(moving) ** 2, axis=(1, 2))
         out_of_phase = (
             size - np.abs(np.sum(moving**2, axis=(1, 2)))
         ) / 2  # of each load, at the phase that leaves the least
-        lacking = np.sum(out_of_phase) <= (noise**2 + 1e-12) * np.sum(size)  # and round-off
+        lacking = np.sum(out_of_phase) <= (noise**2 + 1e-12) * np.sum(size)  # plus round-off
         return self.rheology == "viscoelastic" and moving.size > 0 and bool(lacking)
 
     def with_noise(self, sigma: float | np.ndarray, seed: int) -> WaveData:
-        """The same data with η = σ · rms(component) · (a + ib)/√2 added to every measured value, boundary included.
+        """Add noise η = σ · rms(component) · (a + ib)/√2 to every measured value, boundary included.
 
-        σ is one number or, as `noise`, one for each point.
+        a and b are independent standard normal numbers, drawn for all loads, points and components in that order; the rms is
+        that of |u| over the measured points of the mask, per component and load. η is complex also for elastic data. `noise`
+        becomes σ, or √(noise² + σ²) if the data had noise.
 
-        a and b are standard normal, independent, drawn for all loads, points and components in that order; the rms is that of
-        |u| over the measured points of the mask, of a component of a load. η is complex for elastic data too. `noise` becomes σ, or
-        √(noise² + σ²) where there was some.
+        Parameters
+        ----------
+        sigma : float or numpy.ndarray
+            Relative noise σ, one number or (n,) as `noise`.
+        seed : int
+            Seed of the random numbers.
 
-        Raises `InputError` unless 0 ≤ σ ≤ 10, at points 0 < σ.
+        Returns
+        -------
+        WaveData
 
+        Raises
+        ------
+        InputError
+            Unless 0 ≤ σ ≤ 10, and σ > 0 where it is given for each point.
+
+        Examples
+        --------
         >>> grid = np.array([[x, y] for y in range(3) for x in range(3)]) * 0.01
         >>> data = WaveData(grid, 1e-6 * np.ones((1, 9, 2)), [50.0], 1000.0, "isotropic", "elastic", poisson=0.49)
         >>> data.with_noise(0.02, seed=0).noise
@@ -340,7 +378,7 @@ class WaveData:
 
 
 def _array(name: str, value: Any, shape: tuple[Any, ...], kinds: str, wanted: str = "") -> np.ndarray:
-    """An array of these kinds of number and this shape: None is any length, a tuple one of several."""
+    """An array of given type codes and shape: None is any length, a tuple one of several."""
     array = to_array(name, value, wanted)
     fits = array.ndim == len(shape) and all(
         want is None or (size in want if isinstance(want, tuple) else size == want)
@@ -358,7 +396,26 @@ def _array(name: str, value: Any, shape: tuple[Any, ...], kinds: str, wanted: st
 
 
 def to_array(name: str, value: Any, wanted: str = "") -> np.ndarray:
-    """As an array; `InputError` for sequences of several lengths."""
+    """Convert a value to an array.
+
+    Parameters
+    ----------
+    name : str
+        Name of the value, for messages.
+    value : array_like
+        The value.
+    wanted : str, optional
+        What is accepted, in words.
+
+    Returns
+    -------
+    numpy.ndarray
+
+    Raises
+    ------
+    InputError
+        The value is a ragged sequence.
+    """
     try:
         return np.asarray(value)
     except (ValueError, TypeError) as error:
@@ -382,7 +439,7 @@ def _noise(name: str, value: Any, mask: np.ndarray) -> float | np.ndarray:
     if bad.any():
         wanted = f"relative, above 0 and at most {_NOISIEST:g} at every point of the mask"
         raise InputError(name, f"{array[bad][0]:.6g} at point {bad.argmax()}", wanted)
-    return np.where(array > 0, array, 1.0)  # outside of the mask anything may be
+    return np.where(array > 0, array, 1.0)  # values outside the mask are arbitrary
 
 
 def _flags(name: str, value: Any, n: int) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Wave data in files: NumPy archives, HDF5, MATLAB files, NIfTI."""
+"""Wave data in files: NumPy archives, HDF5, MATLAB, NIfTI."""
 
 from __future__ import annotations
 
@@ -46,25 +46,41 @@ _KEYS = (
 )
 _WANTED = "wave data: .npz, .h5, .hdf5, .mat, .nii or .nii.gz"
 _HDF5 = (".h5", ".hdf5")
-_ALIKE = 0.84  # difflib's ratio from which an unknown key is taken for a slip
+_ALIKE = 0.84  # similarity (difflib) above which an unknown key is considered misspelt
 
 
 def read_waves(path: str | os.PathLike[str]) -> WaveData:
-    """Read wave data; see `WaveData` for the fields, which are the keys of the file, SI units.
+    """Read wave data. The keys of the file are the fields of `WaveData`, in SI units.
 
-    .npz, .h5, .hdf5: one array for each field; `truth_youngs`, `truth_shear`, `truth_mu`, `truth_zeta`, `truth_phi` for the
-    truth; `fibre_angle_deg` (from x to y, one number or one for each point) may stand for a plane `fibre`, and `samples` over a
-    period, or their `phase` and `encoding`, for `displacement` (`ngbrain.io.waves.samples`); `conjugate`, true for data in the
-    time convention e^{-iωt}. Other keys are left alone, but one that looks like a slip of these is refused. Nothing is
-    unpickled.
-    .mat: the same, of any version. All of these may have displacements on voxels and lengths in other units, see `volumes`.
-    .nii, .nii.gz: complex displacements (x, y, z, loads, components), m, or samples (x, y, z, loads, components, times), with all
-    else in a sidecar (`ngbrain.io.waves.nifti`).
+    .npz, .h5, .hdf5: one array per field; `truth_youngs`, `truth_shear`, `truth_mu`, `truth_zeta`, `truth_phi` for the truth;
+    `fibre_angle_deg` (from x to y, one number or one per point) may replace a plane `fibre`; `samples` over a period, or their
+    `phase` and `encoding`, may replace `displacement` (`ngbrain.io.waves.samples`); `conjugate` is true for data in the time
+    convention e^{-iωt}. Unknown keys are ignored, unless they look like a misspelt key. Nothing is unpickled.
 
-    Raises:
-        InputError: names file, field, value and what is wanted.
-        MissingExtra: NIfTI without nibabel.
+    .mat: the same, of any MATLAB version. All of these may have displacements on voxels and lengths in other units, see
+    `volumes`.
 
+    .nii, .nii.gz: complex displacements (x, y, z, loads, components), m, or samples (x, y, z, loads, components, times), with
+    all other fields in a sidecar file (`ngbrain.io.waves.nifti`).
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+
+    Returns
+    -------
+    WaveData
+
+    Raises
+    ------
+    InputError
+        A field is missing or invalid; the message names file, field, value and what is wanted.
+    MissingExtra
+        nibabel, needed for NIfTI, is not installed.
+
+    Examples
+    --------
     >>> read_waves("waves.dcm")
     Traceback (most recent call last):
     ngbrain.errors.InputError: waves.dcm: data is a .dcm file; wanted: wave data: .npz, .h5, .hdf5, .mat, .nii or .nii.gz
@@ -80,13 +96,26 @@ def read_waves(path: str | os.PathLike[str]) -> WaveData:
 
 
 def write_waves(path: str | os.PathLike[str], data: WaveData) -> None:
-    """Write what `read_waves` reads back to the last bit (points of NIfTI: to rounding); the file is whole or not there.
+    """Write wave data atomically; `read_waves` restores them exactly (points of NIfTI: to round-off).
 
-    Raises:
-        InputError: a suffix that is none of these; NIfTI for points that are no grid.
-        MissingExtra: NIfTI without nibabel.
-        OSError: the disk is full, the folder is not writable, ...
+    Parameters
+    ----------
+    path : str or Path
+        Output file: .npz, .h5, .hdf5, .nii or .nii.gz.
+    data : WaveData
+        The data.
 
+    Raises
+    ------
+    InputError
+        The suffix is another one; NIfTI for points that are not a grid.
+    MissingExtra
+        nibabel, needed for NIfTI, is not installed.
+    OSError
+        The disk is full, the folder is not writable, ...
+
+    Examples
+    --------
     >>> import tempfile
     >>> grid = np.array([[x, y] for y in range(3) for x in range(3)]) * 0.01
     >>> data = WaveData(grid, 1e-6 * np.ones((1, 9, 2)), [50.0], 1000.0, "isotropic", "elastic", poisson=0.49)
@@ -101,14 +130,14 @@ def write_waves(path: str | os.PathLike[str], data: WaveData) -> None:
 
 
 def to_keys(data: WaveData) -> dict[str, Any]:
-    """The fields as a file has them, without those that are None."""
+    """Fields by their key in a file, without those that are None."""
     keys = {name: getattr(data, name) for name in (*REQUIRED, *_OPTIONAL)}
     keys |= {f"truth_{name}": values for name, values in data.truth.items()}
     return {name: value for name, value in keys.items() if value is not None}
 
 
 def from_keys(keys: Mapping[str, Any]) -> WaveData:
-    """The data that a file holds; 0-d arrays become numbers and text."""
+    """Wave data from the keys of a file; 0-d arrays become numbers and text."""
     for name, value in keys.items():
         to_array(name, value)
     keys = samples_to_amplitudes(voxels_to_points(convert_to_metres(keys)))
@@ -178,7 +207,7 @@ def _no_matlab(path: Path, data: WaveData) -> None:
 
 
 def _sound(read: Callable[[Path], dict[str, Any]]) -> Callable[[Path], dict[str, Any]]:
-    """The same reader for files that need not be what they seem."""
+    """The reader, with errors of damaged files turned into `InputError`."""
 
     def reader(path: Path) -> dict[str, Any]:
         check_regular(path, "data")
@@ -186,7 +215,7 @@ def _sound(read: Callable[[Path], dict[str, Any]]) -> Callable[[Path], dict[str,
             return read(path)
         except NgbrainError:
             raise
-        except Exception as error:  # whatever damaged bytes lead the libraries into
+        except Exception as error:  # damaged bytes make the libraries raise many kinds of exception
             wanted = f"a whole {path.suffix} file of plain arrays, without pickles"
             raise InputError("data", f"unreadable ({type(error).__name__}: {error})", wanted) from error
 
@@ -194,7 +223,7 @@ def _sound(read: Callable[[Path], dict[str, Any]]) -> Callable[[Path], dict[str,
 
 
 def _kind(path: Path) -> tuple[Callable[[Path], Mapping[str, Any]], Callable[[Path, WaveData], None]]:
-    """How such a file is read and written."""
+    """Reader and writer of a file, by its suffix."""
     if path.suffix == ".npz":
         return _sound(_read_npz), _write_npz
     if path.suffix == ".mat":

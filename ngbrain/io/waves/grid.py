@@ -1,4 +1,4 @@
-"""Points that lie on a grid, and the hull of those that do not."""
+"""Points on a grid, and the boundary of scattered points."""
 
 from __future__ import annotations
 
@@ -10,21 +10,30 @@ from scipy.spatial import Delaunay, QhullError
 
 from ngbrain.errors import InputError
 
-_OFF = 1e-3  # of a spacing, by which a point may miss its place: coordinates may have been float32
-_WIDE = 3.0  # times the median edge: a simplex with a larger circumradius does not close a dent of the hull
-_THIN = 0.2  # times the median edge: nor does one that is flatter, such as over points just behind their neighbours
+_OFF = 1e-3  # tolerance of a grid point, relative to the spacing: coordinates may have been float32
+_WIDE = 3.0  # maximum circumradius of a simplex, relative to the median edge; larger ones bridge concave parts
+_THIN = (
+    0.2  # minimum height of a simplex, relative to the median edge, such as over points just behind their neighbours
+)
 
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """A rectangular grid whose points are numbered along its first axis first (point i + n₀ (j + n₁ k)).
+    """A rectangular grid; its points are numbered along the first axis first (point i + n₀ (j + n₁ k)).
 
-    Attributes:
-        shape: points along each axis, all at least 2.
-        spacing: (d,) m.
-        origin: (d,) m, its first point.
-        axes: (d, d), the unit vector of axis i in row i; the identity when the grid lies along the coordinates.
+    Parameters
+    ----------
+    shape : tuple of int
+        Points along each axis, at least 2.
+    spacing : numpy.ndarray
+        (d,) m.
+    origin : numpy.ndarray
+        (d,) m, the first point.
+    axes : numpy.ndarray
+        (d, d), the unit vector of axis i in row i; the identity if the grid is aligned with the coordinates.
 
+    Examples
+    --------
     >>> grid = Grid.from_points(np.array([[x, y] for y in (0.0, 2.0) for x in (0.0, 1.0, 2.0)]))
     >>> grid.shape, grid.spacing, grid.box(np.arange(6))[2].tolist()
     ((3, 2), array([1., 2.]), [2, 5])
@@ -37,30 +46,30 @@ class Grid:
 
     @property
     def is_axis_aligned(self) -> bool:
-        """Whether the axes of the grid are those of the coordinates, in their order and sense."""
+        """Whether the axes of the grid are the coordinate axes, in order and direction."""
         return bool(np.abs(self.axes - np.eye(len(self.shape))).max() < _OFF)
 
     def box(self, values: np.ndarray) -> np.ndarray:
-        """Values (n, …) at the points as (n₀, n₁, …): one axis for each of the grid."""
+        """Reshape values (n, …) at the points to (n₀, n₁, …), one axis per axis of the grid."""
         return values.reshape(*self.shape, *values.shape[1:], order="F")
 
     def flat(self, box: np.ndarray) -> np.ndarray:
-        """The inverse of `box`."""
+        """Invert `box`."""
         rest = box.shape[len(self.shape) :]
         return box.reshape(-1, *rest, order="F")
 
     def points(self) -> np.ndarray:
-        """(n, d) m."""
+        """Points (n, d) m of the grid."""
         steps = np.indices(self.shape).reshape(len(self.shape), -1, order="F").T * self.spacing
         return self.origin + steps @ self.axes
 
     def coordinates(self, points: np.ndarray) -> np.ndarray:
-        """Points (n, d) m as distances (n, d) m from the first point along the axes."""
+        """Coordinates (n, d) m of points (n, d) m along the axes, from the first point."""
         return (points - self.origin) @ self.axes.T
 
     @staticmethod
     def from_points(points: np.ndarray) -> Grid | None:
-        """The grid that these points (n, d) m are, in this order; None if they are none with right angles."""
+        """The grid that points (n, d) m form in this order; None if they are no rectangular grid."""
         n, d = points.shape
         shape: list[int] = []
         steps: list[np.ndarray] = []
@@ -69,7 +78,7 @@ class Grid:
             line = points[::done]
             if n % done or len(line) < 2:
                 return None
-            # A line ends where the step to the next point is another one.
+            # A line ends where the step to the next point changes.
             jumps = np.diff(line, axis=0)
             turned = np.linalg.norm(jumps - jumps[0], axis=1) > 0.1 * np.linalg.norm(jumps[0])
             count = int(turned.argmax()) + 1 if turned.any() else len(line)
@@ -89,14 +98,33 @@ class Grid:
 
 
 def hull(points: np.ndarray, grid: Grid | None, mask: np.ndarray) -> np.ndarray:
-    """Which points (n,) of the mask are at its border.
+    """Boundary points of a mask.
 
-    On a grid: those with a neighbour along an axis that is beyond the grid or not in the mask. Scattered points: the
-    corners of the border of their Delaunay simplices, after those have been taken off from outside whose circumradius is
-    larger than three times the median edge, so that dents show (holes do not), and those that are flat.
+    On a grid: points with a neighbour along an axis that is outside the grid or the mask. Scattered points: the corners of the
+    boundary of their Delaunay triangulation, after removing from outside the simplices whose circumradius exceeds three times
+    the median edge, so that concave parts are found (holes are not), and flat simplices.
 
-    Raises `InputError` if scattered points lie on a line or a plane.
+    Parameters
+    ----------
+    points : numpy.ndarray
+        (n, d) m.
+    grid : Grid or None
+        Grid of the points; None if they are scattered.
+    mask : numpy.ndarray
+        (n,) bool.
 
+    Returns
+    -------
+    numpy.ndarray
+        (n,) bool.
+
+    Raises
+    ------
+    InputError
+        Scattered points lie on a line or a plane.
+
+    Examples
+    --------
     >>> grid = Grid.from_points(np.array([[x, y] for y in range(3) for x in range(4)], float))
     >>> grid.box(hull(grid.points(), grid, np.ones(12, bool)))[:, 1].tolist()
     [True, False, False, True]
@@ -110,7 +138,7 @@ def hull(points: np.ndarray, grid: Grid | None, mask: np.ndarray) -> np.ndarray:
 
 
 def _outside(points: np.ndarray) -> np.ndarray:
-    """Numbers of the points on the border."""
+    """Indices of the boundary points."""
     d = points.shape[1]
     try:
         mesh = Delaunay(points)

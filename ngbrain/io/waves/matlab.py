@@ -1,4 +1,4 @@
-"""MATLAB files: numbers, logicals and text of variables by name; version 7.3 is HDF5, earlier ones scipy reads."""
+"""MATLAB files: numbers, logicals and text by variable name; version 7.3 is HDF5, earlier ones are read by SciPy."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import scipy.io
 
 
 def read_matlab(path: Path) -> dict[str, Any]:
-    """Variable → array, number or text; structures, cells and objects are left alone. 1 × 1 are numbers, 1 × n are (n,)."""
+    """Variable → array, number or text; structures, cells and objects are ignored. 1 × 1 arrays become numbers, 1 × n arrays (n,)."""
     found = _of_hdf5(path) if h5py.is_hdf5(path) else scipy.io.loadmat(path)
     return {
         name: _plain(value)
@@ -30,7 +30,7 @@ def _plain(value: np.ndarray) -> Any:
 
 
 def _of_hdf5(path: Path) -> dict[str, np.ndarray]:
-    """Axes of an array are in reverse order there; complex numbers are pairs, text is numbers of characters."""
+    """Read version 7.3: axes are reversed, complex numbers are pairs, text is character codes."""
     found = {}
     with h5py.File(path, "r") as file:
         for name, item in file.items():

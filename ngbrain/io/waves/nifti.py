@@ -4,13 +4,13 @@
     NAME.json               the sidecar: frequency, density, symmetry, rheology, …, a complex number as [re, im]
     NAME_mask.nii[.gz], …   one image (x, y, z[, components]) for each field with a value at every point
 
-The sidecar's `files` names those images, by field. Two components are plane data and have one slice, one is motion through that
-slice (`motion` anti_plane in the sidecar); three are data in space. The points are the middles of all voxels, numbered along x
-first. In space, points and components are in the world of the image's affine (right, front, up). So they are in the plane where
-the slice is level; any other slice lies in the plane of its own two axes, its first voxel at the origin. A real image with one
-more axis, of times, holds samples over a period (m), or their phases (rad) where the sidecar has `encoding`
-(`ngbrain.io.waves.samples`). Instead of a complex image there may be two real ones, whose names differ by `part-real` and
-`part-imag`; a real one alone is a real displacement. Fields that the sidecar leaves out have their defaults.
+The sidecar's `files` names those images, by field. Two components are plane data with one slice; one component is motion normal
+to that slice (`motion` is anti_plane in the sidecar); three components are 3-D data. The points are the centres of all voxels,
+numbered along x first. In 3-D, points and components are in the world coordinates of the image's affine (right, front, up). The
+same holds for a horizontal slice; any other slice has the coordinates of its own two axes, with the first voxel at the origin. A
+real image with one more axis, of times, holds samples over a period (m), or their phases (rad) if the sidecar has `encoding`
+(`ngbrain.io.waves.samples`). Two real images, whose names differ by `part-real` and `part-imag`, may replace a complex one; a
+single real image is a real displacement. Fields that are not in the sidecar have their defaults.
 """
 
 from __future__ import annotations
@@ -44,9 +44,9 @@ TEMPLATE = """\
  "files": {"mask": "NAME_mask.nii.gz"}
 }
 """
-"""A sidecar to start from. frequency: Hz, of each load; density: kg/m³; bulk: Pa, or poisson in its place; motion: anti_plane where
-it is through one slice; displacement_unit: m, mm or um; noise: relative to the rms; conjugate: whether the time convention is
-e^{-iωt}; files: images beside this one."""
+"""Template of a sidecar. frequency: Hz, per load; density: kg/m³; bulk: Pa, or poisson instead; motion: anti_plane if normal to
+one slice; displacement_unit: m, mm or um; noise: relative to the rms; conjugate: whether the time convention is e^{-iωt}; files:
+images in the same folder."""
 _SIDES = (1e-5, 0.1)  # m, of a voxel: ultrasound to whole-body
 _AT_POINTS = ("fibre", "dirichlet", "mask", "labels")
 _MOST = 2**28  # numbers in an image
@@ -54,7 +54,7 @@ _REAL, _IMAGINARY = "part-real", "part-imag"
 
 
 def read_nifti(path: Path) -> dict[str, Any]:
-    """The fields of wave data as `from_keys` of `files` takes them."""
+    """Fields of wave data in a NIfTI image and its sidecar, as the keys that `files.from_keys` takes."""
     u, affine = _image(path)
     if _REAL in path.name:
         other = path.with_name(path.name.replace(_REAL, _IMAGINARY))
@@ -85,7 +85,25 @@ def read_nifti(path: Path) -> dict[str, Any]:
 
 
 def write_nifti_waves(path: Path, data: WaveData, keys: Mapping[str, Any]) -> None:
-    """The displacement, its sidecar and an image for each field with values at the points; the displacement comes last."""
+    """Write the displacement, its sidecar, and an image for each field with values at the points; the displacement is written
+    last.
+
+    Parameters
+    ----------
+    path : Path
+        Image of the displacement, .nii or .nii.gz.
+    data : WaveData
+        The data.
+    keys : mapping
+        Their fields by key, from `files.to_keys`.
+
+    Raises
+    ------
+    InputError
+        The points are not a grid.
+    MissingExtra
+        nibabel is not installed.
+    """
     suffix, affine, shape = nifti_suffix(path), *_grid_of(data)
     stem = path.name[: -len(suffix)]
     fields = {name: keys[name] for name in keys if name in _AT_POINTS or name.startswith("truth_")}
@@ -99,13 +117,25 @@ def write_nifti_waves(path: Path, data: WaveData, keys: Mapping[str, Any]) -> No
 
 
 def write_map(path: str | os.PathLike[str], data: WaveData, values: np.ndarray) -> None:
-    """Values (n,) or (n, k) at the points of the data as a NIfTI image on the grid that the data came from.
+    """Write values at the points of wave data as a NIfTI image on their grid.
 
-    The affine is that of the input's image; data that came from no image get the place of their points.
+    The affine is that of the input image; data from other files get the affine of their points.
 
-    Raises:
-        InputError: the points are no grid; not as many values; a name without .nii or .nii.gz.
-        MissingExtra: nibabel is not installed.
+    Parameters
+    ----------
+    path : str or Path
+        Output file, .nii or .nii.gz.
+    data : WaveData
+        The data.
+    values : numpy.ndarray
+        (n,) or (n, k).
+
+    Raises
+    ------
+    InputError
+        The points are not a grid; the number of values differs; the suffix is another one.
+    MissingExtra
+        nibabel is not installed.
     """
     path, values = Path(path), np.asarray(values)
     affine, shape = _grid_of(data)
@@ -115,7 +145,7 @@ def write_map(path: str | os.PathLike[str], data: WaveData, values: np.ndarray) 
 
 
 def _image(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """The numbers of an image, real double or complex, and its affine (m)."""
+    """Values of an image, real or complex, and its affine (m)."""
     if not path.name.endswith(NIFTI):
         raise InputError("image", repr(path.name), " or ".join(NIFTI), path)
     image, affine = open_image(path, _SIDES)
@@ -150,7 +180,7 @@ def _sidecar(path: Path) -> dict[str, Any]:
 
 
 def _places(affine: np.ndarray, shape: tuple[int, ...], d: int) -> np.ndarray:
-    """The middles of the voxels, (n, d) m."""
+    """Voxel centres, (n, d) m."""
     index = np.indices(shape).reshape(3, -1, order="F").T
     if d == 3:
         return index @ affine[:3, :3].T + affine[:3, 3]
@@ -160,7 +190,7 @@ def _places(affine: np.ndarray, shape: tuple[int, ...], d: int) -> np.ndarray:
 
 
 def _grid_of(data: WaveData) -> tuple[np.ndarray, tuple[int, int, int]]:
-    """Affine (m) and the three sizes of the image that the points are the voxels of."""
+    """Affine (m) and shape of the image whose voxels are the points."""
     grid = data.grid
     if grid is None:
         raise InputError("points", "no grid", "points on a grid, numbered along its first axis first, for NIfTI")
@@ -180,7 +210,7 @@ def _json(value: Any) -> Any:
 
 
 def _save(path: Path, values: np.ndarray, affine: np.ndarray, shape: tuple[int, int, int]) -> None:
-    """Values (n, …) at the points as an image; NIfTI has no booleans, and few of its readers 64-bit integers."""
+    """Write values (n, …) at the points as an image; NIfTI has no booleans, and few readers support 64-bit integers."""
     values = values.astype(np.uint8) if values.dtype == bool else values
     values = values.astype(np.int32) if values.dtype.kind in "iu" and values.dtype.itemsize > 4 else values
     write_nifti(path, Volume(values.reshape(*shape, *values.shape[1:], order="F"), affine))

@@ -1,12 +1,12 @@
-"""Motion as a scan samples it over one period, and what becomes of it: complex amplitudes, their noise, and a mask.
+"""Time samples of one period and MR phases, converted to complex amplitudes, their noise, and a mask.
 
     samples    (loads, n, d, N)   m, at t_j = jT/N, j = 0 … N-1, N at least 3 and T one period
     phase      (loads, n, d, N)   rad, wrapped or not, at these times; with
     encoding   () or (d,)         rad of phase per m of displacement
-    magnitude  (n,)               of the scan; where no mask is given, the mask is its largest piece that is not dark
+    magnitude  (n,)               magnitude image; the default mask is its largest bright component
 
-Phases are unwrapped at each time and then through time. What first harmonics leave of more than three samples is noise, unless
-one is stated.
+Phases are unwrapped at each time and then in time. With more than three samples, the residual of the first harmonic gives the
+noise, unless one is stated.
 """
 
 from __future__ import annotations
@@ -21,19 +21,26 @@ from ngbrain.image.mre.displacement import first_harmonic, phase_to_displacement
 from ngbrain.io.waves.grid import Grid
 
 SAMPLED = ("samples", "phase", "encoding", "magnitude")
-"""Keys of a file that are read here."""
+"""Keys that this module reads."""
 REPEATED = 0.3
-"""Of a usual step from time to time, below which the step from the last time to the first says that they are one."""
+"""The last sample repeats the first if their difference, relative to the usual one between neighbours, is below this."""
 FEWEST = 3
-"""Samples over a period."""
+"""Minimum number of samples per period."""
 
 
 def samples_to_amplitudes(keys: Mapping[str, Any]) -> dict[str, Any]:
-    """The keys of a file with `phase_to_displacement`, `mask` and `noise` in place of those of `SAMPLED`.
+    """Replace the keys of `SAMPLED` by `displacement`, `mask` and `noise`.
 
-    Raises `InputError` for samples beside displacements, of another shape, at rest, or too few; phases without encoding, at
-    points that are no grid, or that move too fast to be unwrapped. `MissingExtra` for phases without scikit-image.
+    Raises
+    ------
+    InputError
+        Samples are given beside displacements, have another shape, are too few, or belong to frequency 0; phases have no
+        encoding, points that are not a grid, or move too fast to be unwrapped.
+    MissingExtra
+        scikit-image, needed for phases, is not installed.
 
+    Examples
+    --------
     >>> points = np.array([[x, y] for y in range(3) for x in range(3)]) * 0.01
     >>> turn = np.exp(2j * np.pi * np.arange(4) / 4)
     >>> keys = {"points": points, "frequency": [50.0], "samples": np.real((1e-6 + 2e-6j) * np.ones((1, 9, 2, 1)) * turn)}
@@ -76,7 +83,7 @@ def _over_time(name: str, keys: Mapping[str, Any]) -> np.ndarray:
 
 
 def _check_times(name: str, values: np.ndarray) -> None:
-    """Refuse a last time that repeats the first: first and last are then far nearer than neighbours are."""
+    """Refuse a last time that repeats the first: the two are then far closer than other neighbours."""
     turn = np.exp(1j * values) if name == "phase" else values
     steps = np.abs(np.diff(turn, axis=-1, append=turn[..., :1]))
     size = np.sqrt(np.nanmean(steps**2, axis=(0, 1, 2)))
@@ -86,7 +93,7 @@ def _check_times(name: str, values: np.ndarray) -> None:
 
 
 def _encoding(keys: Mapping[str, Any], dim: int) -> np.ndarray:
-    """rad/m, to divide phases (loads, n, d, N) by."""
+    """Encoding (rad/m), broadcast to divide phases (loads, n, d, N)."""
     if "encoding" not in keys:
         raise InputError("encoding", "missing", "rad of phase per m of displacement, for all components or each")
     encoding = np.asarray(keys["encoding"])
@@ -96,7 +103,7 @@ def _encoding(keys: Mapping[str, Any], dim: int) -> np.ndarray:
 
 
 def _through_time(phase: np.ndarray, keys: Mapping[str, Any], counting: np.ndarray) -> np.ndarray:
-    """Phases without jumps at the points that count; a component of which there are none stays NaN."""
+    """Unwrapped phases at the points of the mask; an unmeasured component stays NaN."""
     grid, found = _grid("phase", keys), np.full(phase.shape, np.nan)
     for load, i in np.ndindex(phase.shape[0], phase.shape[2]):
         if not np.isnan(phase[load, :, i]).all():
@@ -105,7 +112,7 @@ def _through_time(phase: np.ndarray, keys: Mapping[str, Any], counting: np.ndarr
 
 
 def _counting(keys: Mapping[str, Any]) -> np.ndarray:
-    """Which points (n,) count; of a mask that is none, `WaveData` will say so."""
+    """The mask (n,); an invalid mask is reported by `WaveData`."""
     mask, n = np.asarray(keys.get("mask", True)), len(keys["points"])
     return mask.astype(bool) if mask.shape == (n,) and mask.dtype.kind in "biuf" else np.ones(n, bool)
 
@@ -128,6 +135,8 @@ def _grid(name: str, keys: Mapping[str, Any]) -> Grid:
 
 
 def _relative(u: np.ndarray, error: np.ndarray, counting: np.ndarray) -> float:
-    """Noise of complex amplitudes, whose parts have `error`, relative to each component's rms: the median over those that move."""
+    """Noise of complex amplitudes, whose real and imaginary parts have `error`, relative to the rms of each component: the median
+    over those that move.
+    """
     size, off = (np.sqrt(np.nansum(np.abs(part[:, counting]) ** 2, axis=1)) for part in (u, error))
     return float(np.median(np.sqrt(2) * off[size > 0] / size[size > 0])) if size.any() else 0.0

@@ -1,8 +1,9 @@
-"""Keys of wave data as others have them: displacements on the voxels of an image, other units of length, what is missing.
+"""Wave data on the voxels of an image and in other units of length; missing keys.
 
-displacement   (x, y, z, components), (x, y, z, loads, components) or, through a slice, (x, y, 1) instead of (loads, n, d), with
-spacing        of the voxels, one number or one for each axis; the first voxel is at the origin
-mask, labels … (x, y, z) then
+displacement   (x, y, z, components), (x, y, z, loads, components) or, normal to a slice, (x, y, 1) instead of (loads, n, d),
+with
+spacing        of the voxels, one number or one per axis; the first voxel is at the origin
+mask, labels … (x, y, z) in this case
 displacement_unit, length_unit   m, cm, mm or um: of displacement and samples; of points and spacing (m)
 """
 
@@ -17,12 +18,12 @@ from ngbrain.errors import InputError, nearest
 
 REQUIRED = ("points", "displacement", "frequency", "density", "symmetry", "rheology")
 IN_VOLUMES = ("spacing", "displacement_unit", "length_unit")
-"""Keys of a file that are read here."""
+"""Keys that this module reads."""
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6}
 
 
 def convert_to_metres(keys: Mapping[str, Any]) -> dict[str, Any]:
-    """The keys with lengths in m, without those that name a unit. Raises `InputError` for a unit that is none.
+    """Convert lengths to m and drop the keys that name units. Raises `InputError` for an unknown unit.
 
     >>> convert_to_metres({"points": np.array([[1.0, 2.0]]), "length_unit": "mm"})["points"].tolist()
     [[0.001, 0.002]]
@@ -42,7 +43,7 @@ def convert_to_metres(keys: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def add_load_axis(u: np.ndarray) -> np.ndarray:
-    """Values on voxels as (x, y, z, loads, components) or with times after that, of one load or one component too.
+    """Values on voxels as (x, y, z, loads, components), times may follow; a missing axis of loads or components is added.
 
     >>> [add_load_axis(np.zeros(shape)).shape for shape in ((4, 4, 3, 3), (4, 4, 1, 7), (4, 4, 1))]
     [(4, 4, 3, 1, 3), (4, 4, 1, 7, 1), (4, 4, 1, 1, 1)]
@@ -56,7 +57,7 @@ def add_load_axis(u: np.ndarray) -> np.ndarray:
 
 
 def is_plane(shape: tuple[int, ...]) -> bool:
-    """Whether values (x, y, z, loads, components[, times]) are of a plane: one slice. `InputError` where they are of neither."""
+    """Whether values (x, y, z, loads, components[, times]) are plane data of one slice. `InputError` for shapes of neither kind."""
     plane = len(shape) in (5, 6) and shape[4] in (1, 2) and shape[2] == 1
     if not plane and not (len(shape) in (5, 6) and shape[4] == 3 and min(shape[:3]) > 1):
         wanted = (
@@ -68,7 +69,7 @@ def is_plane(shape: tuple[int, ...]) -> bool:
 
 
 def voxels_to_points(keys: Mapping[str, Any]) -> dict[str, Any]:
-    """The keys with points in place of `spacing`, and everything on voxels at these points, numbered along x first."""
+    """Replace `spacing` by points, and flatten all values on voxels, numbered along x first."""
     found = dict(keys)
     if "spacing" not in found:
         if "points" in found and np.ndim(found.get("displacement", 0)) == 2:  # one load
@@ -96,7 +97,19 @@ def voxels_to_points(keys: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def missing_keys(keys: Mapping[str, Any], known: tuple[str, ...] = ()) -> list[str]:
-    """Names of all that is missing; `known` are those that another file has."""
+    """Names of missing keys.
+
+    Parameters
+    ----------
+    keys : mapping
+        Keys that are given.
+    known : tuple of str, optional
+        Keys that another file has.
+
+    Returns
+    -------
+    list of str
+    """
     required = {name: f"{name} or spacing" if name == "points" else name for name in REQUIRED}
     names = [said for name, said in required.items() if name not in keys and name not in known]
     through = _text(keys.get("motion")) == "anti_plane" and _text(keys.get("rheology")) == "viscoelastic"
