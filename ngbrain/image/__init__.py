@@ -1,4 +1,12 @@
-"""Scans: reading, straightening, the brain in its skull, the field of the coil, tissue labels and their topology."""
+"""Medical images of heads: reading, preprocessing, segmentation, structures, and MR elastography.
+
+- `labelling`: From a scan to labels of tissues and structures, with every step cached.
+- `mre`: MR elastography: from phase images to complex displacements.
+- `preprocess`: Registration, bias-field correction, skull stripping, contrast.
+- `read`: Files of images and labels: NIfTI, MGZ, DICOM, label maps, fibre directions.
+- `segment`: Tissue classes, ventricles, and topology of labels.
+- `structures`: Hemispheres, cerebellum, brain stem, dura, atlas regions.
+"""
 
 from ngbrain.image.preprocess.brain import find_brain
 from ngbrain.image.preprocess.check_brain import check_extracted

@@ -1,4 +1,4 @@
-"""From a scan to labels of its tissues and structures, each step kept on disk: the next mesh does not segment it again."""
+"""From a scan to labels of its tissues and structures; every step is cached, so that the next mesh does not segment again."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ from ngbrain.look import slices
 from ngbrain.result import Result, Status
 
 LEAST_CONTRAST = 3.0
-"""From grey to white matter in standard deviations of one tissue's grey values, below which their borders are guesses.
+"""Contrast of grey and white matter, in standard deviations of one tissue's grey values, below which boundaries are unreliable.
 
-Measured: 6 in T1s of people, 3.4 in their average (MNI152), 2.7 after a contrast agent that had made the two alike.
+Measured: 6 in T1s of humans, 3.4 in their average (MNI152), 2.7 after a contrast agent that had made the two similar.
 """
-# ml, of people from 6 to 90 years
+# Volumes (ml) of humans from 6 to 90 years
 _ADULT = {"grey": (400.0, 1100.0), "white": (300.0, 850.0), "ventricle": (7.0, 150.0)}
 
 
 class TissueWarning(UserWarning):
-    """Labels of tissues that are not to be trusted without a look."""
+    """Tissue labels are unreliable and should be inspected."""
 
 
 @dataclass(repr=False, eq=False)
@@ -44,10 +44,11 @@ class Segmentation(Result):
 
     Parameters
     ----------
-    volume
-        uint8, numbers of `ngbrain.image.segment.tissue_classes.NAMES`.
-    contrast
-        From grey to white matter in standard deviations of one tissue's grey values; below `LEAST_CONTRAST` borders are guesses.
+    volume : Volume
+        uint8, indices into `ngbrain.image.segment.tissue_classes.NAMES`.
+    contrast : float
+        Contrast between grey and white matter, in standard deviations of the grey values of one tissue; below `LEAST_CONTRAST`
+        the boundaries are unreliable.
     """
 
     volume: Volume
@@ -55,12 +56,12 @@ class Segmentation(Result):
 
     @property
     def labels(self) -> LabelMap:
-        """The tissues by name, as meshes take them."""
+        """The tissues as a label map, for meshing."""
         return LabelMap(self.volume, TISSUES)
 
     @property
     def value(self) -> dict[str, float]:
-        """Tissue → ml."""
+        """Tissue → volume (ml)."""
         counts = (
             np.bincount(self.volume.data.ravel(), minlength=len(tissue_classes.NAMES)) * self.volume.voxel_volume * 1e6
         )
@@ -68,60 +69,66 @@ class Segmentation(Result):
 
     @property
     def headline(self) -> str:
-        """Volumes, in ml."""
+        """Volumes (ml) as text."""
         return ", ".join(f"{name} {ml:.4g} ml" for name, ml in self.value.items())
 
     @property
     def statistics(self) -> dict[str, float]:
-        """The contrast."""
+        """The contrast between grey and white matter."""
         return {"spreads_from_grey_to_white": round(self.contrast, 1)}
 
     def plot(self) -> Any:
-        """The three middle slices."""
+        """Plot the three middle slices."""
         return slices(self.volume.data, tissue_classes.NAMES)
 
 
 def label_tissues(scan: Scan) -> Segmentation:
-    """Tissue of every voxel: stripped of its skull, freed of the coil's field and segmented
+    """Segment the tissues of a scan: skull stripping, bias-field correction and classification
     (`ngbrain.image.segment.tissue_classes`).
 
-    Raises `InputError` for a scan that is no T1 of a whole head or brain. Warns (`TissueWarning`, and in the result's `warnings`)
-    where grey and white matter differ too little to be told apart, and of volumes that people hardly have.
+    Warns (`TissueWarning`, and in the result's `warnings`) if grey and white matter have too little contrast, or if a volume is
+    outside the range of humans.
+
+    Raises
+    ------
+    InputError
+        The scan is not a T1 of a whole head or brain.
     """
-    with file_context(scan.source):  # the file, which a picture and a mask do not know
-        return _looked_at(*_tissues(_brain(scan)))
+    with file_context(scan.source):  # volumes and masks do not know their file
+        return _with_warnings(*_tissues(_brain(scan)))
 
 
 def grey_white_contrast(scan: Scan) -> float:
-    """From grey to white matter in standard deviations of one tissue's grey values; borders are guesses below LEAST_CONTRAST.
+    """Contrast between grey and white matter, in standard deviations of the grey values of one tissue; unreliable below
+    `LEAST_CONTRAST`.
 
-    Segments the scan, unless `label_tissues` has; raises as that does.
+    Segments the scan unless that is cached; raises what `label_tissues` raises.
     """
     with file_context(scan.source):
         return _tissues(_brain(scan))[1]
 
 
 def template_affine(scan: Scan) -> np.ndarray:
-    """Where the MNI152 template lies in a head, by affine registration of the brains.
+    """Affine map of the MNI152 template to a head, by registration of the brains.
 
     Parameters
     ----------
     scan : Scan
-        Its T1.
+        T1 of the head.
 
     Returns
     -------
     numpy.ndarray
-        (4, 4), takes points (m) of the template to points of the head. Parts of a brain stay some millimetres off.
+        (4, 4), from points (m) of the template to points of the head. Structures of the brain remain some millimetres off.
 
     Raises
     ------
     InputError
-        It is no T1 of a whole head or brain.
+        The scan is not a T1 of a whole head or brain.
     """
     with file_context(scan.source):
         of = _brain(scan)
-        return _place(of, _even(of)).affine
+        return _place(of, _bias_corrected(of)).affine
 
 
 def label_structures(scan: Scan) -> Structures:
@@ -136,14 +143,27 @@ def label_structures(scan: Scan) -> Structures:
 
 
 def label_by_atlas(scan: Scan, labels: LabelMap, template: Scan) -> LabelMap:
-    """Regions of a scan by an atlas: its template bent into the scan's brain takes the labels along
-    (`ngbrain.image.structures.atlas`).
+    """Label a scan by an atlas: its template is registered non-linearly to the scan's brain (`ngbrain.image.structures.atlas`).
 
-    labels    of the atlas, in the space of the template
-    template  the T1 that they were drawn on, with its skull or without
+    Parameters
+    ----------
+    scan : Scan
+        T1 of the head.
+    labels : LabelMap
+        Labels of the atlas, in the space of the template.
+    template : Scan
+        T1 that the atlas was drawn on, with or without skull.
 
-    Raises what `find_brain` raises of either scan and what `transported` raises; `InputError` where no label comes to lie in the
-    brain.
+    Returns
+    -------
+    LabelMap
+
+    Raises
+    ------
+    InputError
+        `find_brain` or `propagate_labels` refuses a scan, or no label lies in the brain.
+    MissingExtra
+        SimpleITK, nilearn or nibabel is not installed.
     """
     head, drawn = _on_black(scan), _on_black(template)
 
@@ -161,7 +181,7 @@ def label_by_atlas(scan: Scan, labels: LabelMap, template: Scan) -> LabelMap:
 
 
 def _on_black(scan: Scan) -> Volume:
-    """The picture of the brain, 0 around it."""
+    """The brain on a background of 0."""
     with file_context(scan.source):
         found = _brain(scan)
     return Volume(np.where(found.mask, found.picture.data, 0), found.picture.affine)
@@ -171,8 +191,16 @@ def _on_black(scan: Scan) -> Volume:
 class _Brain:
     """A brain in a scan.
 
-    picture  its rim made even with fluid where voxels are coarse; mask of the brain in it
-    place    (4, 4), of the template, as found in the whole head; voxel: edge of the file's voxels (m)
+    Parameters
+    ----------
+    picture : Volume
+        The scan after partial-volume correction.
+    mask : numpy.ndarray
+        Mask of the brain.
+    place : numpy.ndarray
+        (4, 4), affine of the template, found in the whole head.
+    voxel : float
+        Edge (m) of the voxels of the file.
     """
 
     picture: Volume
@@ -199,19 +227,22 @@ def _brain(scan: Scan) -> _Brain:
     return _Brain(correct_partial_volume(scan, found["mask"]), found["mask"], found["place"], voxel)
 
 
-def _even(of: _Brain) -> Volume:
-    """The picture without the coil's field."""
+def _bias_corrected(of: _Brain) -> Volume:
+    """The picture after bias-field correction."""
     arrays = load_or_compute(
-        "even", of.seen, (bias_field,), lambda: {"t1": bias_field.correct_bias_field(of.picture, of.mask).data}
+        "bias_corrected",
+        of.seen,
+        (bias_field,),
+        lambda: {"t1": bias_field.correct_bias_field(of.picture, of.mask).data},
     )
     return Volume(arrays["t1"], of.picture.affine)
 
 
-def _place(of: _Brain, even: Volume) -> registration.Alignment:
-    """Where the template lies in a brain."""
+def _place(of: _Brain, corrected: Volume) -> registration.Alignment:
+    """Alignment of the template with a brain."""
 
     def make() -> Arrays:
-        found = registration.align(mask_background(even, of.mask), mni152().volume, of.place)
+        found = registration.align(mask_background(corrected, of.mask), mni152().volume, of.place)
         return {"affine": found.affine, "likeness": np.array(found.likeness)}
 
     found = load_or_compute("place", [*of.seen, of.place.tolist()], (registration, bias_field), make)
@@ -219,11 +250,11 @@ def _place(of: _Brain, even: Volume) -> registration.Alignment:
 
 
 def _tissues(of: _Brain) -> tuple[Volume, float]:
-    """Labels, and the contrast of grey and white matter."""
+    """Tissue labels, and the contrast between grey and white matter."""
 
     def make() -> Arrays:
-        even = _even(of)
-        found = tissue_classes.segment(even, of.mask, _place(of, even).affine, of.voxel)
+        corrected = _bias_corrected(of)
+        found = tissue_classes.segment(corrected, of.mask, _place(of, corrected).affine, of.voxel)
         return {"labels": found.volume.data, "contrast": np.array(found.contrast)}
 
     made_by = (tissue_classes, topology, ventricles, mni_landmarks, contrast, registration, bias_field)
@@ -231,8 +262,8 @@ def _tissues(of: _Brain) -> tuple[Volume, float]:
     return Volume(found["labels"], of.picture.affine), float(found["contrast"])
 
 
-def _looked_at(labels: Volume, contrast: float) -> Segmentation:
-    """The labels, with a warning if they are to be looked at first."""
+def _with_warnings(labels: Volume, contrast: float) -> Segmentation:
+    """The labels, with a warning if they should be inspected."""
     found = Segmentation(labels, contrast, status=Status.CONVERGED)
     if contrast < LEAST_CONTRAST:
         text = f"grey and white matter differ by {contrast:.1f} times the spread of one tissue's grey values"
@@ -248,11 +279,11 @@ def _looked_at(labels: Volume, contrast: float) -> Segmentation:
 
 
 def _structured(of: _Brain) -> Structures:
-    labels = _looked_at(*_tissues(of)).volume
+    labels = _with_warnings(*_tissues(of)).volume
 
     def make() -> Arrays:
-        even = _even(of)
-        made = segment_structures(even, labels, _place(of, even))
+        corrected = _bias_corrected(of)
+        made = segment_structures(corrected, labels, _place(of, corrected))
         return {
             "labels": made.labels.volume.data,
             "parts": made.parts.data,

@@ -81,7 +81,7 @@ def load_or_compute(stage: str, made_from: Any, modules: Iterable[ModuleType], m
 
 @cache
 def code_digest(names: tuple[str, ...]) -> str:
-    """Digest of the source of modules, of all modules of this package that they import, and of the versions of numerical packages."""
+    """Digest of the source of modules, of all modules of this package that they import, and of the numerical packages."""
     digest = hashlib.sha256(json.dumps(versions(), sort_keys=True).encode())
     _feed_sources(digest, names)
     return digest.hexdigest()

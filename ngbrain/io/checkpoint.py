@@ -188,13 +188,7 @@ def load(path: str | os.PathLike[str]) -> Checkpoint:
     _verify(path)
     try:
         return _read(path)
-    except (
-        KeyError,
-        ValueError,
-        TypeError,
-        IndexError,
-        AttributeError,
-    ) as error:  # valid checksum, but not by `save`
+    except (KeyError, ValueError, TypeError, IndexError, AttributeError) as error:  # valid checksum, but not by `save`
         if isinstance(error, InputError):
             if error.field == "checkpoint":
                 raise

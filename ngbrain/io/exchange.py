@@ -1,4 +1,4 @@
-"""Write tetrahedral meshes in the formats of other programs (`ngbrain.io.foreign` reads them); lengths stay in m, names are kept."""
+"""Write tetrahedral meshes in the formats of other programs (`ngbrain.io.foreign` reads them), with names, in m."""
 
 from __future__ import annotations
 

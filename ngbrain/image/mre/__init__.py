@@ -1,6 +1,6 @@
 """MR elastography: from phase images to complex displacements.
 
-- `displacement`: From the phases of an MR scan to harmonic displacements, and how much strain and noise is in them.
+- `displacement`: Phase unwrapping, first harmonic, removal of rigid motion, strain and its noise.
 """
 
 __all__ = ["displacement"]

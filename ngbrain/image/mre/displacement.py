@@ -1,7 +1,7 @@
-"""From the phases of an MR scan to harmonic displacements, and how much strain and noise is in them.
+"""From MR phases to harmonic displacements; octahedral shear strain and its signal-to-noise ratio.
 
-Phase φ(x, t) → `unwrap_phase_in_time` → `phase_to_displacement` → `first_harmonic` → `remove_rigid_motion` → `strain_snr`.
-The first axes of every array are those of the image; further axes are named by each function.
+Phase φ(x, t) → `unwrap_phase_in_time` → `phase_to_displacement` → `first_harmonic` → `remove_rigid_motion` → `strain_snr`. The
+first axes of every array are those of the image; further axes are named by each function.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _GAUSS, _GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(5)
 
 
 def tissue_mask(magnitude: np.ndarray) -> np.ndarray:
-    """A mask (nx, ny[, nz]) from the magnitude image of a scan: its largest piece that is not dark, holes filled.
+    """Mask (nx, ny[, nz]) from a magnitude image: its largest bright component, with holes filled.
 
     >>> ball = np.linalg.norm(np.indices((20, 20)) - 9.5, axis=0)
     >>> found = tissue_mask(np.select([ball < 2, ball < 7], [10.0, 300.0], 20.0))
@@ -34,20 +34,36 @@ def tissue_mask(magnitude: np.ndarray) -> np.ndarray:
 
 
 def unwrap_phase(phase: np.ndarray, mask: np.ndarray | None = None) -> np.ndarray:
-    """Wrapped phases (rad) of an image with two or three axes without their jumps of 2π, by sorting on reliability.
+    """Unwrap the phase of a 2-D or 3-D image by sorting on reliability.
 
-    phase   (nx, ny[, nz]) rad, any range: taken modulo 2π
-    mask    the voxels that count; elsewhere the answer is 0
+    The result is unique up to a multiple of 2π per connected component of the mask. It fails where the true phase differs by
+    more than π between neighbouring voxels.
 
-    Up to a multiple of 2π for each connected piece of the mask. It fails where the true phase steps by more than π from voxel
-    to voxel.
+    Parameters
+    ----------
+    phase : numpy.ndarray
+        (nx, ny[, nz]) rad, taken modulo 2π.
+    mask : numpy.ndarray, optional
+        (nx, ny[, nz]) voxels to unwrap; the result is 0 elsewhere.
 
-    Herráez et al. 2002, doi:10.1364/AO.41.007437, as scikit-image has it.
+    Returns
+    -------
+    numpy.ndarray
+        (nx, ny[, nz]) rad.
 
-    Raises:
-        InputError: another number of axes, not finite in the mask, or a mask of another shape.
-        MissingExtra: scikit-image is not installed.
+    Raises
+    ------
+    InputError
+        The image has another number of axes, the mask another shape, or the phase is not finite in the mask.
+    MissingExtra
+        scikit-image is not installed.
 
+    References
+    ----------
+    Herráez et al. 2002, doi:10.1364/AO.41.007437, as implemented in scikit-image.
+
+    Examples
+    --------
     >>> true = np.linspace(0, 20, 40)[:, None] * np.ones(5)
     >>> found = unwrap_phase(np.angle(np.exp(1j * true)))
     >>> bool(np.ptp(found - true) < 1e-9)
@@ -60,15 +76,33 @@ def unwrap_phase(phase: np.ndarray, mask: np.ndarray | None = None) -> np.ndarra
 
 
 def unwrap_phase_least_squares(phase: np.ndarray, mask: np.ndarray | None = None) -> np.ndarray:
-    """As `unwrap_phase`, and needs no package: the phase whose steps are nearest, in all, to the wrapped steps of the data.
+    """Unwrap the phase of a 2-D or 3-D image by least squares; needs no optional package.
 
-    Σ (Δφ - wrapped Δphase)² over all neighbours in the mask is made small by conjugate gradients, the cosine transform on the
-    whole image as preconditioner; every value is then moved by the multiple of 2π that brings it nearest to φ. No single path
-    decides, so that a noisy voxel does not spoil those behind it; but where much noise leaves residues, slopes come out low.
+    Minimises Σ (Δφ - wrapped Δphase)² over all neighbours in the mask by conjugate gradients, preconditioned by the cosine
+    transform on the whole image. Every value is then shifted by the multiple of 2π that brings it nearest to φ. The result
+    depends on no single path, so that a noisy voxel does not affect those behind it; residues caused by strong noise make
+    slopes too small.
 
+    Parameters
+    ----------
+    phase : numpy.ndarray
+        (nx, ny[, nz]) rad, taken modulo 2π.
+    mask : numpy.ndarray, optional
+        (nx, ny[, nz]) voxels to unwrap; the result is 0 elsewhere.
+
+    Returns
+    -------
+    numpy.ndarray
+        (nx, ny[, nz]) rad.
+
+    Raises
+    ------
+    InputError
+        As `unwrap_phase`.
+
+    References
+    ----------
     Ghiglia & Romero 1994, doi:10.1364/JOSAA.11.000107.
-
-    Raises `InputError` as `unwrap_phase`.
     """
     phase, mask = _phase(phase, mask)
     phase = np.where(mask, phase, 0)
@@ -102,7 +136,7 @@ def unwrap_phase_least_squares(phase: np.ndarray, mask: np.ndarray | None = None
     smooth, _ = cg(LinearOperator((n, n), laplacian), right.ravel(), rtol=1e-6, maxiter=300, M=by_cosines)
     off = smooth.reshape(phase.shape) - phase
     pieces, count = ndimage.label(mask)
-    # The constant of each piece is free; this one lets most values move by about whole turns.
+    # The constant of each component is free; this one makes most shifts close to multiples of 2π.
     number = range(1, count + 1)
     turned = ndimage.mean(np.cos(off), pieces, number) + 1j * ndimage.mean(np.sin(off), pieces, number)
     level = np.r_[0.0, np.angle(turned)]
@@ -110,18 +144,31 @@ def unwrap_phase_least_squares(phase: np.ndarray, mask: np.ndarray | None = None
 
 
 def unwrap_phase_in_time(phase: np.ndarray, mask: np.ndarray | None = None) -> np.ndarray:
-    """Wrapped phases (rad) at times equally spaced over one period, without jumps in space and from time to time.
-
-    phase   (nx, ny[, nz], N) rad
-    mask    (nx, ny[, nz])
+    """Unwrap phases at times equally spaced over one period, in space and in time.
 
     Each time is unwrapped by `unwrap_phase`; then each connected component is shifted by the multiple of 2π that brings most
-    voxels within π of the time before. One multiple of 2π per component, the same at all times, stays unknown: it is no part of
-    a harmonic.
+    voxels within π of the time before. One multiple of 2π per component, the same at all times, stays unknown: it does not
+    affect the harmonic.
 
-    Raises `InputError` as `unwrap_phase`, and where the last time does not lead back to the first: phases that step by more than π
-    from time to time.
+    Parameters
+    ----------
+    phase : numpy.ndarray
+        (nx, ny[, nz], N) rad.
+    mask : numpy.ndarray, optional
+        (nx, ny[, nz]).
 
+    Returns
+    -------
+    numpy.ndarray
+        (nx, ny[, nz], N) rad.
+
+    Raises
+    ------
+    InputError
+        As `unwrap_phase`; or the last time does not lead back to the first, as the phase changes by more than π between times.
+
+    Examples
+    --------
     >>> x, y, t = np.arange(12)[:, None, None], np.arange(3)[:, None], np.arange(8)
     >>> true = 0.5 * x + y + 4 * np.sin(x / 2) * np.cos(2 * np.pi * t / 8)
     >>> off = unwrap_phase_in_time(np.angle(np.exp(1j * true))) - true
@@ -144,9 +191,24 @@ def unwrap_phase_in_time(phase: np.ndarray, mask: np.ndarray | None = None) -> n
 
 
 def phase_to_displacement(phase: np.ndarray, encoding: float | np.ndarray) -> np.ndarray:
-    """Displacements (m) from unwrapped phases (rad) and the motion encoding (rad per m of displacement).
+    """Displacement from unwrapped phase and motion encoding.
 
-    Raises `InputError` unless the encoding is finite and not 0.
+    Parameters
+    ----------
+    phase : numpy.ndarray
+        Unwrapped phase (rad).
+    encoding : float or numpy.ndarray
+        Motion encoding (rad per m of displacement).
+
+    Returns
+    -------
+    numpy.ndarray
+        Displacement (m).
+
+    Raises
+    ------
+    InputError
+        The encoding is 0 or not finite.
     """
     if not (np.isfinite(encoding).all() and np.all(encoding)):
         raise InputError("encoding", np.ravel(encoding).tolist(), "rad/m, not 0")
@@ -154,15 +216,28 @@ def phase_to_displacement(phase: np.ndarray, encoding: float | np.ndarray) -> np
 
 
 def first_harmonic(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The first harmonic u of samples s_j = Re(u e^{2πij/N}) + rest over one period, and the error of u.
+    """First harmonic u of samples s_j = Re(u e^{2πij/N}) + rest over one period, and its residual.
 
-    samples     (…, N), at N ≥ 3 equally spaced offsets t_j = jT/N
-    u           (…) complex: u = 2/N Σ_j s_j e^{-2πij/N}
-    error       (…) standard deviation of what the mean and the first harmonic leave of the samples, with N - 3 degrees of
-                freedom; 0 where N = 3. The real and the imaginary part of u each have √(2/N) of it.
+    Parameters
+    ----------
+    samples : numpy.ndarray
+        (…, N) real, at N ≥ 3 equally spaced times t_j = jT/N.
 
-    Raises `InputError` for less than 3 samples, or values that are not real.
+    Returns
+    -------
+    u : numpy.ndarray
+        (…) complex: u = 2/N Σ_j s_j e^{-2πij/N}.
+    error : numpy.ndarray
+        (…) standard deviation of the residual of mean and first harmonic, with N - 3 degrees of freedom; 0 for N = 3. The
+        standard error of the real and of the imaginary part of u is √(2/N) of it.
 
+    Raises
+    ------
+    InputError
+        There are fewer than 3 samples, or complex values.
+
+    Examples
+    --------
     >>> t = 2 * np.pi * np.arange(8) / 8
     >>> u, error = first_harmonic(0.5 + 3 * np.cos(t) - 4 * np.sin(t))
     >>> complex(np.round(u, 12)), bool(error < 1e-12)
@@ -179,14 +254,29 @@ def first_harmonic(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def remove_rigid_motion(u: np.ndarray, points: np.ndarray, mask: np.ndarray | None = None) -> np.ndarray:
-    """Displacements without their part that moves the head as a whole: u - (a + b × x), the nearest rigid motion.
+    """Remove the rigid motion of the head: u - (a + b × x), by least squares.
 
-    u       (n, d) complex or real, m
-    points  (n, d) m, d = 2 or 3
-    mask    (n,) the points that decide; values that are NaN never do
+    Parameters
+    ----------
+    u : numpy.ndarray
+        (n, d) displacements (m), complex or real.
+    points : numpy.ndarray
+        (n, d) m, d = 2 or 3.
+    mask : numpy.ndarray, optional
+        (n,) points used by the fit; NaN values are never used.
 
-    Raises `InputError` for other shapes, or too few points to tell.
+    Returns
+    -------
+    numpy.ndarray
+        (n, d) m.
 
+    Raises
+    ------
+    InputError
+        The shapes differ, or nothing is measured.
+
+    Examples
+    --------
     >>> x = np.random.default_rng(0).normal(size=(20, 2))
     >>> bool(np.abs(remove_rigid_motion([1.0, 2j] + 3j * x[:, ::-1] * [-1, 1], x)).max() < 1e-12)
     True
@@ -212,9 +302,10 @@ def remove_rigid_motion(u: np.ndarray, points: np.ndarray, mask: np.ndarray | No
 
 
 def octahedral_strain(strain: np.ndarray) -> np.ndarray:
-    """Octahedral shear strain 2/3 √(Σ_{i<j} (ε_ii - ε_jj)² + 6 Σ_{i<j} ε_ij²) of real (…, 3, 3), or plane (…, 2, 2) strain.
+    """Octahedral shear strain 2/3 √(Σ_{i<j} (ε_ii - ε_jj)² + 6 Σ_{i<j} ε_ij²) of a real strain (…, 3, 3), or plane strain (…, 2,
+    2).
 
-    Shears are those of the tensor, half the engineering ones. Of a simple shear γ it is √(2/3) γ.
+    Shear strains are those of the tensor, half the engineering ones. For simple shear γ it is √(2/3) γ.
 
     >>> simple = np.array([[0, 0.5, 0], [0.5, 0, 0], [0, 0, 0]])
     >>> round(float(octahedral_strain(simple)), 6) == round((2 / 3) ** 0.5, 6)
@@ -227,14 +318,25 @@ def octahedral_strain(strain: np.ndarray) -> np.ndarray:
 
 
 def octahedral_amplitude(gradient: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Octahedral shear strain of a harmonic motion: its peak over a period, and its mean.
+    """Octahedral shear strain (OSS) of a harmonic motion: its peak and its mean over a period.
 
-    gradient    (…, d, d) complex ∂u_i/∂x_j, d = 2 (plane strain) or 3
+    The strain at time t is Re(ε e^{iωt}), ε the symmetric part of the gradient. With its deviator D, OSS² = 2/3 (D:D* + Re(D:D
+    e^{2iωt})), with the peak 2/3 (D:D* + |D:D|). The mean of OSS is 2/π times its peak times E(m), the complete elliptic
+    integral, with m = 2|D:D|/(D:D* + |D:D|). The published code uses 5 Gauss points over half a period, which gives up to 7 %
+    less.
 
-    The strain at time t is Re(ε e^{iωt}), ε the symmetric part; with its deviator D, OSS² = 2/3 (D:D* + Re(D:D e^{2iωt})), whose
-    peak is 2/3 (D:D* + |D:D|); the mean of OSS is 2/π times its peak times E(m), the complete elliptic integral, with
-    m = 2|D:D|/(D:D* + |D:D|). (The published code has 5 Gauss points over half a period: up to 7 % less.)
+    Parameters
+    ----------
+    gradient : numpy.ndarray
+        (…, d, d) complex ∂u_i/∂x_j, d = 2 (plane strain) or 3.
 
+    Returns
+    -------
+    peak, mean : numpy.ndarray
+        (…) dimensionless.
+
+    References
+    ----------
     McGarry et al. 2011, doi:10.1088/0031-9155/56/13/N02.
     """
     strain = _in_space(_symmetric(np.asarray(gradient)))
@@ -246,15 +348,28 @@ def octahedral_amplitude(gradient: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def strain_snr(gradient: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean octahedral shear strain over its noise at every voxel, and that noise.
+    """Signal-to-noise ratio of the octahedral shear strain (OSS-SNR), and the noise of the strain.
 
-    gradient    (…, d, d) complex ∂u_i/∂x_j
-    noise       (…, d, d) standard deviation of its real parts, the same of its imaginary ones: for central differences
-                `gradient_noise`
-
-    By propagation of errors, entries independent: σ² = Σ (∂OSS/∂(∂u_i/∂x_j) · noise_ij)² at each of 5 Gauss points of half
+    Linear error propagation with independent entries: σ² = Σ (∂OSS/∂(∂u_i/∂x_j) · noise_ij)² at each of 5 Gauss points of half
     a period, and the mean of σ over them.
 
+    Parameters
+    ----------
+    gradient : numpy.ndarray
+        (…, d, d) complex ∂u_i/∂x_j.
+    noise : numpy.ndarray
+        (…, d, d) standard deviation of its real parts, and of its imaginary parts; for central differences see
+        `gradient_noise`.
+
+    Returns
+    -------
+    snr : numpy.ndarray
+        (…) mean octahedral shear strain over its noise.
+    noise : numpy.ndarray
+        (…) the noise.
+
+    References
+    ----------
     McGarry et al. 2011, doi:10.1088/0031-9155/56/13/N02.
     """
     gradient = np.asarray(gradient)
@@ -267,7 +382,7 @@ def strain_snr(gradient: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.
         oss = octahedral_strain(strain)
         with np.errstate(divide="ignore", invalid="ignore"):
             slope = 4 / 3 * _deviator(strain)[..., :d, :d] / oss[..., None, None]
-        # OSS has a kink at 0, where any direction of noise has slope √(4/3).
+        # OSS is not differentiable at 0, where the slope in any direction of noise is √(4/3).
         slope = np.where(oss[..., None, None] > 0, slope, np.sqrt(4 / 3) / d)
         total += w / 2 * np.sqrt((slope**2 * variance).sum(axis=(-2, -1)))
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -275,15 +390,40 @@ def strain_snr(gradient: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def gradient_noise(error: np.ndarray, spacing: np.ndarray) -> np.ndarray:
-    """Standard deviation (…, d, d) of ∂u_i/∂x_j by central differences, from that of u_i (…, d) m: √2 σ_i / 2h_j.
+    """Noise of a gradient by central differences: √2 σ_i / 2h_j.
 
-    spacing     (d,) m, of the voxels
+    Parameters
+    ----------
+    error : numpy.ndarray
+        (…, d) standard deviation σ_i of u_i (m).
+    spacing : numpy.ndarray
+        (d,) voxel spacing h_j (m).
+
+    Returns
+    -------
+    numpy.ndarray
+        (…, d, d) standard deviation of ∂u_i/∂x_j.
     """
     return np.asarray(error, float)[..., :, None] / (np.sqrt(2) * np.asarray(spacing, float))
 
 
 def central_gradient(u: np.ndarray, spacing: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """∂u_i/∂x_j (nx, ny[, nz], d, d) of u (nx, ny[, nz], d) m by central differences; NaN where a neighbour is not in the mask."""
+    """Displacement gradient by central differences.
+
+    Parameters
+    ----------
+    u : numpy.ndarray
+        (nx, ny[, nz], d) m.
+    spacing : numpy.ndarray
+        (d,) voxel spacing (m).
+    mask : numpy.ndarray
+        (nx, ny[, nz]) voxels to use.
+
+    Returns
+    -------
+    numpy.ndarray
+        (nx, ny[, nz], d, d) ∂u_i/∂x_j; NaN where a neighbour is not in the mask.
+    """
     u, mask = np.where(mask[..., None], u, np.nan), np.asarray(mask, bool)
     d = mask.ndim
     gradient = np.full((*u.shape[:d], u.shape[-1], d), np.nan, u.dtype)
@@ -309,14 +449,14 @@ def _phase(phase: np.ndarray, mask: np.ndarray | None) -> tuple[np.ndarray, np.n
 
 
 def _ends(d: int, axis: int) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
-    """All but the last along an axis, and all but the first."""
+    """Slices of all but the last and of all but the first along an axis."""
     first, last = ([slice(None)] * d for _ in range(2))
     first[axis], last[axis] = slice(None, -1), slice(1, None)
     return tuple(first), tuple(last)
 
 
 def _half_period() -> list[tuple[complex, float]]:
-    """Factors e^{iωt} at the Gauss points of half a period, with weights that add up to 2."""
+    """Factors e^{iωt} at the Gauss points of half a period, with weights that sum to 2."""
     return [(complex(np.exp(1j * np.pi * (x + 1) / 2)), float(w)) for x, w in zip(_GAUSS, _GAUSS_WEIGHTS, strict=True)]
 
 

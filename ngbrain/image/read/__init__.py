@@ -1,15 +1,14 @@
 """Files of images and labels: NIfTI, MGZ, DICOM, label maps, fibre directions.
 
-- `dicom`: A scan from the DICOM files of its slices.
-- `fibre_directions`: Directions of fibres over a head: vectors or tensors of diffusion from NIfTI files, in the
-  head's own axes, and at points.
-- `label_file`: Maps of labels in files, and what their numbers mean.
-- `label_map`: A map of labels: which region of the head each voxel belongs to, and what the regions are called.
-- `label_schemes`: What the numbers of other programs' label maps mean.
-- `landmarks`: Places on a head that go by a name.
-- `nifti`: Pictures to NIfTI files.
-- `property_maps`: Maps of a measured quantity over a head, such as shear stiffness: from files, and at points.
-- `volume`: Pictures of a head: values on a grid of voxels with a place in the world, and the files they come from.
+- `dicom`: DICOM series.
+- `fibre_directions`: Fibre directions from vector or diffusion-tensor images.
+- `label_file`: Label maps from files of FreeSurfer, SynthSeg, MUSE, SPM, CAT and FAST.
+- `label_map`: Label maps: the region of each voxel.
+- `label_schemes`: Label numbers of other programs.
+- `landmarks`: Named points of a head.
+- `nifti`: Write NIfTI files, and resample label maps.
+- `property_maps`: Maps of a measured quantity, such as shear stiffness.
+- `volume`: Volumes on a voxel grid, and T1 scans.
 """
 
 __all__ = [

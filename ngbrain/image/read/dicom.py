@@ -1,4 +1,4 @@
-"""A scan from the DICOM files of its slices."""
+"""DICOM series."""
 
 from __future__ import annotations
 
@@ -11,22 +11,26 @@ from ngbrain.errors import InputError, require
 
 _POSITION, _ROWS, _DESCRIPTION = "0020|0032", "0020|0037", "0008|103e"
 _UNEVEN = 0.05
-"""Part of the distance between slices by which one may differ."""
+"""Relative tolerance of the distance between slices."""
 _TO_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
-"""DICOM's axes run left and back, those of NIfTI right and front."""
+"""DICOM's axes point left and back, those of NIfTI right and front."""
 
 
 def is_dicom(path: Path) -> bool:
-    """Whether a file begins as DICOM files do."""
+    """Whether a file has the DICOM prefix."""
     with path.open("rb") as file:
         return file.read(132)[128:] == b"DICM"
 
 
 def read_series(path: Path) -> Any:
-    """The series of slices in a folder, or the one that a file belongs to, as an image of nibabel's in mm.
+    """Read the DICOM series in a folder, or the series of a file, as a nibabel image in mm.
 
-    Raises `InputError` for a folder without a series or with several of them, for slices that are missing or of which one is
-    there twice, and for a file that cannot be read; `MissingExtra` where SimpleITK is not installed.
+    Raises
+    ------
+    InputError
+        The folder has no series or several, slices are missing or duplicated, or a file cannot be read.
+    MissingExtra
+        SimpleITK or nibabel is not installed.
     """
     sitk, nibabel = require("SimpleITK", "mri"), require("nibabel", "mri")
     sitk.ProcessObject.SetGlobalWarningDisplay(False)  # it writes to stderr
@@ -79,7 +83,7 @@ def _series(sitk: Any, folder: Path) -> list[str]:
 
 
 def _check_places(sitk: Any, files: list[str], path: Path) -> None:
-    """`InputError` where slices are not as far from each other everywhere."""
+    """Check that the slices are equidistant."""
     try:
         places = np.array([[float(x) for x in _tag(sitk, file, _POSITION).split("\\")] for file in files])
         rows = np.array([float(x) for x in _tag(sitk, files[0], _ROWS).split("\\")]).reshape(2, 3)

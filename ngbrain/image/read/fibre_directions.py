@@ -1,11 +1,11 @@
-"""Directions of fibres over a head: vectors or tensors of diffusion from NIfTI files, in the head's own axes, and at points.
+"""Fibre directions from vector or diffusion-tensor images in NIfTI files, in world coordinates, and at points.
 
-A direction has no sign, so that a mean of vectors means nothing: what is averaged and interpolated are structure tensors a⊗a, and a
-direction is the eigenvector of the largest eigenvalue. A file says along which axes its components are by its convention:
+A direction has no sign, so that vectors cannot be averaged: structure tensors a⊗a are averaged and interpolated, and a
+direction is the eigenvector of the largest eigenvalue. The axes of the components follow the convention of the file:
 
-fsl       the voxels' own axes, the first of them reversed where the affine keeps handedness; tensors xx xy xz yy yz zz
-mrtrix    the scanner's axes (right, front, up); tensors xx yy zz xy xz yz
-nifti     the scanner's axes; tensors xx xy yy xz yz zz (`NIFTI_INTENT_SYMMATRIX`)
+fsl       voxel axes, the first reversed if the affine has a positive determinant; tensors xx xy xz yy yz zz
+mrtrix    scanner axes (right, front, up); tensors xx yy zz xy xz yz
+nifti     scanner axes; tensors xx xy yy xz yz zz (`NIFTI_INTENT_SYMMATRIX`)
 """
 
 from __future__ import annotations
@@ -27,15 +27,24 @@ CONVENTIONS = {
     "mrtrix": ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)),
     "nifti": ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)),
 }
-"""Name → entries of a tensor in the order of its file."""
+"""Convention → tensor entries in the order of the file."""
 TWO_AXES = 1e-9
-"""Difference of a tensor's two largest eigenvalues, in parts of the largest, below which it has no direction."""
+"""Relative difference of a tensor's two largest eigenvalues below which it has no direction."""
 
 
 @dataclass(frozen=True, eq=False)
 class FibreDirections:
-    """Directions on voxels: data (nx, ny, nz, 3), unit vectors in the world's axes or 0 where none is known; affine to m.
+    """Fibre directions on a voxel grid.
 
+    Parameters
+    ----------
+    data : numpy.ndarray
+        (nx, ny, nz, 3) unit vectors in world axes, 0 where unknown.
+    affine : numpy.ndarray
+        (4, 4), from voxel indices to m.
+
+    Examples
+    --------
     >>> along = FibreDirections(np.array([[[[1.0, 0, 0], [0, 0, 0], [-1.0, 0, 0]]]]), np.diag([1e-3, 1e-3, 1e-3, 1]))
     >>> along.interpolate(np.array([[0, 0, 0.4e-3], [0, 0, 1.6e-3]])).round(12).tolist()
     [[1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
@@ -46,11 +55,13 @@ class FibreDirections:
 
     @property
     def known(self) -> np.ndarray:
-        """Which voxels have one."""
+        """(nx, ny, nz) bool: voxels with a direction."""
         return np.asarray(self.data.any(axis=-1))
 
     def tensors(self, points: np.ndarray) -> np.ndarray:
-        """Means (n, 3, 3) of the structure tensors of the eight voxels around points (n, 3) in m, the nearest known ones."""
+        """Structure tensors (n, 3, 3) at points (n, 3) in m, interpolated linearly; unknown voxels take the nearest known
+        direction.
+        """
         grid = Volume(np.zeros(self.data.shape[:3]), self.affine)
         last = np.array(grid.data.shape) - 1
         where = np.clip(grid.to_voxels(points), 0, last)
@@ -66,18 +77,18 @@ class FibreDirections:
 
     @cached_property
     def _nearest(self) -> np.ndarray:
-        """Of each voxel, the place of the nearest one with a direction (3, nx, ny, nz)."""
+        """Index of the nearest voxel with a direction, (3, nx, ny, nz)."""
         spacing = np.linalg.norm(self.affine[:3, :3], axis=0)
         return np.asarray(
             ndimage.distance_transform_edt(~self.known, return_distances=False, return_indices=True, sampling=spacing)
         )
 
     def interpolate(self, points: np.ndarray) -> np.ndarray:
-        """Unit vectors (n, 3), up to sign, at points (n, 3) in m; where none is known, that of the nearest voxels that have one."""
+        """Unit vectors (n, 3), up to sign, at points (n, 3) in m; unknown voxels take the nearest known direction."""
         return principal_directions(self.tensors(points))
 
     def covers(self, points: np.ndarray) -> np.ndarray:
-        """Which points (n, 3) lie in a voxel with a direction."""
+        """(n,) bool: points (n, 3) in m that lie in a voxel with a direction."""
         return Volume(self.known.astype(np.float32), self.affine).interpolate(points, order=0) > 0
 
 
@@ -93,25 +104,25 @@ def principal_directions(tensors: np.ndarray) -> np.ndarray:
 
 
 def read_fibre_directions(path: str | os.PathLike[str], convention: str) -> FibreDirections:
-    """Read directions of fibres from a NIfTI file.
+    """Read fibre directions from a NIfTI file.
 
     Parameters
     ----------
-    path : path
-        Vectors (x, y, z, 3) of any length, 0 where none is known, or tensors (x, y, z, 6), (x, y, z, 9) or (x, y, z, 3, 3), of
-        which the principal direction counts.
+    path : str or Path
+        Vectors (x, y, z, 3) of any length, 0 where unknown, or tensors (x, y, z, 6), (x, y, z, 9) or (x, y, z, 3, 3), whose
+        principal direction is used.
     convention : str
-        "fsl", "mrtrix" or "nifti": along which axes components are, and their order.
+        "fsl", "mrtrix" or "nifti": axes and order of the components.
 
     Returns
     -------
-    Directions
-        In the axes of the world.
+    FibreDirections
+        In world axes.
 
     Raises
     ------
     InputError
-        The file is unreadable or has other axes, no direction, or sheared voxels, in whose axes components mean nothing.
+        The file is unreadable, has another shape, no direction, or sheared voxels, for which components are undefined.
     MissingExtra
         nibabel is not installed.
 
@@ -134,7 +145,7 @@ def _read(path: Path, convention: str, _stamp: int) -> FibreDirections:
         values = np.asarray(image.get_fdata(dtype=np.float64))
     except (OSError, EOFError, ValueError) as error:
         raise InputError("fibre_map", f"cut short ({error})", "a whole file", path) from error
-    if values.ndim == 5 and values.shape[3] == 1:  # NIfTI's own place for vectors and tensors is the fifth axis
+    if values.ndim == 5 and values.shape[3] == 1:  # NIfTI stores vectors and tensors along the fifth axis
         values = values[:, :, :, 0]
     count = values.shape[3:]
     if count not in ((3,), (6,), (9,), (3, 3)):
@@ -150,7 +161,7 @@ def _read(path: Path, convention: str, _stamp: int) -> FibreDirections:
 
 
 def _of_tensors(values: np.ndarray, count: tuple[int, ...], convention: str) -> np.ndarray:
-    """Principal directions; 0 where a tensor is, or has two largest eigenvalues alike."""
+    """Principal directions; 0 where the tensor is 0 or its two largest eigenvalues are equal."""
     shape = values.shape[:3]
     if count == (6,):
         tensors = np.empty((*shape, 3, 3))
@@ -168,7 +179,7 @@ def _of_tensors(values: np.ndarray, count: tuple[int, ...], convention: str) -> 
 
 
 def _axes(affine: np.ndarray, convention: str, path: Path) -> np.ndarray:
-    """From a file's components to those along the world's axes."""
+    """Matrix from the components of a file to world axes."""
     if convention != "fsl":
         return np.eye(3)
     axes = affine[:3, :3] / np.linalg.norm(affine[:3, :3], axis=0)

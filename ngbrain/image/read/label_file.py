@@ -1,4 +1,4 @@
-"""Maps of labels in files, and what their numbers mean."""
+"""Read label maps, and identify the scheme of their numbers."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ from ngbrain.image.read.label_schemes import (
 from ngbrain.image.read.volume import Volume, fill_nan_background, open_volume
 
 _MOST = 255
-"""Regions that a map may have."""
+"""Maximum number of regions."""
 _SCAN, _ROUGH = 64, 0.5
-"""More numbers than that, which differ across more than this part of the faces between voxels, are grey values of a scan."""
+"""A map with more numbers that differ across more than this share of the voxel faces is a scan."""
 _STRANGE = 5
-"""Numbers that a scheme does not have, up to which a map is taken for one of it with regions of one's own."""
+"""Maximum number of unknown labels up to which a map is attributed to a scheme with extra regions."""
 _TISSUES = 4
-"""Numbers up to that mean another tissue in every program, so that they are asked for."""
+"""Numbers up to this mean different tissues in different programs, so that names are required."""
 _OFF = 1e-3
-"""Distance from whole numbers that scaling leaves."""
+"""Tolerance of scaled integers."""
 _SHARES = {
     "spm": re.compile(r"(?P<before>[a-z]*c)(?P<class>[123])(?P<after>.+)"),
     "cat": re.compile(r"(?P<before>[a-z]*p)(?P<class>[123])(?P<after>.+)"),
     "fast": re.compile(r"(?P<before>.+_(pve|prob)_)(?P<class>[012])(?P<after>\.nii.*)"),
 }
-"""Names of the files with the share of each tissue, which lie side by side."""
+"""File names of tissue probability maps, which are in the same folder."""
 _CLASSES = {"spm": "123", "cat": "123", "fast": "012"}
 _OF_CLASSES = {"spm": "spm", "cat": "spm", "fast": "fast"}
-"""Whose numbers the classes have: CAT's p1, p2 and p3 are SPM's, its p0 is not."""
+"""Label scheme of the classes: CAT's p1, p2 and p3 are numbered as SPM's, its p0 is not."""
 
 
 def read_labels(
@@ -47,27 +47,30 @@ def read_labels(
     names: str | Mapping[int, str] | None = None,
     others: Mapping[int, str] | None = None,
 ) -> LabelMap:
-    """A map of labels from a NIfTI or MGH file, on its own voxels.
+    """Read a label map from a NIfTI or MGH file, on its own voxels.
 
     Parameters
     ----------
-    path
-        Whole numbers, or what scaling makes of them (up to 1e-3 off). With "spm", "cat" or "fast" also tissues with partial
-        volumes (CAT's p0), which are rounded, and one of three maps of shares that lie side by side (c1, c2, c3 of SPM, p1, p2,
-        p3 of CAT, pve_0, pve_1, pve_2 of FAST), of which the largest share counts.
-    names
-        Number → region, or one of `ngbrain.image.read.label_schemes.SCHEMES`. None: as the numbers say, if they can only be
-        those of
-        FreeSurfer, FastSurfer and SynthSeg, or of MUSE; else `label_5`, …, but for numbers up to 4, which mean another tissue in
-        every program.
-    others
-        Number → region, besides and before those of `names`: a lesion drawn into FreeSurfer's map, say.
+    path : str or Path
+        Integers, or scaled integers (up to 1e-3 off). With "spm", "cat" or "fast" also partial-volume labels (p0 of CAT), which
+        are rounded, or one of three tissue probability maps in the same folder (c1, c2, c3 of SPM, p1, p2, p3 of CAT, pve_0,
+        pve_1, pve_2 of FAST), of which the largest wins.
+    names : str or mapping, optional
+        Number → region, or a key of `ngbrain.image.read.label_schemes.SCHEMES`. By default the scheme is identified from the
+        numbers if they can only be those of FreeSurfer, FastSurfer and SynthSeg, or of MUSE; otherwise regions are called
+        `label_5`, …, unless all numbers are at most 4, which mean different tissues in different programs.
+    others : mapping, optional
+        Number → region, in addition to `names` and with priority, for example a lesion drawn into FreeSurfer's map.
+
+    Returns
+    -------
+    LabelMap
 
     Raises
     ------
     InputError
-        As `read_scan` does of a file and its place; numbers that are not whole, or negative; more than 255 regions, or more than
-        64 that change from voxel to voxel as grey values of a scan do; nothing but zeros; numbers without a name.
+        `read_scan` would refuse the file or its affine; numbers are not integers, or negative; there are more than 255 regions,
+        or more than 64 that vary between neighbouring voxels as in a scan; all labels are 0; a number has no name.
 
     Examples
     --------
@@ -83,7 +86,20 @@ def read_labels_with_notes(
     names: str | Mapping[int, str] | None = None,
     others: Mapping[int, str] | None = None,
 ) -> tuple[LabelMap, tuple[str, ...]]:
-    """As `read_labels`, and in sentences what was done to the numbers and what they were taken for."""
+    """Read a label map as `read_labels`, with notes on how the numbers were interpreted.
+
+    Parameters
+    ----------
+    path, names, others
+        As for `read_labels`.
+
+    Returns
+    -------
+    labels : LabelMap
+        The label map.
+    notes : tuple of str
+        Sentences on rounding and on the identified scheme.
+    """
     path = Path(path)
     if isinstance(names, str) and names not in SCHEMES:
         raise InputError("names", repr(names), "number = name for every label, or one of " + ", ".join(SCHEMES))
@@ -113,7 +129,7 @@ def read_labels_with_notes(
 
 
 def _values(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """What is in a file, as scaled by its header, and where (4, 4)."""
+    """Values of a file, scaled as in its header, and its affine (4, 4)."""
     file = open_volume(path)
     try:
         raw = np.asanyarray(file.image.dataobj).reshape(file.shape)
@@ -129,7 +145,7 @@ def _values(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _whole(path: Path, raw: np.ndarray, scheme: str | None) -> tuple[np.ndarray, list[str]]:
-    """Whole numbers, and in words what was rounded."""
+    """Integer labels, and a note on rounding."""
     if raw.min() < 0 or raw.max() > np.iinfo(np.int32).max:
         raise InputError("labels", f"from {raw.min():g} to {raw.max():g}", "numbers from 0 on", path)
     nearest = np.rint(raw)
@@ -146,7 +162,7 @@ def _whole(path: Path, raw: np.ndarray, scheme: str | None) -> tuple[np.ndarray,
 
 
 def _share_of(path: Path, raw: np.ndarray, names: str | Mapping[int, str] | None) -> str | None:
-    """The program of which a file is the share of one tissue, by its name and its values from 0 to 1."""
+    """The program whose tissue probability map a file is, by its name and its values from 0 to 1."""
     if raw.dtype.kind != "f" or raw.min() < 0 or raw.max() > 1 + _OFF or np.abs(raw - np.rint(raw)).max() <= _OFF:
         return None
     for program, pattern in _SHARES.items():
@@ -159,14 +175,14 @@ def _share_of(path: Path, raw: np.ndarray, names: str | Mapping[int, str] | None
 
 
 def _beside(path: Path, program: str) -> list[Path]:
-    """The files of all three shares."""
+    """Files of the three probability maps."""
     found = _SHARES[program].fullmatch(path.name)
     assert found
     return [path.with_name(f"{found['before']}{number}{found['after']}") for number in _CLASSES[program]]
 
 
 def _largest_share(path: Path, program: str, affine: np.ndarray) -> np.ndarray:
-    """1, 2, 3 for the tissue of the largest share, 0 where that of none of them is."""
+    """1, 2, 3 for the most probable tissue, 0 where the outside is more probable."""
     shares: list[np.ndarray] = []
     for other in _beside(path, program):
         if not other.exists():
@@ -181,7 +197,7 @@ def _largest_share(path: Path, program: str, affine: np.ndarray) -> np.ndarray:
 def _guessed(
     path: Path, data: np.ndarray, numbers: set[int], others: Mapping[int, str]
 ) -> tuple[str | Mapping[int, str], list[str]]:
-    """Names for numbers that were given none, and whose they are."""
+    """Names for numbers without given names, and a note on their scheme."""
     rest = numbers - set(others)
     if not rest:
         return {}, []
@@ -192,7 +208,7 @@ def _guessed(
         if needed <= rest and len(odd) <= _STRANGE:
             found = f"numbered as by {whose}, but for {', '.join(map(str, odd))}"
             raise InputError("labels", found, f"names {scheme},{odd[0]}=NAME,… or a name for every number", path)
-    if len(numbers) > _SCAN and _rough(data):
+    if len(numbers) > _SCAN and _is_noisy(data):
         found = f"{len(numbers)} numbers that change from voxel to voxel"
         raise InputError("labels", found, "regions: is it a scan?", path)
     few = ", ".join(map(str, sorted(rest)[:5])) + (", …" if len(rest) > 5 else "")
@@ -204,8 +220,8 @@ def _guessed(
     return named, [f"numbers {few} have no names, so that no ventricles are known: --names gives them some"]
 
 
-def _rough(data: np.ndarray) -> bool:
-    """Whether most neighbours along the first axis that both have a number have two different ones."""
+def _is_noisy(data: np.ndarray) -> bool:
+    """Whether most neighbours along the first axis that both have a label have different ones."""
     one, other = data[:-1], data[1:]
     both = (one > 0) & (other > 0)
     return bool((one != other)[both].mean() > _ROUGH) if both.any() else False

@@ -1,4 +1,4 @@
-"""A map of labels: which region of the head each voxel belongs to, and what the regions are called."""
+"""Label maps: the region of each voxel, and the names of the regions."""
 
 from __future__ import annotations
 
@@ -15,12 +15,24 @@ from ngbrain.image.read.volume import Volume, reorient_to_ras
 
 @dataclass(frozen=True, eq=False)
 class LabelMap:
-    """Regions on voxels.
+    """Region of each voxel.
 
-    volume  integers; 0 is outside
-    names   number → name of the region; every number but 0 in `volume` has one, and two numbers may share a name; 0 needs none
-    cut     share of each voxel that is cut away, where a cut runs through voxels; None for no cut
+    Parameters
+    ----------
+    volume : Volume
+        Integers; 0 is outside.
+    names : mapping
+        Number → region; required for every number but 0. Several numbers may share a name.
+    cut : numpy.ndarray, optional
+        Share of each voxel that is cut away, where a cut runs through voxels.
 
+    Raises
+    ------
+    InputError
+        The volume has no integers, or a number has no name.
+
+    Examples
+    --------
     >>> two = LabelMap(Volume(np.array([[[0, 1, 1, 7]]]), np.diag([1e-3, 1e-3, 1e-3, 1])), {1: "grey", 7: "white"})
     >>> two.regions, two.volumes_ml()
     (('grey', 'white'), {'grey': 0.002, 'white': 0.001})
@@ -39,12 +51,12 @@ class LabelMap:
 
     @cached_property
     def regions(self) -> tuple[str, ...]:
-        """Names of the regions that there are, in the order of their numbers."""
+        """Names of the regions that occur, in the order of their numbers."""
         present = set(np.unique(self.volume.data).tolist()) - {0}
         return tuple(dict.fromkeys(name for number, name in sorted(self.names.items()) if number in present))
 
     def region_numbers(self) -> np.ndarray:
-        """The voxels with regions numbered from 1 in the order of `regions`, uint8; 0 is outside, and more than half cut away."""
+        """Voxels with regions numbered from 1 in the order of `regions`, uint8; 0 is outside, or more than half cut away."""
         table = np.zeros(int(self.volume.data.max()) + 1, np.uint8)
         place = {name: i for i, name in enumerate(self.regions, 1)}
         for number, name in self.names.items():
@@ -54,13 +66,13 @@ class LabelMap:
         return numbers if self.cut is None else np.where(self.cut > 0.5, np.uint8(0), numbers)
 
     def volumes_ml(self) -> dict[str, float]:
-        """Millilitres of each region."""
+        """Volume (ml) of each region."""
         left = None if self.cut is None else (1 - self.cut.astype(float)).ravel()
         counts = np.bincount(replace(self, cut=None).region_numbers().ravel(), left, len(self.regions) + 1)[1:]
         return dict(zip(self.regions, (counts * self.volume.voxel_volume * 1e6).tolist(), strict=True))
 
     def crop(self, air: float = 8e-3) -> LabelMap:
-        """The voxels that have a label and `air` (m) around them: files hold up to four times as many as a head needs.
+        """Crop to the labelled voxels with a margin `air` (m): files hold up to four times as many voxels as a head needs.
 
         >>> row = LabelMap(Volume(np.array([[[0, 0, 0, 1, 7, 0]]]), np.diag([1e-3, 1e-3, 1e-3, 1])), {1: "grey", 7: "white"})
         >>> row.crop(1e-3).volume.data.tolist(), row.crop(1e-3).volume.affine[2, 3]
@@ -79,10 +91,10 @@ class LabelMap:
         return LabelMap(Volume(self.volume.data[box], affine), self.names, cut)
 
     def resample_to_ras(self, spacing: float = 1e-3) -> LabelMap:
-        """The same head on cubic voxels of `spacing` (m) along right, front and up, regions numbered from 1.
+        """Resample to cubic voxels of `spacing` (m) along right, front and up, with regions numbered from 1.
 
-        Flips and permutations of the axes leave the voxels as they are; else a voxel takes the region of the largest share
-        around it, by linear interpolation of each region's share in a box of the new voxels' size.
+        Flips and permutations of the axes keep the voxels. Otherwise a voxel takes the region with the largest share around it,
+        by linear interpolation of each region's share in a box of the size of the new voxels.
 
         >>> two = LabelMap(Volume(np.array([[[0, 1, 1, 7]]]), np.diag([-1e-3, 1e-3, 1e-3, 1])), {1: "grey", 7: "white"})
         >>> two.resample_to_ras().volume.data.tolist()

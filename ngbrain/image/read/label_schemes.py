@@ -1,15 +1,15 @@
-"""What the numbers of other programs' label maps mean."""
+"""Label numbers of other programs."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
 TISSUES = {1: "csf", 2: "grey", 3: "white", 4: "ventricles"}
-"""Numbers of the labels that this package writes."""
+"""Label numbers that this package writes."""
 SPM = {1: "grey", 2: "white", 3: "csf"}
-"""Numbers of SPM's tissue classes c1, c2, c3."""
+"""Tissue classes c1, c2, c3 of SPM."""
 CAT = {1: "csf", 2: "grey", 3: "white", 4: "white"}
-"""Tissues in CAT12's p0 images; 4 is white matter with a hyperintensity."""
+"""Tissues in CAT12's p0 images; 4 is white matter hyperintensity."""
 FAST = {1: "csf", 2: "grey", 3: "white"}
 """Tissues in the seg and pveseg images of FSL's FAST."""
 _DEEP = (9, 10, 11, 12, 13, 17, 18, 26, 27, 28, 48, 49, 50, 51, 52, 53, 54, 58, 59, 60)
@@ -25,7 +25,7 @@ FREESURFER = {
     80: "white",
     **dict.fromkeys((25, 57, 99), "lesion"),
 }
-"""Numbers of FreeSurfer's aseg, which FastSurfer and SynthSeg use too; parcels are in `_PARCELS`."""
+"""Numbers of FreeSurfer's aseg, also used by FastSurfer and SynthSeg; parcellations are in `_PARCELS`."""
 _PARCELS = {(1000, 3000): "grey", (11000, 13000): "grey", (3000, 5003): "white", (13000, 15000): "white"}
 """Numbers from, to: aparc and aparc.a2009s, and the white matter under them of wmparc."""
 MUSE = {
@@ -38,7 +38,7 @@ MUSE = {
     **dict.fromkeys((23, 30, 31, 32, 36, 37, 47, 48, *range(55, 61), 75, 76), "deep_grey"),
     **dict.fromkeys(range(100, 208), "grey"),
 }
-"""Numbers of MUSE (NiChart, DLMUSE) and of SPM's and CAT's map of Neuromorphometrics, which it extends."""
+"""Numbers of MUSE (NiChart, DLMUSE) and of the Neuromorphometrics atlas of SPM and CAT, which it extends."""
 SCHEMES: Mapping[str, Mapping[int, str]] = {
     "freesurfer": FREESURFER,
     "synthseg": FREESURFER,
@@ -53,13 +53,27 @@ RECOGNISED = (
     ("freesurfer", {5001, 5002}, "FreeSurfer's wmparc"),
     ("muse", {35, 38, 39, 51, 52}, "MUSE and Neuromorphometrics"),
 )
-"""Schemes that are known by their numbers: those that a map of a whole brain has, and whose they are, in words. Small numbers
-mean something else in every program."""
+"""Schemes that are identified by their numbers: numbers that every whole brain has, and the programs in words. Small numbers have
+different meanings in different programs."""
 
 
 def region_name(number: int, scheme: str) -> str | None:
-    """The region of a number, None where the scheme has no such number.
+    """Region of a number.
 
+    Parameters
+    ----------
+    number : int
+        The label.
+    scheme : str
+        A key of `SCHEMES`.
+
+    Returns
+    -------
+    str or None
+        None if the scheme has no such number.
+
+    Examples
+    --------
     >>> region_name(2035, "freesurfer"), region_name(4, "cat"), region_name(2, "muse")
     ('grey', 'white', None)
     """
@@ -71,7 +85,7 @@ def region_name(number: int, scheme: str) -> str | None:
 
 
 def recognise_scheme(numbers: set[int]) -> tuple[str, str] | None:
-    """The only scheme that a whole brain's numbers can be of, and whose it is in words; None where there is none.
+    """The only scheme that the numbers of a whole brain can belong to, and its programs in words; None if there is none.
 
     >>> recognise_scheme({2, 41, 4, 43, 1035, 2035}), recognise_scheme({1, 2, 3})
     (('freesurfer', 'FreeSurfer, FastSurfer and SynthSeg'), None)
@@ -83,17 +97,29 @@ def recognise_scheme(numbers: set[int]) -> tuple[str, str] | None:
 
 
 def unknown_numbers(numbers: set[int], scheme: str) -> list[int]:
-    """Numbers that a scheme does not have."""
+    """Numbers that a scheme does not have, sorted.
+
+    Parameters
+    ----------
+    numbers : set of int
+        The labels.
+    scheme : str
+        A key of `SCHEMES`.
+
+    Returns
+    -------
+    list of int
+    """
     return sorted(number for number in numbers if region_name(number, scheme) is None)
 
 
 def scheme_choices(numbers: set[int]) -> str:
-    """The schemes that numbers may be of, and what each number would mean; the others by name."""
+    """Schemes that numbers may belong to, with the meaning of each number; the other schemes by name."""
     fitting: dict[str, list[str]] = {}
     for scheme in SCHEMES:
         if not unknown_numbers(numbers, scheme) and scheme not in ("freesurfer", "synthseg", "muse"):
             text = ", ".join(f"{number} {region_name(number, scheme)}" for number in sorted(numbers))
             fitting.setdefault(text, []).append(scheme)
-    told = [f"{' or '.join(names)} ({text})" for text, names in fitting.items()]
+    fitting_texts = [f"{' or '.join(names)} ({text})" for text, names in fitting.items()]
     rest = [scheme for scheme in SCHEMES if scheme not in {name for names in fitting.values() for name in names}]
-    return ", ".join([*told, *rest])
+    return ", ".join([*fitting_texts, *rest])

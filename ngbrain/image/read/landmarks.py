@@ -1,4 +1,4 @@
-"""Places on a head that go by a name."""
+"""Named points of a head."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ _ENDS = (("left", "right"), ("back", "front"), ("bottom", "top"))
 
 def landmarks(labels: LabelMap) -> dict[str, np.ndarray]:
     """Name → point (3,) m: `centre` of the head; its outermost voxels `left`, `right`, `back`, `front`, `bottom`, `top`; the
-    centre of every region as `centre of NAME`, and of the two sides of ventricles, `left ventricle` and `right ventricle`.
+    centre of every region as `centre of NAME`; the centres of the ventricles of both sides, `left ventricle` and `right
+    ventricle`.
 
-    The sides are told by the voxels' place in the world, which the file gives.
+    Sides are those of the world coordinates in the file.
 
     >>> from ngbrain.image.read.volume import Volume
     >>> one = LabelMap(Volume(np.ones((3, 1, 1), int), np.diag([1e-3, 1e-3, 1e-3, 1])), {1: "grey"})

@@ -1,4 +1,4 @@
-"""Pictures to NIfTI files."""
+"""Write NIfTI files, and resample label maps."""
 
 from __future__ import annotations
 
@@ -14,19 +14,29 @@ from ngbrain.image.read.volume import Volume
 
 NIFTI = (".nii", ".nii.gz")
 _SAME = 0.05
-"""Part of a voxel within which the middles of two voxels are the same place."""
+"""Tolerance of coinciding voxel centres, relative to the voxel size."""
 _AT_A_TIME = 100_000
-"""Voxels, so that their shares of all labels need little memory."""
+"""Number of voxels per chunk, which limits the memory."""
 
 
 def write_nifti(path: str | os.PathLike[str], volume: Volume) -> None:
-    """Write a picture as NIfTI-1, in mm, its place as a sform with code 1 (scanner); the file is whole or not there.
+    """Write a volume as NIfTI-1 atomically, in mm, with an sform of code 1 (scanner).
 
-    Further axes of the values (time, components) may follow the three of the picture.
+    Further axes of the values (time, components) may follow the three of the image.
 
-    Raises:
-        InputError: the name does not end in .nii or .nii.gz.
-        MissingExtra: nibabel is not installed.
+    Parameters
+    ----------
+    path : str or Path
+        Output file, .nii or .nii.gz.
+    volume : Volume
+        The volume.
+
+    Raises
+    ------
+    InputError
+        The suffix is another one.
+    MissingExtra
+        nibabel is not installed.
     """
     path = Path(path)
     nifti_suffix(path)
@@ -40,7 +50,7 @@ def write_nifti(path: str | os.PathLike[str], volume: Volume) -> None:
 
 
 def nifti_suffix(path: Path) -> str:
-    """.nii or .nii.gz; raises `InputError` for another name."""
+    """.nii or .nii.gz; raises `InputError` for other suffixes."""
     for suffix in reversed(NIFTI):
         if path.name.endswith(suffix):
             return suffix
@@ -48,22 +58,25 @@ def nifti_suffix(path: Path) -> str:
 
 
 def resample_labels(volume: Volume, affine: np.ndarray, shape: tuple[int, int, int]) -> Volume:
-    """A map of labels on another grid, such as that of the file it was made from: the label of most of each voxel, 0 outside.
+    """Resample a label map to another grid, such as that of its source file: each voxel takes the label of its largest part, 0
+    outside.
 
-    The nearest label alone would move a map by up to half a voxel along each axis, as the voxels' middles of one grid lie
-    all alike between those of the other.
+    Nearest-neighbour interpolation would shift the map by up to half a voxel along each axis, as the voxel centres of the two
+    grids have a constant offset.
 
     Parameters
     ----------
-    volume
-        Whole numbers.
-    affine, shape
-        The other grid: (4, 4), indices to m; and its three sizes.
+    volume : Volume
+        Integer labels.
+    affine : numpy.ndarray
+        (4, 4), from indices of the new grid to m.
+    shape : tuple of int
+        Shape of the new grid.
 
     Returns
     -------
     Volume
-        With numbers of the same type. Voxels that fall onto voxels keep their label to the bit.
+        With labels of the same type. Where voxel centres coincide, labels are unchanged.
 
     Examples
     --------
@@ -88,7 +101,7 @@ def resample_labels(volume: Volume, affine: np.ndarray, shape: tuple[int, int, i
         slice(max(side.start - pad, 0), side.stop + pad)
         for side in ndimage.find_objects((volume.data != 0).astype(np.uint8))[0]
     )
-    part = np.pad(volume.data[box], 1)  # 0 beyond the picture
+    part = np.pad(volume.data[box], 1)  # 0 outside the image
     start = to[:3, 3] - [side.start - 1 for side in box]
     width = 2 * reach + 1
     mixed = ndimage.maximum_filter(part, width) != ndimage.minimum_filter(part, width)
@@ -101,7 +114,7 @@ def resample_labels(volume: Volume, affine: np.ndarray, shape: tuple[int, int, i
 
 
 def _most(number: np.ndarray, points: np.ndarray, offsets: np.ndarray, count: int) -> np.ndarray:
-    """Of `count` numbers on voxels the one with the largest share (n,) at points (n, 3), each the mean over some offsets (m, 3)."""
+    """Of `count` labels on voxels the one with the largest share (n,) at points (n, 3), each the mean over offsets (m, 3)."""
     shares = np.zeros(len(points) * count)
     rows = count * np.arange(len(points))
     for offset in offsets:

@@ -1,4 +1,4 @@
-"""Maps of a measured quantity over a head, such as shear stiffness: from files, and at points."""
+"""Maps of a measured quantity of a head, such as shear stiffness: from files, and at points."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from ngbrain.errors import InputError
 from ngbrain.image.read.volume import Volume, open_image
 
 SIDES = (0.1e-3, 20e-3)
-"""Of a voxel (m)."""
+"""Smallest and largest accepted voxel size (m)."""
 COVERED = 0.5
-"""Least share of a body's points that a map of it has values at."""
+"""Minimum share of the points of a body that its map must cover."""
 
 
 def read_map(path: str | os.PathLike[str], what: str) -> Volume:
@@ -22,20 +22,20 @@ def read_map(path: str | os.PathLike[str], what: str) -> Volume:
 
     Parameters
     ----------
-    path : path
-        NIfTI or MGH, also in a ZIP archive of its own; 0 and NaN stand where nothing was measured.
+    path : str or Path
+        NIfTI or MGH, optionally in a ZIP archive; 0 and NaN mark missing values.
     what : str
-        The quantity and its unit, for messages.
+        Quantity and unit, for messages.
 
     Returns
     -------
     Volume
-        In the file's unit, NaN where nothing was measured.
+        In the unit of the file, NaN where values are missing.
 
     Raises
     ------
     InputError
-        The file is unreadable, of other than three axes, without a value above 0, or with a negative one.
+        The file is unreadable, has other than three axes, no value above 0, or a negative value.
     MissingExtra
         nibabel is not installed.
     """
@@ -56,7 +56,7 @@ def read_map(path: str | os.PathLike[str], what: str) -> Volume:
 
 
 def fill_missing(volume: Volume) -> Volume:
-    """The map with the value of the nearest measured voxel where nothing was measured.
+    """Fill missing values with the value of the nearest measured voxel.
 
     >>> fill_missing(Volume(np.array([[[1.0, np.nan, np.nan, 4.0, np.nan]]]), np.eye(4))).data.ravel().tolist()
     [1.0, 1.0, 4.0, 4.0, 4.0]
@@ -69,12 +69,24 @@ def fill_missing(volume: Volume) -> Volume:
 
 
 def measured_mask(volume: Volume, points: np.ndarray) -> np.ndarray:
-    """Which points (n, 3) m lie in a voxel that was measured.
+    """Points that lie in a measured voxel.
+
+    Parameters
+    ----------
+    volume : Volume
+        The map, NaN where values are missing.
+    points : numpy.ndarray
+        (n, 3) m.
+
+    Returns
+    -------
+    numpy.ndarray
+        (n,) bool.
 
     Raises
     ------
     InputError
-        They are less than `COVERED` of the points.
+        They are fewer than the share `COVERED` of the points.
 
     Examples
     --------
@@ -90,8 +102,22 @@ def measured_mask(volume: Volume, points: np.ndarray) -> np.ndarray:
 
 
 def interpolate_map(volume: Volume, points: np.ndarray) -> np.ndarray:
-    """Values (n,) at points (n, 3) m, linear between voxels; where nothing was measured, those of the nearest that was.
+    """Values at points by linear interpolation; missing voxels take the value of the nearest measured one.
 
+    Parameters
+    ----------
+    volume : Volume
+        The map, NaN where values are missing.
+    points : numpy.ndarray
+        (n, 3) m.
+
+    Returns
+    -------
+    numpy.ndarray
+        (n,) in the unit of the map.
+
+    Examples
+    --------
     >>> line = Volume(np.array([[[1.0, 2.0, np.nan]]]), np.diag([1e-3, 1e-3, 1e-3, 1]))
     >>> interpolate_map(line, np.array([[0, 0, 0.5e-3], [0, 0, 9e-3]])).tolist()
     [1.5, 2.0]

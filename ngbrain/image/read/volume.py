@@ -1,4 +1,4 @@
-"""Pictures of a head: values on a grid of voxels with a place in the world, and the files they come from."""
+"""Volumes: values on a voxel grid with an affine; T1 scans and their files."""
 
 from __future__ import annotations
 
@@ -28,12 +28,17 @@ _MGH = b"\0\0\0\1\0\0"  # version 1, big-endian, and the size along the first ax
 
 @dataclass(frozen=True, eq=False)
 class Volume:
-    """Values on voxels, and where the voxels are.
+    """Values on a voxel grid.
 
-    Attributes:
-        data: (nx, ny, nz).
-        affine: (4, 4), takes voxel indices (the centres of the voxels) to m; the axes of the world are right, front, up.
+    Parameters
+    ----------
+    data : numpy.ndarray
+        (nx, ny, nz).
+    affine : numpy.ndarray
+        (4, 4), from voxel indices (of voxel centres) to m; the world axes are right, front, up.
 
+    Examples
+    --------
     >>> box = Volume(np.arange(8.0).reshape(2, 2, 2), np.diag([1e-3, 1e-3, 2e-3, 1]))
     >>> box.at(np.array([[0.0, 0.0, 1e-3], [0.5e-3, 0.0, 2e-3]]))
     array([0.5, 3. ])
@@ -44,30 +49,45 @@ class Volume:
 
     @property
     def spacing(self) -> np.ndarray:
-        """From one voxel to the next along each axis of `data`, (3,) in m."""
+        """Voxel spacing along each axis of `data`, (3,) m."""
         return np.linalg.norm(self.affine[:3, :3], axis=0)
 
     @property
     def voxel_volume(self) -> float:
-        """Of one voxel (m³)."""
+        """Volume of a voxel (m³)."""
         return float(abs(np.linalg.det(self.affine[:3, :3])))
 
     def to_world(self, indices: np.ndarray) -> np.ndarray:
-        """Voxel indices (n, 3), whole or not, to points (n, 3) in m."""
+        """Points (n, 3) in m of voxel indices (n, 3), which need not be integers."""
         return np.asarray(indices) @ self.affine[:3, :3].T + self.affine[:3, 3]
 
     def to_voxels(self, points: np.ndarray) -> np.ndarray:
-        """Points (n, 3) in m to voxel indices (n, 3), not rounded."""
+        """Voxel indices (n, 3), not rounded, of points (n, 3) in m."""
         return np.linalg.solve(self.affine[:3, :3], (np.asarray(points) - self.affine[:3, 3]).T).T
 
     def interpolate(self, points: np.ndarray, order: int = 1, outside: float = 0.0) -> np.ndarray:
-        """Values (n,) at points (n, 3) in m, by splines of `order` 0 to 5; beyond the picture they go to `outside`."""
-        # "grid-constant": with "constant" a rounding error beyond the last voxel would be outside.
+        """Values at points, by spline interpolation.
+
+        Parameters
+        ----------
+        points : numpy.ndarray
+            (n, 3) m.
+        order : int, optional
+            Order of the spline, 0 to 5.
+        outside : float, optional
+            Value outside the volume.
+
+        Returns
+        -------
+        numpy.ndarray
+            (n,).
+        """
+        # "grid-constant": with "constant", a round-off error would put points on the last voxel outside.
         where = self.to_voxels(points).T
         return ndimage.map_coordinates(self.data, where, float, order=order, mode="grid-constant", cval=outside)
 
     def digest(self) -> str:
-        """SHA-256 of everything in it, in hexadecimal: the key under which a cache keeps what was made of it."""
+        """SHA-256 of data and affine, in hexadecimal; the cache key of derived results."""
         affine = np.ascontiguousarray(self.affine, float)
         head = f"{self.data.dtype.str} {self.data.shape}".encode()
         return hashlib.sha256(head + affine.tobytes() + np.ascontiguousarray(self.data).tobytes()).hexdigest()
@@ -75,13 +95,18 @@ class Volume:
 
 @dataclass(frozen=True, eq=False)
 class Scan:
-    """A T1 scan as read.
+    """A T1 scan.
 
-    Attributes:
-        volume: float32, axes right, front, up, voxels of 1 mm.
-        file_affine: (4, 4), takes indices (from 0) of the array as stored in the file to m.
-        file_shape: of that array; outside it nothing was seen, whatever `volume` has there.
-        source: what it is, in words: the path of the file or the name of a template.
+    Parameters
+    ----------
+    volume : Volume
+        float32, axes right, front, up (RAS), voxels of 1 mm.
+    file_affine : numpy.ndarray
+        (4, 4), from indices (from 0) of the array in the file to m.
+    file_shape : tuple of int
+        Shape of that array; outside it nothing was measured, whatever `volume` contains there.
+    source : str
+        Path of the file or name of a template.
     """
 
     volume: Volume
@@ -92,7 +117,17 @@ class Scan:
 
 @dataclass(frozen=True, eq=False)
 class ImageFile:
-    """A picture as its file has it: nibabel's image, indices of the array to m (4, 4), the array's three sizes."""
+    """An image as stored in its file.
+
+    Parameters
+    ----------
+    image : nibabel image
+        The image.
+    affine : numpy.ndarray
+        (4, 4), from indices of the array to m.
+    shape : tuple of int
+        Shape of the array.
+    """
 
     image: Any
     affine: np.ndarray
@@ -100,31 +135,57 @@ class ImageFile:
 
 
 def open_volume(path: str | os.PathLike[str]) -> ImageFile:
-    """Open a NIfTI or MGH file and check its place and size, not its values; raises what `read_scan` does of these."""
+    """Open a 3-D NIfTI or MGH file and check its affine and shape, not its values; raises what `read_scan` raises of these."""
     path = Path(path)
     image, affine = open_image(path)
     return ImageFile(image, affine, _file_shape(image, path))
 
 
 def open_image(path: Path, sides: tuple[float, float] = _SIDES) -> tuple[Any, np.ndarray]:
-    """nibabel's image with any number of axes, voxels of `sides` (m), and its affine (4, 4) to m; else as `open_volume`."""
+    """Open an image file with any number of axes and check its affine.
+
+    Parameters
+    ----------
+    path : Path
+        NIfTI or MGH file, or DICOM.
+    sides : tuple of float, optional
+        Smallest and largest accepted voxel size (m).
+
+    Returns
+    -------
+    image : nibabel image
+        The image; its values are not read yet.
+    affine : numpy.ndarray
+        (4, 4), from indices to m.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or has no usable affine.
+    MissingExtra
+        nibabel is not installed.
+    """
     image = _parsed(path)
     return image, _file_affine(image, path, sides)
 
 
 def read_scan(path: str | os.PathLike[str]) -> Scan:
-    """Read a T1 scan of a head, with or without its skull, from a NIfTI-1, NIfTI-2 or MGH (FreeSurfer) file.
+    """Read a T1 scan of a head, with or without skull, from a NIfTI-1, NIfTI-2, MGH (FreeSurfer) or DICOM file.
 
-    The sform says where the voxels are, or the qform where there is none; where they differ, the sform wins. If it
-    was made by an affine registration, lengths are those of the template. A unit of length that is not given is mm.
-    Copies of a scan that differ only by flipped or permuted axes give the same bits.
+    The affine is the sform, or the qform if there is no sform. After an affine registration, lengths are those of the template.
+    The default unit of length is mm. Copies of a scan that differ only by flipped or permuted axes give the same bits.
 
-    Raises:
-        InputError: there is no such file or it is neither NIfTI nor MGH, cut short or damaged; not one 3-D picture of plain real
-            numbers, finite, of at least 16 different values; no usable affine; voxels not of 0.2 to 5 mm; less than
-            100 mm along an axis, which is not a whole head.
-        MissingExtra: nibabel is not installed.
+    Raises
+    ------
+    InputError
+        The file does not exist, is of another format, truncated or damaged; it is not one 3-D image of finite real numbers with
+        at least 16 different values; it has no usable affine; voxels are not of 0.2 to 5 mm; an axis is shorter than 100 mm, so
+        that it is not a whole head.
+    MissingExtra
+        nibabel is not installed.
 
+    Examples
+    --------
     >>> read_scan("case.toml")
     Traceback (most recent call last):
     ngbrain.errors.InputError: case.toml: image is missing; wanted: one NIfTI or MGH file: .nii, .nii.gz, .mgh or .mgz
@@ -143,14 +204,18 @@ def read_scan(path: str | os.PathLike[str]) -> Scan:
 
 
 def mni152() -> Scan:
-    """The average brain that nilearn brings along: ICBM 2009a nonlinear symmetric, 1 mm, without skull.
+    """The average brain that nilearn ships: ICBM 2009a nonlinear symmetric, 1 mm, skull-stripped.
 
-    nilearn only divides its 8-bit values by the largest, so they run from 0 to 1 in 225 steps; the zeros around the
-    brain are exact. The brain stem ends at the lowest slice.
+    nilearn divides its 8-bit values by the largest, so that they range from 0 to 1 in 225 steps; the background is exactly 0.
+    The brain stem ends at the lowest slice.
 
-    Raises:
-        MissingExtra: nilearn is not installed.
+    Raises
+    ------
+    MissingExtra
+        nilearn is not installed.
 
+    Examples
+    --------
     >>> mni152().volume.data.shape
     (197, 233, 189)
     """
@@ -159,19 +224,20 @@ def mni152() -> Scan:
 
 
 def template_map(name: str) -> tuple[np.ndarray, np.ndarray]:
-    """A map of the MNI152 template that nilearn brings along, as its loaders read it.
+    """A map of the MNI152 template that nilearn ships, as its loaders read it.
 
-    Their module brings scikit-learn and pandas, which take longer to import than the map to read; so the file is read here.
+    The file is read directly, because importing nilearn's loaders (with scikit-learn and pandas) takes longer than reading the
+    map.
 
     Parameters
     ----------
     name : str
-        `t1`, or `gm` or `wm` for the share of grey or white matter.
+        "t1", or "gm" or "wm" for the share of grey or white matter.
 
     Returns
     -------
     data : numpy.ndarray
-        float32, divided by the largest.
+        float32, divided by the maximum.
     affine : numpy.ndarray
         (4, 4), from voxels to m.
 
@@ -194,17 +260,33 @@ def _mni152() -> Scan:
 
 
 def resample_to_ras(volume: Volume, spacing: float = _GRID) -> Volume:
-    """The same picture with axes right, front, up and `spacing` (m) between the voxels.
+    """Resample a volume to isotropic voxels along right, front, up (RAS).
 
-    If flips and permutations of the axes can do it (to 1e-3 of `spacing`), the values stay as they are. Otherwise they
-    are interpolated by cubic splines, after smoothing along axes finer than `spacing`, at whole multiples of `spacing`
-    in the world. What belongs to the background (`border_value`) stays exactly that, and no value leaves the old range.
-    The affine is rounded to 1 µm, which makes copies of a picture that differ by flips the same.
+    If flips and permutations of the axes suffice (to 1e-3 of `spacing`), values are unchanged. Otherwise they are interpolated
+    by cubic splines at multiples of `spacing` in world coordinates, after smoothing along axes finer than `spacing`. The
+    background (`border_value`) stays exact, and no value leaves the original range. The affine is rounded to 1 µm, so that
+    flipped copies of an image give the same result.
 
-    Raises:
-        InputError: the new grid would have more than 512³ voxels.
-        MissingExtra: nibabel is not installed.
+    Parameters
+    ----------
+    volume : Volume
+        The volume.
+    spacing : float, optional
+        Voxel spacing (m).
 
+    Returns
+    -------
+    Volume
+
+    Raises
+    ------
+    InputError
+        The new grid would have more than 512³ voxels.
+    MissingExtra
+        nibabel is not installed.
+
+    Examples
+    --------
     >>> image = Volume(np.eye(3, dtype=np.float32)[:, :, None] * np.ones(2, np.float32), np.diag([-1e-3, 1e-3, 1e-3, 1]))
     >>> resample_to_ras(image).affine[:3, 3], resample_to_ras(image).data[:, :, 0].tolist()
     (array([-0.002, 0. , 0. ]), [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
@@ -215,7 +297,7 @@ def resample_to_ras(volume: Volume, spacing: float = _GRID) -> Volume:
     if np.abs(linear - np.diag(steps)).max() <= 1e-6 * spacing and np.abs(steps - spacing).max() <= 1e-3 * spacing:
         return volume
     corners = volume.to_world(np.array(list(np.ndindex(2, 2, 2))) * np.array(volume.data.shape) - 0.5)
-    # Millionths of a voxel: where corners fall on grid points but for rounding, the point is in.
+    # Tolerance of 1e-6 voxels: corners that fall on grid points up to round-off are included.
     first = np.ceil(corners.min(axis=0) / spacing - 1e-6)
     shape = np.floor(corners.max(axis=0) / spacing + 1e-6).astype(int) - first.astype(int) + 1
     if shape.prod() > _MOST_VOXELS:
@@ -227,17 +309,17 @@ def resample_to_ras(volume: Volume, spacing: float = _GRID) -> Volume:
     matrix = np.linalg.solve(volume.affine, affine)
     turn, offset = matrix[:3, :3], matrix[:3, 3]
     if np.abs(turn - np.diag(np.diag(turn))).max() <= 1e-9:
-        turn = np.diag(turn)  # so that splines' weights are found once for each axis
+        turn = np.diag(turn)  # then spline weights are computed once per axis
 
     background, _ = border_value(volume)
-    # Zero around the picture: half way out of its last voxel the share of the picture falls below a half.
+    # Zero around the image: half a voxel outside, its share falls below one half.
     picture = (volume.data != background).astype(np.float32)
     share = ndimage.affine_transform(picture, turn, offset, tuple(shape), order=1, mode="grid-constant")
     inside = share >= 0.5
     values = np.full(inside.shape, background, np.float32)
 
     data = volume.data.astype(np.float32, copy=False)
-    # A Gaussian that brings the width of one old voxel to that of a new one, so that nothing is aliased.
+    # Anti-aliasing: a Gaussian that widens an old voxel to the width of a new one.
     blur = np.sqrt(np.maximum((spacing / volume.spacing) ** 2 - 1, 0)) / _FWHM
     smooth = ndimage.gaussian_filter(data, blur)
     new = ndimage.affine_transform(smooth, turn, offset, tuple(shape), order=3, mode="nearest")
@@ -246,7 +328,7 @@ def resample_to_ras(volume: Volume, spacing: float = _GRID) -> Volume:
 
 
 def border_value(volume: Volume) -> tuple[float, float]:
-    """The most common value on the six faces of the picture, and the share of their voxels that have exactly it.
+    """The most common value on the six faces of a volume, and its share of their voxels.
 
     >>> border_value(Volume(np.pad(np.ones((2, 2, 2)), 1), np.eye(4)))
     (0.0, 1.0)
@@ -258,18 +340,18 @@ def border_value(volume: Volume) -> tuple[float, float]:
 
 
 def reorient_to_ras(volume: Volume) -> Volume:
-    """The same voxels with axes flipped and permuted so that they run, as nearly as can be, right, front and up."""
+    """Flip and permute the axes so that they are as close as possible to right, front, up (RAS); no interpolation."""
     orientations = require("nibabel.orientations", "mri")
     turn = orientations.io_orientation(volume.affine)
     affine = volume.affine @ orientations.inv_ornt_aff(turn, volume.data.shape)
-    # Flips leave rounding errors, those of a float32 header included.
+    # Remove round-off of the flips and of a float32 header.
     affine[:3, :3] = affine[:3, :3].round(9)
     affine[:3, 3] = affine[:3, 3].round(6)
     return Volume(np.ascontiguousarray(orientations.apply_orientation(volume.data, turn)), affine + 0.0)  # no -0.0
 
 
 def _parsed(path: Path) -> Any:
-    """The nibabel image in a file; its values are not looked at yet."""
+    """The nibabel image of a file; its values are not read yet."""
     if not path.exists():
         raise InputError("image", "missing", _NIFTI, path)
     if path.is_dir():
@@ -295,26 +377,26 @@ def _parsed(path: Path) -> Any:
     else:
         raise InputError("image", "neither a NIfTI nor an MGH file" if raw else "an empty file", _NIFTI, path)
     try:
-        with nibabel.imageglobals.LoggingOutputSuppressor():  # it tells stderr what it puts right
+        with nibabel.imageglobals.LoggingOutputSuppressor():  # nibabel prints its corrections to stderr
             return kind.from_bytes(raw)
-    except Exception as error:  # whatever a damaged header leads nibabel into
+    except Exception as error:  # damaged headers make nibabel raise many kinds of exception
         raise InputError("image", f"a file with a damaged header ({error})", "a sound one", path) from error
 
 
 def _file_affine(image: Any, path: Path, sides: tuple[float, float]) -> np.ndarray:
-    """Indices of the image array to m, (4, 4)."""
+    """Affine (4, 4) from indices of the stored array to m."""
     header = image.header
     if "sform_code" not in header:  # MGH, in mm
         given, unit = header["goodRASFlag"] == 1, 1e-3
     else:
         given = bool(header["sform_code"] or header["qform_code"])
         unit = _UNITS.get(int(header["xyzt_units"]) & 7, 1e-3)
-    if not given:  # nibabel would make one up
+    if not given:  # nibabel would invent one
         raise InputError("image affine", "not given", "a sform or qform with a code above 0, or MGH's good RAS", path)
     _check_sides(header, path)
     affine = np.diag([unit, unit, unit, 1.0]) @ image.affine
     sizes = np.linalg.norm(affine[:3, :3], axis=0)
-    # The determinant over the product of the sizes is 1 for right angles.
+    # The determinant relative to the product of the sizes is 1 for right angles.
     if not np.isfinite(affine).all() or abs(np.linalg.det(affine[:3, :3])) <= 0.1 * sizes.prod():
         raise InputError("image affine", image.affine[:3].tolist(), "three independent axes, finite", path)
     if sizes.min() < sides[0] or sizes.max() > sides[1]:
@@ -325,7 +407,7 @@ def _file_affine(image: Any, path: Path, sides: tuple[float, float]) -> np.ndarr
 
 
 def _check_sides(header: Any, path: Path) -> None:
-    """Refuse a file whose two places are mirror images: one of them has left and right the wrong way round."""
+    """Refuse a file whose sform and qform are mirror images: one of them swaps left and right."""
     if "sform_code" not in header or not (header["sform_code"] and header["qform_code"]):
         return
     sform, qform = (np.linalg.det(form[:3, :3]) for form in (header.get_sform(), header.get_qform()))
@@ -344,10 +426,23 @@ def _file_shape(image: Any, path: Path) -> tuple[int, int, int]:
 
 
 def fill_nan_background(data: np.ndarray, value: float) -> np.ndarray:
-    """Where NaN stands around what was measured, as software writes it that leaves the outside out, another value.
+    """Replace NaN in the background, as written by software that leaves out the outside, by another value.
 
-    NaN that does not reach the border of the box stays.
+    NaN that is not connected to the border of the volume is kept.
 
+    Parameters
+    ----------
+    data : numpy.ndarray
+        The values.
+    value : float
+        Value of the background.
+
+    Returns
+    -------
+    numpy.ndarray
+
+    Examples
+    --------
     >>> fill_nan_background(np.array([[np.nan, 1.0, np.nan, 2.0, np.nan]] * 3).T, 0.0)[:, 0].tolist()
     [0.0, 1.0, 0.0, 2.0, 0.0]
     >>> inner = np.ones((3, 3)); inner[1, 1] = np.nan
@@ -362,13 +457,13 @@ def fill_nan_background(data: np.ndarray, value: float) -> np.ndarray:
 
 
 def _values(image: Any, path: Path) -> np.ndarray:
-    """The numbers of the picture, scaled as the header says, float32."""
+    """Values of the image, scaled as in the header, float32."""
     dtype = image.get_data_dtype()
     if dtype.fields or dtype.kind not in "iuf":
         kind = "colours" if dtype.fields else f"{dtype} numbers"
         raise InputError("image", f"made of {kind}", "grey values", path)
     try:
-        with np.errstate(all="ignore"):  # what float32 cannot hold is found below
+        with np.errstate(all="ignore"):  # overflow of float32 is detected below
             data = image.get_fdata(dtype=np.float32, caching="unchanged")
     except (OSError, EOFError, ValueError, MemoryError) as error:
         raise InputError("image", f"cut short ({error})", "a whole NIfTI file", path) from error
@@ -376,7 +471,7 @@ def _values(image: Any, path: Path) -> np.ndarray:
     bad = data.size - int(np.isfinite(data).sum())
     if bad:
         raise InputError("image", f"not a finite number in {bad} voxels", "finite values", path)
-    few = np.unique(data.ravel()[::97])  # enough for a scan, and quick
+    few = np.unique(data.ravel()[::97])  # fast, and enough for a scan
     if len(few) < 16:
         few = np.unique(data)
     if len(few) == 1:

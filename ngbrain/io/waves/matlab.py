@@ -11,7 +11,7 @@ import scipy.io
 
 
 def read_matlab(path: Path) -> dict[str, Any]:
-    """Variable → array, number or text; structures, cells and objects are ignored. 1 × 1 arrays become numbers, 1 × n arrays (n,)."""
+    """Variable → array, number or text; structures, cells and objects are ignored. 1 × 1 becomes a number, 1 × n (n,)."""
     found = _of_hdf5(path) if h5py.is_hdf5(path) else scipy.io.loadmat(path)
     return {
         name: _plain(value)
