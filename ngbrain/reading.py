@@ -9,41 +9,24 @@ import io
 import json
 import os
 import stat
-import subprocess
-import sys
 import zipfile
 import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ngbrain.errors import InputError
 
-if TYPE_CHECKING:
-    import h5py
-
 MOST = 2**30
 """Maximum size (bytes) of a data file, packed and unpacked."""
 MOST_TEXT = 2**26
 """Maximum size (bytes) of a text file."""
-MOST_OBJECTS = 10_000
-"""Maximum number of groups and arrays of an HDF5 file."""
-PATIENCE = 20
-"""CPU time (s) within which a library must read a file that may be damaged."""
 _PIECE = 1 << 24
 """Chunk size (bytes) of unpacking."""
 _HEADER = 1 << 16
 """Maximum size (bytes) of an array's header; NumPy's own have some hundreds."""
-_TRIAL = """import sys
-sys.path[:] = sys.argv[2:]
-from ngbrain.reading import _begin
-_begin()
-from {0} import {1}
-{1}(sys.argv[1])
-"""
 
 
 def read_bytes(path: str | os.PathLike[str], what: str, most: int = MOST) -> bytes:
@@ -291,7 +274,7 @@ def npz_arrays(raw: bytes, what: str, path: str | os.PathLike[str], most: int = 
     try:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:
             members = archive.infolist()
-            _bounded(sum(member.file_size for member in members), what, most, path, "one that unpacks to")
+            check_size(sum(member.file_size for member in members), what, most, path, "one that unpacks to")
             return {member.filename.removesuffix(".npy"): _array(archive, member, what, path) for member in members}
     except InputError:
         raise
@@ -351,7 +334,7 @@ def unzip(raw: bytes, what: str, path: str | os.PathLike[str], most: int = MOST)
             members = [each for each in members if not each.filename.startswith("__MACOSX/")]
             if len(members) != 1:
                 raise InputError(what, f"a ZIP archive of {len(members)} files", "one file, or an archive of one", path)
-            _bounded(members[0].file_size, what, most, path, "one that unpacks to")
+            check_size(members[0].file_size, what, most, path, "one that unpacks to")
             return archive.read(members[0])
     except InputError:
         raise
@@ -385,7 +368,7 @@ def gunzip(raw: bytes, what: str, path: str | os.PathLike[str], most: int = MOST
     path, size = Path(path), 0
     for piece in _pieces(raw, what, path):  # the size is known before memory is allocated
         size += len(piece)
-        _bounded(size, what, most, path, "one that unpacks to at least")
+        check_size(size, what, most, path, "one that unpacks to at least")
     unpacked, at = bytearray(size), 0
     for piece in _pieces(raw, what, path):
         unpacked[at : at + len(piece)] = piece
@@ -411,143 +394,34 @@ def _pieces(raw: bytes, what: str, path: Path) -> Iterator[bytes]:
             raise InputError(what, "unreadable (something else follows its compressed part)", "a whole file", path)
 
 
-@contextmanager
-def hdf5(path: str | os.PathLike[str], what: str, most: int = MOST, whole: bool = False) -> Iterator[h5py.File]:
-    """Open an HDF5 file for reading; all its data must be in the file itself.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    what : str
-        Name of the content, for messages.
-    most : int, optional
-        Maximum size (bytes), of the file and of its unpacked arrays.
-    whole : bool, optional
-        Whether the file is known to be undamaged. Otherwise it is first read in a subprocess, because libhdf5 may crash or hang
-        on a damaged file.
-
-    Yields
-    ------
-    h5py.File
-
-    Raises
-    ------
-    InputError
-        `read_bytes` refuses the file; it is damaged, too large, or refers to other files.
-    """
-    import h5py
-
-    path = Path(path)
-    check_regular(path, what, most)
-    if not whole:
-        check_in_subprocess(path, what, __name__, "_read_hdf5")
-    try:
-        file = h5py.File(path, "r")
-    except (OSError, RuntimeError) as error:
-        raise InputError(what, f"unreadable ({error})", "a whole HDF5 file", path) from error
-    with file:
-        check_contained(file, what, path, most)
-        yield file
-
-
-def check_contained(file: h5py.File, what: str, path: Path, most: int = MOST) -> None:
-    """Check that an open HDF5 file refers to no other file and is not too large.
-
-    Parameters
-    ----------
-    file : h5py.File
-        The open file.
-    what : str
-        Name of the content, for messages.
-    path : Path
-        Its path, for messages.
-    most : int, optional
-        Maximum size (bytes) of its unpacked arrays.
-
-    Raises
-    ------
-    InputError
-        Data are in other files, too large, or in too many objects.
-    """
-    import h5py
-
-    waiting: list[h5py.Group] = [file]
-    seen, size = set[int](), 0
-    while waiting:
-        group = waiting.pop()
-        for name in group:
-            link = group.get(name, getlink=True)
-            if isinstance(link, h5py.ExternalLink):
-                raise InputError(f"{what} {name}", f"in another file ({link.filename})", "data in this file", path)
-            item = None if isinstance(link, h5py.SoftLink) else group.get(name)
-            if item is None or (number := h5py.h5o.get_info(item.id).addr) in seen:
-                continue
-            seen.add(number)
-            if len(seen) > MOST_OBJECTS:
-                raise InputError(what, "full of groups and arrays", f"at most {MOST_OBJECTS} of them", path)
-            if isinstance(item, h5py.Group):
-                waiting.append(item)
-            elif isinstance(item, h5py.Dataset):
-                if item.external or item.is_virtual:
-                    raise InputError(f"{what} {name}", "in another file", "data in this file", path)
-                size += item.size * item.dtype.itemsize if item.size else 0
-                _bounded(size, what, most, path, "one that unpacks to")
-
-
-def check_in_subprocess(path: Path, what: str, module: str, function: str) -> None:
-    """Read a file in a subprocess first, where a crash or an endless loop of a library does no harm.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    what : str
-        Name of the content, for messages.
-    module, function : str
-        Module and name of the function that reads the file. Its own exceptions are ignored here; they are raised again when the
-        file is read.
-
-    Raises
-    ------
-    InputError
-        The process crashed or took more than `PATIENCE` seconds of CPU time.
-    """
-    command = [sys.executable, "-c", _TRIAL.format(module, function), str(path), *map(str, sys.path)]
-    try:
-        done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=30 * PATIENCE)
-    except (subprocess.TimeoutExpired, OSError, ValueError) as error:
-        raise InputError(what, f"unreadable ({type(error).__name__})", "a whole file", path) from error
-    if done.returncode not in (0, 1):
-        raise InputError(what, "damaged: its library crashes or hangs on it", "a whole file", path)
-
-
-def _begin() -> None:
-    try:
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_CPU, (PATIENCE, PATIENCE))
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    except ImportError:  # Windows has no such limits
-        pass
-
-
-def _read_hdf5(name: str) -> None:
-    import h5py
-
-    with h5py.File(name, "r") as file:
-        check_contained(file, "data", Path(name))
-        file.visititems(lambda _, item: item[()] is None if isinstance(item, h5py.Dataset) else None)
-
-
 def _regular(state: os.stat_result, what: str, most: int, path: Path) -> None:
     if not stat.S_ISREG(state.st_mode):
         kind = "a folder" if stat.S_ISDIR(state.st_mode) else "no regular file"
         raise InputError(what, kind, "a file on disk", path)
-    _bounded(state.st_size, what, most, path)
+    check_size(state.st_size, what, most, path)
 
 
-def _bounded(size: int, what: str, most: int, path: Path, how: str = "a file of") -> None:
+def check_size(size: int, what: str, most: int, path: Path, how: str = "a file of") -> None:
+    """Check a size.
+
+    Parameters
+    ----------
+    size : int
+        The size (bytes).
+    what : str
+        Name of the content, for messages.
+    most : int
+        Maximum size (bytes).
+    path : Path
+        The file, for messages.
+    how : str, optional
+        Description of the size, for messages.
+
+    Raises
+    ------
+    InputError
+        The size exceeds the maximum.
+    """
     if size > most:
         raise InputError(what, f"{how} {size:,} bytes", f"at most {most:,} bytes", path)
 

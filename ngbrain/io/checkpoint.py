@@ -34,7 +34,8 @@ from ngbrain.io.hdf5 import hdf5_image
 from ngbrain.io.mesh_arrays import build_mesh
 from ngbrain.io.nodes import QuadraticGrid
 from ngbrain.io.state import pack, read_array, unpack, write_array
-from ngbrain.reading import check_regular, hdf5
+from ngbrain.reading import check_regular
+from ngbrain.reading_hdf5 import hdf5
 
 Array = npt.NDArray[Any]
 

@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 import pytest
 
-from ngbrain.image.labelling import LEAST_CONTRAST, TissueWarning, _looked_at
+from ngbrain.image.labelling import LEAST_CONTRAST, TissueWarning, _with_warnings
 from ngbrain.image.read.volume import Volume
 from ngbrain.image.segment.tissue_classes import CSF, GREY, VENTRICLE, WHITE
 
@@ -19,7 +19,7 @@ def brain(grey=600, white=500, ventricle=20):
 def test_an_ordinary_brain_is_no_matter_for_a_warning():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        found = _looked_at(labels := brain(), LEAST_CONTRAST)
+        found = _with_warnings(labels := brain(), LEAST_CONTRAST)
     assert found.volume is labels and found.labels.regions == ("csf", "grey", "white", "ventricles")
     assert found.usable and found.value == pytest.approx(
         {"csf": 200.0, "grey": 600.0, "white": 500.0, "ventricle": 20.0}
@@ -41,5 +41,5 @@ def test_an_ordinary_brain_is_no_matter_for_a_warning():
 )
 def test_warns_of_low_contrast_and_of_volumes_that_people_hardly_have(labels, contrast, said):
     with pytest.warns(TissueWarning, match=said):
-        found = _looked_at(labels, contrast)
+        found = _with_warnings(labels, contrast)
     assert len(found.warnings) == 1 and said in found.warnings[0]
