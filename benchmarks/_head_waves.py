@@ -9,7 +9,7 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.forward.common import interpolation as points
-from ngbrain.forward.common.interpolation import evaluation, inside, quadrature_field, quadrature_points
+from ngbrain.forward.common.interpolation import evaluation, points_in_mesh, quadrature_field, quadrature_points
 from ngbrain.forward.harmonic import problem as harmonic
 from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.harmonic.wave import Wave
@@ -141,7 +141,7 @@ def _voxels(subject: Head, mesh: ngs.Mesh, spacing: float) -> Array:
     lines = [np.arange(a, b + 1) for a, b in zip(first, last, strict=True)]
     x = spacing * np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3)
     x = x[subject.parenchyma(x)]
-    return np.asarray(x[inside(mesh, x)])
+    return np.asarray(x[points_in_mesh(mesh, x)])
 
 
 def _on_grid(subject: Head, points: Array, displacement: Array, spacing: float) -> WaveData:

@@ -58,11 +58,11 @@ class Theirs:
     touch: float = 1.5
     shortest: float = 0.01
 
-    def proposed(self, at: Any, travel: Any) -> float:
+    def propose_step(self, at: Any, travel: Any) -> float:
         """By the time alone."""
         return 1.5 if at.t < RAMP - 1e-6 else 6.0 if at.t < 210.0 - 1e-6 else 348.0
 
-    def judged(self, body: Any, before: Any, at: Any) -> str:
+    def check_step(self, body: Any, before: Any, at: Any) -> str:
         """Nothing: they do not look at their error."""
         return ""
 

@@ -151,7 +151,7 @@ class Against:
         for driven in model.driven_dofs:
             held = np.zeros(self.experiment.body.fes.ndof, complex)
             held[driven] = 1
-            columns.append(model.observe(factors.driven(0, held))[:, 0])
+            columns.append(model.observe(factors.solve_wave(0, held))[:, 0])
         moved = [model.observe(factors.solve(0, source))[:, 0] for source in self.sources]
         columns += [each / np.abs(each).max() for each in moved]
         measured = self.experiment.measured[0, :, 0]

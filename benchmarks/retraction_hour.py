@@ -95,8 +95,8 @@ def studied(quick: bool) -> list[dict]:
     """What the length of steps does to an hour: one hold with two kinds of shorter ones, six holds with half as long ones."""
     head = model("demo_fast")
     one, six = protocols(head.scene.tool.travel)
-    asked, halved = head.control(), head.control().halved()
-    first = {"asked": asked, "halved": halved, "finest": halved.halved()}
+    asked, halved = head.control(), head.control().halve()
+    first = {"asked": asked, "halved": halved, "finest": halved.halve()}
     records = compared(head, one, first)
     return records if quick else records + compared(head, six, {"asked": asked, "halved": halved})
 

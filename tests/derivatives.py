@@ -42,7 +42,7 @@ MESHES = ("plane strain, triangles", "axisymmetric, quadrilaterals", "space, tet
 GRID = (0.0, 0.5, 1.0, 1.5, 3.0)
 COLUMNS = ("equilibrium", "equilibrium, twice", "run", "run, twice")
 FIRST, RATES = 2e-2, 6
-BENT = Functional(lambda at: ngs.InnerProduct(at.u, at.u) * at.inside(".*"), name="mean square displacement")
+BENT = Functional(lambda at: ngs.InnerProduct(at.u, at.u) * at.dx(".*"), name="mean square displacement")
 
 ROWS: dict[tuple[str, str], float] = {
     ("tissue", "shear modulus, a field"): 1e3, ("tissue", "bulk modulus"): 2e4,

@@ -57,7 +57,7 @@ class Plate:
 
     def energy(self, at):
         depth = at.kinematics.position(at.u)[1] - self.height
-        return self.stiffness * ngs.IfPos(depth, depth**3, 0.0) * at.on("top")
+        return self.stiffness * ngs.IfPos(depth, depth**3, 0.0) * at.ds("top")
 
 
 def along(angle):
@@ -111,7 +111,7 @@ def field(mesh, value, space=None):
 def seen(dim=2):
     """Displacements at two points, the force on the bottom, and an integral that is none of the energy's."""
     points = SIDE * np.array([[0.31, 0.52, 0.4], [0.7, 0.83, 0.6]])[:, :dim]
-    swelling = Functional(lambda at: (ngs.Det(at.F) - 1) ** 2 * ngs.InnerProduct(at.u, at.u) * at.inside(".*"))
+    swelling = Functional(lambda at: (ngs.Det(at.F) - 1) ** 2 * ngs.InnerProduct(at.u, at.u) * at.dx(".*"))
     return [Displacements(points), Force("bottom"), swelling]
 
 

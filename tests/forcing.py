@@ -24,7 +24,7 @@ SIZES = {
 HELD = (0.0, 1.0, 2.0, 8.0), (0.0, 1.0, 1.0, 1.0)
 AGAIN = (0.0, 0.5, 1.0, 2.0, 3.0, 8.0), (0.0, 1.0, 0.0, 0.0, 1.0, 1.0)
 """Let go and pressed once more, in parts of the force."""
-BENT = Functional(lambda at: ngs.InnerProduct(at.u, at.u) * at.inside(".*"), name="mean square displacement")
+BENT = Functional(lambda at: ngs.InnerProduct(at.u, at.u) * at.dx(".*"), name="mean square displacement")
 
 
 def numbers(law, used):
@@ -62,7 +62,7 @@ def forced(
         element="Q2/Q1" if kind == "quadrilaterals" else "P2/P1",
         kinematics=Axisymmetric() if kind == "axisymmetric" else None,
     )  # fmt: skip
-    way = Functional(lambda at: given.parameter * at.inside(".*"), name="way")
+    way = Functional(lambda at: given.parameter * at.dx(".*"), name="way")
     asked = list(seen) or [Force("bottom"), Displacements([[SIDE / 2, *(0.7 * SIDE,) * last]]), BENT, way]
     return RunModel(body, given, GRID, p, asked)
 
@@ -80,7 +80,7 @@ def inflated(kind, element="P2/P1", law="Prony", rubs=False, cavity=True):
     if cavity:
         p["growth"] = ngs.Parameter(of.growth)
         loads.append(CavityVolume("inner", 1e3 * p["growth"] * plate.down))
-        seen.append(Functional(lambda at: at.cavities[0] * at.inside(".*"), name="pressure of the cavity"))
+        seen.append(Functional(lambda at: at.cavities[0] * at.dx(".*"), name="pressure of the cavity"))
     body = Problem(of.mesh, material(law, p), of.supports, loads, contacts, element=element, kinematics=of.kinematics)
     return RunModel(body, plate, GRID, p, seen)
 

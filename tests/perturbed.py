@@ -97,10 +97,10 @@ def perturb(seed: int) -> pytest.MonkeyPatch:
     for owner, names, by in (
         (ngs.Mesh, ["__init__"], make),
         (Problem, ["load"], load),
-        (HarmonicProblem, ["_prescribed", "pushed"], answer),
+        (HarmonicProblem, ["_prescribed", "load_vector"], answer),
         (TimeStepper, ["_propose"], answer),
         (ToolMotion, ["at"], answer),
-        (GivenForce, ["at"], answer),
+        (GivenForce, ["prescribed_force"], answer),
         (History, ["begin"], last),
         (GeneralizedAlpha, ["begin", "weight"], last),
         (_March, ["begin"], last),

@@ -89,7 +89,7 @@ plt.show()
 
 # %%
 stiff = slab(8, 6, modulus=2000.0)[0]
-print(f"without loss, nearest resonance: {100 * stiff.factorised().detuning(0):.1f} % off")
+print(f"without loss, nearest resonance: {100 * stiff.factorise().detuning(0):.1f} % off")
 mesh = MakeStructured2DMesh(quads=True, nx=8, ny=1, mapping=lambda x, y: (0.1 * x, 0.01 * y))
 held, driven = {"x": ".*", "y": "left"}, Wave(HERTZ, {"left": (0, 1e-3)})
 open_ = HarmonicProblem(

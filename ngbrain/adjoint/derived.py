@@ -247,7 +247,7 @@ class TimeAbove(OverTime):
     def _counted(self, data: Array) -> list[tuple[float, Array]]:
         points, weights = np.polynomial.legendre.leggauss(GAUSS)
         count = (points + 1) / 2, weights / 2
-        return [curve.counted(count, self.threshold, self.width) for curve in self.curves(data)]
+        return [curve.smoothed_time_above(count, self.threshold, self.width) for curve in self.curves(data)]
 
     def _above(self, data: Array) -> _Above:
         a, b = ((side - self.threshold) / self.width for side in self.sides(data))

@@ -121,7 +121,7 @@ class TimeCurve:
         h = np.diff(self._arrays[0])[:, None]
         return self._gather(h / 2, h / 2, h**2 / 12, -(h**2) / 12)[:, 0]
 
-    def counted(self, count: tuple[Array, Array], threshold: float, width: float) -> tuple[float, Array]:
+    def smoothed_time_above(self, count: tuple[Array, Array], threshold: float, width: float) -> tuple[float, Array]:
         """∫ 1/(1 + exp(-(c - threshold)/width)) dt, by Gauss' points in each step, and how it changes with each value (n,).
 
         `count` are points and weights in [0, 1].

@@ -23,7 +23,7 @@ import numpy as np
 
 from ngbrain.adjoint.reduced import Point, Reduced
 from ngbrain.errors import InputError, SolverError
-from ngbrain.forward.common.interpolation import inside
+from ngbrain.forward.common.interpolation import points_in_mesh
 from ngbrain.forward.observables import Displacements, Force, Observable
 from ngbrain.forward.sensitivity.transient.replay import accepted_times
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
@@ -115,7 +115,7 @@ class Retracted:
         if not (np.min(times) > 0 and np.max(times) <= program.times[-1]):
             between = f"{np.min(times):g} to {np.max(times):g} s"
             raise InputError("times", between, f"after 0 and up to {program.times[-1]:g} s, when {program.name} ends")
-        if np.any(outside := ~inside(model.mesh, landmarks)):
+        if np.any(outside := ~points_in_mesh(model.mesh, landmarks)):
             raise InputError("landmarks", f"{np.sum(outside)} outside of the mesh", "points in the head's tissue")
         names = tissues or [tissue.region for tissue in scene.tissues]
         if mapped := [tissue.region for tissue in scene.tissues if tissue.shear_modulus_map and tissue.region in names]:

@@ -359,7 +359,7 @@ def test_quadrature_of_the_parameters_own_order_is_not_the_energys():
     right, each, mu = there.gradient(np.ones(6)), model.equilibria[0], model.parts["mu"].gfu
     naive = ngs.LinearForm(mu.space)
     for part in each.functional(body.gfu):
-        if not (slope := part.by(mu, mu.space.TestFunction())).vanishes:
+        if not (slope := part.derivative(mu, mu.space.TestFunction())).vanishes:
             naive += slope.coef.Compile() * ngs.dx
     naive.Assemble()
     off = np.linalg.norm(naive.vec.FV().NumPy() - right) / np.linalg.norm(right)

@@ -48,11 +48,11 @@ def test_naive_waves_without_loss_have_no_bound():
 @pytest.mark.parametrize("off", [1e-1, 1e-2, 1e-3, 1e-4, 1e-5])
 def test_ours_says_how_near_it_is(off):
     body = slab(THIRD * (1 + off))
-    found = body.factorised().detuning(0)
+    found = body.factorise().detuning(0)
     assert found == pytest.approx(off / (1 + off), rel=1e-3, abs=2e-9)
 
 
 def test_ours_says_what_loss_leaves():
     """With loss the nearest resonance lies off the real axis: ξ away, but for its square."""
     for xi in (0.01, 0.1):
-        assert slab(THIRD, xi).factorised().detuning(0) == pytest.approx(xi, rel=xi)
+        assert slab(THIRD, xi).factorise().detuning(0) == pytest.approx(xi, rel=xi)

@@ -189,7 +189,7 @@ def manufactured(n, form, kinematics=None, fibre=None, bulk=1e6):
     inertia = OMEGA**2 * RHO * (exact[0] * v[0] + exact[1] * v[1])
     load += weight * (ngs.Trace(stress * along) - inertia) * ngs.dx(bonus_intorder=8)
     load.Assemble()
-    body.pushed = lambda number: load.vec.FV().NumPy().copy()
+    body.load_vector = lambda number: load.vec.FV().NumPy().copy()
     return error(displacement(body), exact, mesh, weight)
 
 
@@ -246,9 +246,9 @@ def test_loads_of_several_frequencies_and_a_law_of_frequency():
     body = HarmonicProblem(
         square(4, SIDE), lambda omega: Shearing(springpot(omega)), waves, bulk=1e5, form="P6", held=held
     )
-    factors = body.factorised()
+    factors = body.factorise()
     for k, g in enumerate(body.prescribed):
-        factors.driven(k, g)
+        factors.solve_wave(k, g)
     assert factors.solves.factorisations == 2
     for wave, u, found in zip(waves, (1e-3, 1e-3, 2e-3j), body.solve(), strict=True):
         k = number(springpot(wave.omega), wave.omega)

@@ -57,7 +57,7 @@ def test_of_the_whole_potential_only_the_explicit_part_is_left(rng):
     body = Problem(mesh, {".*": material}, {"left": 0}, loads, element="P2/P1")
 
     def stored(at):
-        return material.energy(Deformation.from_gradient(at.F), at.p) * at.inside(".*")
+        return material.energy(Deformation.from_gradient(at.F), at.p) * at.dx(".*")
 
     def potential(at):
         return stored(at) + loads[0].energy(at) + loads[1].energy(at)

@@ -30,8 +30,8 @@ STRESS = F - ngs.Inv(F).trans + PRESSURE * ngs.Inv(F).trans
 class Swollen(Material):
     """A material whose law of volume is one of J / J₀."""
 
-    def of_volume(self, J, p):
-        return super().of_volume(J / ngs.exp(REST), p)
+    def volumetric_energy(self, J, p):
+        return super().volumetric_energy(J / ngs.exp(REST), p)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from ngbrain.errors import InputError
 def evaluation(space: ngs.FESpace, points: np.ndarray) -> sp.csr_array:
     """The matrix (n, ndof) that takes a scalar space's unknowns to values at points (n, 2 or 3) in m.
 
-    Raises `InputError` when points lie outside of the mesh, `inside` says which, or are of other dimensions.
+    Raises `InputError` when points lie outside of the mesh, `points_in_mesh` says which, or are of other dimensions.
 
     >>> from ngbrain.mesh.geometry.structured import rectangles
     >>> mesh = rectangles(np.linspace(0, 1, 3), np.linspace(0, 1, 3))
@@ -46,12 +46,12 @@ def evaluation(space: ngs.FESpace, points: np.ndarray) -> sp.csr_array:
     return sp.coo_array(entries, shape=(len(points), space.ndof)).tocsr()
 
 
-def inside(mesh: ngs.Mesh, points: np.ndarray) -> np.ndarray:
+def points_in_mesh(mesh: ngs.Mesh, points: np.ndarray) -> np.ndarray:
     """Which points (n, 2 or 3) in m lie in the mesh.
 
     >>> from ngbrain.mesh.geometry.structured import rectangles
     >>> mesh = rectangles(np.linspace(0, 1, 3), np.linspace(0, 1, 3))
-    >>> inside(mesh, np.array([[0.5, 0.5], [1.5, 0.5]])).tolist()
+    >>> points_in_mesh(mesh, np.array([[0.5, 0.5], [1.5, 0.5]])).tolist()
     [True, False]
     """
     return np.asarray(mesh(*np.asarray(points, float).T)["nr"] >= 0)

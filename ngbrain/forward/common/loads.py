@@ -42,12 +42,12 @@ class Place:
     v: CoefficientFunction | None
     order: int = 2
 
-    def on(self, boundary: str) -> ngs.comp.DifferentialSymbol:
+    def ds(self, boundary: str) -> ngs.comp.DifferentialSymbol:
         """Reference area."""
         shapes = (ngs.SEGM,) if self.mesh.dim == 2 else (ngs.TRIG, ngs.QUAD)
         return ngs.ds(boundary, intrules=_rules(shapes, 2 * self.order + BONUS))
 
-    def inside(self, region: str) -> ngs.comp.DifferentialSymbol:
+    def dx(self, region: str) -> ngs.comp.DifferentialSymbol:
         """Reference volume."""
         shapes = (ngs.TRIG, ngs.QUAD) if self.mesh.dim == 2 else (ngs.TET, ngs.HEX, ngs.PRISM, ngs.PYRAMID)
         return ngs.dx(definedon=self.mesh.Materials(region), intrules=_rules(shapes, 2 * self.order))
@@ -82,7 +82,7 @@ class TractionLoad:
 
     def energy(self, at: Place) -> Terms:
         """Its potential (J)."""
-        return -at.factor * at.kinematics.weight() * ngs.InnerProduct(_vector(self.value), at.u) * at.on(self.boundary)
+        return -at.factor * at.kinematics.weight() * ngs.InnerProduct(_vector(self.value), at.u) * at.ds(self.boundary)
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class Weight:
     def energy(self, at: Place) -> Terms:
         """Its potential (J)."""
         work = at.factor * at.kinematics.weight() * ngs.InnerProduct(_vector(self.value), at.u)
-        return -work * at.inside(self.region)
+        return -work * at.dx(self.region)
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ class RigidFace:
         way = ngs.CF(tuple(component / far for component in self.by))
         deep = at.factor * far - ngs.InnerProduct(way, at.u)
         stored = ngs.IfPos(deep + TOUCHING, self.stiffness / 2 * deep**2, 0.0)
-        return at.kinematics.weight() * stored * at.on(self.boundary)
+        return at.kinematics.weight() * stored * at.ds(self.boundary)
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ class RigidBody:
     def energy(self, at: Place) -> Terms:
         """What overlaps (J)."""
         depth = -self.distance(at.kinematics.position(at.u), at.factor)
-        return at.kinematics.weight() * soft_penalty(depth, self.stiffness, self.softness) * at.on(self.boundary)
+        return at.kinematics.weight() * soft_penalty(depth, self.stiffness, self.softness) * at.ds(self.boundary)
 
 
 @dataclass(frozen=True)
@@ -159,7 +159,7 @@ class Spring:
         """What they store (J)."""
         stretch = at.u if self.to is None else at.u - _vector(self.to)
         stored = self.stiffness / 2 * ngs.InnerProduct(stretch, stretch)
-        return at.kinematics.weight() * stored * at.on(self.boundary)
+        return at.kinematics.weight() * stored * at.ds(self.boundary)
 
 
 @dataclass(frozen=True)
@@ -176,7 +176,7 @@ class PressureLoad:
     def work(self, at: Place) -> Terms:
         """Its part of the residual, internal less external virtual work (J)."""
         pushed = ngs.InnerProduct(at.area(at.u, self.boundary), at.v)
-        return at.factor * at.kinematics.weight() * self.value * pushed * at.on(self.boundary)
+        return at.factor * at.kinematics.weight() * self.value * pushed * at.ds(self.boundary)
 
 
 @dataclass(frozen=True)
@@ -188,7 +188,7 @@ class CavityPressure:
 
     def energy(self, at: Place) -> Terms:
         """-P V (J), V the enclosed volume."""
-        return -at.factor * self.value * enclosed(at, at.u, self.boundary) * at.on(self.boundary)
+        return -at.factor * self.value * enclosed_volume_density(at, at.u, self.boundary) * at.ds(self.boundary)
 
 
 @dataclass(frozen=True)
@@ -203,9 +203,9 @@ class CavityVolume:
 
     def energy(self, at: Place, pressure: CoefficientFunction) -> Terms:
         """Of u and the pressure (J)."""
-        area = ngs.Integrate(ngs.CF(1) * at.on(self.boundary), at.mesh)
+        area = ngs.Integrate(ngs.CF(1) * at.ds(self.boundary), at.mesh)
         wanted = (volume(at, None, self.boundary) + at.factor * self.change) / area
-        return -pressure * (enclosed(at, at.u, self.boundary) - wanted) * at.on(self.boundary)
+        return -pressure * (enclosed_volume_density(at, at.u, self.boundary) - wanted) * at.ds(self.boundary)
 
 
 class Own(Protocol):
@@ -220,7 +220,7 @@ Stored: TypeAlias = TractionLoad | Weight | RigidFace | RigidBody | Spring | Cav
 Load: TypeAlias = Stored | PressureLoad | CavityVolume
 
 
-def enclosed(at: Place, u: CoefficientFunction, boundary: str) -> CoefficientFunction:
+def enclosed_volume_density(at: Place, u: CoefficientFunction, boundary: str) -> CoefficientFunction:
     """Density on a cavity's wall whose integral is the volume between it and the origin: -x·n da/3, in the plane area."""
     check_closed(at.mesh, boundary)
     dims = 2 if at.mesh.dim == 2 and at.kinematics.weight() == 1.0 else 3
@@ -231,7 +231,7 @@ def enclosed(at: Place, u: CoefficientFunction, boundary: str) -> CoefficientFun
 def volume(at: Place, gfu: ngs.GridFunction | None, boundary: str) -> float:
     """Volume (m³; in plane strain m²) that a boundary encloses now, or at rest."""
     u = gfu or ngs.GridFunction(ngs.VectorH1(at.mesh, order=1))
-    return float(ngs.Integrate(enclosed(at, u, boundary) * at.on(boundary), at.mesh))
+    return float(ngs.Integrate(enclosed_volume_density(at, u, boundary) * at.ds(boundary), at.mesh))
 
 
 def _rules(shapes: tuple[ngs.ET, ...], order: int) -> dict[ngs.ET, ngs.IntegrationRule]:

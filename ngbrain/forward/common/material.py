@@ -63,9 +63,9 @@ class Material:
 
     def energy(self, at: Deformation, p: CoefficientFunction | None) -> CoefficientFunction:
         """Density (Pa) of an elastic material, with a pressure p or without."""
-        return density(self.elastic, at) + self.of_volume(at.J, p)
+        return density(self.elastic, at) + self.volumetric_energy(at.J, p)
 
-    def of_volume(self, J: CoefficientFunction, p: CoefficientFunction | None) -> CoefficientFunction:
+    def volumetric_energy(self, J: CoefficientFunction, p: CoefficientFunction | None) -> CoefficientFunction:
         """The part of the density (Pa) that a change of volume has."""
         energy = self.change(J, self.bulk) if p is None else mixed_form(self.change)(J, p, self.bulk)
         return energy + barrier(J, self.pointwise) if self.pointwise else energy

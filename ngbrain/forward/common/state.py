@@ -41,7 +41,7 @@ class Term:
     def join(self, form: ngs.BilinearForm) -> None:
         """Add the energy, or the virtual work where there is none, to a form of the problem's."""
 
-    def by_boundary(self) -> list[tuple[str | None, ngs.BilinearForm]]:
+    def boundary_forms(self) -> list[tuple[str | None, ngs.BilinearForm]]:
         """What acts from outside, each part by itself with its boundary; None of one on no boundary."""
         return []
 

@@ -83,7 +83,7 @@ class GivenForce:
     >>> body = Problem(cube, tissue, {"bottom": 0}, contacts=[plate, press], element="P2/P1")
     >>> run, way = TimeStepper(body, press, StepControl(1.0), 1e-3), {}
     >>> run.run(lambda body, at, record: way.update({at.t: press.parameter.Get()}))
-    >>> way[60.0] > 1.5 * way[4.0], f"{body.tool.felt():.6f} N"
+    >>> way[60.0] > 1.5 * way[4.0], f"{body.tool.reaction_force():.6f} N"
     (True, '0.001000 N')
     """
 
@@ -97,7 +97,7 @@ class GivenForce:
         self.force = 0.0
         self.held: float | None = None
 
-    def at(self, t: float) -> float:
+    def prescribed_force(self, t: float) -> float:
         """Force (N) at time t (s); 0 where it is next to nothing."""
         forces = np.array([each.Get() if isinstance(each, ngs.Parameter) else each for each in self._made], float)
         force = float(np.interp(t, self._times, forces))
@@ -106,17 +106,19 @@ class GivenForce:
     def gradient(self, t: float, parameter: object) -> float:
         """How the force of time t changes with a `Parameter` that it is made of."""
         return (
-            float(np.interp(t, self._times, [float(each is parameter) for each in self._made])) if self.at(t) else 0.0
+            float(np.interp(t, self._times, [float(each is parameter) for each in self._made]))
+            if self.prescribed_force(t)
+            else 0.0
         )
 
     def set(self, t: float) -> None:
         """Ask for the force of time t; without one the rigid body is held away."""
-        self.force = self.at(t)
+        self.force = self.prescribed_force(t)
         self.held = None if self.force else self.away
 
     def travel(self, start: float, end: float) -> float:
         """Change of the force (N) between two times."""
-        return self.at(end) - self.at(start)
+        return self.prescribed_force(end) - self.prescribed_force(start)
 
 
 class DrivenTool(Term):
@@ -160,20 +162,20 @@ class DrivenTool(Term):
         """Put them there; those that are held stay."""
         self.given.parameter.Set(way if self.given.held is None else self.given.held)
 
-    def stays(self, way: float) -> None:
+    def hold_at(self, way: float) -> None:
         """Hold them at a way (m) if they are without force."""
         if self.given.held is not None:
             self.given.held = way
 
-    def felt(self) -> float:
+    def reaction_force(self) -> float:
         """Force (N) along the way."""
         return float(self._felt.Energy(self._gfu.vec))
 
-    def missing(self) -> float:
+    def force_residual(self) -> float:
         """Force (N) that the way's equation misses; 0 where they are held."""
-        return 0.0 if self.given.held is not None else self.felt() - self.given.force
+        return 0.0 if self.given.held is not None else self.reaction_force() - self.given.force
 
-    def bordered(self, inner: Solve, free: Array) -> Solve:
+    def bordered_solver(self, inner: Solve, free: Array) -> Solve:
         """A solver of the body's tangent with the border of where it was made: of a stiff contact they cancel each other but for
         a hundredth."""
         self._felt.Apply(self._gfu.vec, self._vec)
@@ -231,7 +233,7 @@ class DrivenTool(Term):
                 break
             self.given.parameter.Set(self.way + left)  # a distance changes by no more than the way
 
-    def landed(
+    def establish_contact(
         self, start: Array, solve: Callable[[Array], tuple[Array, bool]], stand: Callable[[Array], None]
     ) -> Array:
         """Unknowns near `start` with rigid bodies that do not touch led to where they do: there the force depends on the way.

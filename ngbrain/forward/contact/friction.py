@@ -113,7 +113,7 @@ class Grip(Term):
             if rub.friction.contact.way is way:
                 rub.join_driving(felt, stiffness, self.layout)
 
-    def by_boundary(self) -> list[tuple[str | None, ngs.BilinearForm]]:
+    def boundary_forms(self) -> list[tuple[str | None, ngs.BilinearForm]]:
         """Each by itself, with its wall."""
         found: list[tuple[str | None, ngs.BilinearForm]] = []
         for rub in self.rubs:
@@ -211,16 +211,16 @@ class Slipping:
         moves = friction.moves or (lambda x, way: ngs.CF((0.0,) * u.dim))
         self._moved = moves(x, before + way) - moves(x, before)
         self.moves = self._moved.Diff(way)
-        self.gone = self.along(self._gone(u))
-        g = (self.gone + self.along(slip)).MakeVariable()
+        self.gone = self.tangential(self._gone(u))
+        g = (self.gone + self.tangential(slip)).MakeVariable()
         self.traction = friction.energy(g, self._pressure).Diff(g)
         self.elastic = friction.elastic(g, self._pressure)
 
     def energy(self, u: CoefficientFunction) -> CoefficientFunction:
         """Per reference area (J/m²), for another displacement with the same pressure and normal."""
-        return self._friction.energy(self.along(self._gone(u) + self._slip), self._pressure)
+        return self._friction.energy(self.tangential(self._gone(u) + self._slip), self._pressure)
 
-    def along(self, v: CoefficientFunction) -> CoefficientFunction:
+    def tangential(self, v: CoefficientFunction) -> CoefficientFunction:
         """What of a vector is along the body's surface."""
         n = self._normal
         return v - ngs.InnerProduct(n, v) / (ngs.InnerProduct(n, n) + TINY) * n

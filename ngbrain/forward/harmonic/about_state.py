@@ -20,7 +20,7 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.forward.contact.rigid import offsets
-from ngbrain.forward.harmonic.integrands import complexified
+from ngbrain.forward.harmonic.integrands import complex_space
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.virtual_work import FieldState, Terms, VirtualWork
 from ngbrain.materials.base import Deformation, Value, check_parameter, check_positive, density
@@ -53,14 +53,14 @@ class AboutState:
         body, layout = self.body, self.body.layout
         if layout.single:
             return displacement
-        parts = [displacement, *(complexified(part) for part in body.fes.components[1 : 1 + layout.pressure])]
+        parts = [displacement, *(complex_space(part) for part in body.fes.components[1 : 1 + layout.pressure])]
         if layout.offset:
             parts.append(offsets(body.mesh, body.contacts, body.element.order, complex=True))
         if layout.cavities:
-            parts += [complexified(part) for part in body.fes.components[layout.count - layout.cavities :]]
+            parts += [complex_space(part) for part in body.fes.components[layout.count - layout.cavities :]]
         return ngs.FESpace(parts)
 
-    def pivoted(self, device: Device) -> Device:
+    def pivoting_device(self, device: Device) -> Device:
         """Where a matrix that is not symmetric is factorised."""
         if device not in (CPU, AUTO):
             raise InputError(
@@ -92,12 +92,16 @@ class AboutState:
     def _forms(self) -> list[Callable[[], ngs.BaseMatrix] | None]:
         """None for what there is not, as without loss."""
         (state, test), work = self.body.fes.TnT(), self.work
-        parts = (work(state, test), work.of(self.kinetic, state, test), work.of(self.lossy, state, test))
+        parts = (
+            work(state, test),
+            work.functional(self.kinetic, state, test),
+            work.functional(self.lossy, state, test),
+        )
         return [derivative_by_state(self.body, each) if each else None for each in parts]
 
     def kinetic(self, at: FieldState) -> ngs.comp.SumOfIntegrals:
         """ρ/2 u·u."""
-        return at.kinematics.weight() * self.density / 2 * ngs.InnerProduct(at.u, at.u) * at.inside(".*")
+        return at.kinematics.weight() * self.density / 2 * ngs.InnerProduct(at.u, at.u) * at.dx(".*")
 
     def lossy(self, at: FieldState) -> ngs.comp.SumOfIntegrals:
         """η times the energy of shape."""

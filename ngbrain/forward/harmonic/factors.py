@@ -91,13 +91,13 @@ class Factorised:
         self.solves.factorisations += 1
         return factor
 
-    def driven(self, number: int, g: Array) -> Array:
+    def solve_wave(self, number: int, g: Array) -> Array:
         """The wave with held unknowns g and its own forces; `SolverError` if no factor solves for it.
 
         The first factor chooses no pivots. Where it leaves too much, the matrix is factorised once more with pivots.
         """
         omega = self.body.waves[number].omega
-        b = self.body.pushed(number) - self.apply(number, g)
+        b = self.body.load_vector(number) - self.apply(number, g)
         x, left = self._settled(number, b, "forward")
         if not left <= FINE and omega not in self.improved:
             self.improved.add(omega)

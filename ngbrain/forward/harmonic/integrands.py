@@ -56,6 +56,6 @@ def same(work: CoefficientFunction) -> CoefficientFunction:
     return work
 
 
-def complexified(space: ngs.FESpace) -> ngs.FESpace:
+def complex_space(space: ngs.FESpace) -> ngs.FESpace:
     """The space over the complex numbers, where forms with complex waves live."""
     return type(space)(space.mesh, order=space.globalorder, complex=True)

@@ -200,7 +200,7 @@ class HarmonicProblem:
         axes = held_axes(body.mesh, made.axes, made.waves, made.state.supports() if held is None else held)
         made.displacement = ngs.VectorH1(body.mesh, order=body.element.order, complex=True, **_dirichlet(axes))
         made.fes = made.state.space(made.displacement)
-        made._discretise(device if body.symmetric else made.state.pivoted(device), None)
+        made._discretise(device if body.symmetric else made.state.pivoting_device(device), None)
         return made
 
     def _stand(
@@ -309,7 +309,7 @@ class HarmonicProblem:
 
         return assembled
 
-    def factorised(self, solves: Solves | None = None) -> Factorised:
+    def factorise(self, solves: Solves | None = None) -> Factorised:
         """Matrices of the moduli (and of the equilibrium) as they now are, and their factors, counted in `solves`."""
         return Factorised(self, solves)
 
@@ -337,7 +337,7 @@ class HarmonicProblem:
             found[-1].vec.FV().NumPy()[:] = values
         return found
 
-    def pushed(self, number: int) -> Array:
+    def load_vector(self, number: int) -> Array:
         """∫ f·v + ∫ t·v of a wave."""
         wave, test = self.waves[number], self.split(self.fes.TestFunction())[0]
         if wave.force is None and not wave.traction:
@@ -390,8 +390,8 @@ def _dirichlet(axes: Mapping[str, str]) -> dict[str, str]:
 
 def _amplitudes(body: HarmonicProblem) -> list[Array]:
     """All unknowns of each wave."""
-    factors = body.factorised()
-    return [factors.driven(number, g) for number, g in enumerate(body.prescribed)]
+    factors = body.factorise()
+    return [factors.solve_wave(number, g) for number, g in enumerate(body.prescribed)]
 
 
 def _solved(

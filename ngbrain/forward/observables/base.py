@@ -77,7 +77,7 @@ class Observed(ABC):
             From integrals to what gives their change with parameters.
         """
 
-    def bent(self, state: Motion, *along: Motion) -> Terms:
+    def weight_change(self, state: Motion, *along: Motion) -> Terms:
         """As `functional`, with weights as they change along the way; nothing where they do not."""
         return []
 

@@ -144,7 +144,7 @@ class Reaction(Observed):
         problem, motion = self.problem, weights @ self.motions
         problem.tissue.stiffen()
         problem.uncondensed.AssembleLinearization(problem.gfu.vec)
-        problem.changed()
+        problem.invalidate_tangent()
         return self._applied(problem.uncondensed, motion) - self.own_stiffness(motion)
 
     def own_stiffness(self, motion: Array) -> Array:

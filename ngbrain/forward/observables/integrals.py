@@ -22,13 +22,13 @@ class Functional(Observable):
     Parameters
     ----------
     *integrands : callable
-        From a `virtual_work.FieldState` (u, F, p, …) to an integral over `inside(region)` or `on(boundary)`.
+        From a `virtual_work.FieldState` (u, F, p, …) to an integral over `dx(region)` or `ds(boundary)`.
     name, unit : str
         In words; of SI.
 
     Examples
     --------
-    >>> volume = Functional(lambda at: ngs.Det(at.F) * at.inside(".*"), name="volume", unit="m³")
+    >>> volume = Functional(lambda at: ngs.Det(at.F) * at.dx(".*"), name="volume", unit="m³")
     """
 
     def __init__(self, *integrands: Integrand, name: str = "integral", unit: str = "") -> None:
@@ -47,7 +47,7 @@ class Functional(Observable):
 def region_volume(region: str = ".*") -> Functional:
     """Current volume (m³; in plane strain m²) of the regions that match a pattern."""
     return Functional(
-        lambda at: at.kinematics.weight() * ngs.Det(at.F) * at.inside(region), name=f"volume of {region}", unit="m³"
+        lambda at: at.kinematics.weight() * ngs.Det(at.F) * at.dx(region), name=f"volume of {region}", unit="m³"
     )
 
 
@@ -98,7 +98,7 @@ class Integrals(Symbolic):
         self._integrands, self.size = integrands, len(integrands)
         self._work = StateView(problem)
         self._weights = [ngs.Parameter(0.0) for _ in integrands]
-        self._now = [[term.integral for term in self._work.of(q, problem.gfu)] for q in integrands]
+        self._now = [[term.integral for term in self._work.functional(q, problem.gfu)] for q in integrands]
 
     def value(self) -> Array:
         """Each."""
@@ -112,4 +112,4 @@ class Integrals(Symbolic):
     def functional(self, state: Motion, *along: Motion) -> Terms:
         """Weighed."""
         weighed = zip(self._weights, self._integrands, strict=True)
-        return [part.times(weight) for weight, q in weighed for part in self._work.of(q, state, *along)]
+        return [part.times(weight) for weight, q in weighed for part in self._work.functional(q, state, *along)]

@@ -281,7 +281,7 @@ class Strains(Symbolic, Percentile):
 
     def functional(self, state: Motion, *along: Motion) -> Terms:
         """Of the weighed percentile."""
-        return self._view.of(self._weighed, state, *along)
+        return self._view.functional(self._weighed, state, *along)
 
 
 class Stresses(Symbolic, Percentile):
@@ -293,7 +293,7 @@ class Stresses(Symbolic, Percentile):
             raise InputError("materials", "tissue that relaxes", "elastic tissue, for a percentile of stress")
         self._share, self._stress = ngs.GridFunction(self._space), ngs.GridFunction(self._space)
         self._view = StateView(problem)
-        (now,) = self._view.of(self._weighed, problem.gfu)
+        (now,) = self._view.functional(self._weighed, problem.gfu)
         self._now = now.coef.Compile()
 
     def _weighed(self, at: FieldState) -> ngs.comp.SumOfIntegrals:
@@ -327,4 +327,4 @@ class Stresses(Symbolic, Percentile):
 
     def functional(self, state: Motion, *along: Motion) -> Terms:
         """Of the weighed percentile, also by what the law is made of."""
-        return self._view.of(self._weighed, state, *along)
+        return self._view.functional(self._weighed, state, *along)

@@ -35,8 +35,8 @@ class Ratio(Observable):
     Examples
     --------
     >>> from ngbrain.forward.observables import Functional
-    >>> stretched = Functional(lambda at: ngs.Trace(at.F) / 3 * at.inside(".*"))
-    >>> mean = Ratio(stretched, Functional(lambda at: 1.0 * at.inside(".*")), "mean stretch")
+    >>> stretched = Functional(lambda at: ngs.Trace(at.F) / 3 * at.dx(".*"))
+    >>> mean = Ratio(stretched, Functional(lambda at: 1.0 * at.dx(".*")), "mean stretch")
     """
 
     numerator: Observable
@@ -117,6 +117,6 @@ class Quotient(Observed):
         for part, bend in zip(self._others, bends, strict=True):
             part.weigh(np.array([w * bend]))
 
-    def bent(self, state: Motion, *along: Motion) -> Terms:
+    def weight_change(self, state: Motion, *along: Motion) -> Terms:
         """Of both, weighed by how the slopes change."""
         return [term for part in self._others for term in part.functional(state, *along)]

@@ -107,7 +107,9 @@ class WallSum(Symbolic):
 
 def _on(view: StateView, wall: str, density: Density, state: Motion, *along: Motion) -> Terms:
     """The integral over a wall, of a state or its derivative."""
-    return view.of(lambda at: at.kinematics.weight() * density(at) * ngs.ds(wall, intrules=RULES), state, *along)
+    return view.functional(
+        lambda at: at.kinematics.weight() * density(at) * ngs.ds(wall, intrules=RULES), state, *along
+    )
 
 
 class WallPass:

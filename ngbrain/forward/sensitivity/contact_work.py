@@ -16,7 +16,7 @@ from ngbrain.forward.contact.force_control import GivenForce
 from ngbrain.forward.contact.rigid import Closing, RigidContact, Touch
 from ngbrain.forward.sensitivity.parameter_blocks import ParameterBlock, Scalar
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.forward.solid.virtual_work import Motion, StateView, Terms, acting, by, derived, vector
+from ngbrain.forward.solid.virtual_work import Motion, StateView, Terms, acting, derivatives, differentiate, vector
 
 Array = np.ndarray
 
@@ -48,18 +48,18 @@ class ContactForms:
 
     def work(self, virtual: Motion, *along: Motion) -> Terms:
         """C[virtual] of a motion of the unknowns in space and, for each motion more, its derivative along it."""
-        at, numbers = self._view.moved(self._body.gfu, (virtual, *along))
+        at, numbers = self._view.perturb_state(self._body.gfu, (virtual, *along))
         stored, followers = acting(self._body, at, self._loads, self._contacts)
-        return derived(by(stored, numbers[0]) + followers, numbers[1:])
+        return differentiate(derivatives(stored, numbers[0]) + followers, numbers[1:])
 
     def tool_force(self, *along: Motion) -> Terms:
         """What a tool of given force feels along its way, or its derivative along motions; nothing without one."""
         if self._body.tool is None:
             return []
-        at, numbers = self._view.moved(self._body.gfu, along)
+        at, numbers = self._view.perturb_state(self._body.gfu, along)
         way = self._given.parameter
         driven = [each for each in self._contacts if isinstance(each, RigidContact) and each.way is way]
-        return derived(by(acting(self._body, at, [], driven)[0], way), numbers)
+        return differentiate(derivatives(acting(self._body, at, [], driven)[0], way), numbers)
 
     def weighted_work(self, *along: Motion) -> Terms:
         """C[λ] with the λ of `set_adjoint`, or its derivative along motions."""
@@ -91,7 +91,7 @@ class ContactForms:
     @cached_property
     def _column(self) -> Callable[[], Array]:
         tested = self.work(self._body.fes.TestFunction())
-        return vector(self._body.fes, by(tested, self._given.parameter))
+        return vector(self._body.fes, derivatives(tested, self._given.parameter))
 
     def tool_stiffness(self) -> float:
         """How what a tool feels changes with its way (N/m)."""

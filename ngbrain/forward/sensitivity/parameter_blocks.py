@@ -14,7 +14,7 @@ from ngbrain.errors import InputError, InvertedElementError
 from ngbrain.forward.common.regions import boundaries
 from ngbrain.forward.sensitivity.differences import central_difference
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.forward.solid.virtual_work import Terms, by, terms, vector
+from ngbrain.forward.solid.virtual_work import Terms, derivatives, terms, vector
 from ngbrain.solvers.matrices import to_scipy
 
 Array = np.ndarray
@@ -79,18 +79,18 @@ class Field:
 
     def directional_derivative(self, parts: Terms) -> Terms:
         """Derivatives along a change of the field."""
-        return by(parts, self.gfu, self._direction)
+        return derivatives(parts, self.gfu, self._direction)
 
     def gradient(self, parts: Terms, mesh: ngs.Mesh) -> Callable[[], Array]:
         """One linear form."""
-        found = by(parts, self.gfu, self.gfu.space.TestFunction())
+        found = derivatives(parts, self.gfu, self.gfu.space.TestFunction())
         if found and self.gfu.space.mesh != mesh:
             raise InputError("parameters", "a field of another mesh", "one of the body's mesh")
         return vector(self.gfu.space, found)
 
     def jacobian(self, space: ngs.FESpace, parts: Terms) -> Callable[[], sp.csr_array]:
         """One bilinear form."""
-        return _assembled_jacobian(space, self.gfu.space, by(parts, self.gfu, self.gfu.space.TrialFunction()))
+        return _assembled_jacobian(space, self.gfu.space, derivatives(parts, self.gfu, self.gfu.space.TrialFunction()))
 
 
 class Scalar:
@@ -116,16 +116,16 @@ class Scalar:
 
     def directional_derivative(self, parts: Terms) -> Terms:
         """Derivatives by the number, times its change."""
-        return [part.times(self._direction) for part in by(parts, self.parameter)]
+        return [part.times(self._direction) for part in derivatives(parts, self.parameter)]
 
     def gradient(self, parts: Terms, mesh: ngs.Mesh) -> Callable[[], Array]:
         """One number by integration."""
-        integrals = [part.integral for part in by(parts, self.parameter)]
+        integrals = [part.integral for part in derivatives(parts, self.parameter)]
         return lambda: np.array([sum(float(ngs.Integrate(part, mesh)) for part in integrals)], float)
 
     def jacobian(self, space: ngs.FESpace, parts: Terms) -> Callable[[], sp.csr_array]:
         """One column."""
-        column = vector(space, by(parts, self.parameter))
+        column = vector(space, derivatives(parts, self.parameter))
         return lambda: sp.csr_array(column()[:, None])
 
 

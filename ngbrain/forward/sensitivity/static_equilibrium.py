@@ -84,7 +84,7 @@ class Equilibrium:
 
     def _from_rest(self, set_parameters: Callable[[float], None]) -> Array:
         set_parameters(1.0)
-        self.body.changed()
+        self.body.invalidate_tangent()
         newton = replace(self.newton)
         reached, record = LoadPath(self.body).follow(newton, self.steps)
         self.work += record.work
@@ -99,7 +99,7 @@ class Equilibrium:
         while step >= SHORTEST:
             goal = min(1.0, at + step)
             set_parameters(goal)
-            self.body.changed()
+            self.body.invalidate_tangent()
             newton = replace(self.newton, inverse=self.inverse, max_factorisations=FACTORISATIONS)
             found, record = newton.solve(self.body, self.body.load(x, 1.0))
             self.work += record.work
@@ -181,7 +181,7 @@ class Equilibrium:
         )
 
     def _gradient_derivative_terms(self, state: Motion) -> Terms:
-        bent = [term for seen in self.observables if seen.symbolic for term in seen.bent(state)]
+        bent = [term for seen in self.observables if seen.symbolic for term in seen.weight_change(state)]
         return self.lagrangian(state, self.change) + self._along_blocks(self.lagrangian(state)) + bent
 
     def _change(self, parts: Terms) -> Callable[[], float]:

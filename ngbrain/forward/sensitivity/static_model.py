@@ -142,7 +142,7 @@ class StaticModel:
         for each, x in zip(self.equilibria, there.states, strict=True):
             each.body.x = each.body.load(x, 1.0)
             if changed:
-                each.body.changed()
+                each.body.invalidate_tangent()
         there.assemble()
         self._now = there
 

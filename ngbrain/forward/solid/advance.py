@@ -33,7 +33,7 @@ class LoadHistory:
         if not increasing or self.times.shape != self.factors.shape:
             raise InputError("times", np.array2string(self.times, threshold=4), "increasing, with a factor for each")
 
-    def at(self, t: float) -> float:
+    def factor(self, t: float) -> float:
         """Load factor at a time (s)."""
         return float(np.interp(t, self.times, self.factors))
 
@@ -57,7 +57,7 @@ class LoadProgram:
 
     def factor(self, t: float) -> float:
         """Load factor at a time."""
-        return 1.0 if self.loads is None else self.loads.at(t)
+        return 1.0 if self.loads is None else self.loads.factor(t)
 
     def set(self, t: float) -> None:
         """Put rigid bodies and the load factor where they are at a time."""
@@ -65,7 +65,7 @@ class LoadProgram:
             self.motion.set(t)
         self.problem.factor.Set(self.factor(t))
 
-    def lifted(self, x: Array, t: float) -> Array:
+    def prescribe(self, x: Array, t: float) -> Array:
         """Unknowns x with the displacements that are prescribed at a time, and rigid bodies and loads put there."""
         if self.motion is not None:
             self.motion.set(t)

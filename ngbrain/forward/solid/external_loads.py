@@ -55,7 +55,7 @@ class ExternalLoads(Term):
         for contact in self.contacts:
             self._add(form, contact)
 
-    def by_boundary(self) -> list[tuple[str | None, ngs.BilinearForm]]:
+    def boundary_forms(self) -> list[tuple[str | None, ngs.BilinearForm]]:
         """Each by itself, with the boundary that it acts on; None of a load on none."""
         found: list[tuple[str | None, ngs.BilinearForm]] = []
         for load, part in self._parts:

@@ -173,7 +173,7 @@ class Problem(Stateful):
             if self.inertia is not None:
                 r[self.is_u] += self.inertia.forces()
             r = r * self._free
-        return r if self.tool is None else np.append(r, self.tool.missing()), size
+        return r if self.tool is None else np.append(r, self.tool.force_residual()), size
 
     def factorise(self, x: Array, r: Array | None = None) -> linear.Solve:
         """Solver with the tangent at x, where the residual is r.
@@ -221,7 +221,7 @@ class Problem(Stateful):
 
     def _bordered(self, solve: linear.Solve) -> linear.Solve:
         """With the equation of a tool's way, if there is one."""
-        return solve if self.tool is None else self.tool.bordered(solve, self._free)
+        return solve if self.tool is None else self.tool.bordered_solver(solve, self._free)
 
     def min_det(self, x: Array) -> float:
         """Smallest det F over all quadrature points."""
@@ -246,7 +246,7 @@ class Problem(Stateful):
         self.form.AssembleLinearization(self.gfu.vec)
         return self.new_factor()
 
-    def changed(self) -> None:
+    def invalidate_tangent(self) -> None:
         """Say that parameters did: the tangent and the factor that are there, `assembled` and `factored`, are of others."""
         self.assembled = self.factored = False
 
@@ -325,7 +325,7 @@ class Problem(Stateful):
         self.new_factor = linear.prepare(self.solver, self.form, self._moduli)
         self._kept = None
         self.__dict__.pop("uncondensed", None)
-        self.changed()
+        self.invalidate_tangent()
 
     @cached_property
     def uncondensed(self) -> ngs.BilinearForm:

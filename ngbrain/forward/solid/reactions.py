@@ -150,7 +150,7 @@ class Reactions(MixedDiscretisation):
     @cached_property
     def acting(self) -> list[tuple[str | None, ngs.BilinearForm]]:
         """What acts from outside, one after the other: on which boundary, and its forces."""
-        return [part for term in self.terms for part in term.by_boundary()]
+        return [part for term in self.terms for part in term.boundary_forms()]
 
 
 def _unit(i: int, dim: int) -> CoefficientFunction:

@@ -29,7 +29,7 @@ class Stateful(Reactions):
     def set_state(self, state: State) -> None:
         """Put the problem where a state says: its GridFunctions and internal variables; loads and bodies stay where they are."""
         if self.tool is not None:
-            self.tool.stays(state.x[-1])
+            self.tool.hold_at(state.x[-1])
         self.x = state.x
         for term in self.terms:
             term.internal = state.internal

@@ -100,7 +100,7 @@ class TissueTerm(Term):
 
         def density(at: Deformation, p: CoefficientFunction | None) -> CoefficientFunction:
             energy = law.density(at, history.shares[: len(law.hereditary_branches)]) + remembered(law, at.shape)
-            return energy + material.of_volume(at.J, p)
+            return energy + material.volumetric_energy(at.J, p)
 
         return density
 

@@ -37,7 +37,7 @@ class WorkIntegral:
     coef: CoefficientFunction
     over: ngs.comp.DifferentialSymbol
 
-    def by(self, variable: CoefficientFunction, direction: CoefficientFunction | None = None) -> WorkIntegral:
+    def derivative(self, variable: CoefficientFunction, direction: CoefficientFunction | None = None) -> WorkIntegral:
         """Its derivative by a number or a field, along a direction."""
         slope = self.coef.Diff(variable) if direction is None else self.coef.Diff(variable, direction)
         return WorkIntegral(slope, self.over)
@@ -71,11 +71,11 @@ def terms(integrals: ngs.comp.SumOfIntegrals) -> Terms:
     return [WorkIntegral(integrals[i].coef, integrals[i].symbol) for i in range(len(integrals))]
 
 
-def by(
+def derivatives(
     parts: Iterable[WorkIntegral], variable: CoefficientFunction, direction: CoefficientFunction | None = None
 ) -> Terms:
     """Derivatives of all parts, those that vanish left out."""
-    return [slope for part in parts if not (slope := part.by(variable, direction)).vanishes]
+    return [slope for part in parts if not (slope := part.derivative(variable, direction)).vanishes]
 
 
 LONE = Layout(pressure=False, offset=False, cavities=0)
@@ -126,12 +126,12 @@ class StateView:
     def __init__(self, body: Problem) -> None:
         self.body = body
 
-    def of(self, integrand: Integrand, state: Motion, *along: Motion) -> Terms:
+    def functional(self, integrand: Integrand, state: Motion, *along: Motion) -> Terms:
         """A functional of a state, ∫ q, and for each motion its derivative along it."""
-        at, numbers = self.moved(state, along)
-        return derived(terms(integrand(at)), numbers)
+        at, numbers = self.perturb_state(state, along)
+        return differentiate(terms(integrand(at)), numbers)
 
-    def moved(self, state: Motion, motions: Sequence[Motion]) -> tuple[FieldState, list[ngs.Parameter]]:
+    def perturb_state(self, state: Motion, motions: Sequence[Motion]) -> tuple[FieldState, list[ngs.Parameter]]:
         """A state moved by numbers, all zero; and these. `v` is the first motion."""
         body, numbers = self.body, [ngs.Parameter(0.0) for _ in motions]
         states = self.parts(state)
@@ -193,7 +193,7 @@ class VirtualWork(StateView):
 
     def __call__(self, state: Motion, virtual: Motion, *along: Motion) -> Terms:
         """R(state)[virtual] and, for each motion more, its derivative along it."""
-        at, numbers = self.moved(state, (virtual, *along))
+        at, numbers = self.perturb_state(state, (virtual, *along))
         body = self.body
         energies = [
             WorkIntegral(
@@ -203,7 +203,7 @@ class VirtualWork(StateView):
             for pattern, m in body.materials.items()
         ]
         stored, followers = acting(body, at, self._loads, self._contacts)
-        return derived(by(energies + stored, numbers[0]) + followers, numbers[1:])
+        return differentiate(derivatives(energies + stored, numbers[0]) + followers, numbers[1:])
 
 
 def acting(body: Problem, at: FieldState, loads: Sequence[Load], contacts: Sequence[Touch]) -> tuple[Terms, Terms]:
@@ -227,10 +227,10 @@ def acting(body: Problem, at: FieldState, loads: Sequence[Load], contacts: Seque
     return energies, followers
 
 
-def derived(parts: Terms, numbers: Sequence[ngs.Parameter]) -> Terms:
+def differentiate(parts: Terms, numbers: Sequence[ngs.Parameter]) -> Terms:
     """Derivatives by numbers, one after the other."""
     for number in numbers:
-        parts = by(parts, number)
+        parts = derivatives(parts, number)
     return parts
 
 

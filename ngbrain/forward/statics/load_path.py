@@ -110,7 +110,7 @@ class LoadPath:
             if eigenvalues:
                 body.x = x
                 signs.append((t, stability.softest(body)[0]))
-                body.changed()
+                body.invalidate_tangent()
             if callback:
                 callback(t)
 
@@ -137,7 +137,7 @@ class LoadPath:
     def _check_stability(self, record: PathRecord) -> None:
         """Whether a body that is compressed far is stable; a warning if it is not, or if its free surface creases."""
         body = self.problem
-        record.pressed, record.creased = stability.pressed(body), stability.creased(body)
+        record.pressed, record.creased = stability.compressed_fraction(body), stability.creased_surface_fraction(body)
         if max(record.pressed, record.creased) <= stability.SHARE:
             return
         said = f"{body.solver} cannot say whether the body is stable"
@@ -161,7 +161,7 @@ class LoadPath:
 
     def load(self, x: np.ndarray, t: float) -> np.ndarray:
         """Unknowns x with what is prescribed at a load factor, and rigid bodies put where they are there."""
-        return self.program.lifted(x, t)
+        return self.program.prescribe(x, t)
 
     def step(
         self, newton: Newton, x: np.ndarray, t: float, goal: float, guess: np.ndarray

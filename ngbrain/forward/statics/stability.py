@@ -50,14 +50,14 @@ def softest(body: Problem) -> tuple[float, ngs.GridFunction]:
     return float(np.min(values)), motion
 
 
-def pressed(body: Problem) -> float:
+def compressed_fraction(body: Problem) -> float:
     """Share of a body's volume whose smallest principal stretch is below `CREASE`."""
     F = body.kinematics.gradient(body.u, ngs.Grad(body.u))
     least = principal_values(right_cauchy_green(F))[2]
     return _share(least, body, order=4)
 
 
-def creased(body: Problem) -> float:
+def creased_surface_fraction(body: Problem) -> float:
     """Share of a body's free surface, by area, that is compressed along itself to a stretch below `CREASE`.
 
     The stretches of a surface with normal N have s₁² + s₂² = |F(1 - N⊗N)|² and s₁ s₂ = |cof F N|. (A ball blown up is

@@ -55,13 +55,13 @@ class Control(Protocol):
     def shortest(self) -> float:
         """Step (s) below which the run gives up."""
 
-    def proposed(self, at: StepperProgress, travel: Callable[[float], float]) -> float:
+    def propose_step(self, at: StepperProgress, travel: Callable[[float], float]) -> float:
         """The next step (s); `travel` says how far (m) bodies come nearer in a time from now."""
 
-    def judged(self, problem: Problem, before: np.ndarray, at: StepperProgress) -> str:
+    def check_step(self, problem: Problem, before: np.ndarray, at: StepperProgress) -> str:
         """What is wrong with the step from a state to the body's; a note of its error is left in `at`."""
 
-    def halved(self) -> Control:
+    def halve(self) -> Control:
         """Steps of about half the length, for measuring what the step length costs in accuracy."""
 
 
@@ -97,7 +97,7 @@ class StepControl:
         """Step (s) below which the run gives up."""
         return self.contact_dt * self.smallest
 
-    def proposed(self, at: StepperProgress, travel: Callable[[float], float]) -> float:
+    def propose_step(self, at: StepperProgress, travel: Callable[[float], float]) -> float:
         """Touch gently, push evenly, rest with growing steps."""
         moved = travel(self.contact_dt)
         if at.touching and moved:
@@ -108,11 +108,11 @@ class StepControl:
             start, growth, longest = self.contact_dt, self.growth, self.dt_max
         return start if at.rested else min(at.dt * (1.0 if at.cut else growth), longest)
 
-    def judged(self, problem: Problem, before: np.ndarray, at: StepperProgress) -> str:
+    def check_step(self, problem: Problem, before: np.ndarray, at: StepperProgress) -> str:
         """Nothing: these steps do not look at their error."""
         return ""
 
-    def halved(self) -> StepControl:
+    def halve(self) -> StepControl:
         """The same steps at half the length."""
         return replace(self, contact_dt=self.contact_dt / 2, dt_max=self.dt_max / 2)
 
@@ -157,7 +157,7 @@ class ErrorControl:
         if not self.way > 0:
             raise InputError("ErrorControl.way", self.way, "a way > 0 (m)")
 
-    def proposed(self, at: StepperProgress, travel: Callable[[float], float]) -> float:
+    def propose_step(self, at: StepperProgress, travel: Callable[[float], float]) -> float:
         """`touch` after an event, else by the error of the last step; no further than `way`."""
         moved = travel(self.touch) if at.touching else 0.0
         longest = self.longest
@@ -165,7 +165,7 @@ class ErrorControl:
             longest = min(self.pushing, longest, self.touch * self.way / abs(moved)) / (LEAVING if moved < 0 else 1)
         return min(self.touch if at.rested else at.dt * (1.0 if at.cut else at.factor), longest)
 
-    def judged(self, problem: Problem, before: np.ndarray, at: StepperProgress) -> str:
+    def check_step(self, problem: Problem, before: np.ndarray, at: StepperProgress) -> str:
         """Whether the error is over `OVER` times the tolerance."""
         change, overstress = problem.halving(before)
         largest = max(at.largest, overstress)
@@ -177,7 +177,7 @@ class ErrorControl:
         at.factor = float(np.clip(allowed, SHRINK, GROW))
         return ""
 
-    def halved(self) -> ErrorControl:
+    def halve(self) -> ErrorControl:
         """Steps of about half the length, by their order."""
         return replace(
             self,
@@ -206,15 +206,15 @@ class GivenSteps:
         """Step (s) below which the run gives up."""
         return self.touch / 64
 
-    def proposed(self, at: StepperProgress, travel: Callable[[float], float]) -> float:
+    def propose_step(self, at: StepperProgress, travel: Callable[[float], float]) -> float:
         """To the next time, which is an event of the load history's."""
         return np.inf
 
-    def judged(self, problem: Problem, before: np.ndarray, at: StepperProgress) -> str:
+    def check_step(self, problem: Problem, before: np.ndarray, at: StepperProgress) -> str:
         """Nothing: these steps do not look at their error."""
         return ""
 
-    def halved(self) -> GivenSteps:
+    def halve(self) -> GivenSteps:
         """Two for each."""
         middles = (self.times[1:] + self.times[:-1]) / 2
         return GivenSteps(np.sort(np.concatenate([self.times, middles])))

@@ -79,7 +79,7 @@ class TimeStepper:
         x = problem.x
         self.program.set(self.progress.t)
         if problem.tool is not None:
-            problem.tool.stays(x[-1])
+            problem.tool.hold_at(x[-1])
 
     def run(self, observe: Watch, until: float = float("inf")) -> None:
         """Step to the last event (or to `until`, s), calling `observe` after every accepted step."""
@@ -112,7 +112,7 @@ class TimeStepper:
         """Step length from what the control says, landing on touch and events."""
         at = self.progress
         left = self.events[at.event] - at.t
-        dt = self.control.proposed(at, lambda ahead: self.program.travel(at.t, at.t + min(left, ahead)))
+        dt = self.control.propose_step(at, lambda ahead: self.program.travel(at.t, at.t + min(left, ahead)))
         if not at.touching:
             dt = self._up_to_touch(dt)
         # Two even steps rather than a long one and a sliver before an event.
@@ -154,7 +154,7 @@ class TimeStepper:
         if depth > self.penetration_limit:
             limit = f"the limit {1e3 * self.penetration_limit:.2f} mm"
             return Breakdown(f"penetration {1e3 * depth:.2f} mm over {limit}", Status.PENETRATION)
-        judged = self.control.judged(self.problem, start.x, self.progress)
+        judged = self.control.check_step(self.problem, start.x, self.progress)
         return Breakdown(judged, Status.INACCURATE) if judged else None
 
     def _guess(self, start: Array, dt: float, tries: int) -> Array:
@@ -167,7 +167,7 @@ class TimeStepper:
             return self._landed(start, tool)
         if loads:
             return guess
-        start = guess = program.lifted(start, at.t + dt)
+        start = guess = program.prescribe(start, at.t + dt)
         if tries >= FORESEEN:
             return start
         travel = program.travel(at.t, at.t + dt)
@@ -189,7 +189,7 @@ class TimeStepper:
         def stand(x: Array) -> None:
             self.problem.x = x
 
-        guess = tool.landed(start, solve, stand)
+        guess = tool.establish_contact(start, solve, stand)
         self.newton.inverse = None  # a tangent of before the touch knows nothing of it
         return guess
 
@@ -200,7 +200,7 @@ class TimeStepper:
 
     def _ahead(self, start: Array, t: float, end: float) -> Array:
         """Along the tangent of a change of load, where there is one."""
-        lift = self.program.lifted
+        lift = self.program.prescribe
         lifted = lift(start, end)
         guess, inverse = lifted, self.newton.inverse
         if inverse is not None and not np.array_equal(lifted, start):

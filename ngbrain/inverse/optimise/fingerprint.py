@@ -100,7 +100,7 @@ def _images(model: WaveModel, theta: Array, random: np.random.Generator) -> list
             form += body.terms(omega, u, test, lambda work: work)
             form.Assemble()
             images.append(form.vec.FV().NumPy().copy())
-    return images + [body.pushed(k) for k in range(len(body.waves))]
+    return images + [body.load_vector(k) for k in range(len(body.waves))]
 
 
 @contextmanager

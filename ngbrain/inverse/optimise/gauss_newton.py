@@ -105,7 +105,9 @@ class GaussNewton:
         for _ in range(max_iterations):
             theta = self.reduced.unknowns.theta(x)
             state = self.model.linearise(theta, waves)
-            balance = np.array([self.model.body.pushed(k) - state.factors.apply(k, u) for k, u in enumerate(waves)])
+            balance = np.array(
+                [self.model.body.load_vector(k) - state.factors.apply(k, u) for k, u in enumerate(waves)]
+            )
             conditions, dx, du = self._step(x, state, balance)
             step = self._step_bound(dx)
             x, waves = self._apply_step(x, step * dx, waves + step * du)

@@ -191,7 +191,7 @@ class GaussNewtonCG(GaussNewton):
         begun, history, point = time.process_time(), list(done), None
         for number in range(len(history), max_iterations):
             state = self.model.linearise(self.unknowns.theta(x), waves)
-            balance = [self.model.body.pushed(k) - state.factors.apply(k, u) for k, u in enumerate(waves)]
+            balance = [self.model.body.load_vector(k) - state.factors.apply(k, u) for k, u in enumerate(waves)]
             moved = np.array([state.factors.solve(k, b) for k, b in enumerate(balance)])
             own = WaveLinearisation(self.model, state.factors, waves + moved)  # waves of the current fields
             misfit = self.misfit.value(own.data)

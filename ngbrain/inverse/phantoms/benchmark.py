@@ -131,7 +131,7 @@ class _Square:
 
     def driven(self, values: Mapping[str, Array]) -> Array:
         """Waves (loads, n, 2) of the drives: each holds other components of other edges, so the matrix is that of no edge held."""
-        factors, n = self.model(values).body.factorised(), len(self.points)
+        factors, n = self.model(values).body.factorise(), len(self.points)
         edges = dict(zip(("left", "bottom"), np.isclose(self.points, 0).T, strict=True))
         edges |= dict(zip(("right", "top"), np.isclose(self.points, SIDE).T, strict=True))
         found = []

@@ -18,7 +18,7 @@ from scipy.spatial import Delaunay
 
 from ngbrain.errors import InputError
 from ngbrain.forward.common.elements import ElementPair
-from ngbrain.forward.common.interpolation import inside as in_mesh
+from ngbrain.forward.common.interpolation import points_in_mesh as in_mesh
 from ngbrain.inverse.data.direct_inversion import uniform_shear
 from ngbrain.inverse.data.ultrasound import COARSER, FEWEST, is_tracked
 from ngbrain.inverse.problem.boundary_data import ALL, mark_driven_boundary

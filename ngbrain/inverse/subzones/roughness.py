@@ -6,7 +6,7 @@ import ngsolve as ngs
 import numpy as np
 import scipy.sparse as sp
 
-from ngbrain.forward.common.interpolation import evaluation, inside
+from ngbrain.forward.common.interpolation import evaluation, points_in_mesh
 from ngbrain.inverse.objective.regularisation import smooth
 from ngbrain.inverse.problem.field_values import fit_field
 from ngbrain.inverse.problem.voxel_lattice import VoxelLattice
@@ -30,7 +30,7 @@ class Roughness:
     def __init__(self, cells: VoxelLattice, points: Array) -> None:
         self._mesh = cells.mesh
         self._space = ngs.H1(self._mesh, order=ORDER)
-        self._inside = inside(self._mesh, points)
+        self._inside = points_in_mesh(self._mesh, points)
         self._at = evaluation(self._space, points[self._inside])
 
     def compute(self, values: Array, share: Array | None = None) -> float:

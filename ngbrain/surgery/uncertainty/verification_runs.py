@@ -57,7 +57,7 @@ def half_steps(model: RetractionModel, folder: Path | None, resume: bool, callba
     """On a coarse mesh, at the scene's time step and at half of it; the first is None if the model's mesh is no finer."""
     coarse, control = _coarse(model), model.control()
     whole = None if coarse is model else _held(coarse, WHOLE, folder, resume, _muted(callback, HALF), control)
-    return whole, _held(coarse, HALF, folder, resume, callback, control.halved())
+    return whole, _held(coarse, HALF, folder, resume, callback, control.halve())
 
 
 def other_elements(model: RetractionModel, folder: Path | None, resume: bool, callback: Callback) -> Pair:

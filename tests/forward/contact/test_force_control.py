@@ -44,7 +44,7 @@ def followed(transient, until=np.inf):
     rows, press = [], transient.motion
     transient.run(
         lambda b, at, _: rows.append(
-            (at.t, press.parameter.Get(), press.at(at.t), b.tool.felt(), force(b), b.min_gap())
+            (at.t, press.parameter.Get(), press.prescribed_force(at.t), b.tool.reaction_force(), force(b), b.min_gap())
         ),
         until,
     )
@@ -129,7 +129,7 @@ def test_it_is_the_way_that_a_plate_driven_along_it_needs_the_force_for(relaxing
     assert len(found) == len(states) > 10
     for (state, felt), wanted, t in zip(found, states, times[1:], strict=True):
         assert np.abs(state - wanted)[body.is_u].max() < 1e-5 * np.abs(wanted[body.is_u]).max()
-        assert felt == pytest.approx(forced.motion.at(t), rel=1e-3)
+        assert felt == pytest.approx(forced.motion.prescribed_force(t), rel=1e-3)
 
 
 @pytest.mark.one_thread
@@ -186,7 +186,7 @@ def test_a_given_force_bears_pressure_and_friction(coefficient):
     body = Problem(block((SIZE,) * 3, SIZE), tissue, films, contacts=[plate, rubs, press], element="P2/P1")
     run = TimeStepper(body, press, StepControl(1.0), 1e-3)
     run.run(lambda *_: None)
-    assert body.tool.felt() == pytest.approx(2e-2, rel=1e-6)
+    assert body.tool.reaction_force() == pytest.approx(2e-2, rel=1e-6)
     assert body.force("bottom")[2] == pytest.approx(2e-2 / (1 + coefficient), rel=1e-5)
     assert run.progress.rejected == 0
 

@@ -50,7 +50,7 @@ from ngbrain.mesh import block
 from ngbrain.surgery.protocols import Drive
 
 SQUASHED = -0.08
-SWELLING = Functional(lambda at: (ngs.Det(at.F) - 1) ** 2 * at.inside(".*"), name="swelling", unit="m³")
+SWELLING = Functional(lambda at: (ngs.Det(at.F) - 1) ** 2 * at.dx(".*"), name="swelling", unit="m³")
 
 
 def cube(acting=(), contacts=(), element="P2/P1", mesh=None):
@@ -435,7 +435,7 @@ def test_second_derivatives_of_all_kinds_of_data_of_an_equilibrium(rng):
 
 
 def test_a_quotient_whose_slopes_stay_has_no_second_derivatives(rng, monkeypatch):
-    monkeypatch.setattr(Quotient, "bent", lambda self, state, *along: [])
+    monkeypatch.setattr(Quotient, "weight_change", lambda self, state, *along: [])
     body, p = stretched()
     model = StaticModel([LoadCase(body, [Ratio(StrainEnergy(), region_volume())])], p)
     start, w = model.theta.copy(), np.ones(1)

@@ -23,7 +23,7 @@ HALF_AN_HOUR = ((0, 4, 1800), (0, 3e-3, 3e-3))
 class Looking(StepControl):
     """Looks at the error and does nothing about it."""
 
-    def judged(self, body, before, at):
+    def check_step(self, body, before, at):
         body.halving(before)
         return ""
 
@@ -100,7 +100,7 @@ def test_no_step_is_longer_than_asked_for_while_it_pushes(make_body, plate):
 @pytest.mark.parametrize(("rate", "dt"), [(1.0, 2.0), (-1.0, 1.0), (0.0, 4.0)])
 def test_a_body_in_touch_withdraws_in_half_as_long_steps(rate, dt):
     at = StepperProgress(dt=1.0, touching=True, rested=False, factor=4.0)
-    assert ErrorControl(0.1, touch=0.1, pushing=2.0).proposed(at, lambda ahead: rate * ahead) == dt
+    assert ErrorControl(0.1, touch=0.1, pushing=2.0).propose_step(at, lambda ahead: rate * ahead) == dt
 
 
 @pytest.mark.parametrize(("rate", "dt"), [(1.0, 1.5), (-1.0, 0.75), (10.0, 0.15), (-10.0, 0.075), (0.0, 4.0)])
@@ -109,14 +109,14 @@ def test_no_step_goes_further_than_asked_for_and_half_as_far_as_it_withdraws(rat
         StepperProgress(dt=1.0, touching=True, rested=False, factor=4.0),
         ErrorControl(0.1, touch=0.1, way=1.5),
     )
-    assert control.proposed(at, lambda ahead: rate * ahead) == pytest.approx(dt)
-    assert control.halved().way == 0.75
+    assert control.propose_step(at, lambda ahead: rate * ahead) == pytest.approx(dt)
+    assert control.halve().way == 0.75
 
 
 def test_the_first_step_goes_no_further_either():
     control = ErrorControl(0.1, touch=0.1, way=0.02)
-    assert control.proposed(StepperProgress(touching=True), lambda ahead: 1.0 * ahead) == pytest.approx(0.02)
-    assert control.proposed(StepperProgress(touching=False), lambda ahead: 1.0 * ahead) == 0.1
+    assert control.propose_step(StepperProgress(touching=True), lambda ahead: 1.0 * ahead) == pytest.approx(0.02)
+    assert control.propose_step(StepperProgress(touching=False), lambda ahead: 1.0 * ahead) == 0.1
 
 
 @pytest.mark.one_thread

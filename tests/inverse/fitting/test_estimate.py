@@ -103,7 +103,7 @@ def test_as_many_numbers_as_data_leave_nothing_to_judge_the_misfit_by():
     mu, bulk = ngs.Parameter(1e3), ngs.Parameter(1e4)
     tissue = {".*": Material(NeoHooke(mu), bulk)}
     body = Problem(block(), tissue, {"bottom": 0, "top": (0, 0, -4e-3)}, element="P2")
-    swelling = Functional(lambda at: (ngs.Det(at.F) - 1) * at.inside(".*"), name="swelling", unit="m³")
+    swelling = Functional(lambda at: (ngs.Det(at.F) - 1) * at.dx(".*"), name="swelling", unit="m³")
     model = StaticModel([LoadCase(body, [Force("top", (0, 0, 1)), swelling])], {"mu": mu, "bulk": bulk})
     data = model.evaluate(model.theta).data
     mu.Set(500.0)

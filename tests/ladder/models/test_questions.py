@@ -78,7 +78,7 @@ def test_what_is_not_linear_counts_linearly_where_strains_are_small(rng):
     assert gradient(volume, state) @ change == pytest.approx(after - found, rel=1e-3)
 
 
-SWELLING = Functional(lambda at: (at.F[0, 0] + at.F[1, 1] + at.F[2, 2] - 3) * at.inside(".*"), name="swelling")
+SWELLING = Functional(lambda at: (at.F[0, 0] + at.F[1, 1] + at.F[2, 2] - 3) * at.dx(".*"), name="swelling")
 
 
 def test_forces_of_finite_strain_and_through_time():

@@ -12,7 +12,7 @@ import scipy.sparse as sp
 
 from ngbrain.errors import InputError
 from ngbrain.forward.common.solve_counts import Solves
-from ngbrain.forward.harmonic.integrands import complexified
+from ngbrain.forward.harmonic.integrands import complex_space
 from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.sensitivity.harmonic.field_gradients import (
     FieldGradient,
@@ -170,7 +170,7 @@ class FieldSensitivity:
         columns = {}
         for name in medium.independent_fields(omega):
             field = medium.fields[name]
-            space = complexified(field.space)
+            space = complex_space(field.space)
             form = ngs.BilinearForm(trialspace=space, testspace=body.fes)
             work = body.terms(omega, u, test, derivative_operator(field, space.TrialFunction()))
             if work is not None:

@@ -8,7 +8,7 @@ import ngsolve as ngs
 import numpy as np
 from ngsolve import CoefficientFunction
 
-from ngbrain.forward.harmonic.integrands import Change, complexified, derivative, vanishes
+from ngbrain.forward.harmonic.integrands import Change, complex_space, derivative, vanishes
 from ngbrain.forward.harmonic.problem import HarmonicProblem
 
 Array = np.ndarray
@@ -38,7 +38,7 @@ class FieldGradient:
         pairs: int,
         turn: Change = lambda work: work,
     ) -> None:
-        space = complexified(field.space)
+        space = complex_space(field.space)
         self._form = ngs.LinearForm(space)
         self._pairs = [(ngs.GridFunction(body.fes), ngs.GridFunction(body.fes)) for _ in range(pairs)]
         change = derivative_operator(field, space.TestFunction())

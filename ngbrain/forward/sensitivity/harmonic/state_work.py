@@ -151,8 +151,8 @@ class StateWork:
     def _real(self, state: Motion, pair: Pair, *along: Motion) -> Terms:
         """Re(A v) tested with a virtual motion, and for each motion more its derivative along it."""
         stored = self._work(state, *pair(self._c), *along)
-        kinetic = self._work.of(self._about.kinetic, state, *pair(self._c), *along)
-        lossy = self._work.of(self._about.lossy, state, *pair(self._d), *along)
+        kinetic = self._work.functional(self._about.kinetic, state, *pair(self._c), *along)
+        lossy = self._work.functional(self._about.lossy, state, *pair(self._d), *along)
         return stored + [term.times(-self._squared) for term in kinetic] + [term.times(-1) for term in lossy]
 
 

@@ -109,7 +109,7 @@ class WaveModel:
         Raises `SolverError` at a resonance without loss, and about a deformed body what `StaticModel` does.
         """
         factors = self._factorised(theta)
-        waves = np.array([factors.driven(k, g) for k, g in enumerate(self.boundary_values(theta))])
+        waves = np.array([factors.solve_wave(k, g) for k, g in enumerate(self.boundary_values(theta))])
         return WaveLinearisation(self, factors, waves)
 
     def linearise(self, theta: Array, waves: Array) -> WaveLinearisation:
@@ -122,7 +122,7 @@ class WaveModel:
         if not np.all(np.isfinite(theta)):
             raise ConvergenceError("parameters that are not finite have no waves: a step too far")
         self.medium.set_value(theta[: self.blocks[BOUNDARY].start])
-        return self.body.factorised(self.solves)
+        return self.body.factorise(self.solves)
 
     def boundary_values(self, theta: Array) -> Array:
         """Boundary values in θ as arrays over all unknowns (waves, ndof)."""

@@ -25,7 +25,7 @@ from ngbrain.forward.contact.friction import Rub, Slipping
 from ngbrain.forward.sensitivity.parameter_blocks import ParameterBlock
 from ngbrain.forward.sensitivity.transient.quadrature_blocks import unknowns
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.forward.solid.virtual_work import Motion, Terms, WorkIntegral, by, vector
+from ngbrain.forward.solid.virtual_work import Motion, Terms, WorkIntegral, derivatives, vector
 
 Array = np.ndarray
 
@@ -102,21 +102,21 @@ class FrictionStep:
     @cached_property
     def _by_start(self) -> Callable[[], Array]:
         test = self.body.fes.TestFunction()
-        return vector(self.body.fes, by(self._work([Shift(self._y, start=test)]), self._y))
+        return vector(self.body.fes, derivatives(self._work([Shift(self._y, start=test)]), self._y))
 
     @cached_property
     def _by_before(self) -> Callable[[], Array]:
-        return self._number(by(self._work([Shift(self._y, before=1.0)]), self._y))
+        return self._number(derivatives(self._work([Shift(self._y, before=1.0)]), self._y))
 
     @cached_property
     def _by_end(self) -> Callable[[], Array]:
         """Of the slips alone: along a test function, with λ zero."""
         test = self.body.fes.TestFunction()
-        return vector(self.body.fes, by(self._slipped([Shift(self._x, end=test)]), self._x))
+        return vector(self.body.fes, derivatives(self._slipped([Shift(self._x, end=test)]), self._x))
 
     @cached_property
     def _by_way(self) -> Callable[[], Array]:
-        return self._number(by(self._slipped(), self._way))
+        return self._number(derivatives(self._slipped(), self._way))
 
     @cached_property
     def _by_slip(self) -> list[ngs.CoefficientFunction]:
@@ -184,7 +184,7 @@ class FrictionStep:
 
     def _turned(self, of: Callable[..., Terms], shift: Shift) -> Terms:
         """The change of integrals along a shift and along the parameters' directions."""
-        return by(of(shift), shift.number) + [
+        return derivatives(of(shift), shift.number) + [
             term for part in self._parts for term in part.directional_derivative(of())
         ]
 
@@ -215,10 +215,10 @@ class FrictionStep:
         end, start = Shift(self._x, end=test), Shift(self._y, start=test)
         still, parts = bent(), self._parts
         return (
-            vector(self.body.fes, by(bent(end), self._x)),
-            vector(self.body.fes, by(bent(start), self._y)),
-            self._number(by(bent(Shift(self._y, before=1.0)), self._y)) if self._way is not None else nothing,
-            self._number(by(still, self._way)) if self._way is not None else nothing,
+            vector(self.body.fes, derivatives(bent(end), self._x)),
+            vector(self.body.fes, derivatives(bent(start), self._y)),
+            self._number(derivatives(bent(Shift(self._y, before=1.0)), self._y)) if self._way is not None else nothing,
+            self._number(derivatives(still, self._way)) if self._way is not None else nothing,
             [part.gradient(still, self.body.mesh) for part in parts],
         )
 
@@ -241,24 +241,24 @@ class FrictionStep:
     def join_tangent(self, form: ngs.BilinearForm) -> None:
         """Add to a form how tractions change with x: pressures and normals with them."""
         trial, test = self.body.fes.TnT()
-        for term in by(self._tractions(test, [Shift(self._x, end=trial)]), self._x):
+        for term in derivatives(self._tractions(test, [Shift(self._x, end=trial)]), self._x):
             form += term.integral
 
     @cached_property
     def tool_column(self) -> Callable[[], Array]:
         """How forces change with a tool's way (ndof,)."""
-        return vector(self.body.fes, by(self._tractions(self.body.fes.TestFunction()), self._way))
+        return vector(self.body.fes, derivatives(self._tractions(self.body.fes.TestFunction()), self._way))
 
     @cached_property
     def tool_row(self) -> Callable[[], Array]:
         """How what a tool feels changes with x (ndof,)."""
         test = self.body.fes.TestFunction()
-        return vector(self.body.fes, by(self._driving([Shift(self._x, end=test)]), self._x))
+        return vector(self.body.fes, derivatives(self._driving([Shift(self._x, end=test)]), self._x))
 
     @cached_property
     def tool_stiffness(self) -> Callable[[], Array]:
         """How what a tool feels changes with its way."""
-        return self._number(by(self._driving(), self._way))
+        return self._number(derivatives(self._driving(), self._way))
 
     # Expressions.
 
@@ -283,7 +283,7 @@ class FrictionStep:
 
     def _density(self, rub: _Fields, at: Slipping) -> ngs.CoefficientFunction:
         """Of ℓ."""
-        pushed = at.along(self.body.layout.fields(self._motion).u)
+        pushed = at.tangential(self.body.layout.fields(self._motion).u)
         if self._drives(rub):
             pushed = pushed - self._push * at.moves
         return ngs.InnerProduct(rub.weight, at.elastic) + ngs.InnerProduct(at.traction, pushed)
@@ -308,7 +308,7 @@ class FrictionStep:
 
         def density(rub: _Fields) -> ngs.CoefficientFunction:
             at = self._slipping(rub, shifts)
-            return ngs.InnerProduct(at.traction, at.along(self.body.layout.fields(test).u))
+            return ngs.InnerProduct(at.traction, at.tangential(self.body.layout.fields(test).u))
 
         return self._over(density)
 

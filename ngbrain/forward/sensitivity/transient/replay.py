@@ -196,7 +196,7 @@ class Replay:
         """Where a step ends if it goes as it went at other parameters, or else as the one before it went."""
         if self._known:
             moved = x - self._known[n - 1] if n else np.zeros_like(x)
-            if n and self.body.tool is not None and not self.body.tool.given.at(self.grid[n]):
+            if n and self.body.tool is not None and not self.body.tool.given.prescribed_force(self.grid[n]):
                 moved[-1] = 0.0  # it has come back since
             guess = self._known[n] + moved
         else:
@@ -224,7 +224,7 @@ class Replay:
         def stand(x: Array) -> None:
             self.body.x = x
 
-        guess = self.body.tool.landed(x, solve, stand)
+        guess = self.body.tool.establish_contact(x, solve, stand)
         self._near.inverse = None
         return guess
 
@@ -247,7 +247,7 @@ class Replay:
 
     def _newton_at(self, t: float, guess: Array) -> tuple[Array, NewtonRecord]:
         """Near an end with settings that let contact come and go, then the end itself."""
-        x, record = self._near.solve(self._system, self._program.lifted(guess, t))
+        x, record = self._near.solve(self._system, self._program.prescribe(guess, t))
         if record.converged:
             self._newton.inverse = self._near.inverse
             x, record = self._newton.solve(self._system, x)

@@ -195,7 +195,7 @@ class RunModel:
         """Where a tool is clear of the tissue it goes by the nearest point, which is not derived: friction is told of that."""
         assert self.body.tool is not None
         given, way = self.body.tool.given, self.body.tool.given.parameter
-        presses = np.array([given.at(t) > 0 for t in grid[1:]])
+        presses = np.array([given.prescribed_force(t) > 0 for t in grid[1:]])
         again = np.any(presses[np.argmin(presses) :]) and not presses.all()
         if again and any(f.moves and f.contact.way is way for f in self.body.friction.frictions):
             wanted = "one that goes on, with friction along a tool's way, for derivatives of a run"

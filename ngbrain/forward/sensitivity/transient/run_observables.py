@@ -93,7 +93,7 @@ class RunObservables:
 
     def weight_terms(self, *along: Motion) -> Terms:
         """What `terms` have where weights within observables change along the way."""
-        return [term for of in self.each for term in of.bent(self.body.gfu, *along)]
+        return [term for of in self.each for term in of.weight_change(self.body.gfu, *along)]
 
 
 class _Outer:

@@ -223,7 +223,7 @@ class StepForms:
         """W, as `TissueTerm` has it."""
         law = material.viscous
         factors = [step_factors(self.dt, branch.tau) for branch in law.hereditary_branches]
-        energy = law.density(at, [beta for _, beta in factors]) + material.of_volume(at.J, p)
+        energy = law.density(at, [beta for _, beta in factors]) + material.volumetric_energy(at.J, p)
         for (e, beta), (stress, over) in zip(factors, self._pairs, strict=False):
             energy += 0.5 * ngs.InnerProduct(from_voigt(e * seen(over) - beta * seen(stress)), at.shape)
         flows = (self._of(ended.energy, ended, seen) for ended in self._ended(material, at.shape, seen))

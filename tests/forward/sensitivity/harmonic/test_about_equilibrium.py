@@ -308,7 +308,7 @@ def test_a_small_traction_at_rest_is_a_little_more_load(form):
     equilibria = []
     for push in (-1.0, 1.0, 0.0):
         more.Set(push)
-        body.changed()
+        body.invalidate_tangent()
         LoadPath(body).solve(newton=tight(body))
         equilibria.append(body.x)
     found = HarmonicProblem.about(body, [Wave(0.0, traction={"right": (2.0, 0.0)})]).solve()[0].vec.FV().NumPy()

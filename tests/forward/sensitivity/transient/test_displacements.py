@@ -57,7 +57,7 @@ def test_rates_once_and_twice(what, rng):
 def test_a_run_is_that_of_a_load_history():
     of = pushed("alone")
     seen = Force("bottom").on(of.body)
-    factors = [FACTORS.at(t) for t in GRID]
+    factors = [FACTORS.factor(t) for t in GRID]
     rows = run_load_history(of.body, GRID, factors, lambda t: seen.value())
     found = of.evaluate(of.theta).data[:, :2]
     assert found == pytest.approx(np.array(rows), rel=1e-4, abs=1e-6) and np.abs(found).min(axis=0).max() > 1e-2

@@ -75,7 +75,7 @@ def drawn(seed):
         element=element.replace("P2/P1", "Q2/Q1") if kind == "quadrilaterals" else element,
         kinematics=Axisymmetric() if kind == "axisymmetric" else None,
     )  # fmt: skip
-    bent = Functional(lambda at: ngs.InnerProduct(at.u, at.u) * at.inside(".*"), name="mean square displacement")
+    bent = Functional(lambda at: ngs.InnerProduct(at.u, at.u) * at.dx(".*"), name="mean square displacement")
     seen = [Force("bottom"), Ratio(bent, region_volume()), Displacements([[SIDE / 2, *(0.7 * SIDE,) * last]])]
     extra = {"friction": rubs, "mass": heavy, "given force": forced, element: wide}
     made = ", ".join(
