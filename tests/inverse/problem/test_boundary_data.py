@@ -195,7 +195,7 @@ def errors(data, found, where=slice(None)):
 
 def inverted(data):
     found = invert(data, uniform=False, regulariser="smooth")
-    return found, len(found.end.experiment.model.driven_dofs)
+    return found, len(found.final_state.problem.model.driven_dofs)
 
 
 def test_free_edges_have_no_unknowns_and_the_truth_comes_back_either_way(shaken):
