@@ -1,19 +1,13 @@
-"""Elastography as an inverse problem: which fields are unknown, in which elements, driven by which data.
+"""Elastography as an inverse problem: unknown property fields, elements, boundary data and the wave model.
 
-- `boundary_data`: Which part of a body's boundary measured displacements drive, and which is free of forces, as the
-  data's `dirichlet` says.
-- `discretisation`: Which elements wave data are inverted in: those they were made in, or our own over the same
-  points.
-- `field_values`: Nodal values of unknown fields from values at points, and where these are known.
-- `label_shares`: Fields that are smooth inside a label and free to jump between labels, on meshes that know nothing
-  of the labels.
-- `properties`: The quantities that are looked for in a material: where they start, between which bounds, and the
-  modulus that they make.
-- `property_fields`: What a property is made of: one field over all tissue, or one for each label.
-- `voxel_lattice`: Quadrilaterals or hexahedra over the points of wave data, faces along the coordinates; in space as
-  large as the waves allow.
-- `wave_problem`: From wave data to a problem: which fields a material has, the model that predicts the waves, and
-  what is unknown in it.
+- `boundary_data`: Dirichlet and traction-free parts of the boundary, from the data's `dirichlet` flags.
+- `discretisation`: the finite elements in which wave data are inverted: those of the data, or new ones over the same points.
+- `field_values`: fields fitted to values that are known at points.
+- `label_shares`: fields that are smooth within a label and may jump between labels.
+- `properties`: the unknown material properties: start values, bounds and the moduli that they make.
+- `property_fields`: the fields of a property: one for all tissue, or one for each label.
+- `voxel_lattice`: quadrilaterals or hexahedra over the points of wave data.
+- `wave_problem`: the inverse problem of some data: material, wave model and unknowns.
 """
 
 __all__ = [

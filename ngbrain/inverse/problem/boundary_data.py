@@ -1,8 +1,9 @@
-"""Which part of a body's boundary measured displacements drive, and which is free of forces, as the data's `dirichlet` says.
+"""Dirichlet and traction-free parts of the boundary, from the data's `dirichlet` flags.
 
-An element's side is free where half of it or more is nearest to points of the border that are not flagged, else driven. Sides off
-the border's points are driven too, such as those that in space reach out by more than a voxel: no surface of tissue is there. To
-drive a side takes no assumption, as its displacements are unknown within their noise; to set it free does.
+A side of an element is traction-free where at least half of it is nearest to border points without the flag. All other
+sides are driven by measured displacements. So are sides away from the border points, such as those that reach out of the
+tissue by more than a voxel in space: no surface of tissue is there. To drive a side takes no assumption, because its
+displacements are unknowns within their noise. To set a side free assumes zero traction.
 """
 
 from __future__ import annotations
@@ -22,22 +23,37 @@ from ngbrain.mesh.geometry.structured import with_boundaries
 
 Array = np.ndarray
 FREE = "free"
-"""Name of boundaries that nothing drives."""
+"""Name of traction-free boundaries."""
 ALL, BUT_FREE = ".*", f"(?!{FREE}$).*"
-"""Patterns of what is driven."""
+"""Patterns of all boundaries, and of all but the traction-free ones."""
 SAMPLES = {2: 12, 3: 6}
-"""Along a side, an even number: the points nearest to them say what is driven."""
+"""Sample points along a side (an even number), by dimension. Their nearest data points decide whether the side is driven."""
 ON = 1e-9
-"""Of the body's size: points that are the same."""
+"""Tolerance for equal points, relative to the size of the body."""
 
 
 def mark_driven_boundary(data: WaveData, mesh: ngs.Mesh) -> tuple[ngs.Mesh, str]:
-    """A mesh whose free sides are a boundary of their own, and the pattern of the others; the mesh itself where none is free.
+    """Give traction-free sides a boundary region of their own.
 
-    mesh   of straight sides, over the points of the mask
+    Parameters
+    ----------
+    data : WaveData
+        Its `dirichlet` flags say which border points are driven.
+    mesh : ngsolve.Mesh
+        Mesh with straight sides over the points of the mask.
 
-    Raises `InputError` for flags at points outside of the mask, as those of another mask are, or inside of the body, for too few
-    beside each other to drive half of an element's side, and where there are none.
+    Returns
+    -------
+    mesh : ngsolve.Mesh
+        The mesh with a region `FREE`; the mesh itself where no side is free.
+    driven : str
+        Pattern of the driven boundaries.
+
+    Raises
+    ------
+    InputError
+        There are flags at points outside the mask (such as those of another mask) or inside the body; a flagged point has too
+        few flagged neighbours to drive half of a side; or no border point is flagged.
     """
     corners, flags = _corners(mesh), data.dirichlet
     if np.any(outside := flags & ~data.mask):
@@ -46,7 +62,7 @@ def mark_driven_boundary(data: WaveData, mesh: ngs.Mesh) -> tuple[ngs.Mesh, str]
         )
         raise InputError("dirichlet", found, "true at points of the mask's border alone, or None for all of them")
     inside = flags & ~data.border
-    if data.grid is None and inside.any():  # borders of holes are none of the hull
+    if data.grid is None and inside.any():  # borders of holes are not part of the hull
         vertices, size = KDTree(corners.reshape(-1, data.dim)), float(np.ptp(data.points))
         inside &= vertices.query(data.points)[0] > ON * size
     if inside.any():
@@ -57,23 +73,26 @@ def mark_driven_boundary(data: WaveData, mesh: ngs.Mesh) -> tuple[ngs.Mesh, str]
         return mesh, ALL
     near, close = _nearest(data, corners, np.flatnonzero(border))
     free = close & ~flags[near]
-    held = free.mean(axis=1) < 0.5
-    if np.any(lost := _lost(near, flags, held)):
+    driven = free.mean(axis=1) < 0.5
+    if np.any(lost := _lost(near, flags, driven)):
         found = (
             f"true at {int(lost.sum())} points with too few beside them, the first at {_place(data.points[lost][0])}"
         )
         raise InputError("dirichlet", found, "true at points that are nearest to most of an element's side, or more")
-    if not held.any():
+    if not driven.any():
         raise InputError("dirichlet", "false at all the border", "some part of it that is driven as measured")
-    if held.all():
+    if driven.all():
         return mesh, ALL
     names = mesh.GetBoundaries()
     sides = mesh.Elements(ngs.BND)
-    return with_boundaries(mesh, [names[s.index] if h else FREE for s, h in zip(sides, held, strict=True)]), BUT_FREE
+    return with_boundaries(mesh, [names[s.index] if h else FREE for s, h in zip(sides, driven, strict=True)]), BUT_FREE
 
 
 def free_boundary(mesh: ngs.Mesh) -> dict[str, Any]:
-    """Share of a mesh's boundary that is free, and the box around it (mm); empty where nothing is free."""
+    """Describe the traction-free part of a mesh's boundary: its share and its bounding box (mm).
+
+    Empty where no boundary is free. The mesh is one of `mark_driven_boundary`.
+    """
     if FREE not in mesh.GetBoundaries():
         return {}
     corners = _corners(mesh)
@@ -84,13 +103,13 @@ def free_boundary(mesh: ngs.Mesh) -> dict[str, Any]:
 
 
 def _corners(mesh: ngs.Mesh) -> Array:
-    """Of the boundary's elements (sides, 2 or 4, dim) m."""
+    """Corners of the boundary elements, (sides, 2 or 4, dim) m."""
     at = np.array([v.point for v in mesh.vertices])
     return at[[[v.nr for v in side.vertices] for side in mesh.Elements(ngs.BND)]]
 
 
 def _nearest(data: WaveData, corners: Array, among: Array) -> tuple[Array, Array]:
-    """For samples (sides, k) of the sides: which of these points is nearest, and whether it is near enough to say anything."""
+    """Nearest data points of samples (sides, k) on the sides, and whether they are near enough to decide."""
     line = (np.arange(SAMPLES[data.dim]) + 0.5) / SAMPLES[data.dim]
     if data.dim == 2:
         samples = np.einsum("kc,sci->ski", np.stack([1 - line, line], axis=1), corners)
@@ -105,15 +124,15 @@ def _nearest(data: WaveData, corners: Array, among: Array) -> tuple[Array, Array
     return among[near], distance < NEAR
 
 
-def _lost(near: Array, flags: Array, held: Array) -> Array:
-    """Flagged points (n,) on free sides that no flagged ones connect with a side that is held."""
+def _lost(near: Array, flags: Array, driven: Array) -> Array:
+    """Flagged points (n,) on free sides that no other flagged points connect with a driven side."""
     sides, n = len(near), len(flags)
     i, k = np.nonzero(flags[near])
     points = near[i, k]
     links = sp.coo_array((np.ones(len(i)), (i, sides + points)), shape=(sides + n,) * 2)
     piece = connected_components(links, directed=False)[1]
     lost = np.zeros(n, bool)
-    lost[points] = ~np.isin(piece[sides + points], piece[:sides][held])
+    lost[points] = ~np.isin(piece[sides + points], piece[:sides][driven])
     return lost
 
 

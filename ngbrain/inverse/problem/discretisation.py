@@ -1,10 +1,15 @@
-"""Which elements wave data are inverted in: those they were made in, or our own over the same points.
+"""The finite elements in which wave data are inverted: those of the data, or new ones over the same points.
 
-Our own are, in the plane, quadrilaterals of an order p on cells of p × p data points, so that elements have as many unknowns as
-there are data (of many tracked displacements at rest half as many along each axis), and triangles between scattered points; over a
-mask on a grid, and in space, quadrilaterals or hexahedra as large as the waves allow, over the points of the mask. A field is
-looked for in half that order, in those larger elements in order 1. What drives their boundary is up to the data
-(`mark_driven_boundary`).
+New elements depend on the data:
+
+- In the plane on a full grid: quadrilaterals of order p on cells of p × p data points, so that there are as many unknowns
+  as data. For tracked quasi-static displacements with many points: half as many along each axis.
+- Scattered points in the plane: triangles between the points.
+- A mask on a grid, and all data in space: quadrilaterals or hexahedra as large as the wavelength allows, over the points of
+  the mask.
+
+Property fields have half the order of the displacements; in triangles, and for tracked displacements, order 1.
+`mark_driven_boundary` decides which boundaries are driven.
 """
 
 from __future__ import annotations
@@ -28,29 +33,39 @@ from ngbrain.mesh.geometry.structured import rectangles
 
 Array = np.ndarray
 NEARLY = 100.0
-"""K/G from which the pressure becomes an unknown."""
+"""K/G from which the pressure is an unknown of its own."""
 LOCKING, LOW = 8.0, 2
-"""The same of this order, whose elements stiffen without pressures: in a block of 64 hexahedra of order 2 G' comes out .5 %
-lower at K/G = 8, 1.3 % at 19, 4 % at 76 and 5 % at 150, of order 3 by less than .2 % at any. K/G rests on a guess of G, so the
-choice has to be made where both forms agree, or the answer hangs on the guess."""
+"""The same for elements of order `LOW`, which lock without pressures. In a block of 64 hexahedra of order 2, G' is lower by .5 %
+at K/G = 8, 1.3 % at 19, 4 % at 76 and 5 % at 150; with order 3 by less than .2 % at any K/G. K/G rests on an estimate of G. So the
+choice is made where both forms agree; else the result would depend on the estimate."""
 LONGEST = 3.0
 SHARP = 0.05
-"""Triangles between scattered points are left out at the border when longer than this many median edges, or sharper (rad)."""
+"""Border triangles between scattered points are left out where a side is longer than this many median sides, or where they are
+sharper than this (rad)."""
 LARGEST = 95_000
-"""Displacements that elements in space may have, shared ones counted once: 89 424 of a head (101 193 in all) take 9.8 GiB."""
+"""Most displacement unknowns of elements in space, shared ones counted once. 89 424 of a head (101 193 in all) take 9.8 GiB."""
 
 
 @dataclass(frozen=True)
 class Discretisation:
-    """Elements for wave data.
+    """Finite elements for wave data.
 
-    mesh        in m
-    form        as `HarmonicProblem` takes it
-    fields      order of the fields that are looked for
-    quadrature  as `HarmonicProblem` takes it
-    inside      (n,) bool, the points in the mesh
-    nodal       whether the points are the mesh's vertices, one by one and in their order
-    held        pattern of the boundaries that measured displacements drive; others are free of forces
+    Parameters
+    ----------
+    mesh : ngsolve.Mesh
+        Mesh in m.
+    form : str
+        Element pair, as `HarmonicProblem` takes it.
+    field_order : int
+        Polynomial order of the property fields.
+    quadrature : int or None
+        Quadrature degree, as `HarmonicProblem` takes it.
+    inside : numpy.ndarray
+        (n,) bool, which points of the data lie in the mesh.
+    nodal : bool
+        Whether the points of the data are the vertices of the mesh, in the same order.
+    driven_boundaries : str
+        Pattern of the boundaries that measured displacements drive. Others are traction-free.
     """
 
     mesh: ngs.Mesh
@@ -63,19 +78,24 @@ class Discretisation:
 
     @property
     def degree(self) -> int:
-        """Half the degree of the rules of integrals over elements."""
+        """Half the degree of the quadrature rules over elements."""
         return ElementPair.named(self.form).order + 1 if self.quadrature is None else self.quadrature
 
 
 def original_discretisation(data: WaveData) -> Discretisation:
-    """The elements `data.element` of the grid that the data were computed on: bilinear, with a 2×2 rule; q4p0 with pressures.
+    """Return the elements that the data were computed in, as `data.element` says.
 
-    Raises `InputError` when the data name none, and for a boundary that cannot be driven so, see `mark_driven_boundary`.
+    These are bilinear quadrilaterals with a 2 × 2 rule (q4), or the same with constant pressures (q4p0).
+
+    Raises
+    ------
+    InputError
+        The data name no element, or their boundary cannot be driven (see `mark_driven_boundary`).
     """
     if data.element is None:
-        raise InputError("element", "not given", "q4 or q4p0, or a discretisation of our own (fe)")
+        raise InputError("element", "not given", "q4 or q4p0, or new elements (fe)")
     grid = data.grid
-    assert grid is not None  # WaveData has seen to it
+    assert grid is not None  # WaveData checks it
     lines = [start + step * np.arange(n) for start, step, n in zip(grid.origin, grid.spacing, grid.shape, strict=True)]
     form = {"q4": "Q1", "q4p0": "Q1/L2(0)"}[data.element]
     mesh, driven = mark_driven_boundary(data, rectangles(*lines))
@@ -83,9 +103,24 @@ def original_discretisation(data: WaveData) -> Discretisation:
 
 
 def discretise(data: WaveData, order: int = 3) -> Discretisation:
-    """Elements of our own, of an order; one with pressures for nearly incompressible tissue.
+    """Build elements over the points of wave data.
 
-    Raises `InputError` for points that are too scattered, and for a boundary that cannot be driven so, see `mark_driven_boundary`.
+    Parameters
+    ----------
+    data : WaveData
+        Waves, or quasi-static displacements.
+    order : int
+        Polynomial order of the displacements. Pressures are added for nearly incompressible tissue.
+
+    Returns
+    -------
+    Discretisation
+        Elements as the module's description has them.
+
+    Raises
+    ------
+    InputError
+        The points are too scattered, or their boundary cannot be driven (see `mark_driven_boundary`).
     """
     form = element_form(data, order)
     if data.dim == 3:
@@ -106,25 +141,56 @@ def discretise(data: WaveData, order: int = 3) -> Discretisation:
 
 
 def element_form(data: WaveData, order: int = 3) -> str:
-    """Elements of an order in words, with pressures for nearly incompressible tissue; motion through a plane has none."""
+    """Return the element pair for an order, with pressures for nearly incompressible tissue.
+
+    Parameters
+    ----------
+    data : WaveData
+        Their K/G decides (`bulk_ratio`). Anti-plane motion has no pressures.
+    order : int
+        Polynomial order of the displacements.
+
+    Returns
+    -------
+    str
+        Such as "P3" or "P3/P2".
+    """
     mixed = data.motion != "anti_plane" and bulk_ratio(data) > (LOCKING if order == LOW else NEARLY)
     return f"P{order}/P{order - 1}" if mixed else f"P{order}"
 
 
-def lattice_discretisation(data: WaveData, cells: VoxelLattice, fields: int | None = None) -> Discretisation:
-    """The elements of a lattice, which may be of more points than these; fields by default of half their order."""
+def lattice_discretisation(data: WaveData, cells: VoxelLattice, field_order: int | None = None) -> Discretisation:
+    """Return the elements of a voxel lattice.
+
+    Parameters
+    ----------
+    data : WaveData
+        Data whose points lie in the lattice. The lattice may cover more points than these.
+    cells : VoxelLattice
+        The cells.
+    field_order : int, optional
+        Order of the property fields; by default half the order of the elements.
+
+    Returns
+    -------
+    Discretisation
+        The elements.
+    """
     (mesh, driven), inside = mark_driven_boundary(data, cells.mesh), data.mask.copy()
     inside[data.mask] = in_mesh(mesh, data.points[data.mask])
-    fields = _fields(ElementPair.named(cells.form).order) if fields is None else fields
-    return Discretisation(mesh, cells.form, fields, None, inside, driven_boundaries=driven)
+    order = _field_order(ElementPair.named(cells.form).order) if field_order is None else field_order
+    return Discretisation(mesh, cells.form, order, None, inside, driven_boundaries=driven)
 
 
-def _fields(order: int) -> int:
+def _field_order(order: int) -> int:
     return max(1, (order + 1) // 2)
 
 
 def bulk_ratio(data: WaveData) -> float:
-    """K/G as far as the data say: by Poisson's ratio, or a bulk modulus over the one shear modulus that fits the waves."""
+    """Return K/G as far as it is known.
+
+    It follows from Poisson's ratio, or from the bulk modulus over the uniform shear modulus that fits the waves.
+    """
     if data.bulk is None:
         nu = float(data.poisson or 0)
         return 2 * (1 + nu) / (3 * (1 - 2 * nu))
@@ -132,9 +198,10 @@ def bulk_ratio(data: WaveData) -> float:
 
 
 def has_unknown_scale(data: WaveData) -> bool:
-    """Whether all moduli times any number move the body alike, as far as data tell.
+    """Whether the data fit all moduli times any common factor alike.
 
-    So at rest with nothing but displacements known, unless all components of them are and a known bulk modulus is compressed.
+    So it is for quasi-static data of displacements alone. The exception: all components are measured, and a known bulk modulus
+    is compressed.
     """
     if data.frequency.any():
         return False
@@ -142,12 +209,12 @@ def has_unknown_scale(data: WaveData) -> bool:
 
 
 def measures_all_components(data: WaveData) -> bool:
-    """Whether every component of every load is measured somewhere, not along the axis of ultrasound alone."""
+    """Whether every component of every load is measured somewhere, not only one along an ultrasound beam."""
     return bool(np.isfinite(data.displacement[:, data.mask]).any(axis=1).all())
 
 
 def _between(points: Array, mask: Array) -> tuple[ngs.Mesh, Array]:
-    """Triangles between the points of a mask, without the long and sharp ones, and which points are on them."""
+    """Triangulate the points of a mask without long and sharp triangles; also return which points are in the mesh."""
     chosen = np.flatnonzero(mask)
     at = points[chosen]
     triangles = Delaunay(at).simplices

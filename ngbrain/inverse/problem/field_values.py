@@ -1,4 +1,4 @@
-"""Nodal values of unknown fields from values at points, and where these are known."""
+"""Fields fitted to values that are known at points."""
 
 from __future__ import annotations
 
@@ -15,13 +15,32 @@ from ngbrain.inverse.problem.wave_problem import ElastographyProblem
 
 Array = np.ndarray
 FAINT = 1e-3
-"""Of a field's regulariser, next to points of unit weight: says what a field is between and beyond them."""
+"""Weight of a field's regulariser next to points of unit weight. It defines the field between and beyond the points."""
 
 
 def field_observations(
     problem: ElastographyProblem, logarithms: Mapping[str, Array]
 ) -> Iterator[tuple[PropertyField, Array, sp.csr_array, Array]]:
-    """For each field: which it is, which points of the data it is known at, the matrix to its values there, and these."""
+    """Iterate over the fields of a problem with the points where their values are known.
+
+    Parameters
+    ----------
+    problem : ElastographyProblem
+        The problem, whose properties are made of fields.
+    logarithms : mapping of str to numpy.ndarray
+        Property → transformed values (n,) at the points of the data, NaN where there is none.
+
+    Yields
+    ------
+    field : PropertyField
+        A field.
+    known : numpy.ndarray
+        (n,) bool, the points of the data where it is known.
+    observation : scipy.sparse.csr_array
+        Matrix from the field's unknowns to its values at these points.
+    values : numpy.ndarray
+        The values there.
+    """
     data, at = problem.data, evaluation(problem.space, problem.model.points)
     for quantity in problem.properties:
         values = logarithms[quantity.name]
@@ -31,7 +50,24 @@ def field_observations(
 
 
 def fit_field(at: sp.csr_array, values: Array, inner: Regulariser, start: Array) -> Array:
-    """Unknowns of a field with these values at points, smooth where there is none."""
+    """Fit the unknowns of a field to values at points. The regulariser decides where there are none.
+
+    Parameters
+    ----------
+    at : scipy.sparse.csr_array
+        (n, unknowns) interpolation matrix to the points.
+    values : numpy.ndarray
+        (n,) values.
+    inner : Regulariser
+        Regulariser of the field, of weight `FAINT`.
+    start : numpy.ndarray
+        (unknowns,) where the regulariser is linearised.
+
+    Returns
+    -------
+    numpy.ndarray
+        (unknowns,)
+    """
     R = FAINT * inner.matrix(start)
     right = at.T @ values + R @ start - FAINT * inner.gradient(start)
     return scipy.sparse.linalg.spsolve(sp.csc_array(at.T @ at + R), right)

@@ -1,9 +1,9 @@
-"""Fields that are smooth inside a label and free to jump between labels, on meshes that know nothing of the labels.
+"""Fields that are smooth within a label and may jump between labels, on meshes that do not follow the labels.
 
     G(x) = Σ_l s_l(x) G_l(x)
 
-s_l is 1 where label l is and 0 elsewhere, given at the quadrature points, so that a label's border may cut elements; G_l are
-fields of their own with regularisers of their own. A node far from its label is held by the regulariser alone.
+The indicator s_l is 1 in label l and 0 elsewhere. It is given at the quadrature points, so the border of a label may cut
+elements. Each G_l is a field with a regulariser of its own. At nodes far from its label only the regulariser determines it.
 """
 
 from __future__ import annotations
@@ -23,12 +23,31 @@ Array = np.ndarray
 def label_shares(
     mesh: ngs.Mesh, degree: int, label_at: Callable[[Array], Array], names: Sequence[str]
 ) -> dict[str, ngs.GridFunction]:
-    """Name → s_l, at the quadrature points of a `HarmonicProblem` with `quadrature=degree`; for use in its integrals alone.
+    """Return the indicators s_l of labels at the quadrature points.
 
-    label_at   points (n, dim) m → numbers (n,) from 0 on, indices into `names`
+    Parameters
+    ----------
+    mesh : ngsolve.Mesh
+        Mesh in m.
+    degree : int
+        `quadrature` of the `Harmonic` that uses the indicators. They are valid in its integrals only.
+    label_at : callable
+        Points (n, dim) m → label numbers (n,) from 0 on, indices into `names`.
+    names : sequence of str
+        Names of the labels.
 
-    Raises `InputError` for a number without a name.
+    Returns
+    -------
+    dict of str to ngsolve.GridFunction
+        Name → s_l.
 
+    Raises
+    ------
+    InputError
+        A label number has no name.
+
+    Examples
+    --------
     >>> from ngbrain.mesh.geometry.structured import rectangles
     >>> mesh = rectangles(np.linspace(0, 1, 5), np.linspace(0, 1, 5))
     >>> found = label_shares(mesh, 2, lambda points: (points[:, 0] > 0.5).astype(int), ["left", "right"])
@@ -45,7 +64,25 @@ def label_shares(
 def combine_labels(
     shares: Mapping[str, ngs.GridFunction], fields: Mapping[str, CoefficientFunction]
 ) -> CoefficientFunction:
-    """Σ s_l G_l; `InputError` unless every label has a field."""
+    """Return Σ s_l G_l.
+
+    Parameters
+    ----------
+    shares : mapping of str to ngsolve.GridFunction
+        Label → indicator s_l, as `label_shares` returns them.
+    fields : mapping of str to ngsolve.CoefficientFunction
+        Label → field G_l.
+
+    Returns
+    -------
+    ngsolve.CoefficientFunction
+        The combined field.
+
+    Raises
+    ------
+    InputError
+        A label has no field.
+    """
     if missing := set(shares) - set(fields):
         raise InputError("fields", f"without {', '.join(sorted(missing))}", "a field for each label")
     first, *rest = (share * fields[name] for name, share in shares.items())

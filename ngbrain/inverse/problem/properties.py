@@ -1,4 +1,4 @@
-"""The quantities that are looked for in a material: where they start, between which bounds, and the modulus that they make."""
+"""The unknown material properties: start values, bounds and the moduli that they make."""
 
 from __future__ import annotations
 
@@ -16,16 +16,28 @@ from ngbrain.io.waves import WaveData
 
 LOSSY = 0.1
 FIBROUS = 0.5
-"""Loss tangent, and ζ and φ, to start from."""
+"""Start values: the loss tangent, and ζ and φ."""
 EXPONENT, EXPONENTS = "exponent", (-1.0, 3.0)
-"""Of frequency, a in G*(ω) = G*(ω₀) (ω/ω₀)^a, and its bounds: soft tissue has 0 to 1."""
+"""Name and bounds of the exponent a in G*(ω) = G*(ω₀) (ω/ω₀)^a. Soft tissue has 0 to 1."""
 MODULI = ("youngs", "storage", "loss", "mu", "magnitude")
 Value = TypeVar("Value")
 
 
 @dataclass(frozen=True)
 class Property:
-    """A property that is looked for: where it starts, the bounds that it stays within, whether it is one number for all tissue."""
+    """An unknown material property.
+
+    Parameters
+    ----------
+    name : str
+        Such as "storage".
+    start : float
+        Start value, Pa for moduli.
+    lower, upper : float
+        Bounds.
+    is_uniform : bool
+        Whether it is one number for all tissue.
+    """
 
     name: str
     start: float
@@ -34,19 +46,36 @@ class Property:
     is_uniform: bool = False
 
     def contains(self, values: np.ndarray) -> bool:
-        """Whether all these lie between the bounds."""
+        """Whether all these values lie between the bounds."""
         return bool(np.all((values > self.lower) & (values < self.upper)))
 
     @property
     def transform(self) -> LogTransform | BoundedTransform:
-        """The variable that can take any value: ln(θ - floor), or one for both bounds."""
+        """The transform to an unbounded variable: ln(θ - lower), or one for both bounds."""
         return LogTransform(self.lower) if self.upper == np.inf else BoundedTransform(self.lower, self.upper)
 
 
 def material_properties(data: WaveData, shear: float | None = None) -> tuple[Property, ...]:
-    """What the data's material has: youngs, or storage and loss (isotropic); mu or storage and loss, zeta, phi (fibres).
+    """Return the unknown properties of the data's material.
 
-    `shear` (Pa) is where moduli start; unasked what the waves suggest. Raises `InputError` where that is the modulus of no tissue.
+    Isotropic: youngs, or storage and loss. With fibres: mu (or storage and loss), zeta and phi.
+
+    Parameters
+    ----------
+    data : WaveData
+        Their symmetry and rheology decide.
+    shear : float, optional
+        Shear modulus (Pa) from which moduli start; by default the one that the waves suggest.
+
+    Returns
+    -------
+    tuple of Property
+        The properties.
+
+    Raises
+    ------
+    InputError
+        The waves suggest a modulus that no tissue has.
     """
     stiff, loss = _start(data) if shear is None else (shear, LOSSY * shear)
     if data.rheology == "viscoelastic":
@@ -61,10 +90,26 @@ def material_properties(data: WaveData, shear: float | None = None) -> tuple[Pro
 
 
 def polar_properties(data: WaveData, shear: float | None = None) -> tuple[Property, ...]:
-    """The same with magnitude |G*| (Pa) and phase (rad, 0 to π/2) in place of storage and loss: ln G* = ln |G*| + i phase.
+    """Return the properties with magnitude |G*| (Pa) and phase (rad, 0 to π/2) in place of storage and loss.
 
-    Regularisers then hold the loss angle even where the modulus is not, and the other way round. Raises `InputError` for
-    elastic data.
+    As ln G* = ln |G*| + i phase, regularisers then act on modulus and loss angle separately.
+
+    Parameters
+    ----------
+    data : WaveData
+        Viscoelastic data.
+    shear : float, optional
+        As for `material_properties`.
+
+    Returns
+    -------
+    tuple of Property
+        The properties.
+
+    Raises
+    ------
+    InputError
+        The data are elastic.
     """
     if data.rheology != "viscoelastic":
         raise InputError("unknowns", "'polar'", "moduli: elastic data have no phase")
@@ -75,20 +120,41 @@ def polar_properties(data: WaveData, shear: float | None = None) -> tuple[Proper
 
 
 UNKNOWNS: dict[str, Callable[..., tuple[Property, ...]]] = {"moduli": material_properties, "polar": polar_properties}
-"""Ways of looking for a complex modulus, as `invert` offers them."""
+"""Parametrisations of a complex modulus, as `invert` offers them."""
 
 
 def select_properties(data: WaveData, chosen: str) -> tuple[Property, ...]:
-    """Those of a name in `UNKNOWNS`; `InputError` for another one."""
+    """Return the unknown properties of a parametrisation.
+
+    Parameters
+    ----------
+    data : WaveData
+        The data.
+    chosen : str
+        A name in `UNKNOWNS`.
+
+    Returns
+    -------
+    tuple of Property
+        The properties.
+
+    Raises
+    ------
+    InputError
+        `UNKNOWNS` has no such name.
+    """
     if chosen not in UNKNOWNS:
         raise InputError("unknowns", repr(chosen), nearest(chosen, tuple(UNKNOWNS)))
     return UNKNOWNS[chosen](data)
 
 
 def frequency_exponent(data: WaveData) -> Property:
-    """The exponent a of G*(x, ω) = G*₀(x) (ω/ω₀)^a, from the moduli that each frequency suggests by itself.
+    """Return the unknown exponent a of G*(x, ω) = G*₀(x) (ω/ω₀)^a; it starts from the moduli that each frequency suggests.
 
-    Raises `InputError` for data of one frequency, or with loads at rest.
+    Raises
+    ------
+    InputError
+        The data have one frequency, or quasi-static loads.
     """
     each = np.unique(data.frequency)
     if len(each) < 2 or not each[0]:
@@ -104,8 +170,22 @@ def frequency_exponent(data: WaveData) -> Property:
 
 
 def as_moduli(values: Mapping[str, Value], library: Any = np) -> dict[str, Value]:
-    """Storage and loss from magnitude and phase, where there are some; `library` has cos and sin of such values.
+    """Replace magnitude and phase by storage and loss, where there are some.
 
+    Parameters
+    ----------
+    values : mapping of str to value
+        Property → values.
+    library : module
+        Has cos and sin of such values: numpy or ngsolve.
+
+    Returns
+    -------
+    dict
+        Property → values.
+
+    Examples
+    --------
     >>> {name: float(round(value, 6)) for name, value in as_moduli({"magnitude": 2.0, "phase": np.pi / 6}).items()}
     {'storage': 1.732051, 'loss': 1.0}
     """
@@ -117,7 +197,7 @@ def as_moduli(values: Mapping[str, Value], library: Any = np) -> dict[str, Value
 
 
 def as_polar(values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Values with the magnitude and phase of storage and loss beside them, where there are some."""
+    """Return the values, and magnitude and phase of storage and loss beside them where there are some."""
     if "storage" not in values:
         return dict(values)
     modulus = values["storage"] + 1j * values["loss"]
@@ -125,7 +205,7 @@ def as_polar(values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def _start(data: WaveData) -> tuple[float, float]:
-    """Storage and loss modulus (Pa) that waves suggest."""
+    """Storage and loss modulus (Pa) that the waves suggest."""
     modulus = uniform_modulus(data).value
     check_frequency(data, abs(modulus))
     return modulus.real, max(modulus.imag, LOSSY * modulus.real)

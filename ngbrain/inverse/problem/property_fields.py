@@ -1,4 +1,4 @@
-"""What a property is made of: one field over all tissue, or one for each label."""
+"""The fields of a property: one for all tissue, or one for each label."""
 
 from __future__ import annotations
 
@@ -21,8 +21,17 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class PropertyField:
-    """A field that is looked for: a quantity over all tissue, or in one label of the data.
+    """An unknown field: a property in all tissue, or in one label of the data.
 
+    Parameters
+    ----------
+    quantity : str
+        Name of the property.
+    label : int, optional
+        The label; None for all tissue.
+
+    Examples
+    --------
     >>> PropertyField("storage").name, PropertyField("storage", 3).name
     ('storage', 'storage 3')
     """
@@ -32,20 +41,34 @@ class PropertyField:
 
     @property
     def name(self) -> str:
-        """In models, files and reports."""
+        """Name in models, files and reports."""
         return self.quantity if self.label is None else f"{self.quantity} {self.label}"
 
     def mask(self, labels: Array | None) -> Array | bool:
-        """At which points it is: where the labels are its own, or everywhere."""
+        """Points where the field is defined: those of its label, or all."""
         if self.label is None:
             return True
-        assert labels is not None  # fields of labels have seen to it
+        assert labels is not None  # fields of labels exist only with labels
         return np.asarray(labels == self.label)
 
 
 def property_fields(quantities: Iterable[str], labels: Array | None) -> dict[str, PropertyField]:
-    """Name → field, of all that quantities may be made of.
+    """Return all fields that properties may be made of.
 
+    Parameters
+    ----------
+    quantities : iterable of str
+        Names of properties.
+    labels : numpy.ndarray or None
+        (n,) labels of the data.
+
+    Returns
+    -------
+    dict of str to PropertyField
+        Name → field.
+
+    Examples
+    --------
     >>> list(property_fields(["storage"], np.array([1, 3, 3])))
     ['storage', 'storage 1', 'storage 3']
     """
@@ -55,44 +78,56 @@ def property_fields(quantities: Iterable[str], labels: Array | None) -> dict[str
 
 
 class Composition(Protocol):
-    """The fields that a property is made of."""
+    """How a property is composed of fields."""
 
     def fields(self, quantity: str) -> tuple[PropertyField, ...]:
-        """Of a quantity."""
+        """Return the fields of a property."""
 
     def function(self, values: Mapping[str, CoefficientFunction]) -> CoefficientFunction:
-        """The quantity from its fields' values, in integrals over elements."""
+        """Return the property from the values of its fields, for integrals over elements."""
 
     def point_values(self, values: Mapping[str, Array]) -> Array:
-        """The same at the points of the data that count, (n,) from (n,) each."""
+        """Return the property (n,) at the included points of the data, from the values (n,) of each field."""
 
 
 class SingleField:
-    """One field.
+    """One field for all tissue.
 
+    Examples
+    --------
     >>> [field.name for field in SingleField().fields("storage")]
     ['storage']
     """
 
     def fields(self, quantity: str) -> tuple[PropertyField, ...]:
-        """The quantity itself."""
+        """Return the one field."""
         return (PropertyField(quantity),)
 
     def function(self, values: Mapping[str, CoefficientFunction]) -> CoefficientFunction:
-        """The only one."""
+        """Return the one value."""
         (only,) = values.values()
         return only
 
     def point_values(self, values: Mapping[str, Array]) -> Array:
-        """The only one."""
+        """Return the one value."""
         (only,) = values.values()
         return only
 
 
 class FieldPerLabel:
-    """A field for each label of the data, free to jump where labels meet; elsewhere the nearest point's label counts.
+    """A field for each label of the data, which may jump where labels meet. Elsewhere the label of the nearest point counts.
 
-    Raises `InputError` for data without labels.
+    Parameters
+    ----------
+    data : WaveData
+        Data with labels.
+    elements : Discretisation
+        Their elements.
+
+    Raises
+    ------
+    InputError
+        The data have no labels.
     """
 
     def __init__(self, data: WaveData, elements: Discretisation) -> None:
@@ -106,19 +141,19 @@ class FieldPerLabel:
         self._shares = label_shares(elements.mesh, elements.degree, lambda x: numbers[tree.query(x)[1]], names)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """As what it is made from, so that other processes make the same one."""
+        """Pickle the arguments, so that other processes build the same composition."""
         return FieldPerLabel, self._made_from
 
     def fields(self, quantity: str) -> tuple[PropertyField, ...]:
-        """One for each label."""
+        """Return one field for each label."""
         return tuple(PropertyField(quantity, label) for label in self.labels.tolist())
 
     def function(self, values: Mapping[str, CoefficientFunction]) -> CoefficientFunction:
-        """That of the label."""
+        """Return Σ s_l G_l."""
         return combine_labels(self._shares, dict(zip(self._shares, values.values(), strict=True)))
 
     def point_values(self, values: Mapping[str, Array]) -> Array:
-        """That of the point's own label."""
+        """Return the value of each point's own label."""
         found = np.empty(len(self._own))
         for label, each in zip(self.labels, values.values(), strict=True):
             found[self._own == label] = each[self._own == label]
@@ -126,12 +161,41 @@ class FieldPerLabel:
 
 
 def discretise_volume(data: WaveData, labelled: bool) -> Discretisation:
-    """Those of `discretise`, with labels for fields of first order: labels have the jumps, what is left varies slowly."""
+    """Build elements over the points of data in space (see `discretise`).
+
+    Parameters
+    ----------
+    data : WaveData
+        Data in space.
+    labelled : bool
+        Whether each label has fields of its own. These are of first order: labels account for the jumps, so that the rest
+        varies slowly.
+
+    Returns
+    -------
+    Discretisation
+        The elements.
+    """
     return _with(discretise(data), labelled)
 
 
 def discretise_lattice(data: WaveData, cells: VoxelLattice, labelled: bool) -> Discretisation:
-    """The same of a lattice."""
+    """Build the elements of a voxel lattice.
+
+    Parameters
+    ----------
+    data : WaveData
+        Data whose points lie in the lattice.
+    cells : VoxelLattice
+        The cells.
+    labelled : bool
+        As for `discretise_volume`.
+
+    Returns
+    -------
+    Discretisation
+        The elements.
+    """
     return _with(lattice_discretisation(data, cells), labelled)
 
 
@@ -140,5 +204,25 @@ def _with(elements: Discretisation, labelled: bool) -> Discretisation:
 
 
 def build_composition(data: WaveData, elements: Discretisation, labelled: bool) -> Composition:
-    """A field for each label or one for all; `InputError` where there are no labels."""
+    """Return the composition of properties from fields.
+
+    Parameters
+    ----------
+    data : WaveData
+        The data.
+    elements : Discretisation
+        Their elements.
+    labelled : bool
+        One field for each label, or one for all tissue.
+
+    Returns
+    -------
+    Composition
+        The composition.
+
+    Raises
+    ------
+    InputError
+        Labels are asked for, and the data have none.
+    """
     return FieldPerLabel(data, elements) if labelled else SingleField()

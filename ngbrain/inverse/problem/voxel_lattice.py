@@ -1,4 +1,6 @@
-"""Quadrilaterals or hexahedra over the points of wave data, faces along the coordinates; in space as large as the waves allow."""
+"""Quadrilaterals or hexahedra over the points of wave data, with faces along the coordinates; in space as large as the wavelength
+allows.
+"""
 
 from __future__ import annotations
 
@@ -16,25 +18,31 @@ from ngbrain.mesh.geometry.structured import boxes, rectangles
 
 Array = np.ndarray
 ACROSS = 9.0
-"""Unknowns along a wave length of shear, of which errors are about 1 % with third order."""
+"""Unknowns along a shear wavelength. With third order, errors are about 1 %."""
 FEWEST = 4
-"""Elements along the longest side, at least."""
+"""Fewest elements along the longest side."""
 SHARE, SAMPLES = 0.3, 5
-"""Cells count when this share of them, by so many samples along each edge, is next to points of the mask: those at the
-border reach out of the tissue, where waves go on as if it did."""
+"""A cell is used when this share of it is near points of the mask, by so many samples along each edge. Border cells reach out of
+the tissue, where the waves are continued."""
 NEAR = 1.0
-"""How far (voxels) a sample may be from a point that it is next to: more than half a voxel's diagonal."""
+"""Distance (voxels) up to which a sample is near a point: more than half a voxel's diagonal."""
 SAME, SPARSE = 0.01, 50.0
-"""Points are of a grid if their coordinates, to so many of the nearest distance, cross at so many places for each, or fewer."""
+"""Points form a grid if their coordinates, rounded to this share of the smallest spacing, cross at so many places for each point,
+or fewer."""
 
 
 @dataclass(frozen=True, eq=False)
 class VoxelLattice:
-    """Hexahedra, in the plane quadrilaterals.
+    """Hexahedra along the coordinates; in the plane quadrilaterals.
 
-    planes  for each coordinate, growing (m)
-    cells   (nx, ny, nz) or (nx, ny) bool, those between planes that count
-    form    of the elements, as `HarmonicProblem` takes it
+    Parameters
+    ----------
+    planes : tuple of numpy.ndarray
+        Increasing coordinates (m) of the cell faces along each axis.
+    cells : numpy.ndarray
+        (nx, ny, nz) or (nx, ny) bool, the used cells between the planes.
+    form : str
+        Element pair, as `HarmonicProblem` takes it.
     """
 
     planes: tuple[Array, ...]
@@ -43,26 +51,53 @@ class VoxelLattice:
 
     @property
     def mesh(self) -> ngs.Mesh:
-        """Of the cells that count."""
+        """Mesh of the used cells."""
         if len(self.planes) == 2:
             return rectangles(*self.planes, None if self.cells.all() else self.cells)
         return boxes(self.cells, *self.planes)
 
     @property
     def n_displacements(self) -> int:
-        """About how many, as cells share their faces."""
+        """Approximate number of displacement unknowns; cells share their faces."""
         return int(3 * ElementPair.named(self.form).order ** 3 * self.cells.sum())
 
     def crop(self, low: Array, high: Array) -> VoxelLattice:
-        """Cells `low` to `high` (3,), the last ones left out, as they are in the whole."""
+        """Return a block of cells.
+
+        Parameters
+        ----------
+        low, high : numpy.ndarray
+            (dim,) first cell, and the cell after the last, along each axis.
+
+        Returns
+        -------
+        VoxelLattice
+            The block, with the same cells as in the whole.
+        """
         chosen = [slice(a, b) for a, b in zip(low, high, strict=True)]
         planes = tuple(plane[a : b + 1] for plane, a, b in zip(self.planes, low, high, strict=True))
         return VoxelLattice(planes, self.cells[tuple(chosen)], self.form)
 
 
 def build_lattice(data: WaveData, form: str, largest: float = np.inf) -> VoxelLattice:
-    """Hexahedra over the points of the mask; larger cells where there were more than `largest` displacements.
+    """Build a lattice over the points of the mask.
 
+    Parameters
+    ----------
+    data : WaveData
+        Wavelength and mask determine the cells.
+    form : str
+        Element pair.
+    largest : float
+        Most displacement unknowns; cells are enlarged where there would be more.
+
+    Returns
+    -------
+    VoxelLattice
+        The lattice.
+
+    Examples
+    --------
     >>> line = np.arange(10) * 2e-3
     >>> grid = np.array([[x, y, z] for z in line for y in line for x in line])
     >>> data = WaveData(grid, 1e-6 * np.ones((1, 1000, 3)), [50.0], 1000.0, "isotropic", "elastic", poisson=0.49)
@@ -86,7 +121,22 @@ def build_lattice(data: WaveData, form: str, largest: float = np.inf) -> VoxelLa
 
 
 def lattice_of_shape(data: WaveData, number: Sequence[int], form: str) -> VoxelLattice:
-    """That of so many cells along each coordinate over the points of the mask."""
+    """Build a lattice of a given number of cells over the points of the mask.
+
+    Parameters
+    ----------
+    data : WaveData
+        The data.
+    number : sequence of int
+        Cells along each axis.
+    form : str
+        Element pair.
+
+    Returns
+    -------
+    VoxelLattice
+        The lattice.
+    """
     points = data.points[data.mask]
     low, high = points.min(axis=0), points.max(axis=0)
     axes, spacing = voxel_axes(data)
@@ -99,9 +149,10 @@ def lattice_of_shape(data: WaveData, number: Sequence[int], form: str) -> VoxelL
 
 
 def voxel_axes(data: WaveData) -> tuple[Array, Array]:
-    """Axes (a unit vector in each row) of the voxels that the points of the mask are, and the spacing along them (m).
+    """Return the voxel axes (unit vectors in rows) and spacings (m) of the points of the mask.
 
-    Points that were left of a grid along the coordinates have few values of each; others count as equally far apart.
+    Points that remain of a grid along the coordinates have few values of each coordinate. Other scattered points count as equally
+    spaced.
     """
     if data.grid is not None:
         return data.grid.axes, data.grid.spacing

@@ -1,4 +1,4 @@
-"""From wave data to a problem: which fields a material has, the model that predicts the waves, and what is unknown in it."""
+"""The inverse problem of wave data: the material, the wave model that predicts the data, and the unknowns."""
 
 from __future__ import annotations
 
@@ -39,26 +39,46 @@ from ngbrain.solvers.device import CPU, Device
 
 Array = np.ndarray
 GUESSED = 1e-2
-"""Weight of a smooth field against data: it says what waves are between the points."""
+"""Weight of a smooth field against the data. It defines the waves between the points."""
 BETWEEN = 0.5
-"""Coefficients for each point of that smooth field: with as many as `smoothed` takes, exact data are missed between points."""
+"""Coefficients of that smooth field for each point. With as many as `fit_smooth_field` takes, exact data are missed between
+points."""
 ELASTIC = 1e-6
-"""Weight of elastic energy against data: it says what waves are where elements reach out of the data, or a component is missing."""
+"""Weight of elastic energy against the data. It defines the waves where elements reach out of the data or a component is
+missing."""
 HELD = 1e-9
-"""Keeps a fit of a field definite where no point is."""
+"""Keeps a least-squares fit of a field definite where there are no points."""
 
 
 class ElastographyProblem:
-    """The inversion's problem for some data in some elements.
+    """The inverse problem of wave data in some elements.
 
-    data       waves; points outside of the mask or the elements are left out
-    elements   see `discretise`
-    properties the quantities, by default those of the material
-    composition  of which fields they are made, by default of one each
-    device     where matrices are factorised
+    Parameters
+    ----------
+    data : WaveData
+        Waves or quasi-static displacements. Points outside the mask or the elements are left out.
+    elements : Discretisation
+        Their elements, see `discretise`.
+    properties : tuple of Property, optional
+        The unknown properties; by default those of the material.
+    composition : Composition, optional
+        The fields that properties are made of; by default one field each.
+    device : Device
+        Where matrices are factorised.
 
-    `model` predicts waves at `data.points[inside]`; `waves` are the measured ones in the elements' unknowns (loads, ndof);
-    `unknowns(sigma)` are all quantities and the displacements of the boundary where it is driven.
+    Attributes
+    ----------
+    model : WaveModel
+        Predicts the waves at `data.points[inside]`.
+    waves : numpy.ndarray
+        (loads, ndof) measured waves in the elements' unknowns, m.
+    inside : numpy.ndarray
+        (n,) bool, the included points.
+
+    Raises
+    ------
+    InputError
+        The properties are not those of the material.
     """
 
     def __init__(
@@ -77,7 +97,7 @@ class ElastographyProblem:
         self.values = as_moduli({quantity.name: self._value(quantity) for quantity in self.properties}, ngs)
         """Each property of the material as a CoefficientFunction of the fields."""
         self.bulk_factor = ngs.Parameter(1.0)
-        """Factor of the bulk modulus."""
+        """Factor on the bulk modulus."""
         loads = [Wave(float(f)) for f in data.frequency]
         law, bulk = self._material()
         self.body = HarmonicProblem(
@@ -99,11 +119,24 @@ class ElastographyProblem:
         self._made_from = data, elements, self.properties, self.composition, device
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """As what it is made from, so that other processes make the same one."""
+        """Pickle the arguments, so that other processes build the same problem."""
         return ElastographyProblem, self._made_from
 
     def uniform(self, unknowns: ParameterFields, level: float) -> Array:
-        """x of uniform fields, moduli `level` times where they start."""
+        """Return x of uniform fields.
+
+        Parameters
+        ----------
+        unknowns : ParameterFields
+            The unknowns.
+        level : float
+            Factor on the start values of moduli.
+
+        Returns
+        -------
+        numpy.ndarray
+            (unknowns,)
+        """
         x = unknowns.start.copy()
         for name, quantity in self._by_field.items():
             if quantity.name in MODULI:
@@ -113,17 +146,17 @@ class ElastographyProblem:
 
     @property
     def _by_field(self) -> dict[str, Property]:
-        """Name of each field → the quantity that it is, or is a part of."""
+        """Name of each field → its property."""
         return {name: quantity for quantity in self.properties for name in self._parts(quantity)}
 
     def _parts(self, quantity: Property) -> tuple[str, ...]:
-        """Names of the fields that a quantity is made of: one number for all tissue has no parts by label."""
+        """Names of the fields of a property. A uniform property has no parts by label."""
         if quantity.is_uniform:
             return (quantity.name,)
         return tuple(field.name for field in self.composition.fields(quantity.name))
 
     def unknowns(self, sigma: Array) -> ParameterFields:
-        """All quantities from their start, and the boundary's displacements in units of σ (m)."""
+        """All property fields at their start values, and the displacements of driven boundaries in units of σ (m)."""
         theta = self.model.theta
         held = self.waves[:, self.model.driven_dofs]
         theta[self.model.blocks[BOUNDARY]] = np.concatenate([part for g in held for part in (g.real, g.imag)])
@@ -135,7 +168,20 @@ class ElastographyProblem:
         return fields
 
     def maps(self, unknowns: ParameterFields, x: Array) -> dict[str, Array]:
-        """Each property of the material at all points of the data (n,), NaN where they are left out."""
+        """Return maps of the material's properties.
+
+        Parameters
+        ----------
+        unknowns : ParameterFields
+            The unknowns.
+        x : numpy.ndarray
+            (unknowns,) their values.
+
+        Returns
+        -------
+        dict of str to numpy.ndarray
+            Property → values (n,) at all points of the data, NaN where a point is left out.
+        """
         theta = unknowns.theta(x)
         at = evaluation(self.space, self.model.points)
         maps = {}
@@ -147,10 +193,10 @@ class ElastographyProblem:
         return as_moduli(maps)
 
     def predict_from_truth(self) -> Array | None:
-        """Waves (loads, points, dim) of the data's true properties with the measured displacements on the boundary.
+        """Return the waves (loads, points, dim) of the data's true properties, with measured displacements on the boundary.
 
-        None where a property is not known or beyond what the fields can be, such as a loss of nothing; and of data in their own
-        elements with points left out, whose nodes have no truth.
+        None where a property is unknown or out of the fields' bounds (such as a zero loss modulus). None also for data in their own
+        elements with points left out: the nodes of these have no truth.
         """
         if self.elements.nodal and not self.inside.all():
             return None
@@ -190,7 +236,7 @@ class ElastographyProblem:
         return start, quantity.transform if self.elements.nodal else ScaledTransform()
 
     def _uniform(self, quantity: Property) -> ngs.GridFunction:
-        uniform = ngs.GridFunction(self.space)  # of a higher order not all unknowns are values
+        uniform = ngs.GridFunction(self.space)  # of higher order, not all unknowns are nodal values
         uniform.Set(
             quantity.start if self.elements.nodal else float(quantity.transform.inverse(np.array(quantity.start)))
         )
@@ -211,12 +257,12 @@ class ElastographyProblem:
             bulk = 2 * (1 + data.poisson) / (3 * (1 - 2 * data.poisson)) * G
         if data.symmetry == "isotropic":
             return self._dispersing(G), bulk
-        # Given, so that derivatives need not see into it; without, it is evaluated for each pair of trial and test function.
+        # Cached: derivatives need not differentiate it. Else it is evaluated for each pair of trial and test function.
         fibre = ngs.CacheCF(self._fibre())
         return TransverselyIsotropic(G, value["zeta"], value["phi"], fibre), bulk
 
     def _dispersing(self, G: CoefficientFunction) -> LawOfFrequency:
-        """Shear alone, with G at the lowest frequency and G (ω/ω₀)^a where an exponent a is looked for."""
+        """Shear alone: G at the lowest frequency, and G (ω/ω₀)^a where an exponent a is unknown."""
         if EXPONENT not in self.values:
             return Shearing(G)
         lowest, exponent = 2 * np.pi * float(self.data.frequency.min()), self.values[EXPONENT]
@@ -227,12 +273,12 @@ class ElastographyProblem:
 
     def _fibre(self) -> CoefficientFunction:
         fibre = self.data.fibre
-        assert fibre is not None  # WaveData has seen to it
+        assert fibre is not None  # WaveData checks it
         if np.ptp(fibre, axis=0).max() < 1e-12:
             return ngs.CF(tuple(float(a) for a in fibre[0]))
         if self.data.dim == 2:
             return self._turning(fibre[self.inside])
-        # Directions have no sign: components are those of the nearest point's tensor, by its own direction.
+        # Directions have no sign, so they are not averaged: each element takes the nearest point's direction.
         space = ngs.VectorL2(self.elements.mesh, order=0)
         field = ngs.GridFunction(space)
         centres = np.array(
@@ -246,7 +292,10 @@ class ElastographyProblem:
         return field / ngs.Norm(field)
 
     def _turning(self, fibre: Array) -> CoefficientFunction:
-        """Fibres of the plane, by least squares of twice their angle, which knows no sign: constant ones would count as noise."""
+        """Fibre directions in the plane, from a least-squares fit of twice their angle.
+
+        Twice the angle has no sign ambiguity. Piecewise constant directions would count as noise.
+        """
         twice = 2 * np.arctan2(fibre[:, 1], fibre[:, 0])
         fitted = self._fit()
         parts = []
@@ -258,13 +307,13 @@ class ElastographyProblem:
         return ngs.CF((ngs.cos(angle), ngs.sin(angle)))
 
     def _fit(self) -> Callable[[Array], Array]:
-        """Values at the points inside → unknowns of a field, by least squares."""
+        """Return a function from values at the included points to a least-squares field."""
         at = evaluation(self.space, self.data.points[self.inside])
         normal = scipy.sparse.linalg.splu(sp.csc_array(at.T @ at + HELD * sp.eye_array(self.space.ndof)))
         return lambda values: normal.solve(at.T @ values)
 
     def _in_elements(self) -> Array:
-        """Measured waves in the elements' unknowns: as they are at the grid's nodes, else through a smooth field."""
+        """Measured waves in the elements' unknowns: nodal values on the data's own grid, else fitted with a smooth field."""
         complete = not np.isnan(self.measured).any()
         ndof, space = self.body.fes.ndof, ngs.H1(self.elements.mesh, order=self.body.form.order)
         waves = np.zeros((self.data.loads, ndof), complex)
@@ -274,7 +323,7 @@ class ElastographyProblem:
             return waves
         every = measures_all_components(self.data)
         if self.data.dim == 3 and np.isfinite(self.measured).any(axis=1).sum(axis=1).min() < 2:
-            wanted = "two of them at least for each load in space: there one alone tells too little"
+            wanted = "two of them at least for each load in space: one alone does not determine the waves"
             raise InputError("displacement", "of which one component alone is measured", wanted)
         beyond = self.data.grid is not None and not self.data.mask.all()  # elements reach out of a mask
         if self.data.dim == 3 or not every or beyond:
@@ -293,7 +342,10 @@ class ElastographyProblem:
         return waves
 
     def _extended(self) -> Array:
-        """Waves with least squares to what is measured; elastic where elements reach out of it or a component is missing."""
+        """Fit the measured waves by least squares, regularised by elastic energy.
+
+        The energy defines the waves where elements reach out of the data or a component is missing.
+        """
         body, order = self.body, self.body.form.order
         observe = evaluation(ngs.H1(self.elements.mesh, order=order), self.model.points)
         ground = HELD * observe.shape[0] / observe.shape[1] * sp.eye_array(len(self.data.components) * observe.shape[1])
@@ -302,7 +354,7 @@ class ElastographyProblem:
         for k, (wave, here) in enumerate(zip(body.waves, known, strict=True)):
             seen = [observe[each] for each in here.T]
             before, case = case, (wave.omega, here.tobytes())
-            if case != before:  # else the last factor serves again
+            if case != before:  # else the last factorisation is used again
                 squares = sp.block_diag([each.T @ each for each in seen])
                 solve = definite(sp.coo_array(squares + ELASTIC * len(here) * elastic(body, k, order) + ground))
             values = [part[each] for part, each in zip(self.measured[k].T, here.T, strict=True)]
@@ -317,7 +369,7 @@ def _of_material(data: WaveData, properties: tuple[Property, ...]) -> tuple[Prop
     known = [[quantity.name for quantity in each] for each in kinds]
     wanted = ", or ".join(", ".join(each) for each in known)
     if "bulk" in names:
-        wanted = f"{wanted}: the bulk modulus is given, as waves of shear tell next to nothing of it"
+        wanted = f"{wanted}: the bulk modulus is given, because shear waves hardly depend on it"
         raise InputError("properties", "bulk", wanted)
     if names not in known:
         raise InputError("properties", ", ".join(names), wanted)
@@ -336,7 +388,7 @@ def _complex(value: CoefficientFunction) -> CoefficientFunction:
 
 
 def _samples(mesh: ngs.Mesh, order: int) -> Array:
-    """Points in all elements, (order + 1)² or so of each, as many as a polynomial of the order needs and inside of it."""
+    """Points in all elements, about (order + 1)² of each: enough for a polynomial of the order, all of them inside."""
     rule: Callable[[ngs.ET], ngs.IntegrationRule] = lambda shape: ngs.IntegrationRule(shape, 2 * order + 1)  # noqa: E731
     rules: Mapping[ngs.ET, ngs.IntegrationRule] = {shape: rule(shape) for shape in {el.type for el in mesh.Elements()}}
     mapped = mesh.MapToAllElements(rules, ngs.VOL)
