@@ -1,14 +1,17 @@
-"""A zone inverted once more, knowing what all zones found together.
+"""The inversion of a zone with prior information from its neighbours.
 
-It starts from the joined maps and waves and keeps weights that all zones share. Where its neighbours know better than it does
-itself, towards its cut faces, two things come from them. Where their share is larger than its own, data are the joined waves ū,
-which have less noise than the measured ones: so cut faces are driven by what the neighbours know of the waves. And logarithms m
-of moduli are drawn to those of the joined map m̄:
+It starts from the joined maps and waves, with regularisation weights that all zones share. Towards its cut faces a zone's
+neighbours are more accurate than the zone itself. Where their share is larger than its own, two things come from them:
+
+- The data are the joined waves ū, which have less noise than the measured ones. So the joined waves drive the cut faces.
+- A penalty draws the logarithms m of moduli to those of the joined map m̄.
 
     J(m, g) = ½ Σ_p |u_p - d_p|²/σ_p² + ½ α R(m) + ½ Σ_p κ (1 - s_p) (m_p - m̄_p)²
 
-over points p; g displacements of the boundary, s_p the zone's share, (d, σ) measured or (ū, τ), τ from how far zones' waves
-are apart, κ from how far their moduli are and how many numbers of them the data determine.
+over points p. g are displacements of the boundary, s_p is the zone's share, (d, σ) are the measured data or (ū, τ). τ follows
+from the
+difference of the zones' waves. κ follows from the difference of their moduli and the number of parameters that the data
+determine.
 """
 
 from __future__ import annotations
@@ -38,19 +41,27 @@ from ngbrain.inverse.problem.wave_problem import ElastographyProblem
 
 Array = np.ndarray
 SURE = 0.1
-"""Standard deviation of joined waves at least, over that of measured ones."""
+"""Least standard deviation of joined waves, relative to that of measured ones."""
 
 
 @dataclass(frozen=True, eq=False)
 class Neighbourhood:
-    """What a zone is told.
+    """Prior information for a zone.
 
-    logarithms  quantity → m̄ (n,) at the points of the zone's data, NaN where there is none
-    waves       (loads, n, dim) m, joined ū
-    deviation   (loads, 1, dim) m, τ, of real and of imaginary parts
-    foreign     (n,) 1 - s, what others share of the joined map
-    weights     field → α
-    strength    quantity → κ
+    Parameters
+    ----------
+    logarithms : mapping of str to numpy.ndarray
+        Property → m̄ (n,) at the points of the zone's data, NaN where there is none.
+    waves : numpy.ndarray
+        (loads, n, dim) joined waves ū, m.
+    deviation : numpy.ndarray
+        (loads, 1, dim) τ of real and of imaginary parts, m.
+    foreign : numpy.ndarray
+        (n,) 1 - s, the other zones' share of the joined map.
+    weights : mapping of str to float
+        Field → regularisation weight α.
+    strength : mapping of str to float
+        Property → κ.
     """
 
     logarithms: Mapping[str, Array]
@@ -62,18 +73,25 @@ class Neighbourhood:
 
     @property
     def digest(self) -> str:
-        """Tells it from others."""
+        """Digest of the contents, which identifies them in checkpoints."""
         arrays = [*self.logarithms.values(), self.waves, self.deviation, self.foreign]
         digest = hashlib.sha256(b"".join(np.ascontiguousarray(each).tobytes() for each in arrays)).hexdigest()
         return f"{digest} {dict(self.weights)} {dict(self.strength)}"
 
 
 class ConsensusRegulariser:
-    """A regulariser, and ½ Σ w_p (x(p) - v_p)² / α at points p.
+    """A regulariser plus ½ Σ w_p (x(p) - v_p)² / α at points p.
 
-    inner   the regulariser, of weight α
-    at      (n, unknowns), values at the points
-    values, pull   v (n,) and w/α (n,)
+    Parameters
+    ----------
+    inner : Regulariser
+        The regulariser, of weight α.
+    at : scipy.sparse.csr_array
+        (n, unknowns) interpolation matrix to the points.
+    values : numpy.ndarray
+        (n,) v.
+    pull : numpy.ndarray
+        (n,) w/α.
     """
 
     def __init__(self, inner: Regulariser, at: sp.csr_array, values: Array, pull: Array) -> None:
@@ -81,25 +99,38 @@ class ConsensusRegulariser:
         self._matrix = sp.csr_array(at.T @ sp.diags_array(pull) @ at)
 
     def matrix(self, block: Array) -> sp.csr_array:
-        """Of both."""
+        """Return the Hessian of both terms."""
         return sp.csr_array(self.inner.matrix(block) + self._matrix)
 
     def value(self, block: Array) -> float:
-        """The energy of both."""
+        """Return the energy of both terms."""
         return self.inner.value(block) + 0.5 * float(np.sum(self.pull * (self.at @ block - self.values) ** 2))
 
     def gradient(self, block: Array) -> Array:
-        """Its gradient."""
+        """Return the gradient of both terms."""
         return self.inner.gradient(block) + self.at.T @ (self.pull * (self.at @ block - self.values))
 
     def hvp(self, block: Array, direction: Array) -> Array:
-        """The second derivative of both times a direction."""
+        """Return the Hessian-vector product of both terms.
+
+        Parameters
+        ----------
+        block : numpy.ndarray
+            (unknowns,) where.
+        direction : numpy.ndarray
+            (unknowns,) the vector.
+
+        Returns
+        -------
+        numpy.ndarray
+            (unknowns,)
+        """
         return self.inner.hvp(block, direction) + self._matrix @ direction
 
 
 @dataclass
 class SharedWeights(WeightPolicy):
-    """Weights as they are, for all zones the same."""
+    """Fixed weights, the same for all zones."""
 
     def update(
         self,
@@ -109,7 +140,26 @@ class SharedWeights(WeightPolicy):
         factor: EffectiveParameterCounter,
         random: np.random.Generator,
     ) -> float:
-        """1; what the data determine is counted."""
+        """Count the parameters that the data determine; the weights stay as they are.
+
+        Parameters
+        ----------
+        reduced : Reduced
+            The zone's objective.
+        x : numpy.ndarray
+            (unknowns,) where.
+        level : Level
+            Misfit and its expected value.
+        factor : Determined
+            The factorised Hessian.
+        random : numpy.random.Generator
+            For stochastic traces.
+
+        Returns
+        -------
+        float
+            1, the factor on the weights.
+        """
         blocks = reduced.unknowns.blocks
         regular = {name: reduced.weights[name] * r.matrix(x[blocks[name]]) for name, r in reduced.regularisers.items()}
         self.determined = factor.effective_parameters_by_block(blocks, regular, random)
@@ -129,10 +179,37 @@ def invert_with_consensus(
     checkpoint: str | os.PathLike[str] | None = None,
     callback: Callable[[Iteration], None] = lambda _: None,
 ) -> Inversion:
-    """A zone's maps next to its neighbours', its noise as its data say; arguments are those of `invert_in_space`, and where solves
-    are counted.
+    """Invert a zone with prior information from its neighbours. The noise is that of its data.
+
+    Parameters
+    ----------
+    data : WaveSubset
+        The zone's data.
+    elements : Discretisation
+        Its elements.
+    around : Neighbourhood
+        Joined maps and waves.
+    prior : Prior
+        Builds the regulariser of a field.
+    floor : float
+        Least relative noise; below it the misfit is dominated by discretisation errors.
+    labelled : bool
+        Whether each label has fields of its own.
+    rounds : int
+        Most iterations.
+    solves : Solves
+        Counts the linear solves.
+    checkpoint : path, optional
+        File that is written after each iteration. If it exists, the inversion goes on from it.
+    callback : callable
+        Is called with each `Iteration`.
+
+    Returns
+    -------
+    Inversion
+        The zone's maps.
     """
-    assert data.noise is not None  # `invert_by_subzones` has seen to it
+    assert data.noise is not None  # `invert_by_subzones` sets it
     composition = build_composition(data, elements, labelled)
     # Its boundary starts from the joined waves, which have less noise than the measured ones.
     problem = ElastographyProblem(replace(data, displacement=around.waves), elements, composition=composition)

@@ -1,4 +1,4 @@
-"""Whether maps that were joined hold for the body as a whole: one wave problem of it, driven as fits the data best."""
+"""The misfit of joined maps in one wave problem of the whole body, driven as fits the data best."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from ngbrain.io.waves import WaveData
 
 Array = np.ndarray
 LARGEST = 40_000
-"""Displacements of which a factor is made for this: 32 000, two loads, took 1.6 GiB and 89 s of CPU time."""
+"""Most displacement unknowns for this check: 32 000 with two loads took 1.6 GiB and 89 s of CPU time."""
 
 
 def global_misfit(
@@ -36,15 +36,31 @@ def global_misfit(
     labelled: bool,
     solves: Solves,
 ) -> MisfitLevel | None:
-    """Misfit and where it is expected with given maps, the boundary's displacements alone unknown; None for a body too large.
+    """Return the misfit of given maps in one wave problem; only the displacements of the boundary are unknown.
 
-    cells       the body's
-    logarithms  quantity → ln(value - floor) (n,), NaN where there is none
-    waves       (loads, n, dim) m, what the boundary starts from; NaN where there are none
-    noise       relative, as `noise_deviation` takes it
-    solves      where what it takes is counted
+    This problem is linear: one factorisation, and conjugate gradients with it.
 
-    The problem for the displacements is linear: one factor, and conjugate gradients with it.
+    Parameters
+    ----------
+    data : WaveData
+        All data.
+    cells : VoxelLattice
+        The body's lattice.
+    logarithms : mapping of str to numpy.ndarray
+        Property → ln(value - lower bound) (n,), NaN where there is none.
+    waves : numpy.ndarray
+        (loads, n, dim) initial guess for the boundary, m; NaN where there is none.
+    noise : RelativeNoise
+        As `noise_deviation` takes it.
+    labelled : bool
+        Whether each label has fields of its own.
+    solves : Solves
+        Counts the linear solves.
+
+    Returns
+    -------
+    Level or None
+        Misfit and its expected value; None for a body of more than `LARGEST` unknowns.
     """
     if cells.n_displacements > LARGEST:
         return None

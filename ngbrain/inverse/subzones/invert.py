@@ -1,11 +1,16 @@
-"""The inversion of wave data zone by zone: overlapping boxes in processes of their own, then once more, each among its neighbours.
+"""Subzone inversion of wave data in space: overlapping boxes, inverted in parallel, then again with consensus.
 
-A zone is a complete problem, as the displacements of its boundary are unknown with the noise that they were measured with. So
-zones are inverted by `invert_in_space`, each for itself in the elements that one inversion of the body has there (`zones`), and
-their logarithms of moduli and their waves joined by shares that fall to zero at cut faces. A pass of consistency then inverts
-each zone again from the joined maps, with one weight for all zones, its margins driven by the joined waves and drawn to the
-joined map (`consistent`), and joins again. The shared weight is that of the evidence of all zones together, so that a zone that
-sees little, or all of what is rough, does not choose its own (`together`). Memory is that of a zone, times how many are under way.
+A zone is a complete inverse problem, because its boundary displacements are unknowns with the noise of the measurement.
+`invert_in_space` inverts each zone by itself, in the elements that an inversion of the whole body has there. The logarithms
+of moduli
+and the waves are joined with weights that fall to zero at cut faces.
+
+A consensus pass then inverts each zone again from the joined maps (`consensus`) and joins the results. All zones share one
+regularisation weight. The joined waves drive the margins, and the joined map is their prior. The shared weight maximises the
+evidence of
+all zones together (`merge`). So a zone with few details, or with all of them, does not choose its own weight.
+
+The memory is that of one zone, times the number of zones in progress.
 """
 
 from __future__ import annotations
@@ -45,11 +50,11 @@ from ngbrain.progress import log_progress, reporting
 
 Array = np.ndarray
 SIDE, OVERLAP = 1.7, 0.6
-"""Of a zone, and of an overlap, in wave lengths of shear at the highest frequency."""
+"""Lengths of a zone and of an overlap, in shear wavelengths at the highest frequency."""
 FEW = 2
-"""Elements along a zone's side at least beside an overlap, where voxels are too large for more in `SIDE`."""
+"""Fewest elements along a side of a zone beside an overlap, where voxels are too large for more in `SIDE`."""
 LESS = 0.05
-"""Of an element, by which a size may be too short for whole ones."""
+"""Share of an element by which a size may be too short for whole elements."""
 
 
 @reporting()
@@ -66,30 +71,60 @@ def invert_by_subzones(
     checkpoint: str | os.PathLike[str] | None = None,
     callback: Callable[[Iteration], None] = log_progress,
 ) -> Inversion:
-    """Property maps of wave data in space, zone by zone.
+    """Invert wave data in space zone by zone.
 
-    noise       relative to the rms of each component over all data; by default what the data say, or what a smooth fit leaves
-    size        m, longest side of a zone with its overlaps; by default `SIDE` wave lengths. Zones are of whole elements
-    overlap     m, how deep neighbours reach into each other, a third of a wave length or so for each element; by default
-                `OVERLAP` wave lengths, less where `size` is small
-    executor    who inverts the zones, one a task (`parallel.run`): by default this process, a number means so many processes;
-                the answer does not depend on it. Workers elsewhere have to see the folder of `checkpoint`
-    labelled    whether each label has fields of its own
-    passes      of consistency; 0: zones know nothing of each other
-    rounds      iterations of a zone at most, in each pass
-    checkpoint  folder, made if it is not there, in which a file for each zone and pass is kept: a stopped inversion goes on
-    callback        called with each iteration of a zone; its phase says which
+    Parameters
+    ----------
+    data : WaveData
+        Data in space.
+    noise : float, optional
+        Relative to the rms of each component over all data; by default the noise of the data, or the residual of a smooth fit.
+    size : float, optional
+        Longest side of a zone with its overlaps, m; by default `SIDE` wavelengths. Zones consist of whole elements.
+    overlap : float, optional
+        Depth of overlaps, m, about a third of a wavelength for each element; by default `OVERLAP` wavelengths, less where
+        `size` is
+        small.
+    executor : int or executor, optional
+        Inverts the zones, one a task (`parallel.run`). By default this process; a number is a number of processes. The result
+        does
+        not depend on it. Workers on other machines need access to the folder of `checkpoint`.
+    labelled : bool
+        Whether each label has fields of its own.
+    passes : int
+        Consensus passes. With 0, zones are independent.
+    rounds : int
+        Most iterations of a zone in each pass.
+    checkpoint : path, optional
+        Folder for a file of each zone and pass; it is created if necessary. A stopped inversion goes on from it.
+    callback : callable
+        Is called with each `Iteration` of a zone; its phase names the zone.
 
-    `checks` has `disagreement_NAME_first` and `disagreement_NAME`, the rms difference of two zones' ln of a modulus where they
-    overlap, before and after the passes; `misfit_over_expected` of the waves that all zones predict together; and, unless the body
-    is too large (`one_body`), `misfit_as_one_body` of the joined maps in one wave problem of all.
+    Returns
+    -------
+    Inversion
+        Joined maps. Among its `checks`: `disagreement_NAME_first` and `disagreement_NAME`, the rms difference of two zones'
+        ln of a
+        modulus where they overlap, before and after the passes; `misfit_over_expected` of the joined waves; and, unless the
+        body is
+        too large (`global_check`), `misfit_as_one_body` of the joined maps in one wave problem.
 
-    Raises `InputError` for data in the plane, negative noise, a size that no zone can have, labels that are not there, a
-    checkpoint of another problem; `SolverError`, naming the zone, where one fails or its process dies.
+    Raises
+    ------
+    InputError
+        The data are plane, the noise is negative, no zone can have the size, labels are missing, or the checkpoint is of
+        another
+        problem.
+    SolverError
+        A zone fails or its process dies. The message names the zone.
 
-    Sources: Van Houten et al. 1999, 10.1002/(SICI)1522-2594(199910)42:4<779::AID-MRM21>3.0.CO;2-Z (overlapping subzones);
+    References
+    ----------
+    Van Houten et al. 1999, 10.1002/(SICI)1522-2594(199910)42:4<779::AID-MRM21>3.0.CO;2-Z (overlapping subzones);
     MacKay 1992, 10.1162/neco.1992.4.3.415 (evidence of a weight).
 
+    Examples
+    --------
     >>> line, short = np.arange(16) * 3e-3, np.arange(8) * 3e-3
     >>> grid = np.array([[x, y, z] for z in short for y in short for x in line])
     >>> k = 2 * np.pi * 80 * np.sqrt(1000 / (4000 + 1200j))
@@ -128,9 +163,9 @@ def invert_by_subzones(
     for i in range(passes if len(zones) > 1 else 0):
         last = found[-1]
         tasks = []
-        for name, zone, answer, (own, chosen, box) in zip(names, zones, last.results, parts, strict=True):
+        for name, zone, result, (own, chosen, box) in zip(names, zones, last.results, parts, strict=True):
             around = _around(last, zone.points, zone.share, own, chosen)
-            args = (f"{name}, pass {i + 1}", own, box, around, answer, common)
+            args = (f"{name}, pass {i + 1}", own, box, around, result, common)
             tasks.append(parallel.Task(name, _among, args, memory=_memory(data, box)))
         found.append(
             MergedZones(data, zones, rough, list(parallel.run(tasks, executor, callback=hear).values()), found[0])
@@ -139,13 +174,25 @@ def invert_by_subzones(
 
 
 def _memory(data: WaveData, cells: VoxelLattice) -> float:
-    """Bytes that a zone will take."""
+    """Memory (bytes) of a zone."""
     return memory_in_space(cells.form, int(cells.cells.sum()), data.frequency)
 
 
 @dataclass(frozen=True)
 class ZoneSettings:
-    """What is the same for all zones: the body's length (m), labels, iterations, where checkpoints are."""
+    """Settings that all zones share.
+
+    Parameters
+    ----------
+    length : float
+        Length of the body, m.
+    labelled : bool
+        Whether each label has fields of its own.
+    rounds : int
+        Most iterations of a zone.
+    folder : Path or None
+        Folder of checkpoints.
+    """
 
     length: float
     labelled: bool
@@ -153,11 +200,46 @@ class ZoneSettings:
     folder: Path | None
 
     def prior(self, space: ngs.FESpace, reference: Array) -> Regulariser:
-        """Smooth fields; with the body's length in place of the zone's, weights mean the same in all."""
+        """Build a smooth regulariser, scaled with the body's length so that weights mean the same in all zones.
+
+        Parameters
+        ----------
+        space : ngsolve.FESpace
+            Space of a field.
+        reference : numpy.ndarray
+            (ndof,) values without penalty.
+
+        Returns
+        -------
+        Regulariser
+            The regulariser.
+        """
         return smooth(space, reference, extent(space) / self.length)
 
     def load_or_invert(self, name: str, problem: str, invert: Callable[[Path | None], ZoneResult]) -> ZoneResult:
-        """A zone's answer, from its file where there is one; `invert` takes the checkpoint of its iterations."""
+        """Return a zone's result, from its file if there is one.
+
+        Parameters
+        ----------
+        name : str
+            Name of the zone and pass.
+        problem : str
+            Digest that identifies the problem.
+        invert : callable
+            Inverts the zone; takes the checkpoint of its iterations.
+
+        Returns
+        -------
+        ZoneResult
+            The result.
+
+        Raises
+        ------
+        InputError
+            The file is of another problem. The message names the zone.
+        SolverError
+            The inversion fails. The message names the zone.
+        """
         try:
             if self.folder is None:
                 return invert(None)
@@ -165,10 +247,10 @@ class ZoneSettings:
             whole, going = self.folder / f"{stem}.npz", self.folder / f"{stem}.part.npz"
             if whole.exists():
                 return ZoneResult.load(whole, problem)
-            answer = invert(going)
-            answer.save(whole, problem)
+            result = invert(going)
+            result.save(whole, problem)
             going.unlink(missing_ok=True)
-            return answer
+            return result
         except InputError as error:
             raise InputError(f"{name}: {error.field}", error.value, error.wanted) from error
         except Exception as error:
@@ -187,7 +269,7 @@ def _alone(
             labelled=common.labelled,
             rounds=common.rounds,
             checkpoint=checkpoint,
-            drop_outliers=False,  # by the body as a whole, if at all
+            drop_outliers=False,  # gross errors are judged by all data
             callback=_named(name, callback),
         )
         return ZoneResult.from_inversion(found)
@@ -220,7 +302,7 @@ def _among(
                 checkpoint=checkpoint,
                 callback=_named(name, callback),
             )
-        except ConvergenceError:  # nothing is lower than where it starts: it has nothing new to say
+        except ConvergenceError:  # no step lowers J: the result stays
             return replace(before, solves=solves)
         return ZoneResult.from_inversion(found)
 
@@ -228,7 +310,7 @@ def _among(
 
 
 def _around(last: MergedZones, points: Array, share: Array, own: WaveSubset, chosen: Array) -> Neighbourhood:
-    """What a zone is told of the last answer; `points` are the zone's, `chosen` those of its data."""
+    """Prior information for a zone from the last pass; `points` are the zone's, `chosen` those of its data."""
     foreign = np.zeros(len(last.data.points))
     foreign[points] = 1 - share
     waves = last.waves[:, chosen]
@@ -258,13 +340,15 @@ def _checked(data: WaveData, size: float | None, overlap: float | None) -> None:
         if value is not None and not 0 <= value < np.inf:
             raise InputError(name, value, "a length in m")
     if (size is None or overlap is None) and not data.frequency.any():
-        raise InputError("size or overlap", "not given", "lengths in m: quasi-static data have no wave length")
+        raise InputError("size or overlap", "not given", "lengths in m: quasi-static data have no wavelength")
 
 
 def _in_cells(data: WaveData, cells: VoxelLattice, size: float | None, overlap: float | None) -> tuple[Array, Array]:
-    """Size and overlap (dim,) in whole cells: a given size not exceeded, others as near as can be, an overlap at least one.
+    """Size and overlap (dim,) in whole cells.
 
-    Raises `InputError` where that leaves less than a cell beside the overlap, or too few points.
+    A given size is not exceeded. Other lengths are rounded, an overlap to one cell at least.
+
+    Raises `InputError` where less than a cell is left beside the overlap, or too few points.
     """
     side = np.array([np.diff(plane).max() for plane in cells.planes])
     wave = np.inf
@@ -286,7 +370,7 @@ def _in_cells(data: WaveData, cells: VoxelLattice, size: float | None, overlap: 
 def _folder(checkpoint: str | os.PathLike[str] | None) -> Path | None:
     if checkpoint is None:
         return None
-    folder = Path(checkpoint).absolute()  # workers elsewhere stand in another folder
+    folder = Path(checkpoint).absolute()  # other processes may have another working directory
     if folder.exists() and not folder.is_dir():
         raise InputError("checkpoint", str(folder), "a folder, or a name that is free")
     folder.mkdir(parents=True, exist_ok=True)

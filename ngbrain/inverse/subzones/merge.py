@@ -1,4 +1,4 @@
-"""What zones answer together: joined maps and waves, the weights that they share, how far they disagree, and the `Inversion`."""
+"""Joined maps and waves, shared regularisation weights, disagreement of zones, and the final `Inversion`."""
 
 from __future__ import annotations
 
@@ -41,14 +41,28 @@ from ngbrain.io.waves import WaveData
 
 Array = np.ndarray
 APART = 0.1
-"""Disagreement of two zones from which a note says so."""
+"""Disagreement of two zones from which a note mentions it."""
 CLOSEST = 0.01
-"""Disagreement that counts at least: neighbours are not believed more closely."""
+"""Least disagreement in the strength of the prior: neighbours are not taken to be more accurate."""
 
 
 @dataclass(frozen=True, eq=False)
 class MergedZones:
-    """Zones of `data`, how rough maps in each are, and a `ZoneResult` of each; with `alone`, those of independent zones."""
+    """Zones with their results.
+
+    Parameters
+    ----------
+    data : WaveData
+        All data.
+    zones : sequence of Zone
+        The zones.
+    roughness : sequence of Roughness
+        The roughness of maps in each zone.
+    results : sequence of ZoneResult
+        The result of each zone.
+    independent : MergedZones, optional
+        The same before any consensus pass.
+    """
 
     data: WaveData
     zones: Sequence[Zone]
@@ -58,44 +72,49 @@ class MergedZones:
 
     @cached_property
     def logarithms(self) -> dict[str, Array]:
-        """Quantity → ln(value - floor) (n,), joined; NaN where no zone has one."""
+        """Property → joined ln(value - lower bound) (n,), NaN where no zone has one."""
         return {name: merge_values(self.zones, each, len(self.data.points)) for name, each in self._own.items()}
 
     @cached_property
     def maps(self) -> dict[str, Array]:
-        """Quantity → (n,)."""
+        """Property → joined map (n,)."""
         return {name: self._floors[name] + np.exp(values) for name, values in self.logarithms.items()}
 
     @cached_property
     def waves(self) -> Array:
-        """Predicted by all zones (loads, n, dim) m."""
+        """Joined predicted waves (loads, n, dim) m."""
         n, parts = len(self.data.points), []
         for i in range(self.data.dim):
-            parts.append(merge_values(self.zones, [answer.predicted[:, :, i] for answer in self.results], n))
+            parts.append(merge_values(self.zones, [result.predicted[:, :, i] for result in self.results], n))
         return np.stack(parts, axis=-1)
 
     @cached_property
     def deviation(self) -> Array:
-        """Of a zone's waves, as overlaps show it (loads, 1, dim) m, real and imaginary parts each: half the rms of u_a - u_b."""
+        """Standard deviation (loads, 1, dim) m of a zone's waves, of real and of imaginary parts.
+
+        It is half the rms of u_a - u_b in overlaps.
+        """
         n, loads, dim = len(self.data.points), self.data.loads, self.data.dim
         apart = [
-            [disagreement(self.zones, [answer.predicted[k, :, i] for answer in self.results], n) for i in range(dim)]
+            [disagreement(self.zones, [result.predicted[k, :, i] for result in self.results], n) for i in range(dim)]
             for k in range(loads)
         ]
         return np.array(apart)[:, None] / 2
 
     @cached_property
     def disagreement(self) -> dict[str, float]:
-        """Quantity → rms difference of two zones' ln where they overlap."""
+        """Property → rms difference of two zones' logarithms where they overlap."""
         n = len(self.data.points)
         return {name: disagreement(self.zones, values, n) for name, values in self._own.items()}
 
     @cached_property
     def weights(self) -> dict[str, float]:
-        """Field → the weight that the evidence of all zones wants: α = Σ s_z α_z E_z / E, s_z the mean of a zone's share.
+        """Field → the weight that maximises the evidence of all zones, α = Σ s_z α_z E_z / E.
 
-        A zone's own weight α_z makes α_z E_z what the numbers that its data determine want, E_z the roughness of its map; E is
-        that of the joined one. So a rough place that several zones see counts once.
+        s_z is the mean of a zone's share, E_z the roughness of its map, and E that of the joined map. A zone's own weight α_z
+        makes α_z E_z
+        equal to the number of parameters that its data determine (up to a factor). So a rough place in several zones counts
+        once.
         """
         found = {}
         for name, wanted in self.roughness_energy.items():
@@ -108,34 +127,34 @@ class MergedZones:
 
     @cached_property
     def roughness_energy(self) -> dict[str, float]:
-        """Field → Σ s_z α_z E_z, by zones that know nothing of each other."""
+        """Field → Σ s_z α_z E_z of independent zones."""
         if self.independent:
             return self.independent.roughness_energy
         found: dict[str, float] = {}
-        for zone, rough, answer in zip(self.zones, self.roughness, self.results, strict=True):
-            for name, weight in answer.weights.items():
-                own = self._logarithm(answer, self._fields[name].quantity)
+        for zone, rough, result in zip(self.zones, self.roughness, self.results, strict=True):
+            for name, weight in result.weights.items():
+                own = self._logarithm(result, self._fields[name].quantity)
                 part = float(np.mean(zone.share)) * weight * rough.compute(self._where(name, zone, own))
                 found[name] = found.get(name, 0.0) + part
         return found
 
     def _where(self, name: str, zone: Zone, values: Array) -> Array:
-        """A zone's values of a quantity where a field of it is; NaN elsewhere."""
+        """A zone's values of a property where a field of it is defined; NaN elsewhere."""
         labels = None if self.data.labels is None else self.data.labels[zone.points]
         return np.where(self._fields[name].mask(labels), values, np.nan)
 
     @cached_property
     def determined(self) -> dict[str, float]:
-        """Field → how many numbers the data determine, each zone's by its share of the joined map."""
+        """Field → number of parameters that the data determine, the zones' numbers weighted by their mean shares."""
         found: dict[str, float] = {}
-        for zone, answer in zip(self.zones, self.results, strict=True):
-            for name, number in answer.determined.items():
+        for zone, result in zip(self.zones, self.results, strict=True):
+            for name, number in result.determined.items():
                 found[name] = found.get(name, 0.0) + float(np.mean(zone.share)) * number
         return found
 
     @property
     def strength(self) -> dict[str, float]:
-        """Quantity → κ: numbers determined for each point, over half the square of the disagreement."""
+        """Property → κ: determined parameters for each point, over half the square of the disagreement."""
         found = {}
         for quantity, off in self.disagreement.items():
             numbers = sum(number for name, number in self.determined.items() if self._fields[name].quantity == quantity)
@@ -144,23 +163,36 @@ class MergedZones:
         return found
 
     def start_result(self, name: str, noise: RelativeNoise) -> StartResult:
-        """Misfit of the joined waves, and what zones expect of as many data."""
+        """Return the joined result, with the misfit of the joined waves and its expected value.
+
+        Parameters
+        ----------
+        name : str
+            Name of the pass.
+        noise : RelativeNoise
+            As `noise_deviation` takes it.
+
+        Returns
+        -------
+        StartResult
+            The result.
+        """
         measured = np.where(np.isnan(self.waves), np.nan, self.data.displacement)
         misfit = LeastSquares(measured, noise_deviation(self.data, noise))
-        expected = sum(answer.expected for answer in self.results) / sum(answer.count for answer in self.results)
+        expected = sum(result.expected for result in self.results) / sum(result.count for result in self.results)
         return StartResult(
             name=name,
             maps=self.maps,
             misfit=2 * misfit.value(np.nan_to_num(self.waves)),
             expected=misfit.count * expected,
-            value=sum(answer.value for answer in self.results),
-            history=[each for answer in self.results for each in answer.history],
-            cpu_s=sum(answer.history[-1].cpu_s for answer in self.results),
-            converged=all(answer.converged for answer in self.results),
+            value=sum(result.value for result in self.results),
+            history=[each for result in self.results for each in result.history],
+            cpu_s=sum(result.history[-1].cpu_s for result in self.results),
+            converged=all(result.converged for result in self.results),
         )
 
     def rms_check(self, name: str) -> float | None:
-        """Rms of a check over zones, by their shares; None where no zone has it."""
+        """Return the rms of a check over zones, weighted by their shares; None where no zone has it."""
         pairs = [
             (float(np.sum(z.share)), a.checks[name])
             for z, a in zip(self.zones, self.results, strict=True)
@@ -173,10 +205,10 @@ class MergedZones:
 
     @cached_property
     def _own(self) -> dict[str, list[Array]]:
-        return {name: [self._logarithm(answer, name) for answer in self.results] for name in self._floors}
+        return {name: [self._logarithm(result, name) for result in self.results] for name in self._floors}
 
-    def _logarithm(self, answer: ZoneResult, quantity: str) -> Array:
-        return np.log(answer.maps[quantity] - self._floors[quantity])
+    def _logarithm(self, result: ZoneResult, quantity: str) -> Array:
+        return np.log(result.maps[quantity] - self._floors[quantity])
 
     @cached_property
     def _fields(self) -> dict[str, PropertyField]:
@@ -196,12 +228,33 @@ def merge_inversion(
     labelled: bool,
     notes: list[str],
 ) -> Inversion:
-    """The last of these answers, those before it as rows; data with less noise than `floor` are fitted as well as elements can."""
+    """Build the `Inversion` of zones after the last pass.
+
+    Parameters
+    ----------
+    found : sequence of MergedZones
+        The passes; those before the last are listed in `starts`.
+    cells : VoxelLattice
+        The body's lattice.
+    noise : RelativeNoise
+        Noise that the weights of the data stand for.
+    floor : float
+        Least relative noise: with less, the data are fitted as closely as the elements allow.
+    labelled : bool
+        Whether each label has fields of its own.
+    notes : list of str
+        Warnings so far.
+
+    Returns
+    -------
+    Inversion
+        Joined maps, checks and warnings.
+    """
     first, last = found[0], found[-1]
-    data, answers, zones = last.data, last.results, last.zones
+    data, results, zones = last.data, last.results, last.zones
     names = ["zones", *(f"pass {i}" for i in range(1, len(found)))]
-    rows = [each.start_result(name, noise) for name, each in zip(names, found, strict=True)]
-    level = MisfitLevel(rows[-1].misfit, rows[-1].expected)
+    starts = [each.start_result(name, noise) for name, each in zip(names, found, strict=True)]
+    level = MisfitLevel(starts[-1].misfit, starts[-1].expected)
     solves, effect, strain = (
         _solves(found),
         last.rms_check("bulk_change_over_noise"),
@@ -220,7 +273,7 @@ def merge_inversion(
     notes += [*wavelength_notes(data, median), *tissue_notes(data, median), *amplitude_notes(data)]
     checks: dict[str, float | None] = {
         "misfit_over_expected": level.ratio,
-        "converged": rows[-1].converged,
+        "converged": starts[-1].converged,
         "strain_snr": strain.median,
         "misfit_as_one_body": None if body is None else body.ratio,
         "bulk_change_over_noise": effect,
@@ -235,7 +288,7 @@ def merge_inversion(
         data=data,
         maps=last.maps,
         predicted=last.waves,
-        starts=rows,
+        starts=starts,
         chosen=names[-1],
         noise=noise,
         noise_found=rms_noise(data, noise_for_misfit(data, noise, level.ratio)),
@@ -244,12 +297,12 @@ def merge_inversion(
         determined=last.determined,
         resolution=map_resolution(volume * known, data.dim, last.determined),
         solves=solves,
-        history=[each for row in rows for each in row.history],
+        history=[each for row in starts for each in row.history],
         model={
-            "form": answers[0].form,
-            "n_elements": sum(answer.numbers["n_elements"] for answer in answers),
-            "n_unknowns": max(answer.numbers["n_unknowns"] for answer in answers),
-            "n_parameters": sum(answer.numbers["n_parameters"] for answer in answers),
+            "form": results[0].form,
+            "n_elements": sum(result.numbers["n_elements"] for result in results),
+            "n_unknowns": max(result.numbers["n_unknowns"] for result in results),
+            "n_parameters": sum(result.numbers["n_parameters"] for result in results),
             "inverse_crime": False,
             "weight": "evidence",
             "zones": len(zones),
@@ -261,7 +314,7 @@ def merge_inversion(
         strain=strain,
         stated=rms_noise(data, noise),
         warnings=notes + ([strain.note] if strain.note else []),
-        status=convergence_status(rows[-1].converged),
+        status=status_of(starts[-1].converged),
     )
 
 
@@ -270,12 +323,12 @@ def _of_zones(found: Sequence[MergedZones], level: MisfitLevel) -> list[str]:
     far = {name: off for name, off in last.disagreement.items() if off > APART}
     if far:
         words = ", ".join(f"{name} by {100 * off:.2g} %" for name, off in far.items())
-        notes.append(f"zones differ where they overlap, {words} (rms): larger zones, or more data, would tell")
+        notes.append(f"zones differ where they overlap, {words} (rms): larger zones, or more data, would reduce this")
     lost = last.data.mask & np.isnan(next(iter(last.maps.values())))
     if lost.any():
         of_all = f"{int(lost.sum())} of {int(last.data.mask.sum())} points"
         notes.append(f"{of_all} have no map: they are in no element, at the border, or in pieces too small for a zone")
-    going = sum(not answer.converged for answer in last.results)
+    going = sum(not result.converged for result in last.results)
     if going:
         notes.append(
             f"{going} of {len(last.results)} zones stopped before fields and weights had settled: the misfit of all is "
@@ -285,5 +338,5 @@ def _of_zones(found: Sequence[MergedZones], level: MisfitLevel) -> list[str]:
 
 
 def _solves(found: Sequence[MergedZones]) -> Solves:
-    every = [asdict(answer.solves) for each in found for answer in each.results]
+    every = [asdict(result.solves) for each in found for result in each.results]
     return Solves(**{name: sum(each[name] for each in every) for name in every[0]})

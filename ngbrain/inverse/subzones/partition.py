@@ -1,9 +1,14 @@
-"""Zones: overlapping boxes that wave data are cut into, and how maps of zones are joined.
+"""Overlapping boxes of lattice cells for wave data, and weighted means of their maps.
 
-Boxes are of whole cells of the body's lattice, so that a zone's elements are those that one inversion of the body has there: in
-others the same data give maps that are as far apart as zones are. They come from cuts in two, each across the longest side, so
-that zones have about as many points as their neighbours, and share the cells around a cut. There a zone's share of the joined map
-falls from 1 smoothly to 0 at its face, where its answer is worst: all shares at a point sum up to 1.
+Boxes consist of whole cells of the body's lattice. So the elements of a zone are those of an inversion of the whole body. In
+other
+elements the same data give maps that differ as much as zones do.
+
+The boxes come from recursive bisection across the longest side, so that neighbours have similar numbers of points. They share
+the cells
+around a cut. There a zone's weight in the joined map falls smoothly from 1 to 0 at its face, where its result is least
+accurate. The
+weights at a point sum to 1 (a partition of unity).
 """
 
 from __future__ import annotations
@@ -23,22 +28,27 @@ from ngbrain.io.waves import WaveData
 
 Array = np.ndarray
 FEWEST = 216
-"""A zone, or a piece of one that touches none of its others, has more points than this: the smallest spline's coefficients."""
+"""A zone, or a separate piece of one, has more points than this: the coefficients of the smallest spline."""
 WIDE = 8
-"""Points along each side of a zone's grid at least, those outside of the zone too: splines want as many."""
+"""Fewest points along each side of a zone's grid, points outside the zone included: splines need as many."""
 ON = 1e-6
-"""Cells that a point may be off a face that it is on."""
+"""Tolerance (cells) for points on a face."""
 TOUCHING = 1.8
-"""Spacings between points that touch, those across the diagonal of a voxel too."""
+"""Distance (spacings) of points that touch, across a voxel's diagonal too."""
 
 
 @dataclass(frozen=True, eq=False)
 class Zone:
-    """One of them.
+    """A zone.
 
-    points  (k,) which points of the data, growing
-    share   (k,) of the joined map
-    cells   its part of the body's lattice
+    Parameters
+    ----------
+    points : numpy.ndarray
+        (k,) increasing indices of its points in the data.
+    share : numpy.ndarray
+        (k,) its weight in the joined map.
+    cells : VoxelLattice
+        Its part of the body's lattice.
     """
 
     points: Array
@@ -49,13 +59,28 @@ class Zone:
 def cut_zones(
     data: WaveData, cells: VoxelLattice, size: Sequence[int] | Array, overlap: Sequence[int] | Array
 ) -> list[Zone]:
-    """Zones of the points of the mask.
+    """Cut the points of the mask into overlapping zones.
 
-    size     (dim,) cells of a zone along each coordinate at most, its overlaps with neighbours included: more than `overlap`
-    overlap  (dim,) cells that neighbours share; 0: none
+    Points in pieces of no more than `FEWEST` are in no zone. The list is empty where all are.
 
-    Points in pieces of no more than `FEWEST` are in no zone; the list is empty where all are.
+    Parameters
+    ----------
+    data : WaveData
+        The data.
+    cells : VoxelLattice
+        The body's lattice.
+    size : sequence of int
+        (dim,) most cells of a zone along each axis, overlaps included; more than `overlap`.
+    overlap : sequence of int
+        (dim,) cells that neighbours share; 0 for none.
 
+    Returns
+    -------
+    list of Zone
+        The zones.
+
+    Examples
+    --------
     >>> line = np.arange(19) * 2e-3
     >>> grid = np.array([[x, y, z] for z in line[:7] for y in line[:7] for x in line])
     >>> data = WaveData(grid, 1e-6 * np.ones((1, 931, 3)), [50.0], 1000.0, "isotropic", "elastic", poisson=0.49)
@@ -79,11 +104,27 @@ def cut_zones(
 
 
 def zone_data(data: WaveData, zone: Zone, noise: RelativeNoise | None = None) -> tuple[WaveSubset, Array]:
-    """The zone's data, on the grid's box around them where there is one, and the points of all data that these are.
+    """Return the data of a zone, on the bounding box of a grid where there is one.
 
-    Its noise is that of all data, unless another one (of all points) is given.
-    Cut faces are driven, the body's own border where the data say so. Truths are left out: what is compared with them is the
-    joined map.
+    Cut faces are driven; the body's own border is driven where the data say so. Truths are left out, because the joined map
+    is compared with
+    them.
+
+    Parameters
+    ----------
+    data : WaveData
+        All data.
+    zone : Zone
+        The zone.
+    noise : RelativeNoise, optional
+        Noise of all points; by default that of the data.
+
+    Returns
+    -------
+    own : WaveSubset
+        The zone's data.
+    chosen : numpy.ndarray
+        (k,) indices of its points in all data.
     """
     chosen = zone.points
     if data.grid:
@@ -106,9 +147,23 @@ def zone_data(data: WaveData, zone: Zone, noise: RelativeNoise | None = None) ->
 
 
 def merge_values(zones: Sequence[Zone], values: Sequence[Array], n: int) -> Array:
-    """Σ share · value at each of n points (…, n), from values (…, k) of each zone; NaN where no zone has one.
+    """Return the weighted mean of zones' values, Σ share · value.
 
-    A zone without a value at a point (NaN) leaves it to the others.
+    A zone without a value at a point (NaN) leaves the point to the others.
+
+    Parameters
+    ----------
+    zones : sequence of Zone
+        The zones.
+    values : sequence of numpy.ndarray
+        (…, k) values of each zone.
+    n : int
+        Number of points.
+
+    Returns
+    -------
+    numpy.ndarray
+        (…, n), NaN where no zone has a value.
     """
     shape = (*values[0].shape[:-1], n)
     total, weight = np.zeros(shape, values[0].dtype), np.zeros(shape)
@@ -121,10 +176,26 @@ def merge_values(zones: Sequence[Zone], values: Sequence[Array], n: int) -> Arra
 
 
 def disagreement(zones: Sequence[Zone], values: Sequence[Array], n: int) -> float:
-    """Rms difference of two zones' values (k,) where they overlap, pairs weighted by their shares; 0 without an overlap.
+    """Return the rms difference of two zones' values where they overlap, √(Σ s_a s_b (v_a - v_b)² / Σ s_a s_b).
 
-    √(Σ s_a s_b (v_a - v_b)² / Σ s_a s_b) over points and pairs a, b there.
+    The sums go over points and pairs a, b there.
 
+    Parameters
+    ----------
+    zones : sequence of Zone
+        The zones.
+    values : sequence of numpy.ndarray
+        (k,) values of each zone.
+    n : int
+        Number of points.
+
+    Returns
+    -------
+    float
+        The difference; 0 without an overlap.
+
+    Examples
+    --------
     >>> cells = VoxelLattice((np.arange(2),) * 3, np.ones((1, 1, 1), bool), "P3")
     >>> zones = [Zone(np.array([0, 1]), np.array([1, 0.5]), cells), Zone(np.array([1, 2]), np.array([0.5, 1]), cells)]
     >>> disagreement(zones, [np.array([1.0, 1.0]), np.array([1.5, 1.0])], 3)
@@ -145,7 +216,15 @@ def disagreement(zones: Sequence[Zone], values: Sequence[Array], n: int) -> floa
 
 @dataclass(frozen=True, eq=False)
 class ZoneBox:
-    """Cells `first` to `end` along each coordinate, the last ones left out, and the cuts that it is between, in cells."""
+    """A box of cells between cuts.
+
+    Parameters
+    ----------
+    first, end : numpy.ndarray
+        (dim,) first cell, and the cell after the last, along each axis.
+    low, high : numpy.ndarray
+        (dim,) the cuts that bound the box, in cells; infinite where there is none.
+    """
 
     first: Array
     end: Array
@@ -153,18 +232,48 @@ class ZoneBox:
     high: Array
 
     def contains(self, at: Array) -> Array:
-        """Which points (n, dim), in cells, are in these cells or on their faces."""
+        """Which points (n, dim), in cells, lie in these cells or on their faces."""
         return np.all((at > self.first - ON) & (at < self.end + ON), axis=1)
 
     def shares(self, at: Array, overlap: Array) -> Array:
-        """Shares of the points before all add up to 1; where other zones leave a point out, the least is all of it."""
+        """Return weights of points before they are normalised to a sum of 1.
+
+        Where other zones leave a point out, the smallest weight becomes 1.
+
+        Parameters
+        ----------
+        at : numpy.ndarray
+            (n, dim) points, in cells.
+        overlap : numpy.ndarray
+            (dim,) shared cells.
+
+        Returns
+        -------
+        numpy.ndarray
+            (n,)
+        """
         below = np.where(np.isinf(self.low), np.inf, at - self.first)
         above = np.where(np.isinf(self.high), np.inf, self.end - at)
         t = np.clip(np.minimum(below, above) / np.maximum(overlap, ON) + (overlap == 0), ON, 1)
         return np.prod(t**2 * (3 - 2 * t), axis=1)
 
     def crop(self, axis: int, first: int, end: int, low: float, high: float) -> ZoneBox:
-        """The part along an axis."""
+        """Return the part of the box along an axis.
+
+        Parameters
+        ----------
+        axis : int
+            The axis.
+        first, end : int
+            New first cell, and the cell after the last.
+        low, high : float
+            New cuts, in cells.
+
+        Returns
+        -------
+        ZoneBox
+            The part.
+        """
         parts = [each.copy() for each in (self.first, self.end, self.low, self.high)]
         for part, value in zip(parts, (first, end, low, high), strict=True):
             part[axis] = value
@@ -172,7 +281,7 @@ class ZoneBox:
 
 
 def _boxes(at: Array, box: ZoneBox, size: Array, overlap: Array) -> list[ZoneBox]:
-    """Cuts in two until no box has more cells along a side than `size`; `at` (n, dim) are points, in cells."""
+    """Bisect until no box has more cells along a side than `size`; `at` (n, dim) are points, in cells."""
     inside = at[np.all((at > box.low) & (at < box.high), axis=1)]
     if not len(inside):
         return []
@@ -195,7 +304,7 @@ def _boxes(at: Array, box: ZoneBox, size: Array, overlap: Array) -> list[ZoneBox
 
 
 def _seen(cells: VoxelLattice, box: ZoneBox, at: Array) -> VoxelLattice:
-    """The box's part of a lattice, without cells that no point `at` (n, dim) is in."""
+    """The box's part of a lattice, without cells that contain no point of `at` (n, dim)."""
     part = cells.crop(box.first, box.end)
     edges = [np.arange(n + 1) for n in part.cells.shape]
     counts = np.histogramdd(np.clip(at - box.first, 0, np.array(part.cells.shape)), edges)[0]

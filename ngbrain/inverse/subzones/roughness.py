@@ -1,4 +1,4 @@
-"""How rough a map at points is: ∫ |∇m|², through elements that have these values."""
+"""The roughness ∫ |∇m|² of a map that is given at points, from a finite-element fit."""
 
 from __future__ import annotations
 
@@ -14,12 +14,21 @@ from ngbrain.inverse.problem.voxel_lattice import VoxelLattice
 Array = np.ndarray
 ORDER = 2
 LEAST = 1e-9
-"""Roughness (m) that is found at least: a map that is the same everywhere has none."""
+"""Least roughness (m): a uniform map has none."""
 
 
 class Roughness:
-    """Of maps at `points` (n, 3) in the cells of a lattice.
+    """Roughness of maps at points in the cells of a lattice.
 
+    Parameters
+    ----------
+    cells : VoxelLattice
+        The cells.
+    points : numpy.ndarray
+        (n, 3) m.
+
+    Examples
+    --------
     >>> line = np.linspace(0, 0.02, 6)
     >>> points = np.array([[x, y, z] for z in line for y in line for x in line])
     >>> cells = VoxelLattice((line[::5],) * 3, np.ones((1, 1, 1), bool), "P3")
@@ -34,7 +43,20 @@ class Roughness:
         self._at = evaluation(self._space, points[self._inside])
 
     def compute(self, values: Array, share: Array | None = None) -> float:
-        """∫ s |∇m|² (m) of values (n,) of m, NaN where there is none; s a share (n,) of the space around, by default 1."""
+        """Return ∫ s |∇m|² (m).
+
+        Parameters
+        ----------
+        values : numpy.ndarray
+            (n,) m, NaN where there is none.
+        share : numpy.ndarray, optional
+            (n,) weight s of the surrounding space; by default 1.
+
+        Returns
+        -------
+        float
+            The roughness.
+        """
         known = np.isfinite(values[self._inside])
         if not known.any():
             return LEAST
@@ -44,7 +66,7 @@ class Roughness:
         return LEAST + float(ngs.Integrate(counts * slope * slope, self._mesh))
 
     def _through(self, at: sp.csr_array, values: Array) -> ngs.GridFunction:
-        """The field with these values, smooth where there is none."""
+        """Fit a field to these values; it is smooth where there is none."""
         found = ngs.GridFunction(self._space)
         found.Set(float(np.mean(values)))
         start = found.vec.FV().NumPy().copy()

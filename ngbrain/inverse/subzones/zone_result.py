@@ -1,4 +1,4 @@
-"""What comes back of a zone that was inverted, and how it is kept in a file."""
+"""The result of a zone, and its checkpoint file."""
 
 from __future__ import annotations
 
@@ -23,14 +23,34 @@ Array = np.ndarray
 
 @dataclass
 class ZoneResult:
-    """Of one zone; arrays are at the points of its mask.
+    """Result of a zone. Arrays are at the points of its mask.
 
-    maps         quantity → (k,)
-    predicted    (loads, k, dim) m
-    weights, determined   of each field
-    expected, count       2Φ of a fit as good as the noise allows, real data
-    value       J
-    numbers      elements, unknowns of a wave, unknowns of fields
+    Parameters
+    ----------
+    maps : dict of str to numpy.ndarray
+        Property → (k,)
+    predicted : numpy.ndarray
+        (loads, k, dim) m.
+    weights, determined : dict of str to float
+        Field → regularisation weight, and number of parameters that the data determine.
+    expected : float
+        Expected 2Φ, that of a fit to the noise.
+    count : int
+        Number of real data.
+    value : float
+        Objective J.
+    converged : bool
+        Whether fields and weights settled.
+    form : str
+        Element pair.
+    numbers : dict of str to int
+        Numbers of elements, unknowns of a wave and unknowns of fields.
+    checks : dict of str to float
+        As in `Inversion`.
+    solves : Solves
+        Counts of linear solves.
+    history : list of Iteration
+        The iterations.
     """
 
     maps: dict[str, Array]
@@ -49,7 +69,7 @@ class ZoneResult:
 
     @staticmethod
     def from_inversion(inversion: Inversion) -> ZoneResult:
-        """What is needed of a zone's inversion."""
+        """Take what is needed of a zone's inversion."""
         mask, row = inversion.data.mask, inversion.starts[-1]
         return ZoneResult(
             maps={name: values[mask] for name, values in inversion.maps.items()},
@@ -68,7 +88,15 @@ class ZoneResult:
         )
 
     def save(self, path: Path, problem: str) -> None:
-        """Write it, whole or not at all; `problem` tells it from others."""
+        """Write the result to a file, whole or not at all.
+
+        Parameters
+        ----------
+        path : Path
+            .npz file.
+        problem : str
+            Digest that identifies the problem.
+        """
         rest = {name: value for name, value in vars(self).items() if name not in ("maps", "predicted", "history")}
         rest |= {"problem": problem, "solves": asdict(self.solves), "history": [asdict(each) for each in self.history]}
         arrays = {"predicted": self.predicted, "rest": np.array(json.dumps(rest))}
@@ -77,15 +105,33 @@ class ZoneResult:
 
     @staticmethod
     def load(path: Path, problem: str) -> ZoneResult:
-        """Read it. Raises `InputError` where it is of another problem, or no such file."""
+        """Read a result from a file.
+
+        Parameters
+        ----------
+        path : Path
+            .npz file.
+        problem : str
+            Digest that identifies the problem.
+
+        Returns
+        -------
+        ZoneResult
+            The result.
+
+        Raises
+        ------
+        InputError
+            The file is of another problem, or not such a file.
+        """
         try:
             file = read_npz(path, "checkpoint")
             rest = json.loads(str(file["rest"]))
             maps = {name[4:]: values for name, values in file.items() if name.startswith("map ")}
-            predicted, told = file["predicted"], rest.pop("problem")
+            predicted, stored = file["predicted"], rest.pop("problem")
         except (KeyError, ValueError, AttributeError, TypeError) as error:
             raise InputError("checkpoint", f"{path}, which cannot be read", "what an inversion has written") from error
-        if told != problem:
+        if stored != problem:
             raise InputError(
                 "checkpoint", f"{path} of another problem", "the same data, noise and zones, or another folder"
             )
@@ -94,7 +140,22 @@ class ZoneResult:
 
 
 def problem_digest(data: WaveSubset, cells: VoxelLattice, *rest: object) -> str:
-    """Tells a zone's problem from others, by its arrays and whatever else it depends on."""
+    """Return a digest that identifies the problem of a zone.
+
+    Parameters
+    ----------
+    data : WaveSubset
+        The zone's data.
+    cells : VoxelLattice
+        Its cells.
+    *rest : object
+        Whatever else it depends on.
+
+    Returns
+    -------
+    str
+        The digest.
+    """
     parts = [data.points, data.displacement, data.mask, data.dirichlet, data.frequency, data.rms]
     parts += [*cells.planes, cells.cells]
     parts += [np.asarray(each) for each in (data.labels, data.fibre, data.noise) if each is not None]
