@@ -86,7 +86,7 @@ class OctahedralShearStrain:
     snr: np.ndarray
     note: str = ""
     volume: float | None = None
-    torn: float = 0.0
+    discontinuity_share: float = 0.0
 
     @property
     def median(self) -> float | None:
@@ -141,12 +141,12 @@ def octahedral_shear_strain(data: WaveData, relative: RelativeNoise) -> Octahedr
             still = slope.real
             mean, at = octahedral_amplitude(still)[0], np.pi / 2 * strain_snr(still, off)[0]
         oss[load, where], snr[load, where] = mean, at
-    torn = discontinuity_share(data) if data.frequency.any() else 0.0
+    jumps = discontinuity_share(data) if data.frequency.any() else 0.0
     if not turn:
-        return OctahedralShearStrain(oss, snr, note, None, torn)
+        return OctahedralShearStrain(oss, snr, note, None, jumps)
     # Medians: at a rim with points left out single derivatives of a smooth field are anything.
     turned = float(np.median(np.concatenate(turn)))
-    return OctahedralShearStrain(oss, snr, note, float(np.median(np.concatenate(volume))) / max(turned, 1e-300), torn)
+    return OctahedralShearStrain(oss, snr, note, float(np.median(np.concatenate(volume))) / max(turned, 1e-300), jumps)
 
 
 def strain_snr_mask(data: WaveData, noise: float | None, least: float) -> np.ndarray:

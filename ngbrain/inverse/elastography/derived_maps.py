@@ -1,4 +1,4 @@
-"""What an inversion answers: maps of what follows from G*, medians by label, errors against the truth."""
+"""Maps derived from G*, statistics by label, and errors against the truth."""
 
 from __future__ import annotations
 
@@ -12,20 +12,26 @@ from ngbrain.io.waves.data import WaveData
 
 PARAMETERS = ("youngs", "storage", "loss", "mu", "zeta", "phi")
 DERIVED = ("magnitude", "phase", "damping_ratio", "stiffness")
-"""Of `maps_from_shear`, what stands beside the parameters."""
+"""Maps of `maps_from_shear` beside the parameters."""
 RATIOS = ("zeta", "phi")
 
 
 def maps_from_shear(shear: np.ndarray) -> dict[str, np.ndarray]:
-    """Maps that follow from a complex shear modulus G* = G' + iG'' (n,) Pa.
+    """Return maps that follow from a complex shear modulus G* = G' + iG''.
 
-    storage         G' = Re G*, Pa
-    loss            G'' = Im G*, Pa
-    magnitude       |G*|, Pa
-    phase           arg G*, rad
-    damping_ratio   ξ = G''/2G'
-    stiffness       2|G*|²/(G' + |G*|), Pa: ρ times the square of the speed of a plane shear wave
+    Parameters
+    ----------
+    shear : numpy.ndarray
+        (n,) G*, Pa.
 
+    Returns
+    -------
+    dict of str to numpy.ndarray
+        storage: G' = Re G*, Pa; loss: G'' = Im G*, Pa; magnitude: |G*|, Pa; phase: arg G*, rad; damping_ratio: ξ = G''/2G';
+        stiffness: 2|G*|²/(G' + |G*|), Pa, which is ρ times the squared speed of a plane shear wave.
+
+    Examples
+    --------
     >>> maps = maps_from_shear(np.array([2000 + 800j]))
     >>> round(float(maps["stiffness"][0])), float(maps["damping_ratio"][0])
     (2234, 0.2)
@@ -44,20 +50,48 @@ def maps_from_shear(shear: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def shear_modulus_map(data: WaveData, maps: Mapping[str, np.ndarray]) -> np.ndarray:
-    """The shear modulus G* (n,) Pa of an inversion's maps, real for elastic data; across fibres where there are some."""
+    """Return the shear modulus of an inversion's maps.
+
+    Parameters
+    ----------
+    data : WaveData
+        The data.
+    maps : mapping of str to numpy.ndarray
+        Parameter → (n,)
+
+    Returns
+    -------
+    numpy.ndarray
+        (n,) G*, Pa; real for elastic data; μ where there are fibres.
+    """
     if "storage" in maps:
         return maps["storage"] + 1j * maps["loss"]
     return np.real(maps["mu"] if "mu" in maps else data.shear_of(maps["youngs"]))
 
 
 def median_shear(data: WaveData, maps: Mapping[str, np.ndarray]) -> float:
-    """Of |G*|, Pa."""
+    """Return the median of |G*|.
+
+    Parameters
+    ----------
+    data : WaveData
+        The data.
+    maps : mapping of str to numpy.ndarray
+        Parameter → (n,)
+
+    Returns
+    -------
+    float
+        Pa
+    """
     return float(np.nanmedian(np.abs(shear_modulus_map(data, maps))))
 
 
 def median_and_iqr(values: np.ndarray) -> dict[str, float]:
-    """`median` and `iqr` (third less first quartile) of the finite values; nothing if there is none.
+    """Return `median` and `iqr` (third minus first quartile) of the finite values; empty if there is none.
 
+    Examples
+    --------
     >>> median_and_iqr(np.array([1.0, 2.0, 3.0, np.nan]))
     {'median': 2.0, 'iqr': 1.0}
     """
@@ -69,8 +103,22 @@ def median_and_iqr(values: np.ndarray) -> dict[str, float]:
 
 
 def statistics_by_label(values: np.ndarray, labels: np.ndarray) -> dict[int, dict[str, float]]:
-    """`median_and_iqr` of the real values (n,) at the points of each label (n,), 0 as any other; without labels that have no value.
+    """Return `median_and_iqr` for each label.
 
+    Parameters
+    ----------
+    values : numpy.ndarray
+        (n,) real values.
+    labels : numpy.ndarray
+        (n,) labels. 0 is a label like others. Labels without a finite value are left out.
+
+    Returns
+    -------
+    dict of int to dict
+        Label → `median` and `iqr`.
+
+    Examples
+    --------
     >>> statistics_by_label(np.array([1.0, 2.0, 4.0, np.nan]), np.array([0, 0, 2, 3]))
     {0: {'median': 1.5, 'iqr': 0.5}, 2: {'median': 4.0, 'iqr': 0.0}}
     """
@@ -79,8 +127,20 @@ def statistics_by_label(values: np.ndarray, labels: np.ndarray) -> dict[int, dic
 
 
 def relative_l2_error(estimate: np.ndarray, truth: np.ndarray) -> float:
-    """‖estimate - truth‖₂ / ‖truth‖₂ over the points; infinite if the estimate is missing (NaN) at one of them or the truth is 0.
+    """Return ‖estimate - truth‖₂ / ‖truth‖₂ over the points.
 
+    Parameters
+    ----------
+    estimate, truth : numpy.ndarray
+        (n,)
+
+    Returns
+    -------
+    float
+        Infinite if the estimate is NaN at a point, or the truth is 0.
+
+    Examples
+    --------
     >>> relative_l2_error(np.array([3.0, 5.0]), np.array([3.0, 4.0]))
     0.2
     """
@@ -89,16 +149,31 @@ def relative_l2_error(estimate: np.ndarray, truth: np.ndarray) -> float:
 
 
 def map_statistics(data: WaveData, found: Mapping[str, np.ndarray]) -> dict[str, dict[str, float]]:
-    """The answers of `result.json`: each recovered parameter → `median`, `iqr` and, with truth, `relative_l2_error`.
+    """Return the `answers` of `result.json`: for each parameter `median`, `iqr` and, with a truth, `relative_l2_error`.
 
-    data    its mask says which points count, its truth (`WaveData.truth_views`) what is right
-    found   parameter (youngs, storage, loss, mu (Pa), zeta, phi) → real map (n,)
+    The error is left out where it is not finite: the truth is 0 everywhere, or the map is missing at a point. It is that of
+    the map after
+    `scale_to_truth`.
 
-    The error is left out where it is no finite number: the truth is 0 everywhere, or the map is missing at a point. It is that of
-    the map `scale_to_truth` of the truth.
+    Parameters
+    ----------
+    data : WaveData
+        Its mask says which points count, its truth (`WaveData.truth_views`) what is right.
+    found : mapping of str to numpy.ndarray
+        Parameter (youngs, storage, loss, mu (Pa), zeta, phi) → real map (n,).
 
-    Raises `InputError` for another name, or a map of another shape or complex.
+    Returns
+    -------
+    dict of str to dict
+        Parameter → statistics.
 
+    Raises
+    ------
+    InputError
+        A parameter has another name, or a map is complex or of another shape.
+
+    Examples
+    --------
     >>> points = np.array([[x, y] for y in range(3) for x in range(3)]) * 0.01
     >>> u, G = 1e-6 * np.ones((1, 9, 2)), np.full(9, 2000 + 800j)
     >>> data = WaveData(points, u, [50.0], 1000.0, "isotropic", "viscoelastic", poisson=0.4, truth={"shear": G})
@@ -122,8 +197,24 @@ def map_statistics(data: WaveData, found: Mapping[str, np.ndarray]) -> dict[str,
 
 
 def scale_to_truth(data: WaveData, name: str, values: np.ndarray) -> np.ndarray:
-    """A map (n,); moduli of unknown common factor (`has_unknown_scale`) are scaled to fit the truth best.
+    """Scale a map of moduli to the truth where their common factor is unknown (`has_unknown_scale`).
 
+    Parameters
+    ----------
+    data : WaveData
+        Data with a truth.
+    name : str
+        Parameter.
+    values : numpy.ndarray
+        (n,) map.
+
+    Returns
+    -------
+    numpy.ndarray
+        (n,) the map, times the least-squares factor to the truth; unchanged for other data.
+
+    Examples
+    --------
     >>> points = np.array([[x, y] for y in range(3) for x in range(3)]) * 0.01
     >>> still = WaveData(points, np.full((1, 9, 2), 1e-6), [0.0], 1e3, "isotropic", "elastic", 0.4, truth={"shear": np.ones(9)})
     >>> round(float(scale_to_truth(still, "youngs", np.full(9, 7.0))[0]), 9)  # 2 G (1 + ν)
@@ -137,11 +228,26 @@ def scale_to_truth(data: WaveData, name: str, values: np.ndarray) -> np.ndarray:
 
 
 def parameters_from_shear(data: WaveData, shear: np.ndarray) -> dict[str, np.ndarray]:
-    """The parameters of isotropic data that a complex shear modulus (n,) Pa stands for: storage and loss, or youngs.
+    """Return the parameters of isotropic data from a complex shear modulus: storage and loss, or youngs.
 
     Young's modulus is E = 2G(1 + ν), or 9KG/(3K + G) where the bulk modulus K is given.
 
-    Raises `InputError` if the data are transversely isotropic.
+    Parameters
+    ----------
+    data : WaveData
+        Isotropic data.
+    shear : numpy.ndarray
+        (n,) G*, Pa.
+
+    Returns
+    -------
+    dict of str to numpy.ndarray
+        Parameter → (n,) Pa.
+
+    Raises
+    ------
+    InputError
+        The data are transversely isotropic.
     """
     if data.symmetry != "isotropic":
         raise InputError("symmetry", data.symmetry, "isotropic: one shear modulus says it all")

@@ -1,4 +1,4 @@
-"""Wave data of several frequencies, each inverted by itself: moduli as they are at that frequency, without a law between them."""
+"""Each frequency of wave data inverted by itself: moduli at that frequency, without a dispersion law."""
 
 from __future__ import annotations
 
@@ -24,15 +24,33 @@ def invert_each_frequency(
     callback: Callable[[Iteration], None] = log_progress,
     **how: Any,
 ) -> dict[float, Inversion]:
-    """Property maps of wave data, frequency by frequency, in the plane or in space.
+    """Invert wave data frequency by frequency, in the plane or in space.
 
-    executor  who inverts them, each on one thread (`parallel.run`): by default this process; the answer does not depend on it
-    callback      called with each iteration, whose phase names the frequency too
-    how       as `invert` takes it, the same for all
+    Where moduli follow a law of frequency, `invert` takes all frequencies at once and determines them better.
 
-    Returns frequency (Hz) → `Inversion` of its loads, without the `end` that error bars start from. Where moduli follow a law of
-    frequency, `invert` takes all frequencies at once and knows them better. Raises as `invert` does.
+    Parameters
+    ----------
+    data : WaveData
+        Waves of several frequencies.
+    executor : int or executor, optional
+        Inverts the frequencies, each on one thread (`parallel.run`); by default this process. The result does not depend on it.
+    callback : callable
+        Is called with each `Iteration`; its phase names the frequency too.
+    **how
+        Arguments of `invert`, the same for all frequencies.
 
+    Returns
+    -------
+    dict of float to Inversion
+        Frequency (Hz) → inversion of its loads, without the `final_state` that error bars need.
+
+    Raises
+    ------
+    InputError, SolverError
+        As `invert`.
+
+    Examples
+    --------
     >>> points = np.array([[x, y] for y in range(12) for x in range(12)]) * 4e-3
     >>> k = 2 * np.pi * np.array([50, 70])[:, None, None] * np.sqrt(1000 / (2500 + 500j))
     >>> waves = WaveData(points, 1e-5 * np.exp(-1j * k * points[:, ::-1]), [50, 70], 1000, "isotropic", "viscoelastic", poisson=0.4)
@@ -50,7 +68,7 @@ def invert_each_frequency(
 
 
 def _inverted(name: str, one: WaveData, how: dict[str, Any], *, callback: parallel.Callback) -> Inversion:
-    """Without the experiment that it ended with, which is made for one process."""
+    """Without the final state, which belongs to one process."""
     found = invert(
         one, callback=lambda iteration: callback(replace(iteration, phase=f"{name}, {iteration.phase}")), **how
     )

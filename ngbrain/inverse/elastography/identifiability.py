@@ -1,11 +1,12 @@
-"""What waves cannot tell, whatever is done with them, and what the answer therefore rests on: sentences for its notes.
+"""What waves cannot determine, whatever the method: sentences for the notes of an inversion.
 
-bulk    waves of shear hardly move with the bulk modulus K: at K/G = 100 ten per cent of it is 0.2 % of them. It is given, never
-        looked for; how much it matters is measured by one more wave.
-scale   at rest, driven by displacements alone, a body moves alike for all moduli times any number; a bulk modulus that is known
-        tells that number only where it is compressed and all components are measured
-fibres  in plane strain near K/μ → ∞ the energy knows μ(1+φ), of shear along fibres, and μ(1+ζ), of stretch along them, alone:
-        c₁₁ + c₂₂ - 2c₁₂ = 4μ(1+ζ), c₄₄ = μ(1+φ). What μ itself is, compression along fibres has to tell.
+bulk    Shear waves hardly depend on the bulk modulus K: at K/G = 100, ten per cent of K change them by 0.2 %. K is given, never
+        unknown. One more wave computation measures how much it matters.
+scale   A quasi-static body that displacements alone drive moves alike for all moduli times any factor. A known bulk modulus
+        determines that factor only where it is compressed and all components are measured.
+fibres  In plane strain near K/μ → ∞ the energy depends only on μ(1+φ), of shear along fibres, and μ(1+ζ), of stretch along
+them:
+        c₁₁ + c₂₂ - 2c₁₂ = 4μ(1+ζ), c₄₄ = μ(1+φ). Only compression along fibres determines μ itself.
 """
 
 from __future__ import annotations
@@ -22,17 +23,30 @@ from ngbrain.io.waves import WaveData
 
 Array = np.ndarray
 STIFFER = 0.1
-"""Share of the bulk modulus by which it is changed to see whether that matters."""
+"""Relative change of the bulk modulus that shows whether it matters."""
 FLAT = "a component is never measured, all loads are quasi-static: what is stiff comes out too soft beside its surroundings"
 FEW = 5
-"""Where the data determine fewer numbers of a field, its map is hardly more than uniform."""
+"""Where the data determine fewer parameters of a field, its map is hardly more than uniform."""
 
 
 def bulk_effect(problem: ElastographyProblem, theta: Array, noise: RelativeNoise) -> float:
-    """How far waves move with `STIFFER` more of the bulk modulus, over their noise (rms); one factorisation a frequency.
+    """Return the change of the waves with `STIFFER` more of the bulk modulus, over their noise (rms).
 
-    theta   of `problem.model`
-    noise   relative, as `noise_deviation` takes it
+    It takes one factorisation a frequency.
+
+    Parameters
+    ----------
+    problem : ElastographyProblem
+        The inverse problem.
+    theta : numpy.ndarray
+        Parameters of `problem.model`.
+    noise : RelativeNoise
+        As `noise_deviation` takes it.
+
+    Returns
+    -------
+    float
+        The change.
     """
     before = problem.model.evaluate(theta).data
     try:
@@ -45,15 +59,15 @@ def bulk_effect(problem: ElastographyProblem, theta: Array, noise: RelativeNoise
 
 
 def bulk_modulus_note(effect: float) -> str:
-    """What `bulk_effect` means."""
+    """Return a sentence on a result of `bulk_effect`."""
     moves = f"{100 * STIFFER:.0f} % more of the bulk modulus moves the waves by {effect:.2g} times their noise"
     if effect < 1:
-        return f"{moves}: they do not tell it, it is taken as given, and an error in it does little harm"
+        return f"{moves}: they do not determine it, it is taken as given, and an error in it does little harm"
     return f"{moves}: it is taken as given, and an error in it is an error of the maps"
 
 
 def scale_notes(data: WaveData) -> list[str]:
-    """Whether all moduli may be off by one factor, and their contrast too low."""
+    """Return notes where all moduli may be off by one factor, and their contrast too low."""
     if not has_unknown_scale(data):
         return []
     notes = [
@@ -66,7 +80,20 @@ def scale_notes(data: WaveData) -> list[str]:
 
 
 def anti_plane_notes(data: WaveData, translations: np.ndarray | None) -> list[str]:
-    """What motion through a plane tells, and what it does not; `translations` (loads,) m, complex, where some were looked for."""
+    """Return notes on what motion through a plane determines.
+
+    Parameters
+    ----------
+    data : WaveData
+        Anti-plane data.
+    translations : numpy.ndarray or None
+        (loads,) complex uniform displacements (m) where they are unknowns.
+
+    Returns
+    -------
+    list of str
+        The notes.
+    """
     notes = [
         "anti-plane shear takes tissue and waves as the same through the slice: a wave at an angle t to it reads as G/cos²t "
         "(1.33 times at 30 degrees), so that these are apparent moduli; and they go with the square of the pixels' size, which is "
@@ -82,7 +109,20 @@ def anti_plane_notes(data: WaveData, translations: np.ndarray | None) -> list[st
 
 
 def exponent_note(data: WaveData, exponent: float) -> str:
-    """What an exponent of frequency means."""
+    """Return a sentence on the exponent of frequency.
+
+    Parameters
+    ----------
+    data : WaveData
+        Data of several frequencies.
+    exponent : float
+        a in G*(ω) = G*(ω₀) (ω/ω₀)^a.
+
+    Returns
+    -------
+    str
+        The sentence.
+    """
     low, high = data.frequency.min(), data.frequency.max()
     return (
         f"the maps are those of {low:g} Hz: G* goes with frequency to the power {exponent:.3g}, the same everywhere "
@@ -91,7 +131,7 @@ def exponent_note(data: WaveData, exponent: float) -> str:
 
 
 def poorly_determined_notes(determined: dict[str, float]) -> list[str]:
-    """Fields of which the data determine next to nothing."""
+    """Return notes on fields of which the data determine next to nothing, from field → determined parameters."""
     few = {name: number for name, number in determined.items() if number < FEW}
     return [
         f"the data determine only {few[name]:.1f} numbers of {name}: no detail of its map is to be believed"
@@ -100,8 +140,10 @@ def poorly_determined_notes(determined: dict[str, float]) -> list[str]:
 
 
 def fibre_shear_moduli(maps: Mapping[str, Array]) -> dict[str, Array]:
-    """The two moduli of shear in a plane of fibres (Pa): `shear_along` μ(1+φ) and `shear_stretch` μ(1+ζ); none without fibres.
+    """Return the two shear moduli in a plane of fibres (Pa): `shear_along` μ(1+φ) and `shear_stretch` μ(1+ζ); none without fibres.
 
+    Examples
+    --------
     >>> found = fibre_shear_moduli({"mu": np.array([2e3]), "zeta": np.array([0.5]), "phi": np.array([0.2])})
     >>> float(found["shear_along"][0]), float(found["shear_stretch"][0])
     (2400.0, 3000.0)
@@ -113,7 +155,22 @@ def fibre_shear_moduli(maps: Mapping[str, Array]) -> dict[str, Array]:
 
 
 def fibre_notes(data: WaveData, maps: dict[str, Array]) -> tuple[list[str], dict[str, float]]:
-    """What can be believed of maps of a body with fibres; errors of `fibre_shear_moduli` where the truth is known."""
+    """Return notes on maps of a body with fibres, and errors of `fibre_shear_moduli` where the truth is known.
+
+    Parameters
+    ----------
+    data : WaveData
+        The data.
+    maps : dict of str to numpy.ndarray
+        Parameter → (n,)
+
+    Returns
+    -------
+    notes : list of str
+        The notes.
+    errors : dict of str to float
+        Relative L2 errors.
+    """
     found = fibre_shear_moduli(maps)
     if not found:
         return [], {}
@@ -123,6 +180,6 @@ def fibre_notes(data: WaveData, maps: dict[str, Array]) -> tuple[list[str], dict
     }
     known = "".join(f", off by {100 * errors[name]:.2g} %" if errors else "" for name in found)
     return [
-        "in a plane of fibres waves tell the shear moduli mu (1 + phi) and mu (1 + zeta); how they part into mu, zeta and "
-        "phi only the bulk modulus tells: trust shear_along and shear_stretch first" + known
+        "in a plane of fibres waves determine the shear moduli mu (1 + phi) and mu (1 + zeta); how they part into mu, zeta and "
+        "phi only the bulk modulus determines: trust shear_along and shear_stretch first" + known
     ], errors

@@ -1,4 +1,4 @@
-"""Where an inversion starts: from maps that are given, or from several places, whose ends are compared at equal weights."""
+"""Start values of an inversion from given maps, and the comparison of several starts."""
 
 from __future__ import annotations
 
@@ -22,12 +22,24 @@ from ngbrain.io.waves import WaveData
 
 Array = np.ndarray
 LOWER = 1e-6
-"""Of J, by which another end has to be lower to be kept."""
+"""Relative reduction of J by which another start has to be better to be chosen."""
 
 
 @dataclass
 class SelectedStart:
-    """The end that is kept and its name, the best that uniform fields came to, and what to say."""
+    """The chosen start.
+
+    Parameters
+    ----------
+    best : OptimisationResult
+        Its result.
+    chosen : str
+        Its name.
+    uniform : OptimisationResult, optional
+        The best result from uniform fields.
+    notes : list of str
+        Notes on the choice.
+    """
 
     best: OptimisationResult
     chosen: str = "both"
@@ -42,13 +54,30 @@ def run_starts(
     callback: parallel.Callback | None = None,
     memory: float = 0.0,
 ) -> list[Any]:
-    """What ways through an experiment find, name → (function, arguments); each is called with the experiment in front and
-    `callback`.
+    """Run an inversion from several starts.
 
-    memory   bytes that each will take, as `parallel.Task` has them
+    One start alone, or all without an executor, run in this process one after the other. An executor runs each on one thread,
+    with a
+    problem that is built anew from the same data and elements and gives the same bits. Its linear solves are counted in this
+    problem.
 
-    One way alone, or all without an executor, are gone in this process one after the other. An executor goes each on one thread
-    with an experiment that is made anew from the same data and elements, to the same bits; what it solves is counted in this one.
+    Parameters
+    ----------
+    problem : ElastographyProblem
+        The inverse problem.
+    ways : mapping of str to tuple
+        Name → (function, arguments). A function is called with the problem before the arguments, and with `callback`.
+    executor : int or executor, optional
+        As `parallel.run` takes it.
+    callback : callable, optional
+        Is called with each `Iteration`.
+    memory : float
+        Memory (bytes) of each run, as `parallel.Task` takes it.
+
+    Returns
+    -------
+    list
+        Their results.
     """
     callback = callback or (lambda *_: None)
     if executor in (None, 1) or len(ways) < 2:
@@ -69,26 +98,42 @@ def _gone(
 
 
 def check_levels(levels: Sequence[float]) -> tuple[float, ...]:
-    """Levels of uniform fields, as multiples of the modulus that the waves suggest; `InputError` unless positive and finite."""
+    """Return levels of uniform fields, as multiples of the modulus that the waves suggest, without doubles.
+
+    Raises `InputError` unless all are positive and finite.
+    """
     if not all(0 < each < np.inf for each in levels):
         raise InputError("levels", list(levels), "positive multiples of the modulus that the waves suggest")
     return tuple(dict.fromkeys(float(each) for each in levels))
 
 
 def check_iterations(rounds: int) -> None:
-    """`InputError` where there are no rounds to go."""
+    """Raise `InputError` unless there is at least one iteration."""
     if rounds < 1:
         raise InputError("rounds", rounds, "at least 1")
 
 
 def assumed_start_notes(data: WaveData) -> list[str]:
-    """What to say where the modulus that a search starts from is assumed, not what the waves say."""
+    """Return a note where the start modulus is an assumption, not an estimate from the waves."""
     note = uniform_modulus(data).note
     return [note] if note else []
 
 
 def select_start(both: OptimisationResult, ends: Mapping[float, OptimisationResult | None]) -> SelectedStart:
-    """What measured waves led to against the ends of uniform fields by their level, None where no step was lower; J decides."""
+    """Choose between the result from measured waves and those from uniform fields by their objective J.
+
+    Parameters
+    ----------
+    both : OptimisationResult
+        Result from measured waves.
+    ends : mapping of float to OptimisationResult or None
+        MisfitLevel of uniform fields → result; None where no step lowered J.
+
+    Returns
+    -------
+    SelectedStart
+        The result with the lowest J.
+    """
     kept = SelectedStart(both)
     arrived = {level: end for level, end in ends.items() if end is not None}
     if ends and not arrived:
@@ -106,9 +151,26 @@ def select_start(both: OptimisationResult, ends: Mapping[float, OptimisationResu
 
 
 def unknowns_from_maps(problem: ElastographyProblem, unknowns: ParameterFields, maps: Mapping[str, Array]) -> Array:
-    """x of fields that have the values of maps, name → (n,) at the points of the data, and are smooth where these are NaN.
+    """Return x of fields that fit maps and are smooth where these are NaN.
 
-    Raises `InputError` where a quantity of the material is missing, of another shape, known nowhere or out of its bounds.
+    Parameters
+    ----------
+    problem : ElastographyProblem
+        The inverse problem.
+    unknowns : Fields
+        Its unknowns.
+    maps : mapping of str to numpy.ndarray
+        Property → (n,) at the points of the data.
+
+    Returns
+    -------
+    numpy.ndarray
+        (unknowns,)
+
+    Raises
+    ------
+    InputError
+        A property of the material is missing, of another shape, NaN everywhere, or out of its bounds.
     """
     n = len(problem.data.points)
     for name, values in maps.items():

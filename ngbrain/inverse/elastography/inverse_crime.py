@@ -1,4 +1,4 @@
-"""The inverse crime: data computed with the very mesh and elements that they are inverted with flatter every method."""
+"""The inverse crime: data that were computed in the elements that invert them flatter every method."""
 
 from __future__ import annotations
 
@@ -10,15 +10,32 @@ from ngbrain.io.waves import WaveData
 
 ELEMENTS = {"q4": ElementPair.named("Q1"), "q4p0": ElementPair.named("Q1/L2(0)")}
 CLOSE = 1e-9
-"""Of the body's size: points that are the same."""
+"""Tolerance for equal points, relative to the size of the body."""
 
 
 def is_inverse_crime(data: WaveData, body: HarmonicProblem) -> bool:
-    """Whether `data` say that they were computed with the elements of `body`, on its vertices; to be told with every answer.
+    """Whether data were computed with the elements of a body, on its vertices.
 
-    Without noise any method then fits to the last digit: an error says nothing of what data of a real wave would give.
-    Source: Wirgin 2004, arXiv math-ph/0401050.
+    Without noise every method then fits to the last digit. Such an error says nothing about measured waves.
 
+    Parameters
+    ----------
+    data : WaveData
+        Data whose `element` says how they were computed.
+    body : Harmonic
+        The wave problem of the inversion.
+
+    Returns
+    -------
+    bool
+        True for an inverse crime.
+
+    References
+    ----------
+    Wirgin 2004, arXiv math-ph/0401050.
+
+    Examples
+    --------
     >>> from ngbrain.inverse.phantoms.benchmark import Phantom
     >>> coarse, fine = (Phantom.from_name("CV-G", nodes).simulate_measurements() for nodes in (5, 9))
     >>> is_inverse_crime(coarse.data(), coarse.inversion().model.body), is_inverse_crime(coarse.data(), fine.inversion().model.body)

@@ -128,7 +128,7 @@ class Inversion(Result):
     def reasons(self) -> list[str]:
         """What speaks against using the maps, see `verdict`."""
         return reasons_against(
-            self.data, self.maps, self.stated, self.noise_found, self.strain.volume, self.strain.torn
+            self.data, self.maps, self.stated, self.noise_found, self.strain.volume, self.strain.discontinuity_share
         )
 
     @property

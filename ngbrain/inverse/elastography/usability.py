@@ -1,7 +1,8 @@
-"""Whether maps of an inversion can be used at all: reasons against them, from the misfit and from the numbers themselves.
+"""Whether maps of an inversion can be used at all: reasons against them, from the misfit and from the values.
 
-An inversion always finds something: where the data are no waves of a body, noise is said to be as large as it takes. So that is
-judged: how much of the waves is left over, beside the noise that was stated (or that a smooth fit leaves).
+An inversion always returns maps. Where the data are not waves of a body, the noise is estimated as large as necessary. So the
+residual of
+the waves is judged against the stated noise (or the residual of a smooth fit).
 """
 
 from __future__ import annotations
@@ -17,14 +18,16 @@ from ngbrain.io.waves import WaveData
 
 Array = np.ndarray
 MOST = 0.4
-"""Part of the waves (rms) that is left over at most: a living brain's, one slice, leave .2."""
+"""Largest relative residual of the waves (rms): one slice of a living brain leaves .2."""
 BEYOND, TOLERATED = 4.0, 0.06
-"""How many times the stated noise may be left over, and the part of the waves that may be in any case: errors of elements."""
-TORN = 0.01
-"""Share of the displacements beside a jump: the seam through a grid of 100 points has 2 to 3 %, living brains have up to .4 %."""
+"""Largest ratio of the residual to the stated noise, and the relative residual that is accepted in any case: discretisation
+errors."""
+LARGEST_DISCONTINUITY = 0.01
+"""Largest share of displacements beside a jump: the seam through a grid of 100 points has 2 to 3 %, living brains have up to
+.4 %."""
 OUT = 0.05
-"""Share of the points that may have a modulus that no tissue has, or that the rest of the same tissue does not: rims, vessels.
-Fluid is no tissue, and has no place in the mask."""
+"""Largest share of points whose modulus no tissue has, or that differs too much from the rest of the tissue: rims, vessels.
+Fluid is not tissue and does not belong in the mask."""
 
 
 def reasons_against(
@@ -33,14 +36,29 @@ def reasons_against(
     stated: float,
     found: float,
     volume: float | None = None,
-    torn: float = 0.0,
+    discontinuity_share: float = 0.0,
 ) -> list[str]:
-    """Why maps are not to be used; empty where nothing speaks against them. Nothing at rest is judged by its moduli.
+    """Return reasons against the use of maps; empty where there is none. Quasi-static maps are not judged by their moduli.
 
-    stated   noise relative to the waves' rms, as it was given or as a smooth fit leaves it
-    found    that the misfit of the maps says
-    volume   |∇·u| over |∇×u| of the waves (`quality.OctahedralShearStrain`)
-    torn     share of the displacements beside a jump, likewise
+    Parameters
+    ----------
+    data : WaveData
+        The data.
+    maps : mapping of str to numpy.ndarray
+        Parameter → (n,)
+    stated : float
+        Noise relative to the rms of the waves, as given, or the residual of a smooth fit.
+    found : float
+        The same from the misfit of the maps.
+    volume : float, optional
+        |∇·u| over |∇×u| of the waves (`quality.OctahedralShearStrain`).
+    discontinuity_share : float
+        Share of displacements beside a jump, likewise.
+
+    Returns
+    -------
+    list of str
+        The reasons.
     """
     reasons, left = [], "of the displacements (rms) are not explained"
     if found > MOST:
@@ -51,9 +69,9 @@ def reasons_against(
         )
     if not data.frequency.any():
         return reasons
-    if torn > TORN:
+    if discontinuity_share > LARGEST_DISCONTINUITY:
         what = "tissue moves without jumps: are parts of two scans together, or is a phase wrapped?"
-        reasons.append(f"{100 * torn:.2g} % of the displacements lie beside a jump: {what}")
+        reasons.append(f"{100 * discontinuity_share:.2g} % of the displacements lie beside a jump: {what}")
     shear = np.abs(shear_modulus_map(data, maps))
     reasons += modulus_reasons(shear[data.mask & np.isfinite(shear)], data.tissue)
     if volume is not None and volume > 1 and bulk_ratio(data) > LOCKING:
@@ -65,11 +83,28 @@ def reasons_against(
 
 
 def modulus_reasons(shear: Array, tissue: str | None) -> list[str]:
-    """What speaks against the moduli |G*| (n,) Pa of a map's points: the median, or a share of them that is no tissue's.
+    """Return reasons against the moduli of a map's points.
 
-    A median that is none of the tissue's may be an error of a unit, which the waves cannot tell (`believable.of_tissue` warns);
-    points far from their own median are no unit's, but of a map that the data do not determine.
+    These are a median, or a share of points, outside the range of soft tissue. A median outside the range of the named tissue
+    may be an error
+    of a unit, which the waves cannot show (`plausibility.tissue_notes` warns). Points far from their own median are not
+    explained by a unit:
+    the data do not determine such a map.
 
+    Parameters
+    ----------
+    shear : numpy.ndarray
+        (n,) |G*|, Pa.
+    tissue : str or None
+        Name of the tissue.
+
+    Returns
+    -------
+    list of str
+        The reasons.
+
+    Examples
+    --------
     >>> modulus_reasons(np.geomspace(1e3, 4e3, 100), "brain")
     []
     >>> modulus_reasons(np.geomspace(1e2, 1e5, 100), "brain")

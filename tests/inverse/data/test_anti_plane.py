@@ -92,8 +92,8 @@ def test_the_seam_of_two_scans_is_no_tissue():
     whole = replace(one, displacement=one.displacement + noise)
     seam = replace(one, displacement=np.where(left, one.displacement, -1.5j * other.displacement) + noise)
     good, torn = (invert(data, uniform=False, regulariser="smooth") for data in (whole, seam))
-    assert good.usable and good.strain.torn == 0
-    assert torn.strain.torn > 0.02 and any("beside a jump" in reason for reason in torn.reasons)
+    assert good.usable and good.strain.discontinuity_share == 0
+    assert torn.strain.discontinuity_share > 0.02 and any("beside a jump" in reason for reason in torn.reasons)
     assert torn.noise_found < 4 * torn.stated  # the misfit alone would let it pass
 
 
