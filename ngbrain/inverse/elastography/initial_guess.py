@@ -157,7 +157,7 @@ def unknowns_from_maps(problem: ElastographyProblem, unknowns: ParameterFields, 
     ----------
     problem : ElastographyProblem
         The inverse problem.
-    unknowns : Fields
+    unknowns : ParameterFields
         Its unknowns.
     maps : mapping of str to numpy.ndarray
         Property → (n,) at the points of the data.

@@ -148,9 +148,9 @@ class SharedWeights(WeightPolicy):
             The zone's objective.
         x : numpy.ndarray
             (unknowns,) where.
-        level : Level
+        level : MisfitLevel
             Misfit and its expected value.
-        factor : Determined
+        factor : EffectiveParameterCounter
             The factorised Hessian.
         random : numpy.random.Generator
             For stochastic traces.

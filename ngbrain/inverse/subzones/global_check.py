@@ -59,7 +59,7 @@ def global_misfit(
 
     Returns
     -------
-    Level or None
+    MisfitLevel or None
         Misfit and its expected value; None for a body of more than `LARGEST` unknowns.
     """
     if cells.n_displacements > LARGEST:

@@ -314,7 +314,7 @@ def merge_inversion(
         strain=strain,
         stated=rms_noise(data, noise),
         warnings=notes + ([strain.note] if strain.note else []),
-        status=status_of(starts[-1].converged),
+        status=convergence_status(starts[-1].converged),
     )
 
 
