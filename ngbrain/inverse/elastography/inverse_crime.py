@@ -22,7 +22,7 @@ def is_inverse_crime(data: WaveData, body: HarmonicProblem) -> bool:
     ----------
     data : WaveData
         Data whose `element` says how they were computed.
-    body : Harmonic
+    body : HarmonicProblem
         The wave problem of the inversion.
 
     Returns

@@ -30,7 +30,7 @@ def label_shares(
     mesh : ngsolve.Mesh
         Mesh in m.
     degree : int
-        `quadrature` of the `Harmonic` that uses the indicators. They are valid in its integrals only.
+        `quadrature` of the `HarmonicProblem` that uses the indicators. They are valid in its integrals only.
     label_at : callable
         Points (n, dim) m → label numbers (n,) from 0 on, indices into `names`.
     names : sequence of str
