@@ -1,4 +1,4 @@
-"""A head of any shape, opened by a cleft: from the smooth outlines of brain and ventricles to tetrahedra."""
+"""A head of any shape with a cleft: from smooth outlines of brain and ventricles to tetrahedra."""
 
 from __future__ import annotations
 
@@ -19,31 +19,56 @@ from ngbrain.mesh.tet_mesh import Elements, Surface
 GROWTH = 0.4
 """Growth of the element size (m) with distance (m) from the cleft."""
 HORNS = 9e-3
-"""Largest elements (m) on the ventricles: larger ones do not close around thin horns."""
+"""Largest elements (m) on the ventricles; larger ones do not close around thin horns."""
 ROUNDS = 4
-"""of moving triangles until they enclose the volume of the outline."""
+"""Iterations of the vertex moves that restore the volume of the outline."""
 CLEARANCE = 1.5e-3
-"""Tissue (m) that has to stay between the cleft and a ventricle, or a lesion with a surface of its own."""
+"""Smallest tissue thickness (m) between the cleft and a ventricle, or a lesion with its own surface."""
 
 
 @dataclass(frozen=True, eq=False)
 class Hull:
-    """A mesh within surfaces, and where these are not the labels'."""
+    """A mesh inside smooth surfaces.
+
+    Parameters
+    ----------
+    elements : Elements
+        The mesh.
+    repairs : tuple of Repair
+        Places where the surfaces differ from the labels.
+    """
 
     elements: Elements
     repairs: tuple[Repair, ...]
 
 
 def head(shape: Outlines, cleft: Cleft, craniotomy: float, sizes: Sizes) -> Hull:
-    """Tetrahedra between the outlines, with the cleft cut out by exact planes.
+    """Tetrahedra between the outlines of a head, with a cleft cut out by exact planes.
 
-    Regions `brain`, `ventricles` and lesions by their names, but for those that the cleft comes closer to than `CLEARANCE`,
-    which are of `brain`; boundaries `skull` (the surface), `craniotomy` (a disc of that diameter, m, around the cleft),
-    `ventricle_wall`, `<lesion>_wall` and the cleft's own (see `Cleft`). Volumes are those of the outlines.
+    Regions are `brain`, `ventricles` and the lesions by name; lesions closer to the cleft than `CLEARANCE` belong to `brain`.
+    Boundaries are `skull` (the surface), `craniotomy` (a disc around the cleft), `ventricle_wall`, `<lesion>_wall` and the
+    cleft's own (see `Cleft`). Volumes are those of the outlines.
 
-    sizes   elements (m) on the cleft, under the craniotomy, and elsewhere
+    Parameters
+    ----------
+    shape : Outlines
+        Smooth outlines of the head.
+    cleft : Cleft
+        The cleft.
+    craniotomy : float
+        Diameter of the craniotomy (m).
+    sizes : Sizes
+        Element sizes on the cleft, under the craniotomy and elsewhere (m).
 
-    Raises `InputError` for a cleft that opens a ventricle or does not reach the surface, and where no mesh is found.
+    Returns
+    -------
+    Hull
+        The mesh.
+
+    Raises
+    ------
+    InputError
+        The cleft opens a ventricle or does not reach the surface, or no mesh is found.
     """
     brain = shape.brain
     slot = CleftWalls.of(cleft, brain, sizes.site)
@@ -60,7 +85,7 @@ def head(shape: Outlines, cleft: Cleft, craniotomy: float, sizes: Sizes) -> Hull
     skull = remesh_surface(brain, size, fixed)
     outer, triangles = match_enclosed_volume(brain, skull.points, skull.triangles, slot.mouth), skull.triangles
     repairs = [*shape.repairs, *changes(BRAIN, skull)]
-    # Points: the slot's, of which the first are the hull's first too; then the rest of the hull's; then those of what is inside.
+    # Order of the points: the cleft's, of which the first are also the hull's first; the rest of the hull's; the inner surfaces'.
     n, m = slot.mouth, len(slot.points)
     triangles = np.where(triangles < n, triangles, triangles + m - n)
     points = np.concatenate([slot.points, outer[n:]])
@@ -82,13 +107,26 @@ def head(shape: Outlines, cleft: Cleft, craniotomy: float, sizes: Sizes) -> Hull
 
 
 def inner_surface(outline: LevelSet, size: SizeField) -> RemeshedSurface:
-    """The surface of ventricles or a lesion, with their volume."""
+    """Triangulate the surface of ventricles or of a lesion and keep its volume.
+
+    Parameters
+    ----------
+    outline : LevelSet
+        Smooth outline.
+    size : SizeField
+        Element size (m).
+
+    Returns
+    -------
+    RemeshedSurface
+        The triangles.
+    """
     wall = remesh_surface(outline, lambda points: np.minimum(size(points), HORNS), np.zeros((0, 3)))
     return replace(wall, points=match_enclosed_volume(outline, wall.points, wall.triangles))
 
 
 def wall_name(region: str) -> str:
-    """The name of its boundary."""
+    """Name of the boundary of a region inside the head."""
     return f"{region.removesuffix('s') if region == VENTRICLES else region}_wall"
 
 
@@ -101,7 +139,24 @@ def _clear(slot: CleftWalls, ventricles: LevelSet) -> None:
 
 
 def match_enclosed_volume(surface: LevelSet, points: Points, triangles: np.ndarray, fixed: int = 0) -> Points:
-    """Points moved along their normals, but for the first `fixed`, so that flat triangles enclose what the outline does."""
+    """Move vertices along their normals so that the plane triangles enclose the volume of the outline.
+
+    Parameters
+    ----------
+    surface : LevelSet
+        The outline.
+    points : ndarray, shape (n, 3)
+        Vertices (m).
+    triangles : ndarray of int, shape (m, 3)
+        Triangles, with outward normals.
+    fixed : int
+        Number of vertices, from the first on, that do not move.
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        New positions (m).
+    """
     wanted = float((surface.values < 0).sum()) * surface.spacing**3
     points = points.copy()
     for _ in range(ROUNDS):
@@ -112,7 +167,9 @@ def match_enclosed_volume(surface: LevelSet, points: Points, triangles: np.ndarr
         for k in range(3):
             np.add.at(normals, triangles[:, k], areas / 3)
         normals[:fixed] = 0
-        points += missing / float((normals**2).sum()) * normals  # further where triangles are large, as they miss more
+        points += (
+            missing / float((normals**2).sum()) * normals
+        )  # large triangles miss more volume, so that their vertices move further
     return points
 
 

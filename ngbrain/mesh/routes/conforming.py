@@ -1,4 +1,4 @@
-"""Tetrahedra of tissues that conform where tissues meet, straight from a map of labels, as fine as a size field asks."""
+"""Delaunay tetrahedra that conform to all interfaces of a label map, graded by a size field."""
 
 from __future__ import annotations
 
@@ -17,59 +17,80 @@ from ngbrain.mesh.labels.volume_zones import Zones
 from ngbrain.mesh.tet_mesh import Elements, named_elements
 
 PER_CUBE, MOST = 7.5, 20e6
-"""Tetrahedra in a cube of their size; as many make a mesh that is refused, as it would not fit into memory."""
+"""Tetrahedra in a cube of their size, and the largest number of tetrahedra: more would not fit into memory."""
 PASSES = 3
-"""Triangulations of ever better points, each labelled anew."""
+"""Number of triangulations; points are improved and tetrahedra labelled anew in each."""
 OFF = 0.15
-"""Part of the element size by which points that stay off the interface that they border may miss it; others go."""
+"""Largest offset of an interface vertex, as a part of the element size; vertices farther off are removed."""
 STRAY = 0.25
-"""Difference of the shares that should be equal, up to which a vertex may be moved along an interface."""
+"""Largest difference of the volume fractions that should be equal, for a vertex that moves along an interface."""
 MOVES = 8
-"""Rounds of moves after each of them,"""
+"""Rounds of vertex moves after each triangulation,"""
 LAST_MOVES = 20
-"""more after the last,"""
+"""after the last one,"""
 POLISHES = 6
-"""and how often swaps and moves take turns in the last one at most."""
+"""and the largest number of alternations of swaps and moves at the end."""
 FAVOUR = 0.2
-"""Share that a region of which there is too little is given at most, and one of which there is too much is taken off."""
+"""Largest bias of a region's volume fraction, positive where it lacks volume and negative where it has too much."""
 AIR = 0.95
-"""Share of outside at a corner from which a tetrahedron is outside."""
+"""Volume fraction of outside at a corner from which a tetrahedron is outside."""
 THORNS = 3
-"""Layers of a thorn that are taken off the surface."""
+"""Layers of a spike that are removed from the surface."""
 BALANCING = 6
-"""Rounds in which these are found."""
+"""Iterations of the volume balance."""
 FINE = 1.25
-"""Times the finest size: up to there volumes of a graded mesh are right for themselves (`zones`)."""
+"""Ratio to the finest size up to which a graded mesh has volumes matched in a zone of its own (`volume_zones`)."""
 FORGONE, FILM = 0.2, 0.6
-"""Part of what smoothing takes from a region there that it does without, for interfaces nearer to those of the labels; a film,
-of which smoothing leaves less than that share, has none to be near to."""
+"""Part of the volume lost by smoothing that is given up in the zones, to keep interfaces near those of the labels; and the
+fraction of its volume left by smoothing below which a film keeps its full target.
+"""
 GOAL = np.sin(np.radians(15))
-"""Tetrahedra with angles between faces of less than 15° or more than 165° are worked on until they are gone or stuck."""
+"""Tetrahedra with dihedral angles below 15° or above 165° are improved as long as that is possible."""
 SOUND = np.sin(np.radians(8))
-"""What matching volumes may make of good ones; flatter ones may leave their interfaces, by `OFF`, to get there."""
+"""Smallest quality that volume matching may lead to; flatter tetrahedra may leave their interfaces, by `OFF`, to reach it."""
 
 
 def conforming(labels: LabelMap, size: SizeField, smoothing: float = SMOOTHING, seed: int = 0) -> Elements:
-    """Tetrahedra of every region of a map of labels, which meet in common triangles; the same bits every time.
+    """Mesh every region of a label map with tetrahedra that share the interface triangles; the result is the same bit by bit.
 
-    Samples on the interfaces of the labels' smoothed indicators and inside the regions; their Delaunay tetrahedra, each
-    in the region of the largest share in it (a restricted Delaunay triangulation of many materials, as of Boltcheva,
-    Yvinec & Boissonnat 2009, 10.1111/j.1467-8659.2009.01521.x). Vertices are put where the regions around them meet,
-    and all is triangulated again, so that tetrahedra and interfaces settle. Last, moves of single vertices and swaps of
-    edges and faces take turns on the worst tetrahedra (Freitag & Ollivier-Gooch 1997), and interfaces move by a small
-    part of the element size so that regions have the volumes of their voxels, where a graded mesh is finest as in the
-    rest. What is thinner than elements is lost to what is around it.
+    Points are sampled on the interfaces of the labels' smoothed indicators and inside the regions. Each of their Delaunay
+    tetrahedra gets the region with the largest volume fraction in it (a multi-material restricted Delaunay triangulation).
+    Interface vertices are projected onto the interface of the regions around them, and all points are triangulated again, until
+    tetrahedra and interfaces are consistent. Then vertex moves and edge and face swaps alternate on the worst tetrahedra. At
+    last, interfaces move by a small part of the element size, so that regions get the volumes of their voxels; in a graded mesh
+    also in its finest part. Parts thinner than elements are lost to their neighbours.
 
-    labels     regions on voxels
-    size       points (n, 3) m → wanted lengths of edges (n,) m; it should not change faster than about 0.3 of distance
-    smoothing  standard deviation (m) of the Gaussian that rounds the voxels' steps
+    Boundaries are `outer_<region>` on the outside and `<a>_<b>` between regions, in the order of `labels.regions`; triangles
+    point out of the first.
 
-    Boundaries are `outer_<region>` on the outside and `<a>_<b>` between regions, in the order of `labels.regions`, with
-    triangles outwards of the first.
+    Parameters
+    ----------
+    labels : LabelMap
+        Regions on voxels.
+    size : SizeField
+        Wanted edge length (m); its gradient should be below about 0.3.
+    smoothing : float
+        Standard deviation (m) of the Gaussian that smooths the voxel steps.
+    seed : int
+        Seed of the random samples.
 
-    Raises `InputError` for labels without voxels, sizes that are not positive numbers, sizes that need more than
-    `MOST` tetrahedra, and sizes so large that a region has no tetrahedron.
+    Returns
+    -------
+    Elements
+        The mesh.
 
+    Raises
+    ------
+    InputError
+        Labels without voxels, sizes that are not positive numbers or need more than `MOST` tetrahedra, or sizes so large that a
+        region has no tetrahedron.
+
+    References
+    ----------
+    Boltcheva, Yvinec & Boissonnat (2009), doi:10.1111/j.1467-8659.2009.01521.x; Freitag & Ollivier-Gooch (1997).
+
+    Examples
+    --------
     >>> from ngbrain.image.read.volume import Volume
     >>> ball = np.linalg.norm(np.indices((13, 13, 13)) - 6, axis=0) < 5
     >>> labels = LabelMap(Volume(ball.astype(int), np.diag([1e-3, 1e-3, 1e-3, 1])), {1: "gel"})
@@ -104,7 +125,7 @@ def _fine(h: np.ndarray, smallest: float, largest: float) -> np.ndarray:
 
 
 def _freed(points: Points, tets: np.ndarray, region: np.ndarray, far: np.ndarray, rng: np.random.Generator) -> Points:
-    """Points of what is still flatter than `SOUND` moved by `far` (n,) at most, off their interfaces too."""
+    """Improve tetrahedra still flatter than `SOUND`; their vertices may leave interfaces by `far` (n,) at most."""
 
     def place(vertices: np.ndarray, wanted: Points) -> Points:
         step, most = wanted - points[vertices], far[vertices]
@@ -114,7 +135,7 @@ def _freed(points: Points, tets: np.ndarray, region: np.ndarray, far: np.ndarray
 
 
 def _triangulated(points: Points, indicators: Indicators, zones: Zones) -> tuple[np.ndarray, np.ndarray]:
-    """The points' Delaunay tetrahedra (m, 4) in Netgen's orientation, and the region (m,) of each, 0 for outside."""
+    """Delaunay tetrahedra (m, 4) of the points in Netgen's orientation, and the region (m,) of each; 0 is outside."""
     try:
         delaunay = Delaunay(points)
     except (QhullError, ValueError) as error:
@@ -132,8 +153,8 @@ def _triangulated(points: Points, indicators: Indicators, zones: Zones) -> tuple
         fractions += indicators(where) / len(INSIDE)
         zone += zones.weights(where) / len(INSIDE)
     volume = np.abs(np.linalg.det(x[:, 1:] - x[:, :1])) / 6
-    # First what is inside at all, then which region: fluid that is short of volume shall not grow thorns into the air, nor is
-    # anything inside that reaches into it, as its corner could not be brought back.
+    # First inside or outside, then the region: fluid that lacks volume must not grow spikes into the air. A tetrahedron that
+    # reaches into the air is outside, since its corner could not be moved back.
     air = (indicators(points)[:, 0] > AIR)[tets].any(axis=1)
     deep, favour = (
         fractions[:, 1:].max(axis=1) - fractions[:, 0],
@@ -156,23 +177,23 @@ def _triangulated(points: Points, indicators: Indicators, zones: Zones) -> tuple
 
 
 def _without_thorns(within: np.ndarray, beside: np.ndarray) -> np.ndarray:
-    """What is inside (m,) without tetrahedra of which three faces or more look outside; `beside` (m, 4) are those across."""
+    """Inside mask (m,) without spikes: tetrahedra with three or more faces to the outside; `beside` (m, 4) are the neighbours."""
     for _ in range(THORNS):
         within = within & ((np.where(beside >= 0, within[beside], False)).sum(axis=1) >= 2)
     return within
 
 
 def _meeting(tets: np.ndarray, region: np.ndarray, n: int, count: int) -> np.ndarray:
-    """Which regions (n, count) there are around each vertex."""
+    """Regions (n, count) around each vertex."""
     meeting = np.zeros((n, count), bool)
     meeting[tets, region[:, None]] = True
     return meeting
 
 
 def _settled(points: Points, tets: np.ndarray, region: np.ndarray, indicators: Indicators) -> tuple[Points, np.ndarray]:
-    """Points with those between regions put where these meet, and how far (n,) from there those are that had to stay.
+    """Points with interface vertices projected onto their interface, and the offset (n,) of those that could not move.
 
-    They have to where they would turn a tetrahedron inside out.
+    A vertex stays where its move would invert a tetrahedron.
     """
     meeting = _meeting(tets, region, len(points), len(indicators.regions) + 1)
     border = meeting.sum(axis=1) > 1
@@ -196,7 +217,7 @@ def _improved(
     moves: int,
     rng: np.random.Generator,
 ) -> Points:
-    """Points moved so that bad tetrahedra get better, those between regions along their interfaces."""
+    """Improve bad tetrahedra by vertex moves; interface vertices move along their interfaces."""
     meeting = _meeting(tets, region, len(points), len(indicators.regions) + 1)
     border = meeting.sum(axis=1) > 1
 

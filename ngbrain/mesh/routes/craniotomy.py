@@ -1,4 +1,4 @@
-"""An opening in a head by any route: a cleft with plane walls under a craniotomy."""
+"""A head opened by a cleft with plane walls under a craniotomy, by any meshing route."""
 
 from __future__ import annotations
 
@@ -26,28 +26,43 @@ from ngbrain.mesh.surface.head_outlines import outlines
 from ngbrain.mesh.tet_mesh import Elements
 
 ALIGNED = 0.5
-"""Cosine between the normal of a triangle and that of the wall that it is called by at least."""
+"""Smallest cosine between the normal of a triangle and that of the wall that it belongs to."""
 RINGS, TURNS = 3, 6
-"""Layers of points inside that make room for those that go onto the planes, and how often they do."""
+"""Layers of interior points that make room for points moved onto the planes, and the number of alternations."""
 NEAR_WALL = 1.5
-"""Voxels up to which triangles that face the cleft may be off its planes."""
+"""Largest distance (voxels) of triangles that face the cleft from its planes."""
 SIDES = {"wall_plus": (0, 1), "wall_minus": (0, -1), "end_plus": (1, 1), "end_minus": (1, -1), "floor": (2, -1)}
-"""Boundaries of a cleft: the coordinate that is constant there (across, along, height), and on which side."""
+"""Boundaries of a cleft: the coordinate that is constant there (across, along, height), and the sign of its side."""
 
 Points = np.ndarray
 
 
 @dataclass(frozen=True)
 class Opening:
-    """What is asked for, m: a cleft to `target`, `opening` between its walls and `width` along them, under a craniotomy.
+    """A requested cleft under a craniotomy.
 
-    target       centre of the cleft's floor, in tissue
-    craniotomy   diameter of the hole in the skull
-    approach     direction from the target outwards; None: the shortest way
-    across       direction from wall to wall; None: left to right
+    Parameters
+    ----------
+    target : tuple of float
+        Centre of the cleft's floor, in tissue (m).
+    opening : float
+        Distance between the walls (m).
+    width : float
+        Extent along the walls (m).
+    craniotomy : float
+        Diameter of the hole in the skull (m).
+    approach : tuple of float, optional
+        Direction from the target outwards; None: the shortest path.
+    across : tuple of float, optional
+        Direction from wall to wall; None: left to right.
 
-    Raises `InputError` for lengths that are not above 0 and a craniotomy that the cleft does not fit in.
+    Raises
+    ------
+    InputError
+        A length is not above 0, or the cleft does not fit into the craniotomy.
 
+    Examples
+    --------
     >>> Opening((0.0, 0.0, 0.05), opening=-4e-3)
     Traceback (most recent call last):
     ngbrain.errors.InputError: cleft.opening_mm is -4; wanted: a length above 0
@@ -69,7 +84,7 @@ class Opening:
             raise InputError("cleft.craniotomy_mm", f"{1e3 * self.craniotomy:g}", wanted)
 
     def cleft(self, labels: LabelMap) -> Cleft:
-        """Where it lies in a head of labels; raises what `cleft_in` raises."""
+        """Position the cleft in a head of labels; raises as `find_cleft` does."""
         ways = [None if way is None else np.array(way) for way in (self.approach, self.across)]
         shape = outlines(labels)
         return find_cleft(shape.brain, shape.ventricles, np.array(self.target), self.opening, self.width, *ways)
@@ -84,9 +99,34 @@ def find_cleft(
     approach: Points | None = None,
     across: Points | None = None,
 ) -> Cleft:
-    """A cleft by the shortest way to the surface of a head, or along `approach`.
+    """Find a cleft from a target to the surface of a head.
 
-    Raises `InputError` for a target that is not in tissue, and where there is no way out.
+    Parameters
+    ----------
+    brain : LevelSet
+        The brain's surface.
+    ventricles : LevelSet or None
+        Surface of the ventricles.
+    target : ndarray, shape (3,)
+        Centre of the floor (m).
+    opening : float
+        Distance between the walls (m).
+    width : float
+        Extent along the walls (m).
+    approach : ndarray, shape (3,), optional
+        Direction outwards; None: the shortest path.
+    across : ndarray, shape (3,), optional
+        Direction from wall to wall; None: left to right.
+
+    Returns
+    -------
+    Cleft
+        The cleft.
+
+    Raises
+    ------
+    InputError
+        The target is not in tissue, or no path leads to the surface.
     """
     where = "(" + ", ".join(f"{1e3 * c:.1f}" for c in target) + ") mm"
     if brain(target)[0] >= 0:
@@ -106,16 +146,37 @@ def find_cleft(
 def mesh_with_cleft(
     labels: LabelMap, opening: Opening, route: str, near: float, far: float
 ) -> tuple[LabelMap, LabelMesh]:
-    """What is left of labels when a head is opened, and its mesh by a route, from the cache if it was made before.
+    """Open a head and mesh it by a route; a mesh made before comes from the cache.
 
-    By `hull` the walls are exact planes and the craniotomy's rim a circle; lesions that the cleft touches are no regions of it.
-    By the other routes what is cut away is taken from the labels' shares, and walls are put onto the planes where elements stay
-    good: those of tissues' corners and of the cleft's edges may miss them by part of an element, and the craniotomy ends with
-    whole triangles.
+    By `hull`, the walls are exact planes and the craniotomy's rim is a circle; lesions touched by the cleft are no regions of
+    it. By the other routes, the cleft is subtracted from the labels' volume fractions, and the walls are moved onto the planes
+    where elements stay good: corners of tissues and edges of the cleft may be off by part of an element, and the craniotomy ends
+    with whole triangles.
 
-    near   element size (m) at the walls; far that away from them
+    Parameters
+    ----------
+    labels : LabelMap
+        The labels.
+    opening : Opening
+        The requested cleft.
+    route : str
+        Meshing route.
+    near : float
+        Element size at the walls (m).
+    far : float
+        Element size far away from them (m).
 
-    Raises `InputError` for a cleft that cannot be, sizes that do not fit it, and what `meshed_by` raises.
+    Returns
+    -------
+    labels : LabelMap
+        Labels without the cleft.
+    mesh : LabelMesh
+        The mesh.
+
+    Raises
+    ------
+    InputError
+        The cleft is impossible, sizes do not fit it, or `mesh_labels` fails.
     """
     cleft = opening.cleft(labels)
     size, left = CleftSizeField(cleft, near, far), remove_cleft(labels, cleft)
@@ -134,10 +195,27 @@ def mesh_with_cleft(
 
 
 def remove_cleft(labels: LabelMap, cleft: Cleft) -> LabelMap:
-    """Labels that are cut away in a cleft, voxels on its walls by their share in it, so that planes stay planes.
+    """Remove a cleft from labels; voxels on its walls are removed in part, so that planes stay planes.
 
-    Raises `InputError` where that opens a ventricle, or nothing is left of a region.
+    Parameters
+    ----------
+    labels : LabelMap
+        The labels.
+    cleft : Cleft
+        The cleft.
 
+    Returns
+    -------
+    LabelMap
+        The remaining labels.
+
+    Raises
+    ------
+    InputError
+        A ventricle is opened, or nothing is left of a region.
+
+    Examples
+    --------
     >>> from ngbrain.image.read.volume import Volume
     >>> ball = np.linalg.norm(np.indices((24, 24, 24)) - 11.5, axis=0) < 10
     >>> labels = LabelMap(Volume(ball.astype(int), np.diag([1e-3, 1e-3, 1e-3, 1])), {1: "grey"})
@@ -170,12 +248,31 @@ def remove_cleft(labels: LabelMap, cleft: Cleft) -> LabelMap:
 
 
 def fit_cleft_walls(elements: Elements, cleft: Cleft, craniotomy: float, voxel: float) -> Elements:
-    """A mesh of carved labels with the boundaries of the cleft named and put onto its planes where elements stay good.
+    """Name the boundaries of the cleft in a mesh and move them onto its planes where elements stay good.
 
-    Outer triangles that face the cleft become `wall_plus`, `wall_minus`, `end_plus`, `end_minus` and `floor` (see `Cleft`), those
-    of the surface within the craniotomy's diameter (m) `craniotomy`; the others keep their names. `voxel` is the labels' (m).
+    Outer triangles that face the cleft become `wall_plus`, `wall_minus`, `end_plus`, `end_minus` and `floor` (see `Cleft`). Those
+    of the surface within the craniotomy become `craniotomy`; the others keep their names.
 
-    Raises `InputError` where the mesh has no such wall.
+    Parameters
+    ----------
+    elements : Elements
+        A mesh of labels without the cleft.
+    cleft : Cleft
+        The cleft.
+    craniotomy : float
+        Diameter of the craniotomy (m).
+    voxel : float
+        Voxel size of the labels (m).
+
+    Returns
+    -------
+    Elements
+        The mesh with the cleft's boundaries.
+
+    Raises
+    ------
+    InputError
+        The mesh lacks one of the walls.
     """
     outer = np.array([name.startswith("outer_") for name in elements.boundaries])[elements.boundary]
     corners = elements.points[elements.triangles]
@@ -213,7 +310,7 @@ def fit_cleft_walls(elements: Elements, cleft: Cleft, craniotomy: float, voxel: 
 
 
 def _eased(elements: Elements, walls: np.ndarray, onto: Callable[[Points], Points]) -> Points:
-    """Points with those of the walls put where they should be, and those inside beside them making room, in turns."""
+    """Move wall points onto their planes and let the interior points beside them make room, in alternation."""
     points, tets = elements.points, elements.tets
     near = np.zeros(len(points), bool)
     near[walls] = True

@@ -1,4 +1,4 @@
-"""The smallest model of a head: its surface, ventricles and lesions as conforming surfaces, tissue as a field inside."""
+"""The smallest model of a head: head surface, ventricles and lesions as conforming surfaces, tissues as a field inside."""
 
 from __future__ import annotations
 
@@ -18,25 +18,40 @@ from ngbrain.mesh.surface.remeshing import remesh_surface
 from ngbrain.mesh.tet_mesh import Elements, Surface, named_elements
 
 GOAL, MOVES = float(np.sin(np.radians(16))), 40
-"""Elements with angles between faces of less than 16° or more than 164° are worked on, in so many rounds."""
+"""Elements with dihedral angles below 16° or above 164° are improved, in this number of rounds."""
 SWAPS = 4
-"""Rounds in which swaps and moves take turns at most: Netgen leaves flat elements with all corners on a wall."""
+"""Largest number of alternations of swaps and moves: Netgen leaves flat elements with all corners on a wall."""
 MOST = 5e6
-"""Tetrahedra of a mesh that is refused, as Netgen would not end."""
+"""Largest number of tetrahedra; with more, Netgen would not terminate."""
 
 
 def hull(labels: LabelMap, size: SizeField) -> Hull:
-    """Tetrahedra of the head as a whole, region `brain`, around those that are called `ventricles` or as in `LESION`, if any.
+    """Tetrahedra of the whole head, region `brain`, around ventricles and lesions, if there are any.
 
-    Boundaries `skull` (the surface), `ventricle_wall` and `<lesion>_wall`, at least `WALL` apart. The head is the
-    largest piece of what has a label, its holes filled;
-    volumes of the smoothed outlines are those of the voxels. What tissue a point belongs to is asked of the labels.
+    Lesions are regions named as in `LESION`. Boundaries are `skull` (the surface), `ventricle_wall` and `<lesion>_wall`, at least
+    `WALL` apart. The head is the largest component of the labelled voxels with its holes filled. Volumes of the smoothed
+    outlines are those of the voxels. The tissue at a point is read from the labels.
 
-    size   points (n, 3) m → element size (n,) m, on the surfaces and inside
+    Parameters
+    ----------
+    labels : LabelMap
+        The labels.
+    size : SizeField
+        Element size on the surfaces and inside (m).
 
-    Raises `InputError` where labels hold no head, where a lesion touches what it cannot, for sizes that are not positive or that
-    need more than `MOST` tetrahedra, and where no mesh is found.
+    Returns
+    -------
+    Hull
+        The mesh.
 
+    Raises
+    ------
+    InputError
+        Labels contain no head, a lesion touches another surface, sizes are not positive or need more than `MOST` tetrahedra, or
+        no mesh is found.
+
+    Examples
+    --------
     >>> ball = np.linalg.norm(np.indices((40, 40, 40)) - 19.5, axis=0) < 16
     >>> from ngbrain.image.read.volume import Volume
     >>> labels = LabelMap(Volume(ball.astype(int), np.diag([1e-3, 1e-3, 1e-3, 1])), {1: "white"})
@@ -64,7 +79,7 @@ def hull(labels: LabelMap, size: SizeField) -> Hull:
 
 
 def _rounded(elements: Elements, outlines: dict[str, LevelSet]) -> Elements:
-    """Without flat elements, and the surfaces moved back to where they enclose what they should."""
+    """Remove flat elements and move the surfaces so that they enclose their volumes."""
     elements = smooth_hull(elements, outlines)
     for _ in range(SWAPS):
         swaps = Reconnection(elements.points, elements.tets, elements.region + 1)
@@ -79,15 +94,28 @@ def _rounded(elements: Elements, outlines: dict[str, LevelSet]) -> Elements:
 
 
 def _swapped(elements: Elements, tets: np.ndarray, region: np.ndarray) -> Elements:
-    """With other tetrahedra in regions from 1 on the same corners, and the walls that they have then."""
+    """The mesh with other tetrahedra in regions from 1 on the same vertices, and the resulting walls."""
     made = named_elements(elements.points, tets, region - 1, elements.regions)
     triangles, walls = made.triangles, made.boundary > 0
-    triangles[walls] = triangles[walls][:, [0, 2, 1]]  # outwards of the ventricles and lesions
+    triangles[walls] = triangles[walls][:, [0, 2, 1]]  # pointing out of the ventricles and lesions
     return replace(made, triangles=triangles, boundaries=elements.boundaries)
 
 
 def smooth_hull(elements: Elements, outlines: dict[str, LevelSet]) -> Elements:
-    """With corners of flat elements moved, those of boundaries on the level of the outline that they are on, or not at all."""
+    """Smooth flat elements; boundary vertices stay on the level of their outline, or do not move.
+
+    Parameters
+    ----------
+    elements : Elements
+        The mesh.
+    outlines : dict of str to LevelSet
+        Boundary → outline.
+
+    Returns
+    -------
+    Elements
+        The improved mesh.
+    """
     start, tets = elements.points, elements.tets
     on = np.full(len(start), -1)
     for i in range(len(elements.boundaries)):

@@ -1,4 +1,4 @@
-"""Labels to tetrahedra by a lattice that is snapped onto the interfaces: no surface is made, any labels will do."""
+"""A lattice of tetrahedra snapped onto the interfaces of labels: no surfaces are made, and any labels will do."""
 
 from __future__ import annotations
 
@@ -19,23 +19,30 @@ from ngbrain.mesh.labels.volume_zones import Zones
 from ngbrain.mesh.tet_mesh import Elements
 
 ROUNDS, MORE = 4, 2
-"""of moving points to where regions meet, after the first one, in which they are snapped along the lattice's edges; and how many
-more there are as long as a region is further off its volume than `OFF`."""
+"""Rounds of moves onto interfaces after the first snapping along lattice edges; and the largest number of further rounds while
+a region's volume is off by more than `OFF`.
+"""
 OFF = 0.01
-"""Part of a region's volume: a few large elements change sides in each round."""
+"""Relative volume error allowed; a few large elements change sides in each round."""
 SHIFT = 0.2
-"""Part of the largest element's size by which interfaces may be off where shares are equal, for the regions' volumes."""
+"""Largest shift of interfaces for the regions' volumes, as a part of the largest element size."""
 CUT = 5.0
-"""Widths of an interface (smoothing and voxels) above which edges are not cut by it, as folds finer than them are not followed."""
-_FINE = (0.5, 0.9)  # parts of the largest size between which elements cease to be of the fine zone
+"""Length of edges, in widths of an interface (smoothing and voxels), above which they are not cut: finer folds are not resolved."""
+_FINE = (0.5, 0.9)  # parts of the largest size between which elements leave the refined zone
 
 
 @dataclass(frozen=True, eq=False)
 class Lattice:
-    """A mesh, and what became of the points of its interfaces.
+    """A mesh and the number of its snapped interface vertices.
 
-    snapped    how many are where regions meet
-    rejected   how many are not, as they were held back, in part or altogether, from making a tetrahedron too flat
+    Parameters
+    ----------
+    elements : Elements
+        The mesh.
+    snapped : int
+        Number of vertices on their interface.
+    rejected : int
+        Number of vertices that stayed off it, because a tetrahedron would have become too flat.
     """
 
     elements: Elements
@@ -44,30 +51,48 @@ class Lattice:
 
 
 def lattice(labels: LabelMap, size: SizeField, smoothing: float = SMOOTHING) -> Lattice:
-    """Tetrahedra of all regions of a map of labels, as large as `size` asks, with the labels' volumes.
+    """Mesh all regions of a label map by a snapped lattice of tetrahedra, with the labels' volumes.
 
-    size        points (n, 3) m → element size (n,) m: the edge of the cubes whose middles and corners are the lattice; there
-                are 12 tetrahedra in h³, with edges of h and 0.87 h, where h is `size` times 0.7 to 1.4
-    smoothing   standard deviation (m) of the Gaussian that rounds the voxels' steps (`Indicators`)
+    The lattice is an octree of cubes (`octree.body_centred_lattice`). Vertices close to where an edge changes region are snapped
+    onto the interface. Edges that still cross one are split there, unless they are longer than `CUT` times the blur of
+    interfaces. Each tetrahedron gets the region with the largest mean volume fraction. Then, for a few rounds, interface
+    vertices move to where the two volume fractions are equal, and their neighbours to the centre of their neighbourhood. No move
+    or split leads to a dihedral angle below `guarded_moves.ANGLE` or a radius ratio below `guarded_moves.RATIO`.
 
-    The lattice is an octree of cubes (`octree.body_centred_lattice`). Points close to where an edge changes region are snapped onto
-    the interface; edges that still cross one are cut there in two, unless they are longer than `CUT` times the blur of
-    interfaces; each tetrahedron takes the region of the largest mean share in it; then, for a few rounds, points of
-    interfaces go on to where the two shares are equal, and their neighbours to the middle of theirs. No move or cut is made
-    that leaves a dihedral angle below `guard.ANGLE` or a radius ratio below `guard.RATIO`. What regions lack of the volume of their
-    voxels they get by a bias b_k of their shares, s_k + b_k h/h_max: it acts where elements are large, as their errors do,
-    and is bounded. A graded mesh has biases of their own where it is fine (`zones`). Parts of regions thinner than elements are
-    lost, or come in pieces.
+    Missing volumes are restored by a bounded bias b_k of the volume fractions, s_k + b_k h/h_max. It acts where elements are
+    large, as their errors do. In a graded mesh, the refined part has biases of its own (`volume_zones`). Parts of regions
+    thinner than elements are lost or fragmented.
 
-    Boundaries are named `outer_<region>` and `<a>_<b>` in the order of `labels.regions`; their triangles are oriented outwards
-    of the region named first, of `<region>` for the outer ones.
+    Boundaries are `outer_<region>` and `<a>_<b>`, in the order of `labels.regions`; triangles point out of the region named
+    first, and out of `<region>` for the outer ones.
 
-    Snapping: Labelle & Shewchuk 2007, doi:10.1145/1276377.1276448; for several materials: Bronson, Levine & Whitaker 2014,
+    Parameters
+    ----------
+    labels : LabelMap
+        The labels.
+    size : SizeField
+        Element size (m): the edge h of the lattice's cubes is `size` times 0.7 to 1.4. There are 12 tetrahedra in h³, with
+        edges of h and 0.87 h.
+    smoothing : float
+        Standard deviation (m) of the Gaussian that smooths the voxel steps (`Indicators`).
+
+    Returns
+    -------
+    Lattice
+        The mesh.
+
+    Raises
+    ------
+    InputError
+        Every label is 0, sizes are not positive, or more than `MOST` tetrahedra or none of a region would result.
+
+    References
+    ----------
+    Snapping: Labelle & Shewchuk (2007), doi:10.1145/1276377.1276448. Several materials: Bronson, Levine & Whitaker (2014),
     doi:10.1109/TVCG.2013.115.
 
-    Raises `InputError` if every label is 0, if `size` does not give positive sizes, or such that more than `MOST` tetrahedra
-    or none of a region would result.
-
+    Examples
+    --------
     >>> from ngbrain.image.read.volume import Volume
     >>> ball = np.linalg.norm(np.indices((24, 24, 24)) - 11.5, axis=0) < 10
     >>> labels = LabelMap(Volume(ball.astype(int), np.diag([1e-3, 1e-3, 1e-3, 1])), {1: "grey"})
@@ -82,7 +107,7 @@ def lattice(labels: LabelMap, size: SizeField, smoothing: float = SMOOTHING) -> 
     points, tets = body_centred_lattice(low, high, size, finest, lambda points: fractions(points).argmax(axis=1) > 0)
     if not len(tets):
         raise InputError("size", "so large that no point of the lattice is inside", "smaller elements")
-    # Voxels are boxes, and read linearly: each widens an interface as a Gaussian of the same variance would.
+    # Voxel averaging and linear interpolation each widen an interface as a Gaussian of the same variance would.
     width = float(np.sqrt(smoothing**2 + (labels.volume.spacing**2).mean() / 4))
     scale = scales(points, tets)
     points, _ = apply_guarded_moves(points, tets, snap_targets(points, tets, fractions, slope_across(width)))
@@ -108,7 +133,7 @@ def _fine(h: np.ndarray, smallest: float, largest: float) -> np.ndarray:
 
 
 def _extent(labels: LabelMap, size: SizeField) -> tuple[np.ndarray, np.ndarray, float]:
-    """Corners (3,), (3,) m of a box around the labels, and the smallest size (m) asked for in them."""
+    """Corners (3,), (3,) of a box around the labels, and the smallest element size in it, all in m."""
     finest = float(sample_sizes(labels, size, PER_CUBE, MOST).min())
     inside = np.argwhere(labels.volume.data != 0)
     first, last = inside.min(axis=0) - 0.5, inside.max(axis=0) + 0.5
@@ -117,7 +142,7 @@ def _extent(labels: LabelMap, size: SizeField) -> tuple[np.ndarray, np.ndarray, 
 
 
 def _elements(net: SnappedLattice, region: np.ndarray, names: tuple[str, ...]) -> Elements:
-    """Without what is outside."""
+    """The mesh without the tetrahedra outside."""
     t, k, other = net.interface_faces(region)
     triangles, flip = net.tets[t[:, None], FACES[k]], region[t] == 0
     triangles[flip] = triangles[flip][:, [0, 2, 1]]

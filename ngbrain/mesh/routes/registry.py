@@ -1,4 +1,4 @@
-"""From labels to a mesh by one of several routes, and what came of it."""
+"""The meshing routes by name, with a cache, and summaries of their meshes."""
 
 from __future__ import annotations
 
@@ -44,10 +44,18 @@ _REST = "rest"
 
 @dataclass(repr=False, eq=False)
 class LabelMesh(Result):
-    """A mesh of labels, and what came of it.
+    """A mesh of labels with the report of its route.
 
-    snaps     of a lattice: how many points of interfaces are `snapped` onto these and how many snaps were `rejected`
-    repairs   of a hull: where its surfaces are not those of the labels
+    Parameters
+    ----------
+    elements : Elements
+        The mesh.
+    snaps : mapping of str to int
+        Of a lattice: number of vertices `snapped` onto interfaces and of `rejected` snaps.
+    repairs : tuple of Repair
+        Of a hull: places where its surfaces differ from the labels.
+    status : Status
+        Always converged.
     """
 
     elements: Elements
@@ -57,31 +65,31 @@ class LabelMesh(Result):
 
     @property
     def value(self) -> dict[str, float]:
-        """Region → ml."""
+        """Region → volume (ml)."""
         return volumes_ml(self.elements)
 
     @property
     def headline(self) -> str:
-        """Volumes, in ml."""
+        """Volumes of the regions (ml) as text."""
         return ", ".join(f"{name} {ml:.4g} ml" for name, ml in self.value.items())
 
     @property
     def statistics(self) -> dict[str, float]:
-        """Elements, and repairs or snaps of points."""
+        """Number of elements, and of repairs or snapped vertices."""
         return {"tetrahedra": len(self.elements.tets), "repairs": len(self.repairs), **self.snaps}
 
     def plot(self) -> Any:
-        """Regions of the tetrahedra about the middle, seen from above."""
+        """Plot the regions of the tetrahedra in an axial layer through the centre."""
         return middle_slice(self.elements)
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """For a file; `from_arrays` gives the same back."""
+        """Arrays for a file; `from_arrays` is the inverse."""
         rest = {"snaps": dict(self.snaps), "repairs": [asdict(repair) for repair in self.repairs]}
         return {**self.elements.arrays(), _REST: np.array(json.dumps(rest))}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, np.ndarray]) -> LabelMesh:
-        """From what `arrays` gave."""
+        """Rebuild a mesh from the arrays that `arrays` returned."""
         rest = json.loads(str(arrays[_REST]))
         repairs = tuple(Repair(**{**repair, "at": tuple(repair["at"])}) for repair in rest["repairs"])
         elements = Elements.from_arrays({name: array for name, array in arrays.items() if name != _REST})
@@ -90,13 +98,20 @@ class LabelMesh(Result):
 
 @dataclass(frozen=True)
 class Route:
-    """A way from labels to a mesh.
+    """A meshing route.
 
-    make      labels and sizes → mesh
-    size      that it takes by itself (m)
-    radius    around a site in which it is fine by itself (m), so that 2 mm there and 8 mm away make 80 000 tetrahedra at most
-    left_out  what its mesh does not show, in words
-    modules   source files that decide its result
+    Parameters
+    ----------
+    make : callable
+        (labels, size field) → mesh.
+    size : float
+        Default element size (m).
+    radius : float
+        Default radius (m) of refinement around a site, so that 2 mm there and 8 mm elsewhere make 80 000 tetrahedra at most.
+    left_out : str
+        What its mesh does not resolve, in words.
+    modules : tuple of module
+        Source files that determine its result, for the cache.
     """
 
     make: Callable[[LabelMap, SizeField], LabelMesh]
@@ -142,19 +157,51 @@ def _latticed(done: lattice.Lattice) -> LabelMesh:
 def mesh_elements(
     labels: LabelMap, route: str = "hull", size: RadialSizeField | CleftSizeField | None = None
 ) -> Elements:
-    """The mesh that `meshed_by` makes."""
+    """Mesh labels by a route, as `mesh_labels`, and return the plain mesh.
+
+    Parameters
+    ----------
+    labels : LabelMap
+        The labels.
+    route : str
+        "hull", "lattice" or "conforming".
+    size : RadialSizeField or CleftSizeField, optional
+        Element size; None: uniform, the route's default.
+
+    Returns
+    -------
+    Elements
+        The mesh.
+    """
     return mesh_labels(labels, route, size).elements
 
 
 def mesh_labels(
     labels: LabelMap, route: str = "hull", size: RadialSizeField | CleftSizeField | None = None
 ) -> LabelMesh:
-    """A mesh of labels by a route, from the cache if the same labels were meshed to the same size before.
+    """Mesh labels by a route; the same labels and sizes come from the cache.
 
-    size   None: as fine everywhere as the route takes by itself
+    Parameters
+    ----------
+    labels : LabelMap
+        The labels.
+    route : str
+        "hull", "lattice" or "conforming".
+    size : RadialSizeField or CleftSizeField, optional
+        Element size; None: uniform, the route's default.
 
-    Raises `InputError` for a route that there is none of, and what the route raises.
+    Returns
+    -------
+    LabelMesh
+        The mesh with the report of its route.
 
+    Raises
+    ------
+    InputError
+        No route has this name, or the route fails.
+
+    Examples
+    --------
     >>> mesh_labels(None, "hul")
     Traceback (most recent call last):
     ngbrain.errors.InputError: route is 'hul'; wanted: did you mean 'hull'?
@@ -174,15 +221,27 @@ def mesh_labels(
 
 
 def size_as_dict(size: RadialSizeField | CleftSizeField) -> dict[str, Any]:
-    """A size field that is a dataclass, fit for JSON."""
+    """Convert a size field to a dict for JSON."""
     found: dict[str, Any] = json.loads(json.dumps(asdict(size), default=np.ndarray.tolist))
     return found
 
 
 def summarise_mesh(made: Elements, labels: LabelMap) -> dict[str, Any]:
-    """For a result: `regions` (name → volume_ml, label_volume_ml) and `quality`.
+    """Summarise a mesh for a result: `regions` (name → volume_ml, label_volume_ml) and `quality`.
 
-    The hull's own region stands for all labels that no other region has.
+    The region `brain` of a hull stands for all labels without a region of their own.
+
+    Parameters
+    ----------
+    made : Elements
+        The mesh.
+    labels : LabelMap
+        The labels it was made from.
+
+    Returns
+    -------
+    dict of str to Any
+        The summary.
     """
     volumes, wanted = volumes_ml(made), labels.volumes_ml()
     wanted[BRAIN] = sum(ml for name, ml in wanted.items() if name not in set(volumes) - {BRAIN})
@@ -191,9 +250,21 @@ def summarise_mesh(made: Elements, labels: LabelMap) -> dict[str, Any]:
 
 
 def min_jacobian(mesh: ngs.Mesh, order: int = 4) -> float:
-    """Smallest ratio of det(dx/dξ) at a quadrature point of that order to its mean over the element.
+    """Smallest ratio of the Jacobian determinant at a quadrature point to its mean over the element.
 
-    1 with straight edges, ≤ 0 where an element is folded.
+    It is 1 for straight edges, and ≤ 0 where an element is folded.
+
+    Parameters
+    ----------
+    mesh : ngsolve.Mesh
+        The mesh.
+    order : int
+        Order of the quadrature.
+
+    Returns
+    -------
+    float
+        The smallest ratio.
     """
     rule = ngs.IntegrationRule(ngs.TET, order)
     jacobian = ngs.Det(ngs.specialcf.JacobianMatrix(3))

@@ -1,19 +1,14 @@
-"""Closed surfaces of triangles: made, remeshed, repaired, and the cortex between two of them.
+"""Closed triangle surfaces: extraction, remeshing, repair, and the surfaces of the cortex.
 
-- `cortex`: The cortex between two surfaces: white and pial, with the ventricles inside and the head's surface
-  outside.
-- `cortex_refinement`: The white and the pial surface where the grey values of a scan say, between the voxels.
-- `cortical_files`: White and pial surface of a subject in files, with the thickness of the cortex between them.
-- `head_outlines`: Smooth outlines of a head, its ventricles and lesions, from labels, and what had to be changed for
-  them to be surfaces.
-- `manifold`: Sets of tetrahedra whose boundary is a surface: where it is none, tetrahedra are added or taken away
-  until it is.
-- `mask_surface`: The surface of a mask as triangles: closed, two at every edge, and of the same topology as the mask.
-- `remeshing`: Triangles on a smooth closed surface, as fine as a size field asks: samples, spread evenly, and their
-  Delaunay facets.
-- `self_intersections`: Where triangles of a surface, or of several, go through each other; and smoothing that leaves
-  no such place.
-- `triangle_mesh`: A closed surface of triangles: its area, the volume that it encloses, its pieces and its genus.
+- `triangle_mesh`: a closed triangle surface: area, enclosed volume, components and genus.
+- `mask_surface`: the surface of a voxel mask, with the topology of the mask.
+- `remeshing`: triangles on a smooth level set, graded by a size field.
+- `manifold`: sets of tetrahedra whose boundary is made a manifold.
+- `self_intersections`: intersecting triangles, and smoothing that avoids them.
+- `head_outlines`: smooth outlines of a head, its ventricles and lesions, and their repairs.
+- `cortex`: white, pial and outer surface, and cortical thickness.
+- `cortex_refinement`: placement of the white and pial surface by the grey values of a scan.
+- `cortical_files`: files of the cortical surfaces of a subject.
 """
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""The cortex between two surfaces: white and pial, with the ventricles inside and the head's surface outside."""
+"""The cortex between the white and the pial surface, with the ventricles inside and the outer surface around."""
 
 from __future__ import annotations
 
@@ -18,28 +18,43 @@ from ngbrain.mesh.surface.triangle_mesh import SurfaceMesh
 WHITE = ("white", "corpus_callosum", "deep_grey", "brain_stem", "ventricles")
 """Regions inside the white surface, and their parts: `white_left`, `deep_grey_right`, …"""
 FLUID = "csf"
-"""The one region that is outside the pial surface."""
+"""The only region outside the pial surface."""
 SPECK = 0.1e-6
-"""Volume (m³) of a piece of the ventricles below which it is left out."""
+"""Volume (m³) below which a component of the ventricles is removed."""
 STEPS = 10
-"""of smoothing the triangles."""
+"""Smoothing steps of the triangles."""
 THICKEST = 5e-3
-"""Distance (m) from the pial surface beyond which white matter's surface is not taken for that under cortex."""
+"""Distance (m) from the pial surface beyond which the white surface does not lie under cortex."""
 _CUBE = np.ones((3, 3, 3), bool)
 
 
 @dataclass(frozen=True, eq=False)
 class Cortex:
-    """Closed surfaces one in the other, m, that do not cross.
+    """Nested closed surfaces that do not intersect.
 
-    ventricles   None where the labels have none; in white: the surface of what is called as in `WHITE`
-    pial         around all tissue; outer: around everything
-    thickness    (n,) m at the vertices of `white`: the mean of the distance to `pial` and of that back from the point
-                 reached (Fischl & Dale 2000, doi:10.1073/pnas.200033797); too large where the labels show no fluid between
-                 the two sides of a sulcus, and not of cortex at ventricles, stem and deep grey matter
-    voxels       surface → volume (m³) of the voxels that it should enclose
-    moved        surface → voxels on another side of it than their labels say: islands, cavities, what a surface needs
-                 so as to stay a voxel from the next one, and cut handles
+    Parameters
+    ----------
+    white : SurfaceMesh
+        Surface of the regions in `WHITE` (m).
+    pial : SurfaceMesh
+        Surface of all tissue (m).
+    outer : SurfaceMesh
+        Surface of everything (m).
+    ventricles : SurfaceMesh or None
+        Surface of the ventricles inside white matter (m); None where the labels have none.
+    thickness : ndarray, shape (n,)
+        Cortical thickness (m) at the vertices of `white`: the mean of the distance to `pial` and of the distance back from the
+        point reached. It is too large where the labels show no fluid between the two banks of a sulcus, and is not cortical
+        thickness at ventricles, brain stem and deep grey matter.
+    voxels : dict of str to float
+        Surface → volume (m³) of the voxels that it should enclose.
+    moved : dict of str to int
+        Surface → number of voxels on another side of it than their labels say: islands, cavities, cut handles, and voxels added
+        or removed to keep a distance of one voxel to the next surface.
+
+    References
+    ----------
+    Thickness: Fischl & Dale (2000), doi:10.1073/pnas.200033797.
     """
 
     white: SurfaceMesh
@@ -58,21 +73,26 @@ class Cortex:
 
     @property
     def mean_thickness(self) -> float:
-        """Mean (m) over the white surface's area, without where it exceeds `THICKEST`."""
+        """Mean thickness (m) over the white surface's area, without values above `THICKEST`."""
         area = self.white.vertex_areas() * (self.thickness < THICKEST)
         return float(self.thickness @ area / area.sum()) if area.any() else float("nan")
 
 
 def cortex(labels: LabelMap) -> Cortex:
-    """The surfaces of a map of labels, with the handles that the map has: `SurfaceMesh.genus` counts them.
+    """Extract the cortical surfaces of a label map, with the map's topology: `SurfaceMesh.genus` counts the handles.
 
-    Masks inside each other by at least a voxel are turned into triangles of the same topology (`contour`), so that no two
-    cross, and smoothed as far as none do (`faired`). Where tissue has no fluid around it the outer surface is put a voxel
-    further out, where white matter or a ventricle reaches the fluid it is drawn back by a voxel.
+    Masks nested with a distance of at least one voxel are triangulated with the same topology (`contour`), so that no two
+    surfaces intersect, and smoothed as far as they stay free of intersections (`smooth_surfaces`). Where tissue has no fluid
+    around it, the outer surface is moved outwards by one voxel. Where white matter or a ventricle touches the fluid, its surface
+    is moved inwards by one voxel.
 
-    Raises:
-        InputError: labels without `white` or parts of it (`white_left`, …), or such that there is nothing around the white matter.
+    Raises
+    ------
+    InputError
+        Labels have no `white` or parts of it (`white_left`, …), or nothing around the white matter.
 
+    Examples
+    --------
     >>> from ngbrain.image.read.volume import Volume
     >>> away = np.linalg.norm(np.indices((41, 41, 41)) - 20, axis=0)
     >>> numbers = (away < 18).astype(int) + (away < 15) + (away < 12)
@@ -85,11 +105,15 @@ def cortex(labels: LabelMap) -> Cortex:
 
 
 def spherical_cortex(labels: LabelMap) -> Cortex:
-    """As `cortex`, with the white, pial and outer surface spheres: handles of the masks are cut first (`correct_topology`).
+    """Extract the cortical surfaces as spheres: as `cortex`, after handles of the masks are cut (`ball`).
 
-    Raises:
-        InputError: as `cortex`.
+    Raises
+    ------
+    InputError
+        As `cortex` does.
 
+    Examples
+    --------
     >>> from ngbrain.image.read.volume import Volume
     >>> away = np.linalg.norm(np.indices((31, 31, 31)) - 15, axis=0)
     >>> numbers = (away < 13).astype(int) + (away < 8)
@@ -122,11 +146,11 @@ def _of(labels: LabelMap, spheres: bool) -> Cortex:
     )
 
 
-_ROOM = 2  # voxels around the labels, for what grows
+_ROOM = 2  # voxels around the labels, for surfaces that move outwards
 
 
 def _masks(labels: LabelMap, spheres: bool) -> tuple[dict[str, np.ndarray], dict[str, int]]:
-    """Masks from inside to outside, each with its 26 neighbours in the next one: then no cube holds two surfaces."""
+    """Nested masks from inside to outside, each with its 26 neighbours in the next one: then no cube holds two surfaces."""
     if not any(part_of(name, "white") for name in labels.regions):
         wanted = "a region called white, or white_left and white_right"
         raise InputError("labels", f"of {', '.join(labels.regions) or 'nothing'}", wanted)
@@ -155,7 +179,20 @@ def _masks(labels: LabelMap, spheres: bool) -> tuple[dict[str, np.ndarray], dict
 
 
 def part_of(name: str, whole: str) -> bool:
-    """Whether a region is another or a part of it: `white_left` of `white`."""
+    """Whether a region is another or a part of it, as `white_left` is of `white`.
+
+    Parameters
+    ----------
+    name : str
+        Name of the region.
+    whole : str
+        Name of the other region.
+
+    Returns
+    -------
+    bool
+        True if it is.
+    """
     return name == whole or name.startswith(f"{whole}_")
 
 
@@ -167,10 +204,22 @@ def _without_specks(mask: np.ndarray, voxel: float) -> np.ndarray:
 
 
 def thickness(white: SurfaceMesh, pial: SurfaceMesh) -> np.ndarray:
-    """Distance (n,) in m at the vertices of `white`: the mean of that to `pial` and of that back from the point reached.
+    """Cortical thickness: the mean of the distance from white to pial surface and of the distance back from the point reached.
 
-    Surfaces are sampled at their vertices and the middles of their triangles.
+    Surfaces are sampled at their vertices and at the centres of their triangles.
 
+    Parameters
+    ----------
+    white, pial : SurfaceMesh
+        The surfaces (m).
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Thickness (m) at the vertices of `white`.
+
+    Examples
+    --------
     >>> from ngbrain.mesh.surface.mask_surface import contour
     >>> away = np.linalg.norm(np.indices((31, 31, 31)) - 15, axis=0)
     >>> inner, outer = (SurfaceMesh(*contour(away < r)) for r in (8, 12))

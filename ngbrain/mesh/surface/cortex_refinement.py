@@ -1,4 +1,4 @@
-"""The white and the pial surface where the grey values of a scan say, between the voxels."""
+"""Placement of the white and pial surface between voxels, by the grey values of a scan."""
 
 from __future__ import annotations
 
@@ -14,32 +14,37 @@ from ngbrain.mesh.surface.self_intersections import resolve_intersections
 from ngbrain.mesh.surface.triangle_mesh import SurfaceMesh
 
 REACH, STEP = 1.5e-3, 0.1e-3
-"""How far (m) along its normal a vertex looks for the level that parts two tissues, and in which steps."""
+"""Search range (m) along a vertex normal for the grey value between two tissues, and its step."""
 ROUNDS = 3
-"""How often it does."""
+"""Number of search rounds."""
 EVEN = 4
-"""Rings of neighbours over which the way of a vertex is averaged: noise goes, folds of some millimetres stay."""
+"""Rings of neighbours over which vertex moves are averaged: noise is removed, folds of some millimetres remain."""
 AROUND = 8e-3
-"""Standard deviation (m) of the places whose grey values make a tissue's own, so that a coil's field does not matter."""
+"""Standard deviation (m) of the window of a tissue's local grey value, which removes the effect of the bias field."""
 _FEW = 1e-3
-"""Part of the voxels around a place that are of a tissue, below which the whole tissue's grey value counts more."""
+"""Part of the voxels around a place that belong to a tissue, below which the tissue's global grey value dominates."""
 
 
 def refine_cortex(cortex: Cortex, labels: LabelMap, t1: Volume) -> Cortex:
-    """The white and pial surfaces moved to where the scan is halfway between the grey values of the tissues on both sides.
+    """Move the white and pial surfaces to where the scan is halfway between the grey values of the adjacent tissues.
 
-    At a straight edge between two tissues that is where it lies, whatever share of which a voxel has. A vertex whose normal meets
-    no such place within `REACH` (in a sulcus without fluid, say) goes with its neighbours. Surfaces that
-    did not cross do not then either.
+    At a straight edge between two tissues, that is the position of the edge, whatever the partial volumes of the voxels. A vertex
+    without such a place within `REACH` of its normal (for example in a sulcus without fluid) moves with its neighbours. Surfaces
+    that did not intersect stay free of intersections.
 
     Parameters
     ----------
-    cortex
-        Of the labels.
-    labels
-        Regions as of `ngbrain.mesh.surface.cortex.cortex`, with `grey` or parts of it.
-    t1
-        White matter brighter than grey, and that brighter than fluid; on any voxels.
+    cortex : Cortex
+        Surfaces of the labels.
+    labels : LabelMap
+        Regions as for `ngbrain.mesh.surface.cortex.cortex`, with `grey` or parts of it.
+    t1 : Volume
+        The scan, on any voxels: white matter brighter than grey matter, and that brighter than fluid.
+
+    Returns
+    -------
+    Cortex
+        The refined surfaces.
     """
     voxels = labels.resample_to_ras(float(labels.volume.spacing.min()))
     names, data = voxels.regions, voxels.volume.data
@@ -62,7 +67,7 @@ def refine_cortex(cortex: Cortex, labels: LabelMap, t1: Volume) -> Cortex:
 
 
 def _own(values: np.ndarray, mask: np.ndarray, voxels: LabelMap) -> Volume:
-    """A tissue's grey value everywhere, as that of its voxels around: of those among their like, where there are any."""
+    """Local grey value of a tissue everywhere: that of nearby voxels, preferably surrounded by the same tissue."""
     core = ndimage.binary_erosion(mask)
     core = core if core.sum() > 0.02 * mask.sum() else mask
     typical = float(np.median(values[core])) if core.any() else 0.0

@@ -1,4 +1,4 @@
-"""White and pial surface of a subject in files, with the thickness of the cortex between them."""
+"""Files of the white and pial surface of a subject, with the cortical thickness."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ from ngbrain.mesh.surface.self_intersections import crossings
 
 
 def write_cortex(labels: LabelMap, t1: Volume | None, folder: Path, stem: str) -> dict[str, Any]:
-    """Write STEM_white.surf.gii, STEM_pial.surf.gii and STEM_thickness.shape.gii; returns what they are, for a result.
+    """Write STEM_white.surf.gii, STEM_pial.surf.gii and STEM_thickness.shape.gii.
 
-    The surfaces are spheres, one in the other, of the whole brain, with stem and cerebellum.
+    The surfaces are nested spheres of the whole brain, including stem and cerebellum.
 
     Parameters
     ----------
-    labels
-        With `white` and `grey`, or parts of them.
-    t1
-        The scan, by whose grey values the surfaces lie between voxels; None for surfaces of the labels alone.
-    folder
-        That there is.
-    stem
-        Of the files' names.
+    labels : LabelMap
+        Labels with `white` and `grey`, or parts of them.
+    t1 : Volume or None
+        The scan whose grey values place the surfaces between voxels; None: surfaces of the labels alone.
+    folder : Path
+        An existing folder.
+    stem : str
+        Stem of the file names.
 
     Returns
     -------
-    dict[str, Any]
-        Of each surface its area (cm²), volume (ml) and genus; how many pairs of triangles cross; thickness (mm) at the white
-        surface, mean over its area and quartiles, where it is at most 5 mm; the files; by what it was found.
+    dict of str to Any
+        For a result: area (cm²), volume (ml) and genus of each surface; number of intersecting pairs of triangles; thickness (mm)
+        at the white surface, mean over its area and quartiles, where it is at most 5 mm; the files; and the source of placement.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Smooth outlines of a head, its ventricles and lesions, from labels, and what had to be changed for them to be surfaces."""
+"""Smooth outlines of a head, its ventricles and lesions, and the repairs that make them surfaces."""
 
 from __future__ import annotations
 
@@ -16,27 +16,34 @@ from ngbrain.mesh.surface.remeshing import SPECK, RemeshedSurface
 
 BRAIN, VENTRICLES = "brain", "ventricles"
 SMOOTHING = 2e-3
-"""Standard deviation (m) of the Gaussian that rounds the voxels' steps; sulci go with it."""
+"""Standard deviation (m) of the Gaussian that smooths the voxel steps; it removes sulci."""
 MARGIN = 8e-3 + 4 * SMOOTHING
 AROUND = 4e-3
-"""Standard deviation (m) of the places within which ventricles and lesions keep their volume, so that horns stay."""
+"""Standard deviation (m) of the window in which ventricles and lesions keep their volume, so that horns remain."""
 WALL = 2e-3
-"""Tissue (m) that stays between a ventricle and the surface where the labels have less."""
+"""Smallest tissue thickness (m) between a ventricle and the surface, also where the labels have less."""
 LEFT = 0.5
-"""Part of a lesion that has to be left where it keeps away from ventricles and other lesions."""
+"""Smallest part of a lesion that must remain when it is separated from ventricles and other lesions."""
 MOST_CHANGED, MOST_CHANGED_ML = 0.01, 0.2
-"""Part of a region, and millilitres of what is inside the head, above which changes of its outline are a verdict."""
+"""Change of an outline, as a part of the region and, for inner regions, in ml, above which the mesh is not to be used."""
 LESION = re.compile("(lesion|tumou?r|metastas[ie]s|cyst|h(a)?ematoma|cavity|resection).*", re.IGNORECASE)
-"""Regions that are so called have a surface of their own."""
+"""Regions with such names get a surface of their own."""
 
 
 @dataclass(frozen=True)
 class Repair:
-    """A place where an outline is not that of the labels, so that it is a surface.
+    """A place where an outline differs from the labels, so that it is a surface.
 
-    region  whose outline: `brain`, `ventricles` or a lesion
-    kind    "closed" (added to the region), "cut" (taken off) or "left out" (a piece by itself)
-    ml      how much; at: its middle (m)
+    Parameters
+    ----------
+    region : str
+        Region of the outline: `brain`, `ventricles` or a lesion.
+    kind : str
+        "closed" (added to the region), "cut" (removed) or "left out" (a separate component).
+    ml : float
+        Changed volume (ml).
+    at : tuple of float
+        Its centre (m).
     """
 
     region: str
@@ -46,16 +53,19 @@ class Repair:
 
 
 def excessive(repairs: Iterable[Repair], volumes_ml: Mapping[str, float]) -> dict[str, float]:
-    """Regions of which more was changed than can be passed over, and how much (ml).
-
-    That is more than 1 % of a region, or more than 0.2 ml of ventricles or of a lesion.
+    """Regions whose outline changed too much: by more than 1 % of a region, or by more than 0.2 ml of ventricles or a lesion.
 
     Parameters
     ----------
-    repairs
-        Of any regions.
-    volumes_ml
-        Region → volume that its labels have.
+    repairs : iterable of Repair
+        Repairs of any regions.
+    volumes_ml : mapping of str to float
+        Region → volume of its labels (ml).
+
+    Returns
+    -------
+    dict of str to float
+        Region → changed volume (ml).
 
     Examples
     --------
@@ -75,7 +85,17 @@ def excessive(repairs: Iterable[Repair], volumes_ml: Mapping[str, float]) -> dic
 
 @dataclass(frozen=True, eq=False)
 class Outlines:
-    """Smooth signed distances of the head and of what is inside it, ventricles first, then lesions by name."""
+    """Smooth signed distances of a head and of the regions inside it.
+
+    Parameters
+    ----------
+    brain : LevelSet
+        The head.
+    inner : mapping of str to LevelSet
+        Ventricles first, then lesions by name.
+    repairs : tuple of Repair
+        Where the outlines differ from the labels.
+    """
 
     brain: LevelSet
     inner: Mapping[str, LevelSet]
@@ -83,17 +103,17 @@ class Outlines:
 
     @property
     def ventricles(self) -> LevelSet | None:
-        """None for no ventricles."""
+        """Outline of the ventricles; None if there are none."""
         return self.inner.get(VENTRICLES)
 
 
 def outlines(labels: LabelMap) -> Outlines:
-    """Of the largest piece of what has a label, its holes filled, and of the ventricles and lesions in it.
+    """Outlines of the largest component of the labelled voxels, with its holes filled, and of the ventricles and lesions in it.
 
-    Ventricles and lesions are at least `WALL` inside the head and apart from each other. Volumes are those of the labels on
-    their own voxels, whatever upright ones of 1 mm make of them.
+    Ventricles and lesions lie at least `WALL` inside the head and apart from each other. Volumes are those of the labels on
+    their own voxels, whatever the resampling to 1 mm makes of them.
 
-    Raises `InputError` where labels hold no head, and for a lesion that is too thin or touches what it cannot.
+    Raises `InputError` where labels contain no head, and for a lesion that is too thin or touches another surface.
     """
     voxels = labels.crop().resample_to_ras()
     own, upright = labels.volumes_ml(), voxels.volumes_ml()
@@ -130,7 +150,20 @@ def outlines(labels: LabelMap) -> Outlines:
 
 
 def changes(region: str, surface: RemeshedSurface) -> Iterator[Repair]:
-    """What was changed of a region's outline for it to be a surface."""
+    """Repairs that made a region's outline a surface.
+
+    Parameters
+    ----------
+    region : str
+        Name of the region.
+    surface : RemeshedSurface
+        The surface.
+
+    Returns
+    -------
+    iterator of Repair
+        One for each changed place.
+    """
     for x, y, z, volume in surface.changed.tolist():
         yield Repair(region, "closed" if volume > 0 else "cut", 1e6 * abs(volume), (x, y, z))
 
@@ -140,7 +173,7 @@ def _others(inner: Mapping[str, LevelSet]) -> str:
 
 
 def _head(voxels: LabelMap) -> tuple[np.ndarray, list[Repair]]:
-    """The largest piece of what has a label, and its holes; other pieces are left out."""
+    """The largest component of the labelled voxels with its holes; other components are left out."""
     labelled = voxels.volume.data > 0
     pieces, _ = ndimage.label(labelled)
     sizes = np.bincount(pieces.ravel())
@@ -159,7 +192,7 @@ def _without_specks(mask: np.ndarray, voxel: float) -> np.ndarray:
 
 
 def _repairs(region: str, kind: str, mask: np.ndarray, affine: np.ndarray) -> list[Repair]:
-    """One for each piece of a mask."""
+    """One repair for each component of a mask."""
     pieces, count = ndimage.label(mask)
     if not count:
         return []

@@ -1,4 +1,4 @@
-"""Sets of tetrahedra whose boundary is a surface: where it is none, tetrahedra are added or taken away until it is."""
+"""Manifold repair: tetrahedra are added to or removed from a set until its boundary is a surface."""
 
 from __future__ import annotations
 
@@ -6,14 +6,28 @@ import numpy as np
 from scipy import sparse
 
 ROUNDS = 60
-"""Passes over the vertices at which the boundary is no surface;"""
+"""Passes over the non-manifold vertices;"""
 BOTH_WAYS = 20
-"""in the first of them tetrahedra are added or taken away, whichever is less, in the rest only added: that comes to an end."""
+"""in the first of them tetrahedra are added or removed, whichever is less volume; later only added, which terminates."""
 
 
 def faults(triangles: np.ndarray, n: int) -> np.ndarray:
-    """Vertices of n at which triangles (m, 3) are no surface: an edge without exactly two of them, several fans, or none at all.
+    """Vertices at which triangles are not a manifold: an edge without exactly two triangles, several fans, or no triangle.
 
+    Parameters
+    ----------
+    triangles : ndarray of int, shape (m, 3)
+        Triangles.
+    n : int
+        Number of vertices.
+
+    Returns
+    -------
+    ndarray of int
+        Numbers of the vertices.
+
+    Examples
+    --------
     >>> tetrahedron = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
     >>> two = np.concatenate([tetrahedron, tetrahedron + 3])  # they touch at vertex 3
     >>> faults(two, 8).tolist()
@@ -24,7 +38,7 @@ def faults(triangles: np.ndarray, n: int) -> np.ndarray:
     keys, edge, count = np.unique(edges[:, 0] * np.int64(n) + edges[:, 1], return_inverse=True, return_counts=True)
     odd = keys[count != 2]
     bad[odd // n] = bad[odd % n] = True
-    # A fan: corners of triangles around one vertex that edges join. Corner k of triangle t is 3 t + k.
+    # A fan: triangle corners at one vertex, connected by edges. Corner k of triangle t is 3 t + k.
     order = np.argsort(edge, kind="stable")
     order = order[count[edge[order]] == 2].reshape(-1, 2)
     ends = np.stack([order // 3 * 3 + order % 3, order // 3 * 3 + (order % 3 + 1) % 3], axis=2)
@@ -38,7 +52,24 @@ def faults(triangles: np.ndarray, n: int) -> np.ndarray:
 
 
 def boundary(tets: np.ndarray, neighbours: np.ndarray, inside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles (k, 3) between tetrahedra (m, 4) inside and what is not, and the corner (k,) of the one inside opposite to each."""
+    """Triangles between the tetrahedra inside and the rest.
+
+    Parameters
+    ----------
+    tets : ndarray of int, shape (m, 4)
+        Tetrahedra.
+    neighbours : ndarray of int, shape (m, 4)
+        Tetrahedron across the face opposite to each corner; -1 for none.
+    inside : ndarray of bool, shape (m,)
+        Tetrahedra inside.
+
+    Returns
+    -------
+    triangles : ndarray of int, shape (k, 3)
+        The boundary.
+    opposite : ndarray of int, shape (k,)
+        Opposite corner of the tetrahedron inside.
+    """
     within = np.where(neighbours >= 0, inside[neighbours], False)
     corner, t = np.nonzero((inside[:, None] & ~within).T)
     faces = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
@@ -46,8 +77,22 @@ def boundary(tets: np.ndarray, neighbours: np.ndarray, inside: np.ndarray) -> tu
 
 
 def pieces(neighbours: np.ndarray, chosen: np.ndarray) -> np.ndarray:
-    """Number (m,) from 1 of the piece that each of the chosen tetrahedra belongs to, by their faces; 0 for the others.
+    """Connected components of chosen tetrahedra, connected by faces.
 
+    Parameters
+    ----------
+    neighbours : ndarray of int, shape (m, 4)
+        Tetrahedra across the faces; -1 for none.
+    chosen : ndarray of bool, shape (m,)
+        Tetrahedra that count.
+
+    Returns
+    -------
+    ndarray of int, shape (m,)
+        Number of each tetrahedron's component from 1; 0 for the others.
+
+    Examples
+    --------
     >>> pieces(np.array([[1], [0], [-1], [-1]]), np.array([True, True, False, True])).tolist()
     [1, 1, 0, 2]
     """
@@ -65,15 +110,29 @@ def pieces(neighbours: np.ndarray, chosen: np.ndarray) -> np.ndarray:
 def repair_manifold(
     tets: np.ndarray, neighbours: np.ndarray, inside: np.ndarray, volumes: np.ndarray, free: int
 ) -> np.ndarray:
-    """Which tetrahedra (m,) are inside, a few of them changed so that their boundary is a surface everywhere.
+    """Change a few tetrahedra between inside and outside so that the boundary is a manifold.
 
-    At a vertex the boundary is a surface if the tetrahedra around it that are inside hang together by their faces, and so do the
-    others. Of what does not, the smaller parts change sides.
+    At a vertex, the boundary is a manifold if the tetrahedra inside around it are connected by their faces, and so are those
+    outside. Otherwise the smaller components change sides.
 
-    tets, neighbours   (m, 4), as of a Delaunay triangulation: across the face opposite to each corner, -1 for none
-    volumes            (m,)
-    free               vertices from this number on are outside for good
+    Parameters
+    ----------
+    tets, neighbours : ndarray of int, shape (m, 4)
+        A Delaunay triangulation: corners, and tetrahedra across the opposite faces (-1 for none).
+    inside : ndarray of bool, shape (m,)
+        Tetrahedra inside.
+    volumes : ndarray, shape (m,)
+        Volumes of the tetrahedra.
+    free : int
+        Vertices from this number on always stay outside.
 
+    Returns
+    -------
+    ndarray of bool, shape (m,)
+        Tetrahedra inside after the repair.
+
+    Examples
+    --------
     >>> two = np.array([[0, 1, 2, 3], [3, 4, 5, 6]])  # they touch at vertex 3; the smaller one goes
     >>> repair_manifold(two, np.full((2, 4), -1), np.ones(2, bool), np.array([1.0, 2.0]), 7).tolist()
     [False, True]
@@ -102,7 +161,7 @@ def _settle(
     cost: np.ndarray,
     adding: bool,
 ) -> None:
-    """Change tetrahedra around a vertex, in place, until those inside and the others are one part each: the least ones first."""
+    """Change tetrahedra around a vertex, in place, until those inside and outside are one component each; the smallest first."""
     while True:
         parts = sorted(_parts(star, vertex, tets, neighbours, inside), key=lambda part: float(cost[part].sum()))
         within, without = ([part for part in parts if inside[part[0]] == side] for side in (True, False))
@@ -116,7 +175,7 @@ def _settle(
 def _parts(
     star: list[int], vertex: int, tets: np.ndarray, neighbours: np.ndarray, inside: np.ndarray
 ) -> list[list[int]]:
-    """Tetrahedra around a vertex that are on the same side and hang together by faces at it."""
+    """Components of the tetrahedra around a vertex: same side, connected by faces at the vertex."""
     left, parts = set(star), []
     while left:
         part = [left.pop()]

@@ -1,4 +1,4 @@
-"""The surface of a mask as triangles: closed, two at every edge, and of the same topology as the mask."""
+"""The surface of a voxel mask as triangles: closed, two at every edge, and with the topology of the mask."""
 
 from __future__ import annotations
 
@@ -11,24 +11,42 @@ from scipy import ndimage
 _CORNERS = np.array(list(product((0, 1), repeat=3)))
 _BITS = 1 << np.arange(8)
 _EDGES = [(a, b) for a in range(8) for b in range(a, 8) if a ^ b in (1, 2, 4)]
-_MIDDLE = len(_EDGES)  # stands for a vertex in the cube
+_MIDDLE = len(_EDGES)  # a vertex inside the cube
 _FACES = [(axis, side) for axis in range(3) for side in (0, 1)]
 _NEAR = 0.08
-"""Smoothed shares are at least this far from 1/2, on the side where the mask is: the surface passes no voxel's middle."""
+"""Smallest distance of smoothed values from 1/2, on the mask's side: the surface passes through no voxel centre."""
 
 Triangles = np.ndarray
 
 
 def contour(mask: np.ndarray, smoothing: float = 0.75) -> tuple[np.ndarray, Triangles]:
-    """Vertices (n, 3) in voxel indices and triangles (m, 3), outwards, between the voxels inside and outside a mask.
+    """Triangulate the surface between the voxels inside and outside a mask, with the topology of the mask.
 
-    The mask's share is smoothed by a Gaussian of standard deviation `smoothing` (voxels), and vertices lie where it is 1/2;
-    but every voxel's middle stays on its side, so that thin folds are kept. Faces of a cube of eight voxels with two
-    voxels inside that are diagonal to each other are parted as by Kuhn's triangulation
-    (`ngbrain.image.segment.topology_correction`), so that
-    triangles of neighbouring cubes fit and the surface bounds pieces by 14 neighbours; with marching cubes' choices
-    (Lorensen & Cline 1987, doi:10.1145/37401.37422) a ball of voxels need not have a sphere around it.
+    The mask is smoothed, and vertices lie where its value is 1/2. Every voxel centre stays on its side, so that thin folds are
+    kept. Faces of a cube of eight voxels with two diagonal voxels inside are split as by Kuhn's triangulation
+    (`ngbrain.image.segment.topology_correction`): triangles of neighbouring cubes match, and the surface bounds components of
+    14-connectivity. With the choices of marching cubes, a ball of voxels need not have a sphere around it.
 
+    Parameters
+    ----------
+    mask : ndarray of bool, shape (nx, ny, nz)
+        The mask.
+    smoothing : float
+        Standard deviation of the Gaussian (voxels).
+
+    Returns
+    -------
+    points : ndarray, shape (n, 3)
+        Vertices in voxel indices.
+    triangles : ndarray of int, shape (m, 3)
+        Triangles with outward normals.
+
+    References
+    ----------
+    Marching cubes: Lorensen & Cline (1987), doi:10.1145/37401.37422.
+
+    Examples
+    --------
     >>> points, triangles = contour(np.ones((1, 1, 1), bool))
     >>> len(points), len(triangles)  # a voxel has 6 faces, so that 6 edges of the grid leave it
     (6, 8)
@@ -62,7 +80,7 @@ def contour(mask: np.ndarray, smoothing: float = 0.75) -> tuple[np.ndarray, Tria
 
 
 def _centred(points: np.ndarray, triangles: Triangles, middles: np.ndarray) -> None:
-    """Put vertices that are the hub of a fan into the middle of its rim."""
+    """Move hub vertices of fans to the centre of their rim."""
     hub, spoke = middles[triangles], np.argmax(middles[triangles], axis=1)
     fans = np.flatnonzero(hub.any(axis=1))
     hubs, rim = triangles[fans, spoke[fans]], triangles[fans, (spoke[fans] + 1) % 3]
@@ -72,7 +90,7 @@ def _centred(points: np.ndarray, triangles: Triangles, middles: np.ndarray) -> N
 
 @cache
 def _table() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Triangles (k, 3) of edges for all 256 cases one after the other, where those of a case start, and how many."""
+    """Triangles (k, 3) of edges for all 256 cases in one array, and the start and number of each case's triangles."""
     cases = [_case([bool(code >> k & 1) for k in range(8)]) for code in range(256)]
     count = np.array([len(case) for case in cases])
     return np.array([t for case in cases for t in case]), np.cumsum(count) - count, count
@@ -91,7 +109,7 @@ def _case(inside: list[bool]) -> list[tuple[int, ...]]:
             del after[edge]
         loops.append(loop)
     if inside[0] == inside[7] and all(inside[k] != inside[0] for k in range(1, 7)):
-        return _tube(*loops)  # the diagonal joins its ends through the others
+        return _tube(*loops)  # the diagonal connects its ends through the others
     return [t for loop in loops for t in _disc(loop) or _fan(loop)]
 
 
@@ -104,14 +122,14 @@ def _around(axis: int, side: int) -> list[int]:
 
 
 def _segments(inside: list[bool], path: list[int]) -> dict[int, int]:
-    """Edge where the path around a face leaves the mask → edge where the surface's trace that starts there ends."""
+    """Edge where the path around a face leaves the mask → edge where the surface's trace from there ends."""
     edges = [_EDGES.index((min(a, b), max(a, b))) for a, b in zip(path, path[1:] + path[:1], strict=True)]
     now = [inside[k] for k in path]
     leaves = [k for k in range(4) if now[k] and not now[(k + 1) % 4]]
     enters = [k for k in range(4) if not now[k] and now[(k + 1) % 4]]
     if len(leaves) < 2:
         return {edges[a]: edges[b] for a, b in zip(leaves, enters, strict=True)}
-    # Of two pairs of diagonal corners the one with the face's first and last corner is joined; the others are cut off.
+    # Of two pairs of diagonal corners, the one with the face's first and last corner is connected; the others are separated.
     joined = inside[min(path)]
     step = 1 if joined else -1
     return {edges[k]: edges[(k + step) % 4] for k in leaves}
@@ -123,7 +141,7 @@ def _sides(edge: int) -> set[tuple[int, int]]:
 
 
 def _disc(loop: list[int]) -> list[tuple[int, ...]]:
-    """Triangles of a polygon without a diagonal in a face of the cube, where the next cube may have the same; or none."""
+    """Triangulate a polygon without a diagonal in a face of the cube, where the next cube may have the same one; or none."""
     if len(loop) == 3:
         return [(loop[0], loop[1], loop[2])]
     for k in range(len(loop)):
@@ -140,7 +158,7 @@ def _fan(loop: list[int]) -> list[tuple[int, ...]]:
 
 
 def _tube(a: list[int], b: list[int]) -> list[tuple[int, ...]]:
-    """Triangles between two loops of three edges that face each other."""
+    """Triangles between two opposite loops of three edges."""
     middle = np.array([_CORNERS[list(edge)].mean(axis=0) for edge in _EDGES])
     turn = min(range(3), key=lambda s: sum(np.linalg.norm(middle[a[i]] - middle[b[(s - i) % 3]]) for i in range(3)))
     made: list[tuple[int, ...]] = []

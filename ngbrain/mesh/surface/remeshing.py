@@ -1,4 +1,4 @@
-"""Triangles on a smooth closed surface, as fine as a size field asks: samples, spread evenly, and their Delaunay facets."""
+"""Triangulation of a smooth level set, graded by a size field: evenly spaced samples and their Delaunay facets."""
 
 from __future__ import annotations
 
@@ -13,27 +13,33 @@ from ngbrain.mesh.geometry.sizing import SizeField
 from ngbrain.mesh.surface.manifold import boundary, faults, pieces, repair_manifold
 
 CLOSE = 0.72
-"""Samples are first this part of the element size apart; spread evenly they end up a size apart."""
+"""Initial distance of samples as a part of the element size; after relaxation they are one size apart."""
 ROUNDS = 12
-"""of spreading."""
+"""Relaxation rounds."""
 PIECES = 2
-"""The surface is spread over in pieces at least this much smaller than a size."""
+"""Factor by which the pieces that represent the surface are smaller than the element size."""
 FINER = 0.7
-"""Where the triangles do not close to a surface, samples get closer to each other by this factor,"""
+"""Factor on the sample distance where the triangles do not form a closed surface,"""
 FINEST = 0.75
-"""down to this part of a voxel: what is thinner is closed or cut (`ngbrain.mesh.surface.manifold`)."""
+"""and its lower bound in voxels; thinner parts are closed or cut (`ngbrain.mesh.surface.manifold`)."""
 NEAR, APART = 2, 4
-"""Sizes around such a place within which they do, and within which they are spread anew."""
+"""Distance from such a place, in element sizes, within which samples are refined and within which they are relaxed again."""
 SPECK = 1e-8
-"""Volume (m³) of a piece, or of a hole, below which it has no surface: a ball of 2.7 mm."""
+"""Volume (m³) of a component or hole below which it gets no surface: a ball of 2.7 mm."""
 
 
 @dataclass(frozen=True, eq=False)
 class RemeshedSurface:
-    """A closed surface without crossings.
+    """A closed surface without self-intersections.
 
-    points      (n, 3) m; triangles (m, 3), outwards
-    changed     (k, 4): middle (m) and volume (m³) of what was closed (above 0), and cut or left out (below 0), for it to be one
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Vertices (m).
+    triangles : ndarray of int, shape (m, 3)
+        Triangles with outward normals.
+    changed : ndarray, shape (k, 4)
+        Centre (m) and volume (m³) of each repair: positive if closed, negative if cut or left out.
     """
 
     points: Points
@@ -42,16 +48,38 @@ class RemeshedSurface:
 
 
 def remesh_surface(surface: LevelSet, size: SizeField, fixed: Points, seed: int = 0) -> RemeshedSurface:
-    """The surface φ = 0 as triangles, the `fixed` points (n, 3) m on it first among the vertices.
+    """Triangulate the surface φ = 0 by a restricted Delaunay triangulation.
 
-    The triangles are the facets of the samples' Delaunay tetrahedra that part those with a circumcentre inside from the
-    others (the restricted Delaunay triangulation: Boissonnat & Oudot 2005, 10.1016/j.gmod.2005.01.004). They bound a
-    union of tetrahedra, so that they cannot cross, and approximate the surface where samples are dense. Where they are no
-    surface, samples are taken more finely; what still is none below a voxel, as where the level passes through a saddle,
-    is closed or cut there. Neighbours among `fixed` (along a curve, say) stay joined by an edge if nothing else lies within
-    their smallest ball.
+    The triangles are the facets of the samples' Delaunay tetrahedra that separate those with a circumcentre inside from the
+    others. They bound a union of tetrahedra, so that they cannot intersect, and approximate the surface where samples are dense.
+    Where they are not a surface, samples are refined. What is still not a surface below a voxel, for example where the level
+    passes through a saddle, is closed or cut. Neighbours among `fixed` (along a curve, say) stay connected by an edge if
+    nothing else lies within their smallest ball.
 
-    Raises `InputError` for sizes so large that nothing is left.
+    Parameters
+    ----------
+    surface : LevelSet
+        Signed distance φ.
+    size : SizeField
+        Element size (m).
+    fixed : ndarray, shape (k, 3)
+        Points on the surface (m) that become the first vertices.
+    seed : int
+        Seed of the random samples.
+
+    Returns
+    -------
+    RemeshedSurface
+        The triangles.
+
+    Raises
+    ------
+    InputError
+        Sizes are so large that nothing is left.
+
+    References
+    ----------
+    Boissonnat & Oudot (2005), doi:10.1016/j.gmod.2005.01.004.
     """
     dense, area = _dense(surface, size)
     h = size(dense)
@@ -74,7 +102,7 @@ def remesh_surface(surface: LevelSet, size: SizeField, fixed: Points, seed: int 
 
 
 def _dense(surface: LevelSet, size: SizeField) -> tuple[Points, np.ndarray]:
-    """Points (n, 3) that stand for the whole surface, and the area (m²) of each: pieces well below the size there."""
+    """Points (n, 3) that represent the whole surface, and the area (m²) of each: pieces well below the element size there."""
     pieces = surface.outline()
     kept = []
     while len(pieces):
@@ -92,7 +120,7 @@ def _dense(surface: LevelSet, size: SizeField) -> tuple[Points, np.ndarray]:
 def _spread(
     surface: LevelSet, dense: Points, area: np.ndarray, h: np.ndarray, fixed: Points, rng: np.random.Generator
 ) -> Points:
-    """Samples a size apart: thrown at random, then moved to the weighted centres of what is nearest to them."""
+    """Samples one element size apart: random, then moved to the weighted centroids of their Voronoi cells."""
     tree = cKDTree(dense)
     taken = np.zeros(len(dense), bool)
     chosen: list[int] = []
@@ -105,7 +133,7 @@ def _spread(
             chosen.append(i)
             taken[tree.query_ball_point(dense[i], CLOSE * h[i])] = True
     free = dense[chosen]
-    weight = area * h**-4.0  # so that the samples' spacing goes with h
+    weight = area * h**-4.0  # so that the spacing of the samples is proportional to h
     for _ in range(ROUNDS):
         owner = cKDTree(np.concatenate([fixed, free])).query(dense)[1] - len(fixed)
         mine = owner >= 0
@@ -118,7 +146,19 @@ def _spread(
 
 @dataclass(frozen=True, eq=False)
 class _Cells:
-    """Delaunay tetrahedra (m, 4) of points and of corners around them, across which face is which, and which are inside."""
+    """Delaunay tetrahedra of surface points and of corners around them.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        All points (m).
+    count : int
+        Number of surface points, the first ones.
+    tets, neighbours : ndarray of int, shape (m, 4)
+        Tetrahedra, and those across their faces.
+    inside : ndarray of bool, shape (m,)
+        Tetrahedra inside.
+    """
 
     points: Points
     count: int
@@ -142,7 +182,7 @@ class _Cells:
         return cls(every, len(points), tets, delaunay.neighbors, inside)
 
     def outwards(self) -> np.ndarray:
-        """The triangles (k, 3) around what is inside."""
+        """The triangles (k, 3) around the tetrahedra inside, with outward normals."""
         three, opposite = boundary(self.tets, self.neighbours, self.inside)
         a, b, c = (self.points[three[:, i]] for i in range(3))
         turned = np.einsum("ij,ij->i", np.cross(b - a, c - a), self.points[opposite] - a) > 0
@@ -150,7 +190,7 @@ class _Cells:
         return three
 
     def closed(self, fixed: int) -> RemeshedSurface:
-        """Their surface, closed or cut where it is none, without specks, and without points that it does not use."""
+        """The surface, repaired where it is not a manifold, without small components and unused points."""
         volumes = np.abs(np.linalg.det(self.points[self.tets[:, 1:]] - self.points[self.tets[:, :1]])) / 6
         inside = repair_manifold(self.tets, self.neighbours, self.inside, volumes, self.count)
         for side in (True, False):
@@ -163,12 +203,12 @@ class _Cells:
         return RemeshedSurface(self.points[used], np.searchsorted(used, triangles), self._changed(inside, volumes))
 
     def _changed(self, inside: np.ndarray, volumes: np.ndarray) -> np.ndarray:
-        """Middle and signed volume (k, 4) of each part that is on the other side than before."""
+        """Centre and signed volume (k, 4) of each component that changed sides."""
         middles, found = self.points[self.tets].mean(axis=1), []
         for side in (True, False):
             piece = pieces(self.neighbours, (inside == side) & (self.inside != side))
             total = np.bincount(piece, volumes)
-            some = np.flatnonzero(total[1:] > 0) + 1  # a tetrahedron may be flat
+            some = np.flatnonzero(total[1:] > 0) + 1  # flat tetrahedra have no volume
             where = np.stack([np.bincount(piece, volumes * x)[some] for x in middles.T], axis=1) / total[some, None]
             found.append(np.column_stack([where, total[some] if side else -total[some]]))
         return np.concatenate(found)

@@ -1,4 +1,4 @@
-"""Where triangles of a surface, or of several, go through each other; and smoothing that leaves no such place."""
+"""Intersecting triangles of surfaces, and smoothing that avoids intersections."""
 
 from __future__ import annotations
 
@@ -13,13 +13,30 @@ _ROUNDS = 12
 
 
 def crossings(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Pairs (k, 2) of triangles (numbers, the smaller first) of which an edge of one goes through the inside of the other.
+    """Pairs of triangles of which an edge of one passes through the interior of the other.
 
-    Pairs with a common corner count if the edges away from it do so; those with a common edge do not, nor do triangles
-    in one plane or such that touch. Signs of tetrahedra in double precision (Guigue & Devillers 2003,
-    doi:10.1080/10867651.2003.10487580), of pairs whose centres are as near as the largest two triangles can be: for
-    triangles of like sizes. Points (n, 3) in m, triangles (m, 3).
+    Pairs with a common corner count if their other edges intersect. Pairs with a common edge, coplanar triangles and touching
+    triangles do not count. The test uses signs of tetrahedra in double precision. It covers pairs whose centres are as near as
+    the largest two triangles can be, so it suits triangles of similar sizes.
 
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Vertices (m).
+    triangles : ndarray of int, shape (m, 3)
+        Triangles.
+
+    Returns
+    -------
+    ndarray of int, shape (k, 2)
+        Pairs of triangles, the smaller number first.
+
+    References
+    ----------
+    Guigue & Devillers (2003), doi:10.1080/10867651.2003.10487580.
+
+    Examples
+    --------
     >>> points = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0], [0.5, 0.5, -1], [0.5, 0.5, 1], [3, 3, 0.0]])
     >>> crossings(points, np.array([[0, 1, 2], [3, 4, 5]])).tolist()
     [[0, 1]]
@@ -52,7 +69,7 @@ def _astride(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _pierces(points: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Whether an edge of triangles a (n, 3) goes through triangles b (n, 3)."""
+    """Whether an edge of triangles a (n, 3) passes through triangles b (n, 3)."""
     found = np.zeros(len(a), bool)
     x, y, z = (points[b[:, k]] for k in range(3))
     for i, j in ((0, 1), (1, 2), (2, 0)):
@@ -69,12 +86,31 @@ def _volume(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.nd
 
 
 def smooth_surfaces(surfaces: list[SurfaceMesh], volumes: list[float], steps: int) -> list[SurfaceMesh]:
-    """Smoother surfaces that enclose given volumes (m³), and cross neither themselves nor each other if they did not before.
+    """Smooth surfaces that enclose given volumes; they do not intersect themselves or each other if they did not before.
 
-    Taubin's steps (Taubin 1995, doi:10.1145/218380.218473): a vertex moves half of the way to the middle of its neighbours,
-    then a little more than that back; at last all of a surface's vertices by one distance along their normals, to the
-    volume; then they are `untangled`.
+    Taubin smoothing: a vertex moves half of the way to the centre of its neighbours, then slightly more than that back. At last
+    all vertices of a surface move by one distance along their normals to match the volume; then `resolve_intersections`.
 
+    Parameters
+    ----------
+    surfaces : list of SurfaceMesh
+        The surfaces.
+    volumes : list of float
+        Enclosed volume of each (m³).
+    steps : int
+        Number of smoothing steps.
+
+    Returns
+    -------
+    list of SurfaceMesh
+        The smoothed surfaces.
+
+    References
+    ----------
+    Taubin (1995), doi:10.1145/218380.218473.
+
+    Examples
+    --------
     >>> from ngbrain.mesh.surface.mask_surface import contour
     >>> rough = SurfaceMesh(*contour(np.linalg.norm(np.indices((15, 15, 15)) - 7, axis=0) < 5))
     >>> smooth = smooth_surfaces([rough], [rough.volume], 10)[0]
@@ -86,9 +122,21 @@ def smooth_surfaces(surfaces: list[SurfaceMesh], volumes: list[float], steps: in
 
 
 def resolve_intersections(surfaces: list[SurfaceMesh], moved: list[SurfaceMesh]) -> list[SurfaceMesh]:
-    """Surfaces with moved vertices, but for those of triangles that would cross: they go back, and more of those around.
+    """Undo the moves of vertices whose triangles would intersect, and of more and more vertices around them.
 
-    In 12 rounds at most: `crossings` tells what is left.
+    This takes 12 rounds at most; `crossings` finds what is left.
+
+    Parameters
+    ----------
+    surfaces : list of SurfaceMesh
+        Surfaces without intersections.
+    moved : list of SurfaceMesh
+        The same surfaces with moved vertices.
+
+    Returns
+    -------
+    list of SurfaceMesh
+        The moved surfaces without intersections.
     """
     first = np.cumsum([0, *(len(s.points) for s in surfaces)])
     rough, smooth = (np.concatenate([s.points for s in every]) for every in (surfaces, moved))
@@ -115,14 +163,14 @@ def _smooth(surface: SurfaceMesh, volume: float, steps: int) -> np.ndarray:
     for _ in range(steps):
         for share in (_SHRINK, _GROW):
             points += share * (joined @ points / degree - points)
-    for _ in range(3):  # volumes are not linear in the distance, nearly
+    for _ in range(3):  # volumes are nearly, but not exactly, linear in the distance
         now = SurfaceMesh(points, surface.triangles)
         points = points + (volume - now.volume) / now.area * now.normals()
     return points
 
 
 def _close(points: np.ndarray, triangles: np.ndarray, changed: np.ndarray) -> np.ndarray:
-    """Triangles that may cross one with a changed corner."""
+    """Triangles that may intersect one with a changed corner."""
     corners = points[triangles]
     centres = corners.mean(axis=1)
     reach = np.linalg.norm(corners - centres[:, None], axis=2).max()

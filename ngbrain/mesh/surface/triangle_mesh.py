@@ -1,4 +1,4 @@
-"""A closed surface of triangles: its area, the volume that it encloses, its pieces and its genus."""
+"""A closed triangle surface: area, enclosed volume, components and genus."""
 
 from __future__ import annotations
 
@@ -10,8 +10,17 @@ from scipy import sparse
 
 @dataclass(frozen=True, eq=False)
 class SurfaceMesh:
-    """points (n, 3) m and triangles (m, 3), counter-clockwise seen from outside; two triangles meet at every edge.
+    """A closed triangle surface with two triangles at every edge.
 
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Vertices (m).
+    triangles : ndarray of int, shape (m, 3)
+        Triangles, counter-clockwise seen from outside.
+
+    Examples
+    --------
     >>> points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
     >>> corner = SurfaceMesh(points, np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]))
     >>> round(corner.volume, 4), round(corner.area, 4), corner.pieces, corner.euler, corner.genus
@@ -23,12 +32,12 @@ class SurfaceMesh:
 
     @property
     def area(self) -> float:
-        """Area, m²."""
+        """Area (m²)."""
         return float(np.linalg.norm(self._normals(), axis=1).sum() / 2)
 
     @property
     def volume(self) -> float:
-        """Enclosed volume, m³: Σ a·(b × c)/6, a sum of signed tetrahedra."""
+        """Enclosed volume (m³): Σ a·(b × c)/6, a sum of signed tetrahedra."""
         if not len(self.triangles):
             return 0.0
         a, b, c = np.moveaxis(self.points[self.triangles] - self.points[self.triangles[0, 0]], 1, 0)
@@ -36,35 +45,35 @@ class SurfaceMesh:
 
     @property
     def pieces(self) -> int:
-        """Parts that do not hang together."""
+        """Number of connected components."""
         used, corners = np.unique(self.triangles, return_inverse=True)
         return int(sparse.csgraph.connected_components(self._graph(corners.reshape(-1, 3), len(used)))[0])
 
     @property
     def euler(self) -> int:
-        """The Euler characteristic, χ = vertices - edges + triangles, of the vertices that are used."""
+        """Euler characteristic χ = vertices - edges + triangles, of the vertices in use."""
         return len(np.unique(self.triangles)) - 3 * len(self.triangles) // 2 + len(self.triangles)
 
     @property
     def genus(self) -> int:
-        """Handles: pieces - χ/2, the sum of the genera of the pieces; 0 for spheres."""
+        """Number of handles: components - χ/2, the sum of the components' genera; 0 for spheres."""
         return self.pieces - self.euler // 2
 
     def normals(self) -> np.ndarray:
-        """Unit normals (n, 3) at the vertices, outwards, weighted by the triangles' areas."""
+        """Outward unit normals (n, 3) at the vertices, weighted by the triangles' areas."""
         total = np.zeros_like(self.points)
         for k in range(3):
             np.add.at(total, self.triangles[:, k], self._normals())
         return np.asarray(total / np.maximum(np.linalg.norm(total, axis=1), 1e-300)[:, None])
 
     def adjacency(self) -> sparse.csr_matrix:
-        """Which vertices an edge joins, (n, n) with ones."""
+        """Adjacency matrix (n, n) of the vertices, with ones where an edge connects two."""
         graph = self._graph(self.triangles, len(self.points))
         graph.data[:] = 1
         return graph
 
     def vertex_areas(self) -> np.ndarray:
-        """A third of the area of the triangles around each vertex, (n,) m²."""
+        """Area of each vertex (n,) in m²: a third of the triangles around it."""
         share = np.repeat(np.linalg.norm(self._normals(), axis=1) / 6, 3)
         return np.bincount(self.triangles.ravel(), share, len(self.points))
 
