@@ -17,7 +17,7 @@ from ngbrain.solvers.record import NewtonRecord
 
 Array = np.ndarray
 UPHILL, RUBBING = 4, 1
-"""`Newton.watch` of displacement elements, and with friction: what pressure does to it is not in the tangent, and a correction
+"""`Newton.max_climbs` of displacement elements, and with friction: what pressure does to it is not in the tangent, and a correction
 that is right for the pressure is followed by a larger one along the wall."""
 
 
@@ -156,4 +156,4 @@ def advance(
 def newton_for(problem: Problem, **settings: Any) -> Newton:
     """Newton's method as the problem's element needs it, with settings such as rtol=1e-10."""
     rubs = RUBBING if problem.friction.frictions else 0
-    return Newton(**{"watch": UPHILL if problem.element.pressure is None else rubs, **settings})
+    return Newton(**{"max_climbs": UPHILL if problem.element.pressure is None else rubs, **settings})
