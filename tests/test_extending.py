@@ -58,7 +58,9 @@ def test_a_regulariser_is_a_function_that_invert_takes():
     def stiff_in_x(space, reference):
         return smooth(space, reference)
 
-    found = nb.invert(Phantom.from_name("CV-G", 13).simulate_measurements(0.02).data(), noise=0.02, regulariser=stiff_in_x)
+    found = nb.invert(
+        Phantom.from_name("CV-G", 13).simulate_measurements(0.02).data(), noise=0.02, regulariser=stiff_in_x
+    )
     assert found.regulariser == "stiff_in_x"
 
 
