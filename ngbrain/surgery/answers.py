@@ -1,4 +1,4 @@
-"""From runs to answers in the units of the field: what `result.json` says."""
+"""The answers of a retraction from its runs, in clinical units: the contents of `result.json`."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from ngbrain.units import to_ml, to_mm, to_mmHg
 
 Runs = dict[str, ProtocolResult]
 Answer = dict[str, Any]
-"""A protocol's numbers by name (`answer`)."""
+"""Numbers and time series of one protocol, by name (`answer`)."""
 
 DENSITY = 1040.0
-"""Of brain (kg/m³), about, for the speed of shear waves."""
+"""Approximate density of brain (kg/m³), for the shear-wave speed."""
 SLOW = 10.0
-"""Inertia matters where a blade's way takes less than so many times as long as a shear wave through the brain."""
+"""Inertia is reported as relevant if the blade's motion takes less than this many shear-wave transit times."""
 SAME = 1e-6
-"""Openings that differ by no more than this share are equal."""
+"""Relative difference up to which two openings count as equal."""
 
 LEFT_OUT = (
     "friction between blade and tissue",
@@ -38,7 +38,18 @@ LEFT_OUT = (
 
 
 def answer(run: ProtocolResult, patient: Patient) -> Answer:
-    """A protocol's numbers and its series over time."""
+    """Numbers and time series of one protocol.
+
+    Parameters
+    ----------
+    run : ProtocolResult
+    patient : Patient
+
+    Returns
+    -------
+    dict
+        By the keys of `result.json`; lengths in mm, pressures in mmHg, forces in N.
+    """
     t, pressure = run.column("t"), to_mmHg(run.column("pressure"))
     return {
         **pressure_answers(t, pressure, run.events, patient),
@@ -60,16 +71,44 @@ def answer(run: ProtocolResult, patient: Patient) -> Answer:
 
 
 def pressure_answers(t: np.ndarray, pressure: np.ndarray, events: Sequence[float], patient: Patient) -> Answer:
-    """What follows from the pressure (mmHg) at times t (s) alone, with `events` as in `TimeCurve`."""
+    """Numbers that follow from the pressure over time alone.
+
+    Parameters
+    ----------
+    t : (n,) array
+        Times (s).
+    pressure : (n,) array
+        Pressure (mmHg).
+    events : sequence of float
+        Times (s) at which the tool's rate changes, as in `TimeCurve`.
+    patient : Patient
+
+    Returns
+    -------
+    dict
+        Pressure doses, perfusion and infarct probability.
+    """
     over_time = TimeCurve(t, pressure, events)
     return {**pressure_quantities(over_time), **perfusion(patient, over_time), **infarct_probability(over_time)}
 
 
 def scale_moduli(found: Answer, factor: float, patient: Patient) -> Answer:
-    """The numbers of an answer if all pressures, forces and stresses were `factor` times what they are.
+    """The answer with all pressures, forces and stresses multiplied by one factor.
 
-    That is what moduli as many times as large do, on a given way of the blade, if their ratios (bulk to shear, branch to
-    branch, contact to tissue) and the times of relaxation stay and nothing has inertia; strain stays.
+    This is the exact effect of multiplying all moduli by that factor, for a prescribed tool motion without inertia, if their ratios
+    (bulk to shear, branch to branch, contact to tissue) and the relaxation times stay the same; strain does not change.
+
+    Parameters
+    ----------
+    found : dict
+        An `answer`.
+    factor : float
+    patient : Patient
+
+    Returns
+    -------
+    dict
+        The scaled answer.
     """
     t, pressure, events = pressure_series(found)
     loads = {
@@ -81,19 +120,30 @@ def scale_moduli(found: Answer, factor: float, patient: Patient) -> Answer:
 
 
 def pressure_series(found: Answer) -> tuple[np.ndarray, np.ndarray, list[float]]:
-    """What `borne` takes of an answer: times (s), pressure (mmHg), events (s)."""
+    """Times (s), pressures (mmHg) and events (s) of an answer, the arguments of `pressure_answers`."""
     series = found["series"]
     return np.array(series["t_s"]), np.array(series["pressure_mmHg"]), found["events_s"]
 
 
 def _by_region(volumes: dict[str, dict[str, float]]) -> dict[str, dict[str, float]]:
-    """Threshold → region → ml turned over: region → threshold → ml."""
+    """Threshold → region → ml, transposed to region → threshold → ml."""
     regions = next(iter(volumes.values()))
     return {region: {threshold: parts[region] for threshold, parts in volumes.items()} for region in regions}
 
 
 def model_limitations(made: RetractionModel, runs: Runs) -> list[str]:
-    """What the model leaves out, in words; blades of given force go as they went in their runs."""
+    """What the model leaves out, in words.
+
+    Parameters
+    ----------
+    made : RetractionModel
+    runs : dict of ProtocolResult
+        By protocol; the motion of force-controlled blades is taken from them.
+
+    Returns
+    -------
+    list of str
+    """
     rubs = made.scene.tool.friction > 0
     said = [text for text in LEFT_OUT if not (rubs and "friction" in text)]
     has_fibres = any(tissue.fibre_stiffness for tissue in made.scene.tissues)
@@ -102,7 +152,7 @@ def model_limitations(made: RetractionModel, runs: Runs) -> list[str]:
 
 
 def _inertia(made: RetractionModel, runs: Runs) -> str:
-    """How long the way of the scene's blades takes where they are fastest, against a shear wave in the softest tissue."""
+    """Duration of the fastest blade motion compared with a shear wave through the softest tissue."""
     programs = [made.program(made.scene, asked) for asked in made.scene.protocols]
     went = [
         (runs[p.name].column("t"), runs[p.name].column("advance")) for p in programs if isinstance(p, ForceProtocol)
@@ -124,7 +174,18 @@ def _inertia(made: RetractionModel, runs: Runs) -> str:
 
 
 def model_summary(made: RetractionModel, runs: Runs) -> dict[str, Any]:
-    """Size of the model and work done."""
+    """Size of the model and computational work.
+
+    Parameters
+    ----------
+    made : RetractionModel
+    runs : dict of ProtocolResult
+
+    Returns
+    -------
+    dict
+        Numbers of elements and unknowns, volumes (ml), time steps and solver counts.
+    """
     import ngsolve as ngs
 
     def volume(pattern: str) -> float:
@@ -144,9 +205,18 @@ def model_summary(made: RetractionModel, runs: Runs) -> dict[str, Any]:
 
 
 def comparison(runs: Runs, numbers: dict[str, Answer]) -> dict[str, Any]:
-    """Metric by metric, which protocol is lowest (`numbers`: of `answer`); continuous against intermittent at equal work.
+    """Compare protocols: the lowest one for each measure, and continuous with intermittent retraction at equal working time.
 
-    Nothing for one protocol, which there is nothing to compare with.
+    Parameters
+    ----------
+    runs : dict of ProtocolResult
+    numbers : dict of dict
+        The `answer` of each protocol.
+
+    Returns
+    -------
+    dict
+        Findings in words and the doses at equal working time; empty for a single protocol.
     """
     if len(runs) < 2:
         return {}

@@ -1,14 +1,14 @@
-"""How stiff a patient's tissues are, from what a retraction was seen to do: landmarks that moved, and the force that it took.
+"""Calibration of a patient's tissue stiffness from a retraction: displacements of landmarks and the force of the blade.
 
-    least  ½ Σ |(d(s) - m)/σ|² + ½ Σ_l (ln s_l / ln r)²      over a factor s_l > 0 for each tissue
+    minimise  ½ Σ |(d(s) - m)/σ|² + ½ Σ_l (ln s_l / ln r)²      over a factor s_l > 0 for each tissue
 
-s_l multiplies all moduli and viscosities of a tissue, so that it relaxes as quickly; r is how far published constants are
-apart. d are a whole run's: finite strains, contact and memory, on times that an adaptive run of the scene's own tissues chose.
-Derivatives are those of the run (`forward.sensitivity.transient`).
+s_l multiplies all moduli and viscosities of a tissue, so that its relaxation times stay; r is the spread of published constants. d
+is computed by a complete run, with finite strain, contact and viscoelasticity, on the time steps that an adaptive run of the
+scene's own tissues has chosen. Gradients are those of the run (`forward.sensitivity.transient`).
 
-Elements that resolve the contact poorly make the same tissue look stiffer or softer, by more than noise does. What finer ones would
-have computed at s is taken off the data, to first order (`inverse.defect`), and by how much that moved a factor is one standard
-deviation more of it: of errors that go with the square of the elements' size as much again is left.
+Elements that resolve the contact poorly bias the stiffness by more than noise does. The difference to finer elements at s is
+subtracted from the data, to first order (`inverse.fitting.defect_correction`), and the resulting change of a factor is added to its
+standard deviation: for errors proportional to the square of the element size, the same amount remains.
 """
 
 from __future__ import annotations
@@ -45,21 +45,28 @@ from ngbrain.surgery.protocols import ToolMotion
 
 Array = np.ndarray
 Search = Callable[[Reduced, Array, WeightPolicy, Callable[[Iteration], None]], OptimisationResult]
-"""An optimiser of `inverse`: from an objective and where to begin down, weights as a policy has them."""
+"""An optimiser of `ngbrain.inverse`: from an objective, a starting point and a rule for the weights to a minimiser."""
 SPREAD = 3.0
-"""r: by what factor published moduli of brain are to either side of one another (one standard deviation)."""
+"""r, the factor by which published moduli of brain differ from one another (one standard deviation)."""
 
 
 @dataclass(repr=False, eq=False)
 class Calibrated(Result):
-    """What was found.
+    """Calibrated stiffness factors of tissues.
 
-    factors  tissue → its factor s, with deviation and interval; what is missed beyond the noise, as by elements that are too
-             coarse, counts as more noise
-    scene    with tissues that are so stiff, their bulk moduli as they were
-    fitted   what would be seen of it, as `Observations.data`
-    level    the misfit and what it should be
-    moved    tissue → by what finer elements multiplied its factor; None where they were not tried
+    Parameters
+    ----------
+    factors : dict of Band
+        Tissue → its factor s with standard deviation and interval. A misfit beyond the noise, for example due to coarse elements,
+        counts as additional noise.
+    scene : Scene
+        The scene with the calibrated tissues; bulk moduli are unchanged.
+    fitted : (m, 3n + 1) array
+        Computed measurements, as `Observations.data`.
+    level : Level
+        The misfit and its expected value.
+    moved : dict of float, optional
+        Tissue → the factor's change by finer elements; None where they were not used.
     """
 
     factors: dict[str, CredibleInterval]
@@ -69,34 +76,49 @@ class Calibrated(Result):
     moved: dict[str, float] | None = None
 
     def plot(self) -> Any:
-        """The misfit over iterations."""
+        """The misfit over the iterations."""
         return plot_misfit_history(self.history)
 
     @property
     def value(self) -> dict[str, CredibleInterval]:
-        """Factors."""
+        """The factors."""
         return self.factors
 
     @property
     def headline(self) -> str:
-        """Factors with their intervals."""
+        """The factors with their intervals."""
         bands = [f"{name} {band.value:.3g} ({band.low:.3g} to {band.high:.3g})" for name, band in self.factors.items()]
         return ", ".join([*bands, f"misfit {self.level.ratio:.3g} times what is expected"])
 
     @property
     def statistics(self) -> dict[str, float]:
-        """Of the search."""
+        """Number of iterations."""
         return {"iterations": len(self.history)}
 
 
 class Retracted:
-    """A scene's run of one protocol as a model: from factors of tissues to displacements of landmarks and the blade's force.
+    """Forward model of a calibration: from tissue factors to landmark displacements and blade force of one protocol.
 
-    tissues  their `region`; all by default, in the order of the scene
-    grid     times (s) at which steps end; by default those of an adaptive run as the scene asks for it
+    `run` is the `RunModel`, `factors` its parameters.
 
-    `run` is the `RunModel`, `factors` its parameters. Raises `InputError` for a blade of given force or with friction, times when
-    nothing is done, a landmark outside of the mesh, an unknown tissue.
+    Parameters
+    ----------
+    model : RetractionModel
+    landmarks : (n, 3) array
+        Positions (m) before retraction.
+    times : (m,) array
+        Times (s) of the measurements.
+    tissues : sequence of str, optional
+        The `region` of the tissues; by default all, in the order of the scene.
+    protocol : int
+        Index of the protocol.
+    grid : array, optional
+        Times (s) of the steps; by default those of an adaptive run of the scene.
+
+    Raises
+    ------
+    InputError
+        A force-controlled blade, friction, times outside the protocol, a landmark outside the mesh, or an unknown tissue.
     """
 
     def __init__(
@@ -146,20 +168,47 @@ def calibrate(
     search: Search = levenberg_marquardt,
     finer: bool = True,
 ) -> Calibrated:
-    """Factors of a scene's tissues from what was seen of one of its protocols.
+    """Calibrate stiffness factors of a scene's tissues from measurements of one of its protocols.
 
-    scene    the operation, with the tissues that the search begins with; or its `Model`, when there is one
-    tissues  `region` of those that are looked for; all by default
-    spread   r, by what factor a tissue may well differ from the scene's constants
-    level    probability of the intervals
-    start    tissue → factor where the search begins (1)
-    callback     called after every round with the factors by then, from which another search may go on
-    search   the optimiser, such as `inverse.quasi_newton.l_bfgs`
-    finer    whether the error of elements is taken off and counts in the intervals, by one run more, on elements 0.7 times as large
+    A tissue that the data do not determine keeps the factor 1, with an interval given by `spread`.
 
-    A tissue that the data say nothing of keeps a factor of 1 and an interval as wide as `spread` has it. Raises `InputError` as
-    `Retracted` does, `ConvergenceError` where no step from the start fits better.
+    Parameters
+    ----------
+    scene : Scene or RetractionModel
+        The operation, with the tissues from which the search starts.
+    seen : Observations
+        The measurements.
+    tissues : sequence of str, optional
+        The `region` of the tissues to calibrate; by default all.
+    protocol : int
+        Index of the protocol that was measured.
+    spread : float
+        r, the prior standard deviation of a factor, as a factor above 1.
+    level : float
+        Probability of the intervals.
+    start : mapping of float, optional
+        Tissue → initial factor (1).
+    callback : callable
+        Called after every iteration with the present factors, from which another search can start.
+    search : callable
+        The optimiser, such as `inverse.optimise.quasi_newton.l_bfgs`.
+    finer : bool
+        Whether to correct for the discretisation error, by one more run on elements 0.7 times as large, and to include it in the
+        intervals.
 
+    Returns
+    -------
+    Calibrated
+
+    Raises
+    ------
+    InputError
+        As for `Retracted`.
+    ConvergenceError
+        No step from the start reduces the objective.
+
+    Examples
+    --------
     >>> scene = Scene.shipped("idealised_fast")
     >>> found = calibrate(scene, seen, ["cortex", "white"])  # doctest: +SKIP
     >>> found.factors["white"].low, found.factors["white"].high, found.scene  # doctest: +SKIP
@@ -213,7 +262,7 @@ def calibrate(
 
 
 def _finer(model: RetractionModel, retracted: Retracted, point: Point, posterior: Posterior) -> tuple[Array, Array]:
-    """How far ln s moves by what finer elements compute there, and what they would compute then, to first order."""
+    """Change of ln s due to finer elements, and the measurements that they would give, to first order."""
     sizes = {name: size / math.sqrt(2) for name, size in vars(model.scene.mesh).items() if name != "order"}
     scene = replace(model.scene, mesh=replace(model.scene.mesh, **sizes))
     other = Retracted(
@@ -228,7 +277,7 @@ def _finer(model: RetractionModel, retracted: Retracted, point: Point, posterior
 
 
 def _stiff(tissue: Tissue, factor: float) -> Tissue:
-    """With its bulk modulus, as in the search."""
+    """A tissue with another stiffness and the same bulk modulus, as in the search."""
     return replace(tissue.with_scale(factor), bulk_to_shear_ratio=tissue.volume_ratio / factor, poissons_ratio=None)
 
 

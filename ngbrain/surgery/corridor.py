@@ -1,4 +1,4 @@
-"""What lies in the way of a retraction that no mesh has: the falx and the sagittal sinus in the middle between the hemispheres."""
+"""Anatomy in the retraction corridor that no mesh contains: the falx and the superior sagittal sinus in the mid plane."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ngbrain.mesh import Cleft
 from ngbrain.surgery.model import RetractionModel
 
 SINUS = 6e-3
-"""Half width (m) of the superior sagittal sinus, about: it lies under the skull along the mid plane."""
+"""Approximate half width (m) of the superior sagittal sinus, which lies under the skull along the mid plane."""
 STEPS = 200
 
 
@@ -20,14 +20,14 @@ def check_corridor(model: RetractionModel) -> list[str]:
 
     Parameters
     ----------
-    model : Model
-        Of a scene. Its mid plane is that of the head's own coordinates: x = 0 of the idealised head and of MNI152, the middle of
-        the brain of another scan.
+    model : RetractionModel
+        Its mid plane is x = 0 in the head's own coordinates for the idealised head and MNI152, and the middle of the brain for
+        another scan.
 
     Returns
     -------
     list of str
-        The warning, which is also issued as `ImplausibleWarning`, or nothing.
+        The warning, which is also issued as `ImplausibleWarning`; empty without one.
     """
     found = crossings(model.cleft, _middle(model))
     if not found:
@@ -38,8 +38,20 @@ def check_corridor(model: RetractionModel) -> list[str]:
 
 
 def crossings(cleft: Cleft, middle: float = 0.0) -> list[str]:
-    """What a cleft crosses at the plane x = `middle` (m), in words.
+    """Structures that a cleft crosses near the mid plane, in words.
 
+    Parameters
+    ----------
+    cleft : Cleft
+    middle : float, optional
+        Position x (m) of the mid plane.
+
+    Returns
+    -------
+    list of str
+
+    Examples
+    --------
     >>> along = Cleft(np.array([0.03, 0, 0]), np.array([0, 0, 1.0]), np.array([1.0, 0, 0]), 0.04, 4e-3, 12e-3)
     >>> crossings(along), crossings(along, middle=0.03)
     ([], ['crosses the mid plane, where the falx stands', 'ends within 6 mm of the mid plane, under the sagittal sinus'])

@@ -1,4 +1,4 @@
-"""Heads to operate on: what a scene needs to know of one, for the idealised head and for one from a scan."""
+"""Heads to operate on: the idealised head of ellipsoids and heads from T1 scans."""
 
 from __future__ import annotations
 
@@ -29,60 +29,108 @@ from ngbrain.scene import Geometry, Scene
 from ngbrain.scene.operation import Openable
 
 FIBRES = "fibres, and "
-"""What is left out unless a tissue has some."""
+"""Part of the list of limitations that is dropped if a tissue has fibres."""
 PART = "."
-"""Between a region's name and the number of a part of it."""
+"""Separator between a region's name and the number of one of its parts."""
 
 
 class Head(Openable, Protocol):
-    """A head before it is opened.
+    """Interface of a head before the cleft is opened.
 
-    left_out   what the model of it leaves out, in words
-    stiffness  a measured map of shear moduli in the head's space, NaN where nothing was measured
+    Attributes
+    ----------
+    left_out : str
+        Limitations of the model of the head, in words.
+    stiffness : Volume or None
+        Measured map of shear moduli in the head's space, NaN without a measurement.
     """
 
     left_out: str
     stiffness: Volume | None
 
     def open_cleft(self, cleft: Cleft, craniotomy: float, sizes: Sizes) -> ngs.Mesh:
-        """The mesh, with regions, and boundaries `skull`, `craniotomy` and the cleft's."""
+        """Mesh the head with an open cleft.
+
+        Parameters
+        ----------
+        cleft : Cleft
+        craniotomy : float
+            Diameter (m) of the craniotomy.
+        sizes : Sizes
+            Element sizes (m).
+
+        Returns
+        -------
+        ngs.Mesh
+            With its regions and the boundaries `skull`, `craniotomy` and those of the cleft.
+        """
 
     def mixtures(self, mesh: ngs.Mesh, order: int) -> dict[str, dict[str, Any]]:
-        """Region of the mesh → tissue → its share at the quadrature points of an order: 1, or a field that is 0 or 1.
+        """Volume fractions of the tissues in each region.
 
-        Regions of a mesh that was divided (`divide`) are named as those that they are parts of, and a number.
+        Parameters
+        ----------
+        mesh : ngs.Mesh
+            Regions of a split mesh (`split_region`) have the name of the original region and a number.
+        order : int
+            Order of the elements whose quadrature points are used.
+
+        Returns
+        -------
+        dict
+            Region → tissue → fraction: 1, or a field that is 0 or 1 at the quadrature points.
         """
 
     def describe(self, mesh: ngs.Mesh) -> dict[str, Any]:
-        """For the result."""
+        """Description of the head for `result.json`."""
 
     def pictures(self) -> dict[str, np.ndarray]:
-        """For the report, which shows slices of them: T1, labels and their place. Nothing where there is no scan."""
+        """Images for the report: T1, labels and their position; empty without a scan."""
 
 
 class Idealised(primitives.Ellipsoids):
-    """Ellipsoids: see `ngbrain.mesh.idealised_head`."""
+    """The idealised head of ellipsoids, see `ngbrain.mesh.idealised_head`."""
 
     left_out = "pia, dura, vessels and the sulci of the cortex; the head is an idealised shape"
     stiffness: Volume | None = None
     open_cleft = staticmethod(idealised_head)
 
     def mixtures(self, mesh: ngs.Mesh, order: int) -> dict[str, dict[str, Any]]:
-        """Every region is a tissue of its own."""
+        """Every region is one tissue.
+
+        Parameters
+        ----------
+        mesh : ngs.Mesh
+        order : int
+
+        Returns
+        -------
+        dict
+            Region → tissue → 1.
+        """
         return {name: {name: 1.0} for name in mesh.GetMaterials()}
 
     def describe(self, mesh: ngs.Mesh) -> dict[str, Any]:
-        """Where it comes from."""
+        """The source of the geometry."""
         return {"source": "idealised head of ellipsoids"}
 
     def pictures(self) -> dict[str, np.ndarray]:
-        """None."""
+        """No images."""
         return {}
 
 
 @dataclass(eq=False)
 class Scanned:
-    """A head from a T1 scan: tissue labels, and smooth outlines of the brain and of its ventricles."""
+    """A head from a T1 scan: tissue labels, and smooth outlines of the brain and its ventricles.
+
+    Parameters
+    ----------
+    scan : Scan
+    labels : Volume
+        Tissue labels (`ngbrain.image.segment.tissue_classes`).
+    stiffness : Volume, optional
+        Map of shear moduli in the head's space.
+    """
 
     scan: Scan
     labels: Volume
@@ -98,11 +146,11 @@ class Scanned:
 
     @classmethod
     def from_scan(cls, scan: Scan) -> Scanned:
-        """Of any T1 of a whole head or brain (see `label_tissues`); raises `InputError` for another picture."""
+        """From a T1 scan of a whole head or of a brain (`label_tissues`); raises `InputError` for other images."""
         return cls(scan, label_tissues(scan).volume)
 
     def point(self, voxel: Sequence[float]) -> np.ndarray:
-        """The middle of a voxel of the file, counted from 0."""
+        """Centre (m) of a voxel of the file, with indices from 0."""
         return np.asarray((self.scan.file_affine @ [*voxel, 1.0])[:3])
 
     def cleft_to(
@@ -113,13 +161,42 @@ class Scanned:
         approach: np.ndarray | None = None,
         across: np.ndarray | None = None,
     ) -> Cleft:
-        """By the shortest way to the surface, or along `approach`; the target must lie in tissue."""
+        """The cleft to a target in tissue.
+
+        Parameters
+        ----------
+        target : (3,) array
+            Centre (m) of the cleft's floor.
+        opening, width : float
+            Distance between the walls and width along them (m).
+        approach : (3,) array, optional
+            Direction from the target outwards; by default the shortest way to the surface.
+        across : (3,) array, optional
+            Direction from wall to wall.
+
+        Returns
+        -------
+        Cleft
+        """
         target = np.asarray(target, float)
         shape = self.outlines
         return find_cleft(shape.brain, shape.ventricles, target, opening, width, approach, across)
 
     def open_cleft(self, cleft: Cleft, craniotomy: float, sizes: Sizes) -> ngs.Mesh:
-        """From the cache, or made by `from_labels.head`."""
+        """The mesh with an open cleft, from the cache or made by `ngbrain.mesh.routes.cleft_head`.
+
+        Parameters
+        ----------
+        cleft : Cleft
+        craniotomy : float
+            Diameter (m).
+        sizes : Sizes
+            Element sizes (m).
+
+        Returns
+        -------
+        ngs.Mesh
+        """
         shape = {name: np.asarray(value).tolist() for name, value in vars(cleft).items()}
         made_from = [self.labels.digest(), shape, craniotomy, asdict(sizes), version("netgen-mesher")]
         modules = (head_outlines, level_set, remeshing, manifold, cleft_walls, cleft_head, tet_mesh)
@@ -130,7 +207,19 @@ class Scanned:
         return Elements.from_arrays(load_or_compute("mesh", made_from, modules, make)).mesh()
 
     def mixtures(self, mesh: ngs.Mesh, order: int) -> dict[str, dict[str, Any]]:
-        """Grey and white matter as the nearest voxel has it; what is neither, sulcal fluid above all, is grey."""
+        """Grey and white matter by the nearest voxel; other tissue, mainly sulcal fluid, counts as grey matter.
+
+        Parameters
+        ----------
+        mesh : ngs.Mesh
+        order : int
+            Order of the elements.
+
+        Returns
+        -------
+        dict
+            Region → tissue → fraction.
+        """
         space, points = quadrature_points(mesh, order - 1)
         found = self.labels.interpolate(points, order=0)
         white, grey = quadrature_field(space, found == WHITE), quadrature_field(space, found != WHITE)
@@ -138,7 +227,7 @@ class Scanned:
         return {name: parts[name.partition(PART)[0]] for name in mesh.GetMaterials()}
 
     def describe(self, mesh: ngs.Mesh) -> dict[str, Any]:
-        """Where it comes from, and volumes of its labels against the mesh's (ml)."""
+        """The source, volumes (ml) of labels and mesh, and the smallest dihedral angle (degrees)."""
         ml = 1e6 * self.labels.voxel_volume
         counts = np.bincount(self.labels.data.ravel(), minlength=len(NAMES)) * ml
         names = dict(zip(NAMES, counts.tolist(), strict=True))
@@ -150,7 +239,7 @@ class Scanned:
         }
 
     def pictures(self) -> dict[str, np.ndarray]:
-        """The T1 in 256 steps, the labels, and where their first voxel is (m)."""
+        """The T1 in 256 grey levels, the labels, and the position of their first voxel (m)."""
         t1, spacing = self.scan.volume.data, self.labels.spacing[0]
         low, high = t1.min(), np.quantile(t1[self.labels.data > 0], 0.999)
         steps = (255 * ((t1 - low) / (high - low)).clip(0, 1)).astype(np.uint8)
@@ -159,7 +248,20 @@ class Scanned:
 
 
 def tissue_elements(mesh: ngs.Mesh, region: str, shares: dict[str, Any]) -> dict[str, np.ndarray]:
-    """Tissue → in which elements (a mask) of a region of the mesh it has a quadrature point."""
+    """Elements of a region in which each tissue has a quadrature point.
+
+    Parameters
+    ----------
+    mesh : ngs.Mesh
+    region : str
+    shares : dict
+        Tissue → fraction, 1 or a field at the quadrature points.
+
+    Returns
+    -------
+    dict of (ne,) bool array
+        By tissue.
+    """
     inside = _indices(mesh) == mesh.GetMaterials().index(region) + 1
     found = {}
     for name, share in shares.items():
@@ -169,9 +271,18 @@ def tissue_elements(mesh: ngs.Mesh, region: str, shares: dict[str, Any]) -> dict
 
 
 def split_region(mesh: ngs.Mesh, region: str, groups: Sequence[np.ndarray]) -> ngs.Mesh:
-    """The mesh with a region in parts: its elements that are in the same of some groups (masks) are one part.
+    """Split a region of a mesh by groups of elements, so that every part needs the energies of its own groups only.
 
-    So each part has the energies of the groups that occur in it, and no others. What is in all groups keeps the region's name.
+    Parameters
+    ----------
+    mesh : ngs.Mesh
+    region : str
+    groups : sequence of (ne,) bool array
+        Elements that are in the same groups form one part. Elements in all groups keep the region's name.
+
+    Returns
+    -------
+    ngs.Mesh
     """
     made, own = mesh.ngmesh.Copy(), mesh.GetMaterials().index(region) + 1
     kinds = np.sum([np.where(group, 1 << i, 0) for i, group in enumerate(groups)], axis=0)
@@ -188,12 +299,12 @@ def split_region(mesh: ngs.Mesh, region: str, groups: Sequence[np.ndarray]) -> n
 
 
 def _indices(mesh: ngs.Mesh) -> np.ndarray:
-    """Number of every element's region, from 1 on."""
+    """Region number of every element, from 1 on."""
     return np.asarray(mesh.ngmesh.Elements3D().NumPy()["index"])
 
 
 def load_head(geometry: Geometry) -> Head:
-    """The head that a scene asks for; raises `InputError` for a scan that cannot be used."""
+    """The head of a scene's geometry; raises `InputError` for a scan that cannot be used."""
     if geometry.kind == "idealised":
         return Idealised()
     scan = mni152() if geometry.kind == "mni152" else read_scan(str(geometry.image))
@@ -202,7 +313,7 @@ def load_head(geometry: Geometry) -> Head:
 
 
 def _stiffness(geometry: Geometry, scan: Scan) -> Volume:
-    """The scene's map in the head's space."""
+    """The scene's stiffness map in the head's space."""
     found = read_map(str(geometry.stiffness_map), "shear moduli or shear stiffness")
     if geometry.kind == "mni152" or geometry.stiffness_map_space == "head":
         return found
@@ -215,7 +326,18 @@ def _corners(mesh: ngs.Mesh) -> np.ndarray:
 
 
 def transfer_scene(scene: Scene, image: str) -> Scene:
-    """A scene on the MNI152 head, moved to the like place of another scan: where the template lies in it."""
+    """Transfer a scene on the MNI152 head to the corresponding target in another scan, by registration of the template.
+
+    Parameters
+    ----------
+    scene : Scene
+    image : str
+        Path of the T1 scan.
+
+    Returns
+    -------
+    Scene
+    """
     cleft = scene.operated
     space = "mni152" if scene.geometry.stiffness_map else None
     geometry = replace(scene.geometry, kind="scan", image=image, stiffness_map_space=space)

@@ -1,14 +1,14 @@
-"""A retraction at one point: tissue in an even state between a blade and what holds it, the cheapest model of a protocol.
+"""Retraction of a homogeneous tissue column between a blade and a fixed support, the cheapest model of a protocol.
 
-A column of depth L is pressed to λ = 1 - s/L by a blade that has advanced by s, or by a given force; the blade never pulls.
-Its stress is that of the laboratory (`materials.lab`), whose steps are those of a body. It knows time and the tissue's law, and
-nothing of shapes: ratios between protocols are its answers, pressures of a head are not.
+A column of depth L is compressed to the stretch λ = 1 - s/L by a blade that has advanced by s, or by a given force; the blade
+never pulls. The stress is that of `materials.lab`, with the time steps of a body. The model contains the protocol and the tissue's
+law but no geometry: ratios between protocols are meaningful results, pressures in a head are not.
 
-Why rests cannot lower the dose of equal work, at small strain: with a blade that goes to one opening, a branch of modulus 1 has the
-overstress h at the end of a hold, -(1 - h) exp(-rest/τ) before the next opening where the strain was put back to zero, and
-1 - (1 - h) exp(-rest/τ) ≥ h after it. So no hold starts lower than the last one ended, nor higher than the first began, in any sum
-of branches: in any relaxation that falls monotonously, a draining fluid's too. Let go, tissue comes back less far; of 20 000 random
-pairs of branches, holds and rests none had a lower dose either.
+Why rests cannot lower the dose at equal working time, at small strain: with a blade that returns to the same opening, let a branch
+of modulus 1 have the overstress h at the end of a hold. Before the next opening it has -(1 - h) exp(-rest/τ) where the strain was
+returned to zero, and after it 1 - (1 - h) exp(-rest/τ) ≥ h. So no hold starts lower than the previous one ended, nor higher than
+the first one began, for any sum of branches: for any monotonic relaxation, including that of a draining fluid. After a free
+release tissue recovers less; of 20 000 random combinations of branches, holds and rests none had a lower dose either.
 """
 
 from __future__ import annotations
@@ -28,12 +28,24 @@ from ngbrain.surgery.protocols import ToolMotion
 from ngbrain.units import to_minutes, to_mmHg
 
 RELEASED = 1e-9
-"""Pressure, of the peak, below which a blade counts as released."""
+"""Pressure, relative to the peak, below which a blade counts as released."""
 
 
 @dataclass(frozen=True)
 class LoadingHistory:
-    """Pressure (Pa) and advance of the wall (m) at times t (s), arrays of one shape, and the times where the blade changes."""
+    """Pressure and displacement of a column over time.
+
+    Parameters
+    ----------
+    t : (n,) array
+        Times (s).
+    advance : (n,) array
+        Displacement (m) of the wall.
+    pressure : (n,) array
+        Pressure (Pa).
+    events : tuple of float
+        Times (s) at which the blade's rate changes.
+    """
 
     t: np.ndarray
     advance: np.ndarray
@@ -46,7 +58,7 @@ class LoadingHistory:
         return TimeCurve(self.t, to_mmHg(self.pressure), self.events)
 
     def peaks(self) -> np.ndarray:
-        """The largest pressure (Pa) of each time that the blade presses."""
+        """The largest pressure (Pa) of each contact period."""
         pressed = np.concatenate([[False], self.pressure > RELEASED * self.pressure.max(), [False]])
         ends = np.flatnonzero(pressed[1:] != pressed[:-1]).reshape(-1, 2)
         return np.array([self.pressure[start:end].max() for start, end in ends])
@@ -54,14 +66,28 @@ class LoadingHistory:
 
 @dataclass(frozen=True)
 class Column:
-    """Incompressible relaxing tissue of `depth` (m) under a blade, its sides free ("uniaxial") or one pair held ("planar").
+    """Incompressible viscoelastic tissue column under a blade.
 
-    material   a law that relaxes or not, such as `materials.constants(name).law()`
-    steps      time steps in each straight piece of a protocol, short ones first; second order in their length
+    The pressure is the force over the current area, p = -λ P with the nominal stress P.
 
-    The pressure is a force over the area that it acts on now, p = -λ P with the nominal stress P. Raises `InputError` for
-    another mode, a depth that is not positive, and a blade that goes through the column.
+    Parameters
+    ----------
+    material : Viscous or Law
+        Such as `materials.constants(name).law()`.
+    depth : float
+        Depth (m) of the column.
+    mode : str
+        "uniaxial" (free sides) or "planar" (one pair of sides fixed).
+    steps : int
+        Time steps in each linear piece of a protocol, short ones first; second order in their length.
 
+    Raises
+    ------
+    InputError
+        Another mode, a depth that is not positive, or a blade that advances through the column.
+
+    Examples
+    --------
     >>> from ngbrain.materials import constants
     >>> from ngbrain.surgery.protocols import continuous_retraction
     >>> course = Column(constants("griffiths2024:white_matter").law(), 50e-3).push(continuous_retraction(5e-3, 10.0, 600.0))
@@ -84,11 +110,27 @@ class Column:
             raise InputError("Column.steps", self.steps, "at least 1")
 
     def push(self, protocol: ToolMotion) -> LoadingHistory:
-        """A blade whose advance is given: it presses, and lets go where the tissue does not follow."""
+        """Loading by a prescribed advance of the blade, which separates where the tissue does not follow."""
         return self.push_each([self.depth], protocol)[0]
 
     def push_each(self, depths: Sequence[float], protocol: ToolMotion) -> list[LoadingHistory]:
-        """The same for columns of several depths (m), in the time of two."""
+        """Loading of columns with several depths by one protocol, in the time of two.
+
+        Parameters
+        ----------
+        depths : sequence of float
+            Depths (m).
+        protocol : ToolMotion
+
+        Returns
+        -------
+        list of LoadingHistory
+
+        Raises
+        ------
+        InputError
+            The blade advances through the shallowest column.
+        """
         if max(protocol.advance) >= min(depths):
             far = f"less than the depth of {min(depths):g} m"
             raise InputError(f"protocol {protocol.name!r} advance", f"{max(protocol.advance):g} m", far)
@@ -99,7 +141,19 @@ class Column:
         return [LoadingHistory(t, advance, pressure, protocol.times) for advance, pressure in rows]
 
     def load(self, times: Sequence[float], force: Sequence[float]) -> LoadingHistory:
-        """A blade whose force is given: per unloaded area (Pa) at times (s) from 0 on, straight in between, none of it negative."""
+        """Loading by a prescribed force, piecewise linear.
+
+        Parameters
+        ----------
+        times : sequence of float
+            Times (s), from 0 on.
+        force : sequence of float
+            Force per unloaded area (Pa), not negative.
+
+        Returns
+        -------
+        LoadingHistory
+        """
         if min(force) < 0:
             raise InputError("force", min(force), "at least 0: a blade does not pull")
         t = self._moments(times)
@@ -108,7 +162,7 @@ class Column:
         return LoadingHistory(t, self.depth * (1 - stretch), stretch * nominal, tuple(times))
 
     def _moments(self, events: Sequence[float]) -> np.ndarray:
-        """Times of steps: even in log(1 + time since the event), in the shortest time of relaxation."""
+        """Times of the steps: equal steps of log(1 + time since the event), in units of the shortest relaxation time."""
         tau = min((number(branch.tau) for branch in viscous(self.material).branches), default=1.0)
         even = np.linspace(0, 1, self.steps + 1)[1:]
         pieces = [a + tau * np.expm1(even * np.log1p((b - a) / tau)) for a, b in pairwise(events)]
@@ -118,11 +172,23 @@ class Column:
 
 
 def dose_with_recovery(pressure: TimeCurve, recovery: float) -> float:
-    """Largest dose ∫ p dt (unit of p, minutes) if what has come together decays while the blade is released.
+    """Largest dose ∫ p dt if the accumulated dose decays exponentially while the blade is released.
 
-    recovery   time (s) in which it falls to 1/e; no such time has been measured for brain under a blade: an assumption.
-               With ∞ it is `injury.dose`
+    Parameters
+    ----------
+    pressure : TimeCurve
+        Pressure over time (s).
+    recovery : float
+        Time constant (s) of the decay; ∞ gives `injury.dose`. No such constant has been measured for brain under a blade: it is
+        an assumption.
 
+    Returns
+    -------
+    float
+        In (unit of the pressure) minutes.
+
+    Examples
+    --------
     >>> t = np.array([0.0, 60.0, 61.0, 119.0, 120.0, 180.0])
     >>> pressed = TimeCurve(t, np.array([9.0, 9.0, 0.0, 0.0, 9.0, 9.0]), t)
     >>> round(dose_with_recovery(pressed, 1e9), 2), round(dose_with_recovery(pressed, 1e-9), 2)

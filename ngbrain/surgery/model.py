@@ -1,4 +1,4 @@
-"""From a scene to what is computed: mesh, cleft, blade, and a transient run for any protocol."""
+"""The finite element model of an operation: mesh, cleft, tools and tissues, and transient problems for any protocol."""
 
 from __future__ import annotations
 
@@ -46,41 +46,53 @@ from ngbrain.surgery.tools import WALLS, RigidTool, make_tools
 from ngbrain.units import gf
 
 FILM = 1e5
-"""Stiffness of a sliding wall in initial shear moduli per metre: a pressure of a modulus goes 10 µm deep."""
+"""Normal stiffness of a sliding boundary in initial shear moduli per metre: a pressure of one modulus penetrates 10 µm."""
 POINTWISE = 0.2
-"""Barrier against collapse at single points (`Material.pointwise`), in initial shear moduli,"""
+"""Penalty against local volume collapse (`Material.pointwise`), in initial shear moduli."""
 NEARLY_INCOMPRESSIBLE = 100.0
-"""for tissues of at least this bulk over shear modulus; J of others may go far from 1.
+"""Ratio of bulk to shear modulus from which on the penalty against collapse is used.
 
-Without it J falls to 0.45 at corners of the cleft and the pressure is 12 % too low. Elastic opening of the fast idealised
-head, second order: 157 mmHg with 4 mm elements, 163 with 3 mm, 160 with 2.5 mm; third order within 25 and 40 mm of the
-cleft, 4 mm: 154. Neo-Hooke, 1 mm opening, 4 mm elements: 3.9 mmHg against 3.8 of third order (3.8 without barrier).
+Without it J falls to 0.45 at corners of the cleft and the pressure is 12 % too low. Elastic opening of the fast idealised head,
+second order: 157 mmHg with 4 mm elements, 163 with 3 mm, 160 with 2.5 mm; third order within 25 and 40 mm of the cleft, 4 mm: 154.
+Neo-Hooke, 1 mm opening, 4 mm elements: 3.9 mmHg against 3.8 of third order (3.8 without the penalty).
 """
 BALANCED = 1e-5
-"""Forces left over at the end of a step, of all: a hundredth of what steps and meshes leave, for a third less iterations."""
+"""Relative residual at the end of a step: a hundredth of the errors of time steps and mesh, for a third fewer iterations."""
 FIRST, SHORTEST = 0.1, 0.01
-"""First step after touch and after an event, in the longest one while the blade pushes; and where a run gives up, in that."""
+"""First time step after touch and after an event, relative to the longest step while the blade moves; and the shortest step,
+relative to the first, at which a run gives up.
+"""
 FURTHEST = 0.25 * (1 + 1e-6)
-"""How far the blade goes in a step, of the opening, and half as far while it withdraws; round-off makes no two steps of a quarter.
+"""Largest advance of the blade in a step, relative to the opening; half of it during release. Round-off splits no quarter in two.
 
-A coarse head opened and let go by 2 mm in 2 s has its work in balance to 0.2 %; in steps of any way, to 4 %.
+A coarse head opened and released by 2 mm in 2 s has its work in balance to 0.2 %; with steps of any advance, to 4 %.
 """
 FOCUS = 28e-3
-"""Within this distance (m) of the cleft's walls the tangent is renewed more often than elsewhere."""
+"""Within this distance (m) of the cleft's walls the tangent is updated more often than elsewhere."""
 TISSUE = "^(?!ventricle).*"
-"""Regions that strain and volumes are counted over: all but the ventricles."""
+"""Regions over which strain and volumes are evaluated: all except the ventricles."""
 
 Laws = Callable[[Tissue, Viscous], Law | Viscous]
-"""From a tissue and its law, with its fibres, to the law as a question needs it."""
+"""From a tissue and its law, with fibres, to the law that a problem uses."""
 SOME_FIBRE = (1.0, 0.0, 0.0)
-"""Where a direction does not count."""
+"""Fibre direction where the direction does not matter."""
 
 
 @dataclass
 class RetractionModel:
-    """A scene's geometry, made once and used by every run.
+    """The geometry of a scene, made once and used by every run.
 
-    head    what was opened; mesh: NGSolve mesh; cleft: where; blades: wall → what pushes it
+    Parameters
+    ----------
+    scene : Scene
+    head : Head
+        The head before the cleft is opened.
+    mesh : ngs.Mesh
+        The head with its cleft and craniotomy.
+    cleft : Cleft
+        Position and size of the cleft.
+    blades : mapping of RigidTool
+        Wall of the cleft → the tool that pushes it.
     """
 
     scene: Scene
@@ -91,7 +103,7 @@ class RetractionModel:
 
     @classmethod
     def from_scene(cls, scene: Scene, head: Head | None = None) -> RetractionModel:
-        """Read the head (unless given) and make the mesh; raises `InputError` for what cannot be operated on."""
+        """Read the head (unless it is given) and make the mesh; raises `InputError` for a head or cleft that cannot be used."""
         head = head or load_head(scene.geometry)
         scene.check_on(head)
         where = scene.operated
@@ -104,7 +116,7 @@ class RetractionModel:
         return made
 
     def _divide(self) -> None:
-        """Give the elements of a region that has tissues of several laws regions of their own, by the laws that occur in them."""
+        """Split regions that contain tissues with several families of laws, by the families that occur in their elements."""
         mixtures = self.head.mixtures(self.mesh, self.scene.mesh.order)
         tissues = self._tissues([name for shares in mixtures.values() for name in shares])
         for region, shares in mixtures.items():
@@ -116,18 +128,28 @@ class RetractionModel:
                 self.mesh = split_region(self.mesh, region, masks)
 
     def materials(self, order: int | None = None) -> dict[str, Material]:
-        """Region of the mesh → law of shape and bulk modulus, for a body of some order (the scene's)."""
+        """Materials by region of the mesh, for elements of an order (by default the scene's)."""
         return self._materials(lambda _, law: law, order)
 
     def elastic_materials(self, seconds: float, order: int | None = None) -> dict[str, Material]:
-        """The same with the elastic tissues that one step of `seconds` from rest amounts to at small strain."""
+        """Elastic materials with the stiffness that a single step from rest has at small strain.
+
+        Parameters
+        ----------
+        seconds : float
+            Length (s) of the step.
+        order : int, optional
+            Order of the elements; by default the scene's.
+
+        Returns
+        -------
+        dict of Material
+            By region of the mesh.
+        """
         return self._materials(lambda _, law: law_after(law, seconds), order)
 
     def scaled_materials(self, factors: Mapping[str, Value]) -> dict[str, Material]:
-        """The same with moduli and viscosities of some tissues (their `region`) times a factor: stiffer, as quick to relax.
-
-        Bulk moduli stay.
-        """
+        """Materials with the moduli and viscosities of some tissues (by their `region`) times a factor; bulk moduli stay."""
         known = [tissue.region for tissue in self.scene.tissues]
         if unknown := [name for name in factors if name not in known]:
             raise InputError("tissue", repr(unknown[0]), nearest(unknown[0], known))
@@ -149,21 +171,21 @@ class RetractionModel:
         return materials
 
     def _with_fibres(self, tissue: Tissue, where: np.ndarray) -> Viscous:
-        """A tissue's law with its fibres in some elements (a mask)."""
+        """A tissue's law with its fibre directions in the marked elements."""
         if tissue.fibre_map is None:
             return tissue.with_fibres(tissue.law(), tissue.fibre or SOME_FIBRE)
         directions = read_fibre_directions(tissue.fibre_map, str(tissue.fibre_map_convention))
         return tissue.with_fibres(tissue.law(), fibre_field(directions, self.mesh, where))
 
     def stiffness_map(self) -> dict[str, dict[str, float]]:
-        """What measured maps of moduli do to each tissue (`relative.summary`); nothing where there are none."""
+        """Spread of the measured stiffness ratio in each tissue (`relative_stiffness.summary`); empty without maps."""
         order, found = self.scene.mesh.order, dict[str, dict[str, float]]()
         for volume, mixtures in self._maps(self.head.mixtures(self.mesh, order)):
             found |= relative_stiffness.summary(volume, self.mesh, mixtures, order - 1)
         return found
 
     def _maps(self, mixtures: Mixtures) -> Iterator[tuple[Volume, Mixtures]]:
-        """Maps of moduli, the head's and those of single tissues, with the tissues that each is of."""
+        """Stiffness maps of the head and of single tissues, each with the tissues that it scales."""
         if self.head.stiffness is not None:
             yield self.head.stiffness, _counted(mixtures)
         for tissue in self.scene.tissues:
@@ -172,7 +194,7 @@ class RetractionModel:
 
     @cached_property
     def tissues(self) -> tuple[Tissue, ...]:
-        """The scene's; one with a map of moduli is as stiff as the mean of the map over it."""
+        """The scene's tissues; a tissue with a modulus map is scaled to the mean of its map."""
         if not any(tissue.shear_modulus_map for tissue in self.scene.tissues):
             return self.scene.tissues
         order, found = self.scene.mesh.order, []
@@ -188,7 +210,7 @@ class RetractionModel:
         return tuple(found)
 
     def _tissues(self, names: list[str]) -> dict[str, Tissue]:
-        """Name → the scene's tissue for it; every name has one and every pattern is for some name."""
+        """Tissue name → the scene's tissue; every name needs one tissue, and every pattern must match a name."""
         found: dict[str, Tissue] = {}
         for i, tissue in enumerate(self.tissues, 1):
             mine = [name for name in names if re.fullmatch(tissue.region, name)]
@@ -206,11 +228,11 @@ class RetractionModel:
         return found
 
     def tissue(self, name: str) -> Tissue:
-        """The scene's for one of the names that tissue is counted by."""
+        """The scene's tissue of a tissue name."""
         return next(tissue for tissue in self.tissues if re.fullmatch(tissue.region, name))
 
     def parts(self, order: int | None = None) -> dict[str, TissuePart]:
-        """Name → tissue that strain, stress and volumes are counted over, for a body of some order (the scene's)."""
+        """Tissue name → the part over which strain, stress and volumes are evaluated, for elements of an order (the scene's)."""
         mixtures = self.head.mixtures(self.mesh, order or self.scene.mesh.order)
         counted = _counted(mixtures)
         tissues = self._tissues([name for shares in mixtures.values() for name in shares])
@@ -229,9 +251,22 @@ class RetractionModel:
         materials: dict[str, Material] | None = None,
         order: int | None = None,
     ) -> TimeStepper:
-        """A transient run of a protocol, at rest; other steps, materials or order than the scene's on request.
+        """A transient problem of a protocol, at rest.
 
-        A blade of given force may go as far as the scene's opening.
+        Parameters
+        ----------
+        protocol : ToolMotion or ForceProtocol
+            A force-controlled blade may advance as far as the scene's opening.
+        control : Control, optional
+            Time-step control; by default the scene's.
+        materials : dict of Material, optional
+            By region; by default the scene's.
+        order : int, optional
+            Order of the elements; by default the scene's.
+
+        Returns
+        -------
+        TimeStepper
         """
         scene, opening = self.scene, self.scene.tool.travel
         drive = protocol.drive(opening) if isinstance(protocol, ForceProtocol) else protocol.drive()
@@ -265,16 +300,16 @@ class RetractionModel:
 
     @property
     def held(self) -> str:
-        """Pattern of the boundaries that are held."""
+        """Pattern of the fixed boundaries."""
         return self._boundaries("bonded")
 
     @property
     def sliding(self) -> str:
-        """Pattern of the boundaries that slide along what holds them."""
+        """Pattern of the boundaries that slide along a fixed surface."""
         return self._boundaries("sliding")
 
     def _boundaries(self, contact: str) -> str:
-        """Those of the scene's conditions of a kind; `InputError` for a pattern without any, and for two kinds on one."""
+        """Boundaries with a kind of condition; `InputError` for a pattern without boundary, and for two conditions on one."""
         names, kinds = sorted(set(self.mesh.GetBoundaries())), dict[str, str]()
         owners = dict[str, int]()
         for i, bc in enumerate(self.scene.displacement_bcs, 1):
@@ -292,7 +327,7 @@ class RetractionModel:
         return "|".join(name for name, kind in kinds.items() if kind == contact)
 
     def control(self) -> Control:
-        """The scene's time steps."""
+        """Time-step control of the scene."""
         time = self.scene.time
         touch = min(FIRST * time.max_step_contact, time.max_step_hold)
         way = FURTHEST * self.scene.tool.travel
@@ -302,7 +337,17 @@ class RetractionModel:
 
     @staticmethod
     def program(scene: Scene, asked: Protocol) -> ToolMotion | ForceProtocol:
-        """The blade's program that a scene's protocol asks for."""
+        """The tool motion or force that a scene's protocol describes.
+
+        Parameters
+        ----------
+        scene : Scene
+        asked : scene.Protocol
+
+        Returns
+        -------
+        ToolMotion or ForceProtocol
+        """
         travel, time = scene.tool.travel, scene.time
         if asked.kind == "continuous":
             return continuous_retraction(travel, time.ramp, time.end, asked.name)
@@ -326,12 +371,12 @@ class RetractionModel:
 
 
 def _carried(blade: RigidTool, sharing: int) -> Moves:
-    """How far its surface has gone at a way that so many blades share."""
+    """Motion of a tool's surface when several tools share the advance."""
     return lambda x, way: blade.moves(x, way / sharing)
 
 
 def _of(tissue: Tissue, mixtures: Mixtures) -> dict[str, dict[str, Value]]:
-    """A tissue's own share of the regions that it is in."""
+    """A tissue's fraction of the regions that contain it."""
     found = {
         region: {name: share for name, share in shares.items() if re.fullmatch(tissue.region, name)}
         for region, shares in mixtures.items()
@@ -344,12 +389,12 @@ def _read_moduli(path: str) -> Volume:
 
 
 def _counted(mixtures: Mixtures) -> dict[str, Mapping[str, Value]]:
-    """Without the ventricles."""
+    """Fractions without the ventricles."""
     return {region: shares for region, shares in mixtures.items() if re.fullmatch(TISSUE, region)}
 
 
 def _mixed(shares: list[tuple[Tissue, Law | Viscous, Value]]) -> Material:
-    """One material for the tissues of a region, with their laws; shares are 0 or 1 at quadrature points."""
+    """One material for the tissues of a region with their laws; fractions are 0 or 1 at quadrature points."""
     if len(shares) == 1:
         ((tissue, law, _),) = shares
         return Material(law, tissue.bulk, _barrier(tissue))

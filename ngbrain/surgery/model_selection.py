@@ -1,8 +1,8 @@
-"""Operations by the cheapest model that answers what is asked: the axes of an operation, and its models on the way up.
+"""Model selection for operations: the axes of an operation's models, and the cheapest model within given tolerances.
 
-Strains are finite and the blade touches in all of them: an operation has no cheaper cousin that would say anything. What may be
-left out is how tissues differ, stiffen and relax, friction, and small elements. Steps are judged by taking them on the largest
-elements, elements by tissue without memory: that is dear where the richest model is small.
+All models have finite strain and contact, since an operation has no meaningful linear approximation. What can be left out is the
+difference between tissues, their stiffening and relaxation, friction, and small elements. Steps are estimated by taking them on the
+coarsest elements, element sizes by elastic tissue; this is expensive where the richest model is small.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ from ngbrain.surgery.plausibility import check_moduli
 from ngbrain.surgery.protocol_run import ProtocolRun
 
 FACTORS = (2.0, math.sqrt(2), 1.0)
-"""How many times as large as the scene's elements are, from level to level,"""
+"""Element sizes of the levels, relative to the scene's,"""
 LARGEST = {"wall": 6e-3, "craniotomy": 14e-3, "largest": 36e-3}
-"""but no larger (m) than this, unless the scene's are: larger ones would cut off some of the brain."""
+"""but no larger (m) than this unless the scene's are: larger elements would cut off parts of the brain."""
 ALIKE = 0.85
-"""Elements that are no smaller than this share of others are as large."""
+"""Ratio of element sizes above which two meshes count as equal."""
 
 AXES = {
     axis.name: axis
@@ -71,7 +71,23 @@ AXES = {
 
 
 def axes_of(scene: Scene, richest: Model | None = None) -> dict[str, Axis]:
-    """The axes that mean something for an operation, up to the levels of `richest`; `InputError` for names that are none."""
+    """The axes that apply to an operation.
+
+    Parameters
+    ----------
+    scene : Scene
+    richest : mapping of str, optional
+        Axis → its last level.
+
+    Returns
+    -------
+    dict of Axis
+
+    Raises
+    ------
+    InputError
+        An unknown axis or level.
+    """
     check_levels("richest", richest or {}, AXES)
     idle = {
         "tissue": len(scene.tissues) < 2,
@@ -98,12 +114,28 @@ def solve(
     executor: parallel.AnyExecutor = None,
     checkpoint: Callable[[dict[str, Any]], None] | None = None,
 ) -> SceneResult:
-    """What an operation is asked (`Scene.quantities`), by the cheapest model that is good enough; it reads as `result.json` does.
+    """Answer the quantities that an operation asks for (`Scene.quantities`) by the cheapest model within their tolerances.
 
-    Arguments and result are those of `ngbrain.ladder.solve`; answers are in the units of their names. Raises `InputError` for a
-    scene that asks nothing or cannot be built, `SolverError` if the cheapest model has no answer.
+    Parameters
+    ----------
+    scene, folder, model, richest, threads, callback, executor, checkpoint
+        See `ngbrain.ladder.solve`.
 
-    Example, some minutes::
+    Returns
+    -------
+    SceneResult
+        As of `ngbrain.ladder.solve`; answers are in the units of their names.
+
+    Raises
+    ------
+    InputError
+        The scene asks nothing or cannot be built.
+    SolverError
+        The cheapest model has no solution.
+
+    Examples
+    --------
+    Some minutes::
 
         from dataclasses import replace
         from ngbrain.scene import Quantity
@@ -129,7 +161,7 @@ def solve(
 
 
 class Operation:
-    """A scene's head, read once, and its runs by any model."""
+    """The head of a scene, read once, and its runs by any model."""
 
     def __init__(self, scene: Scene) -> None:
         if not scene.quantities:
@@ -138,7 +170,24 @@ class Operation:
         self.init_arguments = (scene,)
 
     def solve(self, model: Model, near: Mapping[str, BodyState] | None = None) -> Solution:
-        """The numbers that are asked for. Raises `SolverError` where a run gives up."""
+        """The requested numbers by one model.
+
+        Parameters
+        ----------
+        model : mapping of str
+            Axis → level.
+        near : mapping, optional
+            Not used: runs have no states to start from.
+
+        Returns
+        -------
+        Solution
+
+        Raises
+        ------
+        SolverError
+            A run gives up.
+        """
         begun = time.process_time()
         made = self.build_model(model)
         scene = made.scene
@@ -152,7 +201,7 @@ class Operation:
         return Solution(np.array(values, float), {}, ndof, time.process_time() - begun)
 
     def has_states(self, model: Model) -> bool:
-        """None has."""
+        """Whether solutions have states to start from; here none has."""
         return False
 
     def build_model(self, model: Model) -> RetractionModel:
@@ -177,7 +226,7 @@ class Operation:
 
     @cached_property
     def _commonest(self) -> Tissue:
-        """The tissue that most of the head is made of, ventricles apart."""
+        """The tissue with the largest volume, without the ventricles."""
         made = self.build_model({"mesh": "0"})
         volumes = {name: ngs.Integrate(part.where, made.mesh) for name, part in made.parts().items()}
         name = max(volumes, key=lambda each: volumes[each])
@@ -185,12 +234,12 @@ class Operation:
 
 
 def _sizes(scene: Scene, factor: float) -> dict[str, Any]:
-    """Element sizes (m), so many times as large as the scene's."""
+    """Element sizes (m), multiplied by a factor and limited."""
     own = {name: getattr(scene.mesh, name) for name in LARGEST}
     return {name: max(size, min(factor * size, LARGEST[name])) for name, size in own.items()}
 
 
 def _factors(scene: Scene) -> tuple[float, ...]:
-    """Those that are worth a step to the next one: of a coarse scene all may be nearly alike."""
+    """The factors that differ enough from the next one; those of a coarse scene may all be nearly equal."""
     sizes = [np.array(list(_sizes(scene, factor).values())) for factor in FACTORS]
     return FACTORS[max(i for i, size in enumerate(sizes) if np.all(size > ALIKE * sizes[0])) :]

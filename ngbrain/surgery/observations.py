@@ -1,4 +1,4 @@
-"""What was measured in a retraction: how landmarks moved, and the force of the blade; from arrays or from tables."""
+"""Measurements of a retraction: displacements of landmarks and the force of the blade, from arrays or CSV tables."""
 
 from __future__ import annotations
 
@@ -15,26 +15,37 @@ from ngbrain.reading import read_table
 
 Array = np.ndarray
 LANDMARKS = ("t_s", "x_mm", "y_mm", "z_mm", "ux_mm", "uy_mm", "uz_mm")
-"""Columns of a table of landmarks: when, where it was before, and by how much it has moved,"""
+"""Columns of a landmark table: time, position before retraction, displacement."""
 FORCE = ("t_s", "force_N")
-"""and of one of forces."""
+"""Columns of a force table."""
 LARGEST = {"_mm": 1000.0, "_N": 1000.0, "_s": 1e7}
-"""End of a column's name → number beyond which its unit is another one."""
+"""Suffix of a column name → number beyond which its unit must be wrong."""
 
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """What was measured in a retraction; NaN where it was not.
+    """Measurements of a retraction; missing values are NaN.
 
-    times          (m,) s since it began
-    landmarks      (n, 3) m, where they were before
-    displacements  (m, n, 3) m
-    force          (m,) N that the blade puts on the wall it pushes, across the cleft
-    sigma          standard deviations of a displacement (m) and of the force (N)
+    Parameters
+    ----------
+    times : (m,) array
+        Times (s) since the start, increasing.
+    landmarks : (n, 3) array
+        Landmark positions (m) before retraction.
+    displacements : (m, n, 3) array
+        Displacements (m) of the landmarks.
+    force : (m,) array
+        Force (N) of the blade on the wall that it pushes, across the cleft.
+    sigma : tuple of float
+        Standard deviations of a displacement (m) and of the force (N).
 
-    `Observations.read` reads tables. Raises `InputError` for shapes that do not fit together, a σ that is not positive, nothing
-    measured.
+    Raises
+    ------
+    InputError
+        Shapes that do not match, standard deviations that are not positive, or no measurement at all.
 
+    Examples
+    --------
     >>> Observations(np.array([60.0]), np.zeros((4, 3)), np.zeros((1, 4, 3)), np.array([0.3]), (2e-4, 0.01)).data.shape
     (1, 13)
     """
@@ -70,11 +81,11 @@ class Observations:
 
     @property
     def data(self) -> Array:
-        """(m, 3n + 1), forces last."""
+        """All measurements, (m, 3n + 1); the force is the last column."""
         return np.column_stack([np.reshape(self.displacements, (len(self.times), -1)), self.force])
 
     def misfit(self, times: float = 1.0) -> LeastSquares:
-        """Its weighted squares, with standard deviations so many times as large."""
+        """Weighted least-squares misfit, with all standard deviations multiplied by `times`."""
         sigma = np.append(np.full(3 * len(self.landmarks), self.sigma[0]), self.sigma[1])
         return LeastSquares(self.data, times * sigma)
 
@@ -82,10 +93,25 @@ class Observations:
     def read(
         cls, landmarks: str | Path | None, force: str | Path | None, sigma_mm: float = 1.0, sigma_N: float = 1.0
     ) -> Observations:
-        """From tables (CSV) with the columns `LANDMARKS` and `FORCE`, in the coordinates of the head; either may be missing.
+        """Read CSV tables in the coordinates of the head, with the columns `LANDMARKS` and `FORCE`.
 
-        A landmark is where it was before; what was not measured is left empty, or has no line. Raises `InputError` for columns
-        that are missing, what is no number, a landmark or force that is there twice at one time, tables without a line.
+        A value that was not measured is an empty cell, or its row is missing.
+
+        Parameters
+        ----------
+        landmarks, force : str or Path, optional
+            The tables; either may be None.
+        sigma_mm, sigma_N : float
+            Standard deviations of a displacement (mm) and of the force (N).
+
+        Returns
+        -------
+        Observations
+
+        Raises
+        ------
+        InputError
+            Missing columns, cells that are no numbers, repeated rows, or tables without rows.
         """
         moved = np.empty((0, 7)) if landmarks is None else _table(Path(landmarks), LANDMARKS, 4)
         pushed = np.empty((0, 2)) if force is None else _table(Path(force), FORCE, 1)
@@ -99,7 +125,7 @@ class Observations:
 
 
 def _table(path: Path, columns: tuple[str, ...], keys: int) -> Array:
-    """Its rows; the first so many columns say what a row is of. The first column is a time, which grows."""
+    """Rows of a table; the first `keys` columns identify a row, and the first column is an increasing time."""
     given, found, mark = read_table(path, "table")
     rows, lines, last = list[list[float]](), dict[tuple[float, ...], int](), dict[tuple[float, ...], float]()
     places = _places(given, columns, path)
@@ -122,7 +148,7 @@ def _table(path: Path, columns: tuple[str, ...], keys: int) -> Array:
 
 
 def _places(given: list[str], columns: tuple[str, ...], path: Path) -> list[int]:
-    """Where the columns stand."""
+    """Indices of the columns."""
     shown = ", ".join(given)[:200] or "none"
     if absent := [name for name in columns if name not in given]:
         raise InputError("columns", shown, f"{', '.join(columns)}: {absent[0]} is missing", path)
@@ -132,7 +158,7 @@ def _places(given: list[str], columns: tuple[str, ...], path: Path) -> list[int]
 
 
 def _number(text: str, column: str, line: int, path: Path, optional: bool, comma: bool) -> float:
-    """A finite number, no larger than what its unit can mean; with a decimal comma where commas part no columns."""
+    """A finite number within the plausible range of its unit; a decimal comma is allowed where commas do not separate columns."""
     plain = (text.replace(",", ".") if comma else text).strip()
     if optional and plain.lower() in ("", "nan"):
         return math.nan

@@ -1,4 +1,4 @@
-"""What in a scene cannot well be meant: shear moduli far from all that has been published for brain."""
+"""Plausibility checks of a scene: shear moduli far from all published values for brain."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from ngbrain.materials import CATALOGUE
 from ngbrain.surgery.model import RetractionModel
 
 BRAIN = {"brain", "cortex", "white_matter", "corona_radiata", "corpus_callosum", "deep_grey", "basal_ganglia"}
-"""Regions in the catalogue of which brain tissue was taken."""
+"""Regions in the catalogue that were sampled from brain tissue."""
 BEYOND = 100.0
-"""How many times less or more than any published modulus is refused. Values typed in kPa are a thousand times too small."""
+"""Factor beyond the published range that is refused; moduli entered in kPa are a thousand times too small."""
 
 
 def check_moduli(model: RetractionModel) -> list[str]:

@@ -1,4 +1,4 @@
-"""One protocol from rest to end, checkpointed after every step; what it leaves behind is all a report needs."""
+"""One protocol from rest to end, with a checkpoint after every step and a record for the report."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ from ngbrain.tensors import deformation_gradient, right_cauchy_green
 from ngbrain.units import to_ml, to_mmHg
 
 FRAME_SPACING = 1 / 12
-"""A frame is kept at events, at least every such share of the run,"""
+"""A frame is stored at events and at least once in this fraction of the run,"""
 FRAME_WAY = 1 / 4
-"""and where the blade has gone such a share of its furthest advance, or of its largest force, since the last."""
+"""and whenever the advance or the force has changed by this fraction of its maximum."""
 LARGEST = ("von_mises", "rate")
-"""Measures (`TissueSample.spreads`) that are kept at the step where their own 95th percentile is largest."""
+"""Measures (`TissueSample.spreads`) that are stored at the step where their own 95th percentile is largest."""
 
 VOLUMES = {
     "window": (1, swept_volume("craniotomy")),
@@ -43,22 +43,32 @@ VOLUMES = {
     "ventricles": (-1, volume_change("ventricle.*")),
     "compression": (-1, volume_change(TISSUE)),
 }
-"""What moves where at a peak: outwards through the window and into the cleft, and what ventricles and tissue lose."""
+"""Volume changes at the peak: outflow through the craniotomy and into the cleft, loss of the ventricles and of the tissue."""
 
 Snapshot = tuple[dict[str, Any], list[Frame]]
-"""All that decides what is still to come and what there was, and the frames kept so far."""
+"""State from which a run can continue, and the frames stored so far."""
 
 
 @dataclass
 class Peak:
-    """Tissue at the step where the 95th percentile of its maximum principal strain was largest.
+    """Tissue state at the step with the largest 95th percentile of maximum principal strain.
 
-    mps, oss            near the site
-    volume_mps_above    threshold → name of tissue → ml
-    beyond_fit          name of tissue → ml strained beyond what its own law was fitted to
-    creased             name of tissue → ml compressed beyond `forward.stability.CREASE`, where free surfaces fold
-    tissue, near        name of tissue → ml in all, and near the site
-    volume              what moves where (ml)
+    Parameters
+    ----------
+    t : float
+        Time (s).
+    mps, oss : MeasureStatistics
+        Maximum principal and octahedral shear strain near the site.
+    volume_mps_above : dict
+        Threshold → tissue name → volume (ml).
+    beyond_fit : dict
+        Tissue name → volume (ml) strained beyond the data that its law was fitted to.
+    creased : dict
+        Tissue name → volume (ml) compressed beyond `forward.statics.stability.CREASE`, where free surfaces fold.
+    tissue, near : dict
+        Tissue name → volume (ml) in total, and near the site.
+    volume : dict
+        Volume changes (ml), see `VOLUMES`.
     """
 
     t: float
@@ -73,7 +83,7 @@ class Peak:
 
     @classmethod
     def from_sample(cls, sample: TissueSample, spreads: dict[str, MeasureStatistics], volume: dict[str, float]) -> Peak:
-        """What `sample` holds."""
+        """From a tissue sample, its statistics and the volume changes (ml)."""
         sites, mps = sample.sites, sample.strain.mps
         everywhere = np.ones(len(mps), bool)
         near = np.zeros_like(everywhere)
@@ -98,11 +108,22 @@ class Peak:
 
 @dataclass(repr=False, eq=False)
 class ProtocolResult(Result):
-    """What a protocol's run leaves behind, small enough to pass between processes.
+    """Result of a protocol's run, small enough to pass between processes.
 
-    rows   columns of `StepRecord` by name, SI units; events: times (s) at which the blade's way changes, from first to last; peak:
-    strain at its largest; largest: other measures at theirs; steps, rejected, newton, factorisations: work, with that of a
-    beginning shared with another protocol
+    Parameters
+    ----------
+    rows : dict of (n,) array
+        Columns of `StepRecord` by name, SI units.
+    events : tuple of float
+        Times (s) at which the tool's rate changes, from first to last.
+    peak : Peak
+        Tissue state at the largest strain.
+    largest : dict of MeasureStatistics
+        Other measures at their own maximum.
+    working_s : float
+        Time (s) at full opening.
+    steps, rejected, newton, factorisations : int
+        Computational work, including that of a beginning shared with another protocol.
     """
 
     rows: dict[str, np.ndarray]
@@ -144,9 +165,24 @@ class ProtocolResult(Result):
 
 
 class ProtocolRun:
-    """A protocol on a model, with its record; `go` runs it to the end and writes `FOLDER/NAME.vtkhdf` as it goes.
+    """A protocol on a model, with its record; `go` runs it and writes `FOLDER/NAME.vtkhdf` after every step.
 
-    control, materials, order   others than the scene's
+    Parameters
+    ----------
+    model : RetractionModel
+    protocol : ToolMotion or ForceProtocol
+    folder : Path, optional
+        Where the run file goes; None writes nothing.
+    resume : bool
+        Continue from the run file in the folder.
+    start : Snapshot, optional
+        State of another run to continue from.
+    control : Control, optional
+        Time-step control other than the scene's.
+    materials : dict of Material, optional
+        Materials other than the scene's.
+    order : int, optional
+        Order of the elements other than the scene's.
     """
 
     def __init__(
@@ -183,7 +219,20 @@ class ProtocolRun:
             )
 
     def go(self, callback: Callback | None = None, until: float = float("inf")) -> ProtocolRun:
-        """Run to the end (or to `until`, s); raises what `TimeStepper.run` raises, with the last good step saved."""
+        """Run to the end.
+
+        Parameters
+        ----------
+        callback : callable, optional
+            Called with the protocol's name, the time (s) and the fraction done after every step.
+        until : float, optional
+            Time (s) at which to stop earlier.
+
+        Returns
+        -------
+        ProtocolRun
+            Itself. It raises what `TimeStepper.run` raises, with the last converged step saved.
+        """
         end = self.protocol.times[-1]
 
         def watch(body: Problem, at: StepperProgress, record: NewtonRecord) -> None:
@@ -195,11 +244,11 @@ class ProtocolRun:
         return self
 
     def snapshot(self) -> Snapshot:
-        """This run as it stands, for another protocol that is the same up to here to go on from."""
+        """The present state, from which another protocol with the same beginning can continue."""
         return deepcopy(self._state()), list(self.frames)
 
     def result(self) -> ProtocolResult:
-        """What is left of a run that has come to its end."""
+        """Result of a finished run."""
         assert self.peak is not None
         at = self.transient.progress
         work = (at.steps, at.rejected, at.newton, at.work.factorisations)
@@ -207,7 +256,16 @@ class ProtocolRun:
         return ProtocolResult(*parts, *work, status=Status.CONVERGED)
 
     def look(self, body: Problem, at: StepperProgress, record: NewtonRecord) -> None:
-        """Put the body as it stands on record."""
+        """Record the present state of the problem.
+
+        Parameters
+        ----------
+        body : Problem
+        at : Progress
+            Time and work of the stepper.
+        record : NewtonRecord
+            Of the step that has converged.
+        """
         self.rows.append(self.observer(at.t, self._way.Get(), record.min_det_F))
         sample = self.sampler(at.t)
         spreads = sample.spreads()
@@ -221,7 +279,7 @@ class ProtocolRun:
             self._save(body, at)
 
     def _volumes(self) -> dict[str, float]:
-        """Volumes (ml) that leave through the window and into the cleft, and what ventricles and tissue lose."""
+        """Volume changes (ml), see `VOLUMES`."""
         return {name: sign * to_ml(float(of.value()[0])) for name, (sign, of) in self._moving.items()}
 
     # The file.
@@ -241,7 +299,7 @@ class ProtocolRun:
             self.frames.append(frame)
 
     def _state(self) -> dict[str, Any]:
-        """All that decides what is still to come, and what there was."""
+        """Everything that the rest of the run depends on, and its record."""
         assert self.peak is not None
         return {
             "transient": self.transient.checkpoint(),
@@ -284,11 +342,24 @@ class ProtocolRun:
 
 
 def is_frame_due(protocol: ToolMotion | ForceProtocol, last: float, t: float) -> bool:
-    """Whether a frame is kept at a time (s) between events, after one at `last`."""
+    """Whether a frame is stored between events.
+
+    Parameters
+    ----------
+    protocol : ToolMotion or ForceProtocol
+    last : float
+        Time (s) of the last frame.
+    t : float
+        Time (s) now.
+
+    Returns
+    -------
+    bool
+    """
     way = abs(protocol.value(t) - protocol.value(last))
     return t - last >= FRAME_SPACING * protocol.times[-1] or way >= FRAME_WAY * protocol.most
 
 
 def to_columns(rows: list[StepRecord]) -> dict[str, np.ndarray]:
-    """Rows as columns, by field name."""
+    """Records as columns, by field name."""
     return {name: np.array([getattr(row, name) for row in rows]) for name in StepRecord.__annotations__}

@@ -1,4 +1,4 @@
-"""How a blade is driven: its advance or its force over time, as straight pieces."""
+"""Retraction protocols: the advance or the force of a blade over time, piecewise linear."""
 
 from __future__ import annotations
 
@@ -14,12 +14,26 @@ from ngbrain.forward.contact.force_control import GivenForce
 from ngbrain.scene.protocols import CLEAR
 
 PROBE_DEPTH = 1e-5
-"""How far (m) beyond its gap a blade of given force goes to feel the tissue."""
+"""Distance (m) beyond its gap that a force-controlled blade advances to detect the tissue."""
 
 
 @dataclass(frozen=True)
 class ToolMotion:
-    """Advance (m) of a blade from first contact at times (s), straight in between; negative is clear of the tissue."""
+    """Prescribed advance of a blade over time, piecewise linear.
+
+    Parameters
+    ----------
+    name : str
+    times : tuple of float
+        Times (s), starting at 0 and increasing.
+    advance : tuple of float
+        Advance (m) from first contact at these times; negative values are clear of the tissue.
+
+    Raises
+    ------
+    InputError
+        Different numbers of times and advances, fewer than two, or times that do not increase from 0.
+    """
 
     name: str
     times: tuple[float, ...]
@@ -34,30 +48,45 @@ class ToolMotion:
 
     @property
     def working_s(self) -> float:
-        """Time (s) at the full opening, while a surgeon can work."""
+        """Time (s) at full opening, during which a surgeon can work."""
         return _at_most(self.times, self.advance)
 
     @property
     def most(self) -> float:
-        """Furthest advance (m)."""
+        """Largest advance (m)."""
         return max(self.advance)
 
     @property
     def beginning(self) -> Any:
-        """The first piece: the same for protocols that may share it."""
+        """Key of the first piece; protocols with equal keys can share its computation."""
         return "advance", self.times[:2], self.advance[:2]
 
     def drive(self) -> Drive:
-        """What moves the blade."""
+        """The motion as a `Drive`."""
         return Drive(self)
 
 
 @dataclass(frozen=True)
 class ForceProtocol:
-    """Force (N) of a blade at times (s), straight in between, from 0 on; the blade goes as far as it takes (`forward.forced`).
+    """Prescribed force of a blade over time, piecewise linear; its advance is an unknown (`ngbrain.forward.contact.force_control`).
 
-    Without force it is off the tissue, and comes back as the tissue does.
+    Without force the blade is clear of the tissue and returns as the tissue recovers.
 
+    Parameters
+    ----------
+    name : str
+    times : tuple of float
+        Times (s), starting at 0 and increasing.
+    force : tuple of float
+        Forces (N) at these times: 0 at first, none negative, at least one positive.
+
+    Raises
+    ------
+    InputError
+        Times or forces outside these limits.
+
+    Examples
+    --------
     >>> from ngbrain.units import gf
     >>> round(ForceProtocol("30 gf", (0.0, 10.0, 600.0), (0.0, gf(30.0), gf(30.0))).value(5.0), 5)
     0.1471
@@ -80,7 +109,7 @@ class ForceProtocol:
 
     @property
     def working_s(self) -> float:
-        """Time (s) at the full force, while a surgeon can work."""
+        """Time (s) at full force, during which a surgeon can work."""
         return _at_most(self.times, self.force)
 
     @property
@@ -90,11 +119,11 @@ class ForceProtocol:
 
     @property
     def beginning(self) -> Any:
-        """The first piece: the same for protocols that may share it."""
+        """Key of the first piece; protocols with equal keys can share its computation."""
         return "force", self.times[:2], self.force[:2]
 
     def drive(self, limit: float = np.inf) -> GivenForce:
-        """What asks for the force, and takes the blade no farther than a limit (m)."""
+        """The force control, which advances the blade no farther than `limit` (m)."""
         return GivenForce(self.times, self.force, -CLEAR, PROBE_DEPTH, limit)
 
 
@@ -107,14 +136,19 @@ def _check(name: str, times: Sequence[float], values: Sequence[float], what: str
 
 
 def _at_most(times: Sequence[float], values: Sequence[float]) -> float:
-    """Time (s) at the largest of the values."""
+    """Time (s) at the largest value."""
     t, v = np.array(times), np.array(values)
     full = (v[1:] == v.max()) & (v[:-1] == v.max())
     return float(np.sum(np.diff(t)[full]))
 
 
 class Drive:
-    """A protocol as a `Motion`: it moves a Parameter that the blade's distance depends on."""
+    """A tool motion as a `Motion` of the time stepper: it sets a Parameter that the blade's signed distance depends on.
+
+    Parameters
+    ----------
+    protocol : ToolMotion
+    """
 
     def __init__(self, protocol: ToolMotion) -> None:
         self.protocol = protocol
@@ -122,25 +156,72 @@ class Drive:
         self.parameter = ngs.Parameter(protocol.value(0.0))
 
     def set(self, t: float) -> None:
-        """Put the blade where it is at time t."""
+        """Move the blade to its position at time t (s)."""
         self.parameter.Set(self.protocol.value(t))
 
     def travel(self, start: float, end: float) -> float:
-        """Advance (m) between two times."""
+        """Advance between two times.
+
+        Parameters
+        ----------
+        start, end : float
+            Times (s).
+
+        Returns
+        -------
+        float
+            Advance (m).
+        """
         return self.protocol.value(end) - self.protocol.value(start)
 
 
 def continuous_retraction(opening: float, ramp: float, elapsed: float, name: str = "continuous") -> ToolMotion:
-    """Open at an even rate in `ramp` seconds, hold until `elapsed`."""
+    """Continuous retraction: open at a constant rate, then hold.
+
+    Parameters
+    ----------
+    opening : float
+        Advance (m) of the blade.
+    ramp : float
+        Time (s) to reach it.
+    elapsed : float
+        End (s) of the hold.
+    name : str, optional
+
+    Returns
+    -------
+    ToolMotion
+    """
     return ToolMotion(name, (0.0, ramp, elapsed), (0.0, opening, opening))
 
 
 def intermittent_retraction(
     opening: float, ramp: float, elapsed: float, hold: float, rest: float, name: str = "intermittent"
 ) -> ToolMotion:
-    """Hold for `hold` s after opening, let go, rest for `rest` s from letting go to opening again, …; same rate both ways.
+    """Intermittent retraction: open and hold, release, rest, open again, …; opening and release have the same rate.
 
-    A cycle is ramp + hold + rest; `elapsed` must end a hold.
+    Parameters
+    ----------
+    opening : float
+        Advance (m) of the blade.
+    ramp : float
+        Time (s) to reach it.
+    elapsed : float
+        End (s) of the protocol; it must lie within a hold.
+    hold : float
+        Duration (s) of a hold.
+    rest : float
+        Time (s) from release to the next opening. One cycle takes ramp + hold + rest.
+    name : str, optional
+
+    Returns
+    -------
+    ToolMotion
+
+    Raises
+    ------
+    InputError
+        A rest too short for the blade to leave and return, or an end outside a hold.
     """
     rate = opening / ramp
     away = (opening + CLEAR) / rate
@@ -173,7 +254,26 @@ def intermittent_retraction(
 def staged_retraction(
     opening: float, ramp: float, elapsed: float, stages: int, rest: float, name: str = "staged"
 ) -> ToolMotion:
-    """Reach the opening in equal steps at the same rate, `rest` s between them, then hold until `elapsed`."""
+    """Staged retraction: reach the opening in equal steps at the same rate, with rests between them, then hold.
+
+    Parameters
+    ----------
+    opening : float
+        Final advance (m) of the blade.
+    ramp : float
+        Total time (s) of the steps.
+    elapsed : float
+        End (s) of the last hold.
+    stages : int
+        Number of steps.
+    rest : float
+        Time (s) between two steps.
+    name : str, optional
+
+    Returns
+    -------
+    ToolMotion
+    """
     times, advance = [0.0], [0.0]
     for stage in range(1, stages + 1):
         times.append(times[-1] + ramp / stages)

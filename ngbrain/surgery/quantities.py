@@ -1,4 +1,4 @@
-"""The numbers of a protocol's answer: what each is of, in which unit, and how it goes with the moduli of the tissue."""
+"""The numbers of a protocol's answer: what each describes, its unit, and how it scales with the tissue moduli."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from ngbrain.surgery.protocol_run import ProtocolResult
 from ngbrain.units import to_kPa, to_mmHg
 
 THRESHOLDS_MMHG = (20.0, 30.0)
-"""Retraction pressures of Rosenorn & Diemer 1985: infarcts in 1 of 6, and in 5 of 6, after 15 minutes in the rat."""
+"""Retraction pressures of Rosenorn & Diemer 1985: infarcts in 1 of 6, and in 5 of 6 rats, after 15 minutes."""
 
 
 class Scaling(Enum):
-    """What a number does where all moduli are so many times as large, on a given way of the blade."""
+    """How a number changes when all moduli are multiplied by one factor, for a prescribed tool motion."""
 
     STAYS = "it stays"
     MODULI = "it is as many times as large"
@@ -33,12 +33,13 @@ class ProtocolQuantity:
     Parameters
     ----------
     key : str
-        In `result.json`.
+        Key in `result.json`.
     name, unit : str
-        In words; of the number, as the field has it.
+        Description and unit.
     scaling : Scaling
+        How it scales with the tissue moduli.
     describes : bool
-        Whether it describes a run rather than answers a question: such numbers have no error.
+        Whether it describes the run rather than answers a question; such numbers have no error estimate.
     """
 
     key: str
@@ -50,7 +51,15 @@ class ProtocolQuantity:
 
 @dataclass(frozen=True)
 class PressureQuantity(ProtocolQuantity):
-    """What follows from the pressure (mmHg) over time; `of` is None of what needs the patient, see `perfusion` and `response`."""
+    """A number that follows from the pressure (mmHg) over time.
+
+    Parameters
+    ----------
+    key, name, unit, scaling, describes
+        See `ProtocolQuantity`.
+    of : callable, optional
+        The number of a pressure curve; None for numbers that need the patient's data, see `perfusion` and `dose_response`.
+    """
 
     scaling: Scaling = Scaling.PRESSURE
     of: Callable[[TimeCurve], float] | None = None
@@ -58,7 +67,15 @@ class PressureQuantity(ProtocolQuantity):
 
 @dataclass(frozen=True)
 class RunQuantity(ProtocolQuantity):
-    """What is read off a run."""
+    """A number that is read off a run.
+
+    Parameters
+    ----------
+    key, name, unit, scaling, describes
+        See `ProtocolQuantity`.
+    of : callable
+        The number of a `ProtocolResult`.
+    """
 
     of: Callable[[ProtocolResult], float | Mapping[str, float]] | None = None
 
@@ -81,14 +98,14 @@ def _extreme(
     to_unit: Callable[[float], float] = float,
     scaling: Scaling = Scaling.MODULI,
 ) -> RunQuantity:
-    """The largest of a column of a run's record."""
+    """The maximum of a column of a run's record."""
     return RunQuantity(key, name, unit, scaling, of=lambda run: float(to_unit(run.column(column).max())))
 
 
 def _spread(
     key: str, name: str, unit: str, of: Callable[[ProtocolResult], MeasureStatistics], end: str = ""
 ) -> list[RunQuantity]:
-    """Percentiles and the largest mean over `AMOUNT`, 0.5 ml."""
+    """Percentiles and the largest mean over `AMOUNT` (0.5 ml)."""
     parts: dict[str, tuple[str, Callable[[MeasureStatistics], float]]] = {
         "p50": (f"median of the {name}", lambda spread: spread.p50),
         "p95": (f"95th percentile of the {name}", lambda spread: spread.p95),
@@ -170,16 +187,16 @@ QUANTITIES: Mapping[str, ProtocolQuantity] = {
         RunQuantity("working_s", "time at full opening", "s", describes=True, of=lambda run: run.working_s),
     )
 }
-"""By key in `result.json`."""
+"""All quantities, by their key in `result.json`."""
 
 
 def pressure_quantities(curve: TimeCurve) -> dict[str, float]:
-    """All that follows from the pressure (mmHg) over time alone."""
+    """All numbers that follow from the pressure (mmHg) over time alone."""
     found = (each for each in QUANTITIES.values() if isinstance(each, PressureQuantity))
     return {each.key: float(each.of(curve)) for each in found if each.of is not None}
 
 
 def run_quantities(run: ProtocolResult) -> dict[str, float | Mapping[str, float]]:
-    """All that is read off a run."""
+    """All numbers that are read off a run."""
     found = (each for each in QUANTITIES.values() if isinstance(each, RunQuantity))
     return {each.key: each.of(run) for each in found if each.of is not None}

@@ -1,7 +1,8 @@
-"""A measured map of shear moduli in a retraction. It is relative: its ratio to each tissue's mean multiplies that tissue's moduli.
+"""Measured maps of shear moduli in a retraction, as relative maps: the ratio to each tissue's mean scales that tissue's
+moduli.
 
-Elastography measures at small strain and tens of hertz, where brain is several times as stiff as in a retraction of minutes; what
-carries over is how much stiffer one place is than another.
+Elastography measures at small strain and tens of hertz, where brain is several times as stiff as in a retraction of minutes. The
+ratio between one place and another is what carries over.
 """
 
 from __future__ import annotations
@@ -18,31 +19,79 @@ from ngbrain.image.read.property_maps import interpolate_map, measured_mask
 from ngbrain.image.read.volume import Volume
 
 Mixtures = Mapping[str, Mapping[str, Any]]
-"""Region of the mesh → tissue → its share at the quadrature points."""
+"""Region of the mesh → tissue → its volume fraction at the quadrature points."""
 
 
 def stiffness_ratio_fields(
     volume: Volume, mesh: ngs.Mesh, mixtures: Mixtures, order: int
 ) -> dict[str, ngs.GridFunction]:
-    """Tissue → the map over its mean there, for the regions that are given and for integrals of this order alone.
+    """Ratio of a map to its mean over each tissue, as a field at quadrature points.
 
-    Where nothing was measured, the map's value is that of the nearest place that was.
+    Points without a measurement take the value of the nearest measured voxel.
 
-    Raises `InputError` for a map that has no values over most of these regions.
+    Parameters
+    ----------
+    volume : Volume
+        Map of shear moduli.
+    mesh : ngs.Mesh
+    mixtures : mapping
+        Tissue fractions of the regions that count (`Mixtures`).
+    order : int
+        Order of the integration rule; the fields are valid for this rule only.
+
+    Returns
+    -------
+    dict of ngs.GridFunction
+        By tissue.
+
+    Raises
+    ------
+    InputError
+        The map has no values over most of these regions.
     """
     space, _ = quadrature_points(mesh, order)
     return {name: quadrature_field(space, ratio) for name, (ratio, *_) in _over(volume, mesh, mixtures, order).items()}
 
 
 def mean_modulus(volume: Volume, mesh: ngs.Mesh, mixtures: Mixtures, order: int) -> float:
-    """The map's mean over the volume of all tissues that are given."""
+    """Volume-weighted mean of a map over all given tissues.
+
+    Parameters
+    ----------
+    volume : Volume
+    mesh : ngs.Mesh
+    mixtures : mapping
+        Tissue fractions (`Mixtures`).
+    order : int
+        Order of the integration rule.
+
+    Returns
+    -------
+    float
+        In the unit of the map.
+    """
     over = _over(volume, mesh, mixtures, order).values()
     amounts = [(values @ weight, weight.sum()) for _, weight, _, values in over]
     return float(sum(amount for amount, _ in amounts) / sum(size for _, size in amounts))
 
 
 def summary(volume: Volume, mesh: ngs.Mesh, mixtures: Mixtures, order: int) -> dict[str, dict[str, float]]:
-    """Tissue → 5th and 95th percentile of the ratio over its volume, and the share of its volume that was not measured."""
+    """Spread of the stiffness ratio within each tissue, and the fraction that was not measured.
+
+    Parameters
+    ----------
+    volume : Volume
+    mesh : ngs.Mesh
+    mixtures : mapping
+        Tissue fractions (`Mixtures`).
+    order : int
+        Order of the integration rule.
+
+    Returns
+    -------
+    dict
+        Tissue → `ratio_p5`, `ratio_p95` (5th and 95th percentile by volume) and `not_measured` (fraction of the volume).
+    """
     found = {}
     for name, (ratio, weight, known, _) in _over(volume, mesh, mixtures, order).items():
         order_of = np.argsort(ratio)
@@ -55,7 +104,7 @@ def summary(volume: Volume, mesh: ngs.Mesh, mixtures: Mixtures, order: int) -> d
 def _over(
     volume: Volume, mesh: ngs.Mesh, mixtures: Mixtures, order: int
 ) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-    """Tissue → ratio, volume (m³), 0 outside of it, whether it was measured, and value of every quadrature point."""
+    """Tissue → ratio, volume (m³, 0 outside the tissue), whether it was measured, and map value at every quadrature point."""
     space, points = quadrature_points(mesh, order)
     one = ngs.GridFunction(space)
     amount = ngs.LinearForm(space)  # its entries are the points' volumes
@@ -81,7 +130,7 @@ def _over(
 
 
 def summary_lines(found: Mapping[str, Mapping[str, float]]) -> list[str]:
-    """A `summary` as a line for the result's warnings."""
+    """A `summary` as one line for the result's warnings; empty without tissues."""
     each = [
         f"{name} {of['ratio_p5']:.2f} to {of['ratio_p95']:.2f} times its mean (5th to 95th percentile), "
         f"{of['not_measured']:.0%} not measured and taken from the nearest voxel that was"

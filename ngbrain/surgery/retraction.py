@@ -1,4 +1,4 @@
-"""The main job: a scene's protocols and the checks of their worth, to the answers a team asks for."""
+"""Simulate an operation as described: all protocols of a scene, then the verification runs, to `result.json`."""
 
 from __future__ import annotations
 
@@ -48,13 +48,13 @@ _CHECKS: dict[str, Callable[[RetractionModel, Path | None, bool, Callback], Any]
     MILLER: miller_exponent,
 }
 CHECKS = len(_CHECKS)
-"""Runs beside the protocols', for a progress bar."""
+"""Number of verification runs, for a progress bar."""
 PICTURES = "head.npz"
 """The scan and its labels, for the report."""
 _CHECK = "check: "
-"""Before a check's name where it stands among protocols, whose names have no colon."""
+"""Prefix of a verification run's name among the tasks; names of protocols have no colon."""
 _BEGINNING = "beginning: "
-"""Before the name of a protocol whose first piece others share."""
+"""Prefix of the name of a beginning that several protocols share."""
 
 
 @reporting(lambda given: RunProgress(len(given["scene"].protocols) + CHECKS * given["checks"]))
@@ -153,7 +153,7 @@ def solve(
 
 
 def _of_protocols(model: RetractionModel, runs: Runs, threads: int) -> dict[str, Any]:
-    """The part of a result that does not wait for the checks."""
+    """The part of a result that does not depend on the verification runs."""
     scene, mapped = model.scene, model.stiffness_map()
     found = {name: answers.answer(run, scene.patient) for name, run in runs.items()}
     return {
@@ -180,7 +180,7 @@ def _of_checks(
     checked: Mapping[str, Any],
     status: Mapping[str, str],
 ) -> dict[str, Any]:
-    """The part that grows with them."""
+    """The part of a result that depends on the verification runs."""
     scene = model.scene
     factors = material_uncertainty.moduli_near_site(model, runs).factors.values()
     errors = error_budget.errors(error_budget.hold_answer(scene, found, checked), checked, factors, scene.patient)
@@ -200,7 +200,7 @@ def _status(task: str, ended: Mapping[str, Any], wanted: bool) -> str:
 
 
 def _tasks(model: RetractionModel, folder: Path | None, resume: bool, checks: bool = True) -> list[Task]:
-    """What protocols share first, then they, the longest first so that there is a report soon, then the checks."""
+    """Shared beginnings first, then protocols, longest first so that a report is ready early, then verification runs."""
     scene = model.scene
     groups: dict[Any, list[ToolMotion | ForceProtocol]] = {}
     for program in (model.program(scene, asked) for asked in scene.protocols):
@@ -228,7 +228,7 @@ def _begin(
     *,
     callback: Callback,
 ) -> Snapshot | None:
-    """How a run stands after its first piece, None if it is past that: several protocols go on from there."""
+    """State of a run after its first piece, None if it is past it; several protocols continue from it."""
     run = ProtocolRun(model, program, folder, resume)
     if run.transient.progress.t > program.times[1]:
         return None
@@ -245,7 +245,7 @@ def _go(
     *,
     callback: Callback,
 ) -> ProtocolResult:
-    """A run, from where it stands after the piece that it shares with others."""
+    """A run, from the end of a shared beginning if there is one."""
     with share_threads(callback) as told:
         return ProtocolRun(model, program, folder, resume, start).go(told).result()
 
@@ -271,7 +271,7 @@ def _write_pictures(path: Path, arrays: dict[str, np.ndarray]) -> None:
 
 
 def geometry(model: RetractionModel) -> dict[str, Any]:
-    """Where the cleft and the tool are, for pictures (m)."""
+    """Position and size of the cleft and the tool (m), for figures."""
     cleft, blade = model.cleft, model.scene.tool
     return {
         "target_m": cleft.target.tolist(),

@@ -188,8 +188,8 @@ def test_a_given_force_alone_or_over_time(demo):
     assert held == ForceProtocol("force", (0.0, 10.0, 900.0), (0.0, 0.2941995, 0.2941995)) and held.working_s == 890
     assert (
         let_go.times == (0, 10, 20, 30, 900)
-        and [let_go.at(15), 2 * held.at(5)] == pytest.approx([held.at(10)] * 2)
-        and let_go.at(800) == 0
+        and [let_go.value(15), 2 * held.value(5)] == pytest.approx([held.value(10)] * 2)
+        and let_go.value(800) == 0
     )
 
 

@@ -1,12 +1,10 @@
-"""What is measured in a simulated retraction: forces, pressures, strain, injury.
+"""Measures of a simulated retraction: forces, pressures, strain, injury.
 
-- `dose_response`: What animals say on the probability of an infarct under a retractor: published counts, and the
-  range they leave.
-- `injury`: What a retraction does to tissue: strain, stress and their rate at points, and the dose of a pressure.
-- `observer`: What is read off a body under a blade after every step: force, area, pressure, opening, balances.
-- `perfusion`: What blood pressure leaves under a blade: the perfusion reserve of a patient whose pressures are given.
-- `sampling`: Where tissue is sampled, and what is read there: stretches, stress, rate; statistics that single points
-  do not decide.
+- `dose_response`: Infarct probability under a retractor: published animal counts and the interval that they imply.
+- `injury`: Strain, stress and their rates at points, and the dose of a pressure.
+- `observer`: Quantities recorded after every step: force, area, pressure, opening, work balances.
+- `perfusion`: The perfusion reserve under a blade for a patient's arterial and intracranial pressure.
+- `sampling`: Sampling points in tissue with stretches, stress and rates, and statistics that single points do not dominate.
 """
 
 __all__ = ["dose_response", "injury", "observer", "perfusion", "sampling"]

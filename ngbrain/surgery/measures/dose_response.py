@@ -1,4 +1,4 @@
-"""What animals say on the probability of an infarct under a retractor: published counts, and the range they leave."""
+"""Infarct probability under a retractor: published animal counts and the interval that they imply."""
 
 from __future__ import annotations
 
@@ -12,22 +12,35 @@ from ngbrain.units import MINUTE
 
 CONFIDENCE = 0.95
 HELD_MINUTES = 15.0
-"""How long each animal's brain was retracted,"""
+"""Duration of retraction in each animal (minutes),"""
 MISSING = 0.05
-"""and the share of that which a pressure that counts as held may miss: the way up."""
+"""and the fraction of it that a sustained pressure may miss, for the loading ramp."""
 HALVINGS = 40
-"""Of the range in which a pressure is looked for."""
+"""Bisection steps in the search for a sustained pressure."""
 COUNTS = {20.0: (1, 6), 30.0: (5, 6), 40.0: (6, 6)}
-"""Retraction pressure (mmHg) → rats with an infarct, of how many: Rosenorn & Diemer 1985, 10.3171/jns.1985.63.4.0608."""
+"""Retraction pressure (mmHg) → rats with an infarct, out of how many: Rosenorn & Diemer 1985, 10.3171/jns.1985.63.4.0608."""
 SOURCE = "Rosenørn & Diemer 1985, 10.3171/jns.1985.63.4.0608"
 CONDITIONS = f"rats, an even pressure for {HELD_MINUTES:.0f} minutes, 6 animals at each"
 
 
 def interval(infarcts: int, animals: int) -> tuple[float, float]:
-    """Exact (Clopper-Pearson) 95 % interval of a probability.
+    """Exact (Clopper-Pearson) 95 % confidence interval of a probability.
 
-    Source: Clopper & Pearson 1934, 10.1093/biomet/26.4.404.
+    Parameters
+    ----------
+    infarcts, animals : int
+        Animals with an infarct, and all animals.
 
+    Returns
+    -------
+    tuple of float
+
+    References
+    ----------
+    Clopper & Pearson 1934, 10.1093/biomet/26.4.404.
+
+    Examples
+    --------
     >>> [round(p, 4) for p in interval(6, 6)]
     [0.5407, 1.0]
     """
@@ -36,20 +49,36 @@ def interval(infarcts: int, animals: int) -> tuple[float, float]:
 
 
 def probability_lower_bound(mmHg: float) -> float:  # noqa: N803
-    """Lower end for a pressure held for 15 minutes: that of the largest dose not above it, 0 below all."""
+    """Lower bound for a pressure (mmHg) sustained for 15 minutes: that of the largest dose not above it, 0 below all doses."""
     return max((interval(*counts)[0] for dose, counts in COUNTS.items() if dose <= mmHg), default=0.0)
 
 
 def probability_upper_bound(mmHg: float) -> float:  # noqa: N803
-    """Upper end for a pressure held for 15 minutes: that of the smallest dose not below it, 1 above all; 0 without pressure."""
+    """Upper bound for a pressure (mmHg) sustained for 15 minutes: that of the smallest dose not below it, 1 above all; 0 without
+    pressure.
+    """
     if mmHg <= 0:
         return 0.0
     return min((interval(*counts)[1] for dose, counts in COUNTS.items() if dose >= mmHg), default=1.0)
 
 
 def sustained_pressure(pressure: TimeCurve, seconds: float) -> float:
-    """The largest pressure that a curve stays above for a time (s) without a break; 0 if it never presses that long.
+    """The largest pressure that a curve exceeds for a given time without interruption.
 
+    Parameters
+    ----------
+    pressure : TimeCurve
+        Pressure over time (s).
+    seconds : float
+        Duration (s).
+
+    Returns
+    -------
+    float
+        0 if the tissue is never loaded that long.
+
+    Examples
+    --------
     >>> round(sustained_pressure(TimeCurve([0.0, 10.0, 20.0], [0.0, 40.0, 0.0], [0.0, 10.0, 20.0]), 5.0), 6)
     30.0
     """
@@ -63,13 +92,13 @@ def sustained_pressure(pressure: TimeCurve, seconds: float) -> float:
 
 
 def infarct_probability(pressure: TimeCurve) -> dict[str, Any]:
-    """The range of probabilities that the counts leave for a course of pressure (mmHg).
+    """The interval of infarct probabilities that the counts imply for a pressure curve (mmHg).
 
-    One thing is assumed: what presses less, for a shorter time, or with breaks does no more harm. So the probability is at
-    least that of the pressure held for 15 minutes (less 5 %) without a break, and at most that of 15 minutes at the peak, if the
-    tissue is pressed for no longer in all; where it is, nothing is known from above. Each end is a bound of 97.5 %, so that
-    the interval is one of 95 % or more; what differs between rat and patient is not in it. `_at_held` is the interval of
-    15 minutes at the pressure held alone, None where none is held for so long.
+    The only assumption: a lower pressure, a shorter time or interruptions do no more harm. So the probability is at least that of
+    the pressure sustained for 15 minutes (less 5 %) without interruption. It is at most that of 15 minutes at the peak, if the
+    tissue is loaded for no longer in total; otherwise there is no upper bound. Each end is a 97.5 % bound, so that the interval
+    has at least 95 % coverage; the difference between rat and patient is not included. `_at_held` is the interval of 15 minutes at
+    the sustained pressure alone, None where no pressure is sustained for so long.
     """
     minutes = pressure.above(0.0)[0] / MINUTE
     even = sustained_pressure(pressure, (1 - MISSING) * HELD_MINUTES * MINUTE)
@@ -86,11 +115,13 @@ def infarct_probability(pressure: TimeCurve) -> dict[str, Any]:
 
 
 def excludes_one_half(interval: Sequence[float]) -> bool:
-    """Whether an interval of a probability says which is more likely, an infarct or none; only then it is worth stating.
+    """Whether an interval of a probability (low, high) excludes one half; only such an interval is reported.
 
-    With six animals at a pressure most intervals hold one half. They do not narrow what anybody would have said before, and their
-    ends ("0 to 64 %") read like a finding: the counts themselves (`evidence`) say all there is.
+    With six animals at a pressure most intervals contain one half. They add nothing to prior knowledge, and their ends ("0 to 64
+    %") read like a finding: the counts themselves (`evidence`) are reported instead.
 
+    Examples
+    --------
     >>> [excludes_one_half(interval(*counts)) for counts in COUNTS.values()]
     [False, False, True]
     """
@@ -99,16 +130,20 @@ def excludes_one_half(interval: Sequence[float]) -> bool:
 
 
 def evidence(even: float, peak: float, minutes: float) -> str:
-    """What the counts say of a course of pressure, in words.
+    """What the animal counts imply for a pressure curve, in words.
 
     Parameters
     ----------
     even : float
-        Pressure (mmHg) held for 15 minutes without a break, see `infarct`.
+        Pressure (mmHg) sustained for 15 minutes without interruption, see `infarct_probability`.
     peak : float
         Largest pressure (mmHg).
     minutes : float
-        How long it presses in all.
+        Total loading time.
+
+    Returns
+    -------
+    str
 
     Examples
     --------
@@ -133,7 +168,7 @@ def _counted(dose: float) -> str:
 
 
 def dose_response_points() -> dict[str, Any]:
-    """The counts with their intervals, where they come from and under which conditions."""
+    """The counts with their intervals, source and conditions."""
     doses = [
         {"pressure_mmHg": dose, "infarcts": counts[0], "animals": counts[1], "probability_95": list(interval(*counts))}
         for dose, counts in COUNTS.items()

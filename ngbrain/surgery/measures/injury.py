@@ -1,4 +1,4 @@
-"""What a retraction does to tissue: strain, stress and their rate at points, and the dose of a pressure."""
+"""Measures of tissue injury: strain, stress and their rates at points, and the dose of a pressure."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MPS_THRESHOLDS = (0.14, 0.18, 0.21, 0.34)
 
 @dataclass(frozen=True)
 class Strain:
-    """Strain at points: stretches λ (n, 3), ascending."""
+    """Strain at points, from the principal stretches λ (n, 3), ascending."""
 
     stretch: np.ndarray
 
@@ -31,15 +31,37 @@ class Strain:
         return octahedral_shear(np.log(self.stretch))
 
     def beyond(self, least: np.ndarray, most: np.ndarray) -> np.ndarray:
-        """Where some stretch is lower or higher than those that the law at each point was fitted to, (n,)."""
+        """Whether a stretch leaves the range that the law at each point was fitted to.
+
+        Parameters
+        ----------
+        least, most : (n,) array
+            Lowest and highest stretch of the data.
+
+        Returns
+        -------
+        (n,) bool array
+        """
         return np.asarray((self.stretch[:, 0] < least) | (self.stretch[:, 2] > most))
 
 
 def von_mises(F: np.ndarray, P: np.ndarray) -> np.ndarray:
-    """Von Mises stress √(3/2 dev σ : dev σ) of the Cauchy stress σ = P Fᵀ / J, (n,) in the unit of P.
+    """Von Mises stress √(3/2 dev σ : dev σ) of the Cauchy stress σ = P Fᵀ / J.
 
-    F, P   deformation gradient and nominal stress ∂W/∂F, (n, 3, 3)
+    Parameters
+    ----------
+    F : (n, 3, 3) array
+        Deformation gradient.
+    P : (n, 3, 3) array
+        Nominal stress ∂W/∂F.
 
+    Returns
+    -------
+    (n,) array
+        In the unit of P.
+
+    Examples
+    --------
     >>> F = np.diag([4.0, 0.5, 0.5])
     >>> float(von_mises(F[None], np.diag([3.0, 0.0, 0.0])[None])[0])  # 3 of nominal stress on a quarter of the area
     12.0
@@ -50,11 +72,25 @@ def von_mises(F: np.ndarray, P: np.ndarray) -> np.ndarray:
 
 
 def stretching_rate(before: np.ndarray, after: np.ndarray, dt: float) -> np.ndarray:
-    """Largest principal rate of deformation, in the mean over a time dt: the largest eigenvalue of ln(fᵀf) / 2dt, (n,) in 1/dt.
+    """Largest principal rate of deformation, averaged over a time step: the largest eigenvalue of ln(fᵀf) / 2dt.
 
-    With f = F₁ F₀⁻¹ from one deformation gradient (n, 3, 3) to the next, this is the largest eigenvalue of
-    D = sym(Ḟ F⁻¹) where that is steady, for dt → 0 always; a rotation has none, and unloading counts as loading does.
+    With f = F₁ F₀⁻¹ between two deformation gradients this is the largest eigenvalue of D = sym(Ḟ F⁻¹) where that is steady, and
+    in the limit dt → 0; a rotation has none, and unloading counts as loading does.
 
+    Parameters
+    ----------
+    before, after : (n, 3, 3) array
+        Deformation gradients.
+    dt : float
+        Time (s) between them.
+
+    Returns
+    -------
+    (n,) array
+        In 1/s.
+
+    Examples
+    --------
     >>> F = np.diag([1.0, 1.0, np.exp(0.2)])
     >>> round(float(stretching_rate(np.eye(3)[None], F[None], 0.1)[0]), 12)
     2.0
@@ -64,8 +100,22 @@ def stretching_rate(before: np.ndarray, after: np.ndarray, dt: float) -> np.ndar
 
 
 def dose(pressure: TimeCurve, until: float | None = None) -> float:
-    """∫ p dt in (unit of p) minutes, to the curve's end or to a time (s).
+    """Pressure-time dose ∫ p dt.
 
+    Parameters
+    ----------
+    pressure : TimeCurve
+        Pressure over time (s).
+    until : float, optional
+        End (s); by default the end of the curve.
+
+    Returns
+    -------
+    float
+        In (unit of the pressure) minutes.
+
+    Examples
+    --------
     >>> dose(TimeCurve([0.0, 60.0, 120.0], [10.0, 10.0, 10.0]))
     20.0
     """

@@ -1,4 +1,4 @@
-"""What is read off a body under a blade after every step: force, area, pressure, opening, balances."""
+"""Quantities recorded after every step of a retraction: force, area, pressure, opening, work balances."""
 
 from __future__ import annotations
 
@@ -27,14 +27,36 @@ from ngbrain.surgery.measures.sampling import TissuePart, tissue_percentiles
 from ngbrain.surgery.tools import RigidTool, patch
 
 PATCH_MARGIN = 1e-3
-"""The pressure patch stays this far (m) inside the face's edges; its last part, from the tip, has a pressure of its own,"""
+"""Distance (m) of the pressure patch from the face's edges; its part next to the tip has a separate pressure,"""
 CENTRE = FACED / 2
-"""and so has its middle: what of it is within this distance (m) of its centroid, both on the unloaded wall."""
+"""and so has its centre: the points within this distance (m) of its centroid on the unloaded wall."""
 
 
 @dataclass(frozen=True)
 class StepRecord:
-    """One line of a run's record; SI units."""
+    """Record of one step of a run, in SI units.
+
+    Parameters
+    ----------
+    t : float
+        Time (s).
+    advance, opening : float
+        Advance of the blades and opening of the cleft (m).
+    force, net_reaction : float
+        Force (N) of the blade, and net reaction (N) of the tissue.
+    area : float
+        Contact area (m²).
+    pressure, tip_pressure, centre_pressure : float
+        Pressure (Pa) on the face, at its tip, at its centre.
+    gap, depth : float
+        Smallest gap, negative for penetration, and mean penetration (m).
+    min_det_F : float
+        Smallest determinant of the deformation gradient.
+    balance : float
+        Relative force imbalance.
+    blade_work, contact_energy, tissue_work, tissue_work_size, friction_work : float
+        Work and energy (J), see `Observer`.
+    """
 
     t: float
     advance: float
@@ -59,17 +81,25 @@ class StepRecord:
 class Observer:
     """Evaluates the `StepRecord` of a step: `retraction_observables` in one pass over each wall, and the accumulated work.
 
-    Of several blades area is the sum, pressures are of all their patches together, opening and advance the sum of their ways,
-    force and net reaction the mean.
+    For several blades the area is the sum, pressures are averaged over all patches, opening and advance are the sums of their
+    motions, force and net reaction the mean.
 
-    Pressure is the normal force on the fixed patch of wall under the face over the patch's current area, tip pressure
-    the same over its last 5 mm, centre pressure within 2.5 mm of its middle. Gap is the smallest of any point, negative
-    inside a blade; depth is how far tissue is inside where it presses, the mean ∫ p d / ∫ p. Force is what a blade feels
-    along the push, of its contact and friction. The net reaction is the tissue's own nodal force on the wall along the push, from
-    the equilibrium residual without the contact term; `balance` is |blades + supports| / |blade| (0 without a force). Its
-    work is ∫ `RigidContact.driving` d(advance), and what friction adds; it goes into the contact energy, which the penalty stores,
-    into friction and the tissue work ∫∫ P:Ḟ. The size of that, Σ |∫ P:ΔF| over steps, is at most ∫∫ |P:Ḟ|, so that a balance
-    relative to it is not flattered.
+    The pressure is the normal force on the fixed patch of wall under the face, divided by the patch's current area; the tip
+    pressure is the same over its last 5 mm, the centre pressure within 2.5 mm of its centre. The gap is the smallest of all
+    points, negative for penetration; the depth is the mean penetration in contact, ∫ p d / ∫ p. The force is that on the blade
+    along its motion, of contact and friction. The net reaction is the tissue's own nodal force on the wall in that direction, from
+    the equilibrium residual without the contact term; `balance` is |blades + supports| / |blade| (0 without a force). The blade's
+    work is ∫ `RigidContact.driving` d(advance) and the contribution of friction; it is converted to the contact energy stored by
+    the penalty, to friction and to the tissue work ∫∫ P:Ḟ. The size of the latter, Σ |∫ P:ΔF| over steps, is at most ∫∫ |P:Ḟ|, so
+    that a relative balance is not too optimistic.
+
+    Parameters
+    ----------
+    body : Problem
+    blades : mapping of RigidTool
+        By wall.
+    fixed : str
+        Pattern of the fixed boundaries.
     """
 
     def __init__(self, body: Problem, blades: Mapping[str, RigidTool], fixed: str) -> None:
@@ -92,7 +122,7 @@ class Observer:
         self.blade_work = self.tissue_work = self.tissue_work_size = self.friction_work = 0.0
 
     def __call__(self, t: float, advance: float, min_det: float) -> StepRecord:
-        """The body as it stands at time t with the blades at `advance` (m)."""
+        """Record of the present state at time t (s) with the blades at `advance` (m)."""
         seen = dict(zip(self._names, self._pass().tolist(), strict=True))
         tissue, contact = self.body.tissue_forces(), self.body.contact_forces()
         driving = seen.pop("driving") + self.body.friction_driving()
@@ -116,13 +146,13 @@ class Observer:
         )
 
     def checkpoint(self) -> dict[str, object]:
-        """The running work and the state it is measured from."""
+        """The accumulated work and the state that it refers to."""
         works = ("blade_work", "tissue_work", "tissue_work_size", "friction_work")
         names = ("_u", "_forces", "_advance", "_driving", *works)
         return {name.lstrip("_"): getattr(self, name) for name in names}
 
     def restore(self, saved: dict[str, object]) -> None:
-        """Go on from a checkpoint."""
+        """Restore from a checkpoint."""
         for name, value in saved.items():
             setattr(self, name if hasattr(self, name) else f"_{name}", value)
 
@@ -139,22 +169,22 @@ class Observer:
 def retraction_observables(
     body: Problem, blades: Mapping[str, RigidTool], parts: Mapping[str, TissuePart] | None = None
 ) -> dict[str, Observable]:
-    """What is asked of a body that blades press, by column of a `StepRecord`: as data of a run's model, or a ladder's question.
+    """Observables of a body under blades, by column of a `StepRecord`: data of a run's model, or questions of a model ladder.
 
     Parameters
     ----------
     body : Problem
         With a `RigidContact` on each wall.
-    blades : mapping
+    blades : mapping of RigidTool
         Wall → what presses it.
-    parts : mapping, optional
-        Tissue that counts, as `Model.parts` has it: with it also `mps_p50` to `oss_p99`, see `sampling.tissue_percentiles`.
+    parts : mapping of TissuePart, optional
+        Tissues that count, as of `RetractionModel.parts`; adds `mps_p50` to `oss_p99`, see `sampling.tissue_percentiles`.
 
     Returns
     -------
-    dict
+    dict of Observable
         `opening`, `area`, `force` (without friction), `pressure`, `tip_pressure`, `centre_pressure`, `depth`, `net_reaction`; all
-        but the area have a gradient.
+        except the area have a gradient.
     """
     contacts = _under(body, blades)
     across = [_across(blade) for blade in blades.values()]
@@ -195,7 +225,7 @@ def _across(blade: RigidTool) -> tuple[float, ...]:
 
 
 def _centre(body: Problem, contact: RigidContact, blade: RigidTool) -> ngs.CoefficientFunction:
-    """1 in the middle of a blade's patch, 0 elsewhere."""
+    """1 at the centre of a blade's patch, 0 elsewhere."""
     x, where = ngs.CF((ngs.x, ngs.y, ngs.z)), patch(blade, PATCH_MARGIN)
     on = body.mesh.Boundaries(contact.wall)
     size, *middle = ngs.Integrate(ngs.CF((where, where * x)), body.mesh, definedon=on, order=SURFACE_ORDER)
@@ -214,7 +244,7 @@ def _mask(space: ngs.FESpace, boundary: str) -> np.ndarray:
 
 
 def swept_volume(boundary: str) -> Functional:
-    """Volume (m³) that a boundary sweeps outwards, ∫∫ u · cof(1 + s∇u) N ds dS over 0 ≤ s ≤ 1; Simpson is exact in s."""
+    """Volume (m³) swept outwards by a boundary, ∫∫ u · cof(1 + s∇u) N ds dS over 0 ≤ s ≤ 1; Simpson's rule is exact in s."""
 
     def swept(at: FieldState) -> ngs.comp.SumOfIntegrals:
         stages = [(0.0, 1 / 6), (0.5, 4 / 6), (1.0, 1 / 6)]
@@ -226,7 +256,7 @@ def swept_volume(boundary: str) -> Functional:
 
 
 def volume_change(region: str) -> Functional:
-    """∫ (J - 1) dV over a region (m³)."""
+    """Volume change ∫ (J - 1) dV of a region (m³)."""
 
     def change(at: FieldState) -> ngs.comp.SumOfIntegrals:
         return (ngs.Det(at.F) - 1) * ngs.dx(definedon=at.mesh.Materials(region), bonus_intorder=6)

@@ -1,4 +1,4 @@
-"""What blood pressure leaves under a blade: the perfusion reserve of a patient whose pressures are given."""
+"""The perfusion reserve under a blade for a patient's arterial and intracranial pressure."""
 
 from __future__ import annotations
 
@@ -9,15 +9,29 @@ from ngbrain.scene import Patient
 
 LOW_MMHG = 10.0
 """Local perfusion pressure MAP - BRP below which, for more than 6 to 8 minutes, 5 of 6 patients had infarcts: Rosenorn 1987,
-10.1007/BF01402364."""
+10.1007/BF01402364.
+"""
 
 
 def perfusion(patient: Patient, pressure: TimeCurve) -> dict[str, Any]:
-    """Time with MAP - BRP below 10 mmHg, in all and the longest without a break (s), and the smallest reserve (mmHg).
+    """Times with MAP - BRP below 10 mmHg, and the smallest perfusion reserve.
 
-    The reserve is MAP - max(BRP, ICP), with the mean arterial pressure MAP and the intracranial pressure ICP of the patient
-    (0 if it is not given) and the pressure of the retractor on the brain BRP in mmHg. Nothing without a MAP.
+    The reserve is MAP - max(BRP, ICP), with the mean arterial pressure MAP and the intracranial pressure ICP of the patient (0 if
+    it is not given) and the brain retraction pressure BRP in mmHg.
 
+    Parameters
+    ----------
+    patient : Patient
+    pressure : TimeCurve
+        Retraction pressure (mmHg) over time (s).
+
+    Returns
+    -------
+    dict
+        Total and longest uninterrupted time (s), smallest reserve (mmHg); empty without a MAP.
+
+    Examples
+    --------
     >>> pressed = TimeCurve([0.0, 10.0, 20.0], [0.0, 40.0, 0.0], [0.0, 10.0, 20.0])
     >>> perfusion(Patient(mean_arterial_pressure=30.0, intracranial_pressure=12.0), pressed)["min_perfusion_reserve_mmHg"]
     -10.0

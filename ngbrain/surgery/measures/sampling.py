@@ -1,4 +1,4 @@
-"""Where tissue is sampled, and what is read there: stretches, stress, rate; statistics that single points do not decide."""
+"""Sampling points in tissue with stretches, stress and rates, and statistics that single points do not dominate."""
 
 from __future__ import annotations
 
@@ -20,29 +20,35 @@ from ngbrain.tensors import deformation_gradient
 from ngbrain.units import to_ml
 
 NEIGHBOURHOOD = 20e-3
-"""Percentiles and largest means are over tissue this near (m) to the unloaded cleft walls."""
+"""Percentiles and largest means are over tissue within this distance (m) of the unloaded cleft walls."""
 AMOUNT = 0.5e-6
-"""Volume (m³) over which a value's largest mean is taken: 0.5 ml, a cube of 8 mm.
+"""Volume (m³) over which the largest mean of a measure is taken: 0.5 ml, a cube of 8 mm.
 
-As small as settles on meshes that runs can afford. Neo-Hooke on the idealised head, 1 mm opening, elements of 4, 2.8 and 2 mm at
-the site: of maximum principal strain the largest value is .119, .147, .188, the largest mean over 0.1 ml .095, .102, .111, over
-0.5 ml .078, .079, .081; of von Mises stress the largest value is 481, 512, 648 Pa, those means 360, 350, 384 and 296, 291, 297.
+The smallest volume for which the mean converges on affordable meshes. Neo-Hooke on the idealised head, 1 mm opening, elements of 4,
+2.8 and 2 mm at the site: for the maximum principal strain the largest value is .119, .147, .188, the largest mean over 0.1 ml .095,
+.102, .111, over 0.5 ml .078, .079, .081; for the von Mises stress the largest value is 481, 512, 648 Pa, those means 360, 350, 384
+and 296, 291, 297.
 """
 
 
 BANDS = {50: 0.05, 95: 0.02, 99: 0.01}
-"""Percentiles of a measure near the site → of the volume to both sides, what their smoothed ones (`tissue_percentiles`) go over."""
+"""Percentile → half width, in volume, of the band over which its smoothed observable (`tissue_percentiles`) is averaged."""
 UNKNOWN = (0.0, math.inf)
-"""Range of stretches of a law of which no data are known: all."""
+"""Stretch range of a law without known data: all stretches."""
 
 
 @dataclass(frozen=True)
 class TissuePart:
-    """Tissue of one name.
+    """The part of a mesh that one tissue name covers.
 
-    where     1 where it is and 0 elsewhere, a CoefficientFunction over the mesh
-    fitted    lowest and highest stretch that its law was fitted to, `UNKNOWN` where none are known
-    modulus   initial shear modulus (Pa)
+    Parameters
+    ----------
+    where : CoefficientFunction
+        1 inside, 0 elsewhere.
+    fitted : tuple of float
+        Lowest and highest stretch that its law was fitted to, `UNKNOWN` without data.
+    modulus : float
+        Initial shear modulus (Pa).
     """
 
     where: ngs.CoefficientFunction
@@ -51,13 +57,23 @@ class TissuePart:
 
     @property
     def fitted_strain(self) -> float:
-        """Largest stretch change (|λ - 1|) of the data; inf where none are known."""
+        """Largest |λ - 1| of the data; inf without data."""
         return round(max(abs(stretch - 1) for stretch in self.fitted), 9)
 
 
 @dataclass(frozen=True)
 class MeasureStatistics:
-    """A measure near the site at one time t (s): volume-weighted percentiles and its `largest_mean` over `AMOUNT`."""
+    """Statistics of a measure near the site at one time.
+
+    Parameters
+    ----------
+    t : float
+        Time (s).
+    p50, p95, p99 : float
+        Volume-weighted percentiles.
+    largest : float
+        `largest_mean` over `AMOUNT`.
+    """
 
     t: float
     p50: float
@@ -68,9 +84,18 @@ class MeasureStatistics:
 
 @dataclass(frozen=True)
 class Sites:
-    """Points that stand for pieces of unloaded tissue: volumes (m³), which tissue each is of, and which are near the site.
+    """Sampling points, each representing a volume of unloaded tissue.
 
-    part   (n,) place in `names`
+    Parameters
+    ----------
+    volume : (n,) array
+        Volumes (m³).
+    part : (n,) int array
+        Index of the tissue in `names`.
+    near : int array
+        Indices of the points near the site.
+    names : tuple of str
+        Tissue names.
     """
 
     volume: np.ndarray
@@ -79,28 +104,44 @@ class Sites:
     names: tuple[str, ...]
 
     def spread(self, t: float, values: np.ndarray) -> MeasureStatistics:
-        """Of values at the points near the site."""
+        """Statistics of a measure near the site.
+
+        Parameters
+        ----------
+        t : float
+            Time (s).
+        values : array
+            At the points near the site.
+
+        Returns
+        -------
+        MeasureStatistics
+        """
         volume = self.volume[self.near]
         p50, p95, p99 = (weighted_percentile(values, volume, percent) for percent in BANDS)
         return MeasureStatistics(t, p50, p95, p99, largest_mean(values, volume, AMOUNT))
 
     def ml(self, mask: np.ndarray) -> dict[str, float]:
-        """Name → unloaded volume (ml) of the tissue where a mask of all points holds."""
+        """Tissue name → unloaded volume (ml) of the points in a mask of all points."""
         sums = np.bincount(self.part[mask], self.volume[mask], len(self.names))
         return dict(zip(self.names, to_ml(sums).tolist(), strict=True))
 
 
 def tissue_percentiles(cleft: Cleft, parts: Mapping[str, TissuePart]) -> dict[str, StrainPercentile]:
-    """The percentiles of strain near the site as observables, with gradients: by key, such as mps_p95 or oss_p50.
+    """Percentiles of strain near the site as observables with gradients, by key such as mps_p95 or oss_p50.
 
-    They are those of `MeasureStatistics`, smoothed over `BANDS` of the volume and at points of their own: `raw` is without.
+    They are those of `MeasureStatistics`, smoothed over `BANDS` of the volume and at their own points; `raw` is not smoothed.
 
     Parameters
     ----------
     cleft : Cleft
-        Its walls have the site around them.
-    parts : mapping
-        Name → tissue that counts.
+        The site is around its walls.
+    parts : mapping of TissuePart
+        Tissues that count, by name.
+
+    Returns
+    -------
+    dict of StrainPercentile
 
     Examples
     --------
@@ -136,16 +177,31 @@ def _above_zero(x: ngs.CoefficientFunction) -> ngs.CoefficientFunction:
 
 
 def largest_mean(values: np.ndarray, volumes: np.ndarray, amount: float) -> float:
-    """The largest mean of a field over any part of the tissue of a given volume: (1/V) max ∫_A f dV over all A with |A| = V.
+    """The largest mean of a field over any part of the tissue with a given volume: (1/V) max ∫_A f dV over all A with |A| = V.
 
-    The part is where the field is largest. Two fields' largest means differ by at most ∫|f - g| dV / V, so that it
-    settles wherever meshes make the field itself settle in the mean, at singular edges and corners too, where the
-    largest value grows without end. Of less tissue than the amount it is the mean of all.
+    The part is where the field is largest. The largest means of two fields differ by at most ∫|f - g| dV / V, so that the measure
+    converges wherever the field itself converges in the mean, also at singular edges and corners, where the largest value
+    diverges. If there is less tissue than the volume, it is the mean of all.
 
-    values    (n,) at points that stand for `volumes` (n,); amount: V, in the unit of the volumes
+    Parameters
+    ----------
+    values : (n,) array
+        Field at the points.
+    volumes : (n,) array
+        Volumes that the points represent.
+    amount : float
+        V, in the unit of the volumes.
 
-    Source: Rockafellar & Uryasev 2002, 10.1016/S0378-4266(02)00271-6 (of losses, as conditional value at risk).
+    Returns
+    -------
+    float
 
+    References
+    ----------
+    Rockafellar & Uryasev 2002, 10.1016/S0378-4266(02)00271-6 (conditional value at risk).
+
+    Examples
+    --------
     >>> largest_mean(np.array([1.0, 5.0, 3.0]), np.array([1.0, 1.0, 2.0]), 2.0)
     4.0
     """
@@ -156,9 +212,15 @@ def largest_mean(values: np.ndarray, volumes: np.ndarray, amount: float) -> floa
 
 
 class Sampler:
-    """Reads strain, stress and rate of deformation off a body at its own quadrature points in tissue.
+    """Samples strain, stress and rate of deformation of a body at its own quadrature points in tissue.
 
-    parts    name → `TissuePart`; what none of them is of is not sampled
+    Parameters
+    ----------
+    body : Problem
+    cleft : Cleft
+        The site is around its walls.
+    parts : dict of TissuePart
+        By name; other tissue is not sampled.
     """
 
     def __init__(self, body: Problem, cleft: Cleft, parts: dict[str, TissuePart]) -> None:
@@ -178,11 +240,11 @@ class Sampler:
         self.start(0.0)
 
     def start(self, t: float) -> None:
-        """Take rates from the body as it stands on, at time t (s)."""
+        """Use the present state at time t (s) as the reference of the next rates."""
         self._before = t, self._deformation()[self.sites.near]
 
     def __call__(self, t: float) -> TissueSample:
-        """The body as it stands at time t (s), after `Problem.tissue_forces`."""
+        """Sample the present state at time t (s), after `Problem.tissue_forces`."""
         F, near = self._deformation(), self.sites.near
         before, self._before = self._before, (t, F[near])
         rate = stretching_rate(before[1], F[near], t - before[0]) if t > before[0] else np.zeros(len(near))
@@ -198,8 +260,17 @@ class Sampler:
 class TissueSample:
     """Tissue at one time.
 
-    strain              at all points; beyond: where it leaves what its own law was fitted to
-    von_mises, rate     near the site: Cauchy stress (Pa), and rate of deformation (1/s) over the step that ended then
+    Parameters
+    ----------
+    t : float
+        Time (s).
+    sites : Sites
+    strain : Strain
+        At all points.
+    beyond : bool array
+        Whether the strain leaves the range that its law was fitted to.
+    von_mises, rate : array
+        Cauchy stress (Pa) and rate of deformation (1/s, over the last step) near the site.
     """
 
     t: float
@@ -210,7 +281,7 @@ class TissueSample:
     rate: np.ndarray
 
     def spreads(self) -> dict[str, MeasureStatistics]:
-        """Of every measure, by name."""
+        """Statistics of every measure, by name."""
         near = self.sites.near
         measures = {
             "mps": self.strain.mps[near],

@@ -1,7 +1,8 @@
-"""Retractors as rigid bodies, one class each; `tools_of` makes those that a scene asks for.
+"""Retractors as rigid bodies with a signed distance; `make_tools` makes those of a scene.
 
-`base` has the interface `RigidTool` and what follows from a distance; `blades`: `Spatula` (a plate too), `Tube`, `Ball`;
-`closed_surface`: `ClosedSurface`, of a file.
+- `base`: The interface `RigidTool`, and functions of the signed distance.
+- `blades`: `Spatula` (also a plate), `Tube`, `Ball`.
+- `closed_surface`: `ClosedSurface`, a tool from a surface file.
 """
 
 from __future__ import annotations
@@ -33,22 +34,27 @@ __all__ = [
 ]
 
 WALLS = ("wall_plus", "wall_minus")
-"""The walls of a cleft: towards its `across`, which one tool pushes, and the other, which a second one or a tube does."""
+"""The walls of a cleft: towards its `across`, pushed by one tool, and the opposite one, pushed by a second tool or a tube."""
 
 
 def make_tools(tool: Tool, cleft: Cleft) -> Mapping[str, RigidTool]:
-    """What pushes which wall; they share the way that a scene asks for.
+    """The rigid bodies that push the walls of a cleft; several tools share the travel of the scene.
 
     Parameters
     ----------
     tool : scene.Tool
     cleft : Cleft
-        Its `across` is the way of the first one.
+        The first tool moves along its `across`.
+
+    Returns
+    -------
+    mapping of RigidTool
+        By wall.
 
     Raises
     ------
     InputError
-        For a file of a closed surface that cannot be read, or whose body does not fit into the cleft.
+        A file of a closed surface that cannot be read, or whose body does not fit into the cleft.
 
     Examples
     --------

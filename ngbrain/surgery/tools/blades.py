@@ -1,4 +1,4 @@
-"""Tools whose distance is a formula: spatulas and plates, tubes, balls."""
+"""Tools with an analytic signed distance: spatulas and plates, tubes, balls."""
 
 from __future__ import annotations
 
@@ -14,25 +14,27 @@ from ngbrain.surgery.tools.base import INSIDE, RigidTool, SignedDistance, coordi
 
 @dataclass(frozen=True)
 class Spatula(RigidTool):
-    """A blade with rounded edges that goes towards `cleft.across`, extended behind its face so that nothing slips through.
+    """A blade with rounded edges that moves towards `cleft.across`.
+
+    The contact surface extends behind the face, so that tissue cannot penetrate it.
 
     Parameters
     ----------
     cleft : Cleft
     width : float
-        Along the walls (m), at the surface.
+        Width (m) along the walls, at the surface.
     edge_radius : float
-        Of its side edges and tip (m).
+        Radius (m) of its side edges and tip.
     tip : float
-        Height of the tip above the cleft's floor (m).
+        Height (m) of the tip above the cleft's floor.
     thickness : float
-        Front to back (m), for pictures and for room in the cleft: contact sees only the front face.
+        Front to back (m), for figures and for the space in the cleft: contact uses the front face only.
     tip_width : float, optional
-        Along the walls at its tip (m), from where it widens evenly up to the surface; None: as wide as there.
+        Width (m) at its tip, increasing linearly to the surface; None: as wide as at the surface.
     bend : float
-        Radius (m) of its face, which bulges towards the tissue halfway up the wall; inf: flat.
+        Radius (m) of its face, which is convex towards the tissue at mid height of the wall; inf: flat.
     height : float
-        From the tip to its upper edge (m), rounded as the others: a plate; inf: it goes on beyond the surface.
+        Length (m) from the tip to its rounded upper edge (a plate); inf: it extends beyond the surface.
 
     Examples
     --------
@@ -52,7 +54,7 @@ class Spatula(RigidTool):
     height: float = np.inf
 
     def distance(self, advance: CoefficientFunction) -> SignedDistance:
-        """x ↦ signed distance (m) to {across ≤ face, |along| ≤ half the width, height ≥ tip} with edges rounded."""
+        """x ↦ signed distance (m) to {across ≤ face, |along| ≤ half the width, height ≥ tip} with rounded edges."""
         r, face = self.edge_radius, self.cleft.opening / 2 + advance
 
         def signed_distance(x: CoefficientFunction) -> CoefficientFunction:
@@ -65,7 +67,7 @@ class Spatula(RigidTool):
         return signed_distance
 
     def body(self, advance: CoefficientFunction) -> SignedDistance:
-        """As it is thick, up to where it is drawn."""
+        """With its thickness, up to the height that is drawn."""
         front, face = self.distance(advance), self.cleft.opening / 2 + advance
 
         def signed_distance(x: CoefficientFunction) -> CoefficientFunction:
@@ -75,20 +77,20 @@ class Spatula(RigidTool):
         return signed_distance
 
     def bounds(self, advance: float) -> tuple[np.ndarray, np.ndarray]:
-        """With what the face bends back."""
+        """Including the curvature of the face."""
         face, half = self.cleft.opening / 2 + advance, max(self.width, self.tip_width or 0.0) / 2
         off = min(max(self.top - self.middle, self.middle - self.tip), self.bend)
         sag = 0.0 if np.isinf(self.bend) else self.bend - np.sqrt(self.bend**2 - off**2)
         return np.array([face - self.thickness - sag, -half, self.tip]), np.array([face, half, self.top])
 
     def _before(self, a: CoefficientFunction, c: CoefficientFunction) -> CoefficientFunction:
-        """Distance (m) to the face's plane or cylinder, at a height c and a in front of its foremost line."""
+        """Distance (m) to the plane or cylindrical face, at height c and distance a from its foremost line."""
         if np.isinf(self.bend):
             return a
         return ngs.sqrt((a + self.bend) ** 2 + (c - self.middle) ** 2 + INSIDE**2) - self.bend
 
     def _beside(self, b: CoefficientFunction, c: CoefficientFunction) -> CoefficientFunction:
-        """Distance (m) to the side edges' planes."""
+        """Distance (m) to the planes of the side edges."""
         along = ngs.sqrt(b * b + INSIDE**2)
         if self.tip_width is None:
             return along - self.width / 2
@@ -97,25 +99,25 @@ class Spatula(RigidTool):
 
     @property
     def middle(self) -> float:
-        """Height (m) halfway from the tip to the surface, or to the upper edge."""
+        """Height (m) halfway from the tip to the surface or to the upper edge."""
         return (self.tip + min(self.cleft.depth, self.tip + self.height)) / 2
 
 
 @dataclass(frozen=True)
 class Tube(RigidTool):
-    """A round retractor that widens: a cylinder around the cleft's axis, which first touches both walls halfway along.
+    """An expanding tubular retractor: a cylinder around the cleft's axis, which first touches both walls at mid width.
 
-    Its way is by how much its radius has grown.
+    Its advance is the increase of its radius.
 
     Parameters
     ----------
     cleft : Cleft
     width : float
-        Of the wall (m) over which pressure is read.
+        Width (m) of the wall over which pressure is evaluated.
     edge_radius : float
-        Of its lower rim (m).
+        Radius (m) of its lower rim.
     tip : float
-        Height of the rim above the cleft's floor (m).
+        Height (m) of the rim above the cleft's floor.
     """
 
     cleft: Cleft
@@ -125,7 +127,7 @@ class Tube(RigidTool):
     single = True
 
     def distance(self, advance: CoefficientFunction) -> SignedDistance:
-        """x ↦ signed distance (m) to {across² + along² ≤ radius², height ≥ tip} with the rim rounded."""
+        """x ↦ signed distance (m) to {across² + along² ≤ radius², height ≥ tip} with a rounded rim."""
         r, radius = self.edge_radius, self.cleft.opening / 2 + advance
 
         def signed_distance(x: CoefficientFunction) -> CoefficientFunction:
@@ -135,7 +137,7 @@ class Tube(RigidTool):
         return signed_distance
 
     def body(self, advance: CoefficientFunction) -> SignedDistance:
-        """Up to where it is drawn."""
+        """Up to the height that is drawn."""
         front = self.distance(advance)
         return lambda x: maximum(front(x), coordinates(self.cleft, x)[2] - self.top)
 
@@ -145,7 +147,20 @@ class Tube(RigidTool):
         return np.array([-radius, -radius, self.tip]), np.array([radius, radius, self.top])
 
     def moves(self, x: CoefficientFunction, advance: CoefficientFunction) -> CoefficientFunction:
-        """Away from its axis."""
+        """Radial displacement away from its axis.
+
+        Parameters
+        ----------
+        x : CoefficientFunction
+            Position (m).
+        advance : CoefficientFunction
+            Advance (m).
+
+        Returns
+        -------
+        CoefficientFunction
+            Vector (m).
+        """
         a, b, _ = coordinates(self.cleft, x)
         across, along = (ngs.CF(tuple(map(float, axis))) for axis in (self.cleft.across, self.cleft.along))
         return advance * (a * across + b * along) / ngs.sqrt(a * a + b * b + INSIDE**2)
@@ -153,7 +168,7 @@ class Tube(RigidTool):
 
 @dataclass(frozen=True)
 class Ball(RigidTool):
-    """A ball that goes towards `cleft.across`, in the middle along the walls.
+    """A ball that moves towards `cleft.across`, at mid width of the walls.
 
     Parameters
     ----------
@@ -161,7 +176,7 @@ class Ball(RigidTool):
     width : float
         Its diameter (m).
     tip : float
-        Height of its lowest point above the cleft's floor (m).
+        Height (m) of its lowest point above the cleft's floor.
 
     Examples
     --------
@@ -175,7 +190,7 @@ class Ball(RigidTool):
     tip: float
 
     def distance(self, advance: CoefficientFunction) -> SignedDistance:
-        """x ↦ distance (m) to its middle, less its radius."""
+        """x ↦ distance (m) to its centre, minus its radius."""
         radius = self.width / 2
         middle = self.cleft.opening / 2 - radius + advance
 
@@ -191,7 +206,7 @@ class Ball(RigidTool):
         return self.width
 
     def bounds(self, advance: float) -> tuple[np.ndarray, np.ndarray]:
-        """Of the cube around it."""
+        """The cube around it."""
         radius = self.width / 2
         middle = np.array([self.cleft.opening / 2 - radius + advance, 0.0, self.tip + radius])
         return middle - radius, middle + radius

@@ -1,8 +1,8 @@
-"""A tool of any shape, given as a closed surface: its distance on a grid, with slopes and curvatures of their own.
+"""A tool of arbitrary shape, given as a closed surface: its signed distance on a grid, with first and second derivatives.
 
-NGSolve cannot look up a grid at a trial function, nor differentiate what it finds there. So the distance about where a point of the
-wall stands, y₀, is φ + g·(y - y₀) + (y - y₀)·H(y - y₀)/2 with φ, g, H looked up at y₀ whenever the body moves: its value, slope
-and curvature at y = y₀ are those of the grid, which is all that Newton's method asks for.
+NGSolve cannot interpolate a grid at a trial function, nor differentiate the interpolated value. The distance near the current
+position y₀ of a wall point is therefore the quadratic φ + g·(y - y₀) + (y - y₀)·H(y - y₀)/2, with φ, g, H interpolated at y₀
+whenever the body moves: value, gradient and Hessian at y = y₀ are those of the grid, which is all that Newton's method needs.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from ngbrain.mesh.surface.triangle_mesh import SurfaceMesh
 from ngbrain.surgery.tools.base import RigidTool, SignedDistance, coordinates
 
 STEP, AROUND = 0.5e-3, 5e-3
-"""Of the grid (m), over which edges are rounded, and how far it goes on around the surface."""
+"""Grid spacing (m), over which edges are rounded, and the margin (m) of the grid around the surface."""
 RIM = 3
-"""Steps of the grid that are left out all around."""
+"""Grid layers at the boundary that are not used for interpolation."""
 NEAREST = 6
-"""Triangles whose distance is tried at each point."""
+"""Number of candidate triangles for the distance of a point."""
 LOOSE = 0.1e-3
-"""By how much (m) a tool may be larger than the cleft."""
+"""Length (m) by which a tool may exceed the cleft."""
 
 
 PAIRS = [(i, j) for i in range(3) for j in range(i, 3)]
@@ -36,10 +36,14 @@ PAIRS = [(i, j) for i in range(3) for j in range(i, 3)]
 
 @dataclass(frozen=True, eq=False)
 class DistanceGrid:
-    """Signed distances on a grid, in the tool's own axes, with a cubic spline through them.
+    """Signed distances on a grid in the tool's own axes, with a cubic spline through them.
 
-    low, high   corners (m)
-    spline      coefficients (nx + 2, ny + 2, nz + 2), one more at each side than points
+    Parameters
+    ----------
+    low, high : (3,) array
+        Corners (m).
+    spline : (nx + 2, ny + 2, nz + 2) array
+        Spline coefficients, with one more on each side than grid points.
     """
 
     low: np.ndarray
@@ -48,7 +52,7 @@ class DistanceGrid:
 
     @classmethod
     def from_mesh(cls, surface: SurfaceMesh) -> DistanceGrid:
-        """Around a surface."""
+        """Grid around a surface."""
         low = surface.points.min(axis=0) - AROUND
         n = np.ceil((surface.points.max(axis=0) + AROUND - low) / STEP).astype(int) + 1
         shape = (int(n[0]), int(n[1]), int(n[2]))
@@ -60,14 +64,15 @@ class DistanceGrid:
         return cls(low, low + STEP * (np.array(shape) - 1), np.pad(spline, 1, mode="reflect"))
 
     def translate(self, x: float) -> DistanceGrid:
-        """By so much (m) along the first axis: a spline bulges a little beyond a flat face with edges."""
+        """Translate by x (m) along the first axis; a spline overshoots slightly beyond a flat face with edges."""
         by = np.array([x, 0.0, 0.0])
         return DistanceGrid(self.low + by, self.high + by, self.spline)
 
     def evaluate(self, points: np.ndarray) -> np.ndarray:
-        """At points (n, 3) m: where they are inside of the grid (3), distance, slopes, curvatures there, (13, n).
+        """Interpolate at points (n, 3) m.
 
-        Beyond the grid curvatures are 0: it goes straight on.
+        Returns (13, n): the points clamped to the grid (3), the distance, its gradient (3) and Hessian (6); beyond the grid the
+        Hessian is 0.
         """
         inside = np.clip(points, self.low + RIM * STEP, self.high - RIM * STEP)  # the spline is flat at its ends
         place = (inside - self.low) / STEP
@@ -91,7 +96,14 @@ class DistanceGrid:
 
 
 class GridDistance:
-    """x ↦ the distance to a tool that has gone some way, at points of a wall that a problem has it follow."""
+    """x ↦ signed distance to a moving tool, interpolated from its grid at the quadrature points of a wall.
+
+    Parameters
+    ----------
+    tool : ClosedSurface
+    advance : CoefficientFunction
+        Advance (m) of the tool.
+    """
 
     def __init__(self, tool: ClosedSurface, advance: CoefficientFunction) -> None:
         self._tool = tool
@@ -99,13 +111,22 @@ class GridDistance:
         self._own = ngs.CF((tool.cleft.opening / 2 + advance, 0.0, tool.tip))
 
     def follow(self, x: CoefficientFunction, points: ngs.FESpace, wall: ngs.Region) -> None:
-        """Say where the points of a wall's quadrature stand (m); `look` says that they moved."""
+        """Define the wall points at which the grid is interpolated; `look` updates the interpolation when they have moved.
+
+        Parameters
+        ----------
+        x : CoefficientFunction
+            Current position (m) of the wall.
+        points : ngs.FESpace
+            Space of values at the quadrature points.
+        wall : ngs.Region
+        """
         self._place = ngs.GridFunction(ngs.VectorValued(points, 3))
         self._found = ngs.GridFunction(ngs.VectorValued(points, 13))
         self._there, self._wall = self._in_own_axes(x).Compile(), wall
 
     def look(self) -> None:
-        """Look up what is where they stand now."""
+        """Interpolate the grid at the current positions."""
         assert self._found is not None
         self._place.Interpolate(self._there, definedon=self._wall)
         at = self._place.vec.FV().NumPy().reshape(3, -1)
@@ -130,23 +151,23 @@ class GridDistance:
 
 @dataclass(frozen=True, eq=False)
 class ClosedSurface(RigidTool):
-    """A tool whose surface is given: x the way it pushes, y along the wall, z out of the cleft.
+    """A tool given by a closed surface: x is the pushing direction, y along the wall, z out of the cleft.
 
-    Its foremost point lies at the unloaded wall, its lowest at the height `tip`, its middle in the middle along the wall.
+    Its foremost point is placed at the unloaded wall, its lowest point at the height `tip`, its centre at mid width of the wall.
 
     Parameters
     ----------
     cleft : Cleft
     width : float
-        Along the wall (m).
+        Size (m) along the wall.
     tip : float
-        Height of its lowest point (m).
+        Height (m) of its lowest point.
     depth : float
-        From its back to its foremost point (m).
-    grid : Grid
-        Its distance.
+        Size (m) from its back to its foremost point.
+    grid : DistanceGrid
+        Its signed distance.
     height : float
-        From its lowest to its highest point (m).
+        Size (m) from its lowest to its highest point.
 
     Examples
     --------
@@ -169,7 +190,7 @@ class ClosedSurface(RigidTool):
 
     @classmethod
     def from_mesh(cls, surface: SurfaceMesh, cleft: Cleft, tip: float, name: str = "surface") -> ClosedSurface:
-        """From a surface (m) in axes of its own; raises `InputError` where it does not fit into the cleft."""
+        """From a surface (m) in its own axes; raises `InputError` where it does not fit into the cleft."""
         low, high = surface.points.min(axis=0), surface.points.max(axis=0)
         depth, width, height = high - low
         for size, most, said in (
@@ -189,11 +210,24 @@ class ClosedSurface(RigidTool):
         return cls(cleft, float(width), tip, float(depth), grid, float(height))
 
     def distance(self, advance: CoefficientFunction) -> SignedDistance:
-        """Looked up; a problem says where its points stand (`RigidContact.follow`)."""
+        """Interpolated from the grid; a problem defines its points (`RigidContact.follow`)."""
         return GridDistance(self, advance)
 
     def signed_distance(self, advance: float, at: np.ndarray) -> np.ndarray:
-        """By the grid."""
+        """Interpolated from the grid.
+
+        Parameters
+        ----------
+        advance : float
+            Advance (m).
+        at : (n, 3) array
+            Points as (across, along, height) in m.
+
+        Returns
+        -------
+        (n,) array
+            In m.
+        """
         return self.grid.distances(np.asarray(at) - [self.cleft.opening / 2 + advance, 0.0, self.tip])
 
     def bounds(self, advance: float) -> tuple[np.ndarray, np.ndarray]:
@@ -205,7 +239,7 @@ class ClosedSurface(RigidTool):
 
 
 def _basis(t: np.ndarray) -> list[np.ndarray]:
-    """The four cubic B-splines that are not 0 at shares t (n, 3) of a step, (n, 3, 4), and their first and second slopes."""
+    """The four non-zero cubic B-splines at fractions t (n, 3) of a grid step, (n, 3, 4), with first and second derivatives."""
     s = 1 - t
     return [
         np.stack([s**3, 3 * t**3 - 6 * t**2 + 4, 3 * s**3 - 6 * s**2 + 4, t**3], axis=-1) / 6,
@@ -215,7 +249,7 @@ def _basis(t: np.ndarray) -> list[np.ndarray]:
 
 
 def _distance(surface: SurfaceMesh, at: np.ndarray) -> np.ndarray:
-    """Of points (n, 3) to a surface, by the triangles that points spread over it are nearest on."""
+    """Distance of points (n, 3) to a surface, from the triangles whose sample points are nearest."""
     spread, triangle = _spread(surface)
     found = np.full(len(at), np.inf)
     corners = surface.points[surface.triangles]
@@ -226,7 +260,7 @@ def _distance(surface: SurfaceMesh, at: np.ndarray) -> np.ndarray:
 
 
 def _spread(surface: SurfaceMesh) -> tuple[np.ndarray, np.ndarray]:
-    """Points on a surface, no farther apart than a step of the grid, and whose triangles they are."""
+    """Sample points on a surface, no farther apart than a grid step, and their triangles."""
     corners = surface.points[surface.triangles]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     parts = np.ceil(longest / STEP).astype(int) + 1
@@ -241,7 +275,7 @@ def _spread(surface: SurfaceMesh) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _to_triangles(at: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Distance of each point (n, 3) to its triangle (n, 3, 3): to its plane where the foot lies in it, else to an edge."""
+    """Distance of each point (n, 3) to its triangle (n, 3, 3): to its plane where the foot lies inside, else to an edge."""
     a, b, c = np.moveaxis(corners, 1, 0)
     normal = np.cross(b - a, c - a)
     size = np.maximum(np.linalg.norm(normal, axis=1), 1e-300)

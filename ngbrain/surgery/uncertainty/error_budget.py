@@ -1,4 +1,4 @@
-"""What the numbers of a retraction are worth: balances of its runs, errors of the numerics, spread of the material."""
+"""Error budget of a retraction: balances of its runs, discretisation errors, and the spread due to the material."""
 
 from __future__ import annotations
 
@@ -16,16 +16,30 @@ from ngbrain.surgery.uncertainty.verification_runs import HALF, MESH, MILLER, OR
 from ngbrain.units import to_mm
 
 APART = 1e-9
-"""Gap (m) from which a blade counts as off: tissue that does not relax goes back with it, and touches to the last bits."""
+"""Gap (m) above which a blade counts as separated: elastic tissue follows it and touches it up to round-off."""
 COMPUTED, FAILED, UNDER_WAY, NOT_COMPUTED = "computed", "failed", "under way", "not computed"
-"""How it stands with a check: not computed is one that was left out on request."""
+"""Status of a verification run; "not computed" is one that was left out on request."""
 
 Errors = dict[str, dict[str, Any]]
-"""Name of a number → `errors`."""
+"""Name of a number → its entry, see `errors`."""
 
 
 def hold_answer(scene: Scene, found: Mapping[str, Answer], checked: Mapping[str, Any]) -> Answer | None:
-    """The answer of one opening held to the end: a protocol's, or the check's that was made for it; None if that failed."""
+    """The answer of one opening held to the end.
+
+    Parameters
+    ----------
+    scene : Scene
+    found : mapping of dict
+        Answers by protocol.
+    checked : mapping
+        Results of the verification runs by name.
+
+    Returns
+    -------
+    dict or None
+        That of a continuous protocol, or of the verification run; None if it failed.
+    """
     named = [asked.name for asked in scene.protocols if asked.kind == "continuous"]
     if named:
         return found[named[0]]
@@ -33,16 +47,32 @@ def hold_answer(scene: Scene, found: Mapping[str, Answer], checked: Mapping[str,
 
 
 def errors(own: Answer | None, checked: Mapping[str, Any], factors: Iterable[float], patient: Patient) -> Errors:
-    """Name of a number of a hold → its value, what numerics move it by, and its range over published materials, in its own unit.
+    """Error budget of the numbers of a hold.
 
-    mesh       by which other elements do, everywhere, see `checks.OTHER`
-    order      by which one polynomial order more near the cleft does, elastic, on a coarse mesh; what follows from the
-               pressure over time moves as if all of it moved by the share that the peak does
-    step       by which half the time step does, on a coarse mesh
-    numerics   the sum of those that are known
-    material   the lowest and the highest with Miller's exponent and with moduli `factors` times as large
+    Each entry has the value, its change by each verification run, and its range over published materials, in its own unit:
 
-    Each is None where its check failed or is not computed. What has parts stands as NAME/PART.
+    - mesh: change on other elements everywhere, see `verification_runs.OTHER`
+    - order: change with elements one order higher near the cleft, elastic, on a coarse mesh; numbers that follow from the pressure
+      over
+      time change as if all pressures changed by the relative change of the peak
+    - step: change with half the time step, on a coarse mesh
+    - numerics: the sum of those that are known
+    - material: the lowest and highest value with Miller's exponent and with moduli multiplied by `factors`
+
+    Parameters
+    ----------
+    own : dict, optional
+        The answer of a hold; None gives an empty result.
+    checked : mapping
+        Results of the verification runs by name.
+    factors : iterable of float
+        Published moduli relative to the scene's.
+    patient : Patient
+
+    Returns
+    -------
+    dict
+        Name of a number → entry; parts are named NAME/PART. A change is None where its run failed or is not computed.
     """
     if own is None:
         return {}
@@ -74,7 +104,7 @@ def errors(own: Answer | None, checked: Mapping[str, Any], factors: Iterable[flo
 
 @dataclass(frozen=True)
 class _Number:
-    """A number of an answer: of which quantity, and of which of its parts, "" for all."""
+    """A number of an answer: its quantity and part ("" for the whole)."""
 
     of: ProtocolQuantity
     part: str
@@ -82,7 +112,7 @@ class _Number:
 
 
 def _numbers(found: Answer) -> dict[str, float]:
-    """The numbers of an answer that are known quantities and no descriptions of a run; parts as NAME/PART."""
+    """The numbers of an answer that are known quantities and do not describe the run; parts as NAME/PART."""
     return {name: number.value for name, number in _known(found).items()}
 
 
@@ -101,12 +131,12 @@ def _parts(value: Any, part: str = "") -> Iterator[tuple[str, float]]:
 
 
 def _pair(pair: tuple[Answer | None, Answer] | None, own: Answer) -> tuple[Answer, Answer] | None:
-    """With the scene's own hold where a check has no other to compare with."""
+    """A pair with the scene's own hold where a run has no other reference."""
     return pair and (pair[0] or own, pair[1])
 
 
 def _apart(pair: tuple[Answer, Answer] | None) -> dict[str, float]:
-    """By how much the numbers of two answers differ."""
+    """Differences between the numbers of two answers."""
     if not pair:
         return {}
     first, second = map(_numbers, pair)
@@ -128,7 +158,20 @@ def _relative(of: Mapping[str, Any], kind: str) -> float | None:
 
 
 def checks(scene: Scene, runs: Runs, errors: Errors) -> dict[str, float | None]:
-    """Name → value; what each should be is in the report. Worst over the protocols; `errors` are relative here."""
+    """Balances and checks of the runs, the worst of all protocols; errors are relative here.
+
+    Parameters
+    ----------
+    scene : Scene
+    runs : dict of ProtocolResult
+    errors : dict
+        The error budget, see `errors`.
+
+    Returns
+    -------
+    dict
+        Name → value, None where it is not known; the report states what each should be.
+    """
     energy, volume, off_force, off_gap, recontact = [], [], [], [], []
     for run in runs.values():
         kept = sum(run.column(name) for name in ("contact_energy", "tissue_work", "friction_work"))
@@ -170,13 +213,13 @@ def _imbalance(run: ProtocolResult) -> float:
 
 
 def _full_ramps(scene: Scene, runs: Runs) -> list[ProtocolResult]:
-    """Runs that reach the full opening in one go."""
+    """Runs that reach the full opening in one ramp."""
     kinds = {p.name: p.kind for p in scene.protocols}
     return [run for name, run in runs.items() if kinds[name] in ("continuous", "intermittent")]
 
 
 def _recovered(run: ProtocolResult, away: np.ndarray) -> float:
-    """How much smaller (m) the opening is at touch again than when the blade began to let go; the smallest of all times."""
+    """Smallest decrease (m) of the opening from the start of a release to the next contact."""
     opening, advance = run.column("opening"), run.column("advance")
     recovered = []
     for i in np.flatnonzero(away[:-1] & ~away[1:]):

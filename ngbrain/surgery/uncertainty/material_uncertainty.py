@@ -1,4 +1,4 @@
-"""How far the answer moves with what is not known: published moduli and exponents, beside the errors of the numerics."""
+"""Spread of the answers over published moduli and exponents, beside the discretisation errors."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ngbrain.surgery.uncertainty.error_budget import Errors
 from ngbrain.units import to_mmHg
 
 MOVES = {"step": "half the time step", "order": "one order more", "mesh": "another size of elements"}
-"""What numerics are changed by, in words."""
+"""Kind of a verification run → its change, in words."""
 HUMAN, WHOLE = "human", "brain"
 MATTER = {
     "grey": {"grey", "cortex", "deep_grey", "basal_ganglia"},
@@ -26,23 +26,31 @@ MATTER = {
 }
 """Kinds of tissue → names of scenes' tissues and of the catalogue's regions."""
 LIKE_STRAIN, LEAST_STRAIN = (0.5, 3.0), 0.05
-"""Strains of like data in those of the scene's own, and the least where that has none."""
+"""Range of comparable data strains relative to the scene's own, and the lowest strain where that has none."""
 SUDDEN = 1.0
-"""Ramp (s) up to which the law of a sudden strain stands for it."""
+"""Ramp (s) up to which a law of a sudden strain is comparable."""
 SOFTENED = 0.5
-"""What preconditioned tissue counts."""
+"""Weight of preconditioned tissue."""
 
 
 @dataclass(frozen=True)
 class Comparable:
-    """Published constants that the scene's own at the site are compared with.
+    """Published shear moduli that the scene's own modulus at the site is compared with.
 
-    tissue     whose: the one of which most is near the site
-    modulus    its shear modulus (Pa) when the tool has just opened the cleft
-    moduli     name in the catalogue → the same of that entry
-    weights    name → what it counts
-    left_out   name → why it is not among them
-    rule       which are taken, in sentences
+    Parameters
+    ----------
+    tissue : str
+        The tissue with the largest volume near the site.
+    modulus : float
+        Its shear modulus (Pa) at the end of the opening ramp.
+    moduli : dict of float
+        Catalogue name → the same modulus of that entry (Pa).
+    weights : dict of float
+        Catalogue name → weight.
+    left_out : dict of str
+        Catalogue name → reason for exclusion.
+    rule : tuple of str
+        The selection rule, in sentences.
     """
 
     tissue: str
@@ -54,12 +62,12 @@ class Comparable:
 
     @property
     def factors(self) -> dict[str, float]:
-        """Name → how many times as stiff as the scene's."""
+        """Catalogue name → modulus relative to the scene's."""
         return {name: modulus / self.modulus for name, modulus in self.moduli.items()}
 
     @property
     def spread(self) -> tuple[float, float]:
-        """Weighted geometric mean of the factors, and by which factor they differ from it (one standard deviation)."""
+        """Weighted geometric mean of the factors, and their geometric standard deviation."""
         if not self.moduli:
             return 1.0, 1.0
         logs, weights = np.log(list(self.factors.values())), list(self.weights.values())
@@ -68,14 +76,14 @@ class Comparable:
 
 
 def comparable_moduli(name: str, tissue: Tissue, ramp: float) -> Comparable:
-    """The catalogue's entries for a tissue of like time scale, strain and species.
+    """The catalogue's entries for a tissue of comparable time scale, strain and species.
 
     Parameters
     ----------
     name : str
-        The tissue's, such as "grey" of a scan or "cortex" of the idealised head.
+        Name of the tissue, such as "grey" of a scan or "cortex" of the idealised head.
     tissue : Tissue
-        The scene's.
+        The scene's tissue.
     ramp : float
         Time (s) in which the tool opens the cleft.
 
@@ -126,7 +134,7 @@ def comparable_moduli(name: str, tissue: Tissue, ramp: float) -> Comparable:
 
 
 def _unlike(entry: Published, species: str, low: float, high: float, ramp: float) -> str:
-    """Why an entry is not compared with, nothing where it is."""
+    """Reason for excluding an entry; empty if it is comparable."""
     least, most = entry.stretch
     if entry.species != species:
         return f"of {entry.species}, not {species}"
@@ -142,25 +150,48 @@ def _unlike(entry: Published, species: str, low: float, high: float, ramp: float
 
 
 def _after(law: Viscous, ramp: float) -> float:
-    """Shear modulus (Pa) that one step of `ramp` seconds from rest leaves."""
+    """Shear modulus (Pa) after a single step of `ramp` seconds from rest."""
     return float(shear_modulus(law_after(law, ramp)))
 
 
 def moduli_near_site(model: RetractionModel, runs: Runs) -> Comparable:
-    """`comparable` for the tissue of which most is near the site of some runs."""
+    """`comparable_moduli` for the tissue with the largest volume near the site.
+
+    Parameters
+    ----------
+    model : RetractionModel
+    runs : dict of ProtocolResult
+
+    Returns
+    -------
+    Comparable
+    """
     near = next(iter(runs.values())).peak.near
     name = max(near, key=lambda each: near[each])
     return comparable_moduli(name, model.tissue(name), model.scene.time.ramp)
 
 
 def material_band(model: RetractionModel, runs: Runs, miller: Answer | None, errors: Errors) -> dict[str, Any]:
-    """Peak pressure as given, with Miller's exponent, and as stiff as others have found brain; how much is extrapolated.
+    """Range of the peak pressure over Miller's exponent and published moduli, and the volume strained beyond the data.
 
-    On a given way of the blade, without inertia, all pressures are proportional to the moduli if those keep their ratios
-    (bulk to shear, branch to branch, contact to tissue) and relaxation its times: no run is needed. Published moduli are
-    compared with that of the tissue of which most is near the site (`near_site`).
+    For a prescribed tool motion without inertia, all pressures are proportional to the moduli if their ratios (bulk to shear,
+    branch to branch, contact to tissue) and the relaxation times stay: no run is needed. Published moduli are compared with that
+    of the tissue with the largest volume near the site (`moduli_near_site`).
 
-    runs   by protocols of a given way; miller: a hold with Miller's exponent; errors: of a hold, see `worth.errors`
+    Parameters
+    ----------
+    model : RetractionModel
+    runs : dict of ProtocolResult
+        Protocols with prescribed motion.
+    miller : dict, optional
+        Answer of a hold with Miller's exponent.
+    errors : dict
+        Error budget of a hold, see `error_budget.errors`.
+
+    Returns
+    -------
+    dict
+        The part `material_band` of `result.json`.
     """
     first, parts = next(iter(runs.values())), model.parts()
     peak = max(float(to_mmHg(run.column("pressure").max())) for run in runs.values())

@@ -1,6 +1,6 @@
-"""The runs that tell what the numbers of a retraction are worth: another time step, order, mesh, and exponent of the law.
+"""Verification runs of a retraction: another time step, element order, mesh, and exponent of the law.
 
-All of them open once and hold to the end (`Model.hold`), so that every number of an `answer` has its like.
+All of them open once and hold to the end (`RetractionModel.hold`), so that every number of an `answer` has a counterpart.
 """
 
 from __future__ import annotations
@@ -31,37 +31,66 @@ from ngbrain.surgery.protocol_run import ProtocolRun
 Point = tuple[float, np.ndarray]
 """Time (s) and all unknowns."""
 Pair = tuple[Answer | None, Answer]
-"""What a change starts from, None where that is the scene's own hold; and what it gives."""
+"""The answer before a change, None where that is the scene's own hold; and after it."""
 ORDER, HALF, MESH, MILLER = "one order more", "half steps", "other elements", "Miller's exponent"
-"""The checks' names,"""
+"""Names of the verification runs,"""
 WHOLE, OWN = "whole steps", "hold"
-"""and those of what half steps and other elements are compared with."""
+"""and of the reference runs for half steps and other elements."""
 MILLER_ALPHA = -4.7
 """Ogden exponent of Miller & Chinzei 2002, 10.1016/S0021-9290(01)00201-X, fitted over a wider range of strain."""
 COARSE = {"wall": 4e-3, "craniotomy": 10e-3, "largest": 26e-3}
 """Element sizes (m) of the mesh on which half steps and one order more are affordable."""
 OTHER = math.sqrt(2)
-"""How many times as large other elements are, everywhere; as small where a mesh is as coarse as `COARSE` at the site.
+"""Size ratio of the other elements, everywhere; larger ones, or smaller ones where the mesh is as coarse as `COARSE` at the site.
 
-With 4, 2.8, 2 mm at the site the peak of a hold is 11.7, 4.0 and 1.1 % from that with 1.4 mm on MNI152, and this says 7.3, 6.8,
-2.8 %; on the idealised head 4.8, 0.0, 1.8 %, and 4.8, 5.0, 1.8 % (`benchmarks/retraction_mesh.py`). Larger elements, 5.7 mm,
-would say 2.5 % of the first.
+With 4, 2.8, 2 mm at the site the peak of a hold is 11.7, 4.0 and 1.1 % from that with 1.4 mm on MNI152, and this estimate gives
+7.3, 6.8, 2.8 %; on the idealised head the errors are 4.8, 0.0, 1.8 %, the estimates 4.8, 5.0, 1.8 %
+(`benchmarks/retraction_mesh.py`). Larger elements, 5.7 mm, would give 2.5 % for the first.
 """
 REACH = 25e-3
-"""How far (m) from the cleft one order more is used: 15, 20, 25, 40 mm give 163, 160, 154, 154 mmHg on the fast idealised head."""
+"""Distance (m) from the cleft within which one order more is used: 15, 20, 25, 40 mm give 163, 160, 154, 154 mmHg on the fast
+idealised head.
+"""
 HALVINGS = 3
-"""How often an increment of the richer solution may be cut."""
+"""Maximum number of halvings of an increment of the higher-order solution."""
 
 
 def half_steps(model: RetractionModel, folder: Path | None, resume: bool, callback: Callback) -> Pair:
-    """On a coarse mesh, at the scene's time step and at half of it; the first is None if the model's mesh is no finer."""
+    """A hold with the scene's time step and with half of it, on a coarse mesh.
+
+    Parameters
+    ----------
+    model : RetractionModel
+    folder : Path, optional
+        Where run files go.
+    resume : bool
+        Continue from them.
+    callback : callable
+        Progress: name, time (s), fraction done.
+
+    Returns
+    -------
+    tuple of dict
+        Answers; the first is None if the model's own mesh is used.
+    """
     coarse, control = _coarse(model), model.control()
     whole = None if coarse is model else _held(coarse, WHOLE, folder, resume, _muted(callback, HALF), control)
     return whole, _held(coarse, HALF, folder, resume, callback, control.halve())
 
 
 def other_elements(model: RetractionModel, folder: Path | None, resume: bool, callback: Callback) -> Pair:
-    """On the scene's mesh, unless one of its protocols is that hold, and on one of other elements, see `OTHER`."""
+    """A hold on the scene's mesh, unless a protocol is that hold, and on other elements (`OTHER`).
+
+    Parameters
+    ----------
+    model, folder, resume, callback
+        See `half_steps`.
+
+    Returns
+    -------
+    tuple of dict
+        Answers; the first is None if a protocol is that hold.
+    """
     mesh = model.scene.mesh
     factor = OTHER if mesh.wall < COARSE["wall"] else 1 / OTHER
     other = replace(mesh, **{name: factor * getattr(mesh, name) for name in COARSE})
@@ -71,20 +100,31 @@ def other_elements(model: RetractionModel, folder: Path | None, resume: bool, ca
 
 
 def miller_exponent(model: RetractionModel, folder: Path | None, resume: bool, callback: Callback) -> Answer:
-    """With Ogden's law of exponent -4.7 in all tissue that stiffens, and the same moduli and times."""
+    """A hold with Ogden's law of exponent -4.7 in all tissue that stiffens, with the same moduli and relaxation times.
+
+    Parameters
+    ----------
+    model, folder, resume, callback
+        See `half_steps`.
+
+    Returns
+    -------
+    dict
+        Its answer.
+    """
     tissues = tuple(tissue.with_alpha(MILLER_ALPHA) for tissue in model.scene.tissues)
     return _held(replace(model, scene=replace(model.scene, tissues=tissues)), MILLER, folder, resume, callback)
 
 
 def _coarse(model: RetractionModel) -> RetractionModel:
-    """The same scene on a mesh that errors are affordable on."""
+    """The same scene on an affordable mesh."""
     scene = model.scene
     mesh = replace(scene.mesh, **{k: max(v, getattr(scene.mesh, k)) for k, v in COARSE.items()})
     return model if mesh == scene.mesh else _meshed(model, mesh)
 
 
 def _meshed(model: RetractionModel, mesh: MeshSize) -> RetractionModel:
-    """The same scene on another mesh. Where there is none a check is missing, not the whole result: raises `SolverError`."""
+    """The same scene on another mesh; `SolverError` where there is none, so that only this verification run is missing."""
     try:
         return RetractionModel.from_scene(replace(model.scene, mesh=mesh), model.head)
     except InputError as error:
@@ -104,12 +144,23 @@ def _held(
 
 
 def _muted(callback: Callback, name: str) -> Callback:
-    """Tells time but no share done, for what precedes a check."""
+    """Reports time but no fraction done, for a reference run."""
     return lambda _, t, __: callback(name, t, 0.0)
 
 
 def one_order_more(model: RetractionModel, folder: Path | None, resume: bool, callback: Callback) -> Pair:
-    """`orders`, kept in a file and taken from there on resume."""
+    """`compare_orders`, stored in a file and read from it on resume.
+
+    Parameters
+    ----------
+    model, folder, resume, callback
+        See `half_steps`.
+
+    Returns
+    -------
+    tuple of dict
+        Answers of the scene's order and of one order more.
+    """
     path, scene = None if folder is None else folder / f"{ORDER}.json", model.scene.to_dict()
     if resume and path is not None and path.exists():
         kept = read_json(path, "check")
@@ -125,11 +176,23 @@ def one_order_more(model: RetractionModel, folder: Path | None, resume: bool, ca
 
 
 def compare_orders(model: RetractionModel, path: Path | None = None, resume: bool = False) -> tuple[Answer, Answer]:
-    """At full opening, and nothing after it, on a coarse mesh: at the scene's order and one more.
+    """Answers at full opening with the scene's element order and with one order more, on a coarse mesh.
 
-    Elastic: the law that one step of the ramp's length from rest amounts to, so that the way there does not matter. One
-    order more is used within `REACH` of the cleft; further out the tissue goes where the poorer solution has it. Where both
-    stand is kept in `path` (.npz) after each step, and taken from there on resume.
+    The tissue is elastic, with the law that a single step of the ramp's length from rest gives, so that the loading path does not
+    matter. One order more is used within `REACH` of the cleft; farther away the displacement of the lower order is prescribed.
+
+    Parameters
+    ----------
+    model : RetractionModel
+    path : Path, optional
+        File (.npz) for the state of both solutions after each step.
+    resume : bool
+        Continue from it.
+
+    Returns
+    -------
+    tuple of dict
+        Answers of the scene's order and of one order more.
     """
     coarse = _coarse(model)
     ramp, order = model.scene.time.ramp, model.scene.mesh.order
@@ -174,7 +237,7 @@ def compare_orders(model: RetractionModel, path: Path | None = None, resume: boo
 
 
 def _go(run: TimeStepper, start: Point, end: Point, halvings: int) -> None:
-    """Take the solution along as another, of the same motion, goes from one point (t, all unknowns) to the next."""
+    """Continue a solution along another one of the same motion, from one point (t, all unknowns) to the next."""
     state = run.problem.x
     assert run.motion is not None  # a blade moves
     run.motion.set(end[0])

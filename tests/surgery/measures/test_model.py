@@ -117,7 +117,7 @@ def opened_elastic(opening, friction=0.0):
     ramp = model.ramp("open")
     run = model.run(ramp, StepControl(scene.time.ramp / 10, first=0.05), model.elastic_materials(scene.time.ramp))
     observe, rows = Observer(run.problem, model.blades, model.held), []
-    run.run(lambda body, at, record: rows.append(observe(at.t, ramp.at(at.t), record.min_det_F)))
+    run.run(lambda body, at, record: rows.append(observe(at.t, ramp.value(at.t), record.min_det_F)))
     row = rows[-1]
     off = abs(row.blade_work - row.contact_energy - row.tissue_work - row.friction_work) / row.tissue_work_size
     rubbed = row.friction_work / row.blade_work

@@ -77,8 +77,8 @@ def test_intermittent_covers_the_time_at_the_same_rate_both_ways():
 
 def test_continuous_and_staged_end_alike():
     a, b = continuous_retraction(5e-3, 10.0, 900.0), staged_retraction(5e-3, 10.0, 900.0, 5, 30.0)
-    assert [a.at(900), b.at(900)] == pytest.approx([5e-3] * 2)
-    assert b.at(2.0) == pytest.approx(1e-3) and b.at(30) == pytest.approx(1e-3) and b.times[-1] == 900
+    assert [a.value(900), b.value(900)] == pytest.approx([5e-3] * 2)
+    assert b.value(2.0) == pytest.approx(1e-3) and b.value(30) == pytest.approx(1e-3) and b.times[-1] == 900
     assert a.working_s == 890 and b.working_s == pytest.approx(900 - 10 - 4 * 30)
 
 
