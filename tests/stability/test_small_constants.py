@@ -61,9 +61,9 @@ def fitted(truth):
 @pytest.mark.filterwarnings("ignore:An ill-conditioned matrix")
 @pytest.mark.parametrize("truth", CASES, ids=str)
 def test_naive_long_steps_lose_the_small_constant(truth, monkeypatch):
-    monkeypatch.setattr(optimiser, "SHORT", optimiser.MAX_CHANGE)
+    monkeypatch.setattr(optimiser, "INITIAL_MAX_CHANGE", optimiser.MAX_CHANGE)
     monkeypatch.setattr(optimiser, "next_step_bound", lambda *_: optimiser.MAX_CHANGE)
-    monkeypatch.setattr(optimiser, "LIGHT", optimiser.FIRST)
+    monkeypatch.setattr(optimiser, "LIGHT_DAMPING", optimiser.INITIAL_DAMPING)
     of = Metric.from_point
     monkeypatch.setattr(Metric, "from_point", staticmethod(lambda point, before=None: of(point)))
     try:

@@ -112,7 +112,7 @@ class GaussNewton:
             step = self._step_bound(dx)
             x, waves = self._apply_step(x, step * dx, waves + step * du)
             data = np.array([self.model.observe(u) for u in waves])
-            settled = self._ledger.enter("waves", x, data, conditions, step * dx, step, history)
+            settled = self._ledger.record("waves", x, data, conditions, step * dx, step, history)
             if settled:
                 break
         return self._result(
@@ -152,14 +152,14 @@ class GaussNewton:
                 break
             point = lower
             moved = step * dx[: self._width]
-            settled = self._ledger.enter("fields", point.x, point.state.data, conditions, moved, step, history)
+            settled = self._ledger.record("fields", point.x, point.state.data, conditions, moved, step, history)
             settled = settled or self._is_stationary(history)
             self._write_checkpoint(point.x, history, settled)
             point = Point(self.reduced, point.x, point.state)  # with the new weights
             if settled:
                 break
         if not history:
-            raise ConvergenceError("no step lowers the objective from where it starts: try another start")
+            raise ConvergenceError("no step lowers the objective from the initial guess: try another one")
         return self._result(point.x, self._state(point).waves, point.state.data, history, settled, stuck)
 
     def _is_stationary(self, history: list[Iteration]) -> bool:

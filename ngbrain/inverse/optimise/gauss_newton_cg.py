@@ -24,7 +24,7 @@ from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.sensitivity.harmonic.wave_model import WaveLinearisation
 from ngbrain.inverse.optimise.fingerprint import differing_parts, problem_fingerprint
 from ngbrain.inverse.optimise.gauss_newton import MAX_ITERATIONS, GaussNewton, WaveInversionResult
-from ngbrain.inverse.optimise.normal_equations import FORCING, MOST, NormalEquations
+from ngbrain.inverse.optimise.normal_equations import FORCING, MAX_CG_ITERATIONS, NormalEquations
 from ngbrain.inverse.optimise.preconditioners import BoundaryExtensionPreconditioner
 from ngbrain.inverse.optimise.regularisation_weight import Evidence, MisfitLevel, WeightPolicy
 from ngbrain.inverse.optimise.result import Iteration, OptimisationResult
@@ -76,7 +76,7 @@ class GaussNewtonCG(GaussNewton):
         policy: WeightPolicy | None = None,
         *,
         forcing: float = FORCING,
-        max_cg_iterations: int = MOST,
+        max_cg_iterations: int = MAX_CG_ITERATIONS,
         checkpoint: str | os.PathLike[str] | None = None,
         callback: Callable[[Iteration], None] = lambda _: None,
         seed: int = 0,
@@ -119,7 +119,7 @@ class GaussNewtonCG(GaussNewton):
         if len(waves):
             raise InputError("checkpoint", f"{self.checkpoint}, written before the descent began", "one of a descent")
         history = _history(notes["history"])
-        self._ledger.begun -= history[-1].cpu_s
+        self._ledger.started_s -= history[-1].cpu_s
         return self._down(self.reduced.evaluate(x), max_iterations - len(history), history, notes["settled"])
 
     def from_measured_waves(

@@ -1,7 +1,7 @@
-"""One Gauss-Newton step in the fields alone, by conjugate gradients: for problems in space, whose factors fill the memory.
+"""Gauss-Newton step in the fields alone by conjugate gradients, for 3-D problems whose factors fill the memory.
 
-The matrix H = JᵀWJ + Σ α R is never formed: a product takes two solves for each load with the factor of the waves. See
-`blocks` for what it is preconditioned with.
+The Hessian H = JᵀWJ + Σ αR is never assembled: a product takes two solves per load with the factor of the wave operator. See
+`preconditioners` for its preconditioner.
 """
 
 from __future__ import annotations
@@ -24,24 +24,35 @@ from ngbrain.solvers.quasi_newton_preconditioner import QuasiNewtonPreconditione
 
 Array = np.ndarray
 FORCING = 0.03
-"""Residual of a step, in the norm of the preconditioner, as a part of its start."""
-PROBED = 0.03
-"""The same of a sample that counts what data determine."""
-MOST, MOST_PROBED = 40, 60
-"""Iterations at most, of a step and of a sample: a truncated step still goes down, and what 40 leave is a few hundredths of what it
-can lower. A truncated sample counts too much: in a block of 4 cm whose boundary is unknown, 60 give 1.5 to 1.7 times the number,
-90 give 1.2 to 1.3 times."""
+"""Relative residual of a step, in the norm of the preconditioner."""
+PROBE_RTOL = 0.03
+"""Relative residual of a sample that estimates the effective number of parameters."""
+MAX_CG_ITERATIONS, MAX_PROBE_ITERATIONS = 40, 60
+"""Maximum number of iterations of a step and of a sample. A truncated step is still a descent direction, and what 40 iterations
+leave is a few hundredths of the possible reduction. A truncated sample overestimates: in a block of 4 cm with unknown boundary
+displacements, 60 iterations give 1.5 to 1.7 times the number, 90 give 1.2 to 1.3 times.
+"""
 GROUND = 1e-9
-"""Of its diagonal, what is added to a regulariser that leaves something free, to draw from it."""
+"""Share of the diagonal that is added to a singular regulariser to draw samples from it."""
 
 
 class NormalEquations:
-    """The normal equations around a point.
+    """Gauss-Newton normal equations at a point.
 
-    counted         list that the iterations of each solve are added to
-    forcing, most   where conjugate gradients stop
-    directions      of solves around points near by, which make these shorter; it learns from these too
-    extensions      preconditioners of held displacements, where they are made already
+    Parameters
+    ----------
+    point : Point
+        Point of the reduced objective.
+    counted : list of int, optional
+        List to which the iterations of each solve are appended.
+    forcing : float
+        Relative residual at which conjugate gradients stop.
+    max_cg_iterations : int
+        Maximum number of iterations.
+    directions : QuasiNewtonPreconditioner, optional
+        Search directions of solves at nearby points, which improve the preconditioner; new ones are added.
+    extensions : BoundaryExtensionPreconditioner, optional
+        Preconditioner of the boundary displacements, where it exists already.
     """
 
     def __init__(
@@ -49,14 +60,14 @@ class NormalEquations:
         point: Point,
         counted: list[int] | None = None,
         forcing: float = FORCING,
-        max_cg_iterations: int = MOST,
+        max_cg_iterations: int = MAX_CG_ITERATIONS,
         directions: QuasiNewtonPreconditioner | None = None,
         extensions: BoundaryExtensionPreconditioner | None = None,
     ) -> None:
         self.point, self.forcing, self.max_cg_iterations = point, forcing, max_cg_iterations
         self.directions = QuasiNewtonPreconditioner() if directions is None else directions
         self.iterations: list[int] = [] if counted is None else counted
-        self._drawn: tuple[float, dict[str, float]] | None = None
+        self._cached: tuple[float, dict[str, float]] | None = None
         self._regular = point.reduced.regular_matrix(point.x)
         self._jacobian = point.reduced.unknowns.jacobian(point.x)
         self.precondition = block_preconditioner(
@@ -64,20 +75,39 @@ class NormalEquations:
         )
 
     def product(self, direction: Array) -> Array:
-        """H times a direction."""
+        """Hessian-vector product H δx."""
         state = self.point.state
         change = state.jvp(self._jacobian @ direction)
         back = state.vjp(self.point.reduced.misfit.gauss_newton_product(state.data, change))
         return self._jacobian.T @ back + self._regular @ direction
 
     def gradient(self) -> Array:
-        """∇J, by the matrices that products use."""
+        """Gradient ∇J, by the same matrices as the products."""
         reduced, state = self.point.reduced, self.point.state
         slope = state.vjp(reduced.misfit.gradient(state.data))
         return self._jacobian.T @ slope + reduced.regular_gradient(self.point.x)
 
     def solve(self, b: Array, forcing: float | None = None, max_cg_iterations: int | None = None) -> Array:
-        """About H⁻¹ b; `SolverError` where H or its preconditioner is not positive definite."""
+        """Approximate H⁻¹ b by preconditioned conjugate gradients.
+
+        Parameters
+        ----------
+        b : array (n,)
+            Right-hand side.
+        forcing : float, optional
+            Relative residual.
+        max_cg_iterations : int, optional
+            Maximum number of iterations.
+
+        Returns
+        -------
+        array (n,)
+
+        Raises
+        ------
+        SolverError
+            If H or its preconditioner is not positive definite.
+        """
         forcing, max_cg_iterations = forcing or self.forcing, max_cg_iterations or self.max_cg_iterations
         precondition = self.directions.correct(self.precondition, lambda s: self._regular @ s)
 
@@ -92,46 +122,74 @@ class NormalEquations:
         return x
 
     def effective_parameters(self, random: np.random.Generator) -> float:
-        """How many of the real data the unknowns use up, tr (H⁻¹ Jᵀ W J), by the sample of `determined_of`."""
+        """Effective number of real data that the unknowns use up, tr(H⁻¹JᵀWJ), from one sample."""
         return self._sample(random)[0]
 
     def effective_parameters_by_block(
         self, blocks: Mapping[str, slice], regular: Mapping[str, sp.csr_array], random: np.random.Generator
     ) -> dict[str, float]:
-        """For each block how many of its numbers the data determine, tr (1 - α R H⁻¹) of the block, all by one solve.
+        """Effective number of parameters of each block, tr(1 - αR H⁻¹) of the block, for all blocks by one solve.
 
-        A field w that the regulariser takes for likely, with covariance (αR)⁻¹, and noise ξ of the data are inverted together:
-        x̂ = w - H⁻¹(αRw - Jᵀ√W ξ). Its energy x̂·αRx̂ is right in the mean, and right within its root when the number is large.
-        What the noise does to held displacements, a hundred times the fields' share, does not enter. Iterations that are cut
-        short leave too much of w, and count too much. The first call draws; later ones tell the same sample.
+        A field w drawn from the prior, with covariance (αR)⁻¹, and noise ξ of the data are inverted together:
+        x̂ = w - H⁻¹(αRw - Jᵀ√W ξ). The energy x̂·αRx̂ is an unbiased estimate with a standard error of the square root of the
+        number. The effect of noise on the boundary displacements, a hundred times that on the fields, does not enter. Truncated
+        iterations retain too much of w and overestimate. The sample is drawn once per point.
+
+        Parameters
+        ----------
+        blocks : mapping of str to slice
+            Name and place of each block in x.
+        regular : mapping of str to sparse array
+            Weighted regulariser matrix of each block; only its keys are used.
+        random : Generator
+            Random numbers of the sample.
+
+        Returns
+        -------
+        dict of str to float
         """
         known = self._sample(random)[1]
         return {name: known[name] for name in regular}
 
     def _sample(self, random: np.random.Generator) -> tuple[float, dict[str, float]]:
-        """Numbers of all data that are used up, and block → numbers determined; drawn once."""
-        if self._drawn is not None:
-            return self._drawn
+        """Effective numbers of all data and of each block, from one sample; computed once."""
+        if self._cached is not None:
+            return self._cached
         reduced, state = self.point.reduced, self.point.state
         blocks = {name: reduced.unknowns.blocks[name] for name in reduced.regularisers}
         root = np.sqrt(reduced.misfit.weight(state.data))  # type: ignore[attr-defined]
         noise = root * (random.normal(size=root.shape) + 1j * random.normal(size=root.shape))
-        told = self._jacobian.T @ state.vjp(noise)
-        likely, asked = np.zeros_like(told), -told
+        noise_gradient = self._jacobian.T @ state.vjp(noise)
+        sample, right_side = np.zeros_like(noise_gradient), -noise_gradient
         for block in blocks.values():
-            drawn, likely[block] = sample_prior_field(self._regular[block, block], random)
-            asked[block] += drawn
-        left = self.solve(asked, PROBED, MOST_PROBED)
-        found, known = likely - left, {}
+            drawn, sample[block] = sample_prior_field(self._regular[block, block], random)
+            right_side[block] += drawn
+        correction = self.solve(right_side, PROBE_RTOL, MAX_PROBE_ITERATIONS)
+        found, known = sample - correction, {}
         for name, block in blocks.items():
             energy = found[block] @ (self._regular[block, block] @ found[block])
             known[name] = float(np.clip(energy, 0.0, block.stop - block.start))
-        self._drawn = float(np.clip(-told @ left, 0.0, len(told))), known
-        return self._drawn
+        self._cached = float(np.clip(-noise_gradient @ correction, 0.0, len(noise_gradient))), known
+        return self._cached
 
 
 def sample_prior_field(matrix: sp.csr_array, random: np.random.Generator) -> tuple[Array, Array]:
-    """A w, drawn with the covariance A⁻¹ of a sparse positive (semi)definite matrix A, after A w."""
+    """Draw w with covariance A⁻¹.
+
+    Parameters
+    ----------
+    matrix : sparse array (n, n)
+        A, symmetric positive (semi-)definite.
+    random : Generator
+        Random numbers.
+
+    Returns
+    -------
+    image : array (n,)
+        A w.
+    sample : array (n,)
+        w.
+    """
     factor = factorise_quasidefinite(sp.csc_array(matrix + GROUND * sp.diags_array(matrix.diagonal())))
     pivots = factor.U.diagonal()
     white = np.sqrt(pivots) * random.normal(size=len(pivots))

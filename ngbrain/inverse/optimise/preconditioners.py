@@ -1,13 +1,13 @@
-"""What Gauss-Newton steps in space are preconditioned with, block by block.
+"""Preconditioners of Gauss-Newton steps in 3-D, block by block.
 
-Around waves u a change δθ of a field drives like a stress ∂σ/∂θ δθ, which moves the body by about |∂σ/∂θ| δθ/g · |ξ|/(|ξ|² + κ²)
-at wave number ξ, with g the shear stiffness and κ² = ρω²/|g|. So
+For waves u a change δθ of a field acts like a stress ∂σ/∂θ δθ, which moves the body by about |∂σ/∂θ| δθ/g · |ξ|/(|ξ|² + κ²) at wave
+number ξ, with g the shear stiffness and κ² = ρω²/|g|. Hence
 
     H_b ≈ α R_b + Dᵀ M_w S⁻¹ M_w D ,   S = K + κ² M ,   w = |∂σ/∂θ|/g · √n ,   D = ∂θ_b/∂x_b
 
-K stiffness, M mass, M_w the mass matrix weighted with w, n the weight of the data 1/σ² per volume. Its inverse is a block of
-the inverse of the sparse, symmetric, quasi-definite matrix [[αR, Dᵀ M_w], [M_w D, -S]]. Held displacements that are unknown
-are preconditioned by `Extensions`.
+with K the stiffness matrix, M the mass matrix, M_w the mass matrix weighted with w, and n the data weight 1/σ² per volume. Its
+inverse is a block of the inverse of the sparse, symmetric, quasi-definite matrix [[αR, Dᵀ M_w], [M_w D, -S]]. Unknown boundary
+displacements are preconditioned by `BoundaryExtensionPreconditioner`.
 """
 
 from __future__ import annotations
@@ -32,27 +32,41 @@ Apply = Callable[[Array], Array]
 
 
 STIFF = 0.1
-"""Elastic energy in `Extensions` against the data's, where waves have the length of waves of shear."""
+"""Elastic energy in `BoundaryExtensionPreconditioner` relative to that of the data, at the wavelength of shear waves."""
 GROUND = 1e-6
-"""Of all data, what keeps displacements in place where there are none."""
+"""Share of all data that keeps displacements in place where there are no data."""
 
 
 class BoundaryExtensionPreconditioner:
-    """Preconditioner of held displacements: how they would extend into the body, with least
+    """Preconditioner of unknown boundary displacements, by their extension into the body with least
 
         u·BᵀWB u + τ n/(ρω²) ∫ K (tr ε)² + 2 g ε:ε dx ,
 
-    BᵀWB the data's weights, n their sum over the volume, τ = `STIFF`. The boundary's block of the inverse of that matrix knows
-    that volumes hardly change: what would make the body swell moves all of it, and is dear, the rest moves what is near.
+    with BᵀWB the weights of the data, n their sum over the volume, τ = `STIFF`. The boundary block of the inverse of this matrix
+    accounts for near-incompressibility: displacements that would change the volume move the whole body and are stiff; the
+    others act locally.
 
-    Made once, with the moduli of then and the weights of components that are the mean of all loads.
+    It is assembled once, with the moduli of that time and component weights averaged over all loads.
     """
 
     def __init__(self) -> None:
         self._made: Apply | None = None
 
     def inverse_blocks(self, state: WaveLinearisation, weight: Array) -> list[Apply]:
-        """For each load about the inverse of the block, for real or imaginary parts of held displacements (m)."""
+        """Approximate inverse of the boundary block for each load.
+
+        Parameters
+        ----------
+        state : WaveLinearisation
+            State of the wave model.
+        weight : array (loads, n, dim)
+            Data weights.
+
+        Returns
+        -------
+        list of callable
+            For each load: a function of the real or imaginary parts of boundary displacements (m).
+        """
         known = weight.mean(axis=1)
         sizes = [float(np.exp(np.log(each[each > 0]).mean())) for each in known]
         if self._made is None:
@@ -78,7 +92,20 @@ def _extended(model: WaveModel, weight: Array) -> Apply:
 
 
 def block_preconditioner(parts: Mapping[str, Apply], reduced: Reduced) -> Apply:
-    """A preconditioner from those of blocks."""
+    """Combine the preconditioners of all blocks.
+
+    Parameters
+    ----------
+    parts : mapping of str to callable
+        Preconditioner of each block.
+    reduced : Reduced
+        Objective with these blocks.
+
+    Returns
+    -------
+    callable
+        Preconditioner of the whole vector.
+    """
 
     def apply(r: Array) -> Array:
         z = np.empty_like(r)
@@ -90,7 +117,19 @@ def block_preconditioner(parts: Mapping[str, Apply], reduced: Reduced) -> Apply:
 
 
 def diagonal_block_inverses(point: Point, extensions: BoundaryExtensionPreconditioner) -> dict[str, Apply]:
-    """Block → about the inverse of its part of H."""
+    """Approximate inverse of the diagonal block of H for each block of unknowns.
+
+    Parameters
+    ----------
+    point : Point
+        Point of the reduced objective.
+    extensions : BoundaryExtensionPreconditioner
+        Preconditioner of boundary displacements.
+
+    Returns
+    -------
+    dict of str to callable
+    """
     reduced, state = point.reduced, point.state
     model: WaveModel = reduced.model  # type: ignore[assignment]
     weight = reduced.misfit.weight(state.data)  # type: ignore[attr-defined]
@@ -111,7 +150,7 @@ def diagonal_block_inverses(point: Point, extensions: BoundaryExtensionPrecondit
 
 
 def regulariser_preconditioners(point: Point) -> dict[str, Apply]:
-    """As `preconditioners`, of the regularisers alone: what they are compared with."""
+    """Preconditioners from the regularisers alone, for comparison with `diagonal_block_inverses`."""
     found: dict[str, Apply] = {}
     for name, block in point.reduced.unknowns.blocks.items():
         matrix = point.reduced.weights[name] * point.reduced.regularisers[name].matrix(point.x[block])
@@ -146,7 +185,7 @@ def _of_field(
 
 
 def _of_boundary(loads: list[Apply], inner: sp.csr_array) -> Apply:
-    scale = inner.diagonal()  # held displacements in units of their own
+    scale = inner.diagonal()  # boundary displacements in their own scale
 
     def apply(r: Array) -> Array:
         parts = (r / scale).reshape(2 * len(loads), -1)
@@ -158,11 +197,27 @@ def _of_boundary(loads: list[Apply], inner: sp.csr_array) -> Apply:
 def stress_sensitivity_squared(
     body: HarmonicProblem, omega: float, u: ngs.GridFunction, field: ngs.GridFunction
 ) -> ngs.CoefficientFunction:
-    """|∂σ/∂θ|² at a strain: of stress without change of volume, by differentiation of the energy."""
+    """Squared stress sensitivity |∂σ/∂θ|² of the deviatoric stress at a strain, by differentiation of the energy.
+
+    Parameters
+    ----------
+    body : HarmonicProblem
+        Body.
+    omega : float
+        Angular frequency (rad/s).
+    u : GridFunction
+        Wave, whose strain is used.
+    field : GridFunction
+        Field θ.
+
+    Returns
+    -------
+    CoefficientFunction
+    """
     displacement, _, gradient = body.split(u)
     strain = body.strain(displacement, gradient).MakeVariable()
     energy, n = law_of(body, omega).energy(strain), strain.dims[0]
-    one = ngs.GridFunction(field.space)  # NGSolve does not differentiate along a constant
+    one = ngs.GridFunction(field.space)  # NGSolve cannot differentiate with respect to a constant
     one.Set(1.0)
     total = ngs.CF(0.0)
     for i, j in np.ndindex(n, n):
@@ -172,7 +227,7 @@ def stress_sensitivity_squared(
 
 
 def _density(model: WaveModel, weight: Array) -> list[ngs.GridFunction]:
-    """Of each load the data's weight per volume (1/m^(2+d)), element by element."""
+    """Data weight per volume (1/m^(2+d)) of each load, element by element."""
     mesh = model.body.mesh
     volume = np.asarray(ngs.Integrate(1.0, mesh, element_wise=True))
     found = []
@@ -192,7 +247,7 @@ def _assembled(space: ngs.FESpace, body: HarmonicProblem, integrand: ngs.Coeffic
 
 
 def factorise_quasidefinite(matrix: sp.csc_array) -> scipy.sparse.linalg.SuperLU:
-    """LDLᵀ as LU with diagonal pivots, of a symmetric (quasi-)definite matrix; `SolverError` where it is neither."""
+    """LDLᵀ factorisation of a symmetric (quasi-)definite matrix as LU with diagonal pivots; `SolverError` for other matrices."""
     try:
         return scipy.sparse.linalg.splu(
             matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}

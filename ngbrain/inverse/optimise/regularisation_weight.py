@@ -1,11 +1,14 @@
-"""How strongly regularisers weigh against data: chosen by what the data determine.
+"""Weight policies: how regularisation weights are updated from what the data determine.
 
-`Evidence` is the default: for each block b the weight at which the regulariser's energy is what the determined numbers are
-expected to have, α = γ_b / (x - x̄)·R(x - x̄) with γ_b = n_b - tr(α R_b H⁻¹): where the probability of the data, given the
-weights, is largest. `Discrepancy` changes all weights by one factor until the misfit is at its expected level, the number of
-data less those that the unknowns use up, by the secant of ln 2Φ against ln α. Both are fixed points, so that more iterations
-change nothing.
-Sources: MacKay 1992, 10.1162/neco.1992.4.3.415; Morozov 1966; Hansen and O'Leary 1993, 10.1137/0914086 (`corner`).
+`Evidence` is the default. For each block b it maximises the probability of the data given the weights (type-II maximum
+likelihood): α = γ_b / (x - x̄)·R(x - x̄), with γ_b = n_b - tr(α R_b H⁻¹) the effective number of parameters. `DiscrepancyPrinciple`
+scales all weights by one factor until the misfit is at its expected level, the number of data less the effective number of
+parameters, by the secant method for ln 2Φ against ln α. Both are fixed-point iterations: at convergence, more iterations change
+nothing.
+
+References
+----------
+MacKay 1992, 10.1162/neco.1992.4.3.415; Morozov 1966; Hansen and O'Leary 1993, 10.1137/0914086 (`l_curve_corner`).
 """
 
 from __future__ import annotations
@@ -20,41 +23,69 @@ import scipy.sparse as sp
 from ngbrain.adjoint.reduced import Reduced
 
 Array = np.ndarray
-LARGEST = 10.0
-"""Factor by which a weight changes in one iteration at most: lowered faster, an inversion fits noise before it sees the whole."""
+MAX_FACTOR = 10.0
+"""Largest factor by which a weight changes in one iteration. When weights fall faster, noise is fitted before the large scale."""
 
 SLOPE, SLOPES = 0.2, (0.02, 2.0)
-"""d ln 2Φ / d ln α: what a first step takes it to be, and what it can be. Near the level of noise it is small."""
+"""Slope d ln 2Φ / d ln α: initial estimate, and its bounds. Close to the noise level it is small."""
 
 
 class EffectiveParameterCounter(Protocol):
-    """What a factor of the optimality conditions knows."""
+    """Curvature that provides effective numbers of parameters."""
 
     def effective_parameters(self, random: np.random.Generator) -> float:
-        """Of all data."""
+        """Effective number of data that the unknowns use up."""
 
     def effective_parameters_by_block(
         self, blocks: Mapping[str, slice], regular: Mapping[str, sp.csr_array], random: np.random.Generator
     ) -> dict[str, float]:
-        """Of each block; its regulariser's matrix with its weight."""
+        """Effective number of parameters of each block.
+
+        Parameters
+        ----------
+        blocks : mapping of str to slice
+            Name and place of each block in x.
+        regular : mapping of str to sparse array
+            Weighted regulariser matrix of each block.
+        random : Generator
+            Random probes.
+
+        Returns
+        -------
+        dict of str to float
+        """
 
 
 @dataclass
 class MisfitLevel:
-    """Where the misfit is and where it is expected: 2Φ, and the number of data less those used up."""
+    """Misfit and its expected value.
+
+    Parameters
+    ----------
+    misfit : float
+        2Φ.
+    expected : float
+        Number of data less the effective number of parameters.
+    """
 
     misfit: float
     expected: float
 
     @property
     def ratio(self) -> float:
-        """1 when the data are fitted as well as their noise allows; not a number where all data are used up."""
+        """Misfit over its expected value: 1 where the data are fitted to their noise; NaN where all data are used up."""
         return self.misfit / self.expected if self.expected else float("nan")
 
 
 @dataclass
 class WeightPolicy:
-    """What changes the weights between iterations; `determined`: how many numbers of each block the data determined."""
+    """Update of the regularisation weights between iterations.
+
+    Attributes
+    ----------
+    determined : dict of str to float
+        Effective number of parameters of each block, from the last update.
+    """
 
     determined: dict[str, float] = field(default_factory=dict, init=False)
 
@@ -63,74 +94,123 @@ class WeightPolicy:
         reduced: Reduced,
         x: Array,
         level: MisfitLevel,
-        factor: EffectiveParameterCounter,
+        counter: EffectiveParameterCounter,
         random: np.random.Generator,
     ) -> float:
-        """New weights in `reduced`; the largest factor by which one changed, up or down."""
+        """Update the weights of `reduced`.
+
+        Parameters
+        ----------
+        reduced : Reduced
+            Objective, whose weights are changed.
+        x : array (n,)
+            Current unknowns.
+        level : MisfitLevel
+            Misfit and its expected value.
+        counter : EffectiveParameterCounter
+            Gauss-Newton curvature at x.
+        random : Generator
+            Random probes.
+
+        Returns
+        -------
+        float
+            Largest factor by which a weight changed, up or down.
+        """
         raise NotImplementedError
 
 
 @dataclass
 class Evidence(WeightPolicy):
-    """Each block's weight from the data; `largest`: factor by which one changes in one iteration at most.
+    """Evidence maximisation: the weight of each block is chosen by the data.
 
-    None goes below its regulariser's `least`: evidence takes errors for independent, and those of a model that does not hold,
-    alike over many points, would be taken for fields as rough as it takes.
+    No weight goes below the `min_weight` of its regulariser. Evidence assumes independent errors; model errors, which are
+    correlated over many points, would otherwise be fitted by rough fields.
+
+    Parameters
+    ----------
+    max_factor : float
+        Largest factor by which a weight changes in one iteration.
     """
 
-    largest: float = LARGEST
+    max_factor: float = MAX_FACTOR
 
     def update(
         self,
         reduced: Reduced,
         x: Array,
         level: MisfitLevel,
-        factor: EffectiveParameterCounter,
+        counter: EffectiveParameterCounter,
         random: np.random.Generator,
     ) -> float:
-        """New weights in `reduced`; the largest factor by which one changed."""
+        """Update the weights of `reduced`.
+
+        Parameters
+        ----------
+        reduced, x, level, counter, random
+            As for `WeightPolicy.update`.
+
+        Returns
+        -------
+        float
+            Largest factor by which a weight changed.
+        """
         blocks = reduced.unknowns.blocks
         regular = {name: reduced.weights[name] * r.matrix(x[blocks[name]]) for name, r in reduced.regularisers.items()}
         largest = 1.0
-        self.determined = factor.effective_parameters_by_block(blocks, regular, random)
+        self.determined = counter.effective_parameters_by_block(blocks, regular, random)
         for name, number in self.determined.items():
             energy = 2 * reduced.regularisers[name].value(x[blocks[name]])
-            min_weight = getattr(reduced.regularisers[name], "min_weight", 0.0)  # one of one's own need not have it
-            wanted = max(self.noise(level) * max(number, 1.0) / max(energy, 1e-12), min_weight)
-            factor_of_change = float(np.clip(wanted / reduced.weights[name], 1 / self.largest, self.largest))
-            reduced.weights[name] *= factor_of_change
-            if number >= 1 or factor_of_change < 1:  # else the field is uniform, and no weight makes it more so
-                largest = max(largest, factor_of_change, 1 / factor_of_change)
+            min_weight = getattr(
+                reduced.regularisers[name], "min_weight", 0.0
+            )  # user-defined regularisers need not have one
+            wanted = max(self.noise_factor(level) * max(number, 1.0) / max(energy, 1e-12), min_weight)
+            factor = float(np.clip(wanted / reduced.weights[name], 1 / self.max_factor, self.max_factor))
+            reduced.weights[name] *= factor
+            if number >= 1 or factor < 1:  # otherwise the field is uniform already
+                largest = max(largest, factor, 1 / factor)
         return largest
 
-    def noise(self, level: MisfitLevel) -> float:
-        """Variance of the data over the stated one: taken as stated."""
+    def noise_factor(self, level: MisfitLevel) -> float:
+        """Variance of the data relative to the stated one; here as stated, 1."""
         return 1.0
 
 
 @dataclass
 class EvidenceWithModelError(Evidence):
-    """The same where the model is off by more than the stated noise: what the misfit shows beyond it counts as noise.
+    """Evidence maximisation that counts misfit beyond the expected level as noise, for models with an error of their own.
 
-    Without it a weight falls until the fields fit errors of the discretisation. Those are alike at the `shared` points (in the
-    mean) that one node of the elements stands for, so that the mean of these points knows no more than one: they count so often.
+    Otherwise the weights fall until the fields fit discretisation errors. These are the same at all points that one node of the
+    mesh stands for, so that the mean of the points is no more accurate than one of them: the excess is multiplied by their number.
+
+    Parameters
+    ----------
+    max_factor : float
+        Largest factor by which a weight changes in one iteration.
+    points_per_node : float
+        Mean number of measurement points per node.
     """
 
-    shared: float = 1.0
+    points_per_node: float = 1.0
 
-    def noise(self, level: MisfitLevel) -> float:
-        """1 + `shared` times the excess of 2Φ over its expected level, at least 1."""
-        return 1.0 + max(1.0, self.shared) * max(0.0, level.ratio - 1.0)
+    def noise_factor(self, level: MisfitLevel) -> float:
+        """1 + `points_per_node` times the relative excess of 2Φ over its expected value, at least 1."""
+        return 1.0 + max(1.0, self.points_per_node) * max(0.0, level.ratio - 1.0)
 
 
 @dataclass
 class DiscrepancyPrinciple(WeightPolicy):
-    """All weights by one factor, to the level where the misfit is expected; `slack` is what counts as there.
+    """Morozov's discrepancy principle: one factor for all weights, to where the misfit is at its expected level.
 
-    A misfit that stays above its level whatever the weight (a model error, a noise larger than stated) leaves them as they are.
+    If the misfit stays above that level for any weight (a model error, or more noise than stated), the weights stay as they are.
+
+    Parameters
+    ----------
+    tolerance : float
+        Relative deviation from the level at which the weights have converged.
     """
 
-    slack: float = 0.02
+    tolerance: float = 0.02
     _last: tuple[float, float] | None = field(default=None, repr=False)
 
     def update(
@@ -138,11 +218,22 @@ class DiscrepancyPrinciple(WeightPolicy):
         reduced: Reduced,
         x: Array,
         level: MisfitLevel,
-        factor: EffectiveParameterCounter,
+        counter: EffectiveParameterCounter,
         random: np.random.Generator,
     ) -> float:
-        """New weights in `reduced`; the factor by which they changed."""
-        if abs(level.ratio - 1) <= self.slack:
+        """Update the weights of `reduced`.
+
+        Parameters
+        ----------
+        reduced, x, level, counter, random
+            As for `WeightPolicy.update`.
+
+        Returns
+        -------
+        float
+            Factor by which all weights changed.
+        """
+        if abs(level.ratio - 1) <= self.tolerance:
             return 1.0
         names = list(reduced.regularisers)
         now = float(np.log(reduced.weights[names[0]])), float(np.log(level.ratio))
@@ -150,9 +241,9 @@ class DiscrepancyPrinciple(WeightPolicy):
         if self._last is not None and now[0] != self._last[0]:
             slope = (now[1] - self._last[1]) / (now[0] - self._last[0])
             if slope < SLOPES[0] and level.ratio > 1 and now[0] < self._last[0]:
-                return 1.0  # what is left is no matter of the weight
+                return 1.0  # the remaining misfit does not depend on the weight
         self._last, slope = now, float(np.clip(slope, *SLOPES))
-        change = float(np.exp(np.clip(-now[1] / slope, -np.log(LARGEST), np.log(LARGEST))))
+        change = float(np.exp(np.clip(-now[1] / slope, -np.log(MAX_FACTOR), np.log(MAX_FACTOR))))
         for name in names:
             reduced.weights[name] *= change
         return max(change, 1 / change)
@@ -160,24 +251,47 @@ class DiscrepancyPrinciple(WeightPolicy):
 
 @dataclass
 class FixedWeights(WeightPolicy):
-    """Weights as they are."""
+    """Constant weights."""
 
     def update(
         self,
         reduced: Reduced,
         x: Array,
         level: MisfitLevel,
-        factor: EffectiveParameterCounter,
+        counter: EffectiveParameterCounter,
         random: np.random.Generator,
     ) -> float:
-        """1."""
+        """Change nothing.
+
+        Parameters
+        ----------
+        reduced, x, level, counter, random
+            As for `WeightPolicy.update`; not used.
+
+        Returns
+        -------
+        float
+            1.
+        """
         return 1.0
 
 
 def l_curve_corner(misfits: Array, energies: Array) -> int:
-    """Which point of an L-curve bends most towards the origin: ln 2Φ against ln of the regulariser's energy, in order of falling
-    weights. Never one of its ends.
+    """Index of the corner of an L-curve: the point of largest curvature, never one of the ends.
 
+    Parameters
+    ----------
+    misfits : array (n,)
+        2Φ of each point, in order of falling weights.
+    energies : array (n,)
+        Energy of the regularisers at each point.
+
+    Returns
+    -------
+    int
+
+    Examples
+    --------
     >>> l_curve_corner(np.array([1e4, 1e2, 1.1, 1.0, 0.99]), np.array([1.0, 1.5, 2.0, 30.0, 900.0]))
     2
     """

@@ -1,4 +1,4 @@
-"""Where an inversion ended and how it went there, the same for all ways of going."""
+"""Result and iteration log of an inversion, shared by all optimisers."""
 
 from __future__ import annotations
 
@@ -25,17 +25,36 @@ from ngbrain.result import Result, Status
 
 Array = np.ndarray
 LOG = logging.getLogger(__name__)
-SETTLED = 1e-3
-"""Change of all fields (rms) at which the iteration ends, if the weights moved by less than `STEADY`."""
-STEADY = 1.3
-FAST = 0.5
-"""Length of a step, as a share of the full one, down to which fields are still on their way: weights wait for them."""
+CONVERGED_CHANGE = 1e-3
+"""Root-mean-square change of all fields at which the iterations end, if the weights changed by less than `CONVERGED_FACTOR`."""
+CONVERGED_FACTOR = 1.3
+FULL_STEP_SHARE = 0.5
+"""Relative step length up to which the weights are not updated: the fields are still far from their minimum."""
 
 
 @dataclass
 class Iteration:
-    """What one iteration did: 2Φ and where it is expected, the weights it used, change of x (rms), how far its step is
-    to be trusted, CPU time, how many numbers of each field the data determine."""
+    """Record of one iteration.
+
+    Parameters
+    ----------
+    phase : str
+        Phase of the inversion, "waves", "fields" or the name of the optimiser.
+    misfit : float
+        2Φ.
+    expected : float
+        Expected value of 2Φ.
+    weights : dict of str to float
+        Weights that were used.
+    change : float
+        Root-mean-square change of x.
+    step : float
+        Relative step length.
+    cpu_s : float
+        CPU time since the start (s).
+    determined : dict of str to float
+        Effective number of parameters of each field.
+    """
 
     phase: str
     misfit: float
@@ -48,24 +67,33 @@ class Iteration:
 
     @property
     def ratio(self) -> float:
-        """See `Level`."""
+        """Misfit over its expected value, see `MisfitLevel`."""
         return MisfitLevel(self.misfit, self.expected).ratio
 
     def __str__(self) -> str:
-        """A few words, for who waits."""
+        """Progress message."""
         start = {"waves": "measured waves", "fields": "descent"}.get(self.phase, self.phase)
         return f"{start}: misfit {self.ratio:.3g} times what is expected"
 
 
 @dataclass(repr=False, eq=False)
 class OptimisationResult(Result):
-    """Where an inversion ended: converged if fields and weights had settled, stalled if no step lowered J any more.
+    """Result of an inversion: converged, stalled (no step lowered J) or stopped.
 
-    x          unknowns
-    objective  J there, at `weights`
-    level      misfit and its expected level
-    count      how many real data there are
-    history    an `Iteration` for each
+    Parameters
+    ----------
+    x : array (n,)
+        Unknowns.
+    objective : float
+        J at x with `weights`.
+    level : MisfitLevel
+        Misfit and its expected value.
+    weights : dict of str to float
+        Regularisation weights.
+    count : int
+        Number of real data.
+    history : list of Iteration
+        All iterations.
     """
 
     x: Array
@@ -76,51 +104,77 @@ class OptimisationResult(Result):
 
     @property
     def value(self) -> Array:
-        """The unknowns."""
+        """Unknowns x."""
         return self.x
 
     @property
     def headline(self) -> str:
-        """By its misfit."""
+        """Summary by the misfit."""
         return f"{len(self.x)} unknowns, misfit {self.level.ratio:.3g} times what is expected"
 
     @property
     def statistics(self) -> dict[str, float]:
-        """Of all iterations."""
+        """Number of iterations and CPU time."""
         return {"iterations": len(self.history)} | ({"cpu_s": self.history[-1].cpu_s} if self.history else {})
 
     def plot(self) -> Any:
-        """The misfit over iterations."""
+        """Figure of the misfit over the iterations."""
         return plot_misfit_history(self.history)
 
     @property
     def cross_validation(self) -> float:
-        """2Φ n/(n - γ)², n data of which γ are used up: smaller for the better of two regularisers, whatever the noise."""
+        """Generalised cross-validation 2Φ n/(n - γ)², with n data and γ effective parameters; smaller for the better regulariser.
+
+        It does not depend on the noise level.
+        """
         return self.level.misfit * self.count / self.level.expected**2
 
     @property
     def score(self) -> float:
-        """n ln of it: twice a logarithm of likelihoods, so that differences have a size."""
+        """n ln(cross-validation): twice a log-likelihood, so that differences have a scale."""
         return self.count * float(np.log(self.cross_validation))
 
 
 def plot_misfit_history(history: list[Iteration]) -> Any:
-    """The misfit over what is expected, iteration by iteration, as a matplotlib Figure."""
+    """Figure (matplotlib) of the misfit over its expected value, by iteration."""
     return descent([each.ratio for each in history], "misfit over its expected level", 1.0)
 
 
 def convergence_status(settled: bool, stuck: bool = False) -> Status:
-    """Of an inversion whose fields and weights have settled, or that no step lowered any more, or that was stopped."""
+    """Status of an inversion: converged, stalled where no step lowered J, else stopped.
+
+    Parameters
+    ----------
+    settled : bool
+        Whether fields and weights have converged.
+    stuck : bool
+        Whether no step lowered J.
+
+    Returns
+    -------
+    Status
+    """
     return Status.CONVERGED if settled else Status.STALLED if stuck else Status.STOPPED
 
 
 class IterationLog:
-    """Books of an inversion: levels and weights after each iteration.
+    """Log of an inversion: misfit level, weights and convergence after each iteration.
 
-    reduced  with a misfit that has a `count`
-    policy   what changes the weights, see `weights`; by default `Evidence`
-    callback     called with each `Iteration`
-    seed     of the probes that estimate traces
+    Parameters
+    ----------
+    reduced : Reduced
+        Objective, whose misfit has a `count`.
+    policy : WeightPolicy, optional
+        Update of the regularisation weights. Default `Evidence`.
+    callback : callable
+        Called with each `Iteration`.
+    seed : int
+        Seed of the random probes that estimate traces.
+
+    Raises
+    ------
+    InputError
+        If the misfit is not derived from `LeastSquares`.
     """
 
     def __init__(
@@ -135,48 +189,70 @@ class IterationLog:
         self.reduced, self.misfit = reduced, reduced.misfit
         self.policy, self.callback = policy or Evidence(), callback
         self._seed = seed
-        self.begun = time.process_time()
+        self.started_s = time.process_time()
 
-    def enter(
+    def record(
         self,
         phase: str,
         x: Array,
         data: Array,
-        factor: EffectiveParameterCounter,
+        counter: EffectiveParameterCounter,
         moved: Array,
         step: float,
         history: list[Iteration],
     ) -> bool:
-        """One more iteration, which moved x by `moved`; new weights. True when all has settled.
+        """Record one iteration and update the weights.
 
-        step  how far it is to be trusted: the cut of a step, or what it left of J; at `FAST` or less the weights wait
+        Parameters
+        ----------
+        phase : str
+            Phase of the inversion.
+        x : array (n,)
+            Unknowns after the iteration.
+        data : array (loads, n, dim)
+            Predicted data.
+        counter : EffectiveParameterCounter
+            Gauss-Newton curvature.
+        moved : array (n,)
+            Change of x.
+        step : float
+            Relative step length, or the share of J that a step left. At `FULL_STEP_SHARE` or less the weights are not updated.
+        history : list of Iteration
+            History, appended to.
+
+        Returns
+        -------
+        bool
+            Whether fields and weights have converged.
         """
-        probes = np.random.default_rng(self._seed)  # the same each time: without, weights would have no fixed point
+        probes = np.random.default_rng(self._seed)  # the same probes each time, so that the weights have a fixed point
         misfit = self.misfit.weighted_squares(data)
         with spent_on(self.reduced.model, "traces"):
-            level = MisfitLevel(misfit, self.misfit.count - factor.effective_parameters(probes))
+            level = MisfitLevel(misfit, self.misfit.count - counter.effective_parameters(probes))
         weights, change = dict(self.reduced.weights), float(np.sqrt(np.mean(moved**2)))
-        cpu_s = time.process_time() - self.begun
-        turned = np.inf
-        if step > FAST:
+        cpu_s = time.process_time() - self.started_s
+        weight_change = np.inf
+        if step > FULL_STEP_SHARE:
             with spent_on(self.reduced.model, "traces"):
-                turned = self.policy.update(self.reduced, x, level, factor, probes)
+                weight_change = self.policy.update(self.reduced, x, level, counter, probes)
         determined = dict(self.policy.determined)
         history.append(Iteration(phase, misfit, level.expected, weights, change, step, cpu_s, determined))
         LOG.info("iteration %d: %s", len(history), history[-1])
         self.callback(history[-1])
-        if (change < SETTLED and turned < STEADY) or (change < 10 * SETTLED and turned < 1.05):
+        if (change < CONVERGED_CHANGE and weight_change < CONVERGED_FACTOR) or (
+            change < 10 * CONVERGED_CHANGE and weight_change < 1.05
+        ):
             return True
-        # Where data leave the level of fields open, these creep along what hardly changes the misfit.
-        open_level = getattr(self.reduced.unknowns, "undetermined_direction", None) is not None
-        return turned < STEADY and not open_level and _by_chance(history)
+        # Along a direction that the data leave undetermined, fields keep changing while the misfit hardly does.
+        undetermined = getattr(self.reduced.unknowns, "undetermined_direction", None) is not None
+        return weight_change < CONVERGED_FACTOR and not undetermined and _within_noise(history)
 
 
-def _by_chance(history: list[Iteration]) -> bool:
-    """Whether the last step down, at weights as before it, changed 2Φ by less than the numbers that the data determine scatter it.
+def _within_noise(history: list[Iteration]) -> bool:
+    """Whether the last decrease of 2Φ, at unchanged weights, is within the scatter caused by noise.
 
-    γ numbers scatter 2Φ by √(2γ), or as much more as the misfit is above its level. Where a model leaves much unexplained, steps
-    of Gauss and Newton go on to change what hardly matters.
+    γ effective parameters scatter 2Φ by √(2γ), times the ratio of the misfit to its level where that is larger. Where the model
+    leaves much unexplained, Gauss-Newton steps would otherwise keep changing what hardly matters.
     """
     if len(history) < 2:
         return False
@@ -184,6 +260,8 @@ def _by_chance(history: list[Iteration]) -> bool:
     numbers = sum(now.determined.values())
     if now.phase != before.phase or now.phase == "waves" or not numbers:
         return False
-    steady = all(max(now.weights[name] / w, w / now.weights[name]) < STEADY for name, w in before.weights.items())
+    steady = all(
+        max(now.weights[name] / w, w / now.weights[name]) < CONVERGED_FACTOR for name, w in before.weights.items()
+    )
     chance = np.sqrt(2 * numbers) * max(1.0, now.misfit / now.expected)
     return steady and bool(abs(now.misfit - before.misfit) < chance)

@@ -1,11 +1,13 @@
-"""How an inversion comes to its weights: they settle with the fields, or a curve is drawn and its corner taken.
+"""How an inversion selects its regularisation weights: by a policy during the descent, or from an L-curve.
 
-evidence     each field's weight where the data, given the weights, are most probable (`weights.Evidence`)
-discrepancy  one factor for all, to where the misfit is what the noise leaves (`weights.Discrepancy`)
-l-curve      one factor for all, where the misfit stops falling and the regulariser's energy begins to rise: it asks for no
-             level of noise, and takes several times as long
+- "evidence": the weight of each field by evidence maximisation (`regularisation_weight.Evidence`).
+- "discrepancy": one factor for all, to the expected misfit (`regularisation_weight.DiscrepancyPrinciple`).
+- "l-curve": one factor for all, where the misfit stops falling and the energy of the regularisers begins to rise. It needs no
+  noise level and takes several times as long.
 
-Source: Hansen and O'Leary 1993, 10.1137/0914086.
+References
+----------
+Hansen and O'Leary 1993, 10.1137/0914086.
 """
 
 from __future__ import annotations
@@ -28,36 +30,90 @@ from ngbrain.inverse.optimise.regularisation_weight import (
 from ngbrain.inverse.optimise.result import Iteration, OptimisationResult
 
 Array = np.ndarray
-Tell = Callable[[Iteration], None]
+Callback = Callable[[Iteration], None]
 POINTS, ABOVE, BELOW = 9, 3.0, 1.0
-"""Of an L-curve, and how many decades it reaches above and below the weights that the start has left: noise stated too small
-leaves weights that are too low."""
-PASSING = 4
-"""Rounds at each of its points: they are near to one another, and only the corner is visited again."""
+"""Number of points of an L-curve, and its range in decades above and below the weights of the initial guess: a noise level stated
+too small leads to weights that are too low.
+"""
+ITERATIONS_PER_POINT = 4
+"""Iterations at each point: neighbouring points are similar, and only the corner is refined."""
 
 
 @dataclass(frozen=True)
 class WeightSelection:
-    """Weights that a policy changes with the fields, in so many `rounds` of a descent at most."""
+    """Weights that a policy updates during the inversion.
+
+    Parameters
+    ----------
+    policy : callable
+        Constructor of a `WeightPolicy`.
+    max_iterations : int
+        Maximum number of iterations of a descent.
+    """
 
     policy: Callable[[], WeightPolicy] = Evidence
     max_iterations: int = 8 * MAX_ITERATIONS
 
-    def from_waves(self, reduced: Reduced, x: Array, waves: Array, callback: Tell) -> OptimisationResult:
-        """`GaussNewton.from_waves`; the weights it ends with stay in `reduced`."""
+    def from_waves(self, reduced: Reduced, x: Array, waves: Array, callback: Callback) -> OptimisationResult:
+        """Run `GaussNewton.from_waves`; the final weights stay in `reduced`.
+
+        Parameters
+        ----------
+        reduced : Reduced
+            Objective.
+        x : array (n,)
+            Initial guess of the unknowns.
+        waves : array (loads, ndof)
+            Measured waves.
+        callback : callable
+            Called with each `Iteration`.
+
+        Returns
+        -------
+        OptimisationResult
+        """
         return GaussNewton(reduced, self.policy(), callback).from_waves(x, waves)
 
-    def descend(self, reduced: Reduced, x: Array, callback: Tell) -> OptimisationResult:
-        """`GaussNewton.descend`, likewise."""
+    def descend(self, reduced: Reduced, x: Array, callback: Callback) -> OptimisationResult:
+        """Run `GaussNewton.descend`; the final weights stay in `reduced`.
+
+        Parameters
+        ----------
+        reduced : Reduced
+            Objective.
+        x : array (n,)
+            Initial guess of the unknowns.
+        callback : callable
+            Called with each `Iteration`.
+
+        Returns
+        -------
+        OptimisationResult
+        """
         return GaussNewton(reduced, self.policy(), callback).descend(x, self.max_iterations)
 
 
 @dataclass(frozen=True)
 class LCurve(WeightSelection):
-    """The corner of an L-curve: minima of J at falling weights, each from the one before; weights keep their ratios.
+    """Weights at the corner of an L-curve: minima of J at falling weights, each started from the previous.
 
-    Starts settle by `policy`, around whose weights the curve lies.
+    Weights keep their ratios.
 
+    Initial guesses use `policy`; the curve is centred on their weights.
+
+    Parameters
+    ----------
+    policy : callable
+        Constructor of a `WeightPolicy`.
+    max_iterations : int
+        Maximum number of iterations at the corner.
+    points : int
+        Number of points.
+    above, below : float
+        Decades above and below the weights of the initial guess.
+
+    Examples
+    --------
     >>> from ngbrain.inverse.phantoms.benchmark import Phantom
     >>> inversion = Phantom.from_name("CV-G", 9).simulate_measurements(0.02).inversion(weight=100.0)
     >>> found = LCurve().descend(inversion.reduced, inversion.start, lambda _: None)
@@ -69,8 +125,27 @@ class LCurve(WeightSelection):
     above: float = ABOVE
     below: float = BELOW
 
-    def descend(self, reduced: Reduced, x: Array, callback: Tell) -> OptimisationResult:
-        """From x to the minimum at the corner; `ConvergenceError` where J is lowered at fewer than three weights."""
+    def descend(self, reduced: Reduced, x: Array, callback: Callback) -> OptimisationResult:
+        """Find the minimum at the corner of the L-curve.
+
+        Parameters
+        ----------
+        reduced : Reduced
+            Objective.
+        x : array (n,)
+            Initial guess of the unknowns.
+        callback : callable
+            Called with each `Iteration`.
+
+        Returns
+        -------
+        OptimisationResult
+
+        Raises
+        ------
+        ConvergenceError
+            If J could be lowered at fewer than three weights.
+        """
         middle, misfits, energies, ends = (
             dict(reduced.weights),
             list[float](),
@@ -80,7 +155,7 @@ class LCurve(WeightSelection):
         for factor in np.logspace(self.above, -self.below, self.points):
             reduced.weights = {name: float(factor * weight) for name, weight in middle.items()}
             try:
-                found = GaussNewton(reduced, FixedWeights(), callback).descend(x, PASSING)
+                found = GaussNewton(reduced, FixedWeights(), callback).descend(x, ITERATIONS_PER_POINT)
             except ConvergenceError:
                 continue
             x = found.x
@@ -93,10 +168,10 @@ class LCurve(WeightSelection):
         reduced.weights = dict(chosen.weights)
         return self._settled(reduced, chosen, callback)
 
-    def _settled(self, reduced: Reduced, chosen: OptimisationResult, callback: Tell) -> OptimisationResult:
+    def _settled(self, reduced: Reduced, chosen: OptimisationResult, callback: Callback) -> OptimisationResult:
         try:
             return GaussNewton(reduced, FixedWeights(), callback).descend(chosen.x, self.max_iterations)
-        except ConvergenceError:  # there is nothing below
+        except ConvergenceError:  # already a minimum
             return chosen
 
 
@@ -108,7 +183,7 @@ WEIGHTINGS: dict[str, WeightSelection] = {
 
 
 def weight_selection(name: str) -> WeightSelection:
-    """One of `WEIGHTINGS`; `InputError` for another name.
+    """Return one of `WEIGHTINGS`; `InputError` for an unknown name.
 
     >>> weight_selection("l-curve").points
     9

@@ -137,7 +137,7 @@ class SharedWeights(WeightPolicy):
         reduced: Reduced,
         x: Array,
         level: MisfitLevel,
-        factor: EffectiveParameterCounter,
+        counter: EffectiveParameterCounter,
         random: np.random.Generator,
     ) -> float:
         """Count the parameters that the data determine; the weights stay as they are.
@@ -162,7 +162,7 @@ class SharedWeights(WeightPolicy):
         """
         blocks = reduced.unknowns.blocks
         regular = {name: reduced.weights[name] * r.matrix(x[blocks[name]]) for name, r in reduced.regularisers.items()}
-        self.determined = factor.effective_parameters_by_block(blocks, regular, random)
+        self.determined = counter.effective_parameters_by_block(blocks, regular, random)
         return 1.0
 
 

@@ -14,7 +14,7 @@ from ngbrain.inverse.data.quality import RelativeNoise, noise_deviation
 from ngbrain.inverse.objective.misfit import LeastSquares
 from ngbrain.inverse.objective.parameters import ParameterFields, ScaledTransform, Unknown
 from ngbrain.inverse.objective.regularisation import smooth
-from ngbrain.inverse.optimise.normal_equations import MOST_PROBED, PROBED, NormalEquations
+from ngbrain.inverse.optimise.normal_equations import MAX_PROBE_ITERATIONS, PROBE_RTOL, NormalEquations
 from ngbrain.inverse.optimise.regularisation_weight import MisfitLevel
 from ngbrain.inverse.problem.field_values import field_observations, fit_field
 from ngbrain.inverse.problem.property_fields import build_composition, discretise_lattice
@@ -82,6 +82,6 @@ def global_misfit(
     with solves.spent_on("checks"):
         point = reduced.evaluate(reduced.unknowns.start)
         normal = NormalEquations(point)
-        step = normal.solve(-normal.gradient(), PROBED, MOST_PROBED)
+        step = normal.solve(-normal.gradient(), PROBE_RTOL, MAX_PROBE_ITERATIONS)
         expected = misfit.count - normal.effective_parameters(np.random.default_rng(0))
         return MisfitLevel(2 * reduced.evaluate(point.x + step).misfit, expected)

@@ -69,7 +69,7 @@ def test_errors_alike_at_many_points_are_no_structure(rng):
     """Noise of 1 and as large an error that ten points share: in their means it is ten times the noise."""
     shared, rest = 10, 200 * N
     weights = {}
-    for policy in (EvidenceWithModelError(), EvidenceWithModelError(shared=shared)):
+    for policy in (EvidenceWithModelError(), EvidenceWithModelError(points_per_node=shared)):
         problem = Diagonal(np.random.default_rng(0))
         problem.data += np.sqrt(shared) * rng.normal(size=N)  # what unknowns can follow: the means
         for _ in range(60):
@@ -78,7 +78,7 @@ def test_errors_alike_at_many_points_are_no_structure(rng):
             policy.update(
                 problem.reduced, x, MisfitLevel(misfit, N + rest - problem.effective_parameters(None)), problem, None
             )
-        weights[policy.shared] = problem.reduced.weights["x"] / (1 + shared)
+        weights[policy.points_per_node] = problem.reduced.weights["x"] / (1 + shared)
     assert 2 < weights[shared] < 8  # 4 is true, in units of all that is noise in the means
     assert weights[1.0] < 1
 
@@ -86,7 +86,7 @@ def test_errors_alike_at_many_points_are_no_structure(rng):
 def test_discrepancy_ends_at_its_level_in_few_rounds(rng):
     problem = Diagonal(rng)
     problem.data *= 1.15  # so that there is a weight at which the misfit is where it should be
-    _, level, turned = problem.run(DiscrepancyPrinciple(slack=1e-3), 15)
+    _, level, turned = problem.run(DiscrepancyPrinciple(tolerance=1e-3), 15)
     assert level.ratio == pytest.approx(1, abs=1e-3) and turned == 1.0
 
 

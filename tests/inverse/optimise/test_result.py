@@ -34,7 +34,7 @@ def settled(misfit, turned=1.0, step=1.0, before=FIRST, phase="fields", level=No
     reduced = SimpleNamespace(misfit=LeastSquares(measured, np.ones((1, 500, 1))), weights={"x": 5.0}, model=None)
     reduced.unknowns = SimpleNamespace(undetermined_direction=level)
     ledger = IterationLog(reduced, Steady(turned))
-    return ledger.enter(phase, np.zeros(3), np.zeros_like(measured), Factor(), np.full(3, 0.1), step, [before])
+    return ledger.record(phase, np.zeros(3), np.zeros_like(measured), Factor(), np.full(3, 0.1), step, [before])
 
 
 @pytest.mark.parametrize("moved, expected", [(-5.0, True), (-15.0, True), (15.0, True), (-25.0, False)])
