@@ -8,7 +8,7 @@ import scipy.sparse as sp
 
 from ngbrain.inverse.objective.regularisation import QuadraticRegulariser
 from ngbrain.inverse.optimise.regularisation_weight import (
-    LARGEST,
+    MAX_FACTOR,
     DiscrepancyPrinciple,
     Evidence,
     EvidenceWithModelError,
@@ -94,7 +94,7 @@ def test_no_weight_changes_faster_than_allowed(rng):
     for policy in (Evidence(), DiscrepancyPrinciple()):
         problem = Diagonal(rng)
         weight, _, turned = problem.run(policy, 1)
-        assert weight >= 1e3 / LARGEST * (1 - 1e-12) and turned <= LARGEST * (1 + 1e-12)
+        assert weight >= 1e3 / MAX_FACTOR * (1 - 1e-12) and turned <= MAX_FACTOR * (1 + 1e-12)
 
 
 def test_a_field_of_which_nothing_is_determined_is_settled_while_its_weight_rises(rng):
