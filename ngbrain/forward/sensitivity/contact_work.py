@@ -1,4 +1,4 @@
-"""Virtual work of a body's contacts and loads by symbols: how it changes with what they are made of, and with the state."""
+"""Virtual work of contacts and loads in symbolic form, with its derivatives with respect to parameters and state."""
 
 from __future__ import annotations
 
@@ -22,10 +22,25 @@ Array = np.ndarray
 
 
 class ContactForms:
-    """C(x; θ)[λ] of the loads of `body` and the contacts that a rigid body makes, at the body's state, with θ in `parts`.
+    """Virtual work C(x; θ)[λ] of loads and of contacts with rigid bodies, at the body's state.
 
-    Some `loads` and `contacts`, or all. A motion λ has one number more with a tool of given force, that of its way. Walls that
-    close on each other have no part in it; `InputError` where their penalty or softness is no number.
+    With a force-controlled tool, a motion λ has one more entry, the tool's displacement. Self-contact takes no part.
+
+    Parameters
+    ----------
+    body : Problem
+        The body.
+    parts : dict of str to ParameterBlock
+        Blocks of θ.
+    loads : sequence of Load, optional
+        Some of the loads; all by default.
+    contacts : sequence of Touch, optional
+        Some of the contacts; all by default.
+
+    Raises
+    ------
+    InputError
+        Where the penalty or softness of a self-contact is not a number.
     """
 
     def __init__(
@@ -47,13 +62,13 @@ class ContactForms:
         self._slopes = [part.gradient(self.weighted_work(), body.mesh) for part in self._parts]
 
     def work(self, virtual: Motion, *along: Motion) -> Terms:
-        """C[virtual] of a motion of the unknowns in space and, for each motion more, its derivative along it."""
+        """C[virtual] of a virtual displacement and, for each further motion, its derivative along it."""
         at, numbers = self._view.perturb_state(self._body.gfu, (virtual, *along))
         stored, followers = acting(self._body, at, self._loads, self._contacts)
         return differentiate(derivatives(stored, numbers[0]) + followers, numbers[1:])
 
     def tool_force(self, *along: Motion) -> Terms:
-        """What a tool of given force feels along its way, or its derivative along motions; nothing without one."""
+        """Force on a force-controlled tool along its axis, or its derivative along motions; empty without such a tool."""
         if self._body.tool is None:
             return []
         at, numbers = self._view.perturb_state(self._body.gfu, along)
@@ -66,17 +81,17 @@ class ContactForms:
         return self.work(self._motion, *along) + [term.times(self._way) for term in self.tool_force(*along)]
 
     def set_adjoint(self, motion: Array) -> None:
-        """Set λ."""
+        """Set λ (ndof,), or (ndof + 1,) with a force-controlled tool."""
         n = self._body.fes.ndof
         self._motion.vec.FV().NumPy()[:] = motion[:n]
         self._way.Set(float(motion[n]) if len(motion) > n else 0.0)
 
     def parameter_gradient(self) -> Array:
-        """C_θᵀ λ with the λ of `set_adjoint`, one parameter after the other."""
+        """C_θᵀ λ with the λ of `set_adjoint` (θ,)."""
         return np.concatenate([slope() for slope in self._slopes])
 
     def parameter_jacobian(self) -> sp.csr_array:
-        """C_θ (ndof, θ), of the unknowns in space."""
+        """C_θ (ndof, θ), without the tool's equation."""
         return sp.csr_array(sp.hstack([columns() for columns in self._columns]))
 
     @cached_property
@@ -85,7 +100,7 @@ class ContactForms:
         return [part.jacobian(self._body.fes, tested) for part in self._parts]
 
     def tool_column(self) -> Array:
-        """How forces change with a tool's way (ndof,)."""
+        """Derivative of the nodal forces with respect to the tool's displacement (ndof,)."""
         return self._column()
 
     @cached_property
@@ -94,7 +109,7 @@ class ContactForms:
         return vector(self._body.fes, derivatives(tested, self._given.parameter))
 
     def tool_stiffness(self) -> float:
-        """How what a tool feels changes with its way (N/m)."""
+        """Derivative of the tool force with respect to the tool's displacement (N/m)."""
         return float(self._corner()[0])
 
     @cached_property
@@ -107,7 +122,7 @@ class ContactForms:
         return self._body.tool.given
 
     def tool_force_state_gradient(self) -> Array:
-        """∂(what a tool feels)/∂x (ndof,)."""
+        """Derivative of the tool force with respect to the state (ndof,)."""
         return self._tool_force_state_gradient()
 
     @cached_property
@@ -115,7 +130,7 @@ class ContactForms:
         return vector(self._body.fes, self.tool_force(self._body.fes.TestFunction()))
 
     def tool_force_parameter_gradient(self) -> Array:
-        """∂(what a tool feels)/∂θ."""
+        """Derivative of the tool force with respect to the parameters (θ,)."""
         return np.concatenate([slope() for slope in self._tool_force_parameter_gradient])
 
     @cached_property

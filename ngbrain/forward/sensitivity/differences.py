@@ -1,4 +1,4 @@
-"""The change along a line of what is smooth and known to all digits, by differences: to about eleven of them."""
+"""Central difference quotients of smooth functions without noise, accurate to about eleven digits."""
 
 from __future__ import annotations
 
@@ -8,17 +8,28 @@ import numpy as np
 
 Array = np.ndarray
 WEIGHTS = (4 / 5, -1 / 5, 4 / 105, -1 / 280)
-"""Of f(kh) - f(-kh) in h f'(0), k = 1 to 4: eighth order."""
+"""Weights of f(kh) - f(-kh), k = 1 to 4, in h f'(0): eighth order."""
 SHARE = 4e-3
-"""h, of the part of the way over which f changes by as much as itself: farther the rest of the series counts, nearer round-off."""
+"""Step h relative to the length over which f changes by itself: larger steps have truncation error, smaller ones round-off."""
 
 
 def central_difference(function: Callable[[float], Array], size: float) -> Array:
-    """d/ds f(s) at s = 0.
+    """d/ds f(s) at s = 0, by an eighth-order central difference.
 
-    function  called at eight s of up to 4 h
-    size      of the way: what changes by all of itself as s goes from 0 to 1 has 1; 0 where nothing changes
+    Parameters
+    ----------
+    function : callable
+        f. It is called at eight values of s, up to 4 h in absolute value.
+    size : float
+        Relative change of what f depends on as s goes from 0 to 1: 1 where it changes by all of itself, 0 where it does not change.
 
+    Returns
+    -------
+    array
+        The derivative, with the shape of f(0).
+
+    Examples
+    --------
     >>> abs(float(central_difference(lambda s: np.exp(2 * s), 2.0)) - 2) < 1e-11
     True
     """

@@ -1,4 +1,4 @@
-"""What a body is made of, as blocks of one vector θ: fields, numbers, displacements that are prescribed."""
+"""Parameters of a body as blocks of one vector θ: fields, numbers, prescribed displacements and node positions."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Array = np.ndarray
 
 
 def block_slices(sizes: Sequence[int]) -> list[slice]:
-    """Where parts of these sizes are, one after the other.
+    """Slices of consecutive blocks of given sizes.
 
     >>> block_slices([2, 1])
     [slice(0, 2, None), slice(2, 3, None)]
@@ -30,35 +30,58 @@ def block_slices(sizes: Sequence[int]) -> list[slice]:
 
 
 class ParameterBlock(Protocol):
-    """One of them, part of energies and observations.
-
-    `directional_derivative` are the parts' derivatives along the direction last set by `set_direction`.
-    """
+    """A block of parameters on which energies and observables depend."""
 
     size: int
 
     @property
     def value(self) -> Array:
-        """What it is now (size,)."""
+        """Present values (size,)."""
 
     def set_value(self, value: Array) -> None:
-        """Set it."""
+        """Set the values (size,)."""
 
     def set_direction(self, direction: Array) -> None:
-        """Set the direction of `directional_derivative`."""
+        """Set the direction (size,) of `directional_derivative`."""
 
     def directional_derivative(self, parts: Terms) -> Terms:
-        """Derivatives of integrals along a direction."""
+        """Derivatives of integrals along the direction last set by `set_direction`."""
 
     def gradient(self, parts: Terms, mesh: ngs.Mesh) -> Callable[[], Array]:
-        """What gives the derivatives of a sum of integrals by each unknown (size,), as often as it is asked."""
+        """Gradient of a sum of integrals with respect to the block.
+
+        Parameters
+        ----------
+        parts : list of Term
+            Integrals that are summed.
+        mesh : Mesh
+            Mesh of the body.
+
+        Returns
+        -------
+        callable
+            Assembles the gradient (size,) at the state of the moment; it may be called repeatedly.
+        """
 
     def jacobian(self, space: ngs.FESpace, parts: Terms) -> Callable[[], sp.csr_array]:
-        """The same of integrals with test functions of a space (ndof, size)."""
+        """Jacobian of integrals with test functions with respect to the block.
+
+        Parameters
+        ----------
+        space : FESpace
+            Space of the test functions.
+        parts : list of Term
+            Integrals, linear in the test functions.
+
+        Returns
+        -------
+        callable
+            Assembles the Jacobian (ndof, size) at the state of the moment.
+        """
 
 
 class Field:
-    """Unknowns of a real GridFunction of any space."""
+    """Degrees of freedom of a real GridFunction, of any space."""
 
     def __init__(self, gfu: ngs.GridFunction) -> None:
         self.gfu, self.size = gfu, gfu.space.ndof
@@ -66,11 +89,11 @@ class Field:
 
     @property
     def value(self) -> Array:
-        """Its unknowns, a copy."""
+        """Degrees of freedom, a copy."""
         return np.array(self.gfu.vec.FV().NumPy())
 
     def set_value(self, value: Array) -> None:
-        """Set them."""
+        """Set the degrees of freedom."""
         self.gfu.vec.FV().NumPy()[:] = value
 
     def set_direction(self, direction: Array) -> None:
@@ -82,19 +105,50 @@ class Field:
         return derivatives(parts, self.gfu, self._direction)
 
     def gradient(self, parts: Terms, mesh: ngs.Mesh) -> Callable[[], Array]:
-        """One linear form."""
+        """Gradient by one linear form.
+
+        Parameters
+        ----------
+        parts : list of Term
+            Integrals that are summed.
+        mesh : Mesh
+            Mesh of the body.
+
+        Returns
+        -------
+        callable
+            Assembles the gradient (size,).
+
+        Raises
+        ------
+        InputError
+            Where the field belongs to another mesh.
+        """
         found = derivatives(parts, self.gfu, self.gfu.space.TestFunction())
         if found and self.gfu.space.mesh != mesh:
             raise InputError("parameters", "a field of another mesh", "one of the body's mesh")
         return vector(self.gfu.space, found)
 
     def jacobian(self, space: ngs.FESpace, parts: Terms) -> Callable[[], sp.csr_array]:
-        """One bilinear form."""
+        """Jacobian by one bilinear form.
+
+        Parameters
+        ----------
+        space : FESpace
+            Space of the test functions.
+        parts : list of Term
+            Integrals, linear in the test functions.
+
+        Returns
+        -------
+        callable
+            Assembles the Jacobian (ndof, size).
+        """
         return _assembled_jacobian(space, self.gfu.space, derivatives(parts, self.gfu, self.gfu.space.TrialFunction()))
 
 
 class Scalar:
-    """A `Parameter`."""
+    """One number, an `ngs.Parameter`."""
 
     size = 1
 
@@ -103,11 +157,11 @@ class Scalar:
 
     @property
     def value(self) -> Array:
-        """The number, as an array of one."""
+        """The number (1,)."""
         return np.array([self.parameter.Get()])
 
     def set_value(self, value: Array) -> None:
-        """Set it."""
+        """Set the number."""
         self.parameter.Set(float(value[0]))
 
     def set_direction(self, direction: Array) -> None:
@@ -115,24 +169,65 @@ class Scalar:
         self._direction.Set(float(direction[0]))
 
     def directional_derivative(self, parts: Terms) -> Terms:
-        """Derivatives by the number, times its change."""
+        """Derivatives with respect to the number, times its change."""
         return [part.times(self._direction) for part in derivatives(parts, self.parameter)]
 
     def gradient(self, parts: Terms, mesh: ngs.Mesh) -> Callable[[], Array]:
-        """One number by integration."""
+        """Gradient by integration.
+
+        Parameters
+        ----------
+        parts : list of Term
+            Integrals that are summed.
+        mesh : Mesh
+            Mesh of the body.
+
+        Returns
+        -------
+        callable
+            Gives the derivative (1,).
+        """
         integrals = [part.integral for part in derivatives(parts, self.parameter)]
         return lambda: np.array([sum(float(ngs.Integrate(part, mesh)) for part in integrals)], float)
 
     def jacobian(self, space: ngs.FESpace, parts: Terms) -> Callable[[], sp.csr_array]:
-        """One column."""
+        """Jacobian of one column.
+
+        Parameters
+        ----------
+        space : FESpace
+            Space of the test functions.
+        parts : list of Term
+            Integrals, linear in the test functions.
+
+        Returns
+        -------
+        callable
+            Assembles the Jacobian (ndof, 1).
+        """
         column = vector(space, derivatives(parts, self.parameter))
         return lambda: sp.csr_array(column()[:, None])
 
 
 class PrescribedDisplacement:
-    """Displacements (m) that are prescribed on a boundary of one body, at t = 1: all of its unknowns there that are held.
+    """Displacements prescribed on a boundary (Dirichlet values) at load factor 1, for all degrees of freedom fixed there.
 
-    Raises `InputError` where nothing is held.
+    Parameters
+    ----------
+    body : Problem
+        Body whose supports prescribe the displacements.
+    boundary : str
+        Name or pattern of the boundary.
+
+    Attributes
+    ----------
+    dofs : array of int (size,)
+        The degrees of freedom.
+
+    Raises
+    ------
+    InputError
+        Where no component is prescribed on the boundary.
     """
 
     def __init__(self, body: Problem, boundary: str) -> None:
@@ -141,44 +236,81 @@ class PrescribedDisplacement:
         self.body, self.dofs = body, np.flatnonzero(there & body.held)
         self.size = len(self.dofs)
         if not self.size:
-            raise InputError("boundary", repr(boundary), "one with a component that is held")
+            raise InputError("boundary", repr(boundary), "a boundary with a prescribed component")
 
     @property
     def value(self) -> Array:
-        """Where they are held (m)."""
+        """Prescribed displacements (m)."""
         return np.array(self.body.prescribed[self.dofs])
 
     def set_value(self, value: Array) -> None:
-        """Hold them elsewhere."""
+        """Prescribe other displacements (m)."""
         self.body.prescribed[self.dofs] = value
 
     def set_direction(self, direction: Array) -> None:
-        """They are in no energy."""
+        """Nothing to set: no energy depends on them."""
 
     def directional_derivative(self, parts: Terms) -> Terms:
-        """Nothing."""
+        """Empty: no energy depends on them."""
         return []
 
     def gradient(self, parts: Terms, mesh: ngs.Mesh) -> Callable[[], Array]:
-        """Nothing."""
+        """Zero: no energy depends on them.
+
+        Parameters
+        ----------
+        parts : list of Term
+            Not used.
+        mesh : Mesh
+            Not used.
+
+        Returns
+        -------
+        callable
+            Gives zeros (size,).
+        """
         return lambda: np.zeros(self.size)
 
     def jacobian(self, space: ngs.FESpace, parts: Terms) -> Callable[[], sp.csr_array]:
-        """Nothing."""
+        """Zero: no energy depends on them.
+
+        Parameters
+        ----------
+        space : FESpace
+            Space of the test functions.
+        parts : list of Term
+            Not used.
+
+        Returns
+        -------
+        callable
+            Gives an empty matrix (ndof, size).
+        """
         return lambda: sp.csr_array((space.ndof, self.size))
 
 
 class NodePositions:
-    """Shifts (m) of a mesh's nodes, a vector for each vertex by components, with which whatever is in its elements goes along.
+    """Displacements (m) of a mesh's nodes, one vector a vertex, all first components first.
 
-    So do points where displacements are seen, and fields; what supports prescribe stays as it is. There are no
-    second derivatives of runs. A shift that turns an element inside out raises `InvertedElementError`. To be made before the
-    bodies that it is for.
+    Everything in an element moves with its nodes: the points of observed displacements and fields too. Prescribed displacements
+    do not change. Runs have no second derivatives with respect to node positions. Create the block before the bodies that use it.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Undeformed mesh; the block sets its deformation.
+
+    Raises
+    ------
+    InputError
+        For a mesh that is deformed already.
+    InvertedElementError
+        By `set_value`, where a shift inverts an element.
     """
 
     def __init__(self, mesh: ngs.Mesh) -> None:
         if mesh.deformation is not None:
-            raise InputError("mesh", "deformed already", "one as it was made")
+            raise InputError("mesh", "deformed already", "an undeformed mesh")
         self.mesh, self.shift = mesh, ngs.GridFunction(ngs.VectorH1(mesh, order=1))
         self.size = self.shift.space.ndof
         self._stretch = ngs.Det(ngs.specialcf.JacobianMatrix(mesh.dim))
@@ -188,25 +320,38 @@ class NodePositions:
 
     @property
     def value(self) -> Array:
-        """Shifts (m)."""
+        """Displacements of the nodes (m)."""
         return np.array(self.shift.vec.FV().NumPy())
 
     def set_value(self, value: Array) -> None:
-        """Shift the nodes."""
+        """Move the nodes."""
         self.shift.vec.FV().NumPy()[:] = value
         if np.any(np.sign(self._integrals(self._stretch)) != self._signs):
-            raise InvertedElementError("shifted nodes turn an element of the mesh inside out")
+            raise InvertedElementError("the node positions invert an element")
 
     def set_direction(self, direction: Array) -> None:
         """Set the direction of `finite_difference`."""
         self._direction.vec.FV().NumPy()[:] = direction
 
     def directional_derivative(self, parts: Terms) -> Terms:
-        """NGSolve differentiates a shape once: `finite_difference` takes differences."""
-        raise InputError("parameters", "nodes", "others, for second derivatives")
+        """Not available, as NGSolve differentiates a shape only once; see `finite_difference`."""
+        raise InputError("parameters", "of type NodePositions", "one with second derivatives")
 
     def finite_difference(self, function: Callable[[], Array], least: float = np.inf) -> Array:
-        """How what integrals give changes along the direction; `least`, a length (m) over which what they see of places does."""
+        """Directional derivative by central differences of what integrals give.
+
+        Parameters
+        ----------
+        function : callable
+            Assembles an array at the node positions of the moment.
+        least : float
+            Smallest length (m) over which the integrands vary in space.
+
+        Returns
+        -------
+        array
+            Derivative of the array along the direction last set.
+        """
         here, way = self.value, np.array(self._direction.vec.FV().NumPy())
 
         def at(s: float) -> Array:
@@ -223,23 +368,49 @@ class NodePositions:
             self.set_value(here)
 
     def gradient(self, parts: Terms, mesh: ngs.Mesh) -> Callable[[], Array]:
-        """One linear form."""
+        """Shape gradient by one linear form.
+
+        Parameters
+        ----------
+        parts : list of Term
+            Integrals that are summed.
+        mesh : Mesh
+            Mesh of the body.
+
+        Returns
+        -------
+        callable
+            Assembles the gradient (size,).
+        """
         return vector(self.shift.space, self._moved(parts, self.shift.space.TestFunction()))
 
     def jacobian(self, space: ngs.FESpace, parts: Terms) -> Callable[[], sp.csr_array]:
-        """One bilinear form."""
+        """Shape Jacobian by one bilinear form.
+
+        Parameters
+        ----------
+        space : FESpace
+            Space of the test functions.
+        parts : list of Term
+            Integrals, linear in the test functions.
+
+        Returns
+        -------
+        callable
+            Assembles the Jacobian (ndof, size).
+        """
         return _assembled_jacobian(space, self.shift.space, self._moved(parts, self.shift.space.TrialFunction()))
 
     def _moved(self, parts: Terms, direction: ngs.CoefficientFunction) -> Terms:
         return [term for part in parts for term in terms((part.coef * part.over).DiffShape(direction))]
 
     def _integrals(self, function: ngs.CoefficientFunction) -> Array:
-        """Over each element."""
+        """Integral over each element."""
         return np.array(ngs.Integrate(function, self.mesh, element_wise=True).NumPy())
 
 
 def _assembled_jacobian(space: ngs.FESpace, along: ngs.FESpace, parts: Terms) -> Callable[[], sp.csr_array]:
-    """What assembles the matrix of terms with test functions of one space and trial functions of another."""
+    """Assembler of a matrix with test functions of one space and trial functions of another."""
     form = ngs.BilinearForm(trialspace=along, testspace=space)
     for part in parts:
         form += part.integral
@@ -257,7 +428,24 @@ Parameter: TypeAlias = ngs.GridFunction | ngs.Parameter | PrescribedDisplacement
 
 
 def parameter_block(name: str, of: Parameter) -> ParameterBlock:
-    """The block that a GridFunction, a `Parameter` or another block is; `InputError` for anything else."""
+    """The block of a GridFunction or an `ngs.Parameter`; a block is returned as it is.
+
+    Parameters
+    ----------
+    name : str
+        Name of the parameter, for messages.
+    of : GridFunction, Parameter, PrescribedDisplacement or NodePositions
+        The parameter.
+
+    Returns
+    -------
+    ParameterBlock
+
+    Raises
+    ------
+    InputError
+        For a complex GridFunction and for anything else.
+    """
     if isinstance(of, ngs.GridFunction):
         if of.space.is_complex:
             raise InputError(f"parameters.{name}", "complex", "a real field")

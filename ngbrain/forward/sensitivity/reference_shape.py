@@ -1,4 +1,4 @@
-"""Where points of bodies are when they are loaded, while the shape without loads is what is looked for."""
+"""Positions of points in the loaded body, to find the unloaded (reference) shape."""
 
 from __future__ import annotations
 
@@ -15,14 +15,24 @@ Array = np.ndarray
 
 
 class Positions:
-    """From θ to x = X + s(X) + u(X): positions (m) under loads of points X of the mesh as it was made, s its nodes' shift.
+    """Model from θ to positions x = X + s(X) + u(X) under load, with s the displacement of the mesh's nodes.
 
-    model   of bodies on one mesh, of which nothing but `Displacements(points)` is seen, in each case
-    nodes   the name of its parameter `NodePositions`
-    points  X (n, 2 or 3) m; all components of the first point first, as there
+    Parameters
+    ----------
+    model : StaticModel
+        Bodies on one mesh. Each load case observes `Displacements(points)` and nothing else.
+    nodes : str
+        Name of its parameter of type `NodePositions`.
+    points : array (n, 2 or 3)
+        Points X (m) of the mesh as it was made. Data have all components of the first point first.
 
-    Raises `InputError` where the model has no such parameter or sees something else.
+    Raises
+    ------
+    InputError
+        Where the model has no such parameter or other observables.
 
+    Examples
+    --------
     >>> from ngbrain.forward.sensitivity.static_model import LoadCase
     >>> from ngbrain.forward.common.loads import Weight
     >>> from ngbrain.forward.common.material import Material
@@ -31,9 +41,9 @@ class Positions:
     >>> from ngbrain.materials import NeoHooke
     >>> from ngbrain.mesh.geometry.structured import rectangles
     >>> mesh = rectangles(np.linspace(0, 0.1, 3), np.linspace(0, 0.1, 3))
-    >>> nodes, seen = NodePositions(mesh), [[0.05, 0.0]]
+    >>> nodes, points = NodePositions(mesh), [[0.05, 0.0]]
     >>> body = Problem(mesh, {".*": Material(NeoHooke(1e3), 1e4)}, {"top": 0}, [Weight((0, -1e3))], element="P2")
-    >>> model = Positions(StaticModel([LoadCase(body, [Displacements(seen)])], {"nodes": nodes}), "nodes", seen)
+    >>> model = Positions(StaticModel([LoadCase(body, [Displacements(points)])], {"nodes": nodes}), "nodes", points)
     >>> hanging = model.evaluate(np.zeros(nodes.size)).data
     >>> bool(abs(hanging[0] - 0.05) < 1e-9 and -0.01 < hanging[1] < 0)
     True
@@ -45,7 +55,9 @@ class Positions:
             raise InputError("nodes", repr(nodes), "the name of a parameter NodePositions(mesh)")
         n, dim = points.shape
         if any(each.size != n * dim or not each.linear for each in model.equilibria):
-            raise InputError("model", "other observations", f"Displacements of the {n} points alone, in each case")
+            raise InputError(
+                "model", "with other observables", f"only Displacements of the {n} points in each load case"
+            )
         self.model, self.points = model, points
         scalar = evaluation(ngs.H1(part.mesh, order=1), points)
         by_point = np.arange(n * dim).reshape(dim, n).T.ravel()
@@ -53,28 +65,36 @@ class Positions:
         shifted = sp.vstack([one] * len(model.equilibria), format="csr")
         chosen = sp.eye_array(model.size, format="csr")[model.blocks[nodes]]
         self.shifts = sp.csr_array(shifted @ chosen)
-        """∂s/∂θ at the points of all cases."""
+        """∂s/∂θ at the points, of all load cases."""
 
     def evaluate(self, theta: Array) -> PositionsLinearisation:
-        """Positions at θ, and their derivatives."""
+        """Positions at θ, with their derivatives."""
         return PositionsLinearisation(self, self.model.evaluate(theta))
 
 
 class PositionsLinearisation:
-    """Positions at one θ; as `StaticLinearisation`."""
+    """Positions at one θ and products with their Jacobian.
+
+    Parameters
+    ----------
+    of : Positions
+        The model.
+    there : StaticLinearisation
+        Equilibria at θ.
+    """
 
     def __init__(self, of: Positions, there: StaticLinearisation) -> None:
         self._shifts, self._there = of.shifts, there
         self.data = np.tile(of.points.ravel(), len(there.states)) + self._shifts @ there.theta + there.data
 
     def jvp(self, direction: Array) -> Array:
-        """J δθ."""
+        """Jacobian-vector product J δθ."""
         return np.asarray(self._there.jvp(direction) + self._shifts @ direction)
 
     def vjp(self, w: Array) -> Array:
-        """Jᵀ w."""
+        """Vector-Jacobian product Jᵀ w."""
         return np.asarray(self._there.vjp(w) + self._shifts.T @ w)
 
     def gradient(self, w: Array) -> Array:
-        """The same, cheaper for a single product."""
+        """As `vjp`, cheaper for a single product."""
         return np.asarray(self._there.gradient(w) + self._shifts.T @ w)

@@ -1,8 +1,10 @@
-"""One body in equilibrium for any θ: how it gets there, and the forms that its derivatives are made of.
+"""Equilibrium of one load case for any θ, and the forms that its derivatives need.
 
-With a state u, data d = B(u, θ), weights w of the data and an adjoint λ, all derivatives are those of one functional,
+With state u, data d = B(u, θ), weights w of the data and an adjoint λ, all derivatives are those of one Lagrangian,
 
-    L(u, θ; w, λ) = w · B(u, θ) - R(u; θ)[λ] ,    ∂L/∂u = 0 is what λ has to solve, ∂L/∂θ the gradient of w · d.
+    L(u, θ; w, λ) = w · B(u, θ) - R(u; θ)[λ] .
+
+∂L/∂u = 0 determines λ, and ∂L/∂θ is then the gradient of w · d.
 """
 
 from __future__ import annotations
@@ -28,27 +30,47 @@ from ngbrain.solvers.record import SolverWork
 
 Array = np.ndarray
 RTOL, XTOL = 1e-10, 1e-9
-"""Of Newton's method: derivatives are of equilibria, and as exact as these."""
+"""Tolerances of Newton's method: derivatives are as accurate as the equilibria."""
 SHORTEST = 1 / 16
-"""Part of a way from one θ to the next below which it is not cut further."""
+"""Smallest step of continuation, as a fraction of the way between two θ."""
 FACTORISATIONS = 5
-"""That a step along such a way may take."""
+"""Factorisations allowed in each of these steps."""
 
 
 @dataclass(frozen=True, eq=False)
 class LoadCase:
-    """A body under its loads, and what is seen of it."""
+    """A body under its loads, and what is observed of it.
+
+    Parameters
+    ----------
+    body : Problem
+        Body with supports and loads.
+    observations : sequence of Observable
+        What is observed.
+    """
 
     body: Problem
     observations: Sequence[Observable]
 
 
 class Equilibrium:
-    """A case's body as θ changes.
+    """The equilibrium of a load case as θ changes.
 
-    blocks   name → what the body may be made of
-    newton   settings of Newton's method
-    steps    load steps from rest
+    Parameters
+    ----------
+    case : LoadCase
+        Body and observables.
+    blocks : dict of str to ParameterBlock
+        Parameters of the body.
+    newton : Newton, optional
+        Settings; by default tight ones.
+    steps : int
+        Load steps from rest.
+
+    Raises
+    ------
+    InputError
+        For node positions where an observable has no derivative with respect to them.
     """
 
     def __init__(self, case: LoadCase, blocks: Mapping[str, ParameterBlock], newton: Newton | None, steps: int) -> None:
@@ -58,27 +80,46 @@ class Equilibrium:
         self.slices = block_slices([seen.size for seen in self.observables])
         self.size = sum(seen.size for seen in self.observables)
         self.linear = all(seen.matrix is not None for seen in self.observables)
-        """Whether all data are B u."""
+        """Whether all data are linear in u."""
         for seen in self.observables:
             if not (seen.symbolic and seen.shaped) and any(
                 isinstance(block, NodePositions) for block in blocks.values()
             ):
-                raise InputError("parameters", "nodes", f"others, for a {type(seen).__name__.lower()}")
+                raise InputError(
+                    "parameters",
+                    "node positions",
+                    f"parameters other than these, as {type(seen).__name__} has no shape derivative",
+                )
         self.adjoint, self.change = ngs.GridFunction(self.body.fes), ngs.GridFunction(self.body.fes)
         self.inverse: Solve | None = None
-        """The last factor, which Newton's method begins with."""
+        """The last factor, with which Newton's method starts."""
         self.work = SolverWork()
         self._work, self._now = VirtualWork(self.body), self.body.gfu
         self._trial, self._test = self.body.fes.TnT()
 
-    # How it gets there.
+    # Solution.
 
     def solve(self, set_parameters: Callable[[float], None], last: Array | None) -> Array:
-        """Equilibrium at `set_parameters(1)`, from the one at `set_parameters(0)`.
+        """Find the equilibrium, by continuation from a known one and, where that fails, by load steps from rest.
 
-        Raises `InvertedElementError` or `ConvergenceError`.
+        Parameters
+        ----------
+        set_parameters : callable
+            Sets the parameters at a fraction of the way: 0 are those of the known equilibrium, 1 the wanted ones.
+        last : array (ndof,), optional
+            The known equilibrium; None: from rest.
+
+        Returns
+        -------
+        array (ndof,)
+            The state.
+
+        Raises
+        ------
+        InvertedElementError, ConvergenceError
+            Where no equilibrium is found.
         """
-        with np.errstate(over="ignore", invalid="ignore"):  # a law that overflows is an energy that is not finite
+        with np.errstate(over="ignore", invalid="ignore"):  # an energy that overflows is not finite
             reached = None if last is None else self._along(set_parameters, last)
             return self._from_rest(set_parameters) if reached is None else reached
 
@@ -112,20 +153,20 @@ class Equilibrium:
                 return x
         return None
 
-    # What is seen, and its derivatives. All at the body's state.
+    # Data and derivatives, all at the body's state.
 
     def values(self) -> Array:
         """Data (size,)."""
         return np.concatenate([seen.value() for seen in self.observables])
 
     def set_weights(self, w: Array) -> None:
-        """Set the weights of L."""
+        """Set the weights w (size,) of L."""
         for seen, where in zip(self.observables, self.slices, strict=True):
             if seen.symbolic:
                 seen.weigh(w[where])
 
     def lagrangian(self, state: Motion, *along: Motion) -> Terms:
-        """L at a state, and its derivative along each motion; of what is an integral."""
+        """L at a state, or its derivative along motions; only observables that are integrals take part."""
         parts = [term for seen in self.observables if seen.symbolic for term in seen.functional(state, *along)]
         return parts + [term.times(-1) for term in self._work(state, self.adjoint, *along)]
 
@@ -136,7 +177,7 @@ class Equilibrium:
 
     @cached_property
     def parameter_gradient(self) -> Callable[[], Array]:
-        """∂L/∂θ, all blocks one after the other."""
+        """∂L/∂θ (θ,)."""
         return self._parameter_gradient(self.lagrangian(self._now))
 
     @cached_property
@@ -146,18 +187,16 @@ class Equilibrium:
 
     @cached_property
     def quadratic(self) -> bool:
-        """Whether the energy is so in the state, as in linear elasticity: the tangent is the same at all states."""
+        """Whether the energy is quadratic in the state (linear elasticity), so that the tangent is constant."""
         forces, tangent = self._work(self._trial, self.adjoint), self._work(self._trial, self.adjoint, self.change)
-        # Forces do follow the state: where that is not seen, nothing that is not seen is believed.
+        # Forces do depend on the state: where this test misses that, its answer for the tangent is not trusted either.
         return any(term.follows_trial for term in forces) and not any(term.follows_trial for term in tangent)
 
     def gradient_derivative(self) -> tuple[Array, Array]:
-        """How ∂L/∂u (ndof,) and ∂L/∂θ change with u along `change` and θ along the blocks' directions."""
+        """Derivatives of ∂L/∂u (ndof,) and ∂L/∂θ (θ,) along `change` of u and the blocks' directions of θ."""
         for seen in self.observables:
             if not seen.twice:
-                raise InputError(
-                    type(seen).__name__, "asked for second derivatives", "an observable that is an integral"
-                )
+                raise InputError(type(seen).__name__, "without second derivatives", "an observable that is an integral")
             seen.aim(np.array(self.change.vec.FV().NumPy()), self._change)
         by_state, by_theta = (of() for of in self._gradient_derivatives)
         for block in self.blocks.values():
@@ -170,7 +209,7 @@ class Equilibrium:
 
     @property
     def _softest(self) -> float:
-        """Depth (m) over which the first contact gets stiff: differences that go farther leave it."""
+        """Smallest softening depth (m) of the contacts, which limits finite differences."""
         soft = [part.softness for part in (*self.body.contacts, *self.body.loads) if hasattr(part, "softness")]
         return min((float(each.Get() if isinstance(each, ngs.Parameter) else each) for each in soft), default=np.inf)
 
@@ -185,12 +224,12 @@ class Equilibrium:
         return self.lagrangian(state, self.change) + self._along_blocks(self.lagrangian(state)) + bent
 
     def _change(self, parts: Terms) -> Callable[[], float]:
-        """With θ, along the blocks' directions."""
+        """Derivative along the blocks' directions of θ."""
         integrals = [term.integral for term in self._along_blocks(parts)]
         return lambda: sum(float(ngs.Integrate(part, self.body.mesh)) for part in integrals)
 
     def sensitivity(self) -> sp.csr_array:
-        """∂R/∂θ (ndof, blocks)."""
+        """∂R/∂θ (ndof, θ)."""
         return sp.csr_array(sp.hstack([columns() for columns in self._columns]))
 
     @cached_property
@@ -210,10 +249,10 @@ class Equilibrium:
         slopes = [block.gradient(parts, self.body.mesh) for block in self.blocks.values()]
         return lambda: np.concatenate([slope() for slope in slopes])
 
-    # Observables that are matrices, or no integrals, are left out of L.
+    # Observables that are linear maps, or no integrals, are left out of L.
 
     def observation_gradient(self, w: Array) -> Array:
-        """How w · d changes with the state where d is a matrix or no integral (ndof,)."""
+        """State gradient of w · d for observables that are linear maps or no integrals (ndof,)."""
         b = np.zeros(self.body.fes.ndof)
         for seen, where in zip(self.observables, self.slices, strict=True):
             if seen.matrix is not None or not seen.symbolic:

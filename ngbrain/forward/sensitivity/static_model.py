@@ -1,14 +1,17 @@
-"""How bodies in equilibrium change with anything that their energy is made of, as a model for inversions.
+"""Static equilibria as a model from parameters to data, with first and second derivatives.
 
 Equilibrium R(u; θ) = 0 with u = g on the boundary, data d = B(u, θ):
 
-    J δθ = B_u δu + B_θ δθ ,   K δu = -R_θ δθ - K δg        one solve for each body
-    Jᵀ w:  Kᵀ λ = B_uᵀ w ,     -R_θᵀ λ + B_θᵀ w             one solve for each body
-    (w·d)'' δθ:                two solves more, `StaticLinearisation.hvp`
+    J δθ = B_u δu + B_θ δθ ,   K δu = -R_θ δθ - K δg        one solve a load case
+    Jᵀ w:  Kᵀ λ = B_uᵀ w ,     -R_θᵀ λ + B_θᵀ w             one solve a load case
+    (w·d)'' δθ:                two more solves, `StaticLinearisation.hvp`
 
-R, K, R_θ and all second derivatives come from the energies of materials and loads by symbols, see `virtual_work`; second ones by
-node positions from differences of first ones, see `differences`.
-Source: Plessix 2006, 10.1111/j.1365-246X.2006.02978.x.
+R, K, R_θ and all second derivatives are symbolic derivatives of the energies of materials and loads (`virtual_work`). Second
+derivatives with respect to node positions are finite differences of first ones (`differences`).
+
+References
+----------
+Plessix 2006, https://doi.org/10.1111/j.1365-246X.2006.02978.x (adjoint-state method).
 """
 
 from __future__ import annotations
@@ -42,18 +45,38 @@ Array = np.ndarray
 
 
 class StaticModel:
-    """From a vector θ to what is seen of bodies in equilibrium (real).
+    """Model from a parameter vector θ to observations of bodies in static equilibrium (real data).
 
-    cases       bodies under their loads, which share parameters, each with its observations
-    parameters  name → what is θ, one after the other: a GridFunction (all its unknowns) or a `Parameter` that materials or
-                loads are made of, `PrescribedDisplacement(body, boundary)`, what is prescribed there, or
-                `NodePositions(mesh)`, where its nodes are
-    newton      settings; by default so tight that derivatives are exact to ten digits
-    steps       load steps from rest, which the first equilibrium and one that is lost begin with
+    Each equilibrium is found by continuation from the last one. The same θ may have other equilibria.
 
-    A θ without an equilibrium raises `ConvergenceError` or `InvertedElementError`, which optimisers take for a step too far.
-    Equilibria are looked for from the last one: the same θ may have others. Raises `InputError` for a parameter of no use.
+    Parameters
+    ----------
+    cases : sequence of LoadCase
+        Bodies under their loads, with observables; they share parameters.
+    parameters : dict
+        Name → parameter; their values one after the other are θ. A GridFunction (all its degrees of freedom) or `ngs.Parameter`
+        of materials or loads, `PrescribedDisplacement(body, boundary)` or `NodePositions(mesh)`.
+    newton : Newton, optional
+        Settings; by default tight enough for derivatives exact to ten digits.
+    steps : int
+        Load steps from rest, for the first equilibrium and wherever continuation fails.
 
+    Attributes
+    ----------
+    blocks : dict of str to slice
+        Where each parameter is in θ.
+    size : int
+        Length of θ.
+    solves : Solves
+        Counts of solves and factorisations.
+
+    Raises
+    ------
+    InputError
+        For parameters that cannot be used, and for cases without observables.
+
+    Examples
+    --------
     >>> import ngsolve as ngs
     >>> from ngbrain.forward.common.material import Material
     >>> from ngbrain.forward.observables import Displacements, Force
@@ -76,7 +99,7 @@ class StaticModel:
         steps: int = 1,
     ) -> None:
         if not cases or not all(case.observations for case in cases):
-            raise InputError("cases", "nothing that is seen", "one body or more, each with an observation or more")
+            raise InputError("cases", "without observables", "one body or more, each with one observable or more")
         self.parts = {name: parameter_block(name, of) for name, of in parameters.items()}
         sizes = [part.size for part in self.parts.values()]
         self.blocks, self.size = dict(zip(self.parts, block_slices(sizes), strict=True)), sum(sizes)
@@ -94,16 +117,16 @@ class StaticModel:
 
     @property
     def theta(self) -> Array:
-        """θ as the bodies have it now."""
+        """Present parameters θ of the bodies."""
         return np.concatenate([part.value for part in self.parts.values()])
 
     def evaluate(self, theta: Array) -> StaticLinearisation:
-        """Equilibria at θ, and their derivatives."""
+        """Equilibria at θ, with their derivatives; raises `ConvergenceError` or `InvertedElementError` where there is none."""
         theta = np.array(theta, float)
         if theta.shape != (self.size,):
             raise InputError("theta", f"of shape {theta.shape}", f"{self.size} numbers")
         if not np.all(np.isfinite(theta)):
-            raise ConvergenceError("parameters that are not finite have no equilibrium: a step too far")
+            raise ConvergenceError("parameters are not finite; reduce the step")
         last, states = self._last, []
         if last is not None and last is self._now:
             last.hand_over()
@@ -123,18 +146,18 @@ class StaticModel:
         return self._now
 
     def forget(self) -> None:
-        """Look for the next equilibrium from rest."""
+        """Start the next equilibrium from rest."""
         self._last = None
         for each in self.equilibria:
             each.inverse = None
 
     def set_parameters(self, theta: Array) -> None:
-        """Give θ to the bodies."""
+        """Set the bodies' parameters to θ."""
         for name, part in self.parts.items():
             part.set_value(theta[self.blocks[name]])
 
     def restore(self, there: StaticLinearisation) -> None:
-        """Back to equilibria of before, if others were looked for since."""
+        """Restore the parameters and states of an earlier linearisation."""
         if self._now is there:
             return
         changed = self._now is None or not np.array_equal(self._now.theta, there.theta)
@@ -147,14 +170,26 @@ class StaticModel:
         self._now = there
 
     def split(self, data: Array) -> list[list[Array]]:
-        """Data by case and observation."""
+        """Data by load case and observable."""
         return [[data[of][s] for s in each.slices] for of, each in zip(self.slices, self.equilibria, strict=True)]
 
 
 class StaticLinearisation:
-    """StaticLinearisation at one θ: `data` (m,), all cases one after the other, products of J, Jᵀ and second derivatives.
+    """Equilibria at one θ: data, and products with first and second derivatives.
 
-    states  all unknowns of each body
+    Parameters
+    ----------
+    model : StaticModel
+        The model.
+    theta : array (size,)
+        Parameters.
+    states : list of array
+        Equilibrium of each load case, all degrees of freedom.
+
+    Attributes
+    ----------
+    data : array (m,)
+        Data of all load cases, one after the other.
     """
 
     def __init__(self, model: StaticModel, theta: Array, states: list[Array]) -> None:
@@ -164,7 +199,7 @@ class StaticLinearisation:
         self._adjoints: tuple[Array, list[Array]] | None = None
 
     def jvp(self, direction: Array) -> Array:
-        """J δθ, as `data`."""
+        """Jacobian-vector product J δθ (m,)."""
         changes = []
         for change, (by_state, by_theta) in zip(
             self.state_derivative(direction), self.observation_jacobians, strict=True
@@ -173,11 +208,11 @@ class StaticLinearisation:
         return np.concatenate(changes)
 
     def state_derivative(self, direction: Array) -> list[Array]:
-        """How the bodies' states change."""
+        """Derivative of each body's state along a direction of θ."""
         return [self._state_derivative(k, direction) for k in self._cases()]
 
     def vjp(self, w: Array) -> Array:
-        """Jᵀ w, by the matrices that `jvp` uses."""
+        """Vector-Jacobian product Jᵀ w (size,), by the matrices that `jvp` uses."""
         total = np.zeros(self.model.size)
         check_shape("w", np.shape(w), self.data.shape)
         for k in self._cases():
@@ -191,7 +226,7 @@ class StaticLinearisation:
         return total
 
     def gradient(self, w: Array) -> Array:
-        """The same as `vjp` by one linear form for each block: cheaper for a single product."""
+        """As `vjp`, by one linear form a block: cheaper for a single product."""
         total, adjoints = np.zeros(self.model.size), self._solved(w)
         for k in self._cases():
             each = self.model.equilibria[k]
@@ -206,7 +241,22 @@ class StaticLinearisation:
         return total
 
     def hvp(self, w: Array, direction: Array) -> Array:
-        """(w · d)'' δθ: what the curvature of a misfit has beside the Gauss-Newton matrix, with w the misfit's slope."""
+        """Product of the second derivative of w · d with a direction.
+
+        With w the derivative of a misfit, it is what the misfit's Hessian has beside the Gauss-Newton matrix.
+
+        Parameters
+        ----------
+        w : array (m,)
+            Weights of the data.
+        direction : array (size,)
+            δθ.
+
+        Returns
+        -------
+        array (size,)
+            (w · d)'' δθ.
+        """
         total, adjoints = np.zeros(self.model.size), self._solved(w)
         for name, part in self.model.parts.items():
             part.set_direction(direction[self.model.blocks[name]])
@@ -224,9 +274,9 @@ class StaticLinearisation:
         return total
 
     def influence(self, seed: int = 0) -> dict[str, float]:
-        """Parameter → how much data change with it, both relative to their sizes, over the most that they do with any.
+        """Relative influence of each parameter on the data, 1 for the largest.
 
-        By one adjoint solve of random weights (`seed`). Of what has 1e-8 or less, data tell nothing.
+        One adjoint solve with random weights (`seed`). Parameters with 1e-8 or less are not identifiable from the data.
         """
         observed = [part for case in self.model.split(self.data) for part in case]
         sizes = np.concatenate([np.full(len(part), np.abs(part).max() or 1.0) for part in observed])
@@ -237,7 +287,7 @@ class StaticLinearisation:
 
     @cached_property
     def sensitivities(self) -> Sequence[sp.csr_array]:
-        """∂R/∂θ of each body (ndof, size), assembled when first asked for."""
+        """∂R/∂θ of each body (ndof, size), assembled at first use."""
         return [self.model.equilibria[k].sensitivity() for k in self._cases()]
 
     @cached_property
@@ -246,12 +296,12 @@ class StaticLinearisation:
         return [self._rows(k) for k in self._cases()]
 
     def hand_over(self) -> None:
-        """Give factors to Newton's method, which begins with them at the next θ."""
+        """Give the factors to Newton's method, for the next θ."""
         for k, inverses in self._inverses.items():
             self.model.equilibria[k].inverse = inverses.factor or self.model.equilibria[k].inverse
 
     def assemble(self) -> None:
-        """Make what the inverses use anew, at the bodies' states."""
+        """Assemble the tangents at the bodies' states again."""
         for inverses in self._inverses.values():
             inverses.assemble()
 
@@ -277,7 +327,7 @@ class StaticLinearisation:
         return self._inverse(k).solve(b) + driven
 
     def _solved(self, w: Array) -> list[Array]:
-        """Adjoints of weights of the data; those of the last ones are kept."""
+        """Adjoint states of weights of the data; the last ones are kept."""
         check_shape("w", np.shape(w), self.data.shape)
         if self._adjoints is None or not np.array_equal(self._adjoints[0], w):
             found = []
@@ -328,7 +378,7 @@ class StaticLinearisation:
         ]
 
     def _add_prescribed(self, k: int, total: Array, left: Callable[[], Array]) -> None:
-        """What is left of ∂L/∂u at unknowns that are held."""
+        """Add ∂L/∂u at prescribed degrees of freedom to the gradient."""
         if held := self._prescribed(k):
             rest = left()
             for part, where in held:
@@ -340,9 +390,9 @@ def _put(gfu: ngs.GridFunction, values: Array | float) -> None:
 
 
 def _check_supports(name: str, part: ParameterBlock, body: Problem) -> None:
-    """Supports are interpolated once: what they are made of is no parameter."""
+    """Supports are interpolated once, so they cannot depend on other parameters."""
     for pattern, components in body.supports.values.items():
         made = [WorkIntegral(ngs.CF(value), ngs.ds) for value in components if value is not None]
         if part.directional_derivative(made):
-            wanted = f"PrescribedDisplacement(body, {pattern!r}), what is prescribed there, as a parameter of its own"
+            wanted = f"PrescribedDisplacement(body, {pattern!r}), as a parameter of its own"
             raise InputError(f"parameters.{name}", f"part of the support of {pattern!r}", wanted)

@@ -542,5 +542,5 @@ def test_bad_input():
     mesh = block((SIDE,) * 3, SIDE)
     nodes = NodePositions(mesh)
     body = Problem(mesh, {".*": Material(NeoHooke(1e3), 5e3)}, {"bottom": 0, "top": (0, 0, -1e-3)}, element="P1")
-    with pytest.raises(InputError, match="nodes"):
+    with pytest.raises(InputError, match="NodePositions"):
         StaticModel([LoadCase(body, [StrainPercentile(50)])], {"nodes": nodes})

@@ -216,7 +216,7 @@ def test_nodes_that_turn_an_element_are_refused():
     of = shaped(2, "P2")
     theta = of.theta
     there = of.evaluate(theta)
-    with pytest.raises(InvertedElementError, match="inside out"):
+    with pytest.raises(InvertedElementError, match="invert an element"):
         of.evaluate(theta * np.where(np.arange(of.size) < 18, 100.0, 1.0))
     assert of.evaluate(theta).data == pytest.approx(there.data, rel=1e-9)
     with pytest.raises(InputError, match="mesh is deformed already"):
@@ -237,7 +237,7 @@ def test_bad_input():
         InputError, match=r"parameters\.mu is float; wanted: a GridFunction, a Parameter, PrescribedDisplacement"
     ):
         StaticModel([case], {"mu": 3.0})
-    with pytest.raises(InputError, match="boundary is 'top'; wanted: one with a component that is held"):
+    with pytest.raises(InputError, match="boundary is 'top'; wanted: a boundary with a prescribed component"):
         PrescribedDisplacement(Problem(MESH, {".*": Material(SOFT, 5e3)}, {"bottom": 0}, element="P2"), "top")
     with pytest.raises(InputError, match="boundary"):
         PrescribedDisplacement(body, "nowhere")
@@ -372,7 +372,7 @@ def test_laws_and_cases_without_sense_are_refused():
         made(type("Nothing", (), {"energy": lambda self, C: 0 * ngs.Trace(C)})())
     mu = ngs.Parameter(1e3)
     body = made(NeoHooke(mu))
-    with pytest.raises(InputError, match="cases is nothing that is seen"):
+    with pytest.raises(InputError, match="cases is without observables"):
         StaticModel([LoadCase(body, [])], {"mu": mu})
     with pytest.raises(InputError, match=r"points is of shape \(1, 3\); wanted: \(n, 2\)"):
         StaticModel([LoadCase(body, [Displacements(np.ones((1, 3)))])], {"mu": mu})

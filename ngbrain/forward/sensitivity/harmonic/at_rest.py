@@ -35,9 +35,11 @@ class AtRest:
     def __init__(self, body: HarmonicProblem, fields: Mapping[str, Any]) -> None:
         for name, field in fields.items():
             if not isinstance(field, ngs.GridFunction):
-                raise InputError(f"parameters.{name}", type(field).__name__, "a GridFunction, of a body at rest")
+                raise InputError(f"parameters.{name}", type(field).__name__, "a GridFunction, as the body is at rest")
             if field.space.is_complex:
-                raise InputError(f"parameters.{name}", "complex", "a real field; storage and loss are one each")
+                raise InputError(
+                    f"parameters.{name}", "complex", "a real field; storage and loss modulus are separate fields"
+                )
         self.body, self.solves = body, Solves()
         self.fields: dict[str, ngs.GridFunction] = dict(fields)
         self.sizes: dict[str, int] = {name: field.space.ndof for name, field in fields.items()}

@@ -77,7 +77,7 @@ class WaveModel:
         steps: int = 1,
     ) -> None:
         if BOUNDARY in parameters:
-            raise InputError("parameters", repr(BOUNDARY), "another name: this is what drives the boundary")
+            raise InputError("parameters", repr(BOUNDARY), "another name: this is the block of boundary values")
         self.body, self.points = body, np.asarray(points, float)
         self.medium = _medium(body, parameters, newton, steps)
         self.dim = len(body.axes)
@@ -120,7 +120,7 @@ class WaveModel:
         if np.shape(theta) != (self.size,):
             raise InputError("theta", f"of shape {np.shape(theta)}", f"{self.size} numbers")
         if not np.all(np.isfinite(theta)):
-            raise ConvergenceError("parameters that are not finite have no waves: a step too far")
+            raise ConvergenceError("parameters are not finite; reduce the step")
         self.medium.set_value(theta[: self.blocks[BOUNDARY].start])
         return self.body.factorise(self.solves)
 

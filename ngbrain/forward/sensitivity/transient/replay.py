@@ -81,7 +81,7 @@ class Replay:
         loads: LoadHistory | None = None,
     ) -> None:
         if body.tool is not None and motion is not body.tool.given:
-            raise InputError("motion", type(motion).__name__, "the GivenForce that is among the body's contacts")
+            raise InputError("motion", type(motion).__name__, "the GivenForce among the body's contacts")
         grid = np.asarray(grid, float)
         if grid.ndim != 1 or len(grid) < 2 or grid[0] != 0 or not np.all(np.diff(grid) > 0):
             raise InputError("grid", f"of shape {grid.shape}", "two or more increasing times (s) from 0 on")
@@ -169,9 +169,7 @@ class Replay:
         dt = self.grid[n + 1] - self.grid[n]
         made = advance(self.body, start, dt, self._program, solve, look)
         if made.failure is not None:
-            said = (
-                f"the step from {self.grid[n]:.3g} to {self.grid[n + 1]:.3g} s of a recorded run fails: {made.failure}"
-            )
+            said = f"the step from {self.grid[n]:.3g} to {self.grid[n + 1]:.3g} s of the replayed run fails: {made.failure}"
             raise solver_error(said, made.failure.status, made.record)
         if self.body.tool is not None and self.body.tool.given.held is not None:
             end = made.state.x  # the tool has come back to where it is just clear

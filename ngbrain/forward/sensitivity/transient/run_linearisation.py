@@ -57,7 +57,7 @@ class RunLinearisation:
             with np.errstate(divide="raise", over="raise", invalid="raise"):
                 model.replay.run(seen)
         except FloatingPointError as error:
-            raise ConvergenceError(f"a run with parameters that it cannot have: {error}") from error
+            raise ConvergenceError(f"the run failed at these parameters: {error}") from error
 
     def jvp(self, direction: Array) -> Array:
         """J δθ, as `data`."""
@@ -92,7 +92,7 @@ class RunLinearisation:
         Raises `InputError` for walls that close on each other and for node positions.
         """
         for name in self.model.shapes:
-            raise InputError(f"parameters.{name}", "nodes", "others, for second derivatives")
+            raise InputError(f"parameters.{name}", "of type NodePositions", "one with second derivatives")
         check_shape("w", np.shape(w), self.data.shape)
         model, curved = self.model, self.model.curvature
         total, later, turned, n = (

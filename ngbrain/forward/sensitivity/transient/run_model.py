@@ -109,7 +109,7 @@ class RunModel:
             )
         apart = np.min(np.abs(grid[:, None] - times), axis=1) > 1e-9 * grid[-1]
         if not observables:
-            raise InputError("observables", "none", "one or more: what is seen of a run")
+            raise InputError("observables", "none", "one or more observables")
         self.body, self.parameters, self.times = body, dict(parameters), times
         values = {
             name: of
@@ -122,7 +122,9 @@ class RunModel:
         if (own := getattr(motion, "parameter", None)) is not None:
             for name, parameter in self.parameters.items():
                 if parameter is own:
-                    raise InputError(f"parameters.{name}", "what the motion sets", "another, such as a factor of it")
+                    raise InputError(
+                        f"parameters.{name}", "the motion's own parameter", "another one, such as a factor of it"
+                    )
         self.parts = {name: parameter_block(name, of) for name, of in self.parameters.items()}
         sizes = [part.size for part in self.parts.values()]
         self.blocks, self.size = dict(zip(self.parts, block_slices(sizes), strict=True)), sum(sizes)
@@ -142,7 +144,9 @@ class RunModel:
         if body.inertia is not None:
             self.carried.append(InertiaStep(body, made_of))
         for name in self.shapes if self.carried else ():
-            raise InputError(f"parameters.{name}", "nodes", "others, of a body that rubs or has mass")
+            raise InputError(
+                f"parameters.{name}", "of type NodePositions", "others, for a body with friction or inertia"
+            )
         pivots = friction is not None or body.pivots or body.form.condense
         inner = PivotedTangents(body, friction) if pivots else Tangents(body)
         self.tangents = inner if body.tool is None else BorderedTangents(inner, self.contacts, friction)
@@ -170,7 +174,7 @@ class RunModel:
         if np.shape(theta) != (self.size,):
             raise InputError("theta", f"of shape {np.shape(theta)}", f"{self.size} numbers")
         if not np.all(np.isfinite(theta)):
-            raise ConvergenceError("parameters that are not finite have no run: a step too far")
+            raise ConvergenceError("parameters are not finite; reduce the step")
         for name, part in self.parts.items():
             part.set_value(theta[self.blocks[name]])
         if self.shapes:
@@ -198,5 +202,5 @@ class RunModel:
         presses = np.array([given.prescribed_force(t) > 0 for t in grid[1:]])
         again = np.any(presses[np.argmin(presses) :]) and not presses.all()
         if again and any(f.moves and f.contact.way is way for f in self.body.friction.frictions):
-            wanted = "one that goes on, with friction along a tool's way, for derivatives of a run"
-            raise InputError("motion", "a force that comes back after it was none", wanted)
+            wanted = "a force that stays on, as friction acts along the tool's path: derivatives of a run need it"
+            raise InputError("motion", "a force that returns after it was zero", wanted)

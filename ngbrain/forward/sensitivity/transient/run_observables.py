@@ -112,7 +112,11 @@ class _Outer:
             return
         shapes = any(isinstance(part, NodePositions) for part in parts.values())
         if shapes and not (observed.symbolic and observed.shaped):
-            raise InputError("parameters", "nodes", f"others, for {type(observed).__name__.lower()}s of a run")
+            raise InputError(
+                "parameters",
+                "node positions",
+                f"parameters other than these, as {type(observed).__name__} has no shape derivative",
+            )
         if observed.symbolic:
             self._slopes = [part.gradient(observed.functional(body.gfu), body.mesh) for part in parts.values()]
 
@@ -134,6 +138,6 @@ class _Outer:
             return [] if self._forms is None else self._forms.weighted_work(*along)
         if not self._observed.twice:
             raise InputError(
-                type(self._observed).__name__, "asked for second derivatives", "an observable that is an integral"
+                type(self._observed).__name__, "without second derivatives", "an observable that is an integral"
             )
         return self._observed.functional(self._observed.problem.gfu, *along)

@@ -193,7 +193,9 @@ class StepForms:
                         r"diffop = (?!Id\b)", str(made.Diff(parameter, parameter.space.TestFunction()).Compile())
                     ):
                         raise InputError(
-                            f"parameters.{name}", "in a law by its gradient", "a field that laws see the values of"
+                            f"parameters.{name}",
+                            "used through its gradient",
+                            "a field of which materials use values only",
                         )
 
     def parameter_derivatives(self, function: CoefficientFunction) -> Expressions:
@@ -357,7 +359,5 @@ def _direction(name: str, parameter: Parameter) -> Parameter:
             raise InputError(f"parameters.{name}", "complex or a vector", "a real scalar field")
         return ngs.GridFunction(parameter.space)
     if not isinstance(parameter, ngs.Parameter):
-        raise InputError(
-            f"parameters.{name}", repr(parameter), "a GridFunction or an ngs.Parameter that laws are made of"
-        )
+        raise InputError(f"parameters.{name}", repr(parameter), "a GridFunction or an ngs.Parameter of the materials")
     return ngs.Parameter(0.0)

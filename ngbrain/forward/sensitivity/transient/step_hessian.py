@@ -46,7 +46,7 @@ class StepHessian:
         self._parts, self._contacts, self._seen, body = list(parts.values()), contacts, seen, forms.body
         self._mesh = body.mesh
         if any(isinstance(contact, Closing) for contact in body.contacts):
-            raise InputError("body", "with walls that close on each other", "without, for second derivatives in time")
+            raise InputError("body", "with self-contact", "a body without it, for second derivatives of a run")
         of_tissue = {name: parts[name] for name in forms.parameters}
         self._tissues = (
             DifferenceTissueHessian(forms, of_tissue) if body.history.flows else SymbolicTissueHessian(forms)

@@ -41,7 +41,7 @@ class StepShapeDerivatives:
     def __init__(self, forms: StepForms, nodes: NodePositions) -> None:
         self._forms, self._n, self._r, body = forms, ngs.Parameter(0.0), ngs.Parameter(0.0), forms.body
         if body.mesh.dim != 3 or body.p is None:
-            wanted = "a body in space with pressures, for derivatives of a run by node positions"
+            wanted = "a 3-D body with pressures, for derivatives of a run with respect to node positions"
             raise InputError("body", f"{body.element} in {body.mesh.dim} dimensions", wanted)
         space = nodes.shift.space
         self._motion, self._way = ngs.GridFunction(body.fes), ngs.GridFunction(space)

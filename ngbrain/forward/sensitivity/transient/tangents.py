@@ -120,7 +120,7 @@ class PivotedTangents:
         try:
             self._inverse = self._form.mat.Inverse(self._held, inverse="umfpack")
         except Exception as error:  # NGSolve raises bare exceptions of several kinds here
-            raise SolverError(f"a step of a run has no derivative: {error}") from error
+            raise SolverError(f"a time step has no derivative: {error}") from error
         self.factorisations += 1
         return lambda r: self._times(self._inverse, r * self._free)
 
@@ -210,7 +210,7 @@ class BorderedTangents:
         follows = solve(column)
         stiffness = self._corner - float(row @ follows)
         if not stiffness:
-            raise Breakdown("the force does not change with the way")
+            raise Breakdown("the tool force does not depend on its displacement")
         way = (r[-1] - float(row @ y)) / stiffness
         return np.append(y - way * follows, way)
 

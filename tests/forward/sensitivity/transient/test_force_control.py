@@ -119,11 +119,11 @@ def test_a_way_that_stays_lowers_that_of_second_derivatives(monkeypatch, rng):
 
 
 def test_what_is_not_derived_is_refused():
-    with pytest.raises(InputError, match="motion is a force that comes back after it was none"):
+    with pytest.raises(InputError, match="motion is a force that returns after it was none"):
         forced(rubs=True, program=AGAIN)
     of = forced()
     with pytest.raises(InputError, match="motion is GivenForce; wanted: the GivenForce that is among"):
         other = GivenForce((0.0, 8.0), (0.0, 1.0), away=-1e-3, nudge=1e-6)
         RunModel(of.body, other, GRID, {"mu": of.parameters["mu"]}, [Force("bottom")])
-    with pytest.raises(InputError, match=r"parameters\.way is what the motion sets"):
+    with pytest.raises(InputError, match=r"parameters\.way is the motion's own parameter"):
         RunModel(of.body, of.replay.motion, GRID, {"way": of.replay.motion.parameter}, [Force("bottom")])

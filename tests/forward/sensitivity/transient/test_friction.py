@@ -155,7 +155,7 @@ def test_a_slip_that_stays_lowers_their_rate(rng, monkeypatch):
 
 
 def test_what_is_not_derived_is_refused():
-    with pytest.raises(InputError, match=r"nodes; wanted: others, of a body that rubs or has mass"):
+    with pytest.raises(InputError, match=r"NodePositions; wanted: others, for a body with friction or inertia"):
         solid = model(GRID, kind="space", n=1)
         RunModel(solid.body, solid.replay.motion, GRID, {"nodes": NodePositions(solid.body.mesh)}, [Force("top")])
     with pytest.raises(InputError, match=r"shares no node with 'top', which rubs"):

@@ -154,7 +154,7 @@ def test_where_nodes_are(kind, rng):
         there, direction = of.evaluate(theta + 4 * direction), direction + 0.1 * theta * rng.normal(size=of.size)
         slope = there.gradient(w)
         assert dot(there.jvp, slope, direction, w) < 1e-8
-        with pytest.raises(InputError, match=r"parameters\.nodes is nodes"):
+        with pytest.raises(InputError, match=r"parameters\.nodes is of type NodePositions"):
             there.hvp(w, direction)
     finally:
         mesh.UnsetDeformation()
@@ -209,7 +209,7 @@ def test_second_derivatives_that_are_not_there_are_refused():
     of = RunModel(
         Problem(mesh, materials, {"bottom": 0}, contacts=walls, element="P2/P1"), drive, SHORT, parameters, SEEN
     )
-    with pytest.raises(InputError, match="close on each other"):
+    with pytest.raises(InputError, match="with self-contact"):
         of.evaluate(of.theta).hvp(np.ones((3, 8)), of.theta)
     walls[1] = Closing("left", "right", 1e8 * parameters["g"], 1e-5, reach=1e-3)
     with pytest.raises(InputError, match=r"Closing\.penalty is .*a number"):
@@ -423,7 +423,7 @@ def test_without_bugs_the_same_has_its_rate(kind, rng):
 
 def test_what_the_motion_sets_itself_is_no_parameter():
     of = model(grid=GRID[:3])
-    with pytest.raises(InputError, match=r"parameters\.way is what the motion sets"):
+    with pytest.raises(InputError, match=r"parameters\.way is the motion's own parameter"):
         RunModel(of.body, of.replay.motion, GRID, {"way": of.replay.motion.parameter}, SEEN)
 
 
@@ -433,7 +433,7 @@ def test_a_law_of_a_parameters_gradient_is_refused():
     mu = field(mesh, 1e3)
     tissue = Material(NeoHooke(mu + ngs.Norm(ngs.Grad(mu))), 1e6)
     body = Problem(mesh, {"tissue": tissue}, {"bottom": 0}, contacts=[plate(drive)], element="P2/P1")
-    with pytest.raises(InputError, match=r"parameters\.mu is in a law by its gradient"):
+    with pytest.raises(InputError, match=r"parameters\.mu is used through its gradient"):
         RunModel(body, drive, GRID, {"mu": mu}, SEEN)
 
 
