@@ -7,8 +7,22 @@ from typing import Any
 
 
 def number(value: Any, digits: int = 3) -> str:
-    """A number with about `digits` digits; a dash for what is not there.
+    """A number with about `digits` digits; a dash for a missing value.
 
+    Parameters
+    ----------
+    value : Any
+        The number.
+    digits : int
+        Number of significant digits.
+
+    Returns
+    -------
+    str
+        Text, with thin spaces between thousands.
+
+    Examples
+    --------
     >>> [number(v) for v in (146.04, 0.01234, 3.2e-9, 0.0, 48123, None, float("nan"))]
     ['146', '0.0123', '3.2e-09', '0', '48 123', '–', '–']
     """
@@ -24,7 +38,7 @@ def number(value: Any, digits: int = 3) -> str:
 
 
 def size(metres: float) -> str:
-    """A length of the scene in mm, without zeros that say nothing.
+    """A length (m) in mm, without insignificant zeros.
 
     >>> size(0.04), size(0.0299790)
     ('40 mm', '30 mm')
@@ -33,7 +47,7 @@ def size(metres: float) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Seconds in words.
+    """A duration (s) in words.
 
     >>> duration(0), duration(47.6), duration(865)
     ('0 s', '48 s', '14 min 25 s')
@@ -43,7 +57,7 @@ def duration(seconds: float) -> str:
 
 
 def moment(seconds: float) -> str:
-    """A time, short ones to three digits.
+    """A time (s) in words, short ones with three digits.
 
     >>> moment(0.0), moment(0.26667), moment(12.5), moment(865.2)
     ('0 s', '0.267 s', '12.5 s', '14 min 25 s')

@@ -1,4 +1,4 @@
-"""What a mesh of a head amounts to, as one page that opens alone: slices, surfaces, histograms, tables."""
+"""The page of a head mesh: slices, surfaces, histograms, tables."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ COLOURS = (
     "#56B4E9", "#999999", "#F2E6C9", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00",
     "#F0E442", "#882255", "#44AA99", "#332288", "#AA4499", "#117733", "#DDCC77", "#661100",
 )  # fmt: skip
-"""Of regions in their order, over and over."""
+"""Colours of the regions in order, repeated."""
 KNOWN = {"csf": 0, "grey": 1, "white": 2, "ventricles": 3, "brain": 2}
 VIEWS = (("Sagittal", 0, 1, 2), ("Coronal", 1, 0, 2), ("Axial", 2, 0, 1))
-"""Name; axis the plane is normal to; axis that runs to the picture's left; axis that runs up."""
+"""Name; normal axis of the plane; axis that points to the picture's left; axis that points up."""
 GAP, MARGIN = 4.0, 6.0
-"""Between slices and around the head, mm."""
+"""Gap between slices and margin around the head (mm)."""
 TINT, LINE = 0.55, "#222222"
 
 
@@ -41,14 +41,32 @@ def build(
     t1: Volume | None,
     at: Floats,
 ) -> Path:
-    """Write the page to `path`.
+    """Write the page of a head mesh.
 
-    result   of the verb `mesh`
-    labels   on any voxels, or None where the mesh was not made from any
-    t1       on upright voxels of 1 mm, or None where there is no scan
-    at       point (3,) m that the slices go through
+    Parameters
+    ----------
+    path : str or path-like
+        Output file.
+    result : mapping of str to Any
+        Result of the command `mesh`.
+    elements : Elements
+        The mesh.
+    labels : LabelMap or None
+        Labels on any voxels; None where the mesh was not made from labels.
+    t1 : Volume or None
+        The scan on axis-aligned voxels of 1 mm; None without a scan.
+    at : ndarray, shape (3,)
+        Common point of the slices (m).
 
-    Raises `MissingExtra` where matplotlib or jinja2 is not installed.
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    MissingExtra
+        matplotlib or jinja2 is not installed.
     """
     pictures = {
         **({"slices": slices(elements, labels.resample_to_ras(), t1, at)} if labels else {}),
@@ -60,9 +78,23 @@ def build(
 
 
 def slices(elements: Elements, labels: LabelMap, t1: Volume | None, at: Floats) -> bytes:
-    """Three planes through a point: above the scan with its labels tinted, below the labels with the mesh cut by the plane.
+    """Three slices through a point: above, the scan tinted by its labels; below, the labels with the mesh.
 
-    Labels and scan are on the same upright cubic voxels.
+    Parameters
+    ----------
+    elements : Elements
+        The mesh.
+    labels : LabelMap
+        Labels on axis-aligned cubic voxels.
+    t1 : Volume or None
+        The scan on the same voxels.
+    at : ndarray, shape (3,)
+        The point (m).
+
+    Returns
+    -------
+    bytes
+        A PNG.
     """
     numbers, spacing = labels.volume.data, 1e3 * labels.volume.spacing[0]
     origin = 1e3 * labels.volume.affine[:3, 3]
@@ -120,7 +152,20 @@ def slices(elements: Elements, labels: LabelMap, t1: Volume | None, at: Floats) 
 
 
 def space(elements: Elements, at: Floats) -> bytes:
-    """The mesh from outside; the part of it behind the sagittal and axial planes through a point, its regions in colour."""
+    """The mesh from outside, and its part behind the sagittal and coronal planes through a point, with coloured regions.
+
+    Parameters
+    ----------
+    elements : Elements
+        The mesh.
+    at : ndarray, shape (3,)
+        The point (m).
+
+    Returns
+    -------
+    bytes
+        A PNG.
+    """
     up = np.array([0, 0, 1.0])
     toward = np.array([0.8, 0.9, 0.45])
     middle = (elements.points.max(axis=0) + elements.points.min(axis=0)) / 2
@@ -135,7 +180,7 @@ def space(elements: Elements, at: Floats) -> bytes:
             wide, tall = inches(axes)
             camera = Camera.look(middle, toward, up, reach * wide / tall, reach)
             if column:
-                # Kept: what is behind one of the two planes, seen from the viewer.
+                # Keep what lies behind one of the two planes, seen from the viewer.
                 level = at[1] + 1e-7 - elements.points[:, 1]
                 cut = cut_tets(elements.tets, level, np.arange(len(elements.tets)))
                 shades = np.array([_rgba(name, i)[:3] for i, name in enumerate(elements.regions)])
@@ -156,7 +201,7 @@ def space(elements: Elements, at: Floats) -> bytes:
 
 
 def histograms(quality: Quality) -> bytes:
-    """Dihedral angles and radius ratios; the counts on a logarithmic scale, so that single bad elements are seen."""
+    """Histograms of dihedral angles and radius ratios, with logarithmic counts that show single bad elements, as a PNG."""
     with style():
         page = figure(2.9)
         panels = (
@@ -179,7 +224,7 @@ def _rgba(name: str, i: int) -> tuple[float, ...]:
 
 
 def _outer(elements: Elements) -> list[int]:
-    """Boundaries that have nothing outside: those whose triangles belong to one tetrahedron."""
+    """Boundaries on the outside: those whose triangles belong to one tetrahedron."""
     faces = np.sort(elements.tets[:, [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]].reshape(-1, 3), axis=1)
     n = np.int64(len(elements.points))
     keys, count = np.unique((faces[:, 0] * n + faces[:, 1]) * n + faces[:, 2], return_counts=True)
@@ -189,7 +234,7 @@ def _outer(elements: Elements) -> list[int]:
 
 
 def _cuts(axes: Any, elements: Elements, where: float, normal: int, flat: list[int]) -> None:
-    """Edges of the elements and boundaries in a plane."""
+    """Draw the edges of elements and boundaries in a plane."""
     collections = require("matplotlib.collections", "report")
     level = elements.points[:, normal] - (where + 1e-8)
     faces = elements.tets[(level[elements.tets] >= 0).any(axis=1) & (level[elements.tets] < 0).any(axis=1)]
@@ -201,7 +246,7 @@ def _cuts(axes: Any, elements: Elements, where: float, normal: int, flat: list[i
 
 
 def _edges(elements: Elements, level: Floats) -> Layer:
-    """Edges of the elements in the plane, as thin strips before it."""
+    """Edges of the elements in the plane, as thin strips in front of it."""
     near = elements.tets[(level[elements.tets] >= 0).any(axis=1) & (level[elements.tets] < 0).any(axis=1)]
     faces: Ints = np.unique(
         np.sort(near[:, [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]].reshape(-1, 3), axis=1), axis=0

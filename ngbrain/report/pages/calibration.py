@@ -1,4 +1,4 @@
-"""How stiff a patient's tissues turned out to be, as one page that opens alone: factors, force, landmarks."""
+"""The page of a calibration: stiffness factors of a patient's tissues, forces and landmarks."""
 
 from __future__ import annotations
 
@@ -13,18 +13,36 @@ from ngbrain.report.pages.page import write_page
 from ngbrain.report.pictures.style import figure, png, style
 
 UNEXPLAINED = 2.0
-"""Misfit over its expected level from which on it is said that noise does not explain it."""
+"""Ratio of misfit to expected misfit from which the page says that noise does not explain it."""
 TICKS = (0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 10.0, 20.0)
 MEASURED, COMPUTED = "#D55E00", "#0072B2"
 
 
 def build(path: str | os.PathLike[str], result: Mapping[str, Any]) -> Path:
-    """Write the page of a result of the verb `calibrate`. Raises `MissingExtra` where matplotlib or jinja2 is not installed."""
+    """Write the page of a result of the command `calibrate`.
+
+    Parameters
+    ----------
+    path : str or path-like
+        Output file.
+    result : mapping of str to Any
+        The result.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    MissingExtra
+        matplotlib or jinja2 is not installed.
+    """
     return write_page(Path(path), "calibration.html", {"found": _found(result), "fit": _fit(result)}, result=result)
 
 
 def _found(result: Mapping[str, Any]) -> bytes:
-    """Factors and their intervals."""
+    """Plot the factors and their intervals."""
     with style():
         tissues = result["tissues"]
         height = 0.85 + 0.4 * len(tissues)
@@ -46,7 +64,7 @@ def _found(result: Mapping[str, Any]) -> bytes:
 
 
 def _fit(result: Mapping[str, Any]) -> bytes:
-    """Force over time and displacements, measured and computed."""
+    """Plot measured and computed force over time and displacements."""
     with style():
         made = figure(3.8)
         force, moved = made.add_axes((0.08, 0.15, 0.4, 0.78)), made.add_axes((0.57, 0.15, 0.41, 0.78))
@@ -68,5 +86,5 @@ def _fit(result: Mapping[str, Any]) -> bytes:
 
 
 def _arrays(side: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
-    """Forces, and all components of displacements; NaN where there are none."""
+    """Forces, and all displacement components; NaN for missing values."""
     return np.array(side["force_N"], float), np.ravel(np.array(side["displacements_mm"], float))

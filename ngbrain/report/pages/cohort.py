@@ -1,4 +1,4 @@
-"""What has come of a cohort, as one page that opens alone: verdicts, which numbers stand out, how they are spread."""
+"""The page of a cohort: verdicts, outliers and distributions of many scans or cases."""
 
 from __future__ import annotations
 
@@ -12,17 +12,31 @@ from ngbrain.report.pages.page import write_page
 from ngbrain.report.words import duration, number
 
 GOLDEN = 0.618
-"""Dots of neighbours are so far apart in height, in shares of a strip."""
+"""Vertical offset of neighbouring dots, as a part of the strip."""
 MOST_DOTS = 150
-"""Rows of a strip that are all drawn; of more, those outside of the middle nine tenths."""
+"""Number of rows above which only those outside the middle nine tenths are drawn."""
 BEYOND = 1.5
-"""How far the gate's strips reach, in limits; what is beyond stands at the ends."""
+"""Half-width of the outlier strips in limits; dots beyond are drawn at the ends."""
 WORDS = {"ok": "ok", "warning": "to look at", "excluded": "excluded", "failed": "failed"}
 
 
 @dataclass(frozen=True)
 class Dot:
-    """A row in a strip: where it is (per cent of the width and height), what is said of it, its report."""
+    """A row of the cohort in a strip plot.
+
+    Parameters
+    ----------
+    x, y : float
+        Position (% of width and height).
+    name : str
+        Name of the row.
+    says : str
+        Tooltip.
+    link : str
+        Its report.
+    out : bool
+        Whether it is an outlier.
+    """
 
     x: float
     y: float
@@ -34,7 +48,21 @@ class Dot:
 
 @dataclass(frozen=True)
 class Strip:
-    """A number of a group along an axis: dots for rows; box for the middle half; all places in per cent of the width."""
+    """Strip plot of one number of a group; positions are in % of the width.
+
+    Parameters
+    ----------
+    name, group, about : str
+        Name of the number, the group, and a remark.
+    dots : list of Dot
+        One dot for each row.
+    low, middle, high : float
+        Lower quartile, median and upper quartile.
+    least, most : str
+        Smallest and largest value as text.
+    marks : tuple of float
+        Positions of the outlier limits.
+    """
 
     name: str
     group: str
@@ -49,11 +77,31 @@ class Strip:
 
 
 def build(path: str | os.PathLike[str], result: Mapping[str, Any]) -> Path:
-    """Write the page of a cohort's result. Raises `MissingExtra` where jinja2 is not installed."""
+    """Write the page of a cohort's result.
+
+    Parameters
+    ----------
+    path : str or path-like
+        Output file.
+    result : mapping of str to Any
+        The result.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    MissingExtra
+        jinja2 is not installed.
+    """
     answers = result["answers"]
     out = {(each["row"], each["key"]) for each in answers["outliers"]}
     keys = list(answers["numbers"])
-    spreads = sorted(answers["spreads"], key=lambda spread: keys.index(spread["key"]))  # groups one under the other
+    spreads = sorted(
+        answers["spreads"], key=lambda spread: keys.index(spread["key"])
+    )  # groups of a number below each other
     ends = {
         key: (
             min(each["least"] for each in spreads if each["key"] == key),
@@ -99,7 +147,7 @@ def build(path: str | os.PathLike[str], result: Mapping[str, Any]) -> Path:
 
 
 def show(value: Any) -> str:
-    """A number with four digits, a whole one without a point.
+    """A number with four digits, an integer without a decimal point.
 
     >>> show(639.0), show(16.0123), show(None)
     ('639', '16.01', '–')
@@ -108,7 +156,7 @@ def show(value: Any) -> str:
 
 
 def conclusion(checks: Mapping[str, Any]) -> str:
-    """How many rows can be used.
+    """How many rows are usable, as a sentence.
 
     >>> conclusion({"rows": 4, "ok": 1, "warning": 1, "excluded": 0, "failed": 2})
     '2 of 4 rows are usable, 1 of them to look at; 2 failed.'
@@ -121,8 +169,22 @@ def conclusion(checks: Mapping[str, Any]) -> str:
 
 
 def title(answers: Mapping[str, Any], key: str) -> str:
-    """What a number is, with its region and unit.
+    """Name of a number, with its region and unit.
 
+    Parameters
+    ----------
+    answers : mapping of str to Any
+        The `answers` of a cohort's result.
+    key : str
+        Key of the number.
+
+    Returns
+    -------
+    str
+        The name.
+
+    Examples
+    --------
     >>> title({"numbers": {"volume_ml_grey": {"name": "Volume", "region": "grey", "unit": "ml"}}}, "volume_ml_grey")
     'Volume, grey (ml)'
     """

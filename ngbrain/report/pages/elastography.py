@@ -1,4 +1,4 @@
-"""What an inversion of wave data amounts to, as one page that opens alone: waves and their fit, maps and truth, tables."""
+"""The page of an inversion of wave data: waves and their fit, maps with the truth where it is known, tables."""
 
 from __future__ import annotations
 
@@ -20,25 +20,41 @@ from ngbrain.report.pictures.style import SPARE, WIDTH, figure, png, style
 from ngbrain.report.render.surface import Floats
 
 Looks: TypeAlias = Callable[[int], list[tuple[dict[str, Any], Floats]]]
-"""Of a row of pictures: its colours and values, from left to right."""
+"""Row of a figure → colour settings and values of its pictures, from left to right."""
 MOST_LOADS = 6
-"""Loads that are drawn, from the first on."""
+"""Largest number of loads that are drawn, from the first on."""
 WAVE, MODULUS, DIFFERENCE = "RdBu_r", "viridis", "PuOr_r"
 FAINT = 0.1
-"""Imaginary parts below this share of the whole, as of waves without loss, are not drawn."""
+"""Imaginary parts below this part of the whole, as of undamped waves, are not drawn."""
 SIGMAS = 4.0
-"""Residuals are drawn from minus to plus this many standard deviations."""
+"""Range of the residuals drawn, in standard deviations to each side."""
 
 
 def build(
     path: str | os.PathLike[str], result: Mapping[str, Any], data: WaveData, arrays: Mapping[str, Floats]
 ) -> Path:
-    """Write the page to `path`.
+    """Write the page of an inversion.
 
-    result  of the verb `invert`
-    arrays  of maps.npz: values at the points of the data, NAME_low and NAME_high too where there are error bars
+    Parameters
+    ----------
+    path : str or path-like
+        Output file.
+    result : mapping of str to Any
+        Result of the command `invert`.
+    data : WaveData
+        The wave data.
+    arrays : mapping of str to ndarray
+        Content of maps.npz: values at the points of the data, with NAME_low and NAME_high where there are error bars.
 
-    Raises `MissingExtra` where matplotlib or jinja2 is not installed.
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    MissingExtra
+        matplotlib or jinja2 is not installed.
     """
     flat = planes(data)
     loads = min(data.loads, MOST_LOADS)
@@ -71,7 +87,24 @@ def build(
 
 
 def waves(data: WaveData, arrays: Mapping[str, Floats], load: int, flat: Sequence[Plane]) -> bytes:
-    """Measured, fitted, residual of every component of a load: real parts; in the plane imaginary ones too, if they count."""
+    """Measured wave, fit and residual of every component of a load: real parts, and imaginary parts of plane data if they matter.
+
+    Parameters
+    ----------
+    data : WaveData
+        The wave data.
+    arrays : mapping of str to ndarray
+        Fitted waves and residuals.
+    load : int
+        Number of the load.
+    flat : sequence of Plane
+        Planes to draw.
+
+    Returns
+    -------
+    bytes
+        A PNG.
+    """
     measured, predicted, residual = (arrays[name][load] for name in ("measured", "predicted", "residual"))
     rows = []
     for i, axis in enumerate(data.components):
@@ -88,7 +121,7 @@ def waves(data: WaveData, arrays: Mapping[str, Floats], load: int, flat: Sequenc
 
     def looks(row: int) -> list[tuple[dict[str, Any], Floats]]:
         name, _, values, fitted, left = rows[row]
-        same = [each[2] for each in rows if each[0] == name]  # one scale for all planes
+        same = [each[2] for each in rows if each[0] == name]  # one colour scale for all planes
         top = max(float(np.nanmax(np.abs(each))) for each in same)
         wave = {"cmap": WAVE, "vmin": -top, "vmax": top}
         return [(wave, values), (wave, fitted), ({"cmap": WAVE, "vmin": -SIGMAS, "vmax": SIGMAS}, left)]
@@ -97,7 +130,24 @@ def waves(data: WaveData, arrays: Mapping[str, Floats], load: int, flat: Sequenc
 
 
 def maps(result: Mapping[str, Any], data: WaveData, arrays: Mapping[str, Floats], flat: Sequence[Plane]) -> bytes:
-    """Each parameter: the estimate, and where known the truth at the same colours and the difference in per cent."""
+    """Maps of each parameter: the estimate and, where known, the truth in the same colours and the difference in per cent.
+
+    Parameters
+    ----------
+    result : mapping of str to Any
+        Result of the command `invert`.
+    data : WaveData
+        The wave data.
+    arrays : mapping of str to ndarray
+        The maps.
+    flat : sequence of Plane
+        Planes to draw.
+
+    Returns
+    -------
+    bytes
+        A PNG.
+    """
     truths = data.truth_views
     names = list(result["answers"])
     rows = [(name, plane) for name in names for plane in flat]
@@ -121,7 +171,24 @@ def maps(result: Mapping[str, Any], data: WaveData, arrays: Mapping[str, Floats]
 
 
 def intervals(result: Mapping[str, Any], data: WaveData, arrays: Mapping[str, Floats], flat: Sequence[Plane]) -> bytes:
-    """Of each parameter with error bars: both ends of its interval at the same colours, and half its width in per cent."""
+    """Credible intervals of each parameter with error bars: both ends in the same colours, and half the width in per cent.
+
+    Parameters
+    ----------
+    result : mapping of str to Any
+        Result of the command `invert`.
+    data : WaveData
+        The wave data.
+    arrays : mapping of str to ndarray
+        The maps.
+    flat : sequence of Plane
+        Planes to draw.
+
+    Returns
+    -------
+    bytes
+        A PNG.
+    """
     rows = [(name, plane) for name in result["answers"] if f"{name}_low" in arrays for plane in flat]
     if not rows:
         return b""
@@ -138,7 +205,20 @@ def intervals(result: Mapping[str, Any], data: WaveData, arrays: Mapping[str, Fl
 
 
 def derived_maps(arrays: Mapping[str, Floats], flat: Sequence[Plane]) -> bytes:
-    """What follows from the complex shear modulus."""
+    """Maps of the quantities derived from the complex shear modulus.
+
+    Parameters
+    ----------
+    arrays : mapping of str to ndarray
+        The maps.
+    flat : sequence of Plane
+        Planes to draw.
+
+    Returns
+    -------
+    bytes
+        A PNG.
+    """
     names = [name for name in DERIVED if np.nanmax(np.abs(arrays[name])) > 0]
     titles = [PARAMETERS[name].label for name in names]
 
@@ -151,7 +231,22 @@ def derived_maps(arrays: Mapping[str, Floats], flat: Sequence[Plane]) -> bytes:
 
 
 def strain(data: WaveData, arrays: Mapping[str, Floats], flat: Sequence[Plane]) -> bytes:
-    """Octahedral shear strain of each load that is measured whole, and over its noise; nothing without one."""
+    """Octahedral shear strain of each completely measured load, and its ratio to noise.
+
+    Parameters
+    ----------
+    data : WaveData
+        The wave data.
+    arrays : mapping of str to ndarray
+        The maps.
+    flat : sequence of Plane
+        Planes to draw.
+
+    Returns
+    -------
+    bytes
+        A PNG; empty without such a load.
+    """
     names, loads = ("oss", "oss_snr"), min(data.loads, MOST_LOADS)
     rows = [(load, plane) for load in range(loads) if np.isfinite(arrays["oss"][load]).any() for plane in flat]
 
@@ -166,7 +261,20 @@ def strain(data: WaveData, arrays: Mapping[str, Floats], flat: Sequence[Plane]) 
 
 
 def residuals(result: Mapping[str, Any], residual: Floats) -> bytes:
-    """How often which residual occurs, in units of the noise, against the normal distribution that a good fit leaves."""
+    """Histogram of the normalised residuals against the normal distribution of a good fit.
+
+    Parameters
+    ----------
+    result : mapping of str to Any
+        Result of the command `invert`.
+    residual : ndarray
+        Residuals in standard deviations of the noise.
+
+    Returns
+    -------
+    bytes
+        A PNG.
+    """
     left = np.concatenate([residual.real.ravel(), residual.imag.ravel()])
     left = left[np.isfinite(left)]
     used = 1 - result["starts"][result["chosen"]]["expected_misfit"] / left.size
@@ -193,7 +301,7 @@ def residuals(result: Mapping[str, Any], residual: Floats) -> bytes:
 
 
 def convergence(result: Mapping[str, Any]) -> bytes:
-    """Misfit over its expected level, and weights of the regularisers, round by round of each start."""
+    """Misfit over its expected value, and regularisation weights, by iteration of each initial guess, as a PNG."""
     starts, named = result["starts"], result["model"].get("fields")
     styles: tuple[Any, ...] = ("-", "--", ":", "-.", (0, (5, 1)), (0, (1, 1)), (0, (3, 1, 1, 1)), (0, (8, 2)))
     with style():
@@ -220,7 +328,24 @@ def convergence(result: Mapping[str, Any]) -> bytes:
 
 
 def table(flat: Sequence[Plane], titles: Sequence[str], names: Sequence[str], looks: Looks) -> bytes:
-    """Planes in rows, each with a name above, columns with titles; neighbours with the same colours (one object) share a bar."""
+    """Draw planes as rows and quantities as columns; neighbours with the same colour settings (one object) share a colour bar.
+
+    Parameters
+    ----------
+    flat : sequence of Plane
+        The planes.
+    titles : sequence of str
+        Titles of the columns.
+    names : sequence of str
+        Titles of the rows.
+    looks : callable
+        Row → colour settings and values, see `Looks`.
+
+    Returns
+    -------
+    bytes
+        A PNG.
+    """
     columns = max(len(titles), 2)
     bar, gap, margin, head, foot = 0.62, 0.12, 0.55, 0.42, 0.42  # inches
     wide = (WIDTH - margin - columns * (bar + gap)) / columns
@@ -260,14 +385,27 @@ def table(flat: Sequence[Plane], titles: Sequence[str], names: Sequence[str], lo
 
 
 def window(cmap: str, values: Floats) -> dict[str, Any]:
-    """Colours from the 1st to the 99th percentile."""
+    """Colour settings from the 1st to the 99th percentile.
+
+    Parameters
+    ----------
+    cmap : str
+        Colour map.
+    values : ndarray
+        The values.
+
+    Returns
+    -------
+    dict of str to Any
+        cmap, vmin and vmax.
+    """
     low, high = np.nanpercentile(values, [1, 99]) if np.isfinite(values).any() else (0.0, 1.0)
     room = max(float(high - low) * 0.02, 0.01 * abs(float(high)), 1e-12)
     return {"cmap": cmap, "vmin": float(low) - room, "vmax": float(high) + room}
 
 
 def _beyond(look: Mapping[str, Any], values: Floats) -> str:
-    """Which ends of a colour bar values go beyond."""
+    """At which ends of a colour bar values exceed its range."""
     low, high = bool(np.nanmin(values) < look["vmin"]), bool(np.nanmax(values) > look["vmax"])
     return {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}[low, high]
 
@@ -277,13 +415,26 @@ def _rms(values: Floats) -> float:
 
 
 def load_name(data: WaveData, load: int) -> str:
-    """What a load is called."""
+    """Name of a load.
+
+    Parameters
+    ----------
+    data : WaveData
+        The wave data.
+    load : int
+        Number of the load.
+
+    Returns
+    -------
+    str
+        The name.
+    """
     frequency = data.frequency[load]
     return f"Load {load + 1}, " + (f"{frequency:g} Hz" if frequency else "quasi-static")
 
 
 def data_facts(data: WaveData) -> list[tuple[str, str]]:
-    """What the data are and say of the material."""
+    """Facts about the data and the material model: pairs of name and text."""
     grid = data.grid
     form = "grid of " + " × ".join(map(str, grid.shape)) if grid else "scattered"
     where = f"{len(data.points)} points, {form}; {int(data.mask.sum())} of them count"

@@ -1,4 +1,4 @@
-"""What the cheapest adequate model says of a loaded body, as one page that opens alone: answers, what is left out, the way."""
+"""The page of the cheapest adequate model of a loaded body: answers, omitted effects, sequence of models."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from ngbrain.report.pages.page import write_page
 from ngbrain.report.pictures.style import figure, png, style
 
 SHOWN = {"m": ("mm", 1e3), "": ("%", 100.0)}
-"""Unit → how it is shown, and how many of that are one of it; others as they are."""
+"""Unit → display unit and factor; other units are shown as they are."""
 
 
 def display_unit(unit: str) -> tuple[str, float]:
-    """What a unit is shown in, and how many of that are one of it.
+    """Display unit of a quantity, and the factor to it.
 
     >>> display_unit("m"), display_unit("N")
     (('mm', 1000.0), ('N', 1.0))
@@ -26,11 +26,29 @@ def display_unit(unit: str) -> tuple[str, float]:
 
 
 LEAST, MOST = 1e-3, 10.0
-"""Per cent below which, and times above which changes are drawn there."""
+"""Range of the changes drawn: from this many per cent up to this many times."""
 
 
 def build(path: str | os.PathLike[str], result: Mapping[str, Any]) -> Path:
-    """Write the page of a result that says how accurate its quantities are. Raises `MissingExtra` without matplotlib or jinja2."""
+    """Write the page of a result with error estimates of its quantities.
+
+    Parameters
+    ----------
+    path : str or path-like
+        Output file.
+    result : mapping of str to Any
+        The result.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    MissingExtra
+        matplotlib or jinja2 is not installed.
+    """
     return write_page(
         Path(path),
         "ladder.html",
@@ -42,7 +60,7 @@ def build(path: str | os.PathLike[str], result: Mapping[str, Any]) -> Path:
 
 
 def answers(result: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
-    """Quantity, value with its unit, estimated error, tolerance."""
+    """Rows of the answer table: quantity, value with unit, estimated error, tolerance."""
     rows = []
     for each in result["answers"]:
         unit, factor = display_unit(each["unit"])
@@ -52,13 +70,13 @@ def answers(result: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
 
 
 def omitted_effects(result: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
-    """What the model lacks, the largest change that it would make, how that was found, and why to doubt it."""
+    """Rows of the table of omitted effects: what the model lacks, its largest change of an answer, the method, doubts."""
     rows = [(each["what"], _largest(each["change"]), each["how"], each["doubt"]) for each in result["left_out"]]
     return [(what, percent(change), *rest) for what, change, *rest in sorted(rows, key=lambda row: -(row[1] or np.inf))]
 
 
 def percent(share: float | None) -> str:
-    """In words, None for what is not known.
+    """A relative number in per cent; "unknown" for None.
 
     >>> percent(0.0123), percent(None)
     ('1.2 %', 'unknown')
@@ -76,7 +94,7 @@ def _worst(rung: Mapping[str, Any]) -> float:
 
 
 def _way(result: Mapping[str, Any]) -> bytes:
-    """What each model left out, over the time spent."""
+    """Plot the estimated error of each model over the time spent."""
     with style():
         made = figure(4.2)
         axis = made.add_axes((0.09, 0.13, 0.89, 0.84))

@@ -1,4 +1,4 @@
-"""Pages that open alone: a template of this folder, pictures inside of it."""
+"""Self-contained pages: a template of this folder with its pictures embedded."""
 
 from __future__ import annotations
 
@@ -17,12 +17,28 @@ HEADING = re.compile(r'<h2(?: id="([^"]*)")?>(.*?)</h2>')
 
 
 def write_page(path: Path, template: str, pictures: Mapping[str, bytes], **given: Any) -> Path:
-    """Fill a template and write it, with a list of its headings at the mark `CONTENTS`; the file is whole or not there.
+    """Fill a template and write the page atomically, with a table of contents at the mark `CONTENTS`.
 
-    pictures  name → PNG, in the template as base64
-    given     everything else that the template names; its filters are number, duration and size of `tables`, and base64
+    Parameters
+    ----------
+    path : Path
+        Output file.
+    template : str
+        Name of the template.
+    pictures : mapping of str to bytes
+        Name → PNG, embedded as base64.
+    **given
+        Other variables of the template. Its filters are number, duration and size of `words`, and base64.
 
-    Raises `MissingExtra` where jinja2 is not installed.
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    MissingExtra
+        jinja2 is not installed.
     """
     jinja2 = require("jinja2", "report")
     environment = jinja2.Environment(
@@ -37,7 +53,7 @@ def write_page(path: Path, template: str, pictures: Mapping[str, bytes], **given
 
 
 def _with_contents(page: str) -> str:
-    """With a place at each heading, and links to them."""
+    """Add anchors to the headings, and links to them."""
     links: list[str] = []
 
     def place(found: re.Match[str]) -> str:

@@ -1,4 +1,4 @@
-"""Words and tables of an inversion, for the page and for the terminal: names and units of parameters, starts, checks."""
+"""Names, units and tables of elastography parameters, for the page and the terminal."""
 
 from __future__ import annotations
 
@@ -12,7 +12,19 @@ from ngbrain.report.words import number
 
 @dataclass(frozen=True)
 class ParameterLabel:
-    """How a map is called and shown: SI times `factor` is in `unit`."""
+    """Name, symbol and display unit of a parameter.
+
+    Parameters
+    ----------
+    name : str
+        Name.
+    symbol : str
+        Symbol.
+    unit : str
+        Display unit.
+    factor : float
+        Factor from SI to the display unit.
+    """
 
     name: str
     symbol: str
@@ -26,7 +38,7 @@ class ParameterLabel:
 
     @property
     def head(self) -> str:
-        """Symbol and unit."""
+        """Symbol and unit, for a table head."""
         return self.symbol + (f" ({self.unit})" if self.unit else "")
 
 
@@ -49,8 +61,22 @@ PARAMETERS = {
 
 
 def symbol(name: str, fields: Mapping[str, Mapping[str, Any]] | None = None) -> str:
-    """Of a parameter, or of a field among `fields`: of its quantity, with the label that it is in.
+    """Symbol of a parameter or of a field: that of its quantity, with the label it is restricted to.
 
+    Parameters
+    ----------
+    name : str
+        Name of the parameter or field.
+    fields : mapping, optional
+        Name of a field → its quantity and label.
+
+    Returns
+    -------
+    str
+        The symbol.
+
+    Examples
+    --------
     >>> symbol("storage"), symbol("storage 3", {"storage 3": {"quantity": "storage", "label": 3}})
     ('G′', 'G′ of 3')
     """
@@ -69,11 +95,11 @@ STARTS = {
     "slices": "slices, one by one",
     "pass 1": "zones among their neighbours",
 }
-"""What the rows of the table of starts are."""
+"""Descriptions of the initial guesses in the table."""
 
 
 def parameters(result: Mapping[str, Any]) -> list[TableRow]:
-    """A row for each parameter: median, interquartile range and, with truth, the relative error."""
+    """A row for each parameter: median, interquartile range and, where the truth is known, relative error."""
     rows = []
     for name, answer in result["answers"].items():
         shown = PARAMETERS[name]
@@ -84,13 +110,13 @@ def parameters(result: Mapping[str, Any]) -> list[TableRow]:
 
 
 def intervals(result: Mapping[str, Any]) -> list[str]:
-    """For each parameter its mean and the ends of its 95 % interval; nothing without error bars."""
+    """Mean and ends of the 95 % interval for each parameter; empty without error bars."""
     bars = result.get("error_bars", {})
     return [_ends(name, bars[name]["mean"]) if name in bars else "–" for name in result["answers"] if bars]
 
 
 def labels(result: Mapping[str, Any]) -> list[TableRow]:
-    """A row for each label: median and interquartile range of every map that `label_heads` names."""
+    """A row for each label: median and interquartile range of every map in `label_heads`."""
     found = _of_labels(result)
     names = sorted({label for each in found.values() for label in each}, key=int)
     return [
@@ -99,18 +125,18 @@ def labels(result: Mapping[str, Any]) -> list[TableRow]:
 
 
 def label_heads(result: Mapping[str, Any]) -> list[str]:
-    """Symbols and units of the maps that labels have numbers of."""
+    """Symbols and units of the maps with numbers for each label."""
     return [PARAMETERS[name].head for name in _of_labels(result)]
 
 
 def _of_labels(result: Mapping[str, Any]) -> dict[str, Mapping[str, Mapping[str, float]]]:
-    """Map → label → median and IQR, of maps that are not zero everywhere, as loss is of what is elastic."""
+    """Map → label → median and IQR, without maps that are zero everywhere (as the loss modulus of elastic tissue)."""
     found = result.get("by_label") or {}
     return {name: each for name, each in found.items() if any(any(spread.values()) for spread in each.values())}
 
 
 def starts(result: Mapping[str, Any]) -> list[TableRow]:
-    """A row for each start: error of every parameter, misfit over its expected level, J, rounds, settled or not, CPU s."""
+    """A row for each initial guess: error of every parameter, misfit over expected misfit, J, iterations, convergence, CPU s."""
     rows = []
     for name, start in result["starts"].items():
         errors = [percent(start["answers"][key].get("relative_l2_error")) for key in result["answers"]]
@@ -123,7 +149,7 @@ def starts(result: Mapping[str, Any]) -> list[TableRow]:
 
 
 def _interval(name: str, band: Mapping[str, float]) -> str:
-    """A value and the ends of its interval, in the unit shown, with that."""
+    """A value and the ends of its interval in the display unit."""
     return f"{_ends(name, band)} {PARAMETERS[name].unit}".rstrip()
 
 
@@ -133,7 +159,7 @@ def _ends(name: str, band: Mapping[str, float]) -> str:
 
 
 def facts(result: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """What was assumed and what came of it: pairs of words."""
+    """Assumptions and results of the inversion: pairs of name and text."""
     model, noise, checks, solves = (result[key] for key in ("model", "noise", "checks", "solves"))
     own = "those that the data were made in" if model["inverse_crime"] else "our own"
     named = model.get("fields")
@@ -191,14 +217,14 @@ def facts(result: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def _misfit(result: Mapping[str, Any]) -> str:
-    """Over its expected level; and whether fields and weights had settled there."""
+    """Misfit over its expected value, and whether fields and weights converged."""
     chosen = result["starts"][result["chosen"]]
     rounds, end = chosen["rounds"], "settled" if chosen["converged"] else "not settled: stopped"
     return f"{number(result['checks']['misfit_over_expected'])}, {end} after {rounds} round{'s' if rounds > 1 else ''}"
 
 
 def percent(value: float | None) -> str:
-    """A share in per cent; a dash for none."""
+    """A relative number in per cent; a dash for None."""
     return "–" if value is None else f"{number(100 * value)} %"
 
 

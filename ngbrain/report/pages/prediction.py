@@ -1,4 +1,4 @@
-"""What a trained operator makes of wave data, as one page that opens alone: whether to trust it, maps and truth, tables."""
+"""The page of a neural operator's prediction from wave data: trust, maps with the truth where it is known, tables."""
 
 from __future__ import annotations
 
@@ -23,9 +23,28 @@ from ngbrain.report.words import number
 def build(
     path: str | os.PathLike[str], result: Mapping[str, Any], data: WaveData, arrays: Mapping[str, Floats]
 ) -> Path:
-    """Write the page to `path`; arguments as of `elastography.build`, of the verb `predict`.
+    """Write the page of a prediction.
 
-    Raises `MissingExtra` where matplotlib or jinja2 is not installed.
+    Parameters
+    ----------
+    path : str or path-like
+        Output file.
+    result : mapping of str to Any
+        Result of the command `predict`.
+    data : WaveData
+        The wave data.
+    arrays : mapping of str to ndarray
+        Content of maps.npz, as for `elastography.build`.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    MissingExtra
+        matplotlib or jinja2 is not installed.
     """
     flat = planes(data)
     names = list(result["answers"])
@@ -77,11 +96,11 @@ WORDS = {
     "residual": "Residual of the equations of motion",
     "boundary": "Way in which the square is driven and held",
 }
-"""What the numbers that decide on trust are."""
+"""Names of the scores that decide on trust."""
 
 
 def trust(result: Mapping[str, Any]) -> list[TableRow]:
-    """A row for each number that decides on trust, over its bound, the largest first."""
+    """A row for each score that decides on trust, relative to its bound, the largest first."""
     scores = result["trust"]["scores"]
     limit = result["trust"]["threshold"]
     names = sorted(scores, key=scores.get, reverse=True)
@@ -92,7 +111,7 @@ def trust(result: Mapping[str, Any]) -> list[TableRow]:
 
 
 def facts(result: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """What answered, and what it took: pairs of words."""
+    """The model that was used and its cost: pairs of name and text."""
     model = result["model"]
     done = ", ".join(f"{count} {name}" for name, count in result["solves"].items())
     pairs = [("Operator", f"of {model['operator']}; {model['squares']} squares of the grid")]
@@ -108,5 +127,5 @@ def facts(result: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def _share(arrays: Mapping[str, Floats], name: str) -> Floats:
-    """A standard deviation in per cent of the map's median size."""
+    """Standard deviation in per cent of the median magnitude of the map."""
     return 100 * arrays[f"{name}_deviation"] / float(np.nanmedian(np.abs(arrays[name])))

@@ -1,4 +1,4 @@
-"""A scene before it is computed, as one page: geometry, regions, conditions, cleft and tool, on three slices and in space."""
+"""The page of a scene before it is computed: geometry, regions, boundary conditions, cleft and tool."""
 
 from __future__ import annotations
 
@@ -27,27 +27,33 @@ KINDS = {
     "contact": "#009E73",
     "walls of the cleft": "#FF5CA8",
 }
-"""What acts on a boundary, and its colour."""
+"""Kinds of boundary conditions, and their colours."""
 REGIONS = ("#F3DCC2", "#DDE6CF", "#CFE0F0", "#E8D3E8", "#F4F0B8", "#D5D5D5")
 """Colours of regions."""
 FREE, TOOL, GHOST = "#EFE8DC", "#7A858C", "#B04A00"
 WIDE = 4.6
-"""Inches of a picture, which a page shows side by side or, on a phone, one under the other."""
+"""Width of a picture (inches); a page shows them side by side or, on a phone, below each other."""
 STILL = 1e-4
-"""A way (m) that no arrow is drawn for: surfaces are found on grids."""
+"""Displacement (m) below which no arrow is drawn: surfaces are found on grids."""
 VIEWS = ((0, 1, 2), (1, 0, 2), (2, 0, 1))
-"""Axis that a slice is normal to, axis to its right (of a head to its left), axis upwards."""
+"""Normal axis of a slice, axis to its right (of a head to its left), axis upwards."""
 NAMES = ("Sagittal", "Coronal", "Axial")
 
 
 @dataclass(frozen=True, eq=False)
 class Condition:
-    """What acts on boundaries.
+    """A boundary condition of the scene.
 
-    kind       of `KINDS`
-    words      what it is, in a line
-    boundaries their names
-    way        (3,) m, where something moves; None
+    Parameters
+    ----------
+    kind : str
+        A key of `KINDS`.
+    words : str
+        Description in a line.
+    boundaries : tuple of str
+        Names of its boundaries.
+    way : ndarray, shape (3,), optional
+        Displacement or load direction (m).
     """
 
     kind: str
@@ -58,7 +64,19 @@ class Condition:
 
 @dataclass(frozen=True, eq=False)
 class RigidBodyDrawing:
-    """A rigid body, a tool or an indenter: points (m) and triangles, where it begins and at its furthest."""
+    """A rigid body, a tool or an indenter, in its first and last position.
+
+    Parameters
+    ----------
+    name : str
+        Name.
+    points : ndarray, shape (n, 3)
+        Vertices in the first position (m).
+    triangles : ndarray of int, shape (m, 3)
+        Triangles.
+    last : tuple of ndarray
+        Vertices (m) and triangles in the last position.
+    """
 
     name: str
     points: Floats
@@ -67,23 +85,42 @@ class RigidBodyDrawing:
 
     @property
     def way(self) -> Floats:
-        """From its middle at first to its middle at its furthest (m); nothing of what widens."""
+        """Displacement (m) of its centre from the first to the last position; zero for a tool that widens."""
         return np.asarray(_middle(self.last[0]) - _middle(self.points))
 
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """What is drawn of a scene.
+    """Everything that is drawn of a scene.
 
-    points   (n, 3) m
-    tets     (m, 4) nodes
-    region   (m,) names
-    faces    boundary → (k, 3) triangles
-    focus    (3,) m, where the slices meet
-    head     whether it is a head, drawn as radiologists have it
-    image    the scan that it is of
-    coarse   whether the elements are larger than those that it would be computed on
-    tables   heading → rows of texts, below the pictures
+    Parameters
+    ----------
+    title : str
+        Title of the page.
+    points : ndarray, shape (n, 3)
+        Vertices (m).
+    tets : ndarray of int, shape (m, 4)
+        Tetrahedra.
+    region : ndarray of str, shape (m,)
+        Region names.
+    faces : dict of str to ndarray of int, shape (k, 3)
+        Boundary → triangles.
+    focus : ndarray, shape (3,)
+        Common point of the slices (m).
+    head : bool
+        Whether it is a head, drawn in radiological convention.
+    conditions : sequence of Condition
+        Boundary conditions.
+    solids : sequence of RigidBodyDrawing
+        Rigid bodies.
+    image : ScanImage, optional
+        The scan of the head.
+    coarse : bool
+        Whether the elements are larger than those of the computation.
+    tables : dict of str to list of tuple of str
+        Heading → rows of text below the pictures.
+    warnings : sequence of str
+        Warnings.
     """
 
     title: str
@@ -107,13 +144,31 @@ class Drawing:
         return {name: REGIONS[i % len(REGIONS)] for i, name in enumerate(names)}
 
     def boundary_colour(self, name: str) -> str:
-        """The colour of a boundary: of the last thing that acts on it."""
+        """Colour of a boundary: that of the last condition on it."""
         kinds = [each.kind for each in self.conditions if name in each.boundaries]
         return KINDS[kinds[-1]] if kinds else FREE
 
 
 def build(path: str | os.PathLike[str], drawing: Drawing) -> Path:
-    """Write the page. Raises `MissingExtra` without matplotlib or jinja2."""
+    """Write the page of a scene.
+
+    Parameters
+    ----------
+    path : str or path-like
+        Output file.
+    drawing : Drawing
+        The scene.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    MissingExtra
+        matplotlib or jinja2 is not installed.
+    """
     with style():
         pictures = {f"slice{i}": _slice(drawing, *view) for i, view in enumerate(VIEWS)}
         pictures["space"] = _space(drawing)
@@ -143,7 +198,7 @@ def _page(height: float) -> Any:
 
 
 def _slice(drawing: Drawing, normal: int, across: int, up: int) -> bytes:
-    """A plane through the focus: regions, or the scan; what acts where; rigid bodies where they begin and end."""
+    """A plane through the focus: regions or the scan, boundary conditions, and rigid bodies in their first and last position."""
     collections = require("matplotlib.collections", "report")
     low, high = (1e3 * edge(drawing.points, axis=0) for edge in (np.min, np.max))
     margin = 0.14 * (high - low).max()
@@ -178,7 +233,7 @@ def _slice(drawing: Drawing, normal: int, across: int, up: int) -> bytes:
 
 
 def _lines(points: Floats, tris: Ints, level: Floats, flat: list[int]) -> Floats:
-    """Where triangles meet a plane (k, 2, 2), mm."""
+    """Intersection lines of triangles and a plane (k, 2, 2) in mm."""
     cut = cut_surface(tris, level)
     return np.asarray(1e3 * cut.interpolate(points)[:, flat][cut.simplices])
 
@@ -224,18 +279,18 @@ def _furnish(axes: Any, drawing: Drawing, across: int, up: int) -> None:
 
 
 def _middle(points: Floats) -> Floats:
-    """Of the box around points."""
+    """Centre of the bounding box of points."""
     return np.asarray((points.min(axis=0) + points.max(axis=0)) / 2)
 
 
 def _round(length: float) -> float:
-    """1, 2 or 5 times a power of ten, no more than a length."""
+    """The largest of 1, 2 or 5 times a power of ten up to a length."""
     ten = 10.0 ** np.floor(np.log10(length))
     return float(max(step * ten for step in (1, 2, 5) if step * ten <= length))
 
 
 def _space(drawing: Drawing) -> bytes:
-    """From the front, the side and above: boundaries by what acts on them, rigid bodies, and arrows along which something moves."""
+    """Views from the front, the side and above: boundary conditions, rigid bodies and arrows of motion."""
     made = _page(WIDE)
     axes = made.add_axes((0, 0, 1, 1))
     every = np.concatenate([drawing.points, *(solid.points for solid in drawing.solids if drawing.head)])
@@ -250,7 +305,7 @@ def _space(drawing: Drawing) -> bytes:
     for name, tris in drawing.faces.items():
         colour = np.array(colors.to_rgb(drawing.boundary_colour(name)))
         normals = vertex_normals(drawing.points, tris) if drawing.head else None
-        # The head's own surface is seen through: the cleft and the tool are behind it.
+        # The head's surface is transparent, since the cleft and the tool are behind it.
         through = drawing.head and drawing.boundary_colour(name) in (FREE, KINDS["held"], KINDS["slides"])
         layers.append(
             Layer(
@@ -284,7 +339,7 @@ def _arrow(axes: Any, camera: Camera, drawing: Drawing, each: Condition, reach: 
 
 
 def _pointed(axes: Any, camera: Camera, start: Floats, way: Floats | None, reach: float, colour: str) -> None:
-    """An arrow of one length, along a way, that ends where it points from outside: directions, not sizes."""
+    """An arrow of one length along a direction, with its tip on the surface: directions, not magnitudes."""
     unit = np.asarray(way) / np.linalg.norm(np.asarray(way))
     tail, head = 1e3 * camera.project(np.array([start - 0.3 * reach * unit, start]))[:, :2]
     look = {"arrowstyle": "-|>", "color": colour, "lw": 2.6, "mutation_scale": 18, "shrinkA": 0, "shrinkB": 0}

@@ -1,4 +1,4 @@
-"""What a retraction amounts to, as one page that opens alone: pictures, findings, tables."""
+"""The page of a retraction: pictures, findings, tables."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ SERIES = ("t_s", "opening_mm", "blade_mm", "pressure_mmHg")
 
 
 def build(folder: str | os.PathLike[str]) -> Path:
-    """Write `folder/report.html` from `folder/result.json` and the runs' `folder/PROTOCOL.vtkhdf`: see `Report`."""
+    """Write `folder/report.html` from `folder/result.json` and the runs' `folder/PROTOCOL.vtkhdf` (see `Report`)."""
     return Report(folder).write()
 
 
 class Report:
     """The page of a retraction, `report.html`; its pictures are drawn once, however often it is written.
 
-    The page holds its pictures and its style, and needs nothing else to be read, sent or printed.
+    The page contains its pictures and styles, so that it can be read, sent and printed by itself.
 
     Parameters
     ----------
     folder : str or path-like
-        With `result.json` and the runs' `PROTOCOL.vtkhdf`.
+        Folder with `result.json` and the runs' `PROTOCOL.vtkhdf`.
 
     Raises
     ------
@@ -50,12 +50,12 @@ class Report:
         self._drawn: tuple[dict[str, bytes], Animation, str, float] | None = None
 
     def write(self) -> Path:
-        """Write the page from `result.json` as it now stands; the protocols in it are those of the first time.
+        """Write the page from the current `result.json`; its protocols are those of the first call.
 
         Raises
         ------
         InputError
-            result.json is missing, damaged or not from `demo` or of an operation; or a run's file is.
+            `result.json` is missing, damaged or not from a retraction; or a run's file is.
         """
         folder, result = self.folder, _read(self.folder / "result.json")
         self._drawn = self._drawn or _pictures(folder, result)
@@ -107,7 +107,7 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def _pictures(folder: Path, result: dict[str, Any]) -> tuple[dict[str, bytes], Animation, str, float]:
-    """Name → PNG; the animation; the protocol that space is drawn for, whose strain is largest, the first of equals; when (s)."""
+    """Pictures by name, the animation, the protocol shown in 3-D (the first with the largest strain), and its time (s)."""
     answers = result["answers"]
     strain = {name: answer.get("mps_p95") or 0.0 for name, answer in answers.items()}
     shown = next(name for name in answers if strain[name] >= (1 - tables.EQUAL) * max(strain.values()))

@@ -1,4 +1,4 @@
-"""The words and tables of the report: numbers as text, what each means and what was wanted of it."""
+"""Tables and sentences of the retraction report: numbers as text, their meaning and their acceptance limits."""
 
 from __future__ import annotations
 
@@ -15,12 +15,22 @@ from ngbrain.surgery.uncertainty.verification_runs import HALF, MESH, MILLER, OR
 EQUAL = 5e-3
 """Values this close, relative to the largest, are called equal."""
 ROUNDING = 1e-12
-"""In the comparison, what is smaller is shown as 0; checks show it."""
+"""Smaller values are shown as 0 in the comparison; checks show them."""
 
 
 @dataclass(frozen=True)
 class TableRow:
-    """A line of a table: its name, unit, and one (text, remark) for each column."""
+    """A row of a table.
+
+    Parameters
+    ----------
+    name : str
+        Name of the quantity.
+    unit : str
+        Unit.
+    cells : list of tuple of str
+        (text, remark) for each column.
+    """
 
     name: str
     unit: str
@@ -29,7 +39,19 @@ class TableRow:
 
 @dataclass(frozen=True)
 class Check:
-    """What a check should be: in words, and whether a value is."""
+    """A verification check and its acceptance limit.
+
+    Parameters
+    ----------
+    name : str
+        Name of the check.
+    wanted : str
+        Acceptance limit in words.
+    met : callable or None
+        Value → whether the limit is met.
+    unit : str
+        Unit.
+    """
 
     name: str
     wanted: str
@@ -123,7 +145,7 @@ CHECKS: dict[str, Check] = {
 
 
 def comparison(answers: Mapping[str, Any]) -> list[TableRow]:
-    """One row a metric, one column a protocol; lowest and highest said in words."""
+    """A row for each metric and a column for each protocol; lowest and highest are marked in words."""
     rows = []
     for key, name, unit, ranked in METRICS:
         values = [answer.get(key) for answer in answers.values()]
@@ -141,7 +163,7 @@ def comparison(answers: Mapping[str, Any]) -> list[TableRow]:
 
 
 def headlines(answers: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """(protocol, sentence) on pressure and time above the thresholds."""
+    """Protocol and a sentence on its pressure and the time above the thresholds."""
     return [(name, _headline(answer)) for name, answer in answers.items()]
 
 
@@ -162,7 +184,20 @@ def _headline(answer: Mapping[str, Any]) -> str:
 
 
 def findings(answers: Mapping[str, Any], given: list[str]) -> list[str]:
-    """What the comparison says metric by metric: as given, or else made from the numbers."""
+    """Sentences of the comparison, metric by metric.
+
+    Parameters
+    ----------
+    answers : mapping of str to Any
+        Protocol → answers.
+    given : list of str
+        Sentences of the result, which are used if there are any.
+
+    Returns
+    -------
+    list of str
+        The sentences.
+    """
     if given:
         return list(given)
     found = []
@@ -179,7 +214,7 @@ def findings(answers: Mapping[str, Any], given: list[str]) -> list[str]:
 
 
 ESTIMATED_BY = {"dt_halving": HALF, "order_plus_one": ORDER, "other_elements": MESH}
-"""Value among the checks → the run that it needs beside the protocols'."""
+"""Check → the verification run that it needs."""
 MISSING = {
     UNDER_WAY: "Checks under way when this page was written, which go into it as they end: {}.",
     FAILED: "Checks that failed, so that what they estimate is not known: {}.",
@@ -188,13 +223,26 @@ MISSING = {
 
 
 def missing(status: Mapping[str, str]) -> list[str]:
-    """Which checks there is no result of, and why, in sentences."""
+    """Sentences on the checks without a result, with the reason."""
     found = {why: [name for name, now in status.items() if now == why] for why in MISSING}
     return [MISSING[why].format(", ".join(names)) for why, names in found.items() if names]
 
 
 def checks(values: Mapping[str, Any], status: Mapping[str, str]) -> list[tuple[str, str, str, str]]:
-    """(name, value with unit, what is wanted, verdict in words)."""
+    """Rows of the table of checks.
+
+    Parameters
+    ----------
+    values : mapping of str to Any
+        Check → value.
+    status : mapping of str to str
+        Verification run → its status.
+
+    Returns
+    -------
+    list of tuple of str
+        Name, value with unit, acceptance limit, verdict.
+    """
     rows = []
     for key, value in values.items():
         check = CHECKS.get(key, Check(key.replace("_", " "), "–", None))
@@ -210,14 +258,14 @@ def checks(values: Mapping[str, Any], status: Mapping[str, str]) -> list[tuple[s
 
 
 def _why(status: str | None) -> str:
-    """Why a value that a check gives is not there."""
+    """Reason for a missing value of a check."""
     return status if status in MISSING else "not known"
 
 
 def regions(answers: Mapping[str, Any]) -> tuple[list[str], list[tuple[str, str, list[str]]]]:
-    """What the columns are, and (region, protocols, its ml as text): above each strain and, last, beyond its law's fit.
+    """Columns of the table of strained tissue, and its rows: region, protocols, volumes (ml) above each strain and beyond the fit.
 
-    Protocols of which a region has the same share a line.
+    Protocols with the same volumes of a region share a row.
     """
     columns: list[str] = []
     rows: dict[tuple[str, tuple[str, ...]], list[str]] = {}
@@ -231,7 +279,20 @@ def regions(answers: Mapping[str, Any]) -> tuple[list[str], list[tuple[str, str,
 
 
 def band(given: Mapping[str, Any], status: Mapping[str, str]) -> list[tuple[str, str, float | None]]:
-    """(what is changed, how, peak pressure in mmHg): material laws as computed, then in proportion to published moduli."""
+    """Peak pressure for other material laws: computed ones, then scaled to published moduli.
+
+    Parameters
+    ----------
+    given : mapping of str to Any
+        Results of the other laws.
+    status : mapping of str to str
+        Verification run → its status.
+
+    Returns
+    -------
+    list of tuple
+        What is changed, how, peak pressure (mmHg).
+    """
     rows = [
         (name, "computed" if _is_number(value) else _why(status.get(MILLER)), value)
         for name, value in (given.get("peak_pressure_mmHg") or {}).items()
@@ -243,7 +304,9 @@ def band(given: Mapping[str, Any], status: Mapping[str, str]) -> list[tuple[str,
 
 
 def error_budget(errors: Mapping[str, Any]) -> list[tuple[str, str, list[str]]]:
-    """(name, unit, texts) for each number: its value, what mesh, order and steps move it by, their sum, its range by material."""
+    """Error budget of each number: name, unit, and texts of its value, its errors by mesh, order and time step, their sum, and its
+    range over materials.
+    """
     above = {key: of["part"] for key, of in errors.items() if of.get("quantity") == "volume_mps_above"}
     strained = [(key, _strained(above[key]), "ml") for key in sorted(above, key=lambda key: float(above[key]))]
     rows = []
@@ -256,7 +319,7 @@ def error_budget(errors: Mapping[str, Any]) -> list[tuple[str, str, list[str]]]:
 
 
 def peak_error_sentence(errors: Mapping[str, Any]) -> str:
-    """Of the peak pressure of one opening held to the end, in a sentence; nothing where there is none."""
+    """Error budget of the peak pressure of a single opening held to the end, as a sentence; empty without one."""
     if not (of := errors.get("peak_pressure_mmHg")):
         return ""
     words = {"mesh": "mesh", "order": "order", "step": "time steps"}
@@ -272,7 +335,7 @@ def _strained(threshold: str) -> str:
 
 
 def risks(answers: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
-    """(protocol, pressure held for 15 minutes, minutes pressed in all, what published counts say of that) in words."""
+    """Rows of the risk table: protocol, pressure held for 15 minutes, minutes of pressure, evidence from published counts."""
     rows = []
     for name, answer in answers.items():
         if interval := answer.get("infarct_probability_95"):

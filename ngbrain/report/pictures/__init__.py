@@ -1,17 +1,15 @@
-"""The pictures of the pages.
+"""The figures of the pages.
 
-- `animation`: Protocols side by side on the same slice: each at its peak, and all of them at equal times as a viewer
-  shows them.
-- `cut_plane`: The displaced tissue and the blade on the plane of approach and push, through the target.
-- `figures`: The pictures of a retraction report; each function gives the bytes of a PNG.
-- `frame`: A protocol's tissue and blade at one time, as the pictures need them.
-- `planes`: Values at points as pictures: images on grids, triangles between scattered points; in space three middle
-  planes.
-- `slices`: Three slices of a scan through the target: tissue labels, and the mesh that was made of them.
-- `style`: What the pictures share: sizes, colours, the strain scale, names of directions.
-- `timeline`: A protocol's run as the pictures need it: its tissue at any time.
-- `tool`: Tools as they are drawn, from the distance that contact sees: cut through the middle, and as solids.
-- `volume`: The head in three dimensions: whole, and cut open at the site.
+- `figures`: pressure curves and the strain slice of a retraction.
+- `animation`: protocols side by side on one slice, at their peaks and over time.
+- `volume`: the head in three dimensions, whole and cut open at the site.
+- `slices`: three slices of the scan with labels and mesh.
+- `cut_plane`: deformed tissue and blade in the plane of approach and push.
+- `planes`: values at data points as images or triangulations.
+- `timeline`: a protocol's run, interpolated in time.
+- `frame`: tissue and blade of a protocol at one time.
+- `tool`: sections and surfaces of the tools.
+- `style`: common sizes, colours, strain scale and anatomical directions.
 """
 
 __all__ = ["animation", "cut_plane", "figures", "frame", "planes", "slices", "style", "timeline", "tool", "volume"]

@@ -1,4 +1,4 @@
-"""Protocols side by side on the same slice: each at its peak, and all of them at equal times as a viewer shows them."""
+"""Protocols side by side on one slice: each at its peak, and all of them at equal times as an animation."""
 
 from __future__ import annotations
 
@@ -21,22 +21,32 @@ from ngbrain.report.render.surface import Floats
 from ngbrain.report.words import moment
 
 MOST = 48
-"""Moments that are shown."""
+"""Largest number of frames."""
 REACH = 30e-3
-"""Height of a panel: this far (m) up and down from the middle of the cleft."""
+"""Half the height of a panel (m), from the middle of the cleft."""
 ACROSS = 3
-"""Panels beside one another."""
+"""Panels in a row."""
 SHARE = 0.8
-"""Of the other pictures' resolution."""
+"""Resolution relative to the other pictures."""
 LETTERS = 98.0
-"""Of a bold title of one point, about so many to the inch."""
+"""Letters per inch of a bold title of one point."""
 HEIGHT, CURVES = 2.75, 2.1
-"""Of a panel and of the curves, inches."""
+"""Height of a panel and of the curves (inches)."""
 
 
 @dataclass(frozen=True)
 class AnimationFrame:
-    """All protocols at a time: s, what is to be said in words, a WebP picture."""
+    """All protocols at one time.
+
+    Parameters
+    ----------
+    t : float
+        Time (s).
+    text : str
+        Description.
+    picture : bytes
+        A WebP picture.
+    """
 
     t: float
     text: str
@@ -45,7 +55,17 @@ class AnimationFrame:
 
 @dataclass(frozen=True)
 class TimeAxis:
-    """Where times are on a picture, in shares of its size: from `left` on, `width` for `end` s; from `top` down, `height`."""
+    """Position of a time axis in a picture, relative to the picture's size.
+
+    Parameters
+    ----------
+    left, top : float
+        Upper left corner.
+    width, height : float
+        Size.
+    end : float
+        Time at the right end (s).
+    """
 
     left: float
     top: float
@@ -54,13 +74,25 @@ class TimeAxis:
     end: float
 
     def position(self, t: float) -> float:
-        """Where a time (s) is, from the left."""
+        """Horizontal position of a time (s), from the left."""
         return self.left + self.width * t / self.end
 
 
 @dataclass(frozen=True)
 class Animation:
-    """What a viewer needs: moments in order, the one it starts with, and curves with the axes that a mark moves along."""
+    """An animation with its pressure curves.
+
+    Parameters
+    ----------
+    frames : list of AnimationFrame
+        Frames in order of time.
+    start : int
+        The first frame shown.
+    curves : bytes
+        Picture of the pressure curves.
+    axes : list of TimeAxis
+        Time axes in that picture, along which a mark moves.
+    """
 
     frames: list[AnimationFrame]
     start: int
@@ -69,7 +101,22 @@ class Animation:
 
 
 def animation(runs: Mapping[str, Run], answers: Mapping[str, Any], scale: StrainScale) -> Animation:
-    """All protocols at equal times; it starts where pressure is highest."""
+    """Animate all protocols at equal times, starting at the highest pressure.
+
+    Parameters
+    ----------
+    runs : mapping of str to Run
+        Protocol → run.
+    answers : mapping of str to Any
+        Protocol → answers.
+    scale : StrainScale
+        Colours of strain.
+
+    Returns
+    -------
+    Animation
+        The animation.
+    """
     shown, highest = [], 0.0
     start = 0
     for t in times(list(runs.values())):
@@ -85,7 +132,22 @@ def animation(runs: Mapping[str, Run], answers: Mapping[str, Any], scale: Strain
 
 
 def peaks(runs: Mapping[str, Run], answers: Mapping[str, Any], scale: StrainScale) -> bytes:
-    """Every protocol when its own strain is largest; PNG."""
+    """Draw every protocol at its own largest strain.
+
+    Parameters
+    ----------
+    runs : mapping of str to Run
+        Protocol → run.
+    answers : mapping of str to Any
+        Protocol → answers.
+    scale : StrainScale
+        Colours of strain.
+
+    Returns
+    -------
+    bytes
+        A PNG.
+    """
     states = [run.peak() for run in runs.values()]
     titles = {
         state.protocol: f"{moment(state.time)}: {_now(answers[state.protocol], state.time)[0]}" for state in states
@@ -94,9 +156,9 @@ def peaks(runs: Mapping[str, Run], answers: Mapping[str, Any], scale: StrainScal
 
 
 def times(runs: Sequence[Run]) -> Floats:
-    """Times (s) at which some run has a frame; of more than `MOST`, so many, evenly in time passed and way gone by blades.
+    """Times (s) of the frames of all runs; if there are more than `MOST`, a subset, uniform in time and in blade travel.
 
-    Both count half, so that short ramps are seen as well as long holds.
+    Both have equal weight, so that short ramps are shown as well as long holds.
     """
     every = np.unique(np.concatenate([run.times for run in runs]))
     if len(every) <= MOST:
@@ -109,7 +171,7 @@ def times(runs: Sequence[Run]) -> Floats:
 
 
 def _now(answer: Mapping[str, Any], t: float) -> tuple[str, float]:
-    """Opening and pressure at a time, or at the end before it, in words; the pressure (mmHg)."""
+    """Opening and pressure at a time (or at the end before it) in words; the pressure (mmHg)."""
     series = answer["series"]
     steps = np.array(series["t_s"], float)
     at = float(np.clip(t, steps[0], steps[-1]))
@@ -124,7 +186,7 @@ def _now(answer: Mapping[str, Any], t: float) -> tuple[str, float]:
 def _panels(
     states: Sequence[DeformedHead], titles: Mapping[str, str], answers: Mapping[str, Any], scale: StrainScale
 ) -> Any:
-    """The same part of the slice for each state, with one scale of strain."""
+    """The same part of the slice for each state, with one strain scale."""
     columns = min(len(states), ACROSS)
     rows = -(-len(states) // columns)
     head = 0.5
@@ -182,7 +244,7 @@ def _curves(answers: Mapping[str, Any]) -> tuple[bytes, list[TimeAxis]]:
 
 
 def _webp(page: Any) -> bytes:
-    """The bytes of a figure, without loss and small."""
+    """A figure as lossless WebP."""
     stream = io.BytesIO()
     page.savefig(stream, format="webp", dpi=SHARE * looks.DPI, pil_kwargs={"lossless": True, "method": 4})
     return stream.getvalue()

@@ -1,4 +1,4 @@
-"""The displaced tissue and the blade on the plane of approach and push, through the target."""
+"""Deformed tissue and blade in the plane of approach and push, through the target."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from ngbrain.report.pictures.style import FLUID, StrainScale
 from ngbrain.report.render.surface import Cut, Floats, Ints, cut_surface, cut_volume, vertex_normals
 
 SKULL_THICKNESS = 5e-3
-"""Of the skull as drawn (m): it is not part of the model."""
+"""Thickness (m) of the skull in pictures; it is not part of the model."""
 REGIONS = {"white": "white matter"}
 
 
 class CutPlane:
-    """The displaced mesh cut by the plane of approach and push through the target; coordinates (across, height), m."""
+    """The deformed mesh cut by the plane of approach and push through the target; coordinates (across, height) in m."""
 
     def __init__(self, state: DeformedHead) -> None:
         self.state = state
@@ -28,11 +28,19 @@ class CutPlane:
         self.points = self.cut.interpolate(self._flat)
 
     def extent(self) -> tuple[Floats, Floats]:
-        """Corners of the section."""
+        """Corners of the cut (m)."""
         return self.points.min(axis=0), self.points.max(axis=0)
 
     def draw(self, axes: Any, scale: StrainScale) -> None:
-        """Strain, outlines, skull and blade."""
+        """Draw strain, outlines, skull and blade.
+
+        Parameters
+        ----------
+        axes : matplotlib.axes.Axes
+            Axes to draw in.
+        scale : StrainScale
+            Colours of strain.
+        """
         tri = require("matplotlib.tri", "report")
         patches = require("matplotlib.patches", "report")
         mesh = tri.Triangulation(*(1e3 * self.points).T, self.cut.simplices)
@@ -49,7 +57,7 @@ class CutPlane:
             axes.add_patch(patches.Polygon(1e3 * blade.profile(), fc="#9aa3ab", ec="#222222", lw=1.0, zorder=6))
 
     def name_regions(self, axes: Any) -> None:
-        """Each region's name where it has the most room; the lowest of such places."""
+        """Write each region's name at the lowest of the places with the most room."""
         corners = self.points[self.cut.simplices]
         inside = np.concatenate([np.eye(3) * 0.7 + 0.1, np.full((1, 3), 1 / 3), 0.5 - 0.5 * np.eye(3)])
         centres = np.einsum("ij,kjl->kil", inside, corners).reshape(-1, 2)
@@ -74,7 +82,7 @@ class CutPlane:
         )
 
     def _skull(self, axes: Any) -> None:
-        """A band outside the held surface."""
+        """A band outside the fixed surface."""
         tris = self.state.skull()
         cut = cut_surface(tris, self._level)
         if not len(cut.simplices):

@@ -1,4 +1,4 @@
-"""The pictures of a retraction report; each function gives the bytes of a PNG."""
+"""The figures of a retraction report; each function returns a PNG."""
 
 from __future__ import annotations
 
@@ -31,13 +31,25 @@ __all__ = ["head", "pressure", "strain_slice"]
 
 FIRST_S = 60.0
 SAMPLES = 10
-"""Points drawn from step to step, where series are smooth."""
+"""Points drawn between steps of smooth series."""
 THRESHOLDS = (20.0, 30.0)
 
 
 @dataclass(frozen=True)
 class Span:
-    """Times that a plot shows: from 0 to `end` (s), in a unit of so many `seconds`."""
+    """A time interval that a plot shows.
+
+    Parameters
+    ----------
+    name : str
+        Name.
+    end : float
+        End of the interval, which starts at 0 (s).
+    unit : str
+        Unit of the axis.
+    seconds : float
+        Seconds in that unit.
+    """
 
     name: str
     end: float
@@ -46,7 +58,7 @@ class Span:
 
 
 def spans(answers: Mapping[str, Any]) -> list[Span]:
-    """The first minute and the whole time in minutes; the whole alone where that is short."""
+    """The first minute, and the whole time in minutes; the whole time alone where it is short."""
     end = max(max(a["series"]["t_s"]) for a in answers.values())
     if end <= 1.5 * FIRST_S:
         return [Span("Whole time", end, "s", 1.0)]
@@ -97,7 +109,22 @@ def pressure(answers: Mapping[str, Any]) -> bytes:
 
 
 def pressures(axes: Any, answers: Mapping[str, Any], span: Span) -> list[Any]:
-    """Pressure of every protocol and the thresholds, which the last span names; the protocols' lines."""
+    """Plot the pressure of every protocol and the thresholds.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        Axes to draw in.
+    answers : mapping of str to Any
+        Protocol → answers.
+    span : Span
+        Time interval; the last one labels the thresholds.
+
+    Returns
+    -------
+    list
+        The protocols' lines.
+    """
     lines = []
     for name, answer in answers.items():
         t, values = course(answer, "pressure_mmHg")
@@ -118,7 +145,20 @@ def _look(name: str, answers: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def course(answer: Mapping[str, Any], name: str) -> tuple[Floats, Floats]:
-    """Times (s) and values of a series as doses take it, a cubic between events (`TimeCurve`), where those are given."""
+    """A series with the interpolation used for doses: cubic between events (`TimeCurve`), where those are given.
+
+    Parameters
+    ----------
+    answer : mapping of str to Any
+        Answers of a protocol.
+    name : str
+        Name of the series.
+
+    Returns
+    -------
+    times, values : ndarray
+        Times (s) and values.
+    """
     t, values = (np.array(answer["series"][key], float) for key in ("t_s", name))
     steps = len(t) - 1
     fine = np.interp(np.linspace(0, steps, SAMPLES * steps + 1), np.arange(len(t)), t)
@@ -126,7 +166,20 @@ def course(answer: Mapping[str, Any], name: str) -> tuple[Floats, Floats]:
 
 
 def strain_slice(peak: DeformedHead, scale: StrainScale) -> bytes:
-    """Maximum principal strain on the plane of approach and push through the target, displaced: whole and near."""
+    """Largest principal strain in the plane of approach and push through the target, deformed: overview and close-up.
+
+    Parameters
+    ----------
+    peak : DeformedHead
+        The head at its largest strain.
+    scale : StrainScale
+        Colours of strain.
+
+    Returns
+    -------
+    bytes
+        A PNG.
+    """
     with style():
         page = figure(4.75)
         centre = peak.cleft.depth / 2 + 3e-3
@@ -191,7 +244,7 @@ def _say(axes: Any, text: str, point: tuple[float, float], at: tuple[float, floa
 
 
 def _name_thresholds(axes: Any, top: float) -> None:
-    """Beside the plot, apart enough to be read."""
+    """Labels beside the plot, far enough apart to be read."""
     upper = max(THRESHOLDS[1], THRESHOLDS[0] + 0.15 / inches(axes)[1] * top)
     for threshold, y in zip(THRESHOLDS, (THRESHOLDS[0], upper), strict=True):
         where = axes.get_yaxis_transform()

@@ -1,4 +1,4 @@
-"""A protocol's tissue and blade at one time, as the pictures need them."""
+"""Tissue and blade of a protocol at one time."""
 
 from __future__ import annotations
 
@@ -15,21 +15,40 @@ from ngbrain.report.render.surface import Floats, Ints, faces, triangles
 OPENED = re.compile(r"craniotomy|wall_|end_|floor|lid")
 """Boundaries that do not lie on the skull."""
 FOLD = 0.2
-"""A tetrahedron is folded where its volume element at a corner is less than this share of the straight one's."""
+"""A tetrahedron is folded where its Jacobian at a corner is less than this part of that of the straight one."""
 _MIDDLE = {frozenset(pair): 4 + k for k, pair in enumerate([(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)])}
 
 
 @dataclass(frozen=True, eq=False)
 class DeformedHead:
-    """What is drawn of one protocol.
+    """Deformed tissue and blade of a protocol at one time.
 
-    points, rest   (n, 3) m, displaced and as they were
-    strain         (n,) maximum principal strain
-    tets, region   (ntets, 10) nodes in VTK's order; (ntets,) names
-    outer          boundary name → six-node faces of the outer surface, outwards
-    borders        (m, 3) triangles of it and between regions
-    tool, blades   what opens the cleft, and as it stands
-    time           s
+    Parameters
+    ----------
+    protocol : str
+        Name of the protocol.
+    time : float
+        Time (s).
+    points, rest : ndarray, shape (n, 3)
+        Deformed and undeformed nodes (m).
+    strain : ndarray, shape (n,)
+        Largest principal strain.
+    tets : ndarray of int, shape (m, 10)
+        Nodes of the tetrahedra in VTK's order.
+    region : ndarray of str, shape (m,)
+        Region names.
+    outer : dict of str to ndarray of int, shape (k, 6)
+        Boundary → six-node faces of the outer surface, with outward normals.
+    borders : ndarray of int, shape (l, 3)
+        Triangles of the outer surface and between regions.
+    cleft : Cleft
+        The cleft.
+    craniotomy : float
+        Diameter of the craniotomy (m).
+    tool : str
+        Name of the tool that opens the cleft.
+    blades : tuple of ToolDrawing
+        The tools in their current position.
     """
 
     protocol: str
@@ -73,10 +92,24 @@ class DeformedHead:
 
 
 def smooth_folded_strain(tets: Ints, rest: Floats, points: Floats, strain: Floats) -> Floats:
-    """Strain (n,) with the values at nodes of folded tetrahedra replaced by a mean over the tetrahedra there.
+    """Replace the strain at nodes of folded tetrahedra by a volume-weighted mean over the adjacent tetrahedra.
 
-    A curved tetrahedron can be all but flat at a corner, and the gradient of any field is then without meaning there.
-    The mean is of the strain that each tetrahedron's four corners show, by volume.
+    A curved tetrahedron can be nearly flat at a corner, where gradients are meaningless. The mean is that of the strains of the
+    tetrahedra's four corners.
+
+    Parameters
+    ----------
+    tets : ndarray of int, shape (m, 10)
+        Tetrahedra in VTK's order.
+    rest, points : ndarray, shape (n, 3)
+        Undeformed and deformed nodes (m).
+    strain : ndarray, shape (n,)
+        Largest principal strain.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Corrected strain.
     """
     x = rest[tets]
     straight = np.linalg.det(x[:, 1:4] - x[:, :1])

@@ -1,4 +1,4 @@
-"""Values at points as pictures: images on grids, triangles between scattered points; in space three middle planes."""
+"""Values at data points as pictures: images of grids, triangulations of scattered points, and middle planes of 3-D data."""
 
 from __future__ import annotations
 
@@ -15,21 +15,29 @@ from ngbrain.report.render.surface import Floats, Ints
 
 Bools = npt.NDArray[np.bool_]
 LONGEST = 4.0
-"""Triangles between scattered points are not drawn where longer than this many of the median distance to a neighbour."""
+"""Longest edge of triangles between scattered points that are drawn, in median distances to a neighbour."""
 SLAB = 0.8
-"""How far scattered points in space may be from the plane they are drawn in, in median distances to a neighbour."""
+"""Largest distance of scattered 3-D points from the plane they are drawn in, in median distances to a neighbour."""
 
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """A flat part of the data: which points, where they are in it (mm), and how they hang together.
+    """A plane part of the data.
 
-    name       "x = 3.0 mm", or nothing in the plane
-    chosen     (k,) numbers of the points
-    at         (k, 2) mm, to the right and up
-    shape      of the image (right, up) if the points are a grid, numbered along its first axis first
-    triangles  between them otherwise
-    axes       what the two directions are called
+    Parameters
+    ----------
+    name : str
+        "x = 3.0 mm"; empty for plane data.
+    chosen : ndarray of int, shape (k,)
+        Numbers of the points.
+    at : ndarray, shape (k, 2)
+        Positions to the right and up (mm).
+    shape : tuple of int or None
+        Image size (right, up) if the points are a grid, numbered along its first axis first.
+    triangles : ndarray of int or None
+        Triangles between the points otherwise.
+    axes : tuple of str
+        Names of the two directions.
     """
 
     name: str
@@ -41,13 +49,25 @@ class Plane:
 
     @property
     def extent(self) -> Floats:
-        """Width and height, mm."""
+        """Width and height (mm)."""
         return np.asarray(np.ptp(self.at, axis=0))
 
     def draw(self, axes: Any, values: Floats, look: Mapping[str, Any]) -> Any:
-        """Values (n,) at all points of the data into axes; returns what a colour bar takes. NaN stays blank.
+        """Draw values at the points; NaN stays blank.
 
-        look   cmap, vmin, vmax
+        Parameters
+        ----------
+        axes : matplotlib.axes.Axes
+            Axes to draw in.
+        values : ndarray, shape (n,)
+            Values at all points of the data.
+        look : mapping of str to Any
+            cmap, vmin and vmax.
+
+        Returns
+        -------
+        matplotlib object
+            Mappable for a colour bar.
         """
         shown = values[self.chosen]
         axes.set_aspect("equal")
@@ -68,16 +88,16 @@ class Plane:
 
 
 def _cell_corners(centres: Floats) -> Floats:
-    """A coordinate (m + 1, n + 1) of the corners of cells from that of their centres (m, n).
+    """Coordinates (m + 1, n + 1) of the corners of cells from those of their centres (m, n).
 
-    Matplotlib, given centres, asks that a coordinate grows along every line, which round-off keeps a constant one from.
+    Given centres, matplotlib requires a coordinate that increases along every line, which round-off prevents for a constant one.
     """
     wide = np.pad(centres, 1, mode="reflect", reflect_type="odd")
     return np.asarray((wide[1:, 1:] + wide[1:, :-1] + wide[:-1, 1:] + wide[:-1, :-1]) / 4)
 
 
 def planes(data: WaveData) -> list[Plane]:
-    """The plane of plane data; the three middle ones of the mask of data in space."""
+    """The plane of plane data; the three middle planes of the mask of 3-D data."""
     if data.dim == 2:
         return [_flat(data)]
     grid = data.grid
@@ -133,7 +153,7 @@ def _name(normal: int, where: float) -> str:
 
 
 def _triangles(at: Floats, mask: Bools) -> Ints:
-    """Delaunay triangles between the points of a mask, without the long ones across dents and holes."""
+    """Delaunay triangles between the points of a mask, without long ones across concave parts and holes."""
     chosen = np.flatnonzero(mask)
     if len(chosen) < 3:
         return np.zeros((0, 3), int)

@@ -1,4 +1,4 @@
-"""Three slices of a scan through the target: tissue labels, and the mesh that was made of them."""
+"""Three slices of a scan through the target: tissue labels, and the mesh made from them."""
 
 from __future__ import annotations
 
@@ -19,26 +19,32 @@ from ngbrain.report.render.surface import Floats, Ints, cut_surface
 __all__ = ["ScanImage", "slices", "volumes"]
 
 MARGIN = 9.0
-"""Around head and mesh, mm."""
+"""Margin around head and mesh (mm)."""
 GAP = 4.0
-"""Between slices, mm."""
+"""Gap between slices (mm)."""
 VIEWS = (("Sagittal", 0, 1, 2, "the left"), ("Coronal", 1, 0, 2, "the front"), ("Axial", 2, 0, 1, "below"))
-"""Name; axis the plane is normal to; axis that runs to the picture's left; axis that runs up; seen from."""
+"""Name; normal axis of the plane; axis that points to the picture's left; axis that points up; viewing side."""
 OUTLINE, BORDER, FLUID, CLEFT, TARGET = "#F0E442", "#FF8C1A", "#56B4E9", "#FF5CA8", "#FF2D2D"
 TINT = 0.45
-"""Of cerebrospinal fluid outside the ventricles."""
+"""Opacity of the tint of cerebrospinal fluid outside the ventricles."""
 DIM = 0.5
 _CORNERS = np.array([[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]])
 
 
 @dataclass(frozen=True, eq=False)
 class ScanImage:
-    """The scan a head was made of, on cubic voxels along right, front and up.
+    """The scan of a head on cubic voxels along right, front and up.
 
-    t1       (nx, ny, nz) grey values
-    labels   (nx, ny, nz) uint8: 0 outside, 1 CSF, 2 grey, 3 white, 4 ventricle
-    origin   (3,) m, the centre of voxel (0, 0, 0)
-    spacing  m
+    Parameters
+    ----------
+    t1 : ndarray, shape (nx, ny, nz)
+        Grey values.
+    labels : ndarray of uint8, shape (nx, ny, nz)
+        0 outside, 1 CSF, 2 grey matter, 3 white matter, 4 ventricle.
+    origin : ndarray, shape (3,)
+        Centre of voxel (0, 0, 0) (m).
+    spacing : float
+        Voxel size (m).
     """
 
     t1: np.ndarray
@@ -48,7 +54,7 @@ class ScanImage:
 
     @classmethod
     def read(cls, folder: Path) -> ScanImage | None:
-        """From `folder/head.npz`; None where there is none, for the head is not from a scan then.
+        """Read `folder/head.npz`; None without the file, as the head is then not from a scan.
 
         Raises `InputError` for a damaged file.
         """
@@ -71,24 +77,60 @@ class ScanImage:
         return cls(t1, labels, origin.astype(float), float(spacing))
 
     def centres(self, axis: int) -> Floats:
-        """Of the voxels along an axis, mm."""
+        """Voxel centres along an axis (mm)."""
         return np.asarray(1e3 * (self.origin[axis] + self.spacing * np.arange(self.t1.shape[axis])))
 
     def nearest(self, axis: int, position: float) -> int:
-        """Number of the layer whose centres are nearest to a position (m) along an axis."""
+        """Number of the layer of voxels nearest to a position.
+
+        Parameters
+        ----------
+        axis : int
+            Axis.
+        position : float
+            Position along it (m).
+
+        Returns
+        -------
+        int
+            The layer.
+        """
         return int(np.clip(np.rint((position - self.origin[axis]) / self.spacing), 0, self.t1.shape[axis] - 1))
 
     def extent(self, across: int, up: int) -> tuple[float, float, float, float]:
-        """Outer edges (mm) of the first and last voxels along two axes."""
+        """Outer edges of the first and last voxels along two axes.
+
+        Parameters
+        ----------
+        across, up : int
+            The axes.
+
+        Returns
+        -------
+        tuple of float
+            Left, right, bottom, top (mm).
+        """
         half = 1e3 * self.spacing / 2
         (a, *_, b), (c, *_, d) = self.centres(across), self.centres(up)
         return float(a - half), float(b + half), float(c - half), float(d + half)
 
 
 def slices(image: ScanImage, peak: DeformedHead) -> bytes:
-    """Sagittal, coronal and axial through the target: the scan with its labels above, with the mesh at rest below.
+    """Sagittal, coronal and axial slice through the target: above, the scan with its labels; below, with the undeformed mesh.
 
-    The planes are those of the voxels' centres next to the target; scan, labels and mesh are cut by the same plane.
+    The planes go through the voxel centres next to the target; scan, labels and mesh are cut by the same plane.
+
+    Parameters
+    ----------
+    image : ScanImage
+        The scan.
+    peak : DeformedHead
+        The head.
+
+    Returns
+    -------
+    bytes
+        A PNG.
     """
     with style():
         low, high = _bounds(image, peak)
@@ -141,8 +183,22 @@ def slices(image: ScanImage, peak: DeformedHead) -> bytes:
 
 
 def volumes(head: Mapping[str, Any], model: Mapping[str, Any]) -> list[tuple[str, float | None, float | None]]:
-    """Name, ml by the scan's labels, ml of the mesh, for what the mesh tells apart; empty without labels.
+    """Volumes by labels and by mesh, for the regions that the mesh distinguishes.
 
+    Parameters
+    ----------
+    head : mapping of str to Any
+        The `head` of a result.
+    model : mapping of str to Any
+        The `model` of a result.
+
+    Returns
+    -------
+    list of tuple
+        Name, volume by the scan's labels (ml), volume of the mesh (ml); empty without labels.
+
+    Examples
+    --------
     >>> volumes({"label_volumes_ml": {"csf": 90.0, "grey": 600.0, "ventricle": 30.0}}, {"brain_ml": 688.0})
     [('brain: csf, grey', 690.0, 688.0), ('ventricles', 30.0, None)]
     """
@@ -154,7 +210,7 @@ def volumes(head: Mapping[str, Any], model: Mapping[str, Any]) -> list[tuple[str
 
 
 def _bounds(image: ScanImage, peak: DeformedHead) -> tuple[Floats, Floats]:
-    """Corners (mm) of what is shown: head and mesh, and a margin."""
+    """Corners (mm) of the picture: head, mesh and a margin."""
     filled = np.argwhere(image.labels > 0)
     corners = np.stack([filled.min(axis=0), filled.max(axis=0)]) * image.spacing + image.origin
     every = 1e3 * np.concatenate([corners, peak.rest])
@@ -162,7 +218,7 @@ def _bounds(image: ScanImage, peak: DeformedHead) -> tuple[Floats, Floats]:
 
 
 def _labels(axes: Any, image: ScanImage, layer: int, normal: int, across: int, up: int) -> list[Any]:
-    """Outlines of the labels, fluid outside the ventricles tinted; what the legend says of them."""
+    """Draw outlines of the labels and tint the fluid outside the ventricles; returns legend entries."""
     colors, patches = (require(f"matplotlib.{name}", "report") for name in ("colors", "patches"))
     label = np.take(image.labels, layer, normal).T
     at = image.centres(across), image.centres(up)
@@ -182,7 +238,7 @@ def _labels(axes: Any, image: ScanImage, layer: int, normal: int, across: int, u
 
 
 def _mesh(axes: Any, peak: DeformedHead, where: float, normal: int, flat: list[int]) -> list[Any]:
-    """The elements' edges in the plane and the mesh's surfaces; what the legend says of them."""
+    """Draw the elements' edges in the plane and the mesh's surfaces; returns legend entries."""
     elements = np.unique(np.sort(peak.tets[:, _CORNERS].reshape(-1, 3), axis=1), axis=0)
     none = np.zeros((0, 3), int)
     kinds: tuple[tuple[Ints, str, float, str], ...] = (
@@ -202,7 +258,7 @@ def _mesh(axes: Any, peak: DeformedHead, where: float, normal: int, flat: list[i
 
 
 def _furnish(axes: Any, peak: DeformedHead, across: int, up: int) -> None:
-    """Target, letters at the borders, scale bar."""
+    """Draw target, orientation letters and scale bar."""
     axes.set_facecolor("black")
     axes.tick_params(left=False, bottom=False, labelleft=False, labelbottom=False)
     for spine in axes.spines.values():
@@ -215,7 +271,7 @@ def _furnish(axes: Any, peak: DeformedHead, across: int, up: int) -> None:
         axes.text(*at, direction(v), transform=axes.transAxes, **look)
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     x, y = left + 0.05 * (right - left), bottom + 0.025 * (top - bottom)
-    axes.plot([x, x - 20], [y, y], color="white", lw=2.5, solid_capstyle="butt")  # x falls to the right
+    axes.plot([x, x - 20], [y, y], color="white", lw=2.5, solid_capstyle="butt")  # x decreases to the right
     axes.text(x - 10, y + 0.015 * (top - bottom), "20 mm", ha="center", va="bottom", fontsize=9, color="white")
 
 

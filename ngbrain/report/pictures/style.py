@@ -1,4 +1,4 @@
-"""What the pictures share: sizes, colours, the strain scale, names of directions."""
+"""Common style of the figures: sizes, colours, strain scale, anatomical directions."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from ngbrain.report.render.surface import Floats
 
 DPI = 150
 WIDTH = 9.0
-"""Of every picture, in inches: 1350 pixels, shown at 900 or less."""
+"""Width of every picture (inches): 1350 pixels, shown at 900 or less."""
 COLOURS = {"continuous": "#0072B2", "intermittent": "#D55E00", "staged": "#009E73"}
 SPARE = ("#CC79A7", "#8C6D00", "#56B4E9", "#000000")
 DASHES = {"continuous": "-", "intermittent": (0, (5, 1.6)), "staged": (0, (6, 1.4, 1.4, 1.4))}
 BANDS = 10
-"""Of the strain scale, at most."""
+"""Largest number of steps of the strain scale."""
 
 BONE = np.array([0.93, 0.89, 0.80])
 FLUID = np.array([0.45, 0.65, 0.85])
@@ -29,44 +29,65 @@ STEEL = np.array([0.62, 0.66, 0.70])
 
 
 def colour(name: str, among: Iterable[str]) -> str:
-    """A protocol's colour, the same in every picture."""
+    """Colour of a protocol, the same in every picture.
+
+    Parameters
+    ----------
+    name : str
+        The protocol.
+    among : iterable of str
+        All protocols.
+
+    Returns
+    -------
+    str
+        The colour.
+    """
     others = [other for other in among if other not in COLOURS]
     return COLOURS.get(name) or SPARE[others.index(name) % len(SPARE)]
 
 
 def style() -> Any:
-    """matplotlib's settings for the time of a picture."""
+    """Context manager with matplotlib's settings for a picture."""
     return require("matplotlib", "report").rc_context(STYLE)
 
 
 def figure(height: float) -> Any:
-    """An empty picture of the full width; `height` in inches."""
+    """An empty figure of full width; `height` in inches."""
     return require("matplotlib.figure", "report").Figure(figsize=(WIDTH, height), dpi=DPI)
 
 
 def png(figure: Any) -> bytes:
-    """The bytes of a figure."""
+    """A figure as PNG."""
     stream = io.BytesIO()
     figure.savefig(stream, format="png", dpi=DPI, metadata={"Software": None}, pil_kwargs={"compress_level": 6})
     return stream.getvalue()
 
 
 def inches(axes: Any) -> tuple[float, float]:
-    """Width and height of axes in inches."""
+    """Width and height of axes (inches)."""
     box, size = axes.get_position(original=True), axes.figure.get_size_inches()
     return float(box.width * size[0]), float(box.height * size[1])
 
 
 @dataclass(frozen=True)
 class StrainScale:
-    """The colours of strain in steps, the same in every picture of a page: matplotlib's colour map and norm."""
+    """A discrete colour scale of strain, the same in every picture of a page.
+
+    Parameters
+    ----------
+    cmap : matplotlib.colors.Colormap
+        Colour map.
+    norm : matplotlib.colors.Normalize
+        Norm.
+    """
 
     cmap: Any
     norm: Any
 
     @classmethod
     def up_to(cls, strain: float) -> StrainScale:
-        """From 0 in round steps to the first that reaches `strain`; what is beyond has one more colour."""
+        """Scale from 0 in round steps to the first that reaches `strain`; larger strains have a colour of their own."""
         colours, ticker = (require(f"matplotlib.{name}", "report") for name in ("colors", "ticker"))
         edges = ticker.MaxNLocator(BANDS, steps=[1, 2, 2.5, 5, 10]).tick_values(0.0, max(strain, 1e-6))
         steps = require("matplotlib", "report").colormaps["YlOrRd"](np.linspace(0.0, 1.0, len(edges) - 1))
@@ -75,11 +96,19 @@ class StrainScale:
 
     @property
     def edges(self) -> Floats:
-        """Where the colour changes."""
+        """Strains at which the colour changes."""
         return np.asarray(self.norm.boundaries)
 
     def bar(self, figure: Any, box: tuple[float, float, float, float]) -> None:
-        """Draw the scale beside a picture, in `box` of the figure."""
+        """Draw the colour bar.
+
+        Parameters
+        ----------
+        figure : matplotlib.figure.Figure
+            The figure.
+        box : tuple of float
+            Left, bottom, width and height, relative to the figure.
+        """
         cm, ticks = require("matplotlib.cm", "report"), self.edges[::2]
         mappable = cm.ScalarMappable(self.norm, self.cmap)
         bar = figure.colorbar(mappable, cax=figure.add_axes(box), extend="max", ticks=ticks)
@@ -90,7 +119,17 @@ class StrainScale:
 
 
 def bar_mm(axes: Any, mm: float, at: float = 0.06) -> None:
-    """A scale bar at the bottom, from a share `at` of the width on."""
+    """Draw a scale bar at the bottom.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        Axes to draw in.
+    mm : float
+        Length (mm).
+    at : float
+        Left end, relative to the width.
+    """
     x0, x1 = axes.get_xlim()
     y0, y1 = axes.get_ylim()
     x, y = x0 + at * (x1 - x0), y0 + 0.045 * (y1 - y0)
@@ -99,8 +138,22 @@ def bar_mm(axes: Any, mm: float, at: float = 0.06) -> None:
 
 
 def direction(v: Floats, words: bool = False) -> str:
-    """The anatomical name of a direction: its large components, the largest first.
+    """Anatomical name of a direction: its large components, the largest first.
 
+    Parameters
+    ----------
+    v : ndarray, shape (3,)
+        The direction: right, front, up.
+    words : bool
+        Whether to return a word instead of letters.
+
+    Returns
+    -------
+    str
+        For example "RI".
+
+    Examples
+    --------
     >>> direction(np.array([0.9, 0.1, -0.42])), direction(np.array([0, -1.0, 0]), words=True)
     ('RI', 'behind')
     """
@@ -112,5 +165,5 @@ def direction(v: Floats, words: bool = False) -> str:
 
 
 def viewed_from(peak: DeformedHead) -> str:
-    """The slice is drawn with `across` to the right and `out` upwards: seen from -along."""
+    """Viewing direction of the slice, in words: `across` points right and `out` up, so it is seen from -along."""
     return f", seen from {direction(-peak.cleft.along, words=True)}"

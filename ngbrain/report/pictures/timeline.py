@@ -1,4 +1,4 @@
-"""A protocol's run as the pictures need it: its tissue at any time."""
+"""A protocol's run, interpolated in time."""
 
 from __future__ import annotations
 
@@ -20,12 +20,28 @@ from ngbrain.report.render.surface import Floats, Ints, faces, triangles
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """The frames of a protocol's file, and what stays as it is.
+    """The frames of a protocol's file, and its constant data.
 
-    frames           in order of time, with displacement and max_principal_strain
-    peak_time        s, when strain peaked
-    outer, borders   of `State`
-    blade            `geometry.blade` of a result; advance: times (s), and how far (m) it has gone
+    Parameters
+    ----------
+    protocol : str
+        Name of the protocol.
+    grid : QuadraticGrid
+        The mesh.
+    frames : list of Frame
+        Frames in order of time, with displacement and max_principal_strain.
+    peak_time : float
+        Time of the largest strain (s).
+    outer, borders
+        As in `DeformedHead`.
+    cleft : Cleft
+        The cleft.
+    craniotomy : float
+        Diameter of the craniotomy (m).
+    blade : mapping of str to Any
+        `geometry.blade` of a result.
+    advance : tuple of ndarray
+        Times (s) and advance of the blade (m).
     """
 
     protocol: str
@@ -41,9 +57,28 @@ class Run:
 
     @classmethod
     def read(cls, folder: Path, protocol: str, geometry: Mapping[str, Any], answer: Mapping[str, Any]) -> Run:
-        """From `folder/PROTOCOL.vtkhdf`.
+        """Read `folder/PROTOCOL.vtkhdf`.
 
-        Raises `InputError` for a file that is missing, damaged or without frames of displacement and strain.
+        Parameters
+        ----------
+        folder : Path
+            Folder of the result.
+        protocol : str
+            Name of the protocol.
+        geometry : mapping of str to Any
+            `geometry` of the result.
+        answer : mapping of str to Any
+            Answers of the protocol.
+
+        Returns
+        -------
+        Run
+            The run.
+
+        Raises
+        ------
+        InputError
+            The file is missing, damaged or has no frames of displacement and strain.
         """
         path = folder / f"{protocol}.vtkhdf"
         checkpoint = load(path)
@@ -71,17 +106,17 @@ class Run:
 
     @property
     def times(self) -> Floats:
-        """Of the frames (s)."""
+        """Times of the frames (s)."""
         return np.array([frame.time for frame in self.frames])
 
     def peak(self) -> DeformedHead:
-        """The frame nearest to when strain peaked."""
+        """The frame nearest to the time of the largest strain."""
         return self.frame_at(min(self.times, key=lambda t: abs(t - self.peak_time)))
 
     def frame_at(self, t: float) -> DeformedHead:
-        """At a time (s): a frame, or between two of them in proportion; before the first and after the last, these.
+        """Interpolate linearly between frames at a time (s); constant before the first and after the last frame.
 
-        The blade goes in straight pieces with a frame at each end: between frames, too, it is where it was.
+        The blade moves piecewise linearly with a frame at each end, so that its position is exact between frames.
         """
         t = float(np.clip(t, self.times[0], self.times[-1]))
         after = int(np.searchsorted(self.times, t))
@@ -113,7 +148,7 @@ class Run:
 
 
 def _named(mesh: ngs.Mesh, outer: Ints) -> dict[str, Ints]:
-    """The faces of the outer surface by the mesh's boundary names."""
+    """Faces of the outer surface by boundary name."""
     names = {tuple(sorted(v.nr for v in element.vertices)): element.mat for element in mesh.Elements(ngs.BND)}
     corners = np.sort(outer[:, :3], axis=1)
     found = np.array([names.get(tuple(map(int, row)), "surface") for row in corners])

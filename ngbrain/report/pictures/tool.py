@@ -1,4 +1,4 @@
-"""Tools as they are drawn, from the distance that contact sees: cut through the middle, and as solids."""
+"""Tools as pictures show them, from the distance functions of contact: sections and surfaces."""
 
 from __future__ import annotations
 
@@ -25,15 +25,30 @@ TOOLS = {
 }
 """Kind of tool → its name in pictures."""
 FINE, COARSE = 0.2e-3, 0.5e-3
-"""Steps (m) of the grids that a cut through a tool, and its solid, are found on."""
+"""Grid steps (m) for the section and the surface of a tool."""
 BESIDE = 1.5
-"""Steps that a grid goes on around a tool."""
+"""Margin of a grid around a tool, in steps."""
 _SIX = np.array([[0, 1, 3, 7], [0, 1, 5, 7], [0, 2, 3, 7], [0, 2, 6, 7], [0, 4, 5, 7], [0, 4, 6, 7]])
-"""Tetrahedra of a cube, whose corner 4i + 2j + k is at (i, j, k)."""
+"""Tetrahedra of a cube; its corner 4i + 2j + k is at (i, j, k)."""
 
 
 def tool_drawings(blade: Mapping[str, Any], cleft: Cleft, advance: float) -> tuple[ToolDrawing, ...]:
-    """The tools that `geometry.blade` of a result tells of, when they have gone `advance` (m) together."""
+    """The tools of a result after a common advance.
+
+    Parameters
+    ----------
+    blade : mapping of str to Any
+        `geometry.blade` of the result.
+    cleft : Cleft
+        The cleft.
+    advance : float
+        Total advance of the tools (m).
+
+    Returns
+    -------
+    tuple of ToolDrawing
+        The tools.
+    """
     given = {key.removesuffix("_m"): value for key, value in blade.items() if value is not None}
     tools = list(make_tools(Tool(**given), cleft).values())
     shown = tools[:1] if tools[0].single else tools
@@ -42,14 +57,24 @@ def tool_drawings(blade: Mapping[str, Any], cleft: Cleft, advance: float) -> tup
 
 @dataclass(frozen=True)
 class ToolDrawing:
-    """A tool where it stands at some time, `advance` (m) from where it touched; `cleft` is what pictures are drawn in."""
+    """A tool at one time.
+
+    Parameters
+    ----------
+    tool : RigidTool
+        The tool.
+    cleft : Cleft
+        The cleft, whose frame the pictures use.
+    advance : float
+        Advance from first contact (m).
+    """
 
     tool: RigidTool
     cleft: Cleft
     advance: float
 
     def across(self, height: float) -> float:
-        """Where its middle is between the walls (m), at a height (m) above the cleft's floor."""
+        """Position of its middle between the walls (m), at a height (m) above the cleft's floor."""
         at = self.profile()
         near = at[np.abs(at[:, 1] - height) <= max(4 * FINE, np.abs(at[:, 1] - height).min())]
         return float((near[:, 0].min() + near[:, 0].max()) / 2)
@@ -61,12 +86,12 @@ class ToolDrawing:
 
     @property
     def top(self) -> float:
-        """Its height (m), above the cleft's floor."""
+        """Height of its upper end above the cleft's floor (m)."""
         low, high = (float(end[2]) for end in self.tool.bounds(self.advance))
         return high - 0.1 * min(HANDLE, high - low)
 
     def profile(self) -> Floats:
-        """Cut through its middle: (across, height) in m, (k, 2)."""
+        """Section through its middle: (across, height) in m, (k, 2)."""
         return self._profile
 
     @cached_property
@@ -79,7 +104,7 @@ class ToolDrawing:
         return np.asarray(max(lines, key=len)) * [self._side, 1]
 
     def solid(self) -> tuple[Floats, Ints]:
-        """Points (m) and triangles."""
+        """Surface: vertices (m) and triangles."""
         axes = self._axes(COARSE, (0, 1, 2))
         at = np.stack([each.ravel() for each in np.meshgrid(*axes, indexing="ij")], axis=1)
         number = np.arange(len(at)).reshape([len(axis) for axis in axes])
@@ -91,7 +116,7 @@ class ToolDrawing:
         return frame.target + cut.interpolate(at) @ np.stack([frame.across, frame.along, frame.out]), cut.simplices
 
     def _axes(self, step: float, which: tuple[int, ...]) -> list[Floats]:
-        """Of a grid around it."""
+        """Axes of a grid around it."""
         low, high = self.tool.bounds(self.advance)
         return [np.arange(low[i] - BESIDE * step, high[i] + (BESIDE + 1) * step, step) for i in which]
 

@@ -27,7 +27,20 @@ RIM = "#333333"
 
 
 def head(peak: DeformedHead, scale: StrainScale) -> bytes:
-    """The head with blade and opening from outside; beside it the site, near and cut open along the blade's push."""
+    """The head with blade and opening from outside, and a close-up cut open along the blade's push.
+
+    Parameters
+    ----------
+    peak : DeformedHead
+        The head at its largest strain.
+    scale : StrainScale
+        Colours of strain.
+
+    Returns
+    -------
+    bytes
+        A PNG.
+    """
     with style():
         page = figure(4.9)
         cleft = peak.cleft
@@ -84,7 +97,7 @@ def _blade_layers(peak: DeformedHead) -> list[Layer]:
 
 
 def _cutaway(axes: Any, peak: DeformedHead, scale: StrainScale) -> None:
-    """The half of the site beyond the slice's plane, seen from the side that the slice is seen from, from above."""
+    """The half of the site behind the slice, seen obliquely from above."""
     cleft = peak.cleft
     level = cleft.coordinates(peak.points)[:, 1]
     toward = -cleft.along + 0.62 * cleft.out - 0.25 * cleft.across
@@ -111,7 +124,7 @@ def _cutaway(axes: Any, peak: DeformedHead, scale: StrainScale) -> None:
 
 
 def _ribbons(peak: DeformedHead, tris: Ints, level: Floats, half_width: float = 0.11e-3) -> Layer:
-    """The lines in which triangles meet the slice's plane, as thin strips just before it."""
+    """Intersection lines of triangles and the slice, as thin strips in front of it."""
     cut = cut_surface(tris, level)
     points = cut.interpolate(peak.points) - 0.15e-3 * peak.cleft.along
     p, q = points[cut.simplices[:, 0]], points[cut.simplices[:, 1]]
@@ -134,7 +147,7 @@ def _show(axes: Any, camera: Camera, layers: list[Layer]) -> None:
 
 
 def _rim_points(peak: DeformedHead) -> Floats:
-    """The craniotomy's edge, (k, 3), in order around the axis."""
+    """Edge of the craniotomy (k, 3), in order around the axis."""
     window = peak.window()
     sides = np.sort(np.concatenate([window[:, [0, 1]], window[:, [1, 2]], window[:, [2, 0]]]), axis=1)
     edges, count = np.unique(sides, axis=0, return_counts=True)
@@ -152,7 +165,7 @@ def _rim(axes: Any, camera: Camera, peak: DeformedHead) -> None:
 
 
 def _triad(axes: Any, camera: Camera, at: tuple[float, float]) -> None:
-    """Small arrows to the patient's right, front and top; what points at the viewer or hides another is left out."""
+    """Arrows to the patient's right, front and top; arrows towards the viewer or in front of another are left out."""
     shape, size, gap = np.array(inches(axes)), 0.36, 0.13
     shown: list[Floats] = []
     flat = {letter: np.array([camera.right[k], camera.up[k]]) for k, letter in enumerate("RAS")}

@@ -1,4 +1,4 @@
-"""A small renderer: shaded triangles through a depth buffer, seen from afar (no perspective, so scale bars hold)."""
+"""A small renderer: shaded triangles with a depth buffer in orthographic projection, so that scale bars hold."""
 
 from __future__ import annotations
 
@@ -19,9 +19,16 @@ _AMBIENT = 0.30
 
 @dataclass(frozen=True)
 class Camera:
-    """Looks at `centre` (m) against `toward`; the picture spans `half_width` × `half_height` (m) to each side.
+    """An orthographic camera.
 
-    right, up, toward    unit vectors of the picture: to its right, its top, and to the viewer
+    Parameters
+    ----------
+    centre : ndarray, shape (3,)
+        Centre of the picture (m).
+    right, up, toward : ndarray, shape (3,)
+        Unit vectors to the picture's right, to its top and to the viewer.
+    half_width, half_height : float
+        Half the size of the picture (m).
     """
 
     centre: Floats
@@ -33,28 +40,58 @@ class Camera:
 
     @classmethod
     def look(cls, centre: Floats, toward: Floats, up: Floats, half_width: float, half_height: float) -> Camera:
-        """The camera whose `up` is nearest to the one given."""
+        """A camera with the `up` nearest to a given direction.
+
+        Parameters
+        ----------
+        centre : ndarray, shape (3,)
+            Centre of the picture (m).
+        toward : ndarray, shape (3,)
+            Direction to the viewer.
+        up : ndarray, shape (3,)
+            Direction to the top.
+        half_width, half_height : float
+            Half the size of the picture (m).
+
+        Returns
+        -------
+        Camera
+            The camera.
+        """
         toward = toward / np.linalg.norm(toward)
         right = np.cross(up, toward)
         right = right / np.linalg.norm(right)
         return cls(centre, right, np.cross(toward, right), toward, half_width, half_height)
 
     def project(self, points: Floats) -> Floats:
-        """Points (n, 3) to (right, up, toward) of the centre, m."""
+        """Transform points (n, 3) to (right, up, toward) from the centre (m)."""
         return np.asarray((np.asarray(points) - self.centre) @ np.column_stack([self.right, self.up, self.toward]))
 
 
 @dataclass(frozen=True)
 class Layer:
-    """Triangles of one look.
+    """Triangles with a common appearance.
 
-    colour    (n, 3) or (3,) red, green, blue of the vertices, or (n,) values for the palette
-    normals   (n, 3) of the vertices, or None for flat faces
-    opacity   1, or less where one looks straight at a translucent surface; its rim is denser
-    clip      (n,) of the vertices: nothing is drawn where it is negative
-    shine     share of light that is mirrored
-    lit       share of the shading: 0 for the colour as it is
-    palette   gives (k, 3) colours for `colour` interpolated, when that is one value a vertex
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Vertices (m).
+    triangles : ndarray of int, shape (m, 3)
+        Triangles.
+    colour : ndarray
+        Red, green, blue (3,), one for each vertex (n, 3), or values (n,) for the palette.
+    normals : ndarray, shape (n, 3), optional
+        Vertex normals; None for flat shading.
+    opacity : float
+        1, or less for a translucent surface seen face-on; its rim is denser.
+    clip : ndarray, shape (n,), optional
+        Nothing is drawn where it is negative.
+    shine : float
+        Specular part of the light.
+    lit : float
+        Strength of the shading; 0 for the plain colour.
+    palette : callable, optional
+        Interpolated values of `colour` → colours (k, 3).
     """
 
     points: Floats
@@ -70,7 +107,7 @@ class Layer:
 
 @dataclass(frozen=True)
 class _Hits:
-    """Per pixel: depth, which triangle (-1 none), and the barycentric coordinates there."""
+    """For each pixel: depth, triangle (-1 for none) and barycentric coordinates."""
 
     depth: Floats
     triangle: Ints
@@ -78,7 +115,22 @@ class _Hits:
 
 
 def draw(camera: Camera, layers: list[Layer], width: int, height: int) -> npt.NDArray[np.uint8]:
-    """The picture (height, width, 3) on white; translucent layers lie over the opaque ones behind them."""
+    """Render layers on white; translucent layers lie over the opaque ones behind them.
+
+    Parameters
+    ----------
+    camera : Camera
+        The camera.
+    layers : list of Layer
+        The layers.
+    width, height : int
+        Size of the picture (pixels).
+
+    Returns
+    -------
+    ndarray of uint8, shape (height, width, 3)
+        The picture.
+    """
     w, h = SUPERSAMPLING * width, SUPERSAMPLING * height
     image = np.ones((w * h, 3))
     depth = np.full(w * h, -np.inf)

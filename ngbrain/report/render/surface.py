@@ -1,4 +1,4 @@
-"""Surfaces of a quadratic tetrahedral mesh, and its cuts with a plane, as plain triangles and lines."""
+"""Surfaces and plane sections of quadratic tetrahedral meshes, as plain triangles and lines."""
 
 from __future__ import annotations
 
@@ -20,11 +20,19 @@ _TET_PARTS = np.array(
 
 
 def faces(connectivity: Ints, group: npt.NDArray[Any] | None = None) -> Ints:
-    """Six-node faces (m, 6), outwards, that belong to one tetrahedron only, or that part two groups (then once).
+    """Six-node faces on the outside, or on the interfaces of two groups.
 
-    Args:
-        connectivity: (ntets, 10) as VTK has it.
-        group: (ntets,) label; None: only the outer surface.
+    Parameters
+    ----------
+    connectivity : ndarray of int, shape (m, 10)
+        Tetrahedra in VTK's order.
+    group : ndarray, shape (m,), optional
+        Label of each tetrahedron; None: only the outer surface.
+
+    Returns
+    -------
+    ndarray of int, shape (k, 6)
+        Faces with outward normals, each once.
     """
     every = connectivity[:, _FACES].reshape(-1, 6)
     corners = np.sort(every[:, :3], axis=1)
@@ -40,23 +48,43 @@ def faces(connectivity: Ints, group: npt.NDArray[Any] | None = None) -> Ints:
 
 
 def triangles(quadratic: Ints) -> Ints:
-    """Each six-node face as four plain triangles, (4 m, 3), in the order of the faces."""
+    """Split each six-node face into four plain triangles (4 k, 3), in the order of the faces."""
     return np.asarray(quadratic[:, _FACE_PARTS].reshape(-1, 3))
 
 
 def area(points: Floats, tris: Ints) -> float:
-    """Sum of the triangles' areas."""
+    """Total area of triangles.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Vertices (m).
+    tris : ndarray of int, shape (m, 3)
+        Triangles.
+
+    Returns
+    -------
+    float
+        Area (m²).
+    """
     a, b, c = np.moveaxis(points[tris], 1, 0)
     return float(np.linalg.norm(np.cross(b - a, c - a), axis=-1).sum() / 2)
 
 
 @dataclass(frozen=True)
 class Cut:
-    """Where a level set passes through a mesh: vertices on edges, and the simplices between them.
+    """Intersection of a level set with a mesh: vertices on edges, and the simplices between them.
 
-    edges      (k, 2) nodes; the vertex is at share `weight` (k,) of the way
-    simplices  (m, 3) triangles through tetrahedra or (m, 2) lines through triangles, indices into the vertices
-    parent     (m,) the tetrahedron or triangle each comes from
+    Parameters
+    ----------
+    edges : ndarray of int, shape (k, 2)
+        Nodes of the cut edges.
+    weight : ndarray, shape (k,)
+        Position of the vertex on its edge, from 0 to 1.
+    simplices : ndarray of int, shape (m, 3) or (m, 2)
+        Triangles through tetrahedra, or lines through triangles.
+    parent : ndarray of int, shape (m,)
+        The tetrahedron or triangle of each simplex.
     """
 
     edges: Ints
@@ -65,23 +93,51 @@ class Cut:
     parent: Ints
 
     def interpolate(self, nodal: npt.NDArray[Any]) -> Floats:
-        """Nodal values (n,) or (n, k) at the vertices."""
+        """Interpolate nodal values (n,) or (n, k) to the vertices."""
         values = np.asarray(nodal, float)
         w = self.weight.reshape((-1,) + (1,) * (values.ndim - 1))
         return np.asarray((1 - w) * values[self.edges[:, 0]] + w * values[self.edges[:, 1]])
 
 
 def cut_volume(connectivity: Ints, level: Floats) -> Cut:
-    """The tetrahedra where a nodal level set is zero; each quadratic one taken as eight plain ones."""
+    """Cut tetrahedra by the zero of a nodal level set; each quadratic one is taken as eight plain ones.
+
+    Parameters
+    ----------
+    connectivity : ndarray of int, shape (m, 10)
+        Tetrahedra in VTK's order.
+    level : ndarray, shape (n,)
+        Level set at the nodes.
+
+    Returns
+    -------
+    Cut
+        Triangles.
+    """
     tets = connectivity[:, _TET_PARTS].reshape(-1, 4)
     return cut_tets(tets, level, np.arange(len(tets)) // len(_TET_PARTS))
 
 
 def cut_tets(tets: Ints, level: Floats, owner: Ints) -> Cut:
-    """The plain tetrahedra (m, 4) where a nodal level set is zero; `owner` (m,) becomes the parent of what is cut out."""
+    """Cut plain tetrahedra by the zero of a nodal level set.
+
+    Parameters
+    ----------
+    tets : ndarray of int, shape (m, 4)
+        Tetrahedra.
+    level : ndarray, shape (n,)
+        Level set at the nodes.
+    owner : ndarray of int, shape (m,)
+        Parent of the simplices from each tetrahedron.
+
+    Returns
+    -------
+    Cut
+        Triangles.
+    """
     side = level[tets] >= 0
     number = side.sum(axis=1)
-    pieces: list[tuple[Ints, Ints]] = []  # edges (m, 3, 2) of a triangle's vertices, and whose they are
+    pieces: list[tuple[Ints, Ints]] = []  # edges (m, 3, 2) of a triangle's vertices, and its tetrahedron
     for alone in (True, False):
         rows = np.flatnonzero(number == (1 if alone else 3))
         tip = np.argmax(side[rows] == alone, axis=1)
@@ -98,7 +154,20 @@ def cut_tets(tets: Ints, level: Floats, owner: Ints) -> Cut:
 
 
 def cut_surface(tris: Ints, level: Floats) -> Cut:
-    """The lines in which triangles meet the zero of a nodal level set."""
+    """Cut triangles by the zero of a nodal level set.
+
+    Parameters
+    ----------
+    tris : ndarray of int, shape (m, 3)
+        Triangles.
+    level : ndarray, shape (n,)
+        Level set at the nodes.
+
+    Returns
+    -------
+    Cut
+        Lines.
+    """
     side = level[tris] >= 0
     number = side.sum(axis=1)
     rows = np.flatnonzero((number == 1) | (number == 2))
@@ -116,7 +185,20 @@ def _cut(level: Floats, ends: Ints, parent: Ints) -> Cut:
 
 
 def vertex_normals(points: Floats, tris: Ints) -> Floats:
-    """Unit normals at the nodes, the mean over the triangles that meet there by area; 0 at nodes of none."""
+    """Area-weighted unit normals at the nodes; 0 at unused nodes.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Vertices (m).
+    tris : ndarray of int, shape (m, 3)
+        Triangles.
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        Normals.
+    """
     a, b, c = np.moveaxis(points[tris], 1, 0)
     flat = np.cross(b - a, c - a)
     normals = np.zeros_like(points)
