@@ -1,16 +1,13 @@
-"""A T1 made ready: registration, bias field, skull stripping, contrast.
+"""Preprocessing of a T1: registration, bias-field correction, skull stripping, contrast.
 
-- `bias_field`: The slow field that a receiving coil multiplies a scan with: estimated, and divided out where there is
-  one.
-- `brain`: The brain in any T1 of a head, with its skull or without.
-- `check_brain`: Is a scan what it should be: one whole brain, taken out of its skull?.
-- `contrast`: Is a picture of a head a T1? Which of fluid, grey and white matter is dark in it, and which is bright.
-- `external_skull_strip`: Brain extraction by other programs, each an extra of its own: what may stand in for
-  `ngbrain.image.preprocess.skull_strip.skull_strip`.
-- `mni_landmarks`: Where parts of the brain lie in the MNI152 template: a few lines, tubes and ellipsoids, as markers
-  for a search.
-- `registration`: Affine registration of the template brain to a head, without a starting guess.
-- `skull_strip`: The brain in a head with its skull: the template's place says where it is, grey values where it ends.
+- `bias_field`: Bias-field estimation and correction (N4).
+- `brain`: Brain mask of any T1 of a head, with or without skull.
+- `check_brain`: Check that a scan is a complete, skull-stripped brain.
+- `contrast`: Order and contrast of the grey values of fluid, grey and white matter.
+- `external_skull_strip`: Skull stripping by other programs.
+- `mni_landmarks`: Approximate anatomy of the MNI152 template.
+- `registration`: Affine registration of the template brain to a head.
+- `skull_strip`: Skull stripping by registration and grey values.
 """
 
 __all__ = [

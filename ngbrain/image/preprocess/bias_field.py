@@ -1,4 +1,4 @@
-"""The slow field that a receiving coil multiplies a scan with: estimated, and divided out where there is one."""
+"""Bias-field estimation and correction (N4)."""
 
 from __future__ import annotations
 
@@ -8,23 +8,43 @@ from scipy import ndimage
 from ngbrain.errors import require
 from ngbrain.image.read.volume import Volume, border_value
 
-_MEAN, _STEP = 4e-3, 6e-3  # m, over which grey values are averaged, and between the points on which the field is fitted
-_ROUNDS = (50, 50)  # with 1 and 2 spans of splines to a side; 4 (some 45 mm) take out anatomy
-_LEAST = 0.025  # standard deviation of the field in white matter, below which it may as well be anatomy
-_BRIGHT = 0.65  # quantile of the grey values in a brain above which it is white matter
+_MEAN, _STEP = 4e-3, 6e-3  # m, width of the averaging, and spacing of the points of the fit
+_ROUNDS = (50, 50)  # iterations with 1 and 2 spline spans per side; 4 spans (some 45 mm) remove anatomy
+_LEAST = 0.025  # standard deviation of the field in white matter below which it may be anatomy
+_BRIGHT = 0.65  # quantile of the grey values of a brain above which they are white matter
 
 
 def estimate_bias_field(volume: Volume, mask: np.ndarray) -> Volume:
-    """The smooth factor, float32 of mean 1 over `mask` (nx, ny, nz), by which the grey values there are too bright.
+    """Estimate the bias field of a scan: a smooth factor with mean 1 over a mask.
 
-    N4: splines fitted again and again to what sharpening the histogram of log grey values moves (Tustison et al. 2010,
-    doi:10.1109/TMI.2010.2046908), by SimpleITK on one thread, so that the same picture gives the same field.
-    Beyond the mask the field goes on as the splines do, held between its extremes on the mask. The zero of the grey
-    values is that of the background; if the background is brighter than the mask's dark end, it is taken below that.
+    N4 by SimpleITK, on one thread, so that the same image gives the same field: splines are fitted repeatedly to the change of
+    the log grey values by histogram sharpening. Outside the mask the splines are extrapolated, within the range of the field on
+    the mask. Grey values are relative to the background; if the background is brighter than the dark end of the mask, zero is
+    set below that.
 
-    Raises:
-        MissingExtra: SimpleITK is not installed.
+    Parameters
+    ----------
+    volume : Volume
+        The scan.
+    mask : numpy.ndarray
+        (nx, ny, nz) mask of the brain.
 
+    Returns
+    -------
+    Volume
+        float32 field.
+
+    Raises
+    ------
+    MissingExtra
+        SimpleITK is not installed.
+
+    References
+    ----------
+    Tustison et al. 2010, doi:10.1109/TMI.2010.2046908.
+
+    Examples
+    --------
     >>> at = np.indices((64, 64, 64)) - 31.5
     >>> inside, white = np.linalg.norm(at, axis=0) < 30, np.linalg.norm(at, axis=0) < 24
     >>> true = 1 + 0.2 * np.sin(at[0] / 25)
@@ -36,7 +56,7 @@ def estimate_bias_field(volume: Volume, mask: np.ndarray) -> Volume:
     sitk = require("SimpleITK", "mri")
     box = tuple(slice(max(axis.start - 2, 0), axis.stop + 2) for axis in ndimage.find_objects(mask.astype(np.uint8))[0])
     grey = (volume.data[box] - _zero(volume, mask)).astype(np.float32)
-    inside = mask[box] & (grey > 0)  # their logarithm is taken
+    inside = mask[box] & (grey > 0)  # for the logarithm
     width, shrink = (max(round(each / float(volume.spacing.mean())), 1) for each in (_MEAN, _STEP))
     shrunk = (slice(width // 2, None, shrink),) * 3
     smooth = ndimage.uniform_filter(np.where(inside, grey, 0), width)
@@ -62,14 +82,28 @@ def estimate_bias_field(volume: Volume, mask: np.ndarray) -> Volume:
 
 
 def correct_bias_field(volume: Volume, mask: np.ndarray) -> Volume:
-    """The picture divided by its `estimate_bias_field`, or as it is where that field is next to flat: a picture of float32.
+    """Divide a scan by its bias field, unless the field is nearly flat.
 
-    Flat: over white matter, the brightest third of the mask, it varies by less than 2.5 % (standard deviation). What it
-    would take out then is contrast of anatomy: 1.4 % of an average of many heads, in which fields cancel.
-    The zero of grey values, see `estimate_bias_field`, stays where it is, and so does an exactly constant background.
+    The field is flat if it varies over white matter, the brightest third of the mask, by less than 2.5 % (standard deviation).
+    Its correction would then remove anatomical contrast: 1.4 % in an average of many heads, in which bias fields cancel. The
+    zero of the grey values (see `estimate_bias_field`) is kept, and so is an exactly constant background.
 
-    Raises:
-        MissingExtra: SimpleITK is not installed.
+    Parameters
+    ----------
+    volume : Volume
+        The scan.
+    mask : numpy.ndarray
+        (nx, ny, nz) mask of the brain.
+
+    Returns
+    -------
+    Volume
+        float32.
+
+    Raises
+    ------
+    MissingExtra
+        SimpleITK is not installed.
     """
     field = estimate_bias_field(volume, mask).data
     flat = volume.data / field
@@ -82,14 +116,14 @@ def correct_bias_field(volume: Volume, mask: np.ndarray) -> Volume:
 
 
 def _zero(volume: Volume, mask: np.ndarray) -> float:
-    """The grey value of nothing."""
+    """Grey value of the zero signal."""
     dark, middle = np.quantile(volume.data[mask], [0.001, 0.5])
     background, _ = border_value(volume)
     return float(background) if background <= dark else float(dark - 0.25 * (middle - dark))
 
 
 def _resampled(values: np.ndarray, at: list[np.ndarray]) -> np.ndarray:
-    """Values on a grid, by cubic splines one axis after another; beyond the ends the end's value."""
+    """Resample values by linear interpolation, one axis after another; constant beyond the ends."""
     for axis, where in enumerate(at):
         size = values.shape[axis]
         matrix = ndimage.map_coordinates(

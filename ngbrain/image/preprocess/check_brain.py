@@ -1,4 +1,4 @@
-"""Is a scan what it should be: one whole brain, taken out of its skull?"""
+"""Check that a scan is a complete, skull-stripped brain."""
 
 from __future__ import annotations
 
@@ -11,23 +11,26 @@ from ngbrain.image.read.volume import Scan, border_value
 _WANTED = "a brain-extracted T1 (e.g. from HD-BET, SynthStrip or BET), exactly constant around the brain, of at most 2.2 litres"
 _MOST = 2.2  # litres
 _LITRE = 1e-3  # m³
-_TOP = 70e-3  # m: above it, neck and face are not seen, and a head is an onion
+_TOP = 70e-3  # m below the vertex: without neck and face, a head consists of concentric layers
 _DEEPEST = 35  # mm
-_CUT = 500e-6  # m²; the smooth side of a whole brain has up to 250 mm² within 1 mm, the cut brain stem 150 mm²
+_CUT = 500e-6  # m²; the side of a complete brain has up to 250 mm² within 1 mm, the cut brain stem 150 mm²
 _SIDES = (("left", "right"), ("back", "front"), ("bottom", "top"))
 
 
 def check_extracted(scan: Scan) -> np.ndarray:
-    """The brain in a brain-extracted scan, as a mask (nx, ny, nz) over `scan.volume`.
+    """Brain mask (nx, ny, nz) over `scan.volume` of a skull-stripped scan.
 
-    It is the largest piece of what differs from the background, without specks and with its holes filled. The
-    background is the value that most of the border has.
+    It is the largest connected component that differs from the background, without specks and with its holes filled. The
+    background is the most common value of the border.
 
-    Raises:
-        InputError: the skull is still there: no exactly constant background; more than 2.2 litres; or a dark band
-            (bone) beneath a bright one (scalp). Or the field of view cuts the brain on some side, or there are less
-            than 0.7 litres.
+    Raises
+    ------
+    InputError
+        The skull is still there: the background is not exactly constant, the volume exceeds 2.2 litres, or there is a dark band
+        (bone) beneath a bright one (scalp). Or the field of view cuts the brain, or it has less than 0.7 litres.
 
+    Examples
+    --------
     >>> from ngbrain.image import mni152
     >>> scan = mni152()
     >>> f"{check_extracted(scan).sum() * scan.volume.voxel_volume * 1e3:.2f} litres"
@@ -41,7 +44,8 @@ def check_extracted(scan: Scan) -> np.ndarray:
 
 
 def foreground_mask(scan: Scan) -> tuple[np.ndarray, str]:
-    """What differs from the background (nx, ny, nz), and what in it shows that it is more than a brain: "" if nothing.
+    """Mask (nx, ny, nz) of what differs from the background, and the reason why it is not a skull-stripped brain: "" if there is
+    none.
 
     >>> from ngbrain.image import mni152
     >>> foreground_mask(mni152())[1]
@@ -64,10 +68,19 @@ def foreground_mask(scan: Scan) -> tuple[np.ndarray, str]:
 
 
 def check_whole(scan: Scan, mask: np.ndarray) -> None:
-    """Refuse a brain, `mask` (nx, ny, nz), that the field of view cuts, or that is less than 0.7 litres.
+    """Check that a brain is complete.
 
-    Raises:
-        InputError: that is so.
+    Parameters
+    ----------
+    scan : Scan
+        The scan.
+    mask : numpy.ndarray
+        (nx, ny, nz) mask of the brain.
+
+    Raises
+    ------
+    InputError
+        The field of view cuts the brain, or it has less than 0.7 litres.
     """
     litres = mask.sum() * scan.volume.voxel_volume / _LITRE
     if sides := _cut_sides(scan, mask):
@@ -78,16 +91,16 @@ def check_whole(scan: Scan, mask: np.ndarray) -> None:
 
 
 def _has_dark_band(data: np.ndarray, other: np.ndarray, background: float, spacing: np.ndarray) -> bool:
-    """Whether grey values fall and rise again on the way in, as from scalp through bone to brain."""
+    """Whether grey values fall and rise again towards the inside, as from scalp through bone to brain."""
     solid = ndimage.binary_opening(other)
     slices = np.flatnonzero(solid.sum(axis=(0, 1)) * spacing[0] * spacing[1] > 100e-6)
     if not len(slices):
         return False
     top = slice(max(slices[-1] - round(_TOP / spacing[2]), 0), slices[-1] + 1)
-    # Slice by slice: bone that was set to the background is open to the outside only below.
+    # Slice by slice: bone that was set to the background is connected to the outside only below.
     inside = np.stack([ndimage.binary_fill_holes(flat) for flat in np.moveaxis(solid[:, :, top], 2, 0)], axis=2)
     grey = data[:, :, top]
-    around = np.pad(inside, ((1, 1), (1, 1), (0, 1)))  # not below: the head goes on there
+    around = np.pad(inside, ((1, 1), (1, 1), (0, 1)))  # not below, where the head continues
     depth = ndimage.distance_transform_edt(around, sampling=1e3 * spacing)[1:-1, 1:-1, :-1]
     shell = np.ceil(depth).astype(int)  # 1: less than 1 mm deep
     shells = range(1, min(_DEEPEST, shell.max()) + 1)
@@ -100,7 +113,7 @@ def _has_dark_band(data: np.ndarray, other: np.ndarray, background: float, spaci
 
 
 def _largest(other: np.ndarray) -> np.ndarray:
-    """The largest piece, told from specks and threads that hang on it by opening, its holes filled."""
+    """The largest connected component after an opening that removes specks and threads, with its holes filled."""
     pieces, count = ndimage.label(ndimage.binary_opening(other))
     if not count:
         return np.zeros_like(other)
@@ -109,7 +122,7 @@ def _largest(other: np.ndarray) -> np.ndarray:
 
 
 def _cut_sides(scan: Scan, mask: np.ndarray) -> list[str]:
-    """Names of the sides where the brain lies on a face of the file's own field of view, over more than `_CUT`."""
+    """Names of the sides where the brain touches the field of view of the file over more than `_CUT`."""
     step = scan.volume.spacing.mean()
     to_file = np.linalg.solve(scan.file_affine, scan.volume.affine)
     stored = to_file[:3, :3] @ np.argwhere(mask).T + to_file[:3, 3:]
@@ -118,7 +131,7 @@ def _cut_sides(scan: Scan, mask: np.ndarray) -> list[str]:
         along = scan.file_affine[:3, axis]
         world = np.abs(along).argmax()
         for beyond, way in ((stored[axis] + 0.5, -1), (size - 0.5 - stored[axis], 1)):
-            # Voxels within one step of the face: as many as it has area.
+            # The number of voxels within one step of the face gives the area.
             if (beyond * np.linalg.norm(along) < step).sum() * step**2 > _CUT:
                 names.append(_SIDES[world][int(way * along[world] > 0)])
     return names

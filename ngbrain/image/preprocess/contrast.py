@@ -1,4 +1,4 @@
-"""Is a picture of a head a T1? Which of fluid, grey and white matter is dark in it, and which is bright."""
+"""Order and contrast of the grey values of fluid, grey and white matter, to recognise a T1."""
 
 from __future__ import annotations
 
@@ -15,24 +15,28 @@ from ngbrain.image.read.volume import Volume, mni152, template_map
 
 TISSUES = ("fluid", "grey", "white")
 _T1 = (0, 1, 2)
-_STEP = 3  # voxels between the points of the template that are looked at
+_STEP = 3  # voxels between the sampled points of the template
 _VOXEL = 2e-3  # m, of the head
 _DEEP = 3.0  # mm inside the brain
 _LOCAL = 20.0  # mm, standard deviation of the Gaussian over which grey values are normalised
-_OUTSIDE_NUCLEI = 1.2  # radii: deep grey matter is too bright in a T1 and too dark in others to tell them apart
-_BLUR = 4.0  # mm, over which an affine map misses folds and ventricles
-_FEW = 0.02  # least share of a tissue anywhere
+_OUTSIDE_NUCLEI = 1.2  # radii: deep grey matter, too bright in a T1 and too dark in other contrasts, is left out
+_BLUR = 4.0  # mm, error of an affine map at folds and ventricles
+_FEW = 0.02  # minimum probability of a tissue
 _QUANTILES = (0.1, 0.45, 0.8)  # of the grey values, near those of the darkest, the middle and the brightest tissue
-_NARROWEST = 0.03  # of the spread of all values, below which no tissue's spread goes
+_NARROWEST = 0.03  # minimum standard deviation of a tissue, relative to that of all values
 _ROUNDS = 30
 
 
 @dataclass(frozen=True)
 class Contrast:
-    """How bright the tissues of a head are.
+    """Brightness of the tissues of a head.
 
-    order  TISSUES from dark to bright
-    step   from grey to white matter, in standard deviations of all grey values; about 1 in a T1
+    Parameters
+    ----------
+    order : tuple of str
+        `TISSUES` from dark to bright.
+    step : float
+        From grey to white matter, in standard deviations of all grey values; about 1 in a T1.
     """
 
     order: tuple[str, ...]
@@ -40,17 +44,30 @@ class Contrast:
 
 
 def measure_contrast(head: Volume, affine: np.ndarray) -> Contrast:
-    """Measure which tissue is how bright where the template's maps of tissues lie in a head.
+    """Measure the brightness of the tissues of a head, by the template's tissue maps.
 
-    affine  (4, 4), takes points of the MNI152 template (m) to points of the head (m)
+    A mixture of three Gaussians, weighted by the template's tissue probabilities, is fitted to the grey values of the cerebrum,
+    starting from each of the six orders; the most likely fit is taken. Grey values are normalised locally, within the brain
+    only: the dark background in the local mean would make the cortex too bright.
 
-    A mixture of three Gaussians, each weighed by where its tissue is in the template, is fitted to the grey values of the
-    cerebrum from each of the six orders; the one that explains them best is taken. Values are normalised locally, by the brain
-    alone: with the dark around it in the mean, the cortex would be too bright.
+    Parameters
+    ----------
+    head : Volume
+        The scan.
+    affine : numpy.ndarray
+        (4, 4), from points (m) of the MNI152 template to points (m) of the head.
 
-    Raises:
-        MissingExtra: nilearn is not installed.
+    Returns
+    -------
+    Contrast
 
+    Raises
+    ------
+    MissingExtra
+        nilearn is not installed.
+
+    Examples
+    --------
     >>> scan = mni152()
     >>> measure_contrast(scan.volume, np.eye(4)).order
     ('fluid', 'grey', 'white')
@@ -72,7 +89,7 @@ def _clipped(values: np.ndarray) -> np.ndarray:
 
 
 def _normalised(values: np.ndarray, brain: np.ndarray) -> np.ndarray:
-    """Values (n,) at the n points of a mask less their mean in the mask over some 20 mm, divided by their spread there."""
+    """Values (n,) at the n points of a mask minus their local mean over some 20 mm, divided by their local standard deviation."""
     width = _LOCAL / (_STEP * 1e3 * mni152().volume.spacing)
     values = (values - values.mean()) / (values.std() + 1e-12)
     picture = np.zeros((3, *brain.shape), np.float32)
@@ -83,7 +100,7 @@ def _normalised(values: np.ndarray, brain: np.ndarray) -> np.ndarray:
 
 
 def _fitted(values: np.ndarray, share: np.ndarray, means: np.ndarray) -> tuple[float, np.ndarray]:
-    """The mean log-likelihood and the means (3,) of the tissues that EM from some `means` leads to."""
+    """Mean log-likelihood and tissue means (3,) of EM, started from `means`."""
     least = _NARROWEST * values.std() + 1e-12
     spreads, likelihood = np.full(3, values.std() / 3 + 1e-12), -np.inf
     for _ in range(_ROUNDS):
@@ -101,8 +118,9 @@ def _fitted(values: np.ndarray, share: np.ndarray, means: np.ndarray) -> tuple[f
 
 @lru_cache(maxsize=1)
 def _sampled() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """A thinned mask of the template's brain, its n points (n, 3) in m, which (n,) of them are looked at, as they lie in the
-    cerebrum, and the shares (3, ...) of TISSUES around these."""
+    """A subsampled mask of the template's brain, its n points (n, 3) in m, the points used (n,), which lie in the cerebrum, and
+    the tissue probabilities (3, ...) at these.
+    """
     template = mni152().volume
     brain = template.data[::_STEP, ::_STEP, ::_STEP] != 0
     points = template.to_world(_STEP * np.argwhere(brain))
@@ -118,10 +136,12 @@ def _sampled() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
 
 @lru_cache(maxsize=1)
 def tissue_maps() -> tuple[Volume, Volume, Volume]:
-    """Shares of fluid, grey and white matter in the voxels of MNI152's brain, 0 to 1, by the maps that nilearn brings along.
+    """Shares of fluid, grey and white matter in the voxels of the MNI152 brain, 0 to 1, from the maps that nilearn ships.
 
-    Raises:
-        MissingExtra: nilearn is not installed.
+    Raises
+    ------
+    MissingExtra
+        nilearn is not installed.
     """
     grey, white = (template_map(name)[0] for name in ("gm", "wm"))
     template = mni152().volume

