@@ -1,4 +1,6 @@
-"""Fluid that other programs' label maps do not name: in sulci, which FreeSurfer leaves empty, and in ventricles of tissue maps."""
+"""Sulcal fluid and ventricles missing in label maps of other programs: FreeSurfer leaves sulci empty, tissue maps have one fluid
+class.
+"""
 
 from __future__ import annotations
 
@@ -14,29 +16,30 @@ from ngbrain.image.segment.ventricles import find_ventricles, ventricle_distance
 
 FLUID, VENTRICLES, GREY, WHITE = "csf", "ventricles", "grey", "white"
 REACH = 7.5e-3
-"""Radius (m) of the ball that does not fit into a sulcus: that of FreeSurfer's outer surface for the gyrification index
-(Schaer et al. 2008, doi:10.1109/TMI.2007.903576)."""
+"""Radius (m) of the closing, as of FreeSurfer's outer surface for the gyrification index (Schaer et al. 2008,
+doi:10.1109/TMI.2007.903576)."""
 _BRIGHT = {FLUID: 0.1, GREY: 0.6, WHITE: 1.0}
-"""Of tissues in a T1, about."""
+"""Approximate brightness of tissues in a T1."""
 _FLUIDS = (FLUID, VENTRICLES, "fluid")
 
 
 def label_sulcal_fluid(labels: LabelMap) -> tuple[LabelMap, float]:
-    """The map with `csf` in empty places between the folds, and how much was added (ml).
+    """Label the empty space between folds as `csf`.
 
-    Places without a label up to the hull (the closing by a ball of 7.5 mm) are filled where most of the labels beside them are
-    tissue: what lies open between folds that have fluid on them is left as it is. A map without a region called `grey` has no
-    folds to look between and is left alone.
+    Empty voxels up to the hull (the closing by a ball of 7.5 mm) are filled where most of the adjacent labels are tissue; open
+    space between folds that are covered by fluid is left. A map without a region called `grey` is returned unchanged.
 
     Parameters
     ----------
-    labels
+    labels : LabelMap
         Regions on voxels of any size and orientation.
 
     Returns
     -------
-    tuple[LabelMap, float]
-        The map itself and 0.0 if there is nothing to fill.
+    labels : LabelMap
+        The input itself if nothing is filled.
+    ml : float
+        Added volume (ml).
 
     Examples
     --------
@@ -52,7 +55,7 @@ def label_sulcal_fluid(labels: LabelMap) -> tuple[LabelMap, float]:
         return labels, 0.0
     every = labels.volume.data
     box = ndimage.find_objects((every > 0).astype(np.uint8))[0]
-    data = every[box]  # the hull of a mask does not leave its box
+    data = every[box]  # the hull stays within the bounding box
     empty = _hull(data > 0, labels.volume.spacing) & (data == 0)
     fluid = [number for number, name in labels.names.items() if name.startswith(_FLUIDS)]
     pockets, count = ndimage.label(empty)
@@ -71,23 +74,23 @@ def label_sulcal_fluid(labels: LabelMap) -> tuple[LabelMap, float]:
 
 
 def label_ventricles(labels: LabelMap) -> tuple[LabelMap, float]:
-    """The map with the lateral ventricles apart from other fluid, and their volume (ml).
+    """Separate the lateral ventricles from other fluid.
 
-    They are found by place and by the white matter around them (`ngbrain.image.segment.ventricles`), as tissue maps of SPM,
-    CAT and FAST
-    have one class for all fluid. The place follows from registering the MNI152 template to a picture in which tissues are as bright
-    as in a T1.
+    They are found by position and by the white matter around them (`ngbrain.image.segment.ventricles`), because tissue maps of
+    SPM, CAT and FAST have one class for all fluid. The position follows from registering the MNI152 template to an image in
+    which the tissues are as bright as in a T1.
 
     Parameters
     ----------
-    labels
+    labels : LabelMap
         Regions on voxels of any size and orientation.
 
     Returns
     -------
-    tuple[LabelMap, float]
-        The map itself and 0.0 if it has ventricles, no `csf`, `grey` or `white`, if these are not like a brain, or if no ventricles
-        are found.
+    labels : LabelMap
+        The input itself if it has ventricles, lacks `csf`, `grey` or `white`, is unlike a brain, or no ventricles are found.
+    ml : float
+        Volume (ml) of the ventricles found.
     """
     if VENTRICLES in labels.regions or not set(_BRIGHT) <= set(labels.regions):
         return labels, 0.0
@@ -117,7 +120,7 @@ def label_ventricles(labels: LabelMap) -> tuple[LabelMap, float]:
 
 
 def _hull(mask: np.ndarray, spacing: np.ndarray) -> np.ndarray:
-    """The closing of a mask by a ball."""
+    """Morphological closing of a mask by a ball."""
     pad = np.ceil(REACH / spacing).astype(int) + 1
     whole = np.pad(mask, [(n, n) for n in pad])
     reached = ndimage.distance_transform_edt(~whole, spacing) <= REACH
@@ -126,7 +129,7 @@ def _hull(mask: np.ndarray, spacing: np.ndarray) -> np.ndarray:
 
 
 def _beside(pockets: np.ndarray, side: np.ndarray, count: int) -> np.ndarray:
-    """How many faces (count + 1,) of each pocket look at the mask `side`."""
+    """Number of faces (count + 1,) of each component that border on the mask `side`."""
     faces = np.zeros(count + 1, int)
     for axis in range(3):
         low, high = (

@@ -1,4 +1,4 @@
-"""A map of labels from closed surfaces: what is inside each of them."""
+"""Label map from closed surfaces."""
 
 from __future__ import annotations
 
@@ -12,27 +12,32 @@ from ngbrain.image.read.volume import Volume
 from ngbrain.mesh.surface.triangle_mesh import SurfaceMesh
 
 VOXEL, FINEST = 1e-3, 1e-2
-"""Size (m) of voxels, and part of the smallest width that they have at most."""
+"""Voxel size (m), and its maximum relative to the smallest extent."""
 AIR = 8
-"""Voxels around."""
+"""Margin (voxels)."""
 _ASIDE = np.array([0.318310e-3, 0.271828e-3])
-"""Part of a voxel that rays run beside the voxels' middles, so that they meet no corner of a surface drawn on a grid."""
+"""Offset of the rays from the voxel centres (in voxels), so that they meet no vertex of a surface on a grid."""
 
 
 def labels_from_surfaces(surfaces: Iterable[tuple[str, SurfaceMesh]]) -> LabelMap:
-    """Voxels by the last surface that they are inside: outer ones come first, and surfaces of one name make one region.
+    """Label voxels by the last surface that they are inside.
 
-    Inside is what an odd number of triangles is above: a surface may have cavities, and may be turned inside out.
+    Outer surfaces come first, and surfaces of the same name form one region. A voxel is inside if its ray crosses an odd number
+    of triangles: surfaces may have cavities and any orientation.
 
     Parameters
     ----------
-    surfaces
-        Name of what is inside, and the closed surface.
+    surfaces : iterable of (str, SurfaceMesh)
+        Name of the region inside, and the closed surface.
+
+    Returns
+    -------
+    LabelMap
 
     Raises
     ------
     InputError
-        For a surface that no voxel's middle is inside of.
+        A surface contains no voxel centre.
 
     Examples
     --------
@@ -63,7 +68,24 @@ def labels_from_surfaces(surfaces: Iterable[tuple[str, SurfaceMesh]]) -> LabelMa
 
 
 def inside_surface(surface: SurfaceMesh, first: np.ndarray, spacing: float, shape: tuple[int, int, int]) -> np.ndarray:
-    """Voxels whose middle is inside: rays along the third axis change sides where they meet a triangle."""
+    """Voxels whose centre is inside a closed surface, by ray casting along the third axis.
+
+    Parameters
+    ----------
+    surface : SurfaceMesh
+        The closed surface (m).
+    first : numpy.ndarray
+        (3,) m, centre of the first voxel.
+    spacing : float
+        Voxel spacing (m).
+    shape : tuple of int
+        Shape of the voxel grid.
+
+    Returns
+    -------
+    numpy.ndarray
+        bool, of this shape.
+    """
     x = (surface.points - first) / spacing
     x[:, :2] += _ASIDE
     corners = x[surface.triangles]
@@ -85,7 +107,7 @@ def inside_surface(surface: SurfaceMesh, first: np.ndarray, spacing: float, shap
 
 
 def _cross(p: np.ndarray, q: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """On which side of the edge from p to q a point is; of two triangles at an edge exactly one has the point."""
+    """Side of the edge from p to q on which a point lies; of two triangles at an edge exactly one contains the point."""
     swap = (p[:, 0] > q[:, 0]) | ((p[:, 0] == q[:, 0]) & (p[:, 1] > q[:, 1]))
     s, t = np.where(swap[:, None], q, p), np.where(swap[:, None], p, q)
     side = (t[:, 0] - s[:, 0]) * (at[:, 1] - s[:, 1]) - (t[:, 1] - s[:, 1]) * (at[:, 0] - s[:, 0])

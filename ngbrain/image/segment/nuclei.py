@@ -1,4 +1,4 @@
-"""Deep grey matter: thalamus, caudate, putamen and pallidum, found by place and by the edges of grey values around them."""
+"""Deep grey matter (thalamus, caudate, putamen and pallidum), by position and by edges of the grey values."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ _WITHIN = np.array([[-45.0, -60.0, -45.0], [45.0, 60.0, 45.0]])  # mm of the tem
 
 
 def segment_nuclei(grey: np.ndarray, matter: np.ndarray, to: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """The four nuclei of both sides.
+    """Segment the four nuclei of both sides.
 
-    They are as bright as white matter or nearly so, so that grey values alone call them white. Floods from their middles,
-    where the template has them, and from what is surely around them meet at the edges between (Beucher & Meyer 1993).
+    They are nearly as bright as white matter, so that grey values alone label them as white. Watersheds from their centres,
+    given by the template, and from their surroundings meet at the edges between them (Beucher & Meyer 1993).
 
     Parameters
     ----------
-    grey
-        Grey values (nx, ny, nz), without the coil's field.
-    matter
-        Mask of grey and white matter on the same voxels.
-    to
-        (4, 4), takes indices of voxels to points of the MNI152 template in mm.
-    size
-        Of a voxel (3,) in mm.
+    grey : numpy.ndarray
+        (nx, ny, nz) grey values after bias-field correction.
+    matter : numpy.ndarray
+        (nx, ny, nz) mask of grey and white matter.
+    to : numpy.ndarray
+        (4, 4), from voxel indices to points of the MNI152 template in mm.
+    size : numpy.ndarray
+        (3,) voxel size in mm.
 
     Returns
     -------
     numpy.ndarray
-        Mask (nx, ny, nz).
+        (nx, ny, nz) mask.
     """
     flood = require("skimage.segmentation", "mri").watershed
     found = np.zeros(grey.shape, bool)

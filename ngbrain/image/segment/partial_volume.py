@@ -1,4 +1,4 @@
-"""The rim of a brain in a coarse scan: voxels that the brain shares with what is around it."""
+"""Partial-volume correction at the boundary of the brain in a coarse scan."""
 
 from __future__ import annotations
 
@@ -7,17 +7,30 @@ from scipy import ndimage
 
 from ngbrain.image.read.volume import Scan, Volume
 
-_COARSE = 1.5e-3  # m: edge of a cube as large as a file's voxel that is too much
-_REACH = 1.5  # of the voxel's longest edge: how deep the rim is
-_FLUID = 0.01  # quantile of the grey values deeper in: about the middle of the fluid in the ventricles
+_COARSE = 1.5e-3  # m, cube root of the voxel volume above which a scan is coarse
+_REACH = 1.5  # depth of the corrected layer, relative to the longest edge of a voxel
+_FLUID = 0.01  # quantile of the grey values deeper inside, near the mean of the ventricles
 
 
 def correct_partial_volume(scan: Scan, mask: np.ndarray) -> Volume:
-    """The picture with a rim of the brain, `mask` (nx, ny, nz), nowhere darker than fluid; as it is if voxels are small.
+    """Raise the grey values at the boundary of the brain to at least those of fluid; scans with small voxels are unchanged.
 
-    Voxels of 3 mm, half brain and half background, are darker than any fluid, and many: a mixture of tissues fitted to
-    them takes them for its fluid, and what fluid there is for grey matter. In voxels of 1 mm they are few.
+    Voxels of 3 mm that are half brain and half background are darker than any fluid, and many: a mixture model of the tissues
+    takes them for fluid, and true fluid for grey matter. In voxels of 1 mm they are few.
 
+    Parameters
+    ----------
+    scan : Scan
+        The scan.
+    mask : numpy.ndarray
+        (nx, ny, nz) mask of the brain.
+
+    Returns
+    -------
+    Volume
+
+    Examples
+    --------
     >>> ball = np.linalg.norm(np.indices((50, 50, 50)) - 24.5, axis=0)
     >>> affine = np.diag([1e-3, 1e-3, 1e-3, 1])
     >>> picture = Volume(np.select([ball < 8, ball < 20, ball < 22], [40, 90, 10]).astype(np.float32), affine)

@@ -1,4 +1,4 @@
-"""From grey values to tissue: fluid, grey and white matter, ventricles, and the share of white matter in a voxel."""
+"""Segmentation of fluid, grey and white matter, and ventricles, with the share of white matter in a voxel."""
 
 from __future__ import annotations
 
@@ -21,39 +21,44 @@ OUTSIDE, CSF, GREY, WHITE, VENTRICLE = range(5)
 NAMES = ("outside", "csf", "grey", "white", "ventricle")
 
 _WANTED = "a T1, in which white matter is brighter than grey and grey brighter than fluid"
-# Shares of three pure tissues (fluid, grey, white) in the five classes; every other class is a mixture.
+# Shares of the pure tissues (fluid, grey, white) in the five classes; every second class is a mixture.
 _SHARES = np.array([[1, 0, 0], [0.5, 0.5, 0], [0, 1, 0], [0, 0.5, 0.5], [0, 0, 1]])
 _START = (0.05, 0.45, 0.85)  # quantiles of the grey values in a brain that are near those of the pure tissues
-# Of the step from grey to white matter, and of the noise: what is brighter than white matter by more is a contrast agent or
-# fat. With a few ml of it the brightest class is theirs, and all of the brain's tissue in the others.
+# Relative to the step from grey to white matter, and to the noise: what is brighter than white matter by more is a contrast
+# agent or fat. A few ml of it would take the brightest class for itself.
 _VESSEL, _NOISES = 0.6, 2.0
 _BINS, _ROUNDS_OF_BINS = 512, 200
 _COUPLING, _ROUNDS = 0.4, 4
 _FIELDS, _BY_PLACE = (
     4,
     2,
-)  # times that what is left of a field is taken out; so many of them first by the template's tissues
-_TISSUE = 0.75  # on the way from fluid (0) to grey matter (1)
-_SLOW = 20.0  # mm: standard deviation of the Gaussian that field is smoothed by
-_NEAR = 10.0  # mm: the same of the Gaussian over which tissues are compared with the template's
-_THIN = 2.0  # mm between the voxels that what is smooth is found on
-# Standard deviation of smoothing, in voxels of the scan; reached where noise is this much of the step from grey to white matter.
+)  # corrections of the residual bias field, and how many of them first use the template's tissues
+_TISSUE = 0.75  # threshold of tissue, 0 for fluid and 1 for grey matter
+_SLOW = 20.0  # mm, standard deviation of the Gaussian that smooths the field
+_NEAR = 10.0  # mm, standard deviation of the Gaussian for comparing tissues with the template
+_THIN = 2.0  # mm, voxel spacing for smooth quantities
+# Maximum standard deviation of smoothing, in voxels of the scan; reached at this noise, relative to the grey-white step.
 _WIDEST, _NOISY = 0.6, 0.2
-_FLUID_ENDS = 0.5  # on the way from fluid (0) to grey matter (1)
-_VAGUE = 5.0  # mm, over which the template's maps of tissues are smoothed
-_TRUST, _RARE = 0.8, 0.02  # power to which they are believed, and the least share of a tissue
-_SLAB = 8  # layers of voxels at a time, so that they stay in the cache
-_RIND = 3  # mm
+_FLUID_ENDS = 0.5  # upper limit of fluid, 0 for fluid and 1 for grey matter
+_VAGUE = 5.0  # mm, smoothing of the template's tissue maps
+_TRUST, _RARE = 0.8, 0.02  # exponent of the prior, and the minimum share of a tissue
+_SLAB = 8  # layers of voxels per chunk, which fit into the processor's cache
+_RIND = 3  # mm, outer layer of the brain
 _LEAST_VENTRICLES = 2.0  # ml
 
 
 @dataclass(frozen=True, eq=False)
 class Labels:
-    """Tissue in each voxel.
+    """Tissue of each voxel.
 
-    volume    uint8: OUTSIDE, CSF, GREY, WHITE or VENTRICLE, named in NAMES
-    white     float32: share of white matter that the grey value of a voxel speaks for, 0 to 1; as noisy as the scan
-    contrast  from grey to white matter, in standard deviations of the grey values of one tissue
+    Parameters
+    ----------
+    volume : Volume
+        uint8: OUTSIDE, CSF, GREY, WHITE or VENTRICLE, see `NAMES`.
+    white : Volume
+        float32: share of white matter by the grey value of a voxel alone, 0 to 1; as noisy as the scan.
+    contrast : float
+        From grey to white matter, in standard deviations of the grey values of one tissue.
     """
 
     volume: Volume
@@ -61,42 +66,59 @@ class Labels:
     contrast: float
 
     def volumes_ml(self) -> dict[str, float]:
-        """Millilitres of each tissue by name."""
+        """Volume (ml) of each tissue, by name."""
         counts = np.bincount(self.volume.data.ravel(), minlength=len(NAMES)) * self.volume.voxel_volume * 1e6
         return {name: float(counts[label]) for label, name in enumerate(NAMES) if label != OUTSIDE}
 
 
 def segment(t1: Volume, brain: np.ndarray, place: np.ndarray, voxel: float = 1e-3) -> Labels:
-    """Label the tissue in a T1, given the mask `brain` (nx, ny, nz), on voxels of 1 mm.
+    """Segment the tissues of a T1.
 
-    place   (4, 4), takes points of the MNI152 template (m) to points of the head (m)
-    voxel   edge (m) of the voxels that the scan was taken with
+    A mixture of five Gaussians with a common variance: fluid, grey and white matter, and between them voxels of two tissues,
+    whose mean is that of the two. It is fitted by EM first to the histogram, then to the image with a Potts prior between face
+    neighbours (mean field). The prior of a tissue also follows its share in the template within some mm, the accuracy of an
+    affine map. The remaining bias field over 20 mm is removed, and the fit repeated. Noise is smoothed by up to 0.6 voxels of
+    the scan. The label of a voxel is its expected position between the three pure tissues. The variance is shared, because
+    separate ones shrink onto white matter, the most homogeneous tissue, and lose a quarter of it.
 
-    A mixture of five Gaussians of one variance: fluid, grey, white, and between them voxels of two tissues, whose mean
-    is the mean of the two. Fitted by EM first to the histogram, then to the picture with a Potts prior between voxels
-    with a common face (mean field). Beside that a tissue is the likelier the more of it the template has within some mm, as
-    far as an affine map tells; what field that leaves over 20 mm is taken out, and the fit repeated. Noise is smoothed
-    by up to 0.6 of the scan's voxels. A voxel is labelled by its expected position between the three pure tissues.
-    The variance is shared: free ones shrink onto white matter, the most uniform tissue, and lose a quarter of it.
+    Grey values may have any scale and offset. A slow bias field must be corrected before
+    (`ngbrain.image.preprocess.bias_field`): 20 % of it cost 0.06 of the Dice overlap.
 
-    Any scale and offset of the grey values will do. A slow field over the picture is for
-    `ngbrain.image.preprocess.bias_field` to take out first: 20 % of it cost 0.06 of the Dice overlap.
-    The model: Shattuck et al. 2001, doi:10.1006/nimg.2000.0730; mean field: Zhang 1992, doi:10.1109/78.157297.
+    Parameters
+    ----------
+    t1 : Volume
+        The scan, on voxels of 1 mm.
+    brain : numpy.ndarray
+        (nx, ny, nz) mask of the brain.
+    place : numpy.ndarray
+        (4, 4), from points (m) of the MNI152 template to points (m) of the head.
+    voxel : float, optional
+        Edge (m) of the voxels of the original scan.
 
-    Raises:
-        InputError: not a T1 (one grey value in 40 % of the brain; less than 15 % or more than 65 % of it white; more
-            of it white near the surface than inside), or ventricles of less than 2 ml found.
+    Returns
+    -------
+    Labels
+
+    Raises
+    ------
+    InputError
+        The image is not a T1 (one grey value in 40 % of the brain; less than 15 % or more than 65 % white; more white near the
+        surface than inside), or the ventricles found have less than 2 ml.
+
+    References
+    ----------
+    Model: Shattuck et al. 2001, doi:10.1006/nimg.2000.0730. Mean field: Zhang 1992, doi:10.1109/78.157297.
     """
     box = ndimage.find_objects(brain.astype(np.uint8))[0]
-    inside = np.pad(brain[box], 1)  # a layer of outside, so that neighbours need no cases
+    inside = np.pad(brain[box], 1)  # a margin, so that all voxels have neighbours
     grey = np.pad(_normalised(t1.data, brain)[box], 1)
     prior = _prior(t1, place, box)
     smooth = _smoothed(grey, inside, voxel / t1.spacing)
-    field = _left_over(smooth, inside, prior, 1e3 * float(t1.spacing.mean()))
+    field = _residual_field(smooth, inside, prior, 1e3 * float(t1.spacing.mean()))
     grey, smooth = grey / field, smooth / field
     scale, share, contrast = _fit(smooth, inside, prior)
     labels = np.where(inside, CSF + (scale > _FLUID_ENDS) + (scale > 1.5), OUTSIDE).astype(np.uint8, order="C")
-    _drown_islands(labels)
+    _remove_islands(labels)
     _check_contrast(labels)
     near = np.pad(ventricle_distance(t1.affine, place, brain.shape)[box], 1, constant_values=FAR)
     ventricles = find_ventricles(inside, labels == CSF, labels == WHITE, near)
@@ -109,7 +131,7 @@ def segment(t1: Volume, brain: np.ndarray, place: np.ndarray, voxel: float = 1e-
     to = np.diag([1e3, 1e3, 1e3, 1.0]) @ np.linalg.inv(place) @ t1.affine
     to[:3, 3] += to[:3, :3] @ [axis.start - 1 for axis in box]
     labels[segment_nuclei(grey, np.isin(labels, (GREY, WHITE)), to, 1e3 * t1.spacing)] = GREY
-    _drown_islands(labels)  # what the edge of the ventricles has cut off
+    _remove_islands(labels)  # components cut off by the edge of the ventricles
 
     core = (slice(1, -1),) * 3
     whole, white = np.zeros(brain.shape, np.uint8), np.zeros(brain.shape, np.float32)
@@ -119,7 +141,7 @@ def segment(t1: Volume, brain: np.ndarray, place: np.ndarray, voxel: float = 1e-
 
 
 def _normalised(data: np.ndarray, brain: np.ndarray) -> np.ndarray:
-    """Grey values, float32, such that nearly all in the brain are in 0..1; the others become 0 or 1."""
+    """Grey values, float32, scaled so that nearly all in the brain are in 0..1, and clipped."""
     low, *start, high = np.quantile(data[brain], [0.001, *_START, 0.999])
     for one, other in pairwise(start):
         if one == other:
@@ -135,7 +157,7 @@ def _noise(data: np.ndarray, brain: np.ndarray, apart: int = 1) -> float:
 
 
 def _smoothed(grey: np.ndarray, inside: np.ndarray, voxel: np.ndarray) -> np.ndarray:
-    """Smoothed within the brain the more the noisier it is; `voxel` (3,) of the scan in voxels of the picture."""
+    """Grey values smoothed within the brain, the more the noisier; `voxel` (3,): voxel size of the scan in voxels of the image."""
     _, matter, white = np.quantile(grey[inside], _START)
     noise = _noise(grey, inside, max(round(float(voxel[0])), 1)) / max(white - matter, 1e-6)
     width = _WIDEST * min(noise / _NOISY, 1.0) * voxel
@@ -145,7 +167,7 @@ def _smoothed(grey: np.ndarray, inside: np.ndarray, voxel: np.ndarray) -> np.nda
 
 
 def _prior(t1: Volume, place: np.ndarray, box: tuple[slice, ...]) -> np.ndarray:
-    """Logarithm of how likely the five classes are by the template, (5, ...) on a box of the picture and a layer more."""
+    """Log-prior of the five classes by the template, (5, ...), on a box of the image with a margin of one voxel."""
     fluid, grey, white = (downsample(each, 1e-3 * _THIN) for each in tissue_maps())
     there = 1e3 * grey.to_world(np.argwhere(np.ones(grey.data.shape, bool)))
     near = np.flatnonzero((np.abs(there) < [45, 60, 45]).all(axis=1))
@@ -165,18 +187,18 @@ def _prior(t1: Volume, place: np.ndarray, box: tuple[slice, ...]) -> np.ndarray:
             for each in shares
         ]
     )
-    pure += _RARE  # where the template has no brain, all are as likely
+    pure += _RARE  # outside the template's brain all are equally likely
     dark, middle, bright = _TRUST * np.log(pure / pure.sum(axis=0))
     return np.array([dark, (dark + middle) / 2, middle, (middle + bright) / 2, bright], np.float32)
 
 
-def _left_over(grey: np.ndarray, inside: np.ndarray, prior: np.ndarray, size: float) -> np.ndarray:
-    """The factor by which grey values are too bright over some 20 mm, given tissues; voxels of `size` mm.
+def _residual_field(grey: np.ndarray, inside: np.ndarray, prior: np.ndarray, size: float) -> np.ndarray:
+    """Residual bias field over some 20 mm, given tissues; voxels of `size` mm.
 
-    It is found on every other voxel of 1 mm, where it is as smooth, and tissues are told apart as well. Twice: from tissues by
-    grey values alone, where white matter in a dark region counts as grey and justifies the field, and first from those that the
-    template has there, which an affine map misses by a fold. The one is taken that leaves white matter where the template has it,
-    over `_NEAR`: a cerebellum that a field makes bright is white matter by its grey values, and its contrast is as large.
+    It is computed on every other voxel of 1 mm, as it is smooth. Two estimates are compared: from tissues by grey values alone,
+    where white matter in a dark region counts as grey and justifies the field; and starting from the tissues of the template,
+    which an affine map misplaces by a fold. The one is taken whose white matter is closer to the template's, over `_NEAR`: a
+    cerebellum brightened by the field is white matter by its grey values, with as large a contrast.
     """
     every = max(round(_THIN / size), 1)
     thin = (slice(None, None, every),) * 3
@@ -186,18 +208,18 @@ def _left_over(grey: np.ndarray, inside: np.ndarray, prior: np.ndarray, size: fl
         np.pad(prior[(slice(None), *thin)], ((0, 0), (1, 1), (1, 1), (1, 1))),
     )
     known = np.ptp(chances, axis=0) > 0
-    # The template's own shares: the cerebellum, a fifth white, would be a third by the chances, which are flattened.
+    # The template's original shares: by the flattened prior the cerebellum, a fifth white, would be a third white.
     matter, white = np.exp(chances[[2, 4]] / _TRUST)
     expected = (matter + 2 * white) / (matter + white)
     best, least = np.zeros(values.shape, np.float32), np.inf
     for by_place in (0, _BY_PLACE):
         total = np.zeros(values.shape, np.float32)
         for turn in range(by_place + _FIELDS):
-            even = np.pad(values * np.exp(-total), 1)
-            scale, _, _ = _fit(even, within, chances, rounds=1)
+            corrected = np.pad(values * np.exp(-total), 1)
+            scale, _, _ = _fit(corrected, within, chances, rounds=1)
             if turn < by_place:
                 scale = np.where((scale > _TISSUE) & known, expected, scale)
-            total += _residual(even, scale, within, every * size)[(slice(1, -1),) * 3]
+            total += _residual(corrected, scale, within, every * size)[(slice(1, -1),) * 3]
         scale = _fit(np.pad(values * np.exp(-total), 1), within, chances, rounds=1)[0]
         off = _off_template(scale, expected, within & known & (scale > _TISSUE), every * size)
         if off < least:
@@ -207,7 +229,7 @@ def _left_over(grey: np.ndarray, inside: np.ndarray, prior: np.ndarray, size: fl
 
 
 def _off_template(scale: np.ndarray, expected: np.ndarray, tissue: np.ndarray, size: float) -> float:
-    """By how much the share of white matter in the tissue, smoothed, is off the template's (rms); voxels of `size` mm."""
+    """Deviation (rms) of the smoothed share of white matter in the tissue from the template's; voxels of `size` mm."""
     if not tissue.any():  # where the template has none
         return 0.0
     off = np.where(tissue, (scale - 1).clip(0, 1) - (expected - 1), 0).astype(np.float32)
@@ -216,7 +238,7 @@ def _off_template(scale: np.ndarray, expected: np.ndarray, tissue: np.ndarray, s
 
 
 def _residual(grey: np.ndarray, scale: np.ndarray, inside: np.ndarray, size: float) -> np.ndarray:
-    """The logarithm of grey values over what tissues should have, smoothed over some 20 mm."""
+    """Logarithm of grey values relative to the values expected of the tissues, smoothed over some 20 mm."""
     tissue = inside & (scale > _TISSUE)
     of_grey = np.median(grey[inside & (np.abs(scale - 1) < 0.25)])
     of_white = np.median(grey[inside & (scale > 1.75)])
@@ -231,7 +253,7 @@ def _fit(
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Expected position between the pure tissues, 0 fluid, 1 grey, 2 white; most likely share of white matter; contrast.
 
-    The first two float32 for each voxel, and meaningless outside. The share knows no neighbours: these make voxels pure.
+    The first two are float32 per voxel, and undefined outside. The share ignores the neighbours, which make voxels pure.
     """
     means, sigma, weights = _fit_histogram(grey[inside])
     new = np.zeros((len(_SHARES), *grey.shape), np.float32)
@@ -252,7 +274,7 @@ def _fit(
             expected += (by_place * (inside[slab] / by_place.sum(axis=0))).reshape(len(share), -1).sum(axis=1)
             flat = grey[slab].ravel()
             moments += share.reshape(len(share), -1) @ np.column_stack([np.ones_like(flat), flat, flat**2])
-        # Weights such that the classes have as many voxels by place as by grey value.
+        # Weights such that prior and posterior class volumes agree.
         before = weights
         means, sigma, _ = _maximised(moments)
         weights = np.maximum(before * moments[:, 0] / np.maximum(expected, 1e-6), 1e-6)
@@ -302,14 +324,14 @@ def _neighbours(share: np.ndarray, slab: slice) -> np.ndarray:
     return total
 
 
-def _drown_islands(labels: np.ndarray) -> None:
-    """Small pieces of grey or white matter take the label that most of their faces look at."""
+def _remove_islands(labels: np.ndarray) -> None:
+    """Relabel small components of grey or white matter by the majority of their neighbours."""
     for tissue in (WHITE, GREY):
         remove_islands(labels, tissue)
 
 
 def _check_contrast(labels: np.ndarray) -> None:
-    """Refuse what cannot be the labels of a T1: white matter is a third to a half of a brain, and inside."""
+    """Refuse labels that cannot be those of a T1: white matter is a third to a half of a brain, and inside."""
     inside = labels != OUTSIDE
     white = labels == WHITE
     share = white.sum() / inside.sum()

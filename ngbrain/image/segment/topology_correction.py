@@ -1,4 +1,4 @@
-"""Masks as balls: a region's handles cut and its cavities filled, so that its surface is a sphere."""
+"""Topology correction: handles are cut and cavities filled, so that the surface of a region is a sphere."""
 
 from __future__ import annotations
 
@@ -11,22 +11,26 @@ from scipy import ndimage
 from ngbrain.errors import InputError
 
 OFFSETS = np.array([o for o in product((-1, 0, 1), repeat=3) if any(o) and len({0, *o}) == 2])
-"""The 14 neighbours of a voxel, (14, 3): those that it shares an edge with when every cube between the middles of eight
-voxels is cut into six tetrahedra along its diagonal from the first to the last corner (Kuhn's triangulation). Region and
-outside hang together in the same way, and a surface between them has no ambiguous places."""
+"""The 14 neighbours of a voxel, (14, 3): those connected by an edge when every cube between eight voxel centres is cut into six
+tetrahedra along its diagonal from the first to the last corner (Kuhn's triangulation). Region and outside have the same
+connectivity, and the surface between them has no ambiguities."""
 NEIGHBOURS = np.zeros((3, 3, 3), bool)
 """The same as a structure for `scipy.ndimage`."""
 NEIGHBOURS[tuple((OFFSETS + 1).T)] = True
 NEIGHBOURS[1, 1, 1] = True
-_STEP = 0.25  # voxels of depth that are added at a time
+_STEP = 0.25  # voxels, depth of a growth step
 
 
 def largest_filled_component(mask: np.ndarray) -> np.ndarray:
-    """The largest piece of a mask (nx, ny, nz) by 14 neighbours, its cavities filled.
+    """Largest connected component of a mask (nx, ny, nz) by 14 neighbours, with its cavities filled.
 
-    Raises:
-        InputError: an empty mask.
+    Raises
+    ------
+    InputError
+        The mask is empty.
 
+    Examples
+    --------
     >>> row = np.array([[[True, False, True, True]]])
     >>> largest_filled_component(row).astype(int).tolist()
     [[[0, 0, 1, 1]]]
@@ -36,22 +40,30 @@ def largest_filled_component(mask: np.ndarray) -> np.ndarray:
         raise InputError("mask", "empty", "a region of at least a voxel")
     sizes = np.bincount(pieces.ravel())
     sizes[0] = 0
-    # The outside is around the array, too.
+    # The outside surrounds the array.
     filled = ndimage.binary_fill_holes(np.pad(pieces == sizes.argmax(), 1), NEIGHBOURS)
     return np.asarray(filled[1:-1, 1:-1, 1:-1])
 
 
 def correct_topology(mask: np.ndarray) -> np.ndarray:
-    """The largest piece of a mask (nx, ny, nz) without handles: a ball, by 14 neighbours, inside the filled piece.
+    """Region with the topology of a ball, by 14 neighbours, inside the largest filled component of a mask (nx, ny, nz).
 
-    It grows from the deepest voxel, deep voxels first, by voxels that change no topology: those whose neighbours inside
-    hang together among themselves, and so do those outside (simple points: Bertrand & Malandain 1994,
-    doi:10.1016/0167-8655(94)90046-9; cortex by such growth: Kriegeskorte & Goebel 2001, doi:10.1006/nimg.2001.0831).
-    A handle is therefore cut where it is thin, by a film of a voxel that is left out; a tunnel is never filled.
+    It grows from the deepest voxel, deep voxels first, by simple points, which change no topology: their inside neighbours are
+    connected among themselves, and so are the outside ones. A handle is therefore cut where it is thin, by a layer of one
+    voxel; a tunnel is never filled.
 
-    Raises:
-        InputError: an empty mask.
+    Raises
+    ------
+    InputError
+        The mask is empty.
 
+    References
+    ----------
+    Simple points: Bertrand & Malandain 1994, doi:10.1016/0167-8655(94)90046-9. Cortex by such growth: Kriegeskorte & Goebel
+    2001, doi:10.1006/nimg.2001.0831.
+
+    Examples
+    --------
     >>> ring = np.ones((3, 3, 1), bool)
     >>> ring[1, 1] = False
     >>> int(correct_topology(ring).sum())
@@ -61,7 +73,7 @@ def correct_topology(mask: np.ndarray) -> np.ndarray:
     depth = np.floor(ndimage.distance_transform_edt(allowed) / _STEP).astype(np.int32).ravel()
     strides = np.array(allowed.strides) // allowed.itemsize
     beside = OFFSETS @ strides
-    # Voxels of one class differ by even steps, so that they are no neighbours and may be added together.
+    # Voxels of one class are no neighbours of each other and may be added together.
     classes = (np.indices(allowed.shape) % 2 * np.array([4, 2, 1])[:, None, None, None]).sum(axis=0).ravel()
     weights = 1 << np.arange(len(OFFSETS))
     simple = _simple()
@@ -71,10 +83,10 @@ def correct_topology(mask: np.ndarray) -> np.ndarray:
 
     def once(voxels: np.ndarray) -> np.ndarray:
         voxels = voxels[(depth[voxels] > 0) & ~inside[voxels]]
-        slot[voxels] = np.arange(len(voxels))  # the last of equal ones; faster than to sort them
+        slot[voxels] = np.arange(len(voxels))  # keeps the last of duplicates; faster than sorting
         return voxels[slot[voxels] == np.arange(len(voxels))]
 
-    border = depth.argmax() + beside  # voxels next to what is inside that are not deep enough yet
+    border = depth.argmax() + beside  # voxels adjacent to the inside that are not deep enough yet
     for level in np.unique(depth[depth > 0])[::-1]:
         border = once(border)
         later = [border[depth[border] < level]]
@@ -95,10 +107,10 @@ def correct_topology(mask: np.ndarray) -> np.ndarray:
 
 @cache
 def _simple() -> np.ndarray:
-    """Whether adding a voxel keeps the topology, by which of its neighbours (a bit each) are inside: (2^14,).
+    """Whether adding a voxel keeps the topology, by a bit mask of its inside neighbours: (2^14,).
 
-    The neighbours are the corners of a triangulated sphere around the voxel. If those inside hang together there and so do
-    those outside, and there are both, each of them is a disc.
+    The neighbours are the vertices of a triangulated sphere around the voxel. If the inside ones are connected and so are the
+    outside ones, and there are both, each set is a disc.
     """
     differences = OFFSETS[:, None] - OFFSETS
     joined = (differences[:, :, None] == OFFSETS).all(axis=3).any(axis=2)

@@ -1,4 +1,4 @@
-"""Which of the fluid in a brain is the lateral ventricles: told from cisterns and sulci by place, by necks and by walls."""
+"""Segmentation of the lateral ventricles: separated from cisterns and sulci by position, necks and walls."""
 
 from __future__ import annotations
 
@@ -10,32 +10,44 @@ from ngbrain.image.preprocess import mni_landmarks
 from ngbrain.image.read.volume import Volume
 
 _DEPTH = 8.0  # mm below the surface of the brain; fluid above is sulci
-_CORE, _REACH = 1.0, 4.0  # distance from the expected course over its radius: ventricle if fluid, and none
-_WALL = (3.0, 5.0)  # mm from a horn: beyond the fluid and the voxels that it shares with its wall
-_WHITE = 0.45  # of the wall; measured: 0.6 and more around ventricles, 0.35 and less around cisterns
+_CORE, _REACH = 1.0, 4.0  # relative distance from the centre line: fluid is surely ventricle below, surely not above
+_WALL = (3.0, 5.0)  # mm, distance of the wall from a horn, beyond its partial-volume voxels
+_WHITE = 0.45  # minimum share of white in the wall; measured: 0.6 and more at ventricles, 0.35 and less at cisterns
 
-_BAND = 2.0  # mm to both sides of the first edge that the edge is looked for in
-_BESIDE = (2.5, 5.5)  # mm out: what the wall is made of, past the voxels that it shares with the fluid
-_SMOOTH = 2.0  # mm, over which grey values of the wall are averaged
+_BAND = 2.0  # mm, search range on both sides of the first edge
+_BESIDE = (2.5, 5.5)  # mm, distance of the wall from the edge, beyond its partial-volume voxels
+_SMOOTH = 2.0  # mm, averaging of the grey values of the wall
 
-FAR = 5.0  # radii from the middle of a ventricle, beyond which distances are not told apart
+FAR = 5.0  # maximum of the relative distance
 
 _FACES = ndimage.generate_binary_structure(3, 1)
 
 
 def find_ventricles(brain: np.ndarray, fluid: np.ndarray, white: np.ndarray, near: np.ndarray) -> np.ndarray:
-    """The lateral ventricles, with the third where a wide foramen joins it, as a mask.
+    """Mask of the lateral ventricles, with the third where a wide foramen connects it.
 
-    Fluid where ventricles are expected is flooded from there, fluid near the surface of the brain and far from ventricles
-    from there, wide places first, so that the two meet in the necks between them. Pieces of fluid that neither reaches
-    belong if their wall is mostly white matter: tips of horns.
+    Watersheds start from fluid where ventricles are expected, and from fluid near the surface of the brain or far from
+    ventricles; wide places come first, so that the two meet in the necks between them. Components of fluid that neither reaches
+    belong to the ventricles if their wall is mostly white matter: tips of horns.
 
-    Args:
-        brain: mask (nx, ny, nz) on voxels of 1 mm, not touching the faces of the array.
-        fluid: mask of all cerebrospinal fluid.
-        white: mask of white matter.
-        near: distance from where ventricles are expected, over how thick they are there (`ventricle_distance`).
+    Parameters
+    ----------
+    brain : numpy.ndarray
+        (nx, ny, nz) mask on voxels of 1 mm, not touching the faces of the array.
+    fluid : numpy.ndarray
+        Mask of all cerebrospinal fluid.
+    white : numpy.ndarray
+        Mask of white matter.
+    near : numpy.ndarray
+        Distance from the expected ventricles relative to their radius (`ventricle_distance`).
 
+    Returns
+    -------
+    numpy.ndarray
+        (nx, ny, nz) mask.
+
+    Examples
+    --------
     >>> z = np.indices((70, 70, 70)) - 34.5
     >>> radius, hole = np.linalg.norm(z, axis=0), np.linalg.norm(z * [[[[1]]], [[[1]]], [[[2]]]], axis=0) < 12
     >>> bool((find_ventricles(radius < 34, hole, (radius < 30) & ~hole, radius / 5) == hole).all())
@@ -63,10 +75,22 @@ def find_ventricles(brain: np.ndarray, fluid: np.ndarray, white: np.ndarray, nea
 
 
 def ventricle_distance(affine: np.ndarray, place: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """`ngbrain.image.preprocess.mni_landmarks.ventricle` of all voxels, up to `FAR`, by interpolation on the template's
-    voxels of 2 mm.
+    """`ngbrain.image.preprocess.mni_landmarks.ventricle` at all voxels, up to `FAR`, interpolated from a 2 mm grid of the
+    template.
 
-    affine  (4, 4), takes indices to points (m) of the head; place: points of the template (m) to those
+    Parameters
+    ----------
+    affine : numpy.ndarray
+        (4, 4), from voxel indices to points (m) of the head.
+    place : numpy.ndarray
+        (4, 4), from points (m) of the template to points (m) of the head.
+    shape : tuple of int
+        Shape of the voxel grid.
+
+    Returns
+    -------
+    numpy.ndarray
+        float32, of this shape.
     """
     size = np.array([60, 78, 54])
     template = np.diag([2e-3, 2e-3, 2e-3, 1.0])
@@ -78,7 +102,7 @@ def ventricle_distance(affine: np.ndarray, place: np.ndarray, shape: tuple[int, 
 
 
 def _in_white(pieces: np.ndarray, white: np.ndarray, elsewhere: np.ndarray) -> np.ndarray:
-    """Mask of the pieces (numbered from 1, 0 is none) whose wall is mostly white; voxels `elsewhere` are not looked at."""
+    """Mask of the components (numbered from 1) whose wall is mostly white matter; voxels `elsewhere` are ignored."""
     if not pieces.any():
         return pieces > 0
     away, nearest = ndimage.distance_transform_edt(pieces == 0, return_indices=True)
@@ -90,16 +114,27 @@ def _in_white(pieces: np.ndarray, white: np.ndarray, elsewhere: np.ndarray) -> n
 
 
 def refine_ventricle_edges(ventricles: np.ndarray, picture: np.ndarray, tissue: np.ndarray) -> np.ndarray:
-    """The same ventricles with their edge where the grey value is half way from fluid to the tissue behind the wall.
+    """Move the edge of the ventricles to the grey value half way between fluid and the tissue behind the wall.
 
-    A voxel of half fluid, half white matter is as bright as grey matter and gets its label, so that labels alone make
-    ventricles the smaller the thicker the slices of a scan are; the place of half the step stays.
+    A voxel of half fluid and half white matter is as bright as grey matter and is labelled so. Labels alone therefore make
+    ventricles smaller the thicker the slices of a scan are; the position of half the step does not depend on that.
 
-    Args:
-        ventricles: mask (nx, ny, nz) on voxels of 1 mm, not touching the faces of the array.
-        picture: grey values.
-        tissue: mask of grey and white matter.
+    Parameters
+    ----------
+    ventricles : numpy.ndarray
+        (nx, ny, nz) mask on voxels of 1 mm, not touching the faces of the array.
+    picture : numpy.ndarray
+        Grey values.
+    tissue : numpy.ndarray
+        Mask of grey and white matter.
 
+    Returns
+    -------
+    numpy.ndarray
+        (nx, ny, nz) mask.
+
+    Examples
+    --------
     >>> x = np.abs(np.indices((40, 40, 40)) - 19.5).max(axis=0)
     >>> picture, small = np.clip((x - 9) / 4, 0, 1), x < 10
     >>> bool((refine_ventricle_edges(small, picture, ~small & (x < 19)) == (x < 11)).all())
@@ -125,7 +160,7 @@ def refine_ventricle_edges(ventricles: np.ndarray, picture: np.ndarray, tissue: 
     whose = pieces[tuple(nearest)]
     touching = ndimage.maximum_filter(np.where(fluid, whose, 0), 3) != whose
     touching |= ndimage.minimum_filter(np.where(fluid, whose, whose.max() + 1), 3) != whose
-    fluid &= inside | ~touching  # the septum between two ventricles is thinner than a voxel and stays
+    fluid &= inside | ~touching  # keeps the septum between the ventricles, which is thinner than a voxel
     pieces, _ = ndimage.label(fluid)
     found = np.zeros_like(ventricles)
     found[box] = ndimage.binary_fill_holes(np.isin(pieces, np.unique(pieces[core & fluid])))

@@ -1,4 +1,4 @@
-"""An atlas of one's own laid into a head: its template is registered, its labels follow."""
+"""Label propagation from an atlas, by registration of its template."""
 
 from __future__ import annotations
 
@@ -12,26 +12,45 @@ from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.read.volume import Volume, reorient_to_ras
 
 METHODS = ("affine", "demons")
-_LEVELS = ((4, 60), (2, 60))  # mm between the points of the field and steps there, coarse to fine
-_SMOOTH = 1.2  # of that: the field's
+_LEVELS = ((4, 60), (2, 60))  # spacing (mm) of the displacement field, and iterations, coarse to fine
+_SMOOTH = 1.2  # smoothing of the field, in its spacing
 
 
 def propagate_labels(labels: LabelMap, template: Volume, brain: Volume, method: str = "demons") -> LabelMap:
-    """The labels of an atlas on the voxels of a brain, each voxel by its nearest in the atlas.
+    """Propagate the labels of an atlas to the voxels of a brain, by nearest-neighbour interpolation.
 
-    An affine map (`ngbrain.image.preprocess.registration`) lays the template into the brain. "demons" bends it on: symmetric
-    forces on the grey values, matched in their histograms, and a field smoothed after each step (Thirion 1998,
-    doi:10.1016/S1361-8415(98)80022-4; Vercauteren et al. 2009, doi:10.1016/j.neuroimage.2008.10.040), by SimpleITK.
+    An affine map (`ngbrain.image.preprocess.registration`) aligns the template with the brain. "demons" adds a non-linear
+    registration by SimpleITK: symmetric forces on histogram-matched grey values, with a displacement field that is smoothed
+    after each step.
 
-    labels    of the atlas, in the space of the template, on any voxels
-    template  what the atlas was drawn on, a T1 of a brain on an exact background of 0
-    brain     T1 without skull, also on 0, axes right, front, up, voxels of 1 mm
-    method    "affine" or "demons"
+    Parameters
+    ----------
+    labels : LabelMap
+        Labels of the atlas in the space of the template, on any voxels.
+    template : Volume
+        T1 brain that the atlas was drawn on, with an exact background of 0.
+    brain : Volume
+        Skull-stripped T1 with a background of 0, axes right, front, up, voxels of 1 mm.
+    method : str, optional
+        "affine" or "demons".
 
-    Raises:
-        InputError: another method; or the two pictures are not alike (likeness below 0.4).
-        MissingExtra: SimpleITK or nibabel is not installed.
+    Returns
+    -------
+    LabelMap
 
+    Raises
+    ------
+    InputError
+        The method is unknown, or the two images are not alike (likeness below 0.4).
+    MissingExtra
+        SimpleITK or nibabel is not installed.
+
+    References
+    ----------
+    Thirion 1998, doi:10.1016/S1361-8415(98)80022-4; Vercauteren et al. 2009, doi:10.1016/j.neuroimage.2008.10.040.
+
+    Examples
+    --------
     >>> from ngbrain.image.read.volume import mni152
     >>> scan = mni152().volume
     >>> halves = LabelMap(Volume((scan.data > 0) * (1 + (np.indices(scan.data.shape)[0] > 98)), scan.affine), {1: "l", 2: "r"})
@@ -63,7 +82,7 @@ def propagate_labels(labels: LabelMap, template: Volume, brain: Volume, method: 
 
 
 def _image(sitk: Any, data: np.ndarray, affine: np.ndarray) -> Any:
-    """As SimpleITK has it, in mm."""
+    """Volume as a SimpleITK image, in mm."""
     spacing = np.linalg.norm(affine[:3, :3], axis=0)
     image = sitk.GetImageFromArray(np.ascontiguousarray(data.T))
     image.SetSpacing((1e3 * spacing).tolist())
@@ -73,7 +92,7 @@ def _image(sitk: Any, data: np.ndarray, affine: np.ndarray) -> Any:
 
 
 def _field(sitk: Any, fixed: Any, moving: Any) -> Any:
-    """How far (mm) the points of `fixed` lie from what they are like in `moving`."""
+    """Displacement (mm) from points of `fixed` to the corresponding points of `moving`."""
     moving = sitk.HistogramMatching(moving, fixed, 256, 15, True)
     field = None
     for step, rounds in _LEVELS:

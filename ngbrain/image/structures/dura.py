@@ -1,4 +1,4 @@
-"""Falx and tentorium, the sheets of dura between the parts of a brain, as open surfaces of triangles."""
+"""Falx and tentorium, the dural sheets between the parts of a brain, as open triangulated surfaces."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from ngbrain.image.read.volume import Volume
 from ngbrain.image.structures.structures import CEREBELLUM, LEFT, PARTS, RIGHT, Structures
 
 _STEP = 2.0  # mm between vertices
-_FINE = 0.5  # mm between places on the lines along which a sheet is looked for
-_BLUR = 1.0  # mm, of the parts
-_BESIDE = 4.0  # mm to both sides in which a part must fill
-_FILL = 0.75  # of that
-_SMOOTH = 2.0  # mm, of the sheet
-_CLEAR = 3.0  # mm between falx and corpus callosum
+_FINE = 0.5  # mm between sampling points of the search lines
+_BLUR = 1.0  # mm, smoothing of the parts
+_BESIDE = 4.0  # mm, range on both sides of the surface
+_FILL = 0.75  # minimum share of that range that a part must fill
+_SMOOTH = 2.0  # mm, smoothing of the surface
+_CLEAR = 3.0  # mm, minimum distance of falx and corpus callosum
 
 Sheet = tuple[np.ndarray, np.ndarray]
 
@@ -25,14 +25,18 @@ Sheet = tuple[np.ndarray, np.ndarray]
 def falx(found: Structures) -> Sheet:
     """Vertices (n, 3) m and triangles (m, 3) of the falx: where left and right cerebrum meet, facing right.
 
-    From the skull to its free margin, which a T1 does not show: here a line from the crista galli over the corpus callosum
-    to the tentorium, 5 mm above where the template has the corpus callosum
-    (`ngbrain.image.preprocess.mni_landmarks.free_margin`) and 3 mm at
-    least from where the subject has it. The vertices are 2 mm apart; the sheet is one piece with an edge, a graph over the
-    template's mid plane.
+    It extends from the skull to its free margin, which a T1 does not show: here a line from the crista galli over the corpus
+    callosum to the tentorium, 5 mm above the template's corpus callosum (`ngbrain.image.preprocess.mni_landmarks.free_margin`)
+    and at least 3 mm from the subject's. The vertices are 2 mm apart; the surface is connected, has an edge, and is a graph
+    over the template's mid plane.
 
-    Raises `InputError` where left and right do not meet.
+    Raises
+    ------
+    InputError
+        Left and right cerebrum do not meet.
 
+    Examples
+    --------
     >>> from ngbrain.image import mni152
     >>> from ngbrain.image.labelling import label_structures
     >>> points, triangles = falx(label_structures(mni152()))
@@ -47,8 +51,8 @@ def falx(found: Structures) -> Sheet:
 def tentorium(found: Structures) -> Sheet:
     """Vertices (n, 3) m and triangles (m, 3) of the tentorium: where the cerebellum meets the cerebrum, facing up.
 
-    As `falx`; a graph over the template's horizontal plane. Around the brain stem there is none, since there no cerebrum
-    lies on cerebellum.
+    As `falx`; a graph over the template's horizontal plane, without the surroundings of the brain stem, where no cerebrum lies
+    on the cerebellum.
     """
     x, y = np.arange(-70.0, 72.0, _STEP), np.arange(-112.0, -8.0, _STEP)
     where = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
@@ -64,7 +68,9 @@ def _sheet(
     where: np.ndarray,
     wanted: np.ndarray,
 ) -> Sheet:
-    """Where, on lines along an axis of the template, one part ends and another begins; `where` (k, l, 2) the lines are."""
+    """Surface where one part ends and another begins along an axis of the template; `where` (k, l, 2) are the positions of the
+    lines.
+    """
     heights = np.arange(reach[0], reach[1] + _FINE, _FINE)
     lines = np.insert(np.repeat(where[..., None, :], len(heights), axis=-2), axis, 0.0, axis=-1)
     lines[..., axis] = heights

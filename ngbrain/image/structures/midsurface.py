@@ -1,4 +1,4 @@
-"""The surface between the two halves of a brain: a plane where the template has it, bent into the dark fissure."""
+"""Surface between the hemispheres: the template's mid plane, deformed into the dark longitudinal fissure."""
 
 from __future__ import annotations
 
@@ -10,19 +10,26 @@ from scipy import ndimage
 from ngbrain.image.read.volume import Volume
 
 _FIRST, _SHAPE, _STEP = np.array([-112.0, -80.0]), (97, 89), 2.0  # mm: y and z of the lattice
-_REACH = 10.0  # mm to both sides that the fissure is looked for in
-_STIFF = 0.5  # of the step from fluid to tissue: what it costs to be at the reach's end
-_SMOOTH = 5.0  # mm, of the surface
-_LEAST = 0.1  # of the step: a valley that is less deep says nothing
-_OUTLIER = 2.0  # mm from the plane, where half the weight is lost
-_HOLD = 0.01  # weight with which the plane holds the surface, so that it is kept where nothing is seen
+_REACH = 10.0  # mm, search range on both sides
+_STIFF = 0.5  # cost at the end of the range, relative to the step from fluid to tissue
+_SMOOTH = 5.0  # mm, smoothing of the surface
+_LEAST = 0.1  # minimum depth of a valley, relative to the step
+_OUTLIER = 2.0  # mm from the plane at which the weight is halved
+_HOLD = 0.01  # weight of the plane, which determines the surface where no fissure is found
 _ROUNDS = 10
 
 
 @dataclass(frozen=True, eq=False)
 class MidSurface:
-    """offset  (97, 89) mm: how far right of the template's plane x = 0 the surface is, every 2 mm of y and z.
+    """Surface between the hemispheres, a graph over the template's plane x = 0.
 
+    Parameters
+    ----------
+    offset : numpy.ndarray
+        (97, 89) mm: distance of the surface to the right of the plane, every 2 mm of y and z.
+
+    Examples
+    --------
     >>> MidSurface(np.full((97, 89), 3.0)).right_of(np.array([[4.0, -20.0, 10.0]]))
     array([1.])
     """
@@ -30,16 +37,16 @@ class MidSurface:
     offset: np.ndarray
 
     def right_of(self, points: np.ndarray) -> np.ndarray:
-        """How far (mm) right of the surface points (n, 3) of the template (mm) are."""
+        """Distance (n,) in mm of points (n, 3) of the template (mm) to the right of the surface."""
         where = ((points[:, 1:] - _FIRST) / _STEP).T
         return np.asarray(points[:, 0] - ndimage.map_coordinates(self.offset, where, order=1, mode="nearest"))
 
     @classmethod
     def fit(cls, head: Volume, affine: np.ndarray) -> MidSurface:
-        """Of a brain on a background of 0, into which `affine` (4, 4) takes the template (m).
+        """Fit the surface to a brain on a background of 0, given the affine (4, 4) of the template (m).
 
-        For every y and z the darkest place within 10 mm of the plane is found, nearer ones preferred, and weighted by how
-        much darker it is than what is beside it. A plane is fitted to these and then a surface smooth over 5 mm.
+        For every y and z the darkest point within 10 mm of the plane is found, with a preference for near ones, and weighted by
+        its contrast to both sides. A plane is fitted to these points, and then a surface smooth over 5 mm.
         """
         x = np.arange(-_REACH, _REACH + 0.25, 0.5)
         y, z = (first + _STEP * np.arange(n) for first, n in zip(_FIRST, _SHAPE, strict=True))
@@ -55,7 +62,7 @@ class MidSurface:
         found = x[low]
         basis = np.stack([np.ones(grid.shape[1:3]), *grid[0, ..., 1:].transpose(2, 0, 1) / 50], axis=-1).reshape(-1, 3)
         plane = np.zeros(3)
-        for _ in range(_ROUNDS):  # reweighted, so that sulci beside the fissure do not tilt the plane
+        for _ in range(_ROUNDS):  # iteratively reweighted, so that sulci beside the fissure do not tilt the plane
             sure = weight.ravel() / (1 + ((found.ravel() - basis @ plane) / _OUTLIER) ** 2)
             plane = np.linalg.lstsq(basis * np.sqrt(sure)[:, None], found.ravel() * np.sqrt(sure), rcond=None)[0]
         flat = (basis @ plane).reshape(found.shape)

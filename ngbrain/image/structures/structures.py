@@ -1,7 +1,7 @@
 """Structures of a brain from its tissues: hemispheres, cerebellum, brain stem, deep grey matter and corpus callosum.
 
-There is no atlas in this: marks at known places of the MNI152 template (`ngbrain.image.preprocess.mni_landmarks`) are
-carried into the head by an affine map, and the scan itself says where the structures that they are in end.
+No atlas is used: markers at known positions of the MNI152 template (`ngbrain.image.preprocess.mni_landmarks`) are mapped to the
+head by an affine map, and the grey values of the scan give the boundaries.
 """
 
 from __future__ import annotations
@@ -40,22 +40,28 @@ NAMES = {
 """Names of the regions."""
 _NUMBERS = {name: number for number, name in NAMES.items()}
 
-_BAND = 7.0  # mm to both sides of where the tentorium is expected, in which the scan decides
-_CORE, _RIM, _AROUND = 0.8, 1.25, 1.6  # radii of the brain stem: all stem inside, none outside, and what is looked at
-_SMOOTH = 0.6  # mm, of grey values in which valleys are looked for
-_TRUNK = 8.0  # mm to both sides of the mid surface that are corpus callosum
-_NEAR = 8.0  # mm about its expected course
-_BACK_BELOW = (120.0, 90.0)  # mm: no brain is further back or below
+_BAND = 7.0  # mm on both sides of the expected tentorium in which the scan decides
+_CORE, _RIM, _AROUND = 0.8, 1.25, 1.6  # radii of the brain stem: all stem inside, none outside, and the search range
+_SMOOTH = 0.6  # mm, smoothing of the grey values
+_TRUNK = 8.0  # mm, extent of the corpus callosum on both sides of the mid surface
+_NEAR = 8.0  # mm, range around its expected centre line
+_BACK_BELOW = (120.0, 90.0)  # mm: no brain extends further back or below
 
 
 @dataclass(frozen=True, eq=False)
 class Structures:
-    """What a brain consists of.
+    """Structures of a brain.
 
-    labels  regions by the names in NAMES: tissue and structure in one, so that `grey.*` is all cortex, `.*_left` a side
-    parts   uint8: which of PARTS every voxel of the brain belongs to, fluid included; 0 is outside
-    affine  (4, 4), takes points of the MNI152 template (m) to points of the head (m)
-    middle  the surface between the halves, in the template
+    Parameters
+    ----------
+    labels : LabelMap
+        Regions by `NAMES`, tissue and structure in one: `grey.*` is all cortex, `.*_left` one side.
+    parts : Volume
+        uint8, the part (`PARTS`) of every voxel of the brain, fluid included; 0 is outside.
+    affine : numpy.ndarray
+        (4, 4), from points (m) of the MNI152 template to points (m) of the head.
+    middle : MidSurface
+        Surface between the hemispheres, in the template.
     """
 
     labels: LabelMap
@@ -67,22 +73,34 @@ class Structures:
 def segment_structures(t1: Volume, tissues: Volume, place: Alignment | None = None) -> Structures:
     """Split the tissues of a T1 into structures.
 
-    Tissue is flooded from marks, bright first, so that floods meet in the dark between folds (Beucher & Meyer 1993):
-    cerebrum and cerebellum meet along the tentorium. The stem is cut from the cerebrum above the colliculi and behind the
-    mammillary bodies, where nothing in a T1 parts them. Left and right meet in the surface that follows the fissure
-    (`MidSurface`). Thalamus, caudate, putamen and pallidum are flooded from their middles up to edges of the grey values.
-    Corpus callosum is the white matter within 8 mm of the middle that is in its cross-section there. Right is where the
-    affine says that it is.
+    Watersheds from markers, bright voxels first, meet in the dark between folds (Beucher & Meyer 1993): cerebrum and cerebellum
+    are separated along the tentorium. The stem is cut from the cerebrum above the colliculi and behind the mammillary bodies,
+    where a T1 shows no boundary. Left and right are separated by the surface in the fissure (`MidSurface`). Thalamus, caudate,
+    putamen and pallidum grow from their centres to the edges of the grey values. The corpus callosum is the white matter within
+    8 mm of the mid surface that lies in its cross-section there. Left and right are those of the affine.
 
-    t1       without the coil's field; axes right, front, up, voxels of 1 mm (of 2 mm will do, but lose thin borders)
-    tissues  on the same voxels: CSF, GREY, WHITE, VENTRICLE of `ngbrain.image.segment.tissue_classes`, 0 outside
-    place    of the MNI152 template in the brain; None: it is looked for
+    Parameters
+    ----------
+    t1 : Volume
+        T1 after bias-field correction; axes right, front, up, voxels of 1 mm (2 mm are possible, but lose thin boundaries).
+    tissues : Volume
+        On the same voxels: CSF, GREY, WHITE, VENTRICLE of `ngbrain.image.segment.tissue_classes`, 0 outside.
+    place : Alignment, optional
+        Alignment of the MNI152 template; computed by default.
 
-    Raises:
-        InputError: the two are on different voxels; no tissue; or the brain is not like the template's (likeness
-            below 0.4).
-        MissingExtra: nilearn or scikit-image is not installed.
+    Returns
+    -------
+    Structures
 
+    Raises
+    ------
+    InputError
+        The two volumes have different voxels, there is no tissue, or the brain is unlike the template (likeness below 0.4).
+    MissingExtra
+        nilearn or scikit-image is not installed.
+
+    Examples
+    --------
     >>> from ngbrain.image.labelling import label_structures  # segments the label_tissues first, or takes them from the cache
     >>> ml = label_structures(mni152()).labels.volumes_ml()
     >>> f"{ml['brain_stem']:.0f} ml of stem, {ml['white_left'] / ml['white_right']:.2f} times as much white left as right"
@@ -112,15 +130,29 @@ def segment_structures(t1: Volume, tissues: Volume, place: Alignment | None = No
 
 
 def mask_background(t1: Volume, brain: np.ndarray) -> Volume:
-    """The brain in a T1, 0 around it and nowhere below."""
+    """Set everything outside the brain to 0, and shift the grey values so that none is negative.
+
+    Parameters
+    ----------
+    t1 : Volume
+        The scan.
+    brain : numpy.ndarray
+        (nx, ny, nz) mask of the brain.
+
+    Returns
+    -------
+    Volume
+        float32.
+    """
     dark = min(float(t1.data[brain].min()), 0.0)
     return Volume(np.where(brain, t1.data - dark, 0).astype(np.float32), t1.affine)
 
 
 @dataclass(frozen=True, eq=False)
 class _Case:
-    """A box of a head: grey values and tissues on voxels of `size` (3,) in mm, and of every voxel in the brain the place
-    (n, 3) in the template (mm) and the distance to the right (n,) of the mid surface (mm); `to` (4, 4) takes indices to places."""
+    """A box of a head: grey values and tissues on voxels of `size` (3,) in mm, and for the n brain voxels their position (n, 3) in
+    the template (mm) and their distance (n,) to the right of the mid surface (mm); `to` (4, 4) maps indices to positions.
+    """
 
     grey: np.ndarray
     tissues: np.ndarray
@@ -138,19 +170,19 @@ class _Case:
         return cls(head.data[box], tissues.data[box], 1e3 * head.spacing, to, points, middle.right_of(points))
 
     def on_grid(self, values: np.ndarray, outside: float = 0) -> np.ndarray:
-        """Values of the voxels in the brain, put into the box."""
+        """Scatter values of the brain voxels to the box."""
         grid = np.full(self.tissues.shape, outside, values.dtype)
         grid[self.tissues > 0] = values
         return grid
 
     def parts(self) -> np.ndarray:
-        """PARTS of all voxels."""
+        """Part (`PARTS`) of all voxels."""
         flood = require("skimage.segmentation", "mri").watershed
         above = self.points[:, 2] - mni_landmarks.tentorium(self.points)
         radius, below = mni_landmarks.stem(self.points)
         around = radius < _AROUND
         marks = np.zeros(len(above), np.uint8)
-        marks[above > _BAND] = LEFT  # the cerebrum, for now as one
+        marks[above > _BAND] = LEFT  # both sides of the cerebrum, split below
         marks[(above < -_BAND) & (radius > _RIM)] = CEREBELLUM
         marks[around] = 0
         marks[around & (below < 0)] = LEFT
@@ -162,7 +194,7 @@ class _Case:
         return _whole(np.where((found == LEFT) & (self.on_grid(self.right) >= 0), RIGHT, found).astype(np.uint8))
 
     def regions(self, parts: np.ndarray) -> np.ndarray:
-        """NAMES of all voxels."""
+        """Region (`NAMES`) of all voxels."""
         regions = np.zeros_like(parts)
         for tissue, name in ((CSF, "csf"), (VENTRICLE, "ventricles")):
             regions[self.tissues == tissue] = _NUMBERS[name]
@@ -190,7 +222,7 @@ class _Case:
         return _largest(white & self.on_grid(near & section[tuple(cell.T)]))
 
     def _from_course(self) -> np.ndarray:
-        """Distance (n,) of places' y and z from the line along the corpus callosum, mm."""
+        """Distance (n,) in mm of positions from the centre line of the corpus callosum, in the y-z plane."""
         best = np.full(len(self.points), np.inf)
         for a, b in zip(mni_landmarks.CALLOSUM, mni_landmarks.CALLOSUM[1:], strict=False):
             along = ((self.points[:, 1:] - a) @ (b - a) / ((b - a) @ (b - a))).clip(0, 1)
@@ -199,7 +231,7 @@ class _Case:
 
 
 def _whole(parts: np.ndarray) -> np.ndarray:
-    """Each part in one piece: smaller pieces take the nearest label."""
+    """Keep the largest component of each part; smaller components take the nearest label."""
     kept = np.zeros_like(parts)
     for part in np.setdiff1d(np.unique(parts), [0]):
         kept[_largest(parts == part)] = part
@@ -207,7 +239,7 @@ def _whole(parts: np.ndarray) -> np.ndarray:
 
 
 def _nearest(parts: np.ndarray) -> np.ndarray:
-    """Labels everywhere: those of the nearest voxel that has one."""
+    """Labels everywhere: those of the nearest labelled voxel."""
     where = ndimage.distance_transform_edt(parts == 0, return_distances=False, return_indices=True)
     return np.asarray(parts[tuple(where)])
 
