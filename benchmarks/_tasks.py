@@ -74,14 +74,19 @@ def labels(seed: int) -> list[Any]:
 def plane(seed: int) -> list[Any]:
     """An inversion of a slice of 11 by 11 points."""
     found = invert(
-        waves(11, 3e-3, 2, seed), noise=NOISE, uniform=False, rounds=2, regulariser="smooth", drop_outliers=False
+        waves(11, 3e-3, 2, seed),
+        noise=NOISE,
+        uniform=False,
+        max_iterations=2,
+        regulariser="smooth",
+        drop_outliers=False,
     )
     return [found.maps[name] for name in sorted(found.maps)]
 
 
 def cell(seed: int) -> list[Any]:
     """An inversion of a small zone in space."""
-    found = invert_in_space(waves(8, 4e-3, 3, seed), noise=NOISE, rounds=2, drop_outliers=False)
+    found = invert_in_space(waves(8, 4e-3, 3, seed), noise=NOISE, max_iterations=2, drop_outliers=False)
     return [found.maps[name] for name in sorted(found.maps)]
 
 

@@ -58,7 +58,7 @@ def statics(target: float) -> int:
 def plane(across: float) -> int:
     """An inversion of a slice; the number of points."""
     data = waves(round(across), 2e-3, 2)
-    invert(data, noise=NOISE, uniform=False, rounds=1)
+    invert(data, noise=NOISE, uniform=False, max_iterations=1)
     return len(data.points)
 
 
@@ -69,7 +69,7 @@ def zone(side: float, frequencies: int = 1) -> int:
     hertz = HERTZ * (1 + 0.2 * np.arange(frequencies))
     data = replace(data, displacement=np.repeat(data.displacement, frequencies, axis=0), frequency=hertz)
     block = BallInBlock(8e-3 * cells, (0.0, 0.0, 0.0), 0.0, (MODULUS, MODULUS), HERTZ, 0.0)
-    found = invert_in_space(data, block.hexahedra(3, cells, len(data.points)), noise=NOISE, rounds=1)
+    found = invert_in_space(data, block.hexahedra(3, cells, len(data.points)), noise=NOISE, max_iterations=1)
     return int(found.model["n_elements"])
 
 

@@ -118,7 +118,7 @@ def _inverted(data: WaveData, labelled: bool, quick: bool) -> tuple[np.ndarray, 
 
     elements = discretise(data, order=2) if quick else None
     found = invert_in_space(
-        data, elements, noise=NOISE, labelled=labelled, rounds=1 if quick else ROUNDS, callback=callback
+        data, elements, noise=NOISE, labelled=labelled, max_iterations=1 if quick else ROUNDS, callback=callback
     )
     more = {
         "order": 2 if quick else 3,

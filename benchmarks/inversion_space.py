@@ -76,7 +76,7 @@ def inverted(data: WaveData, order: int, cells: int, rounds: int) -> Record:
     """By `invert_in_space`."""
     elements = BLOCK.hexahedra(order, cells, len(data.points))
     begun = time.process_time()
-    found = invert_in_space(replace(data), elements, noise=NOISE, rounds=rounds)
+    found = invert_in_space(replace(data), elements, noise=NOISE, max_iterations=rounds)
     cpu_s = time.process_time() - begun
     return {
         "method": f"ngbrain:order {order}",

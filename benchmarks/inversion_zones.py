@@ -75,7 +75,7 @@ def direct(data: WaveData, whole: Maps) -> Record:
 def one(data: WaveData, rounds: int, cells: int | None = None, whole: Maps | None = None) -> tuple[Maps, Record]:
     """Of the whole block; with so many hexahedra along a side for others than its own."""
     elements = BLOCK.hexahedra(3, cells, len(data.points)) if cells else None
-    found = invert_in_space(data, elements, noise=NOISE, rounds=rounds)
+    found = invert_in_space(data, elements, noise=NOISE, max_iterations=rounds)
     name = f"{ONE}, {cells}³ cells" if cells else ONE
     record = {"method": name, **judged(data, found.maps, whole or found.maps), **about(found, found.starts[-1:])}
     return found.maps, record | {"elements": found.model["n_elements"], "misfit": found.checks["misfit_over_expected"]}
@@ -84,7 +84,7 @@ def one(data: WaveData, rounds: int, cells: int | None = None, whole: Maps | Non
 def zones(data: WaveData, rounds: int, size: float, whole: Maps) -> list[Record]:
     """Zones of a size in wave lengths, and their passes."""
     lengths = {"size": size * WAVE, "overlap": OVERLAP / SIDE * size * WAVE}
-    found = invert_by_subzones(data, noise=NOISE, **lengths, passes=PASSES, rounds=rounds)
+    found = invert_by_subzones(data, noise=NOISE, **lengths, passes=PASSES, max_iterations=rounds)
     points = found.model["points_of_a_zone"]
     side = max(points) ** (1 / 3) * data.point_spacing / WAVE
     common = {"method": "ngbrain:zones", "size": size, "side": side, "zones": found.model["zones"], "points": points}

@@ -179,7 +179,7 @@ def test_choices_reach_the_zones(tmp_path, capsys, monkeypatch, waves):
     options = ("--subzones", "--threads", 2, "--by-label", "--noise", 0.03, "--rounds", 3, "-q")
     status, _, lines = run(capsys, waves, "-o", tmp_path / "out", *options)
     assert status == 3 and "zone 1 of 2: seen enough" in lines[0]
-    told = {"labelled": True, "noise": 0.03, "rounds": 3, "checkpoint": tmp_path / "out" / "zones"}
+    told = {"labelled": True, "noise": 0.03, "max_iterations": 3, "checkpoint": tmp_path / "out" / "zones"}
     assert {name: chosen[name] for name in told} == told and chosen["executor"].workers == 2
 
 
@@ -243,7 +243,7 @@ def test_choices_reach_the_inversion(tmp_path, capsys, monkeypatch, waves, start
     status, _, lines = run(capsys, waves, "-o", tmp_path / "out", *choices)
     assert status == 3 and "seen enough" in lines[0]
     told = {"regulariser": "matern", "weight": "l-curve", "levels": levels, "model_error": 0.01, "noise": None}
-    told |= {"unknowns": "polar", "misfit": "huber", "rounds": 5}
+    told |= {"unknowns": "polar", "misfit": "huber", "max_iterations": 5}
     assert {name: chosen[name] for name in told} == told
 
 

@@ -88,7 +88,7 @@ def told(iteration):
     print(f"{iteration.phase}: {iteration.misfit / iteration.expected:8.2f} times the expected misfit")
 
 
-found = invert_in_space(data, rounds=3 if FAST else 16, noise=0.02, callback=told)
+found = invert_in_space(data, max_iterations=3 if FAST else 16, noise=0.02, callback=told)
 maps["inversion"] = found.maps["storage"] + 1j * found.maps["loss"]
 print(
     found.model["form"], found.model["n_unknowns"], "unknowns of a wave,", found.model["n_parameters"], "of the fields"

@@ -20,7 +20,7 @@ from ngbrain.inverse.data.outliers import screen_outliers
 from ngbrain.inverse.data.quality import strain_snr_mask
 from ngbrain.inverse.data.time_convention import check_passive
 from ngbrain.inverse.elastography.invert import invert
-from ngbrain.inverse.elastography.invert_3d import ROUNDS
+from ngbrain.inverse.elastography.invert_3d import MAX_ITERATIONS
 from ngbrain.inverse.elastography.invert_slices import moving_axis
 from ngbrain.inverse.elastography.result import Inversion
 from ngbrain.inverse.optimise.result import Iteration
@@ -143,7 +143,7 @@ def _at_once(data: WaveData, arguments: argparse.Namespace, callback: Callback, 
         unknowns=arguments.unknowns,
         misfit=arguments.misfit,
         start=started.maps if started else None,
-        rounds=arguments.rounds,
+        max_iterations=arguments.rounds,
         drop_outliers=arguments.drop_outliers and moving_axis(data) is not None,  # else done before
         device=arguments.device,
         callback=callback,
@@ -160,7 +160,7 @@ def _in_zones(data: WaveData, arguments: argparse.Namespace, callback: Callback,
         noise=arguments.noise,
         executor=executor,
         labelled=arguments.by_label,
-        rounds=arguments.rounds or ROUNDS,
+        max_iterations=arguments.rounds or MAX_ITERATIONS,
         checkpoint=kept,
         callback=callback,
     )

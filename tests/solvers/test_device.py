@@ -202,7 +202,7 @@ def test_auto_is_the_processor_below_what_was_measured(cudss, monkeypatch):
 
 def test_an_inversion_says_what_auto_was():
     data = Phantom.from_name("CV-G", 11).simulate_measurements(0.02).data()
-    found = invert(data, uniform=False, rounds=1, device="auto")
+    found = invert(data, uniform=False, max_iterations=1, device="auto")
     assert any(
         note.startswith("device auto: the processor, as a GPU is faster only from 21000") for note in found.warnings
     )

@@ -12,7 +12,7 @@ from ngbrain.inverse.phantoms.benchmark import Phantom
 
 
 def errors(data):
-    found = module.invert(data, noise=0.01, uniform=False, regulariser="smooth", rounds=12)
+    found = module.invert(data, noise=0.01, uniform=False, regulariser="smooth", max_iterations=12)
     return [found.answers[name]["relative_l2_error"] for name in ("storage", "loss")]
 
 

@@ -21,11 +21,11 @@ def bar():
 
 
 def test_naive_boxes_side_by_side_differ_on_their_face():
-    naive = invert_by_subzones(bar(), size=0.027, overlap=0.0, passes=0, rounds=4)
+    naive = invert_by_subzones(bar(), size=0.027, overlap=0.0, passes=0, max_iterations=4)
     assert naive.model["zones"] == 2 and naive.checks["disagreement_storage"] > 0.02
 
 
 def test_ours_agree_where_they_overlap():
-    ours = invert_by_subzones(bar(), size=0.027, overlap=0.009, rounds=4)
+    ours = invert_by_subzones(bar(), size=0.027, overlap=0.009, max_iterations=4)
     assert ours.model["zones"] == 2 and ours.checks["disagreement_storage"] < 0.01
     assert ours.checks["disagreement_storage"] < 0.6 * ours.checks["disagreement_storage_first"]

@@ -28,7 +28,7 @@ def data():
 
 
 def errors(data):
-    found = invert(data, uniform=False, regulariser="smooth", rounds=12)
+    found = invert(data, uniform=False, regulariser="smooth", max_iterations=12)
     storage, loss = (np.abs(found.maps[name] / known - 1) for name, known in (("storage", 2000), ("loss", 800)))
     return float(np.median(storage)), float(np.median(loss))
 

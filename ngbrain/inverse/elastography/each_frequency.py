@@ -54,7 +54,7 @@ def invert_each_frequency(
     >>> points = np.array([[x, y] for y in range(12) for x in range(12)]) * 4e-3
     >>> k = 2 * np.pi * np.array([50, 70])[:, None, None] * np.sqrt(1000 / (2500 + 500j))
     >>> waves = WaveData(points, 1e-5 * np.exp(-1j * k * points[:, ::-1]), [50, 70], 1000, "isotropic", "viscoelastic", poisson=0.4)
-    >>> found = invert_each_frequency(waves.with_noise(0.01, seed=0), uniform=False, regulariser="smooth", rounds=1)
+    >>> found = invert_each_frequency(waves.with_noise(0.01, seed=0), uniform=False, regulariser="smooth", max_iterations=1)
     >>> [(f, bool(abs(np.median(each.maps["storage"]) / 2500 - 1) < 0.05)) for f, each in found.items()]
     [(50.0, True), (70.0, True)]
     """

@@ -107,10 +107,10 @@ def check_levels(levels: Sequence[float]) -> tuple[float, ...]:
     return tuple(dict.fromkeys(float(each) for each in levels))
 
 
-def check_iterations(rounds: int) -> None:
+def check_iterations(max_iterations: int) -> None:
     """Raise `InputError` unless there is at least one iteration."""
-    if rounds < 1:
-        raise InputError("rounds", rounds, "at least 1")
+    if max_iterations < 1:
+        raise InputError("max_iterations", max_iterations, "at least 1")
 
 
 def assumed_start_notes(data: WaveData) -> list[str]:

@@ -39,7 +39,7 @@ from ngbrain.inverse.elastography.initial_guess import (
     select_start,
     unknowns_from_maps,
 )
-from ngbrain.inverse.elastography.invert_3d import ROUNDS, invert_in_space
+from ngbrain.inverse.elastography.invert_3d import MAX_ITERATIONS, invert_in_space
 from ngbrain.inverse.elastography.invert_slices import invert_slices, moving_axis
 from ngbrain.inverse.elastography.result import Inversion, build_inversion, start_result
 from ngbrain.inverse.objective.misfit import MisfitKind, resolve_misfit
@@ -101,7 +101,7 @@ def invert(
     unknowns: str = "moduli",
     misfit: str | MisfitKind = "squares",
     start: Mapping[str, Array] | None = None,
-    rounds: int | None = None,
+    max_iterations: int | None = None,
     dispersion: str = "auto",
     drop_outliers: bool = True,
     device: str = "cpu",
@@ -156,9 +156,9 @@ def invert(
     for name, value in (("noise", noise), ("model_error", model_error)):
         if value is not None and not 0 <= value < np.inf:
             raise InputError(name, value, "a relative level of at least 0")
-    if rounds is not None:
-        check_iterations(rounds)
-        settling = replace(settling, max_iterations=rounds)
+    if max_iterations is not None:
+        check_iterations(max_iterations)
+        settling = replace(settling, max_iterations=max_iterations)
     if dispersion not in DISPERSIONS:
         raise InputError("dispersion", repr(dispersion), nearest(dispersion, DISPERSIONS))
     axis = moving_axis(data) if data.dim == 3 and elements is None else None
@@ -174,7 +174,7 @@ def invert(
             labelled=labelled,
             unknowns=unknowns,
             misfit=misfit,
-            rounds=rounds,
+            max_iterations=max_iterations,
             dispersion=dispersion,
             drop_outliers=drop_outliers,
             device=device,
@@ -206,7 +206,7 @@ def invert(
             unknowns=unknowns,
             misfit=misfit,
             levels=(levels or ()) if uniform else (),
-            rounds=ROUNDS if rounds is None else rounds,
+            max_iterations=MAX_ITERATIONS if max_iterations is None else max_iterations,
             drop_outliers=False,
             device=device,
             callback=callback,

@@ -50,7 +50,7 @@ FIRST, APPROACH = 1.0, 8
 """Weight to begin with, for each real datum, and how many iterations at most from the measured waves."""
 FALL = 10.0
 """Factor by which an iteration may change it."""
-ROUNDS = 16
+MAX_ITERATIONS = 16
 """Iterations at most, those from the measured waves apart."""
 LEAST = 2e-3
 """Noise, relative to the waves' rms, that is assumed at least: about what the error of elements is."""
@@ -68,7 +68,7 @@ def invert_in_space(
     unknowns: str = "moduli",
     misfit: str | MisfitKind = "squares",
     levels: Sequence[float] = (),
-    rounds: int = ROUNDS,
+    max_iterations: int = MAX_ITERATIONS,
     checkpoint: str | os.PathLike[str] | None = None,
     drop_outliers: bool = True,
     device: str = "cpu",
@@ -104,7 +104,7 @@ def invert_in_space(
     >>> k = 2 * np.pi * 80 * np.sqrt(1000 / (2500 + 800j))
     >>> u = 1e-5 * np.stack([np.exp(-1j * k * grid[:, i]) for i in (1, 2, 0)], axis=1)[None]
     >>> data = WaveData(grid, u, [80.0], 1000.0, "isotropic", "viscoelastic", bulk=2e5).with_noise(0.02, seed=0)
-    >>> found = invert_in_space(data, rounds=5)
+    >>> found = invert_in_space(data, max_iterations=5)
     >>> bool(abs(np.median(found.maps["storage"]) / 2500 - 1) < 0.03)
     True
     """
@@ -112,7 +112,7 @@ def invert_in_space(
         raise InputError("points", "in the plane", "points in space; `invert` takes those in the plane")
     if regulariser == "auto":
         raise InputError("regulariser", "'auto'", f"one of {', '.join(PRIORS)}: in space one is tried")
-    check_iterations(rounds)
+    check_iterations(max_iterations)
     ((kind, prior),) = resolve_priors(regulariser).items()
     for name, value in (("noise", noise), ("model_error", model_error)):
         if value is not None and not 0 <= value < np.inf:
@@ -129,7 +129,7 @@ def invert_in_space(
     notes += [problem.body.device_note] if problem.body.device_note else []
     reduced = _reduced(problem, made, sure, prior)
     kept_in = None if checkpoint is None else Path(checkpoint).absolute()  # workers elsewhere stand in another folder
-    common = made, sure, prior, rounds
+    common = made, sure, prior, max_iterations
     ways: dict[str, Any] = {"from waves": (_from_waves, (*common, kept_in))}
     ways |= {f"from {level:g} times": (_uniform, (*common, _beside(kept_in, level), level)) for level in multiples}
     memory = memory_in_space(problem.elements.form, problem.body.mesh.ne, data.frequency)
@@ -169,14 +169,14 @@ def _from_waves(
     made: MisfitKind,
     noise: RelativeNoise,
     prior: Prior,
-    rounds: int,
+    max_iterations: int,
     checkpoint: Path | None,
     *,
     callback: Callable[[Iteration], None],
 ) -> tuple[OptimisationResult, OptimisationResult, dict[str, float]]:
     """Where the way from measured waves ended, where that down from there did, and the weights by then."""
     way = _way(problem, made, noise, prior, checkpoint, callback)
-    both = way.from_measured_waves(way.unknowns.start, problem.waves, APPROACH, rounds)
+    both = way.from_measured_waves(way.unknowns.start, problem.waves, APPROACH, max_iterations)
     assert way.approach_result is not None  # from measured waves there is no other way
     return way.approach_result, both, way.reduced.weights
 
@@ -186,7 +186,7 @@ def _uniform(
     made: MisfitKind,
     noise: RelativeNoise,
     prior: Prior,
-    rounds: int,
+    max_iterations: int,
     checkpoint: Path | None,
     level: float,
     *,
@@ -195,7 +195,11 @@ def _uniform(
     """Where the way from uniform fields ended; None where no step is lower."""
     way = _way(problem, made, noise, prior, checkpoint, callback)
     try:
-        return way.resume(rounds) if way.has_checkpoint else way.descend(problem.uniform(way.unknowns, level), rounds)
+        return (
+            way.resume(max_iterations)
+            if way.has_checkpoint
+            else way.descend(problem.uniform(way.unknowns, level), max_iterations)
+        )
     except ConvergenceError:
         return None
 

@@ -174,7 +174,7 @@ def invert_with_consensus(
     *,
     floor: float,
     labelled: bool,
-    rounds: int,
+    max_iterations: int,
     solves: Solves,
     checkpoint: str | os.PathLike[str] | None = None,
     callback: Callable[[Iteration], None] = lambda _: None,
@@ -195,7 +195,7 @@ def invert_with_consensus(
         Least relative noise; below it the misfit is dominated by discretisation errors.
     labelled : bool
         Whether each label has fields of its own.
-    rounds : int
+    max_iterations : int
         Most iterations.
     solves : Solves
         Counts the linear solves.
@@ -230,7 +230,7 @@ def invert_with_consensus(
     weights = {name: around.weights[name] for name in regularisers}
     reduced = Reduced(problem.model, misfit, unknowns, regularisers, weights)
     way = GaussNewtonCG(reduced, SharedWeights(), checkpoint=checkpoint, callback=callback)
-    found = way.resume(rounds) if way.has_checkpoint else way.descend(x, rounds)
+    found = way.resume(max_iterations) if way.has_checkpoint else way.descend(x, max_iterations)
     rows = [start_result("zones", problem, reduced, found)]
     return build_inversion(
         problem,

@@ -32,7 +32,7 @@ from ngbrain.inverse.data.plausibility import check_frequency
 from ngbrain.inverse.data.quality import noise_level, total_noise
 from ngbrain.inverse.data.subset import WaveSubset
 from ngbrain.inverse.data.time_convention import check_passive
-from ngbrain.inverse.elastography.invert_3d import LEAST, ROUNDS, invert_in_space, memory_in_space
+from ngbrain.inverse.elastography.invert_3d import LEAST, MAX_ITERATIONS, invert_in_space, memory_in_space
 from ngbrain.inverse.elastography.result import Inversion
 from ngbrain.inverse.objective.regularisation import smooth
 from ngbrain.inverse.objective.regularisers import extent
@@ -67,7 +67,7 @@ def invert_by_subzones(
     executor: parallel.AnyExecutor = None,
     labelled: bool = False,
     passes: int = 1,
-    rounds: int = ROUNDS,
+    max_iterations: int = MAX_ITERATIONS,
     checkpoint: str | os.PathLike[str] | None = None,
     callback: Callable[[Iteration], None] = log_progress,
 ) -> Inversion:
@@ -93,7 +93,7 @@ def invert_by_subzones(
         Whether each label has fields of its own.
     passes : int
         Consensus passes. With 0, zones are independent.
-    rounds : int
+    max_iterations : int
         Most iterations of a zone in each pass.
     checkpoint : path, optional
         Folder for a file of each zone and pass; it is created if necessary. A stopped inversion goes on from it.
@@ -130,12 +130,12 @@ def invert_by_subzones(
     >>> k = 2 * np.pi * 80 * np.sqrt(1000 / (4000 + 1200j))
     >>> u = 1e-5 * np.stack([np.exp(-1j * k * grid[:, i]) for i in (1, 2, 0)], axis=1)[None]
     >>> data = WaveData(grid, u, [80.0], 1000.0, "isotropic", "viscoelastic", bulk=2e5).with_noise(0.02, seed=0)
-    >>> found = invert_by_subzones(data, size=0.027, overlap=0.009, passes=0, rounds=1)
+    >>> found = invert_by_subzones(data, size=0.027, overlap=0.009, passes=0, max_iterations=1)
     >>> bool(abs(np.median(found.maps["storage"]) / 4000 - 1) < 0.03), found.model["zones"]
     (True, 2)
     """
     _checked(data, size, overlap)
-    for name, value, least in (("passes", passes, 0), ("rounds", rounds, 1)):
+    for name, value, least in (("passes", passes, 0), ("max_iterations", max_iterations, 1)):
         if value < least:
             raise InputError(name, value, f"at least {least}")
     if noise is not None and not 0 <= noise < np.inf:
@@ -150,7 +150,9 @@ def invert_by_subzones(
     if not zones:
         raise InputError("mask", "of small pieces alone", f"one of more than {FEWEST} points that touch")
     sure = total_noise(level, LEAST)
-    common = ZoneSettings(float(np.max(np.ptp(data.points[data.mask], axis=0))), labelled, rounds, _folder(checkpoint))
+    common = ZoneSettings(
+        float(np.max(np.ptp(data.points[data.mask], axis=0))), labelled, max_iterations, _folder(checkpoint)
+    )
     parts = [(*zone_data(data, zone, sure), zone.cells) for zone in zones]
     names = [f"zone {i + 1} of {len(zones)}" for i in range(len(zones))]
     hear = _hearing(callback)
@@ -188,7 +190,7 @@ class ZoneSettings:
         Length of the body, m.
     labelled : bool
         Whether each label has fields of its own.
-    rounds : int
+    max_iterations : int
         Most iterations of a zone.
     folder : Path or None
         Folder of checkpoints.
@@ -196,7 +198,7 @@ class ZoneSettings:
 
     length: float
     labelled: bool
-    rounds: int
+    max_iterations: int
     folder: Path | None
 
     def prior(self, space: ngs.FESpace, reference: Array) -> Regulariser:
@@ -267,7 +269,7 @@ def _alone(
             discretise_lattice(data, cells, common.labelled),
             regulariser=common.prior,
             labelled=common.labelled,
-            rounds=common.rounds,
+            max_iterations=common.max_iterations,
             checkpoint=checkpoint,
             drop_outliers=False,  # gross errors are judged by all data
             callback=_named(name, callback),
@@ -297,7 +299,7 @@ def _among(
                 common.prior,
                 floor=LEAST,
                 labelled=common.labelled,
-                rounds=common.rounds,
+                max_iterations=common.max_iterations,
                 solves=solves,
                 checkpoint=checkpoint,
                 callback=_named(name, callback),

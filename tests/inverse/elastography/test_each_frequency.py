@@ -9,7 +9,7 @@ from ngbrain.inverse.elastography.invert import invert
 from ngbrain.io.waves import WaveData
 
 SHEAR = {50.0: 2000 + 400j, 70.0: 3000 + 900j}
-HOW = {"uniform": False, "regulariser": "smooth", "rounds": 2, "drop_outliers": False}
+HOW = {"uniform": False, "regulariser": "smooth", "max_iterations": 2, "drop_outliers": False}
 
 
 def waves():

@@ -85,7 +85,7 @@ def the_same(found, other):
 
 @pytest.mark.one_thread
 def test_starts_and_regularisers_side_by_side_are_the_same_to_the_last_bit(data, caplog):
-    ways = {"levels": (0.5, 1.0), "rounds": 4, "drop_outliers": False}
+    ways = {"levels": (0.5, 1.0), "max_iterations": 4, "drop_outliers": False}
     told = []
     with_two = invert(data, **ways, executor=2, callback=told.append)
     the_same(invert(data, **ways), with_two)

@@ -146,7 +146,7 @@ def test_several_levels_of_uniform_fields():
 
 
 def test_no_way_is_longer_than_its_rounds():
-    found = invert(waves(n=9).with_noise(0.02, seed=0), regulariser="smooth", rounds=1)
+    found = invert(waves(n=9).with_noise(0.02, seed=0), regulariser="smooth", max_iterations=1)
     assert {row.name: len(row.history) for row in found.starts if row.name != "waves"} == {"uniform": 1, "both": 1}
 
 
@@ -256,7 +256,7 @@ def test_edges_are_told_from_smooth_fields(name, nodes, kind):
         ({"regulariser": "smoth"}, "smooth"),
         ({"misfit": "hubr"}, "misfit is 'hubr'; wanted: did you mean 'huber'"),
         ({"noise": -0.1}, "at least 0"),
-        ({"rounds": 0}, "rounds is 0; wanted: at least 1"),
+        ({"max_iterations": 0}, "max_iterations is 0; wanted: at least 1"),
         ({"model_error": float("nan")}, "at least 0"),
         ({"levels": (1.0, -2.0)}, "levels"),
     ],

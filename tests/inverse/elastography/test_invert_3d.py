@@ -27,9 +27,9 @@ def medians(data, modulus):
 @pytest.mark.slow
 def test_a_ball_with_its_label(tmp_path):
     data = between((0.004, 0.004, 0.004), (0.034, 0.034, 0.034))
-    stopped = invert_in_space(data, labelled=True, rounds=2, checkpoint=tmp_path / "part.npz")
+    stopped = invert_in_space(data, labelled=True, max_iterations=2, checkpoint=tmp_path / "part.npz")
     assert not stopped.checks["converged"]
-    found = invert_in_space(data, labelled=True, rounds=6, checkpoint=tmp_path / "part.npz")
+    found = invert_in_space(data, labelled=True, max_iterations=6, checkpoint=tmp_path / "part.npz")
     stiff, soft = medians(data, found.maps["storage"])
     assert soft == pytest.approx(SOFT.real, rel=0.03)
     assert stiff / soft == pytest.approx(2, rel=0.15)
@@ -46,7 +46,7 @@ def test_a_ball_with_its_label(tmp_path):
 
 def test_from_measured_waves_fields_and_waves_find_each_other():
     data, told = wave_data(), []
-    invert_in_space(data, discretise(data, order=2), rounds=1, callback=told.append)
+    invert_in_space(data, discretise(data, order=2), max_iterations=1, callback=told.append)
     way = [each.misfit / each.expected for each in told if each.phase == "waves"]
     assert way[0] > 5 and way[-1] < 3
 
@@ -66,7 +66,7 @@ def test_two_components_of_three_find_a_ball_too():
 def test_uniform_fields_arrive_too_and_the_lower_end_is_kept(tmp_path):
     data, path = between((0.0, 0.0, 0.01), (0.04, 0.04, 0.031)), tmp_path / "part.npz"
     elements = discretise(data, order=2)
-    found = invert_in_space(data, elements, levels=(0.7, 1.0), rounds=4, checkpoint=path)
+    found = invert_in_space(data, elements, levels=(0.7, 1.0), max_iterations=4, checkpoint=path)
     assert [row.name for row in found.starts] == ["waves", "uniform", "both"]
     _, uniform, both = found.starts
     assert uniform.value == pytest.approx(both.value, rel=0.1)
@@ -84,7 +84,7 @@ def test_starts_side_by_side_are_the_same_to_the_last_bit_and_go_on(tmp_path, ca
     points = np.array([[x, y, z] for z in line for y in line for x in line])
     waves = 1e-5 * np.stack([np.exp(-(200 - 50j) * 1j * points[:, i]) for i in (1, 2, 0)], axis=1)[None]
     data = WaveData(points, waves, [80.0], 1000.0, "isotropic", "viscoelastic", bulk=2e5).with_noise(0.02, seed=0)
-    ways = {"levels": (1.0,), "rounds": 2, "drop_outliers": False}
+    ways = {"levels": (1.0,), "max_iterations": 2, "drop_outliers": False}
     alone, both = invert_in_space(data, **ways), invert_in_space(data, **ways, executor=2, checkpoint=path)
     again = invert_in_space(data, **ways, checkpoint=path)
     assert both.solves == alone.solves and [row.value for row in both.starts] == [row.value for row in alone.starts]
@@ -112,15 +112,15 @@ def test_loads_start_each_by_what_is_measured_of_it():
 def test_killed_on_its_way_from_measured_waves_it_goes_on_there(tmp_path):
     data, first, second, path = between((0, 0, 0), (0.022, 0.022, 0.022)), [], [], tmp_path / "way.npz"
     elements = discretise(data, order=1)
-    whole = invert_in_space(data, elements, rounds=1, callback=first.append)
+    whole = invert_in_space(data, elements, max_iterations=1, callback=first.append)
 
     def killed(each):
         if each is not None and path.exists():
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):  # in the second round: what the first one found is written
-        invert_in_space(data, elements, rounds=1, checkpoint=path, callback=killed)
-    again = invert_in_space(data, elements, rounds=1, checkpoint=path, callback=second.append)
+        invert_in_space(data, elements, max_iterations=1, checkpoint=path, callback=killed)
+    again = invert_in_space(data, elements, max_iterations=1, checkpoint=path, callback=second.append)
     assert len(first) >= 2 and len(second) == len(first) - 1
     assert [each.misfit for each in second] == pytest.approx([each.misfit for each in first[1:]], rel=0.01)
     assert np.allclose(again.maps["storage"], whole.maps["storage"], rtol=0.05)
@@ -181,7 +181,7 @@ def test_bad_choices(no_work, choices, words):
     "choices, words",
     [
         ({"noise": -1.0}, "noise"),
-        ({"rounds": 0}, "rounds is 0"),
+        ({"max_iterations": 0}, "max_iterations is 0"),
         ({"model_error": np.nan}, "model_error"),
         ({"regulariser": "auto"}, "regulariser is 'auto'"),
         ({"levels": (0.5, -2.0)}, "levels"),

@@ -36,7 +36,7 @@ def slab(tilt=0.0, axis=2, noise=0.01):
 
 @pytest.fixture(scope="module")
 def found():
-    return invert(slab(), rounds=4)
+    return invert(slab(), max_iterations=4)
 
 
 def three_components():
@@ -84,7 +84,7 @@ def test_gross_errors_of_a_few_slices_are_left_out():
     data = slab()
     u, wrong = data.displacement.copy(), np.flatnonzero(data.mask & ~data.border)[::40]
     u[0, wrong, 2] += 2 * data.rms[0, 0, 2]
-    found = invert(replace(data, displacement=u), rounds=1)
+    found = invert(replace(data, displacement=u), max_iterations=1)
     assert np.isnan(found.data.displacement[0, wrong, 2]).mean() > 0.9
     assert any("gross errors" in note for note in found.warnings)
     gaining = replace(data, displacement=np.conj(data.displacement))
@@ -147,7 +147,7 @@ def test_elements_over_a_mask_are_as_large_as_the_waves_allow():
 
 
 def test_slices_that_say_the_same():
-    data, found = slab(), invert(slices_of(slab(), 2)[0][1], uniform=False, regulariser="smooth", rounds=2)
+    data, found = slab(), invert(slices_of(slab(), 2)[0][1], uniform=False, regulariser="smooth", max_iterations=2)
     notes = iter([["a of 3 %", "b"], ["a of 4 %", "b"], ["a of 5 %", "b"], ["b", "c"]])
     several = invert_slices(data, 2, lambda _, callback: replace(found, warnings=next(notes)))
     assert several.warnings[1:] == ["a of 3 % (a slice; 3 of 4 alike)", "b", "c (a slice; 1 of 4 alike)"]
@@ -155,7 +155,7 @@ def test_slices_that_say_the_same():
 
 @pytest.mark.one_thread
 def test_slices_side_by_side_are_the_same_to_the_last_bit(found):
-    together = invert(slab(), rounds=4, executor=2)
+    together = invert(slab(), max_iterations=4, executor=2)
     for name, values in found.maps.items():
         np.testing.assert_array_equal(together.maps[name], values)
     np.testing.assert_array_equal(together.predicted, found.predicted)

@@ -23,7 +23,7 @@ def data():
 
 
 def inverted(data):
-    return invert(data, uniform=False, regulariser="smooth", rounds=6)
+    return invert(data, uniform=False, regulariser="smooth", max_iterations=6)
 
 
 def of_nonsense(data, kind, other):
@@ -123,7 +123,7 @@ def block(shear=2500 + 800j, turn=(1.0, 0.8)):
 
 
 def in_space(data):
-    return invert(data, rounds=4)
+    return invert(data, max_iterations=4)
 
 
 @pytest.mark.slow

@@ -58,7 +58,7 @@ def in_the_plane():
 
 def in_the_plane_without_loss():
     """Whose next resonance is looked for."""
-    return invert(data(2, 3000.0, rheology="elastic"), uniform=False, regulariser="smooth", rounds=1).solves
+    return invert(data(2, 3000.0, rheology="elastic"), uniform=False, regulariser="smooth", max_iterations=1).solves
 
 
 def with_error_bars():
@@ -71,7 +71,7 @@ def with_error_bars():
 
 def in_space():
     waves = data(3)
-    return invert_in_space(waves, discretise(waves, order=1), rounds=1).solves
+    return invert_in_space(waves, discretise(waves, order=1), max_iterations=1).solves
 
 
 def by_descent():

@@ -120,7 +120,7 @@ def test_weights_in_space(monkeypatch):
     data = waves(points, shear_waves(points, 2500 + 500j), poisson=None, bulk=2e5)
     noise = np.where(points[:, 0] > 0.01, 0.04, 0.01)
     noisy = replace(data.with_noise(noise, 0), mask=points[:, 2] < 0.02, dirichlet=None)
-    found = invert_in_space(noisy, discretise(noisy, order=2), rounds=1)
+    found = invert_in_space(noisy, discretise(noisy, order=2), max_iterations=1)
     np.testing.assert_allclose(
         found.final_state.reduced.misfit.sigma, noise_deviation(noisy, noise)[:, found.final_state.problem.inside]
     )

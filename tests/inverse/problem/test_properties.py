@@ -88,7 +88,7 @@ def test_polar_in_space(bulk):
     k = wave_number(2500 + 800j, 80.0)
     u = 1e-5 * np.stack([np.exp(-1j * k * points[:, i]) for i in (1, 2, 0)], axis=1)[None]
     data = WaveData(points, u, [80.0], RHO, "isotropic", "viscoelastic", bulk=bulk).with_noise(0.02, seed=0)
-    found = invert_in_space(data, discretise(data, order=2), unknowns="polar", rounds=3)
+    found = invert_in_space(data, discretise(data, order=2), unknowns="polar", max_iterations=3)
     assert np.median(found.maps["storage"]) == pytest.approx(2500, rel=0.03)
     assert np.median(found.maps["loss"]) == pytest.approx(800, rel=0.08)
     assert set(found.weights) == {"magnitude", "phase"}

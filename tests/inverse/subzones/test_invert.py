@@ -19,7 +19,7 @@ from ngbrain.mesh import block
 from ngbrain.workflows.property_maps import finite
 
 SHEAR, HERTZ = 4000 + 1200j, 80.0
-ZONES = {"size": 0.027, "overlap": 0.009, "rounds": 5}
+ZONES = {"size": 0.027, "overlap": 0.009, "max_iterations": 5}
 
 
 def clean(points):
