@@ -11,7 +11,7 @@ from ngbrain.cli import main
 from ngbrain.cli.invert import DISCRETISATIONS, STARTS
 from ngbrain.cli.options import common
 from ngbrain.image.read.label_schemes import SCHEMES
-from ngbrain.inverse.elastography.invert_3d import ROUNDS
+from ngbrain.inverse.elastography.invert_3d import MAX_ITERATIONS
 from ngbrain.inverse.objective.misfit import MISFITS
 from ngbrain.inverse.objective.regularisers import PRIORS
 from ngbrain.inverse.optimise.weight_selection import WEIGHTINGS, WeightSelection
@@ -34,7 +34,7 @@ def test_names_are_those_of_the_library():
 
 def test_rounds_are_those_of_the_library():
     shown = " ".join(common.parsers()["invert"].format_help().split())
-    assert f"({WeightSelection().max_iterations} in the plane, {ROUNDS} in space)" in shown
+    assert f"({WeightSelection().max_iterations} in the plane, {MAX_ITERATIONS} in space)" in shown
 
 
 def test_nothing_heavy_is_imported_for_help():

@@ -1,5 +1,6 @@
 """Elastography: property maps from wave data by one call, and what can be said of them.
 
+- `assembly`: the assembly of an inversion's result: checks and notes.
 - `derived_maps`: maps derived from G*, statistics by label, errors against the truth.
 - `each_frequency`: each frequency of the data inverted by itself.
 - `identifiability`: what waves cannot determine, as notes on the maps.
@@ -13,6 +14,7 @@
 """
 
 __all__ = [
+    "assembly",
     "derived_maps",
     "each_frequency",
     "identifiability",

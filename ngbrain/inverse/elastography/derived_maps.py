@@ -152,8 +152,7 @@ def map_statistics(data: WaveData, found: Mapping[str, np.ndarray]) -> dict[str,
     """Return the `answers` of `result.json`: for each parameter `median`, `iqr` and, with a truth, `relative_l2_error`.
 
     The error is left out where it is not finite: the truth is 0 everywhere, or the map is missing at a point. It is that of
-    the map after
-    `scale_to_truth`.
+    the map after `scale_to_truth`.
 
     Parameters
     ----------

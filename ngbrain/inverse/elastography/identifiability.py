@@ -24,7 +24,7 @@ from ngbrain.io.waves import WaveData
 Array = np.ndarray
 STIFFER = 0.1
 """Relative change of the bulk modulus that shows whether it matters."""
-FLAT = "a component is never measured, all loads are quasi-static: what is stiff comes out too soft beside its surroundings"
+FLAT = "a component is never measured, all loads are quasi-static: stiff regions come out too soft relative to their surroundings"
 FEW = 5
 """Where the data determine fewer parameters of a field, its map is hardly more than uniform."""
 
@@ -60,7 +60,7 @@ def bulk_effect(problem: ElastographyProblem, theta: Array, noise: RelativeNoise
 
 def bulk_modulus_note(effect: float) -> str:
     """Return a sentence on a result of `bulk_effect`."""
-    moves = f"{100 * STIFFER:.0f} % more of the bulk modulus moves the waves by {effect:.2g} times their noise"
+    moves = f"{100 * STIFFER:.0f} % more of the bulk modulus changes the waves by {effect:.2g} times their noise"
     if effect < 1:
         return f"{moves}: they do not determine it, it is taken as given, and an error in it does little harm"
     return f"{moves}: it is taken as given, and an error in it is an error of the maps"
@@ -72,7 +72,7 @@ def scale_notes(data: WaveData) -> list[str]:
         return []
     notes = [
         "all loads are quasi-static and only displacements are known: moduli are right up to one common factor, "
-        "and errors are without it"
+        "and errors are computed without it"
     ]
     if not measures_all_components(data):
         notes.append(FLAT)
@@ -95,15 +95,15 @@ def anti_plane_notes(data: WaveData, translations: np.ndarray | None) -> list[st
         The notes.
     """
     notes = [
-        "anti-plane shear takes tissue and waves as the same through the slice: a wave at an angle t to it reads as G/cos²t "
-        "(1.33 times at 30 degrees), so that these are apparent moduli; and they go with the square of the pixels' size, which is "
+        "anti-plane shear assumes tissue and waves that are uniform through the slice: a wave at an angle t to it reads as G/cos²t "
+        "(1.33 times at 30 degrees), so these are apparent moduli. They scale with the square of the pixels' size, which is "
         "taken as given"
     ]
     if translations is not None:
         size = ", ".join(f"{1e6 * each:.3g}" for each in np.abs(translations))
         notes.append(
-            "a uniform displacement of the slice is an unknown of each wave, as motion of the whole head that was subtracted and "
-            f"phases that are known up to 2π leave it out: {size} µm were found"
+            "a uniform displacement of the slice is an unknown of each wave, because motion of the whole head that was subtracted "
+            f"and phases that are known up to 2π remove it: {size} µm were found"
         )
     return notes
 
@@ -134,7 +134,7 @@ def poorly_determined_notes(determined: dict[str, float]) -> list[str]:
     """Return notes on fields of which the data determine next to nothing, from field → determined parameters."""
     few = {name: number for name, number in determined.items() if number < FEW}
     return [
-        f"the data determine only {few[name]:.1f} numbers of {name}: no detail of its map is to be believed"
+        f"the data determine only {few[name]:.1f} parameters of {name}: details of its map are not reliable"
         for name in few
     ]
 

@@ -49,7 +49,7 @@ class SelectedStart:
 
 def run_starts(
     problem: ElastographyProblem,
-    ways: Mapping[str, tuple[Callable[..., Any], tuple[Any, ...]]],
+    runs: Mapping[str, tuple[Callable[..., Any], tuple[Any, ...]]],
     executor: parallel.AnyExecutor = None,
     callback: parallel.Callback | None = None,
     memory: float = 0.0,
@@ -57,15 +57,14 @@ def run_starts(
     """Run an inversion from several starts.
 
     One start alone, or all without an executor, run in this process one after the other. An executor runs each on one thread,
-    with a
-    problem that is built anew from the same data and elements and gives the same bits. Its linear solves are counted in this
-    problem.
+    with a problem that is built anew from the same data and elements and gives the same bits. Its linear solves are counted
+    in this problem.
 
     Parameters
     ----------
     problem : ElastographyProblem
         The inverse problem.
-    ways : mapping of str to tuple
+    runs : mapping of str to tuple
         Name → (function, arguments). A function is called with the problem before the arguments, and with `callback`.
     executor : int or executor, optional
         As `parallel.run` takes it.
@@ -80,9 +79,9 @@ def run_starts(
         Their results.
     """
     callback = callback or (lambda *_: None)
-    if executor in (None, 1) or len(ways) < 2:
-        return [function(problem, *args, callback=callback) for function, args in ways.values()]
-    tasks = [parallel.Task(name, _gone, (problem, *way), memory=memory) for name, way in ways.items()]
+    if executor in (None, 1) or len(runs) < 2:
+        return [function(problem, *args, callback=callback) for function, args in runs.values()]
+    tasks = [parallel.Task(name, _run, (problem, *run), memory=memory) for name, run in runs.items()]
     found = parallel.run(tasks, executor, callback=callback).values()
     own = problem.model.solves
     for _, spent in found:
@@ -91,7 +90,7 @@ def run_starts(
     return [end for end, _ in found]
 
 
-def _gone(
+def _run(
     problem: ElastographyProblem, function: Callable[..., Any], args: tuple[Any, ...], *, callback: parallel.Callback
 ) -> tuple[Any, Solves]:
     return function(problem, *args, callback=callback), problem.model.solves

@@ -1,9 +1,11 @@
-"""The inversion of wave data from one call: noise, elements, starts, regularisers and weights are chosen and told.
+"""The inversion of wave data by one call, which chooses noise, elements, starts, regularisers and weights.
 
-start      fields from measured waves (`GaussNewton.from_waves`), or from maps and these: every round a linear least-squares problem
-regulariser  smooth fields, or fields with edges: the one with the smaller generalised cross-validation score (`priors`)
-weight     settles as the fields do, or is the corner of an L-curve (`weighting`)
-polish     down in J from there; and from uniform fields of one level or several. The lower J at equal weights is kept
+start        Fields from measured waves (`GaussNewton.from_waves`), or from maps and measured waves. Each iteration is a linear
+             least-squares problem.
+regulariser  Smooth fields, or fields with edges: the one with the smaller generalised cross-validation score (`regularisers`).
+weight       Converges together with the fields, or is the corner of an L-curve (`weight_selection`).
+descent      Gauss-Newton on J from there, and from uniform fields of one or several levels. The result
+             with the lower J at equal weights is kept.
 """
 
 from __future__ import annotations
@@ -31,6 +33,7 @@ from ngbrain.inverse.data.quality import (
 )
 from ngbrain.inverse.data.time_convention import check_passive
 from ngbrain.inverse.data.ultrasound import error_note, is_tracked, minimum_model_error
+from ngbrain.inverse.elastography.assembly import build_inversion, start_result
 from ngbrain.inverse.elastography.initial_guess import (
     assumed_start_notes,
     check_iterations,
@@ -41,7 +44,7 @@ from ngbrain.inverse.elastography.initial_guess import (
 )
 from ngbrain.inverse.elastography.invert_3d import MAX_ITERATIONS, invert_in_space
 from ngbrain.inverse.elastography.invert_slices import invert_slices, moving_axis
-from ngbrain.inverse.elastography.result import Inversion, build_inversion, start_result
+from ngbrain.inverse.elastography.result import Inversion
 from ngbrain.inverse.objective.misfit import MisfitKind, resolve_misfit
 from ngbrain.inverse.objective.regularisers import PRIORS, Prior, resolve_priors
 from ngbrain.inverse.optimise.regularisation_weight import MisfitLevel
@@ -60,30 +63,30 @@ Array = np.ndarray
 DISPERSIONS = ("auto", "power", "none")
 REGULARISERS = tuple(PRIORS)
 FIRST = 1e3
-"""Weight to begin with; it settles where the data say."""
+"""Initial regularisation weight; it converges to what the data imply."""
 FAR = 1e4
-"""The same from uniform fields: larger, as a far start has to see the whole first."""
+"""The same from uniform fields: larger, so that large structures come first."""
 FLOOR = 1e-5
-"""Noise, relative to the waves' rms, below which data count as exact."""
+"""Least noise, relative to the waves' rms, for data in their own elements."""
 OURS = 2e-3
-"""The same in elements of our own: below it fields fit the error of the elements, by wiggles at the edges. At 41 points across
-two waves that error is .02 to .05 % of the waves; a modulus without noise is .4 % off with .2 % assumed, .7 % with .1 %."""
+"""The same in new elements: below it fields fit the discretisation error, by wiggles at edges. At 41 points across two waves
+that error is .02 to .05 % of the waves. A modulus without noise is .4 % off with .2 % assumed, .7 % with .1 %."""
 LEVELS = 8
 CLOSE = 0.15
 BEYOND = 1.3
-"""How often a level of noise that was not given is corrected by what the misfit says, and when (in ln) it agrees; one that was
-given is raised when the misfit says this many times more, and then lowered again, but not below. The floors are no levels that
-were given."""
+"""Most corrections of the noise level by the misfit; the change (in ln) at which it has converged; and the ratio from which a
+given level is corrected. An estimated level is always corrected. A given level is raised where the misfit says so, and
+lowered again later, but not below the given value. The floors do not count as given."""
 ASTRAY = 100.0
-"""Times its expected level that the misfit of a start's fields is, beyond which its level of noise is corrected before any way
-down: nearly exact data are seen from afar first, as those of ten times the noise are, then closer and closer."""
+"""Misfit over its expected value beyond which the noise level is corrected before any descent. So nearly exact data are first
+fitted as data of ten times the noise, then more and more closely."""
 DECISIVE = 4.0
-"""By how much the score of edges has to be lower than that of smooth fields: a likelihood ratio of e². Far from edges both are
-the same regulariser, and chance would choose."""
+"""Difference by which the score of edges has to be lower than that of smooth fields: a likelihood ratio of e². Far from edges
+both regularisers are the same, and chance would decide."""
 SHORT = 12
-"""Rounds from uniform fields: enough to arrive, or to be stuck."""
+"""Most iterations from uniform fields: enough to converge or to stall."""
 EASY = 1e-4
-"""Noise that is assumed at least from there: with less, linear theory sees little of the way."""
+"""Least noise assumed there: with less, the linearisation holds for short steps only."""
 
 
 @reporting()
@@ -108,38 +111,72 @@ def invert(
     callback: Callable[[Iteration], None] = log_progress,
     executor: parallel.AnyExecutor = None,
 ) -> Inversion:
-    """Property maps of wave data in the plane; those in space go to `invert_in_space`, which chooses starts and weights itself.
+    """Invert wave data for property maps.
 
-    Slabs of which one component alone was measured, the one through their slices, go slice by slice (`slab`).
+    Data in space go to `invert_in_space`, which chooses starts and weights itself. Slabs with motion through their slices
+    alone go to `invert_slices`.
 
-    elements     see `discretise`; by default those that the data were made in, if they say so, else our own
-    noise        relative to the rms of each component, one number; by default what the data say, or what a smooth fit leaves over
-    model_error  of the same kind: what the model cannot fit, such as another discretisation; by default none, and of displacements
-                 that are tracked at rest `tracked.least_error`
-    regulariser  one of `priors.PRIORS`, a prior of one's own, or auto: smooth or edges, the better by cross-validation;
-                 of displacements that are tracked at rest steps, see `tracked`
-    weight       one of `weighting.WEIGHTINGS`: evidence, discrepancy or l-curve
-    uniform      whether to try uniform fields as a start too
-    levels       where these start, as multiples of the modulus that the waves suggest; the lowest J is kept. By default at 1 in the
-                 plane, and nowhere in space, where each takes as long as the rest
-    labelled     whether each label of the data has fields of its own, which jump where labels meet
-    unknowns     one of `quantities.UNKNOWNS`: moduli (ln storage and ln loss), or polar, ln G* with its phase
-    misfit       one of `misfit.MISFITS`, or one of one's own: squares, or huber for what `remove_outliers` misses
-    start        name → (n,), maps that measured waves start with, see `starts.at_maps`, and nothing else then. In the plane alone
-    rounds       iterations down from a start at most, those from measured waves apart; by default 96 in the plane and 16 in space
-    dispersion   power: G*(x, ω) = G*₀(x) (ω/ω₀)^a with one exponent a that is found, ω₀ the lowest frequency, at which maps are;
-                 none: the same G* at all frequencies, refused where these contradict each other (`dispersion.contradiction`); auto:
-                 power for anti-plane waves of several frequencies and where these contradict each other, none otherwise
-    drop_outliers  whether gross errors are looked for before anything else and left out, see `remove_outliers`
-    device       one of `solvers.device.DEVICES`: cpu, cuda for factors and solves on a GPU, ngsolve for solves alone, or auto: the
-                 processor below the size at which a GPU was measured to be faster, see `Device.for_unknowns`
-    executor     who inverts the slices of a slab, and goes down from several starts or with several regularisers, each on one
-                 thread (`parallel.run`): by default this process; the answer does not depend on it
+    Parameters
+    ----------
+    data : WaveData
+        Waves or quasi-static displacements.
+    elements : Discretisation, optional
+        See `discretise`; by default the elements that the data were computed in, where they name some, else new ones.
+    noise : float, optional
+        Noise relative to the rms of each component; by default the noise of the data, or the residual of a smooth fit.
+    model_error : float, optional
+        Error of the model in the same unit, such as discretisation error; by default none. For tracked quasi-static
+        displacements by default `ultrasound.minimum_model_error`.
+    regulariser : str or Prior
+        One of `regularisers.PRIORS`, a prior, or auto: smooth or edges, by cross-validation. For tracked quasi-static
+        displacements auto means steps (see `ultrasound`).
+    weight : str
+        How regularisation weights are chosen: evidence, discrepancy or l-curve.
+    uniform : bool
+        Whether to start from uniform fields too.
+    levels : sequence of float, optional
+        Uniform start fields, as multiples of the modulus that the waves suggest; the lowest J is kept. By default 1 in the
+        plane, and none in space, where each takes as long as the rest.
+    labelled : bool
+        Whether each label of the data has fields of its own, which may jump where labels meet.
+    unknowns : str
+        One of `properties.UNKNOWNS`: moduli (ln storage and ln loss), or polar (ln G* and its phase).
+    misfit : str or MisfitKind
+        One of `misfit.MISFITS`, or a misfit: squares, or huber for outliers that `remove_outliers` misses.
+    start : mapping of str to numpy.ndarray, optional
+        Property → (n,) start maps, see `unknowns_from_maps`. They are the only start then. In the plane only.
+    max_iterations : int, optional
+        Most iterations of a descent, those from measured waves apart; by default 96 in the plane and 16 in space.
+    dispersion : str
+        power: G*(x, ω) = G*₀(x) (ω/ω₀)^a with one unknown exponent a; maps are those at the lowest frequency ω₀. none: the
+        same G* at all frequencies, refused where these contradict each other (`dispersion.contradiction`). auto: power for
+        anti-plane waves of several frequencies and where frequencies contradict each other, else none.
+    drop_outliers : bool
+        Whether gross errors are removed first (`remove_outliers`).
+    device : str
+        One of `solvers.device.DEVICES`: cpu; cuda for factorisations and solves on a GPU; ngsolve for solves alone; or auto:
+        the CPU below the size at which a GPU was measured to be faster (`Device.for_unknowns`).
+    callback : callable
+        Is called with each `Iteration`.
+    executor : int or executor, optional
+        Runs the slices of a slab, and the starts and regularisers, each on one thread (`parallel.run`); by default this
+        process. The result does not depend on it.
 
-    Raises `InputError` for waves that gain energy (`check_passive`), a regulariser, unknowns, misfit or weight that is none,
-    negative noise, no rounds, data that cannot be inverted, a device that is none or not there; `MissingExtra` for cuda without
-    nvmath-python.
+    Returns
+    -------
+    Inversion
+        Maps with their checks, noise and warnings.
 
+    Raises
+    ------
+    InputError
+        The waves gain energy (`check_passive`); a regulariser, parametrisation, misfit, weight or device does not exist or is
+        not available; the noise is negative; no iterations are allowed; or the data cannot be inverted.
+    MissingExtra
+        cuda is asked for, and nvmath-python is not installed.
+
+    Examples
+    --------
     >>> import numpy as np
     >>> grid = np.array([[x, y] for y in range(12) for x in range(12)]) * 4e-3
     >>> k = 2 * np.pi * 60 * np.sqrt(1000 / (2500 + 500j))
@@ -152,13 +189,13 @@ def invert(
     where = Device.from_name(device)
     tracked = is_tracked(data)
     kinds = resolve_priors("steps" if tracked and regulariser == "auto" else regulariser)
-    settling, made = weight_selection(weight), resolve_misfit(misfit)
+    selection, misfit_kind = weight_selection(weight), resolve_misfit(misfit)
     for name, value in (("noise", noise), ("model_error", model_error)):
         if value is not None and not 0 <= value < np.inf:
             raise InputError(name, value, "a relative level of at least 0")
     if max_iterations is not None:
         check_iterations(max_iterations)
-        settling = replace(settling, max_iterations=max_iterations)
+        selection = replace(selection, max_iterations=max_iterations)
     if dispersion not in DISPERSIONS:
         raise InputError("dispersion", repr(dispersion), nearest(dispersion, DISPERSIONS))
     axis = moving_axis(data) if data.dim == 3 and elements is None else None
@@ -182,9 +219,9 @@ def invert(
 
         return invert_slices(data, axis, of_slice, executor, callback)
     if data.dim == 3 and dispersion == "power":
-        raise InputError("dispersion", "'power'", "none: it is looked for in the plane alone")
+        raise InputError("dispersion", "'power'", "none: the exponent is an unknown in the plane only")
     check_passive(data)
-    data, notes = screen_outliers(data) if drop_outliers else (data, [])  # gross errors hide that moduli differ
+    data, notes = screen_outliers(data) if drop_outliers else (data, [])  # gross errors hide a difference of moduli
     differ = contradiction(data)
     if differ and (dispersion == "none" or data.dim == 3 or not _may_disperse(data)):
         wanted = "one frequency at a time: the moduli are not the same at all"
@@ -215,10 +252,10 @@ def invert(
         in_space.warnings += notes
         return in_space
     multiples = check_levels(((1.0,) if levels is None else levels) if uniform and start is None else ())
-    sought = select_properties(data, unknowns)
+    properties = select_properties(data, unknowns)
     if dispersion == "power" or (dispersion == "auto" and (differ or _disperses(data))):
-        sought = *sought, frequency_exponent(data)
-        notes += [f"waves suggest {differ}: an exponent of frequency is looked for"] if differ else []
+        properties = *properties, frequency_exponent(data)
+        notes += [f"waves suggest {differ}: an exponent of frequency is an unknown"] if differ else []
     notes += assumed_start_notes(data)
     if elements is None:
         elements = original_discretisation(data) if data.element else discretise(data)
@@ -228,50 +265,48 @@ def invert(
     if tracked and model_error is None:
         floor = max(floor, minimum_model_error(data))
         notes.append(error_note())
-    sure = total_noise(level, floor, model_error or 0.0)
-    problem = ElastographyProblem(data, elements, sought, build_composition(data, elements, labelled), where)
+    assumed = total_noise(level, floor, model_error or 0.0)
+    problem = ElastographyProblem(data, elements, properties, build_composition(data, elements, labelled), where)
     notes += [problem.body.device_note] if problem.body.device_note else []
-    search = _Search(problem, made, sure, settling, callback)
+    search = _Search(problem, misfit_kind, assumed, selection, callback)
     from_waves = {
         f"from waves, {name}": (_from_waves, (*search.made_from, prior, start)) for name, prior in kinds.items()
     }
-    tried = dict(zip(kinds, search.gone(from_waves, executor), strict=True))
+    tried = dict(zip(kinds, search.run(from_waves, executor), strict=True))
     kind = min(tried, key=lambda name: tried[name][0].score - (DECISIVE if name == next(iter(tried)) else 0.0))
     reduced, first = search.reduced(kinds[kind]), tried[kind][0]
     reduced.weights = tried[kind][1]
     both = search.descend(reduced, first)
-    guessed = bool(note) or bool(np.all(sure == floor))
-    stated = floor if guessed else sure
+    guessed = bool(note) or bool(np.all(assumed == floor))
+    stated = floor if guessed else assumed
     for _ in range(LEVELS):
-        found = noise_for_misfit(data, sure, both.level.ratio, stated)
-        more = rms_noise(data, found / sure)
-        if abs(np.log(more)) < CLOSE or (not guessed and np.all(sure == stated) and more < BEYOND):
+        found = noise_for_misfit(data, assumed, both.level.ratio, stated)
+        more = rms_noise(data, found / assumed)
+        if abs(np.log(more)) < CLOSE or (not guessed and np.all(assumed == stated) and more < BEYOND):
             break
         if not note:
-            note = (
-                f"the misfit is {both.level.ratio:.3g} times what noise of {100 * rms_noise(data, sure):.3g} % leaves"
-            )
+            note = f"the misfit is {both.level.ratio:.3g} times what noise of {100 * rms_noise(data, assumed):.3g} % leaves"
             notes.append(f"{note}: the rest counts as model error")
-        before = both.x if more < 1 else None  # what was fitted too closely is no start
-        sure = found
-        search = _Search(problem, made, sure, settling, callback, search)
+        before = both.x if more < 1 else None  # an overfit is not a good start
+        assumed = found
+        search = _Search(problem, misfit_kind, assumed, selection, callback, search)
         reduced, first = search.from_waves(kinds[kind], start, before)
         both = search.descend(reduced, first)
-    rows = [start_result("waves" if start is None else "given", problem, reduced, first)]
+    starts = [start_result("waves" if start is None else "given", problem, reduced, first)]
     lower = {f"from {level:g} times": (_uniform, (*search.made_from, kinds[kind], level)) for level in multiples}
-    ends = zip(multiples, search.gone(lower, executor), strict=True)
-    kept = select_start(both, {level: search.judged(reduced, end) for level, end in ends})
+    ends = zip(multiples, search.run(lower, executor), strict=True)
+    kept = select_start(both, {level: search.evaluate(reduced, end) for level, end in ends})
     notes += kept.notes
     if kept.uniform:
-        rows.append(start_result("uniform", problem, reduced, kept.uniform))
-    rows.append(start_result("both", problem, reduced, both))
+        starts.append(start_result("uniform", problem, reduced, kept.uniform))
+    starts.append(start_result("both", problem, reduced, both))
     return build_inversion(
         problem,
         reduced,
         kept.best,
-        rows,
+        starts,
         kept.chosen,
-        noise=sure,
+        noise=assumed,
         stated=rms_noise(data, total_noise(level, floor, model_error or 0.0)),
         floor=floor,
         regulariser=kind,
@@ -290,27 +325,27 @@ def _disperses(data: WaveData) -> bool:
 
 
 class _Search:
-    """Runs of one experiment from several starts and with several regularisers."""
+    """Runs of one problem from several starts and with several regularisers."""
 
     def __init__(
         self,
         problem: ElastographyProblem,
-        made: MisfitKind,
+        misfit_kind: MisfitKind,
         noise: RelativeNoise,
-        settling: WeightSelection,
+        selection: WeightSelection,
         callback: Callable[[Iteration], None],
         before: _Search | None = None,
     ) -> None:
-        self.problem, self.noise, self.settling = problem, noise, settling
+        self.problem, self.noise, self.selection = problem, noise, selection
         self.history: list[Iteration] = before.history if before else []
-        self._made, self._told = made, callback
-        self.made_from = made, noise, settling
+        self._made, self._told = misfit_kind, callback
+        self.made_from = misfit_kind, noise, selection
         self.sigma = noise_deviation(problem.data, noise, problem.inside)
         self.unknowns = problem.unknowns(self.sigma)
-        self.misfit = made(problem.measured, self.sigma)
+        self.misfit = misfit_kind(problem.measured, self.sigma)
 
     def reduced(self, prior: Prior) -> Reduced:
-        """With a regulariser, at the first weight."""
+        """The objective with a regulariser, at the first weight."""
         space, regularisers = self.problem.space, {}
         for name, block in self.unknowns.blocks.items():
             if name not in (BOUNDARY, EXPONENT):
@@ -321,46 +356,46 @@ class _Search:
     def from_waves(
         self, prior: Prior, maps: Mapping[str, Array] | None = None, x: Array | None = None
     ) -> tuple[Reduced, OptimisationResult]:
-        """From measured waves, and the fields of other unknowns x if there are any, or else those of maps."""
+        """Start from measured waves, and from the fields of x, of maps, or the default ones."""
         reduced, start = self.reduced(prior), self.unknowns.start.copy()
         if x is not None:
             fields = self.unknowns.blocks[BOUNDARY].start
             start[:fields] = x[:fields]
         elif maps is not None:
             start = unknowns_from_maps(self.problem, self.unknowns, maps)
-        return reduced, self.settling.from_waves(reduced, start, self.problem.waves, self._tell)
+        return reduced, self.selection.from_waves(reduced, start, self.problem.waves, self._tell)
 
     def descend(self, reduced: Reduced, start: OptimisationResult) -> OptimisationResult:
-        """Down in J from a start, or the start itself where nothing is lower or it is `ASTRAY`."""
+        """Minimise J from a start; return the start where no step lowers J, or where its misfit is `ASTRAY`."""
         point = reduced.evaluate(start.x)
         level = MisfitLevel(self.misfit.weighted_squares(point.state.data), start.level.expected)
         if level.ratio < ASTRAY:
             try:
-                return self.settling.descend(reduced, start.x, self._tell)
+                return self.selection.descend(reduced, start.x, self._tell)
             except ConvergenceError:
                 pass
         status = start.status if level.ratio < ASTRAY else Status.STOPPED
         return replace(start, objective=point.value, level=level, status=status)
 
-    def gone(
-        self, ways: Mapping[str, tuple[Callable[..., Any], tuple[Any, ...]]], executor: parallel.AnyExecutor
+    def run(
+        self, runs: Mapping[str, tuple[Callable[..., Any], tuple[Any, ...]]], executor: parallel.AnyExecutor
     ) -> list[Any]:
-        """Where ways end, side by side; each returns its history too."""
-        found = run_starts(self.problem, ways, executor, self._told)
+        """Run several starts side by side; each returns its history too."""
+        found = run_starts(self.problem, runs, executor, self._told)
         for _, history in found:
             self.history += history
         return [end for end, _ in found]
 
     def uniform(self, prior: Prior, level: float) -> OptimisationResult | None:
-        """From uniform fields, at weights of its own and noise of `EASY` at least; None where no step is lower."""
+        """Descend from uniform fields, with weights of its own and noise of `EASY` at least; None where no step lowers J."""
         easy = self
         if np.any((noise := total_noise(self.noise, EASY)) != self.noise):
-            easy = _Search(self.problem, self._made, noise, self.settling, self._told, self)
+            easy = _Search(self.problem, self._made, noise, self.selection, self._told, self)
         reduced = easy.reduced(prior)
         reduced.weights = dict.fromkeys(reduced.weights, FAR)
         try:
-            settling = WeightSelection(max_iterations=min(SHORT, self.settling.max_iterations))
-            found = settling.descend(reduced, self.problem.uniform(easy.unknowns, level), self._tell)
+            selection = WeightSelection(max_iterations=min(SHORT, self.selection.max_iterations))
+            found = selection.descend(reduced, self.problem.uniform(easy.unknowns, level), self._tell)
         except SolverError:
             return None
         held = easy.unknowns.theta(found.x)[self.problem.model.blocks[BOUNDARY]]
@@ -368,8 +403,8 @@ class _Search:
         x[self.unknowns.blocks[BOUNDARY]] = self.unknowns.unknowns[BOUNDARY].transform.inverse(held)
         return replace(found, x=x)
 
-    def judged(self, judge: Reduced, found: OptimisationResult | None) -> OptimisationResult | None:
-        """With misfit and J as `judge` has them."""
+    def evaluate(self, judge: Reduced, found: OptimisationResult | None) -> OptimisationResult | None:
+        """The result with misfit and J of another objective."""
         if found is None:
             return None
         point = judge.evaluate(found.x)
@@ -383,29 +418,29 @@ class _Search:
 
 def _from_waves(
     problem: ElastographyProblem,
-    made: MisfitKind,
+    misfit_kind: MisfitKind,
     noise: RelativeNoise,
-    settling: WeightSelection,
+    selection: WeightSelection,
     prior: Prior,
     maps: Mapping[str, Array] | None,
     *,
     callback: Callable[[Iteration], None],
 ) -> tuple[tuple[OptimisationResult, dict[str, float]], list[Iteration]]:
-    """Where measured waves lead to, and the weights by then."""
-    search = _Search(problem, made, noise, settling, callback)
+    """The result from measured waves, and its weights."""
+    search = _Search(problem, misfit_kind, noise, selection, callback)
     reduced, found = search.from_waves(prior, maps)
     return (found, reduced.weights), search.history
 
 
 def _uniform(
     problem: ElastographyProblem,
-    made: MisfitKind,
+    misfit_kind: MisfitKind,
     noise: RelativeNoise,
-    settling: WeightSelection,
+    selection: WeightSelection,
     prior: Prior,
     level: float,
     *,
     callback: Callable[[Iteration], None],
 ) -> tuple[OptimisationResult | None, list[Iteration]]:
-    search = _Search(problem, made, noise, settling, callback)
+    search = _Search(problem, misfit_kind, noise, selection, callback)
     return search.uniform(prior, level), search.history

@@ -1,8 +1,8 @@
-"""The inversion of wave data in space from one call.
+"""The inversion of wave data in space by one call.
 
-As in the plane with these differences: the start is uniform fields of the modulus that the waves suggest and the measured
-waves, from where the weight falls while fields and waves find each other; then it is what the data say
-(`weights.EvidenceOfNoise`). Steps are those of `iterative`.
+It differs from the plane in three ways. The start is uniform fields of the modulus that the waves suggest, with the measured
+waves; from there the weight falls while fields and waves converge. Then the weight follows from the evidence
+(`EvidenceWithModelError`). Steps are inexact (`gauss_newton_cg`).
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from ngbrain.inverse.data.outliers import screen_outliers
 from ngbrain.inverse.data.quality import RelativeNoise, noise_deviation, noise_level, rms_noise, total_noise
 from ngbrain.inverse.data.subset import WaveSubset
 from ngbrain.inverse.data.time_convention import check_passive
+from ngbrain.inverse.elastography.assembly import build_inversion, start_result
 from ngbrain.inverse.elastography.initial_guess import (
     assumed_start_notes,
     check_iterations,
@@ -31,7 +32,7 @@ from ngbrain.inverse.elastography.initial_guess import (
     run_starts,
     select_start,
 )
-from ngbrain.inverse.elastography.result import Inversion, build_inversion, start_result
+from ngbrain.inverse.elastography.result import Inversion
 from ngbrain.inverse.objective.misfit import LeastSquares, MisfitKind, resolve_misfit
 from ngbrain.inverse.objective.regularisers import PRIORS, Prior, resolve_priors
 from ngbrain.inverse.optimise.gauss_newton_cg import GaussNewtonCG
@@ -47,13 +48,13 @@ from ngbrain.solvers.device import Device
 
 Array = np.ndarray
 FIRST, APPROACH = 1.0, 8
-"""Weight to begin with, for each real datum, and how many iterations at most from the measured waves."""
+"""Initial weight for each real datum, and most iterations from the measured waves."""
 FALL = 10.0
-"""Factor by which an iteration may change it."""
+"""Largest factor by which an iteration changes the weight."""
 MAX_ITERATIONS = 16
-"""Iterations at most, those from the measured waves apart."""
+"""Most iterations, those from the measured waves apart."""
 LEAST = 2e-3
-"""Noise, relative to the waves' rms, that is assumed at least: about what the error of elements is."""
+"""Least noise that is assumed, relative to the waves' rms: about the discretisation error."""
 
 
 @reporting()
@@ -75,30 +76,58 @@ def invert_in_space(
     callback: Callable[[Iteration], None] = log_progress,
     executor: parallel.AnyExecutor = None,
 ) -> Inversion:
-    """Property maps of wave data in space.
+    """Invert wave data in space for property maps.
 
-    elements     see `discretise`; by default hexahedra over the points, as large as the waves allow
-    noise        relative to the rms of each component, one number; by default what the data say, or what a smooth fit leaves over
-    model_error  of the same kind: what the model cannot fit
-    regulariser  one of `priors.PRIORS`, or a prior of one's own
-    labelled     whether each label of the data has fields of its own, which jump where labels meet
-    unknowns     one of `quantities.UNKNOWNS`: moduli (ln storage and ln loss), or polar, ln G* with its phase
-    misfit       one of `misfit.MISFITS`, or one of one's own: squares, or huber for what `remove_outliers` misses
-    levels       uniform fields to start from too, as multiples of the modulus that the waves suggest: each takes about as long as
-                 the start from measured waves. The lowest J at equal weights is kept
-    rounds       iterations of a start at most, those from the measured waves apart
-    checkpoint   .npz that is written after each iteration; where it is there, the inversion goes on from it. Uniform fields
-                 have files of their own beside it
-    drop_outliers  as for `invert`
-    device       as for `invert`; a checkpoint may go on on another one
-    executor     who goes down from each start, on one thread (`parallel.run`): by default this process; the answer does not depend
-                 on it. Workers elsewhere have to see the folder of `checkpoint`
+    Parameters
+    ----------
+    data : WaveData
+        Data in space.
+    elements : Discretisation, optional
+        See `discretise`; by default hexahedra over the points, as large as the wavelength allows.
+    noise : float, optional
+        Noise relative to the rms of each component; by default the noise of the data, or the residual of a smooth fit.
+    model_error : float
+        Error of the model in the same unit.
+    regulariser : str or Prior
+        One of `regularisers.PRIORS`, or a prior.
+    labelled : bool
+        Whether each label of the data has fields of its own, which may jump where labels meet.
+    unknowns : str
+        One of `properties.UNKNOWNS`: moduli (ln storage and ln loss), or polar (ln G* and its phase).
+    misfit : str or MisfitKind
+        One of `misfit.MISFITS`, or a misfit: squares, or huber for outliers that `remove_outliers` misses.
+    levels : sequence of float
+        Uniform fields to start from too, as multiples of the modulus that the waves suggest. Each takes about as long as the
+        start from measured waves. The lowest J at equal weights is kept.
+    max_iterations : int
+        Most iterations of a start, those from the measured waves apart.
+    checkpoint : path, optional
+        .npz file that is written after each iteration. If it exists, the inversion goes on from it. Uniform fields have files
+        of their own beside it.
+    drop_outliers : bool
+        As for `invert`.
+    device : str
+        As for `invert`. A checkpoint may go on on another device.
+    callback : callable
+        Is called with each `Iteration`.
+    executor : int or executor, optional
+        Runs the starts, each on one thread (`parallel.run`); by default this process. The result does not depend on it.
+        Workers on other machines need access to the folder of `checkpoint`.
 
-    `rows` are "waves", where the way from measured waves ended, "both", down in J from there, and "uniform".
+    Returns
+    -------
+    Inversion
+        Its `starts` are "waves" (the result of the start from measured waves), "both" (the descent in J from there) and
+        "uniform".
 
-    Raises `InputError` for data in the plane, negative noise, no rounds, a regulariser, unknowns or misfit that are none, labels or
-    a device that are not there.
+    Raises
+    ------
+    InputError
+        The data are plane, the noise is negative, no iterations are allowed, or a regulariser, parametrisation, misfit, label
+        or device does not exist.
 
+    Examples
+    --------
     >>> line = np.linspace(0, 0.021, 8)
     >>> grid = np.array([[x, y, z] for z in line for y in line for x in line])
     >>> k = 2 * np.pi * 80 * np.sqrt(1000 / (2500 + 800j))
@@ -117,39 +146,41 @@ def invert_in_space(
     for name, value in (("noise", noise), ("model_error", model_error)):
         if value is not None and not 0 <= value < np.inf:
             raise InputError(name, value, "a relative level of at least 0")
-    multiples, made, where = check_levels(levels), resolve_misfit(misfit), Device.from_name(device)
-    if not isinstance(data, WaveSubset):  # a zone alone need not show its loss; the body was asked
+    multiples, misfit_kind, where = check_levels(levels), resolve_misfit(misfit), Device.from_name(device)
+    if not isinstance(data, WaveSubset):  # a zone alone may not show its loss; the whole body was checked
         check_passive(data)
     data, notes = screen_outliers(data) if drop_outliers else (data, [])
-    sought, elements = select_properties(data, unknowns), elements or discretise_volume(data, labelled)
+    properties, elements = select_properties(data, unknowns), elements or discretise_volume(data, labelled)
     found_noise, note = noise_level(data, noise)
     notes += assumed_start_notes(data) + ([note] if note else [])
-    sure = total_noise(found_noise, LEAST, model_error)
-    problem = ElastographyProblem(data, elements, sought, build_composition(data, elements, labelled), where)
+    assumed = total_noise(found_noise, LEAST, model_error)
+    problem = ElastographyProblem(data, elements, properties, build_composition(data, elements, labelled), where)
     notes += [problem.body.device_note] if problem.body.device_note else []
-    reduced = _reduced(problem, made, sure, prior)
-    kept_in = None if checkpoint is None else Path(checkpoint).absolute()  # workers elsewhere stand in another folder
-    common = made, sure, prior, max_iterations
-    ways: dict[str, Any] = {"from waves": (_from_waves, (*common, kept_in))}
-    ways |= {f"from {level:g} times": (_uniform, (*common, _beside(kept_in, level), level)) for level in multiples}
+    reduced = _reduced(problem, misfit_kind, assumed, prior)
+    kept_in = (
+        None if checkpoint is None else Path(checkpoint).absolute()
+    )  # other processes may have another working directory
+    common = misfit_kind, assumed, prior, max_iterations
+    runs: dict[str, Any] = {"from waves": (_from_waves, (*common, kept_in))}
+    runs |= {f"from {level:g} times": (_uniform, (*common, _beside(kept_in, level), level)) for level in multiples}
     memory = memory_in_space(problem.elements.form, problem.body.mesh.ne, data.frequency)
-    (start, both, reduced.weights), *others = run_starts(problem, ways, executor, callback, memory)
-    history, rows = [*start.history, *both.history], [start_result("waves", problem, reduced, start)]
-    ends = {level: _judged(reduced, end) for level, end in zip(multiples, others, strict=True)}
+    (start, both, reduced.weights), *others = run_starts(problem, runs, executor, callback, memory)
+    history, starts = [*start.history, *both.history], [start_result("waves", problem, reduced, start)]
+    ends = {level: _evaluate(reduced, end) for level, end in zip(multiples, others, strict=True)}
     kept = select_start(both, ends)
     notes += kept.notes
     if kept.uniform:
         history += [each for end in ends.values() if end for each in end.history]
-        rows.append(start_result("uniform", problem, reduced, kept.uniform))
-    rows.append(start_result("both", problem, reduced, both))
+        starts.append(start_result("uniform", problem, reduced, kept.uniform))
+    starts.append(start_result("both", problem, reduced, both))
     return build_inversion(
         problem,
         reduced,
         kept.best,
-        rows,
+        starts,
         kept.chosen,
-        noise=sure,
-        stated=rms_noise(data, sure),
+        noise=assumed,
+        stated=rms_noise(data, assumed),
         floor=LEAST,
         regulariser=kind,
         weight="evidence",
@@ -159,14 +190,29 @@ def invert_in_space(
 
 
 def memory_in_space(form: str, elements: int, frequency: Array) -> float:
-    """Bytes that so many elements will take, where those of their order were measured; else 0."""
+    """Return the memory that an inversion will take.
+
+    Parameters
+    ----------
+    form : str
+        Element pair.
+    elements : int
+        Number of elements.
+    frequency : numpy.ndarray
+        (loads,) Hz.
+
+    Returns
+    -------
+    float
+        Bytes; 0 where elements of this order were not measured.
+    """
     cubic = ElementPair.named(form).order == 3
     return parallel.predicted_memory("zone", elements, len(np.unique(frequency))) if cubic else 0.0
 
 
 def _from_waves(
     problem: ElastographyProblem,
-    made: MisfitKind,
+    misfit_kind: MisfitKind,
     noise: RelativeNoise,
     prior: Prior,
     max_iterations: int,
@@ -174,16 +220,16 @@ def _from_waves(
     *,
     callback: Callable[[Iteration], None],
 ) -> tuple[OptimisationResult, OptimisationResult, dict[str, float]]:
-    """Where the way from measured waves ended, where that down from there did, and the weights by then."""
-    way = _way(problem, made, noise, prior, checkpoint, callback)
-    both = way.from_measured_waves(way.unknowns.start, problem.waves, APPROACH, max_iterations)
-    assert way.approach_result is not None  # from measured waves there is no other way
-    return way.approach_result, both, way.reduced.weights
+    """The result of the start from measured waves, that of the descent from there, and its weights."""
+    optimiser = _optimiser(problem, misfit_kind, noise, prior, checkpoint, callback)
+    both = optimiser.from_measured_waves(optimiser.unknowns.start, problem.waves, APPROACH, max_iterations)
+    assert optimiser.approach_result is not None  # the start from measured waves sets it
+    return optimiser.approach_result, both, optimiser.reduced.weights
 
 
 def _uniform(
     problem: ElastographyProblem,
-    made: MisfitKind,
+    misfit_kind: MisfitKind,
     noise: RelativeNoise,
     prior: Prior,
     max_iterations: int,
@@ -192,34 +238,34 @@ def _uniform(
     *,
     callback: Callable[[Iteration], None],
 ) -> OptimisationResult | None:
-    """Where the way from uniform fields ended; None where no step is lower."""
-    way = _way(problem, made, noise, prior, checkpoint, callback)
+    """The result from uniform fields; None where no step lowers J."""
+    optimiser = _optimiser(problem, misfit_kind, noise, prior, checkpoint, callback)
     try:
         return (
-            way.resume(max_iterations)
-            if way.has_checkpoint
-            else way.descend(problem.uniform(way.unknowns, level), max_iterations)
+            optimiser.resume(max_iterations)
+            if optimiser.has_checkpoint
+            else optimiser.descend(problem.uniform(optimiser.unknowns, level), max_iterations)
         )
     except ConvergenceError:
         return None
 
 
-def _way(
+def _optimiser(
     problem: ElastographyProblem,
-    made: MisfitKind,
+    misfit_kind: MisfitKind,
     noise: RelativeNoise,
     prior: Prior,
     checkpoint: Path | None,
     callback: Callable[[Iteration], None],
 ) -> GaussNewtonCG:
-    reduced = _reduced(problem, made, noise, prior)
+    reduced = _reduced(problem, misfit_kind, noise, prior)
     return GaussNewtonCG(
         reduced, EvidenceWithModelError(FALL, _shared(problem)), checkpoint=checkpoint, callback=callback
     )
 
 
-def _judged(judge: Reduced, found: OptimisationResult | None) -> OptimisationResult | None:
-    """With misfit and J as `judge` has them."""
+def _evaluate(judge: Reduced, found: OptimisationResult | None) -> OptimisationResult | None:
+    """The result with misfit and J of another objective."""
     if found is None:
         return None
     point, misfit = judge.evaluate(found.x), judge.misfit
@@ -230,19 +276,19 @@ def _judged(judge: Reduced, found: OptimisationResult | None) -> OptimisationRes
 
 
 def _beside(path: Path | None, level: float) -> Path | None:
-    """The checkpoint of uniform fields, next to that of measured waves."""
+    """Checkpoint of uniform fields, next to that of measured waves."""
     return path and path.with_name(f"{path.stem}-uniform-{level:g}{path.suffix}")
 
 
 def _shared(problem: ElastographyProblem) -> float:
-    """Points for each node of the elements."""
+    """Data points for each node of the elements."""
     body = problem.body
     return len(problem.model.points) * body.mesh.dim / body.displacement.ndof
 
 
-def _reduced(problem: ElastographyProblem, made: MisfitKind, noise: RelativeNoise, prior: Prior) -> Reduced:
+def _reduced(problem: ElastographyProblem, misfit_kind: MisfitKind, noise: RelativeNoise, prior: Prior) -> Reduced:
     sigma = noise_deviation(problem.data, noise, problem.inside)
-    unknowns, misfit = problem.unknowns(sigma), made(problem.measured, sigma)
+    unknowns, misfit = problem.unknowns(sigma), misfit_kind(problem.measured, sigma)
     blocks = {name: block for name, block in unknowns.blocks.items() if name != BOUNDARY}
     regularisers = {name: prior(problem.space, unknowns.start[block]) for name, block in blocks.items()}
     return Reduced(problem.model, misfit, unknowns, regularisers, dict.fromkeys(blocks, FIRST * misfit.count))

@@ -1,8 +1,8 @@
-"""Slabs of which only the motion through their slices was measured: each slice by itself, as anti-plane shear.
+"""Slabs with motion through their slices alone: each slice by itself, as anti-plane shear.
 
-A slab of a few slices is cut out of tissue: its top and bottom move as they were measured, no part of it is free, and in space
-nearly all of its displacements would be unknown ones of the boundary. Where the wave stays in the slices each of them is a complete
-problem; where it does not, moduli read too large by ∇²u/(∂²u/∂x² + ∂²u/∂y²), which three slices or more tell.
+A slab of a few slices is cut out of tissue. Its top and bottom are not free, and in space nearly all of its displacements
+would be boundary unknowns. Where the wave travels within the slices, each of them is a complete problem. Where it does not,
+moduli are too large by the factor ∇²u/(∂²u/∂x² + ∂²u/∂y²), which three slices or more determine.
 """
 
 from __future__ import annotations
@@ -24,16 +24,19 @@ from ngbrain.progress import LOG
 
 Array = np.ndarray
 FEWEST = 90
-"""Points of a slice, of which fewer have no smooth field."""
+"""Fewest points of a slice: smooth fields need as many."""
 WINDOW = 5
-"""Slices at most that a parabola through them is fitted to."""
+"""Most slices to which a parabola is fitted."""
 
 
 def moving_axis(data: WaveData) -> int | None:
-    """The axis along which alone waves on a grid in space move, as far as they were measured; None where more components do.
+    """Return the axis along which alone the waves of a grid in space move, as far as they were measured; None for several
+    components.
 
-    A component that is exactly 0 everywhere was not measured either: no scan has that.
+    A component that is exactly 0 everywhere counts as not measured: no scan has that.
 
+    Examples
+    --------
     >>> line = np.arange(5) * 2e-3
     >>> grid = np.array([[x, y, z] for z in line for y in line for x in line])
     >>> u = np.zeros((1, 125, 3)); u[:, :, 2] = 1e-6
@@ -55,7 +58,25 @@ def moving_axis(data: WaveData) -> int | None:
 
 
 def slices_of(data: WaveData, axis: int) -> list[tuple[Array, WaveData]]:
-    """Numbers of the points of each slice across an axis, and its waves; slices of fewer than `FEWEST` points are left out."""
+    """Return the slices across an axis.
+
+    Parameters
+    ----------
+    data : WaveData
+        A slab on a grid.
+    axis : int
+        The axis of motion.
+
+    Returns
+    -------
+    list of (numpy.ndarray, WaveData)
+        Indices of the points of a slice, and its anti-plane waves. Slices of fewer than `FEWEST` points are left out.
+
+    Raises
+    ------
+    InputError
+        No slice has enough points.
+    """
     grid = data.grid
     assert grid is not None
     numbers, other = grid.box(np.arange(len(data.points))), [i for i in range(3) if i != axis]
@@ -89,7 +110,7 @@ def slices_of(data: WaveData, axis: int) -> list[tuple[Array, WaveData]]:
 
 
 def _of_slice(invert: Callable[..., Inversion], one: WaveData, *, callback: parallel.Callback) -> Inversion:
-    """Without the experiment that it ended with, which cannot be sent."""
+    """Without the final state, which belongs to one process."""
     return replace(invert(one, callback=callback), final_state=None)
 
 
@@ -100,11 +121,25 @@ def invert_slices(
     executor: parallel.AnyExecutor = None,
     callback: parallel.Callback | None = None,
 ) -> Inversion:
-    """Property maps of a slab, slice by slice; `invert` is what is done with each, called with it and `callback`.
+    """Invert a slab slice by slice.
 
-    Slices are tasks of an executor (`parallel.run`), each on one thread: the answer does not depend on who computes them.
+    Parameters
+    ----------
+    data : WaveData
+        A slab on a grid.
+    axis : int
+        The axis of motion.
+    invert : callable
+        Inverts a slice; is called with it and `callback`.
+    executor : int or executor, optional
+        Runs the slices, each on one thread (`parallel.run`). The result does not depend on it.
+    callback : callable, optional
+        Is called with each `Iteration`.
 
-    Its one row of starts, `slices`, has the sums over all of them; there is no `end` that error bars could start from.
+    Returns
+    -------
+    Inversion
+        Maps of the slab. Its one start, `slices`, has the sums over all slices. It has no `final_state` for error bars.
     """
     unmeasured = [i for i in range(3) if i != axis]
     u = data.displacement.copy()
@@ -120,7 +155,7 @@ def invert_slices(
         ).values()
     )
     for (own, _), found in zip(parts, each, strict=True):
-        u[:, own, axis] = found.data.displacement[:, :, 0]  # without gross errors
+        u[:, own, axis] = found.data.displacement[:, :, 0]  # outliers removed
     data, whole = replace(data, displacement=u), [own for own, _ in parts]
     n, first, ends = len(data.points), each[0], [found.starts[-1] for found in each]
     noise = np.ones(n)
@@ -189,9 +224,24 @@ def invert_slices(
 
 
 def share_through(data: WaveData, axis: int, maps: dict[str, Array]) -> float | None:
-    """Which share of ∇²u is ∂²u/∂z², z across the slices, where maps (Pa) say what the rest of it is; None of less than three.
+    """Return the share of ∂²u/∂z² in ∇²u, with z across the slices.
 
-    From parabolas through up to `WINDOW` slices: their bend and their mean have independent errors, so that noise adds nothing.
+    It comes from parabolas through up to `WINDOW` slices. Their curvature and their mean have independent errors, so that
+    noise has no bias.
+
+    Parameters
+    ----------
+    data : WaveData
+        A slab on a grid.
+    axis : int
+        z.
+    maps : dict of str to numpy.ndarray
+        Property → (n,) Pa, from which the rest of ∇²u follows.
+
+    Returns
+    -------
+    float or None
+        The share; None for fewer than three slices.
     """
     grid = data.grid
     assert grid is not None
@@ -218,7 +268,7 @@ def share_through(data: WaveData, axis: int, maps: dict[str, Array]) -> float | 
 
 
 def _joined(values: list[Array], whole: list[Array], n: int) -> Array:
-    """(…, n) of (…, points of a slice) each, NaN where there is no slice."""
+    """(…, n) from (…, points of a slice) each; NaN where there is no slice."""
     joined = np.full((*values[0].shape[:-1], n), np.nan)
     for own, each in zip(whole, values, strict=True):
         joined[..., own] = each
@@ -237,7 +287,7 @@ def _of_slices(axis: int, number: int, through: float | None) -> str:
 
 
 def _common(notes: list[list[str]]) -> list[str]:
-    """Notes of all slices: of those that differ in numbers alone the first, with how many slices it is true of."""
+    """Notes of all slices. Of notes that differ in numbers alone, the first one, with the number of slices that have it."""
     alike: dict[str, list[str]] = {}
     for own in notes:
         for note in own:

@@ -1,8 +1,7 @@
 """Whether maps of an inversion can be used at all: reasons against them, from the misfit and from the values.
 
 An inversion always returns maps. Where the data are not waves of a body, the noise is estimated as large as necessary. So the
-residual of
-the waves is judged against the stated noise (or the residual of a smooth fit).
+residual of the waves is judged against the stated noise (or the residual of a smooth fit).
 """
 
 from __future__ import annotations
@@ -62,7 +61,7 @@ def reasons_against(
     """
     reasons, left = [], "of the displacements (rms) are not explained"
     if found > MOST:
-        reasons.append(f"{100 * found:.0f} % {left}: they are no waves of such a body")
+        reasons.append(f"{100 * found:.0f} % {left}: these are not waves of such a body")
     elif found > max(TOLERATED, BEYOND * stated):
         reasons.append(
             f"{100 * found:.2g} % {left}: noise of {100 * stated:.2g} % and the error of elements would leave less"
@@ -70,15 +69,19 @@ def reasons_against(
     if not data.frequency.any():
         return reasons
     if discontinuity_share > LARGEST_DISCONTINUITY:
-        what = "tissue moves without jumps: are parts of two scans together, or is a phase wrapped?"
+        what = "tissue moves without jumps: are two scans joined, or is a phase wrapped?"
         reasons.append(f"{100 * discontinuity_share:.2g} % of the displacements lie beside a jump: {what}")
     shear = np.abs(shear_modulus_map(data, maps))
     reasons += modulus_reasons(shear[data.mask & np.isfinite(shear)], data.tissue)
     if volume is not None and volume > 1 and bulk_ratio(data) > LOCKING:
-        change = f"the waves change volume {volume:.2g} times as much as they turn, and tissue that resists it has no such waves"
+        change = (
+            f"|div u| of the waves is {volume:.2g} times |curl u|, which nearly incompressible tissue does not allow"
+        )
         reasons.append(f"{change}: are components swapped, or is one turned?")
     if data.lacks_imaginary(stated):
-        reasons.append("imaginary parts are missing: no loss can be told from real parts; data without any are elastic")
+        reasons.append(
+            "imaginary parts are missing: real parts alone do not determine the loss; data without any are elastic"
+        )
     return reasons
 
 
@@ -86,10 +89,8 @@ def modulus_reasons(shear: Array, tissue: str | None) -> list[str]:
     """Return reasons against the moduli of a map's points.
 
     These are a median, or a share of points, outside the range of soft tissue. A median outside the range of the named tissue
-    may be an error
-    of a unit, which the waves cannot show (`plausibility.tissue_notes` warns). Points far from their own median are not
-    explained by a unit:
-    the data do not determine such a map.
+    may be an error of a unit, which the waves cannot show (`plausibility.tissue_notes` warns). Points far from their own
+    median are not explained by a unit: the data do not determine such a map.
 
     Parameters
     ----------
@@ -118,7 +119,7 @@ def modulus_reasons(shear: Array, tissue: str | None) -> list[str]:
         return [f"{found}: frequency in Hz? points in m?"]
     reasons = []
     if (beyond := float(np.mean((shear < SOFT) | (shear > STIFF)))) > OUT:
-        reasons.append(f"{100 * beyond:.2g} % of the moduli are none of soft tissue, which has {range_}")
+        reasons.append(f"{100 * beyond:.2g} % of the moduli are outside the range of soft tissue, {range_}")
     most, what = modulus_range_factor(tissue), tissue or "tissue"
     if (far := float(np.mean((shear < median / most) | (shear > median * most)))) > OUT:
         off = f"more than {most:.2g} times off their median of {format_modulus(median)}"

@@ -1,9 +1,9 @@
 """Dirichlet and traction-free parts of the boundary, from the data's `dirichlet` flags.
 
-A side of an element is traction-free where at least half of it is nearest to border points without the flag. All other
-sides are driven by measured displacements. So are sides away from the border points, such as those that reach out of the
-tissue by more than a voxel in space: no surface of tissue is there. To drive a side takes no assumption, because its
-displacements are unknowns within their noise. To set a side free assumes zero traction.
+A side of an element is traction-free where at least half of it is nearest to border points without the flag. All other sides
+are driven by measured displacements. So are sides away from the border points, such as those that reach out of the tissue by
+more than a voxel in space: no surface of tissue is there. To drive a side takes no assumption, because its displacements are
+unknowns within their noise. To set a side free assumes zero traction.
 """
 
 from __future__ import annotations

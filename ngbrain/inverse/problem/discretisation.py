@@ -2,8 +2,8 @@
 
 New elements depend on the data:
 
-- In the plane on a full grid: quadrilaterals of order p on cells of p × p data points, so that there are as many unknowns
-  as data. For tracked quasi-static displacements with many points: half as many along each axis.
+- In the plane on a full grid: quadrilaterals of order p on cells of p × p data points, so that there are as many unknowns as
+  data. For tracked quasi-static displacements with many points: half as many along each axis.
 - Scattered points in the plane: triangles between the points.
 - A mask on a grid, and all data in space: quadrilaterals or hexahedra as large as the wavelength allows, over the points of
   the mask.
@@ -200,8 +200,8 @@ def bulk_ratio(data: WaveData) -> float:
 def has_unknown_scale(data: WaveData) -> bool:
     """Whether the data fit all moduli times any common factor alike.
 
-    So it is for quasi-static data of displacements alone. The exception: all components are measured, and a known bulk modulus
-    is compressed.
+    So it is for quasi-static data of displacements alone. The exception: all components are measured, and a known bulk
+    modulus is compressed.
     """
     if data.frequency.any():
         return False

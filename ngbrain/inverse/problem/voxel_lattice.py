@@ -151,8 +151,8 @@ def lattice_of_shape(data: WaveData, number: Sequence[int], form: str) -> VoxelL
 def voxel_axes(data: WaveData) -> tuple[Array, Array]:
     """Return the voxel axes (unit vectors in rows) and spacings (m) of the points of the mask.
 
-    Points that remain of a grid along the coordinates have few values of each coordinate. Other scattered points count as equally
-    spaced.
+    Points that remain of a grid along the coordinates have few values of each coordinate. Other scattered points count as
+    equally spaced.
     """
     if data.grid is not None:
         return data.grid.axes, data.grid.spacing

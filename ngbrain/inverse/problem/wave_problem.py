@@ -195,8 +195,8 @@ class ElastographyProblem:
     def predict_from_truth(self) -> Array | None:
         """Return the waves (loads, points, dim) of the data's true properties, with measured displacements on the boundary.
 
-        None where a property is unknown or out of the fields' bounds (such as a zero loss modulus). None also for data in their own
-        elements with points left out: the nodes of these have no truth.
+        None where a property is unknown or out of the fields' bounds (such as a zero loss modulus). None also for data in
+        their own elements with points left out: the nodes of these have no truth.
         """
         if self.elements.nodal and not self.inside.all():
             return None

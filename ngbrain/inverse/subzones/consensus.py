@@ -9,9 +9,8 @@ neighbours are more accurate than the zone itself. Where their share is larger t
     J(m, g) = ½ Σ_p |u_p - d_p|²/σ_p² + ½ α R(m) + ½ Σ_p κ (1 - s_p) (m_p - m̄_p)²
 
 over points p. g are displacements of the boundary, s_p is the zone's share, (d, σ) are the measured data or (ū, τ). τ follows
-from the
-difference of the zones' waves. κ follows from the difference of their moduli and the number of parameters that the data
-determine.
+from the difference of the zones' waves. κ follows from the difference of their moduli and the number of parameters that the
+data determine.
 """
 
 from __future__ import annotations
@@ -28,7 +27,8 @@ from ngbrain.adjoint.reduced import Reduced, Regulariser
 from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.inverse.data.quality import noise_deviation, rms_noise
 from ngbrain.inverse.data.subset import WaveSubset
-from ngbrain.inverse.elastography.result import Inversion, build_inversion, start_result
+from ngbrain.inverse.elastography.assembly import build_inversion, start_result
+from ngbrain.inverse.elastography.result import Inversion
 from ngbrain.inverse.objective.misfit import LeastSquares
 from ngbrain.inverse.objective.regularisers import Prior
 from ngbrain.inverse.optimise.gauss_newton_cg import GaussNewtonCG

@@ -2,13 +2,11 @@
 
 A zone is a complete inverse problem, because its boundary displacements are unknowns with the noise of the measurement.
 `invert_in_space` inverts each zone by itself, in the elements that an inversion of the whole body has there. The logarithms
-of moduli
-and the waves are joined with weights that fall to zero at cut faces.
+of moduli and the waves are joined with weights that fall to zero at cut faces.
 
 A consensus pass then inverts each zone again from the joined maps (`consensus`) and joins the results. All zones share one
 regularisation weight. The joined waves drive the margins, and the joined map is their prior. The shared weight maximises the
-evidence of
-all zones together (`merge`). So a zone with few details, or with all of them, does not choose its own weight.
+evidence of all zones together (`merge`). So a zone with few details, or with all of them, does not choose its own weight.
 
 The memory is that of one zone, times the number of zones in progress.
 """
@@ -83,12 +81,10 @@ def invert_by_subzones(
         Longest side of a zone with its overlaps, m; by default `SIDE` wavelengths. Zones consist of whole elements.
     overlap : float, optional
         Depth of overlaps, m, about a third of a wavelength for each element; by default `OVERLAP` wavelengths, less where
-        `size` is
-        small.
+        `size` is small.
     executor : int or executor, optional
         Inverts the zones, one a task (`parallel.run`). By default this process; a number is a number of processes. The result
-        does
-        not depend on it. Workers on other machines need access to the folder of `checkpoint`.
+        does not depend on it. Workers on other machines need access to the folder of `checkpoint`.
     labelled : bool
         Whether each label has fields of its own.
     passes : int
@@ -104,24 +100,21 @@ def invert_by_subzones(
     -------
     Inversion
         Joined maps. Among its `checks`: `disagreement_NAME_first` and `disagreement_NAME`, the rms difference of two zones'
-        ln of a
-        modulus where they overlap, before and after the passes; `misfit_over_expected` of the joined waves; and, unless the
-        body is
-        too large (`global_check`), `misfit_as_one_body` of the joined maps in one wave problem.
+        ln of a modulus where they overlap, before and after the passes; `misfit_over_expected` of the joined waves; and,
+        unless the body is too large (`global_check`), `misfit_as_one_body` of the joined maps in one wave problem.
 
     Raises
     ------
     InputError
         The data are plane, the noise is negative, no zone can have the size, labels are missing, or the checkpoint is of
-        another
-        problem.
+        another problem.
     SolverError
         A zone fails or its process dies. The message names the zone.
 
     References
     ----------
-    Van Houten et al. 1999, 10.1002/(SICI)1522-2594(199910)42:4<779::AID-MRM21>3.0.CO;2-Z (overlapping subzones);
-    MacKay 1992, 10.1162/neco.1992.4.3.415 (evidence of a weight).
+    Van Houten et al. 1999, 10.1002/(SICI)1522-2594(199910)42:4<779::AID-MRM21>3.0.CO;2-Z (overlapping subzones); MacKay 1992,
+    10.1162/neco.1992.4.3.415 (evidence of a weight).
 
     Examples
     --------

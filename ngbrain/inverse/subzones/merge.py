@@ -18,6 +18,7 @@ from ngbrain.inverse.data.quality import (
     octahedral_shear_strain,
     rms_noise,
 )
+from ngbrain.inverse.elastography.assembly import misfit_notes
 from ngbrain.inverse.elastography.derived_maps import median_shear
 from ngbrain.inverse.elastography.identifiability import (
     bulk_modulus_note,
@@ -25,7 +26,7 @@ from ngbrain.inverse.elastography.identifiability import (
     poorly_determined_notes,
     scale_notes,
 )
-from ngbrain.inverse.elastography.result import Inversion, StartResult, misfit_notes
+from ngbrain.inverse.elastography.result import Inversion, StartResult
 from ngbrain.inverse.objective.misfit import LeastSquares
 from ngbrain.inverse.optimise.regularisation_weight import MisfitLevel
 from ngbrain.inverse.optimise.result import convergence_status
@@ -112,9 +113,8 @@ class MergedZones:
         """Field → the weight that maximises the evidence of all zones, α = Σ s_z α_z E_z / E.
 
         s_z is the mean of a zone's share, E_z the roughness of its map, and E that of the joined map. A zone's own weight α_z
-        makes α_z E_z
-        equal to the number of parameters that its data determine (up to a factor). So a rough place in several zones counts
-        once.
+        makes α_z E_z equal to the number of parameters that its data determine (up to a factor). So a rough place in several
+        zones counts once.
         """
         found = {}
         for name, wanted in self.roughness_energy.items():

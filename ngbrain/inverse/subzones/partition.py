@@ -1,14 +1,11 @@
 """Overlapping boxes of lattice cells for wave data, and weighted means of their maps.
 
 Boxes consist of whole cells of the body's lattice. So the elements of a zone are those of an inversion of the whole body. In
-other
-elements the same data give maps that differ as much as zones do.
+other elements the same data give maps that differ as much as zones do.
 
 The boxes come from recursive bisection across the longest side, so that neighbours have similar numbers of points. They share
-the cells
-around a cut. There a zone's weight in the joined map falls smoothly from 1 to 0 at its face, where its result is least
-accurate. The
-weights at a point sum to 1 (a partition of unity).
+the cells around a cut. There a zone's weight in the joined map falls smoothly from 1 to 0 at its face, where its result is
+least accurate. The weights at a point sum to 1 (a partition of unity).
 """
 
 from __future__ import annotations
@@ -107,8 +104,7 @@ def zone_data(data: WaveData, zone: Zone, noise: RelativeNoise | None = None) ->
     """Return the data of a zone, on the bounding box of a grid where there is one.
 
     Cut faces are driven; the body's own border is driven where the data say so. Truths are left out, because the joined map
-    is compared with
-    them.
+    is compared with them.
 
     Parameters
     ----------

@@ -107,7 +107,7 @@ def test_fibres_are_told_with_errors_where_the_truth_is_known():
 def test_few_numbers_and_no_scale():
     assert (
         len(poorly_determined_notes({"mu": 40.0, "phi": 0.2})) == 1
-        and "0.2 numbers of phi" in poorly_determined_notes({"phi": 0.2})[0]
+        and "0.2 parameters of phi" in poorly_determined_notes({"phi": 0.2})[0]
     )
     still = replace(waves(n=9), frequency=np.zeros(2), bulk=None, poisson=0.4)
     assert scale_notes(still) and not scale_notes(waves(n=9))

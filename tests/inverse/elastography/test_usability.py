@@ -82,7 +82,7 @@ def test_a_quarter_turn_of_the_displacement_alone_is_no_shear(size):
     found = inverted(replace(data, displacement=u))
     assert found.noise_found < 4 * found.stated
     (reason,) = found.reasons
-    assert "times as much as they turn" in reason and found.strain.volume > 3
+    assert "|curl u|" in reason and found.strain.volume > 3
 
 
 def test_good_waves_whose_rim_lost_points_keep_their_volume():
@@ -191,7 +191,9 @@ def test_the_median_alone_does_not_make_a_map_usable(data):
     assert reasons_against(data, map_of(storage), 0.1, 0.1) == []
     storage[:20] = 2e6
     reasons = reasons_against(data, map_of(storage), 0.1, 0.1)
-    assert "6.9 % of the moduli are none of soft tissue, which has 50 Pa to 1 MPa" in reasons[0] and len(reasons) == 2
+    assert (
+        "6.9 % of the moduli are outside the range of soft tissue, 50 Pa to 1 MPa" in reasons[0] and len(reasons) == 2
+    )
 
 
 @pytest.mark.parametrize("lump", [0.3, 5.0])

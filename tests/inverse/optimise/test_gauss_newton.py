@@ -8,7 +8,7 @@ import scipy.sparse as sp
 
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import InputError, SolverError
-from ngbrain.inverse.elastography.result import convergence_notes
+from ngbrain.inverse.elastography.assembly import convergence_notes
 from ngbrain.inverse.objective.regularisation import total_variation
 from ngbrain.inverse.optimise.gauss_newton import GaussNewton
 from ngbrain.inverse.optimise.kkt import _column_scale
