@@ -1,10 +1,17 @@
-"""Model no more than a scene needs: from the cheapest model up, until what is missing is within the tolerances that are asked for.
+"""Model selection: from the cheapest model up, until the estimated model error is within the requested tolerances.
 
     result = ngbrain.simulate(ngbrain.Scene.from_toml("palpation.toml"))
     result["answers"], result["model"], result["left_out"]
 
-`Question` asks an observable of one's own beside what the scene asks. `rungs` has the axes as data, `climb` the loop,
-`described` what comes of it as data, `estimates` what a step up would change; `bodies`, `waves` and `maps` what a model is.
+A `Question` asks for an observable of your own, in addition to the scene's quantities.
+
+- `axes`, `levels`: The axes along which a model can be enriched, and their levels.
+- `model_search`: The search itself; `summary`: its result as plain data.
+- `estimates`: Estimates of the change by one step along an axis; `solutions`: a cache of solutions.
+- `models`: What a model is of a scene: geometry, materials, motions, contacts, waves.
+- `quantities`: The requested quantities of a solved body.
+- `adaptivity`: Refinement of the elements that matter to a quantity.
+- `singular_edges`: Edges at which forces diverge.
 """
 
 from __future__ import annotations
@@ -46,25 +53,48 @@ def solve(
     questions: Sequence[Question] = (),
     checkpoint: Callable[[dict[str, Any]], None] | None = None,
 ) -> SceneResult:
-    """The answers that a scene asks for, by the cheapest model that is good enough; it reads as `result.json` does.
+    """Answer a scene's quantities by the cheapest model whose estimated error is within the tolerances.
 
-    scene     what is loaded, and what is asked how accurately
-    folder    where `result.json` goes; None writes nothing
-    model     axis → level, of those that are not to be chosen: others stay at their cheapest, and nothing is climbed
-    richest   axis → level that the climb does not pass; None: all there are
-    callback      called after every rung
-    executor  who solves the models that estimates of a rung ask for, side by side (`parallel.run`): by default this process. Bodies
-              at rest without memory are solved here in any case: estimates go on from their states
-    questions  observables of one's own, asked beside what the scene asks
-    callback  called with the result as it is known after each rung; `result.json` is written then too, so that what is stopped
-              leaves what it has
+    Parameters
+    ----------
+    scene : Scene
+        The loads, and the requested quantities with their tolerances.
+    folder : str or Path, optional
+        Where `result.json` goes; None writes nothing.
+    model : mapping of str, optional
+        Axis → level of a prescribed model, without a search; other axes are at their cheapest level.
+    richest : mapping of str, optional
+        Axis → last level of the search; by default all levels.
+    threads : int
+        For assembly.
+    callback : callable
+        Called after every model with its `Rung`.
+    executor : int or concurrent.futures.Executor, optional
+        Solves the models that estimates need side by side (`parallel.run`); by default this process. Elastic bodies at rest are
+        always solved here: estimates continue from their states.
+    questions : sequence of Question
+        Observables in addition to the scene's quantities.
+    checkpoint : callable, optional
+        Called with the present result after every model. `result.json` is written then too, so that an interrupted search leaves
+        it.
 
-    `answers` lists what was asked with value, unit (SI), tolerance and estimated error, the relative change that all steps left
-    would make together; `model`; `left_out`: what the model lacks and how much that matters; `flags`: why the error may be larger
-    than it says; `rungs`: the way.
-    `warnings`: what is assumed of the tissues, and what to know of published constants.
-    Raises `InputError` for a scene that means nothing, `SolverError` if the cheapest model has no answer.
+    Returns
+    -------
+    SceneResult
+        Reads as `result.json`: `answers` with value, unit (SI), tolerance and estimated error (the relative change that all
+        remaining steps would make together); `model`; `left_out`: what the model leaves out and the estimated effect; `flags`: why
+        the error may be larger than estimated; `rungs`: all models; `warnings`: assumptions on the tissues and notes on published
+        constants.
 
+    Raises
+    ------
+    InputError
+        A scene that is not meaningful.
+    SolverError
+        The cheapest model has no solution.
+
+    Examples
+    --------
     >>> from ngbrain.scene import DisplacementBC, Geometry, Quantity, Tissue
     >>> scene = Scene(
     ...     geometry=Geometry(kind="block", size=(0.06, 0.06, 0.04)),
@@ -94,7 +124,7 @@ def solve(
 
 
 def _assumed_density(scene: Scene) -> list[str]:
-    """A line for each tissue whose density counts and is not given."""
+    """A warning for each tissue whose density matters and is not given."""
     if scene.time.frequency is None and scene.gravity is None and "inertia" not in axes_of(scene):
         return []
     said = f"density_kg_m3 is not given: {DENSITY:g} is assumed"
@@ -110,9 +140,25 @@ def run_search(
     warnings: Sequence[str] = (),
     checkpoint: Callable[[dict[str, Any]], None] | None = None,
 ) -> SceneResult:
-    """What `result.json` holds of the climb that is found, and written there; `warnings` beside the scene's own.
+    """Run a search, and write and return its result.
 
-    `find` is given what to call with a climb that is under way; the result so far is written then, and given to `callback`.
+    Parameters
+    ----------
+    scene : Scene
+    folder : str or Path, optional
+        Where `result.json` goes.
+    threads : int
+    find : callable
+        Runs the search; its argument is to be called with an unfinished search, whose result is written and given to `checkpoint`.
+    questions : sequence of AskedFor
+        The requested quantities.
+    warnings : sequence of str
+        In addition to the scene's.
+    checkpoint : callable, optional
+
+    Returns
+    -------
+    SceneResult
     """
     started = time.perf_counter()
     ngsglobals.msg_level = 0

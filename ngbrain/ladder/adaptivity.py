@@ -1,10 +1,10 @@
-"""Which elements are too large for what is asked, and so worth being smaller.
+"""Goal-oriented refinement: elements with the largest contribution to the error of the requested quantities.
 
-With e the error of a solution u and z the adjoint solution of a question Q, in the space of the next order on the same elements,
+With the error e of a solution u and the adjoint solution z of a quantity Q, in the space of the next order on the same elements,
 
     Q(u + e) - Q(u)  =  a(e, z - z_h)  ≤  Σ_K η_K ,      η_K = 2 μ_K ‖dev ε(e)‖_K ‖dev ε(z - z_h)‖_K
 
-for any z_h of the cheaper space: the estimate by which orders are judged (`estimates.step`), element by element.
+for any z_h of the cheaper space: the estimate of `estimates.estimate_by_adjoint`, element by element.
 """
 
 from __future__ import annotations
@@ -20,15 +20,24 @@ from ngbrain.ladder.quantities import Asked, BodyState, evaluate, gradient, inte
 
 Array = np.ndarray
 SHARE = {2: 0.8, 3: 0.5}
-"""Of what all elements leave out, that which those that get smaller do, by dimension: in space more get smaller around them."""
+"""Fraction of the total error contribution that refined elements cover, by dimension: in space more neighbours are refined."""
 TINY = 1e-300
 
 
 def element_contributions(cheap: BodyState, rich: Problem, asks: Sequence[Asked]) -> Array:
-    """What each element leaves out, relative to the answers, the largest over the questions (ne,).
+    """Contribution of each element to the error, relative to the answers; the largest over the questions.
 
-    cheap   a linear body at rest
-    rich    the same with elements one order higher
+    Parameters
+    ----------
+    cheap : BodyState
+        A linear body at rest.
+    rich : Problem
+        The same body with elements one order higher.
+    asks : sequence of Quantity or Question
+
+    Returns
+    -------
+    (ne,) array
     """
     x = interpolate_state(cheap, rich, cheap.factor)
     r = rich.residual(x)[0]
@@ -46,8 +55,21 @@ def element_contributions(cheap: BodyState, rich: Problem, asks: Sequence[Asked]
 
 
 def mark_elements(left_out: Array, share: float) -> Array:
-    """The fewest elements that leave out this share of it all, as bool.
+    """Mark the smallest set of elements that covers a fraction of the total error (Dörfler marking).
 
+    Parameters
+    ----------
+    left_out : (ne,) array
+        Contribution of each element.
+    share : float
+        The fraction.
+
+    Returns
+    -------
+    (ne,) bool array
+
+    Examples
+    --------
     >>> mark_elements(np.array([1.0, 5.0, 2.0, 2.0]), 0.7).tolist()
     [False, True, True, False]
     """
@@ -64,7 +86,7 @@ def _strain(body: Problem, x: Array) -> Array:
 
 
 def _norm(body: Problem, strain: ngs.CoefficientFunction) -> Array:
-    """Of its deviator over each element."""
+    """Norm of the deviator over each element."""
     mesh = body.mesh
     square = ngs.InnerProduct(strain, strain) - ngs.Trace(strain) ** 2 / 3
     return np.sqrt(
@@ -73,7 +95,7 @@ def _norm(body: Problem, strain: ngs.CoefficientFunction) -> Array:
 
 
 def _moduli(body: Problem) -> Array:
-    """Mean initial modulus (Pa) of each element."""
+    """Mean initial shear modulus (Pa) of each element."""
     modulus = stiffness(body.mesh, body.materials)[0]
     sums, sizes = (ngs.Integrate(f, body.mesh, element_wise=True).NumPy() for f in (modulus, ngs.CF(1)))
     return np.asarray(sums / sizes)

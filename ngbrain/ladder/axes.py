@@ -1,7 +1,7 @@
-"""The axes along which a model may be richer, as data: their levels from the cheapest to the richest, and what a step costs.
+"""The axes along which a model can be enriched, as data: their levels from cheap to rich, and the cost of a step.
 
-A model says a level for each axis of its scene. No axis knows another: what a level means is for `bodies` to say, and how far a
-step would move the answers for `estimates`.
+A model is a level for each axis of its scene. Axes are independent of one another: `models` defines what a level means, and
+`estimates` how far a step would change the answers.
 """
 
 from __future__ import annotations
@@ -33,14 +33,23 @@ from ngbrain.scene import Scene
 
 @dataclass(frozen=True)
 class Axis:
-    """One way to model more.
+    """One axis of model enrichment.
 
-    levels   from cheap to rich
-    left_out what the level below the next one leaves out, in words, one for each step
-    by       how a step is estimated: see `estimates`
-    at_once  whether the estimate is of the step to the richest level, as the next one may change little and the last one much
-    growth   how many times the computing time a step takes, roughly
-    tail     what all further steps of this kind would add, over what the next one does
+    Parameters
+    ----------
+    name : str
+    levels : tuple of AxisLevel
+        From cheap to rich.
+    left_out : tuple of str
+        For each step, what the level below it leaves out, in words.
+    by : tuple of str
+        For each step, its estimator (`estimates.ESTIMATORS`).
+    growth : tuple of float
+        For each step, the approximate factor in computing time.
+    tail : float
+        Total change of all further steps of this kind, relative to the next one.
+    to_richest : tuple of bool
+        For each step, whether the estimate is of the step to the richest level, because the next one may change little.
     """
 
     name: str
@@ -52,17 +61,17 @@ class Axis:
     to_richest: tuple[bool, ...] = ()
 
     def estimated_level(self, level: str) -> AxisLevel:
-        """The level that the estimate at this one is of."""
+        """The richer level whose effect is estimated at a level."""
         i = self.index(level)
         whole = (each for each in self.levels[i + 1 :] if not each.is_partial)
         return self.levels[-1] if self.to_richest and self.to_richest[i] else next(whole, self.levels[-1])
 
     def index(self, level: str) -> int:
-        """Its place among the levels."""
+        """Index of a level."""
         return [str(each) for each in self.levels].index(level)
 
     def next_level(self, level: str) -> AxisLevel | None:
-        """The next richer level."""
+        """The next richer level; None at the richest."""
         i = self.index(level) + 1
         return self.levels[i] if i < len(self.levels) else None
 
@@ -110,17 +119,17 @@ AXES = {
         ),
     )
 }
-"""Of bodies under loads."""
+"""Axes of bodies under loads."""
 ELEMENTS = ("order", "mesh")
-"""Axes that are no physics."""
+"""Axes of the discretisation."""
 SLOW = 3.0
-"""Crossings of a shear wave in whose time loads may grow without a word on inertia."""
+"""Inertia is considered for loads that grow faster than this number of shear-wave transit times."""
 LONG, SOFT = 0.2, 300.0
-"""Longest side (m) of a body that is no block, and modulus (Pa) of tissue that has a map: neither is read here."""
+"""Assumed longest side (m) of a body that is no block, and modulus (Pa) of tissue with a map: neither is read at this stage."""
 
 
 def _solved(axis: Axis) -> Axis:
-    """The same, with its steps estimated by taking them: a wave is one solve."""
+    """The axis with steps that are estimated by taking them: a harmonic problem is one linear solve."""
     return replace(axis, by=("solve",) * len(axis.by))
 
 
@@ -143,13 +152,29 @@ OF_WAVES = {
         ),
     )
 }
-"""Of bodies that are shaken."""
+"""Axes of harmonic problems."""
 
 
 def axes_of(scene: Scene, richest: Model | None = None, questions: Sequence[Labelled] = ()) -> dict[str, Axis]:
-    """The axes that mean something for a scene, up to the levels of `richest`; `InputError` for names that are none.
+    """The axes that apply to a scene.
 
-    `questions` are those that are asked beside the scene's.
+    Parameters
+    ----------
+    scene : Scene
+    richest : mapping of str, optional
+        Axis → its last level.
+    questions : sequence of Question
+        Observables in addition to the scene's quantities.
+
+    Returns
+    -------
+    dict of Axis
+        By name.
+
+    Raises
+    ------
+    InputError
+        An unknown axis or level, or a plane section that the scene does not have.
     """
     waves = scene.time.frequency is not None
     known = OF_WAVES if waves else AXES
@@ -191,14 +216,28 @@ def axes_of(scene: Scene, richest: Model | None = None, questions: Sequence[Labe
 
 
 def _touching(axis: Axis) -> Axis:
-    """The same of a body that a rigid one meets, which has no linear cousin: its steps are taken, elements as they are and others
-    on the largest ones.
+    """The axis for a scene with rigid contact, which has no linear approximation: elements are estimated by solution, other steps
+    on the coarsest elements.
     """
     return replace(axis, by=("solve" if axis.name in ELEMENTS else "coarse",) * len(axis.by))
 
 
 def check_levels(of: str, model: Model, known: Mapping[str, Axis]) -> None:
-    """Raise `InputError` for an axis or a level that is none."""
+    """Check a model's axes and levels.
+
+    Parameters
+    ----------
+    of : str
+        Name of the argument, for messages.
+    model : mapping of str
+        Axis → level.
+    known : mapping of Axis
+
+    Raises
+    ------
+    InputError
+        An unknown axis or level.
+    """
     for name, level in model.items():
         if name not in known:
             raise InputError(of, repr(name), nearest(name, list(known)))
@@ -207,13 +246,24 @@ def check_levels(of: str, model: Model, known: Mapping[str, Axis]) -> None:
 
 
 def restrict(axis: Axis, first: int, last: int) -> Axis:
-    """The axis with its levels from the first up to the last, which is left out."""
+    """The axis with a range of its levels.
+
+    Parameters
+    ----------
+    axis : Axis
+    first, last : int
+        Indices of the first level and of the one after the last.
+
+    Returns
+    -------
+    Axis
+    """
     shorter: dict[str, Any] = {part: getattr(axis, part)[first : last - 1] for part in ("left_out", "by", "growth")}
     return replace(axis, levels=axis.levels[first:last], **shorter)
 
 
 def _whole_steps(axis: Axis) -> Axis:
-    """The axis without levels that are parts of steps."""
+    """The axis without partial levels."""
     kept = [i for i, level in enumerate(axis.levels) if not level.is_partial]
     parts: dict[str, Any] = {
         part: tuple(getattr(axis, part)[i] for i in kept[:-1]) for part in ("left_out", "by", "growth")
@@ -222,21 +272,21 @@ def _whole_steps(axis: Axis) -> Axis:
 
 
 def _crossing(scene: Scene) -> float:
-    """Time (s) of a shear wave along the longest side, through the first tissue, to which others are exceptions."""
+    """Transit time (s) of a shear wave along the longest side, in the first tissue."""
     longest, tissue = max(scene.geometry.sides) if scene.geometry.kind == "block" else LONG, scene.tissues[0]
     return longest * math.sqrt(tissue.rho / (SOFT if tissue.shear_modulus_map else tissue.initial_modulus))
 
 
 def _tissues(scene: Scene) -> tuple[int, int]:
-    """Levels of tissue that differ, as first and last + 1: one and each where there are several, map where there is one."""
+    """First and last + 1 level of the tissue axis: one and each if there are several tissues, map if one has a map."""
     return int(len(scene.tissues) < 2), 3 if any(tissue.shear_modulus_map for tissue in scene.tissues) else 2
 
 
 def cheapest(axes: Mapping[str, Axis]) -> dict[str, str]:
-    """The model to begin with."""
+    """The cheapest model."""
     return {name: axis.levels[0] for name, axis in axes.items()}
 
 
 def richest(axes: Mapping[str, Axis]) -> dict[str, str]:
-    """Everything that there is."""
+    """The richest model."""
     return {name: axis.levels[-1] for name, axis in axes.items()}

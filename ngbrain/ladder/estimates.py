@@ -1,12 +1,12 @@
-"""How far a step up would move the answers, without taking it.
+"""Estimates of the change in the answers by a model enrichment, without solving the richer model.
 
-With R the richer model's residual where the cheaper solution u lies in its space, and K its tangent there, the answers Q move by
+With the residual R of the richer model at the cheaper solution u, embedded in its space, and its tangent K, the answers Q change by
 
     Q(u - K⁻¹R) - Q(u)  =  -⟨R, K⁻ᵀ Q'⟩ + …
 
-to first order: the residual weighted with an adjoint solution, for all questions at once with one factor instead of an adjoint for
-each. A second step with the same factor says how far to trust it. Where the richer neighbour is no body on the same mesh, the
-change is that of a cheaper companion, and says so.
+to first order: the dual-weighted residual, for all questions with one factorisation instead of one adjoint problem each. A second
+Newton step with the same factorisation measures the reliability. Where the richer model is not a body on the same mesh, the
+estimate is the change of a cheaper companion problem, and says so.
 """
 
 from __future__ import annotations
@@ -29,25 +29,31 @@ from ngbrain.solvers.linear import Solve
 
 Array = np.ndarray
 Solved = Callable[[Model], Solution]
-"""Gives a model's solution, kept from before or made now."""
+"""Gives a model's solution, from the cache or computed now."""
 Estimator = Callable[[Any, Model, Model, Solved], "Estimate"]
 """Estimates a step from a model to a richer one; the first argument is a `ModelHierarchy`, or any other `Solver` of models."""
 TRUSTED = 0.3
-"""Length of the second step, over the first, up to which the first order is believed."""
+"""Length of the second Newton step, relative to the first, up to which the first-order estimate is accepted."""
 SOLVED = "solved"
-"""How an estimate was found that is none."""
+"""Description of an estimate that was obtained by solving the richer model."""
 LARGE, UNSEEN = 0.2, 0.003
-"""Changes beyond the first are only believed when they have been solved for; below the second they do not matter."""
+"""Changes above the first value are accepted only if they were solved for; below the second they are negligible."""
 
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """What a step would change.
+    """Estimated change by one step along an axis.
 
-    change   of each answer, relative to the larger of before and after
-    how      it was found, in words
-    doubt    why it may be far off; empty if it is not expected to
-    to       the level that the change leads to
+    Parameters
+    ----------
+    change : (n,) array
+        Relative change of each answer, see `relative_difference`.
+    how : str
+        Method, in words.
+    doubt : str
+        Why it may be unreliable; empty otherwise.
+    to : str
+        The level that the step leads to.
     """
 
     change: Array
@@ -57,12 +63,25 @@ class Estimate:
 
 
 NOTHING = 0.05
-"""Part of its scale below which an answer counts as of that size: zero by symmetry never is so to any relative accuracy."""
+"""Fraction of its reference size below which an answer counts as of that size: zeros by symmetry have no relative accuracy."""
 
 
 def relative_difference(before: Array, after: Array, scales: Array | float = 0.0) -> Array:
-    """(after - before) over the larger size of the two, or over `NOTHING` of the scale where both are less; 0 where all are 0.
+    """(after - before) relative to the larger of the two, or to `NOTHING` times the reference size where both are smaller.
 
+    Parameters
+    ----------
+    before, after : (n,) array
+    scales : (n,) array, optional
+        Reference sizes.
+
+    Returns
+    -------
+    (n,) array
+        0 where all are 0.
+
+    Examples
+    --------
     >>> relative_difference(np.array([1.0, 0.0, 0.0]), np.array([2.0, 0.0, 0.01]), np.array([0.0, 0.0, 1.0]))
     array([0.5, 0. , 0.2])
     """
@@ -71,12 +90,34 @@ def relative_difference(before: Array, after: Array, scales: Array | float = 0.0
 
 
 def relative_change(before: Solution, after: Solution) -> Array:
-    """How far answers differ, relative; see `relative`."""
+    """Relative difference between the answers of two solutions, see `relative_difference`.
+
+    Parameters
+    ----------
+    before, after : Solution
+
+    Returns
+    -------
+    (n,) array
+    """
     return relative_difference(before.answers, after.answers, before.scales)
 
 
 def estimate_by_adjoint(hierarchy: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
-    """By two Newton steps in the richer model with one factor, from the cheaper one's state (see the module)."""
+    """Dual-weighted residual estimate, by two Newton steps in the richer model from the cheaper state with one factorisation.
+
+    Parameters
+    ----------
+    hierarchy : ModelHierarchy
+    model, richer : mapping of str
+        Axis → level before and after the step.
+    solved : callable
+        Gives solutions of models.
+
+    Returns
+    -------
+    Estimate
+    """
     where = " of the elastic body at rest" if _at_rest(model) else ""
     model, richer = {**model, **_at_rest(model)}, {**richer, **_at_rest(richer)}
     states, doubts = solved(model).states, []
@@ -100,10 +141,19 @@ def estimate_by_adjoint(hierarchy: ModelHierarchy, model: Model, richer: Model, 
 
 
 def estimate_finite_strain(hierarchy: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
-    """Finite strains by `step`; of elements of first order in those of second order too.
+    """Effect of finite strain by `estimate_by_adjoint`; for first-order elements in second-order elements too.
 
-    Elements of first order are too stiff in bending, and what finite strains change grows with the square of how far it goes: a
-    column under shear was .9 % lower by them, and by those of second order 24 %.
+    First-order elements are too stiff in bending, and the effect of finite strain grows with the square of the displacement: a
+    column under shear changed by .9 % on them, and by 24 % with second order.
+
+    Parameters
+    ----------
+    hierarchy, model, richer, solved
+        See `estimate_by_adjoint`.
+
+    Returns
+    -------
+    Estimate
     """
     found = estimate_by_adjoint(hierarchy, model, richer, solved)
     if model.get("order") != "1":
@@ -115,9 +165,9 @@ def estimate_finite_strain(hierarchy: ModelHierarchy, model: Model, richer: Mode
 
 
 def _steps(body: Problem, x: Array, state: BodyState) -> tuple[Array, Array, float]:
-    """Two Newton steps from x, and the size of the second over the first.
+    """Two Newton steps from x, and the size of the second relative to the first.
 
-    With the factor that the state was found with, that of small strains in the same elements, where it can be `TRUSTED`.
+    They use the factorisation of the given state (small strain, same elements) where it is reliable (`TRUSTED`).
     """
     r = body.residual(x)[0]
     old = state.body.kept if state.linear and len(state.x) == len(x) else None
@@ -136,28 +186,38 @@ def _both(body: Problem, x: Array, r: Array, inverse: Solve) -> tuple[Array, Arr
 
 
 def linear_elastic_levels(model: Model, **levels: str) -> dict[str, str]:
-    """The linear elastic body that stands for a model, relaxed where it remembers; some of its levels replaced."""
+    """The linear elastic approximation of a model, relaxed where it is viscoelastic; some of its levels replaced."""
     flat = {"strain": "linear"} if "strain" in model else {}
     return {**model, **flat, **_forgetful(model), **levels}
 
 
 def _forgetful(model: Model) -> dict[str, str]:
-    """Levels to replace for a model without memory."""
+    """Levels to replace for an elastic model."""
     return {"time": "relaxed"} if has_memory(model) else {}
 
 
 def _at_rest(model: Model) -> dict[str, str]:
-    """Levels to replace for one that has states: without memory, and without mass."""
+    """Levels to replace for a model with states: elastic and without mass."""
     return _forgetful(model) | ({"inertia": "none"} if _moves(model) else {})
 
 
 def _moves(model: Model) -> bool:
-    """Whether it is a body under loads, with mass."""
+    """Whether it is a body under loads with inertia."""
     return model.get("inertia") == "all" and "strain" in model
 
 
 def estimate_linear_coarse(hierarchy: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
-    """By the linear body's step on the coarsest elements; doubted where finer ones or finite strains change more than it does."""
+    """Change of the linear body on the coarsest elements; unreliable where refinement or finite strain change more than it does.
+
+    Parameters
+    ----------
+    hierarchy, model, richer, solved
+        See `estimate_by_adjoint`.
+
+    Returns
+    -------
+    Estimate
+    """
     before, after = (solved(linear_elastic_levels(each, mesh="0")) for each in (model, richer))
     change = relative_change(before, after)
     least = np.maximum(np.abs(change), UNSEEN)
@@ -179,29 +239,68 @@ def estimate_linear_coarse(hierarchy: ModelHierarchy, model: Model, richer: Mode
 
 
 def estimate_inertia(hierarchy: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
-    """By the linear elastic body's step, of second order on the coarsest elements: of first order all nodes may be held."""
+    """Change of the linear elastic body with second order on the coarsest elements: with first order all nodes may be fixed.
+
+    Parameters
+    ----------
+    hierarchy, model, richer, solved
+        See `estimate_by_adjoint`.
+
+    Returns
+    -------
+    Estimate
+    """
     order = max(model["order"], "2")
     before, after = (solved(linear_elastic_levels(each, mesh="0", order=order)) for each in (model, richer))
     return Estimate(relative_change(before, after), "the linear elastic body's on the coarsest elements")
 
 
 def estimate_contact(hierarchy: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
-    """By the elastic body at rest on the coarsest elements: what parts is not seen to first order."""
+    """Change of the elastic body at rest on the coarsest elements: separation cannot be estimated to first order.
+
+    Parameters
+    ----------
+    hierarchy, model, richer, solved
+        See `estimate_by_adjoint`.
+
+    Returns
+    -------
+    Estimate
+    """
     before, after = ({**each, **_at_rest(each), "mesh": "0"} for each in (model, richer))
     found = estimate_by_solution(hierarchy, before, after, solved)
     return found if before == model else replace(found, how="the elastic body's at rest, on the coarsest elements")
 
 
 def estimate_linear(hierarchy: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
-    """By the same step of the linear elastic body."""
+    """Change of the linear elastic body by the same step.
+
+    Parameters
+    ----------
+    hierarchy, model, richer, solved
+        See `estimate_by_adjoint`.
+
+    Returns
+    -------
+    Estimate
+    """
     change = relative_change(solved(linear_elastic_levels(model)), solved(linear_elastic_levels(richer)))
     return Estimate(change, "the linear elastic body's")
 
 
 def estimate_refinement(hierarchy: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
-    """By Newton steps in the finer elements, if the coarse ones are their unions; where strains are small, the linear body's.
+    """Change by refinement: Newton steps on nested finer elements, and the linear body's change for small strain.
 
-    That one costs what its step would, and its solution is kept.
+    The latter costs as much as the step itself, and its solution is kept.
+
+    Parameters
+    ----------
+    hierarchy, model, richer, solved
+        See `estimate_by_adjoint`.
+
+    Returns
+    -------
+    Estimate
     """
     unions = hierarchy.nested or model["mesh"] == richer["mesh"]
     by = estimate_by_adjoint if model["strain"] == "finite" and unions else estimate_linear
@@ -209,9 +308,10 @@ def estimate_refinement(hierarchy: ModelHierarchy, model: Model, richer: Model, 
 
 
 def section_estimator(of: Estimator) -> Estimator:
-    """Elements by what they do in the plane, where there is one; what is doubted there is solved for, as the plane is cheap.
+    """An estimator applied to the plane section, where there is one; unreliable estimates are replaced by solutions, which are
+    cheap there.
 
-    Where there is none, and steps fold the body, by what they do to the linear one; of bodies in motion by that one's.
+    Without a section, and where steps fold the body, it is the linear body's change; likewise for bodies with inertia.
     """
 
     def estimate(hierarchy: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
@@ -237,9 +337,19 @@ def section_estimator(of: Estimator) -> Estimator:
 
 
 def estimate_order(hierarchy: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
-    """In the section, where there is one; strains in space, as they are a ball's there and a cylinder's in the section.
+    """Change by a higher order, in the section if there is one; strain in space, since a ball in space is a cylinder in the
+    section.
 
-    In a stiff ball those of the least order are 5.2 % off where the section says 1.5.
+    In a stiff ball, strains with the lowest order are 5.2 % off where the section gives 1.5.
+
+    Parameters
+    ----------
+    hierarchy, model, richer, solved
+        See `estimate_by_adjoint`.
+
+    Returns
+    -------
+    Estimate
     """
     strains = any(isinstance(quantity, Question) or quantity.name == "strain" for quantity in hierarchy.questions)
     if strains and model.get("space") == "solid" and not _moves(model):
@@ -248,9 +358,19 @@ def estimate_order(hierarchy: ModelHierarchy, model: Model, richer: Model, solve
 
 
 def estimate_coarse(hierarchy: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
-    """By the same step on the coarsest elements.
+    """Change by the same step on the coarsest elements.
 
-    Not in the plane: a plate's strains are higher in space, and what memory changes grows with them (.5 instead of 4.6 %).
+    Not in the plane: strains of a plate are higher in space, and the effect of viscoelasticity grows with them (.5 instead of 4.6
+    %).
+
+    Parameters
+    ----------
+    hierarchy, model, richer, solved
+        See `estimate_by_adjoint`.
+
+    Returns
+    -------
+    Estimate
     """
     before, after = ({**each, "mesh": "0"} for each in (model, richer))
     how = "on the coarsest elements" if model["mesh"] != "0" else SOLVED
@@ -262,14 +382,34 @@ def estimate_coarse(hierarchy: ModelHierarchy, model: Model, richer: Model, solv
 
 
 def estimate_elastic(hierarchy: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
-    """By the same step of the body without memory."""
+    """Change by the same step of the elastic body.
+
+    Parameters
+    ----------
+    hierarchy, model, richer, solved
+        See `estimate_by_adjoint`.
+
+    Returns
+    -------
+    Estimate
+    """
     before, after = ({**each, **_forgetful(each)} for each in (model, richer))
     found = estimate_by_solution(hierarchy, before, after, solved)
     return found if before == model else replace(found, how="of the elastic body")
 
 
 def estimate_by_solution(hierarchy: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
-    """By the step itself."""
+    """Change between the solutions of both models.
+
+    Parameters
+    ----------
+    hierarchy, model, richer, solved
+        See `estimate_by_adjoint`.
+
+    Returns
+    -------
+    Estimate
+    """
     try:
         return Estimate(relative_change(solved(model), solved(richer)), SOLVED)
     except SolverError as error:
@@ -289,3 +429,4 @@ ESTIMATORS: Mapping[str, Estimator] = {
     "solve": estimate_by_solution,
     "forgetful": estimate_elastic,
 }
+"""Estimators by name, see `Axis.by`."""

@@ -1,4 +1,4 @@
-"""How richly a body is modelled along each axis: the levels, from the cheapest on, which read as their names do."""
+"""Levels of the axes of a model, from the cheapest on."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ Model = Mapping[str, str]
 
 
 class AxisLevel(StrEnum):
-    """One way to model."""
+    """A level of an axis."""
 
     def __repr__(self) -> str:
         return repr(self.value)
 
     @property
     def is_partial(self) -> bool:
-        """Whether it is a part of the step to the next one."""
+        """Whether it is only a part of the step to the next level."""
         return False
 
     @property
     def number(self) -> int:
-        """Its place among the levels of its axis, from 0."""
+        """Its index among the levels of its axis, from 0."""
         return list(type(self)).index(self)
 
 
 class TissueLevel(AxisLevel):
-    """One for all regions, each its own, or a map within each."""
+    """One tissue for all regions, one for each region, or a map within each."""
 
     ONE = "one"
     EACH = "each"
@@ -35,21 +35,21 @@ class TissueLevel(AxisLevel):
 
 
 class PresenceLevel(AxisLevel):
-    """Left out, or there."""
+    """An effect that is left out or included."""
 
     NONE = "none"
     ALL = "all"
 
 
 class StrainLevel(AxisLevel):
-    """Small or not."""
+    """Small or finite strain."""
 
     LINEAR = "linear"
     FINITE = "finite"
 
 
 class TimeLevel(AxisLevel):
-    """What tissue remembers: nothing, as at first or as it is then; its branches, linear or strained far."""
+    """Time dependence: elastic with instantaneous or relaxed moduli, linear viscoelastic (Prony), or finite viscoelastic."""
 
     INSTANTANEOUS = "instantaneous"
     RELAXED = "relaxed"
@@ -58,33 +58,33 @@ class TimeLevel(AxisLevel):
 
     @property
     def has_memory(self) -> bool:
-        """Whether it has a memory."""
+        """Whether it is viscoelastic."""
         return self in (TimeLevel.PRONY, TimeLevel.FLOWING)
 
 
 class PressureLevel(AxisLevel):
-    """Of the displacements alone, or an unknown."""
+    """Displacement elements, or mixed elements with a pressure unknown."""
 
     NONE = "none"
     UNKNOWN = "unknown"
 
 
 class ExtentLevel(AxisLevel):
-    """The region of interest, or all."""
+    """The region of interest, or the whole body."""
 
     NEAR = "near"
     WHOLE = "whole"
 
 
 class SpaceLevel(AxisLevel):
-    """A section, or the body."""
+    """A plane section, or the body in space."""
 
     PLANE = "plane"
     SOLID = "solid"
 
 
 class OrderLevel(AxisLevel):
-    """Of the elements."""
+    """Order of the elements."""
 
     FIRST = "1"
     SECOND = "2"
@@ -93,8 +93,10 @@ class OrderLevel(AxisLevel):
 
     @property
     def degree(self) -> int:
-        """Of polynomials.
+        """Polynomial degree.
 
+        Examples
+        --------
         >>> OrderLevel("3").degree
         3
         """
@@ -102,7 +104,7 @@ class OrderLevel(AxisLevel):
 
 
 class MeshLevel(AxisLevel):
-    """How often elements are halved; of a part only those where it matters to what is asked are halved once more."""
+    """Number of uniform refinements; at a partial level only the elements that matter to the quantities are refined once more."""
 
     COARSEST = "0"
     COARSEST_PART = "0+"
@@ -112,18 +114,20 @@ class MeshLevel(AxisLevel):
 
     @property
     def is_partial(self) -> bool:
-        """Whether some elements are half as large.
+        """Whether only some elements are refined once more.
 
-        >>> [level.halvings for level in MeshLevel if level.part]
+        Examples
+        --------
+        >>> [level.halvings for level in MeshLevel if level.is_partial]
         [0, 1]
         """
         return self.number % 2 == 1
 
     @property
     def halvings(self) -> int:
-        """Of all elements."""
+        """Number of uniform refinements."""
         return self.number // 2
 
 
 HALVINGS = tuple(level for level in MeshLevel if not level.is_partial)
-"""Levels of a mesh whose elements are all halved or none."""
+"""Levels of uniformly refined meshes."""

@@ -1,4 +1,4 @@
-"""From the cheapest model up to the first one whose estimates of what is missing are within the tolerances."""
+"""Search from the cheapest model up to the first one whose estimated error is within the tolerances."""
 
 from __future__ import annotations
 
@@ -25,34 +25,49 @@ from ngbrain.scene import Scene
 Array = np.ndarray
 LOG = logging.getLogger(__name__)
 NARROW = 0.8
-"""Part of the tolerance up to which what is missing may be without a word: estimates are no bounds."""
+"""Fraction of the tolerance above which a warning is given: estimates are no bounds."""
 LEFT = 0.25
-"""Part of a step to finer elements that the next ones change at least; as much is left where some elements get smaller."""
+"""Fraction of a refinement step that the next one changes at least; the same is left where only some elements are refined."""
 HALF = 0.5
-"""Part of what a higher order changes that halved elements change at least: an error that falls with their size is halved."""
+"""Fraction of the change by a higher order that a refinement changes at least: an error proportional to the element size is halved.
+"""
 TELLING, TURNED = 0.25, "finer elements changed the answer the other way than foretold"
-"""Part of the tolerance from which on that a change has another sign than was foretold says something; and what it says."""
+"""Fraction of the tolerance above which a change with the opposite sign of its estimate is reported; and the text."""
 LOCKED = "elements lock without pressures of their own, in space more than in the section"
 CHEAP = 8.0
-"""How many times as dear as one finer step both must be for that one to be tried by itself: as waves are, which are solved once."""
+"""Growth in cost above which a single refinement step is tried alone, as for waves, which are solved once."""
 UNDER_WAY = "a better model is under way, or was when this stopped"
-"""What is said of an answer that is not the last."""
+"""Warning of a result that is not final."""
 CHANCE = 0.5
-"""Of the root of the sum of squares of changes: what is expected at least."""
+"""Fraction of the root of the sum of squares of all changes that is expected at least."""
 MOST = 1e3
-"""Tolerances beyond which gains count alike: among steps that matter most the cheapest comes first."""
+"""Gain, in tolerances, above which all gains count the same: among the most important steps the cheapest comes first."""
 
 
 @dataclass(eq=False)
 class Rung:
-    """A model on the way.
+    """A model of the search.
 
-    estimates   axis → what its next step would change
-    missing     what all steps may change together, relative, for each question: the sum of what each would change
-    expected    what they will most likely: changes of different axes may be of either sign
-    taken       the axes that were climbed from here; none where the climb ended
-    cost_s      computing time (s) up to and with this rung's estimates
-    scales      of each answer, what it is measured by where it is nearly nothing
+    Parameters
+    ----------
+    model : dict of str
+        Axis → level.
+    answers : (n,) array
+        SI units.
+    ndof : int
+        Number of unknowns.
+    estimates : dict of Estimate
+        Axis → estimated change by its next step.
+    missing : (n,) array
+        Estimated bound of the relative error of each answer: the sum of all changes.
+    taken : tuple of str
+        Axes that were enriched next; empty at the end of the search.
+    cost_s : float
+        Computing time (s) up to and including this model's estimates.
+    scales : (n,) array
+        Reference size of each answer where it is nearly zero.
+    expected : (n,) array
+        Expected relative error: changes of different axes may have different signs.
     """
 
     model: dict[str, str]
@@ -66,13 +81,15 @@ class Rung:
     expected: Array = field(default_factory=lambda: np.zeros(0))
 
     def __str__(self) -> str:
-        """A few words, for who waits."""
+        """A short progress text."""
         return f"{self.ndof} unknowns, {100 * float(self.missing.max()):.3g} % missing"
 
 
 @dataclass(repr=False, eq=False)
 class Climb(Result):
-    """All rungs (`history`), the last one chosen; the scene's axes; `warnings`: what the ladder doubts of its answer."""
+    """Result of a search: all models (`history`, the last one chosen), the scene's axes, and `warnings` on the answer's
+    reliability.
+    """
 
     axes: dict[str, Axis]
 
@@ -83,17 +100,17 @@ class Climb(Result):
 
     @property
     def statistics(self) -> dict[str, float]:
-        """Models that were solved for what they leave out, and the chosen one's unknowns."""
+        """Number of models with estimates, and number of unknowns of the chosen one."""
         return {"rungs": len(self.history), "unknowns": self.chosen.ndof}
 
     @property
     def error(self) -> Array:
-        """What the ladder expects the chosen model to be off by, relative, for each question; it ends by what may be `missing`."""
+        """Expected relative error of each answer; the search ends by the bound `missing`."""
         return self.chosen.expected
 
     @property
     def chosen(self) -> Rung:
-        """The last rung."""
+        """The last model."""
         rung: Rung = self.history[-1]
         return rung
 
@@ -107,9 +124,31 @@ def climb(
     questions: Sequence[Question] = (),
     watch: Callable[[Climb], Any] = lambda _: None,
 ) -> Climb:
-    """The models tried, the last of which is enough; `richest` bounds the axes. `SolverError` if the cheapest has no answer.
+    """Search for the cheapest model that is accurate enough.
 
-    `questions` are asked beside the scene's own; `watch` is given what is known after each rung but the last.
+    Parameters
+    ----------
+    scene : Scene
+    richest : mapping of str, optional
+        Axis → its last level.
+    callback : callable
+        Called with every `Rung`.
+    keeper : SolutionCache, optional
+        Solutions that are already known.
+    executor : int or concurrent.futures.Executor, optional
+    questions : sequence of Question
+        Observables in addition to the scene's quantities.
+    watch : callable
+        Called with the unfinished search after every model but the last.
+
+    Returns
+    -------
+    Climb
+
+    Raises
+    ------
+    SolverError
+        The cheapest model has no solution.
     """
     asked: list[Asked] = [*scene.quantities, *questions]
     tolerances = np.array([quantity.tolerance for quantity in asked])
@@ -126,7 +165,21 @@ def climb_along(
     callback: Callable[[Rung], None],
     watch: Callable[[Climb], Any] = lambda _: None,
 ) -> Climb:
-    """The same along any axes."""
+    """Search along given axes.
+
+    Parameters
+    ----------
+    axes : mapping of Axis
+    keeper : SolutionCache
+    tolerances : (n,) array
+        Relative tolerance of each answer.
+    callback, watch : callable
+        See `climb`.
+
+    Returns
+    -------
+    Climb
+    """
     model, rungs, begun = cheapest(axes), list[Rung](), keeper.clock()
     refused: dict[str, str] = {}
     while True:
@@ -173,7 +226,7 @@ def _percent(errors: Array) -> str:
 
 
 def _rung(keeper: SolutionCache, model: Model, above: Mapping[str, Axis]) -> Rung:
-    """A model with what the next steps of some axes would change."""
+    """A model with the estimated changes by the next step of each axis."""
     found = keeper(model)
     estimates = keeper.run_estimates({name: partial(estimate, keeper, model, axis) for name, axis in above.items()})
     if set(ELEMENTS) <= set(estimates) and not MeshLevel(model["mesh"]).is_partial:
@@ -188,14 +241,45 @@ def _rung(keeper: SolutionCache, model: Model, above: Mapping[str, Axis]) -> Run
 def assess(
     scene: Scene, model: Model, executor: parallel.AnyExecutor = None, questions: Sequence[Question] = ()
 ) -> Climb:
-    """The same for a model that is given: one rung, with estimates of what it leaves out, and no climb."""
+    """Estimate the error of a given model, without a search.
+
+    Parameters
+    ----------
+    scene : Scene
+    model : mapping of str
+        Axis → level; other axes are at their cheapest level.
+    executor : int or concurrent.futures.Executor, optional
+    questions : sequence of Question
+
+    Returns
+    -------
+    Climb
+        With one model.
+    """
     return assess_along(
         axes_of(scene, questions=questions), SolutionCache(ModelHierarchy(scene, questions), executor), model
     )
 
 
 def assess_along(axes: Mapping[str, Axis], keeper: SolutionCache, model: Model) -> Climb:
-    """The same along any axes; those that the model does not name are at their cheapest. `InputError` for what no scene has."""
+    """Estimate the error of a given model along given axes.
+
+    Parameters
+    ----------
+    axes : mapping of Axis
+    keeper : SolutionCache
+    model : mapping of str
+        Axis → level; other axes are at their cheapest level.
+
+    Returns
+    -------
+    Climb
+
+    Raises
+    ------
+    InputError
+        An axis or level that the scene does not have.
+    """
     check_levels("model", model, axes)
     model = {**cheapest(axes), **model}
     begun = keeper.clock()
@@ -205,13 +289,26 @@ def assess_along(axes: Mapping[str, Axis], keeper: SolutionCache, model: Model) 
 
 
 def _doubts(keeper: SolutionCache, rung: Rung) -> list[str]:
-    """Of its estimates, and of the solvers."""
+    """Warnings of the estimates and of the solvers."""
     of_estimates = [f"{name}: {each.doubt}" for name, each in rung.estimates.items() if each.doubt]
     return [*of_estimates, *keeper(rung.model).doubts]
 
 
 def estimate(keeper: SolutionCache, model: Model, axis: Axis, solved: Solved | None = None) -> Estimate:
-    """What the axis would change, by solutions of `solved`, else the keeper's; a large change is doubted until it is solved for."""
+    """Estimate the change by the next step of an axis; a large change is unreliable until the richer model has been solved.
+
+    Parameters
+    ----------
+    keeper : SolutionCache
+    model : mapping of str
+    axis : Axis
+    solved : callable, optional
+        Gives solutions of models; by default the cache.
+
+    Returns
+    -------
+    Estimate
+    """
     to = axis.estimated_level(model[axis.name])
     found = ESTIMATORS[axis.by[axis.index(model[axis.name])]](
         keeper.solver, model, {**model, axis.name: to}, solved or keeper
@@ -222,7 +319,7 @@ def estimate(keeper: SolutionCache, model: Model, axis: Axis, solved: Solved | N
 
 
 def _confirmed(keeper: SolutionCache, rung: Rung, axes: Mapping[str, Axis]) -> Rung:
-    """The rung with doubted estimates solved for, where that can be done: a climb does not end on what it doubts."""
+    """The model with unreliable estimates replaced by solutions, where possible: no search ends on an unreliable estimate."""
     for name, each in rung.estimates.items():
         if not each.doubt or each.how == SOLVED:
             continue
@@ -235,9 +332,9 @@ def _confirmed(keeper: SolutionCache, rung: Rung, axes: Mapping[str, Axis]) -> R
 
 
 def _judge(rung: Rung, axes: Mapping[str, Axis], more: Array | float = 0.0) -> Rung:
-    """The rung with what all steps change together: of a higher order and finer elements the larger, both are of the same error.
+    """Combine the changes of all steps; of higher order and refinement the larger one counts, since both reduce the same error.
 
-    Changes that cancel may do so by chance: no less is expected than half of what independent errors come to.
+    Changes that cancel may do so by chance: at least half of the root of their sum of squares is expected.
     """
     changes = {name: each.change * axes[name].tail for name, each in rung.estimates.items()}
     elements = [changes.pop(name) for name in ELEMENTS if name in changes]
@@ -252,10 +349,10 @@ def _judge(rung: Rung, axes: Mapping[str, Axis], more: Array | float = 0.0) -> R
 
 
 def _learnt(rung: Rung, before: list[Rung], axes: Mapping[str, Axis], tolerances: Array) -> Rung:
-    """The rung, with estimates of finer elements after what the last step to such changed: they are no less than a part of it, and
-    doubted where it went the other way than foretold.
+    """Update the estimates of refinement by the change of the last such step: they are at least a part of it, and unreliable where
+    it had the opposite sign of its estimate.
 
-    Sections do not know the corners that bodies have in space.
+    Plane sections do not contain the corners of bodies in space.
     """
     above = [name for name in ELEMENTS if name in rung.estimates]
     last = next((each for each in reversed(before) if set(each.taken) & set(ELEMENTS)), None)
@@ -277,9 +374,9 @@ def _learnt(rung: Rung, before: list[Rung], axes: Mapping[str, Axis], tolerances
 
 
 def _as_order(mesh: Estimate, order: Estimate) -> Estimate:
-    """Of halved elements, no less than a part of what a higher order changes: both are of the same error.
+    """Estimate of refinement, at least a part of the change by a higher order: both reduce the same error.
 
-    Sections of bodies that are pressed far may tell less, where errors of either sign meet.
+    Plane sections of strongly compressed bodies may underestimate it, where errors of both signs cancel.
     """
     least = HALF * np.nan_to_num(order.change, posinf=0.0, neginf=0.0)
     if mesh.how == SOLVED or np.all(np.abs(mesh.change) >= np.abs(least)):
@@ -292,15 +389,15 @@ def _doubted(found: Estimate, why: str) -> Estimate:
 
 
 def _larger(one: Array, other: Array) -> Array:
-    """Of two changes of each answer the one that is more."""
+    """Of two changes of each answer the one with the larger magnitude."""
     return np.where(np.abs(other) > np.abs(one), other, one)  # what is not known stays so
 
 
 def _next(above: Mapping[str, Axis], rung: Rung, tolerances: Array) -> tuple[str, ...]:
-    """The axis to climb: elements after all else that cannot be left out, whose estimates are cheap on coarse ones.
+    """The axes to enrich next: the discretisation after all physics that cannot be left out, which is cheap on coarse elements.
 
-    Where the next elements would leave more than the tolerance, they are made smaller and of higher order at once: what comes
-    between would not be the last, and is dear unless it is `CHEAP`.
+    Where one refinement step would leave more than the tolerance, size and order are refined together: the model in between would
+    not be the last, and is expensive unless it is `CHEAP`.
     """
 
     def gains(name: str) -> float:
@@ -316,10 +413,10 @@ def _next(above: Mapping[str, Axis], rung: Rung, tolerances: Array) -> tuple[str
 
 
 def _left(above: Mapping[str, Axis], rung: Rung, taken: str) -> Array:
-    """What elements would still change after a step to such along one of their axes.
+    """Remaining change of the discretisation after a step along one of its axes.
 
-    The larger of a part of the step (`LEFT`) and the other axis' change: half of what it would have been if it is the order, as
-    elements got smaller, and all of it if it is their size, as of higher order the large ones stay.
+    The larger of a part of the step (`LEFT`) and the change of the other axis: half of it if that is the order, as elements got
+    smaller, and all of it if it is their size, as large elements stay.
     """
     kept = {name: LEFT if name == taken else HALF if name == "order" else 1.0 for name in ELEMENTS}
     parts = [part * np.abs(rung.estimates[name].change) * above[name].tail for name, part in kept.items()]
@@ -327,9 +424,9 @@ def _left(above: Mapping[str, Axis], rung: Rung, taken: str) -> Array:
 
 
 def _towards(axis: Axis, rung: Rung, tolerances: Array) -> str:
-    """The level to climb to: a part of the step that was judged, if it has one and what all further ones then change is tolerable.
+    """The level of the next step: a partial level, if there is one and the change left after it is tolerable.
 
-    As `_learnt` counts it, of all that is climbed at once: else the next step would be climbed too, and the part for nothing.
+    It is counted as in `_learnt`, for all axes that are enriched together: otherwise the next step would follow anyway.
     """
     whole, part = rung.estimates[axis.name].to, axis.next_level(rung.model[axis.name])
     if not part or not part.is_partial:
@@ -339,18 +436,18 @@ def _towards(axis: Axis, rung: Rung, tolerances: Array) -> str:
 
 
 def _worth(axis: Axis, rung: Rung, tolerances: Array) -> float:
-    """Of the axis' next step: what it gains, in tolerances, over what it costs."""
+    """Benefit of the next step of an axis, in tolerances, over its cost."""
     gain = np.abs(rung.estimates[axis.name].change) * axis.tail / tolerances
     return float(np.max(np.minimum(gain, MOST))) / _growth(axis, rung)
 
 
 def _growth(axis: Axis, rung: Rung) -> float:
-    """By how much its next step is dearer."""
+    """Factor in cost of the next step."""
     return axis.growth[axis.index(rung.model[axis.name])]
 
 
 def _at_the_top(axes: Mapping[str, Axis], rungs: list[Rung], tolerances: Array) -> tuple[Array, list[str]]:
-    """What elements that were as fine as they get leave, by what the last step to them changed; and where it is too much."""
+    """Remaining error of axes at their richest level, from the change of the last step; and warnings where it is too large."""
     more, flags = np.zeros(len(tolerances)), []
     for name in ELEMENTS:
         if name not in axes or axes[name].next_level(rungs[-1].model[name]):
@@ -365,7 +462,7 @@ def _at_the_top(axes: Mapping[str, Axis], rungs: list[Rung], tolerances: Array) 
 
 
 def _nothing(rung: Rung) -> list[str]:
-    """Answers that are nearly nothing, whose errors are parts of what they are measured by."""
+    """Warnings on answers that are nearly zero, whose errors are relative to their reference size."""
     scales = np.broadcast_to(np.asarray(rung.scales, float), rung.answers.shape)
     return [
         f"answer {i} is nearly nothing: its error is a part of {NOTHING * scale:.3g}, {NOTHING:.0%} of the largest of its kind"

@@ -1,4 +1,4 @@
-"""What is asked of a body at rest in a state: forces, displacements, percentiles of strain, and any observable of one's own."""
+"""Requested quantities of a solved body: forces, displacements, strain percentiles, and any observable."""
 
 from __future__ import annotations
 
@@ -17,21 +17,28 @@ from ngbrain.scene import Quantity, Scene
 
 Array = np.ndarray
 BAND = 0.1
-"""Of the volume, to both sides of a percentile."""
+"""Half width of the band of a smoothed percentile, as a fraction of the volume."""
 PLANE = (0, 2)
 """Axes of the body that a section has."""
 
 
 @dataclass(frozen=True, eq=False)
 class BodyState:
-    """A body in a state.
+    """A solved state of a body.
 
-    body       what was solved
-    x          its unknowns
-    factor     the load factor that they belong to; small and linear strains are 1/factor times as large
-    linear     whether strains count as small
-    thickness  of a section (m), else 1
-    still      the same without memory, which is stressed at rest once it has moved
+    Parameters
+    ----------
+    body : Problem
+    x : (ndof,) array
+        Its unknowns.
+    factor : float
+        Load factor of the state; small strains at full load are 1/factor times as large.
+    linear : bool
+        Whether strains are small.
+    thickness : float
+        Thickness (m) of a section, else 1.
+    without_memory : Problem, optional
+        The same elastic body, since a viscoelastic one is stressed at rest once it has moved.
     """
 
     body: Problem
@@ -47,38 +54,38 @@ class BodyState:
         return self.body.mesh.dim == 2
 
     def apply(self) -> None:
-        """Put the body there."""
+        """Set the body to this state."""
         self.body.load(self.x, self.factor)
         self.body.x = self.x
 
     def displacement(self) -> ngs.CoefficientFunction:
-        """At full load (m)."""
+        """Displacement at full load (m)."""
         return self.body.u / self.factor
 
 
 WHEN = ("end", "ramp")
-"""When a question is asked: see `scene.Quantity`."""
+"""Times of a question, see `scene.Quantity`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """An observable that a ladder is asked of every model of a scene's, beside the questions that the scene asks itself.
+    """An observable that a model ladder evaluates for every model, in addition to the scene's quantities.
 
-    It is asked of bodies in space alone: a section has no y. Of small strains it counts linearly: Q(0) + Q'(0) u.
+    It applies to bodies in space only: a section has no y. For small strain it is linearised: Q(0) + Q'(0) u.
 
     Parameters
     ----------
     observable : Observable
-        Of one number, with a gradient: those of `ngbrain.forward.observables`, or one's own.
+        A scalar with a gradient, from `ngbrain.forward.observables` or your own.
     tolerance : float
-        The relative error that its answer may have.
+        Relative tolerance of its value.
     when : str
-        "end", or "ramp": when the loads have just got their size.
+        "end", or "ramp": when the loads have reached their full size.
 
     Raises
     ------
     InputError
-        For what is no observable, a tolerance that makes no sense or another time.
+        No observable, a tolerance outside 0.0001 to 1, or another time.
 
     Examples
     --------
@@ -102,11 +109,11 @@ class Question:
 
     @property
     def label(self) -> str:
-        """In words, as those of a scene."""
+        """Description, as for quantities of a scene."""
         return f"{self.observable.name}, {self.when}"
 
     def value(self, state: BodyState) -> float:
-        """At full load: of small strains as far as it is linear."""
+        """Value at full load; linearised for small strain."""
         state.apply()
         here = self._number(state.body)
         if state.factor == 1:
@@ -128,7 +135,20 @@ Asked = Quantity | Question
 
 
 def check_questions(asked: Sequence[Asked], scene: Scene, own: Sequence[Question]) -> None:
-    """Refuse quantities that are asked twice, and observables of one's own of a wave."""
+    """Refuse quantities that are asked twice, and observables of a harmonic problem.
+
+    Parameters
+    ----------
+    asked : sequence of Quantity or Question
+        All of them.
+    scene : Scene
+    own : sequence of Question
+
+    Raises
+    ------
+    InputError
+        A repeated question, or one that does not apply.
+    """
     labels = [quantity.label for quantity in asked]
     for i, label in enumerate(labels):
         if label in labels[:i]:
@@ -138,7 +158,19 @@ def check_questions(asked: Sequence[Asked], scene: Scene, own: Sequence[Question
 
 
 def interpolate_state(state: BodyState, body: Problem, factor: float) -> Array:
-    """A state's displacements, and the pressures that go with them, as unknowns of another body in the same place."""
+    """Interpolate a state's displacement and pressure to the unknowns of another body in the same place.
+
+    Parameters
+    ----------
+    state : BodyState
+    body : Problem
+    factor : float
+        Load factor of the result.
+
+    Returns
+    -------
+    (ndof,) array
+    """
     state.apply()
     u = state.displacement() * factor
     body.u.Set(u)
@@ -152,7 +184,17 @@ def interpolate_state(state: BodyState, body: Problem, factor: float) -> Array:
 
 
 def observable(quantity: Asked, state: BodyState) -> Observable:
-    """What a question asks of a body: without the load factor, and for a metre of a section."""
+    """The observable of a quantity; without the load factor, and per metre of a section's thickness.
+
+    Parameters
+    ----------
+    quantity : Quantity or Question
+    state : BodyState
+
+    Returns
+    -------
+    Observable
+    """
     if isinstance(quantity, Question):
         return quantity.observable
     if quantity.name == "force":
@@ -171,7 +213,18 @@ def observable(quantity: Asked, state: BodyState) -> Observable:
 
 
 def evaluate(quantity: Asked, state: BodyState) -> float:
-    """The number that is asked for, in SI units."""
+    """Value of a quantity in a state.
+
+    Parameters
+    ----------
+    quantity : Quantity or Question
+    state : BodyState
+
+    Returns
+    -------
+    float
+        SI units.
+    """
     if isinstance(quantity, Question):
         return quantity.value(state)
     state.apply()
@@ -180,14 +233,24 @@ def evaluate(quantity: Asked, state: BodyState) -> float:
 
 
 def gradient(quantity: Asked, state: BodyState) -> Array:
-    """How the number changes with the free unknowns of a body (ndof,); of a percentile, its mean over a band."""
+    """Derivative of a quantity by the free unknowns of a body; for a percentile, of its mean over a band.
+
+    Parameters
+    ----------
+    quantity : Quantity or Question
+    state : BodyState
+
+    Returns
+    -------
+    (ndof,) array
+    """
     state.apply()
     gradient = observable(quantity, state).gradient(state.body) * _times(quantity, state)
     return np.where(state.body.weights > 0, gradient, 0.0)
 
 
 def _times(quantity: Asked, state: BodyState) -> float:
-    """What an observable is multiplied by: a percentile has the load factor in it."""
+    """Factor of an observable; a percentile already contains the load factor."""
     if isinstance(quantity, Question):
         return 1.0 / state.factor
     if quantity.name == "strain":
@@ -196,13 +259,37 @@ def _times(quantity: Asked, state: BodyState) -> float:
 
 
 def mesh_components(vector: tuple[float, ...], plane: bool) -> tuple[float, ...]:
-    """A vector's components that a mesh has."""
+    """Components of a vector that a mesh has.
+
+    Parameters
+    ----------
+    vector : tuple of float
+        x, y, z.
+    plane : bool
+        Whether the mesh is the section y = 0.
+
+    Returns
+    -------
+    tuple of float
+    """
     return tuple(vector[i] for i in PLANE) if plane else tuple(vector)
 
 
 def direction_in_mesh(direction: tuple[float, float, float], plane: bool) -> tuple[float, float, float]:
-    """A direction of three components, up to sign, in a mesh's own axes: a section's third is across it, the body's y.
+    """A direction, up to sign, in the axes of a mesh; the third axis of a section is the body's y.
 
+    Parameters
+    ----------
+    direction : tuple of float
+    plane : bool
+        Whether the mesh is the section y = 0.
+
+    Returns
+    -------
+    tuple of float
+
+    Examples
+    --------
     >>> direction_in_mesh((0.0, 0.6, 0.8), plane=True)
     (0.0, 0.8, 0.6)
     """
@@ -211,8 +298,18 @@ def direction_in_mesh(direction: tuple[float, float, float], plane: bool) -> tup
 
 
 def reference_size(quantity: Asked, state: BodyState) -> float:
-    """What an answer is measured by where it is nearly nothing, as by symmetry: the largest component of the forces that hold and
-    load the body (N), the largest displacement (m). A strain is measured by itself, and so is an observable of one's own.
+    """Reference size of a quantity whose value is nearly zero, for example by symmetry.
+
+    Parameters
+    ----------
+    quantity : Quantity or Question
+    state : BodyState
+
+    Returns
+    -------
+    float
+        For a force, the largest component of the reaction and load forces (N); for a displacement, the largest displacement (m);
+        0 for strains and observables of your own.
     """
     if isinstance(quantity, Question) or quantity.name == "strain":
         return 0.0
@@ -229,7 +326,24 @@ def reference_size(quantity: Asked, state: BodyState) -> float:
 
 
 def mesh_point(mesh: ngs.Mesh, quantity: Quantity, plane: bool) -> ngs.MeshPoint:
-    """The quantity's point; `InputError` for one outside."""
+    """The point of a quantity in a mesh.
+
+    Parameters
+    ----------
+    mesh : ngs.Mesh
+    quantity : Quantity
+    plane : bool
+        Whether the mesh is the section y = 0.
+
+    Returns
+    -------
+    ngs.MeshPoint
+
+    Raises
+    ------
+    InputError
+        A point outside the body.
+    """
     found = mesh(*mesh_components(quantity.point or (0.0, 0.0, 0.0), plane))
     if found.nr < 0:
         raise InputError("quantity.point_mm", [1e3 * c for c in quantity.point or ()], "a point in the body")
@@ -237,7 +351,24 @@ def mesh_point(mesh: ngs.Mesh, quantity: Quantity, plane: bool) -> ngs.MeshPoint
 
 
 def quadrature_in_region(mesh: ngs.Mesh, quantity: Quantity) -> tuple[Array, Array]:
-    """Quadrature points in the quantity's regions, within its radius, and the volumes that they stand for."""
+    """Quadrature points in a quantity's regions and radius.
+
+    Parameters
+    ----------
+    mesh : ngs.Mesh
+    quantity : Quantity
+
+    Returns
+    -------
+    points : array of ngs.MeshPoint
+    weights : array
+        Volumes that they represent (area in a section).
+
+    Raises
+    ------
+    InputError
+        There are none.
+    """
     (shape,) = {element.type for element in mesh.Elements()}
     rule = ngs.IntegrationRule(shape, 2)
     points = mesh.MapToAllElements({shape: rule}, ngs.VOL)

@@ -1,4 +1,4 @@
-"""Edges at which a body is torn: where faces that meet there are held and moved apart, forces have no limit."""
+"""Edges with a jump of the prescribed displacement, at which forces diverge under refinement."""
 
 from __future__ import annotations
 
@@ -11,12 +11,24 @@ import numpy as np
 from ngbrain.scene import DisplacementBC, Scene
 
 SAME = 1e-12
-"""Distance (m) that is rounding."""
+"""Distance (m) within round-off."""
 
 
 def find_singular_edges(scene: Scene, mesh: ngs.Mesh) -> list[str]:
-    """What to doubt of forces that are asked for: finer elements make them larger, without end.
+    """Find edges where adjacent faces have different prescribed displacements; forces on these faces diverge under refinement.
 
+    Parameters
+    ----------
+    scene : Scene
+    mesh : ngs.Mesh
+
+    Returns
+    -------
+    list of str
+        A warning for each pair of faces, if a requested force is on one of them.
+
+    Examples
+    --------
     >>> from ngbrain.mesh import block
     >>> from ngbrain.scene import DisplacementBC, Geometry, Quantity, Scene, Tissue
     >>> scene = Scene(
@@ -39,7 +51,7 @@ def find_singular_edges(scene: Scene, mesh: ngs.Mesh) -> list[str]:
 
 
 def _apart(one: DisplacementBC, other: DisplacementBC, points: np.ndarray, end: float) -> bool:
-    """Whether they take some points (n, 3) to different places."""
+    """Whether two conditions prescribe different displacements at some points (n, 3)."""
     if not len(points):
         return False
     here, there = (bc.displacement(list(points.T), end, 1.0) for bc in (one, other))
@@ -52,7 +64,7 @@ def _names(mesh: ngs.Mesh, bc: DisplacementBC) -> set[str]:
 
 
 def _shared(mesh: ngs.Mesh, one: DisplacementBC, other: DisplacementBC) -> np.ndarray:
-    """Vertices on both (n, 3)."""
+    """Vertices on both boundaries (n, 3)."""
     numbers = sorted(_vertices(mesh, one) & _vertices(mesh, other))
     return np.array([mesh.vertices[number].point for number in numbers]).reshape(-1, 3)
 

@@ -1,4 +1,4 @@
-"""Solutions of models, each found once; where others compute, all that several estimates ask for next at the same time."""
+"""A cache of model solutions; with an executor, independent solutions that estimates need are computed side by side."""
 
 from __future__ import annotations
 
@@ -19,27 +19,54 @@ from ngbrain.ladder.models.hierarchy import Solution
 from ngbrain.ladder.quantities import BodyState
 
 PLACE = ("space", "extent")
-"""Axes along which bodies are in other places."""
+"""Axes along which bodies occupy different places."""
 Key = tuple[tuple[str, str], ...]
 Result = TypeVar("Result")
 
 
 class ModelSolver(Protocol):
-    """Interface of a solver of models, such as `ModelHierarchy`; `init_arguments` rebuild it in another process."""
+    """Interface of a solver of models, such as `ModelHierarchy`.
+
+    Attributes
+    ----------
+    init_arguments : tuple
+        Constructor arguments with which another process rebuilds it.
+    """
 
     init_arguments: tuple[Any, ...]
 
     def solve(self, model: Model, near: Mapping[str, BodyState] | None = None) -> Solution:
-        """The model's answers, from states near its own if they are known. `SolverError` where it has none."""
+        """Solve a model.
+
+        Parameters
+        ----------
+        model : mapping of str
+            Axis → level.
+        near : mapping of BodyState, optional
+            States of a similar model, as an initial guess.
+
+        Returns
+        -------
+        Solution
+
+        Raises
+        ------
+        SolverError
+            There is no solution.
+        """
 
     def has_states(self, model: Model) -> bool:
-        """Whether its solution has states, which cannot be sent."""
+        """Whether its solution has states, which cannot be sent to another process."""
 
 
 class SolutionCache:
-    """Solves each model once, from where the model that has most in common with it came to rest.
+    """Solves each model once, with the most similar known state as the initial guess.
 
-    With an executor, models without states are solved by it where estimates ask for several (`at_once`).
+    Parameters
+    ----------
+    solver : ModelSolver
+    executor : int or concurrent.futures.Executor, optional
+        Solves models without states where estimates need several (`run_estimates`).
     """
 
     def __init__(self, solver: ModelSolver, executor: parallel.AnyExecutor = None) -> None:
@@ -47,7 +74,7 @@ class SolutionCache:
         self._executor, self._elsewhere, self._failed = executor, 0.0, dict[Key, SolverError]()
 
     def __call__(self, model: Model) -> Solution:
-        """The model's solution."""
+        """The solution of a model."""
         key = _key(model)
         if key in self._failed:
             raise self._failed[key]
@@ -56,9 +83,9 @@ class SolutionCache:
         return self.kept[key]
 
     def _near(self, model: Model) -> Mapping[str, BodyState] | None:
-        """States of finite strain in the same place; None where no such model was solved, or strains are small.
+        """States of the most similar finite-strain model in the same place; None without one, or for small strain.
 
-        Of what slides in the same elements, too: from others it takes a quarter longer than from rest.
+        Models with sliding contact need the same elements: from others the solution takes a quarter longer than from rest.
         """
         if model.get("strain") != "finite":
             return None
@@ -70,14 +97,14 @@ class SolutionCache:
         return max(others, key=lambda other: len(other[0].items() & model.items()), default=(None, None))[1]
 
     def clock(self) -> float:
-        """Computing time (s), here and of what others solved."""
+        """Computing time (s), including that of other processes."""
         return time.process_time() + self._elsewhere
 
     def run_estimates(self, estimates: Mapping[str, Callable[[Solved], Result]]) -> dict[str, Result]:
-        """What functions of solutions return, by name, the same as one after the other.
+        """Evaluate functions of solutions, with the same results as one after the other.
 
-        With an executor, all are first called with the solutions that are kept. Those that come to an end have their result; what
-        the others ask for is solved side by side, until it is what has to be solved here.
+        With an executor, all are first called with the known solutions. Models that are missing are then solved side by side,
+        until only those remain that have to be solved here.
         """
         done = dict[str, Result]()
         while self._executor is not None:
@@ -117,7 +144,7 @@ class SolutionCache:
 
 
 class _NotSolved(Exception):
-    """A model whose solution is not kept."""
+    """A model without a known solution."""
 
     def __init__(self, model: Model) -> None:
         super().__init__()
@@ -136,6 +163,6 @@ def _solve(
 
 @lru_cache(maxsize=1)
 def _rebuilt(kind: Callable[..., ModelSolver], init_arguments: bytes) -> ModelSolver:
-    """Made once in each process, with its meshes."""
+    """A solver made once in each process, with its meshes."""
     ngsglobals.msg_level = 0
     return kind(*pickle.loads(init_arguments))

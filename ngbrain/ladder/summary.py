@@ -1,4 +1,4 @@
-"""A climb as plain data, as `result.json` holds it."""
+"""The result of a search as plain data, as in `result.json`."""
 
 from __future__ import annotations
 
@@ -16,9 +16,20 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class AskedFor:
-    """A quantity that was asked, as `result.json` says it: the unit is its value's, the tolerance relative.
+    """A requested quantity as described in `result.json`.
 
-    `label` is it in words, `name` its kind; `where` and `when` are "" where there is nothing to say.
+    Parameters
+    ----------
+    label : str
+        Description.
+    name : str
+        Kind of quantity.
+    where, when : str
+        Place and time; empty if not applicable.
+    unit : str
+        Of its value.
+    tolerance : float
+        Relative.
     """
 
     label: str
@@ -30,14 +41,24 @@ class AskedFor:
 
     @classmethod
     def from_quantity(cls, asked: Asked) -> AskedFor:
-        """Of a scene's quantity, or of an observable of one's own."""
+        """From a scene's quantity or a `Question`."""
         if isinstance(asked, Question):
             return cls(asked.label, asked.observable.name, "", asked.when, asked.observable.unit, asked.tolerance)
         return cls(asked.label, asked.name, asked.where, asked.moment, asked.unit, asked.tolerance)
 
 
 def summarise(climb: Climb, questions: Sequence[AskedFor]) -> dict[str, Any]:
-    """The climb as plain data: answers, model, what was left out and how much it matters, every rung."""
+    """A search as plain data: answers, model, what was left out and its estimated effect, all models.
+
+    Parameters
+    ----------
+    climb : Climb
+    questions : sequence of AskedFor
+
+    Returns
+    -------
+    dict
+    """
     answers, errors = climb.chosen.answers.tolist(), _plain(climb.error)
     return {
         "answers": [
@@ -86,5 +107,5 @@ def summarise(climb: Climb, questions: Sequence[AskedFor]) -> dict[str, Any]:
 
 
 def _plain(values: Array) -> list[float | None]:
-    """As JSON has them: what is not known is null."""
+    """As JSON has them: unknown values are null."""
     return [float(value) if np.isfinite(value) else None for value in values]

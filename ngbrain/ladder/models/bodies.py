@@ -1,4 +1,4 @@
-"""What a model is of a scene: materials, supports, loads, elements; and how it is solved."""
+"""The problems of a scene's models: materials, supports, loads, elements."""
 
 from __future__ import annotations
 
@@ -50,11 +50,18 @@ Array = np.ndarray
 SMALL = 1e-4
 """Load factor at which strains are small enough to be linear to four digits."""
 FIRM = 3e3
-"""Stiffness of a rigid face, in moduli over its size: its pressure is about twice the way it pushes, likewise."""
+"""Penalty stiffness of a rigid face, in moduli over its size: the pressure is about twice the displacement, in the same units."""
 
 
 class SceneBodies:
-    """A scene's meshes, kept, and its bodies for any model."""
+    """A scene's meshes, and its problems for any model.
+
+    Parameters
+    ----------
+    scene : Scene
+    questions : sequence of Question
+        Observables in addition to the scene's quantities.
+    """
 
     def __init__(self, scene: Scene, questions: Sequence[Question] = ()) -> None:
         self.scene, part = scene, region_of_interest(scene.geometry)
@@ -69,7 +76,7 @@ class SceneBodies:
         self._courses = WeakKeyDictionary[Problem, PrescribedMotion]()
 
     def mesh(self, model: Model) -> ngs.Mesh:
-        """The model's mesh. Raises `InputError` for the section of a scene that does not lie in it."""
+        """The mesh of a model; `InputError` for the section of a scene that does not lie in it."""
         extent, plane = model.get("extent", "whole"), model.get("space") == "plane"
         if plane and (beyond := not_in_section(self.scene, self.init_arguments[1])):
             raise InputError("space", "'plane'", f"'solid': {beyond}")
@@ -85,7 +92,21 @@ class SceneBodies:
         return self._cut[key]
 
     def left_out(self, extent: str, plane: bool, level: int) -> Array:
-        """By each element of a level's mesh (ne,), in the linear elastic body; see `local`."""
+        """Contribution of each element to the error of the linear elastic body, see `adaptivity`.
+
+        Parameters
+        ----------
+        extent : str
+            "near" or "whole".
+        plane : bool
+            Whether it is the section.
+        level : int
+            Number of uniform refinements.
+
+        Returns
+        -------
+        (ne,) array
+        """
         time = "relaxed" if any(tissue.law().branches for tissue in self.scene.tissues) else "instantaneous"
         place = {"extent": extent, "space": "plane" if plane else "solid", "mesh": str(level)}
         model = {**place, "strain": "linear", "time": time, "fibres": "all", "order": "1"}
@@ -99,12 +120,12 @@ class SceneBodies:
 
     @cached_property
     def singular_edges(self) -> list[str]:
-        """What to doubt of forces where held faces meet."""
+        """Warnings on forces that diverge at edges."""
         return find_singular_edges(self.scene, self._meshes["whole"].mesh(0, plane=False))
 
     @cached_property
     def sides(self) -> tuple[float, ...]:
-        """How long the body is along each axis (m)."""
+        """Size of the body along each axis (m)."""
         points = [vertex.point for vertex in self._meshes["whole"].mesh(0, plane=False).vertices]
         return tuple(np.ptp(points, axis=0).tolist())
 
@@ -121,7 +142,22 @@ class SceneBodies:
         return max(volumes, key=lambda name: volumes[name])
 
     def tissue(self, region: str, model: Model) -> Tissue:
-        """What a region is made of: with one tissue for all, that with the largest volume. Raises `InputError` for none."""
+        """The tissue of a region; with one tissue for all regions, that with the largest volume.
+
+        Parameters
+        ----------
+        region : str
+        model : mapping of str
+
+        Returns
+        -------
+        Tissue
+
+        Raises
+        ------
+        InputError
+            No tissue, or several, for the region.
+        """
         found = [tissue for tissue in self.scene.tissues if re.fullmatch(tissue.region, region)]
         if not found:
             raise InputError("tissue", f"none for region {region!r}", "one whose region matches it")
@@ -134,7 +170,17 @@ class SceneBodies:
         return found[0]
 
     def factor(self, region: str, model: Model) -> Value:
-        """What the moduli of a region's tissue are multiplied by: its map over them, or the map's median over the region."""
+        """Factor of the moduli of a region's tissue: its map relative to them, or the map's median over the region.
+
+        Parameters
+        ----------
+        region : str
+        model : mapping of str
+
+        Returns
+        -------
+        float or CoefficientFunction
+        """
         if model.get("tissue") == "one":
             return self.factor(self.largest, {**model, "tissue": "each"})
         tissue = self.tissue(region, {})
@@ -150,14 +196,14 @@ class SceneBodies:
         )
 
     def _fibre(self, tissue: Tissue, mesh: ngs.Mesh, region: str) -> Fibre:
-        """Its direction in a region of a mesh, one or a field."""
+        """Fibre direction in a region, constant or a field."""
         if tissue.fibre is not None:
             return direction_in_mesh(tissue.fibre, mesh.dim == 2)
         directions = read_fibre_directions(str(tissue.fibre_map), str(tissue.fibre_map_convention))
         return fibre_field(directions, mesh, np.array([each.mat == region for each in mesh.Elements()]))
 
     def _face(self, mesh: ngs.Mesh, bc: DisplacementBC) -> RigidFace:
-        """What pushes a boundary. Raises `InputError` where it would have to push from within the body."""
+        """A rigid face that pushes a boundary; `InputError` where it would push from within the body."""
         by = mesh_components(tuple(float(each) for each in bc.value), mesh.dim == 2)  # type: ignore[arg-type]
         area, outward = (
             ngs.Integrate(value * ngs.ds(bc.boundary), mesh)
@@ -172,21 +218,43 @@ class SceneBodies:
 
     @cached_property
     def crossing(self) -> float:
-        """Time (s) of a shear wave through the most of the body along its longest side."""
+        """Transit time (s) of a shear wave along the longest side, in the largest region."""
         most = self.tissue(self.largest, {})
         modulus = self.factor(self.largest, {}) * most.initial_modulus
         return float(self.longest * math.sqrt(most.rho / modulus))
 
     def static(self, model: Model, t: float) -> Problem:
-        """The elastic body that stands for the model at time t: with moduli as they are then, where its time relaxes."""
+        """The elastic problem of a model at time t, with the relaxed moduli of that time if the model has them.
+
+        Parameters
+        ----------
+        model : mapping of str
+        t : float
+            Time (s).
+
+        Returns
+        -------
+        Problem
+        """
         return self._driven(model, t, lambda part: (part * t, part))
 
     def relaxing(self, model: Model, t: float) -> Problem:
-        """The body with its memory or its mass, with moduli as they are at t where it has no memory but its time relaxes."""
+        """The transient problem of a model with viscoelasticity or inertia.
+
+        Parameters
+        ----------
+        model : mapping of str
+        t : float
+            Time (s) of the moduli where the model is elastic but relaxed.
+
+        Returns
+        -------
+        Problem
+        """
         return self._driven(model, t, lambda moment: (moment, min(moment / self.scene.time.ramp, 1.0)))
 
     def course(self, body: Problem) -> PrescribedMotion:
-        """What is prescribed of one of its bodies, from moment to moment; of those at rest, of times in proportion to the load."""
+        """The prescribed motion of one of its problems over time; for problems at rest, times are proportional to the load."""
         return self._courses[body]
 
     def _driven(self, model: Model, t: float, moment: Callable[[float], tuple[float, float]]) -> Problem:
@@ -196,7 +264,7 @@ class SceneBodies:
         return course.drive(body)
 
     def _law(self, model: Model, t: float) -> Callable[[Viscous, Value], Law | Viscous]:
-        """From a tissue's law and what its moduli are multiplied by to that of the model."""
+        """From a tissue's law and the factor of its moduli to the law of the model."""
         level, ramp = model.get("time", "instantaneous"), self.scene.time.ramp
         laws: dict[str, Callable[[Viscous, Value], Law | Viscous]] = {
             "instantaneous": lambda law, factor: scale(instantaneous_law(law), factor),
@@ -207,19 +275,31 @@ class SceneBodies:
         return laws[level]
 
     def state(self, model: Model, body: Problem, x: Array) -> BodyState:
-        """What is asked of a body that stands for the model."""
+        """The state of a model's body for evaluating quantities.
+
+        Parameters
+        ----------
+        model : mapping of str
+        body : Problem
+        x : (ndof,) array
+            Its unknowns.
+
+        Returns
+        -------
+        BodyState
+        """
         linear = model["strain"] == "linear"
         return BodyState(body, x, SMALL if linear else 1.0, linear, self.thickness_of(model))
 
     def thickness_of(self, model: Model) -> float:
-        """Of a section (m), as thick as what bears its load; 1 of a body in space."""
+        """Thickness (m) of a section: that of the loaded part; 1 for a body in space."""
         geometry = self.scene.geometry
         if model.get("space") != "plane":
             return 1.0
         return geometry.plate[1] if geometry.plate else geometry.sides[1]
 
     def time(self, when: str) -> float:
-        """Of a question (s)."""
+        """Time (s) of a question."""
         time = self.scene.time
         return time.ramp if when == "ramp" else time.end
 
@@ -274,7 +354,7 @@ class SceneBodies:
 
 
 def linear_state(body: Problem) -> Array:
-    """The first Newton step from rest under a small load, which is the solution of the linear problem."""
+    """Solution of the linear problem: the first Newton step from rest under a small load."""
     check_held(body.supports, body.loads, body.kinematics, "xyz" if body.mesh.dim == 3 else "xz")
     rest = np.zeros(body.fes.ndof)
     step = body.factorise(body.load(rest, 0.0), rest)

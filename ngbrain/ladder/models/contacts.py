@@ -1,4 +1,4 @@
-"""Rigid bodies of a scene, as contacts of a problem: shapes by their signed distance, their way, friction."""
+"""Rigid bodies of a scene as contacts of a problem: signed distance, motion, friction."""
 
 from __future__ import annotations
 
@@ -16,13 +16,26 @@ from ngbrain.ladder.models.motions import FIELDS, GOLDEN, PrescribedMotion
 from ngbrain.scene.contacts import Contact as Body
 
 STANDING = 0.01
-"""What counts as the way of a body that stands, in sides of the tissue."""
+"""Assumed travel of a rigid body at rest, relative to the side of the tissue."""
 INSIDE = 1e-9
 """Keeps distances from an axis (m) differentiable on it."""
 
 
 def travel_distance(body: Body, until: float, side: float) -> float:
-    """Its largest way (m) from where it began."""
+    """Largest displacement (m) of a rigid body.
+
+    Parameters
+    ----------
+    body : scene.Contact
+    until : float
+        End (s).
+    side : float
+        Side (m) of the tissue, for a body at rest.
+
+    Returns
+    -------
+    float
+    """
     times = until * np.append(np.arange(1000) * GOLDEN % 1, 1.0)
     far = float(np.max(np.sqrt(sum(np.square(part) for part in body.displacement(times, 1.0)))))
     return far or STANDING * side
@@ -31,7 +44,23 @@ def travel_distance(body: Body, until: float, side: float) -> float:
 def make_contact(
     body: Body, course: PrescribedMotion, modulus: float, far: float, rubs: bool
 ) -> list[RigidContact | Friction]:
-    """The contact, and its friction; `modulus` (Pa) of the tissue, `far` as `way` says."""
+    """The contact of a rigid body, and its friction.
+
+    Parameters
+    ----------
+    body : scene.Contact
+    course : PrescribedMotion
+    modulus : float
+        Initial shear modulus (Pa) of the tissue.
+    far : float
+        Travel (m), see `travel_distance`.
+    rubs : bool
+        Whether friction is included.
+
+    Returns
+    -------
+    list
+    """
     parameter = course.time if body.is_timed else course.growth
 
     def gone(now: Any) -> list[CoefficientFunction]:

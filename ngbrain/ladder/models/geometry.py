@@ -28,7 +28,7 @@ from ngbrain.scene import Geometry
 from ngbrain.units import LARGEST_BODY
 
 FINER = 2.0
-"""Elements at a plate, a lesion or a slot are finer by this factor."""
+"""Refinement factor of elements at a plate, a lesion or a slot."""
 FAR = 0.6
 """Growth of elements away from there (Netgen's grading)."""
 
@@ -36,18 +36,20 @@ FAR = 0.6
 OF_SECTION = ("left", "right", "bottom", "top", "plate", "wall_minus", "wall_plus")
 """Boundaries that a block's section has too."""
 CUT = ("left", "right", "front", "back")
-"""Sides of a block that a region of interest is held at."""
+"""Sides of a block at which a region of interest is fixed."""
 GREY_MATTER, WHITE_MATTER = "grey", "white"
 """Regions of a scanned brain."""
 REACH = 3.0
-"""A region of interest reaches so many times as far from the middle as what is in it does."""
+"""Size of a region of interest relative to its contents."""
 WORTH = 0.8
-"""Part of the block's width from which on there is nothing to gain by one."""
+"""Fraction of the block's area above which a region of interest has no benefit."""
 
 
 def region_of_interest(geometry: Geometry) -> Geometry | None:
-    """The part of a block around its plate, slot or lesion; None where that is nearly all of it.
+    """The part of a block around its plate, slot or lesion; None where that is nearly the whole block.
 
+    Examples
+    --------
     >>> region_of_interest(Geometry(kind="block", size=(0.1, 0.1, 0.04), plate=(0.02, 0.02))).size
     (0.06, 0.06, 0.04)
     """
@@ -63,8 +65,16 @@ def region_of_interest(geometry: Geometry) -> Geometry | None:
 
 
 class Meshes:
-    """A geometry in elements of `size`/2^level, of second order where it is round; each level halves the elements of the last.
+    """Meshes of a geometry; each level halves the elements of the previous one. Round geometries have second order.
 
+    Parameters
+    ----------
+    geometry : Geometry
+    size : float
+        Element size (m) at level 0.
+
+    Examples
+    --------
     >>> mesh = Meshes(Geometry(kind="block", size=(0.06, 0.06, 0.04), plate=(0.02, 0.02)), 0.015).mesh(0, plane=True)
     >>> mesh.dim, "plate" in mesh.GetBoundaries()
     (2, True)
@@ -76,7 +86,19 @@ class Meshes:
         self._made: dict[tuple[int, bool], ngs.Mesh] = {}
 
     def mesh(self, level: int, plane: bool) -> ngs.Mesh:
-        """In space, or its section."""
+        """The mesh of a level.
+
+        Parameters
+        ----------
+        level : int
+            Number of uniform refinements.
+        plane : bool
+            The section instead of the body in space.
+
+        Returns
+        -------
+        ngs.Mesh
+        """
         if (level, plane) not in self._made:
             self._made[level, plane] = (
                 self._head(level) if self.geometry.kind == "idealised" else self._halved(level, plane)
@@ -84,7 +106,20 @@ class Meshes:
         return self._made[level, plane]
 
     def refine_elements(self, level: int, plane: bool, marked: np.ndarray) -> ngs.Mesh:
-        """A level's mesh with these elements half as large, and what that takes around them."""
+        """A mesh with marked elements halved, and those that conformity requires.
+
+        Parameters
+        ----------
+        level : int
+            Number of uniform refinements.
+        plane : bool
+            The section instead of the body in space.
+        marked : (ne,) bool array
+
+        Returns
+        -------
+        ngs.Mesh
+        """
         mesh = ngs.Mesh(self.mesh(level, plane).ngmesh.Copy())
         for element in mesh.Elements(ngs.VOL):
             mesh.SetRefinementFlag(element, bool(marked[element.nr]))
@@ -120,10 +155,20 @@ class Meshes:
 
 
 def scanned_head_mesh(geometry: Geometry, size: float) -> meshing.Mesh:
-    """The head of a scan within its skull: regions grey, white and ventricles, as the middle of each element has it.
+    """The head of a scan inside its skull: regions grey, white and ventricles, by the label at each element's centre.
 
-    Sulcal fluid within the hull counts as grey matter, as in an operation. Finer meshes have the same regions: their elements are
-    parts of these.
+    Sulcal fluid inside the hull counts as grey matter, as in an operation. Refined meshes have the same regions, because their
+    elements are parts of these.
+
+    Parameters
+    ----------
+    geometry : Geometry
+    size : float
+        Element size (m).
+
+    Returns
+    -------
+    netgen.meshing.Mesh
     """
     scan = mni152() if geometry.kind == "mni152" else read_scan(str(geometry.image))
     labels = label_tissues(scan).volume
@@ -140,7 +185,7 @@ def scanned_head_mesh(geometry: Geometry, size: float) -> meshing.Mesh:
 
 
 def _read(geometry: Geometry) -> meshing.Mesh:
-    """The mesh of a file; `InputError` for one that is none in space."""
+    """The mesh of a file; `InputError` for one that is not a mesh in space."""
     file = Path(str(geometry.file))
     check_regular(file, "geometry.file")
     check_in_subprocess(file, "geometry.file", __name__, "read_netgen")  # Netgen crashes on half a file
@@ -162,7 +207,7 @@ def _read(geometry: Geometry) -> meshing.Mesh:
 
 
 def read_netgen(name: str) -> meshing.Mesh:
-    """The mesh of a file of Netgen's, whatever is in it."""
+    """Read a file that Netgen can read."""
     mesh = meshing.Mesh()
     mesh.Load(name)
     ngs.Mesh(mesh)  # crashes too where elements have points that there are none of
@@ -221,7 +266,7 @@ def _section(geometry: Geometry, cell: float) -> occ.TopoDS_Shape:
 def _with_lesion(
     geometry: Geometry, cell: float, parts: list[occ.TopoDS_Shape], ball: occ.TopoDS_Shape, name: Callable[..., None]
 ) -> list[occ.TopoDS_Shape]:
-    """The parts without the ball, and what of it lies in them."""
+    """The parts outside and inside the lesion."""
     rest, inside = [part - ball for part in parts], [part * ball for part in parts]
     for part in rest:
         name(part, "tissue")
@@ -232,7 +277,7 @@ def _with_lesion(
 
 
 def _sides(geometry: Geometry, cell: float, sides: occ.ListOfShapes, place: Callable[..., tuple]) -> None:
-    """Names by where the middle of a side lies; those of a plate are there already."""
+    """Name boundaries by the position of their centre; those of a plate have a name already."""
     for side in sides:
         if side.name != "plate":
             side.name = _side(geometry, *place(side.center))

@@ -29,34 +29,59 @@ from ngbrain.ladder.quantities import (
 
 Array = np.ndarray
 RAMP, HOLD = 6, 8
-"""Steps of time in a ramp, and in a hold, which get longer."""
+"""Time steps in a ramp, and in a hold, with increasing lengths."""
 CROSSING, LONGER = 12, 1.15
-"""Steps of time in which a shear wave crosses a body with mass; and how much longer they get, one after the other, in a hold."""
+"""Time steps per shear-wave transit of a body with inertia, and the ratio of successive steps in a hold."""
 
 
 class ModelHierarchy(SceneBodies):
-    """x"""
+    """A scene's models of every level: their problems, see `SceneBodies`, and their solutions.
+
+    Parameters
+    ----------
+    scene : Scene
+    questions : sequence of Question
+        Observables in addition to the scene's quantities.
+    """
 
     def solve(self, model: Model, near: Mapping[str, BodyState] | None = None) -> Solution:
-        """See `solve`."""
+        """Solve a model, see `solve`.
+
+        Parameters
+        ----------
+        model : mapping of str
+        near : mapping of BodyState, optional
+
+        Returns
+        -------
+        Solution
+        """
         return solve(self, model, near)
 
     def has_states(self, model: Model) -> bool:
-        """Whether its solution has states: it is of a body at rest without memory."""
+        """Whether a model's solution has states: it is an elastic body at rest."""
         through_time = has_memory(model) or model.get("inertia") == "all"
         return self.scene.time.frequency is None and not through_time
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """What a model says.
+    """Solution of a model.
 
-    answers   one for each question, SI units
-    states    question's time → state, of a body without memory
-    ndof      unknowns
-    cost_s    computing time (s)
-    doubts    what the solvers warned of, and what is asked that has no limit
-    scales    of each answer, what it is measured by where it is nearly nothing (`quantities.scale_of`); 0: nothing but itself
+    Parameters
+    ----------
+    answers : (n,) array
+        One for each question, SI units.
+    states : dict of BodyState
+        Time of a question → state, of an elastic body.
+    ndof : int
+        Number of unknowns.
+    cost_s : float
+        Computing time (s).
+    doubts : tuple of str
+        Warnings of the solvers, and on quantities that diverge.
+    scales : (n,) array or float
+        Reference size of each answer where it is nearly zero (`quantities.reference_size`); 0 for the answer itself.
     """
 
     answers: Array
@@ -68,7 +93,25 @@ class Solution:
 
 
 def solve(hierarchy: ModelHierarchy, model: Model, near: Mapping[str, BodyState] | None = None) -> Solution:
-    """The model's answers, from states near its own if they are known. Raises `SolverError` where it has none."""
+    """Solve a model.
+
+    Parameters
+    ----------
+    hierarchy : ModelHierarchy
+    model : mapping of str
+        Axis → level.
+    near : mapping of BodyState, optional
+        States of a similar model, as an initial guess.
+
+    Returns
+    -------
+    Solution
+
+    Raises
+    ------
+    SolverError
+        There is no solution.
+    """
     begun, states, scales = time.process_time(), dict[str, BodyState](), np.zeros(len(hierarchy.questions))
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -93,7 +136,18 @@ def solve(hierarchy: ModelHierarchy, model: Model, near: Mapping[str, BodyState]
 
 
 def answers_of(questions: Sequence[Asked], states: Mapping[str, BodyState]) -> Array:
-    """Of all questions."""
+    """Values of all questions.
+
+    Parameters
+    ----------
+    questions : sequence of Quantity or Question
+    states : mapping of BodyState
+        By the time of a question.
+
+    Returns
+    -------
+    (n,) array
+    """
     return np.array([evaluate(quantity, states[quantity.when]) for quantity in questions])
 
 
@@ -119,7 +173,9 @@ def _at_rest(hierarchy: ModelHierarchy, model: Model, near: Mapping[str, BodySta
 
 
 def _through_time(hierarchy: ModelHierarchy, model: Model) -> tuple[Array, Array, int]:
-    """Answers and their scales are found on the way, as the body does not keep its past."""
+    """Answers, reference sizes and number of unknowns; quantities are evaluated during the run, since the body does not store its
+    history.
+    """
     scene = hierarchy.scene
     size = SMALL if model["strain"] == "linear" else 1.0
     asked = hierarchy.questions
@@ -147,7 +203,7 @@ def _through_time(hierarchy: ModelHierarchy, model: Model) -> tuple[Array, Array
 
 
 def _times(hierarchy: ModelHierarchy, model: Model, last: float) -> Array:
-    """Steps up to a time (s), even ones while loads grow."""
+    """Time steps up to a time (s), equal ones while loads grow."""
     ramp = hierarchy.scene.time.ramp
     hold, moving = last - ramp, model.get("inertia") == "all"
     count = max(RAMP, math.ceil(CROSSING * ramp / hierarchy.crossing)) if moving else RAMP

@@ -1,7 +1,7 @@
-"""What is prescribed of a body at any moment: formulas of place and time, rotations, and what just grows with the loads.
+"""Prescribed displacements and loads over time: formulas of position and time, rotations, and proportional loads.
 
-A `Problem` multiplies what is prescribed by its load factor, which grows with the loads. What follows a formula of time, or turns,
-is divided by that growth, so that the product is what the formula says.
+A `Problem` multiplies prescribed values by its load factor, which grows with the loads. Values that follow a formula of time, and
+rotations, are divided by that growth, so that the product is the value of the formula.
 """
 
 from __future__ import annotations
@@ -28,23 +28,27 @@ FIELDS: Mapping[str, Callable[..., Any]] = {
     "min": lambda x, y: ngs.IfPos(x - y, y, x),
     "max": lambda x, y: ngs.IfPos(x - y, x, y),
 }
-"""Functions of formulas, of coefficient functions."""
+"""Functions of formulas, for coefficient functions."""
 BEGUN = 1e-9
-"""Growth of the loads at which they count as begun."""
+"""Growth of the loads from which they count as applied."""
 LONG, SAMPLES, MOMENTS = 0.2, 2001, 21
-"""Side (m) of a body that is no block; times at which a course's pace is read off, and at which it is checked."""
+"""Assumed side (m) of a body that is no block; number of times at which motions are sampled, and at which they are checked."""
 GOLDEN = (5**0.5 - 1) / 2
 INSTANT = 1e-7
-"""Part of the whole time over which a speed is read off: between samples there may be many turns."""
+"""Fraction of the total time for a finite-difference speed: there may be many periods between samples."""
 MOST = 5000
-"""Steps of time that a course may need."""
+"""Largest number of time steps of a motion."""
 
 
 class PrescribedMotion:
-    """How what is prescribed of a body goes, a `Motion`.
+    """Prescribed displacements and loads of a body, a `Motion` of the time stepper.
 
-    moment  what the controller goes by, such as a load factor ↦ time (s), and the part of their size that loads have then
-    plane   whether the body is the section y = 0
+    Parameters
+    ----------
+    moment : callable
+        From the control variable, such as a load factor, to the time (s) and the growth of the loads.
+    plane : bool
+        Whether the body is the section y = 0.
     """
 
     events = ()
@@ -57,7 +61,7 @@ class PrescribedMotion:
 
     @property
     def axes(self) -> tuple[int, ...]:
-        """Those of space that the body has."""
+        """Space axes of the body."""
         return (0, 2) if self.plane else (0, 1, 2)
 
     @property
@@ -66,7 +70,7 @@ class PrescribedMotion:
         return (ngs.x, ngs.CF(0.0), ngs.y) if self.plane else (ngs.x, ngs.y, ngs.z)
 
     def support(self, bc: DisplacementBC) -> Support:
-        """What a condition prescribes at full load."""
+        """Prescribed components of a condition at full load."""
         parts: list[Any] = list(bc.value)
         if not bc.is_even:
             self._moves |= bc.has_course
@@ -75,23 +79,23 @@ class PrescribedMotion:
         return tuple(parts[i] for i in self.axes)
 
     def value(self, given: Given) -> Value:
-        """A load's, at full size."""
+        """Value of a load at full size."""
         found = evaluate_at(given, self.place, self.time, FIELDS)
         return found / self.growth if depends_on_time(given) else found
 
     def vector(self, given: tuple[Given, ...]) -> tuple[Value, ...]:
-        """Its components that the body has."""
+        """Components of a load that the body has."""
         parts = [self.value(each) for each in given]
         return tuple(parts[i] for i in self.axes)
 
     def drive(self, problem: Problem) -> Problem:
-        """Prescribe it of a problem made with its supports and loads, as it is at the end."""
+        """Connect to a problem with these supports and loads, in its final state."""
         self._problem = problem
         self.set(1.0)
         return problem
 
     def set(self, t: float) -> None:
-        """Prescribe what holds then."""
+        """Apply the values at t."""
         time, growth = self._moment(t)
         self.time.Set(time)
         self.growth.Set(max(growth, BEGUN))
@@ -101,12 +105,34 @@ class PrescribedMotion:
             raise InputError("displacement_bc.value_mm", "not finite at some node", "numbers all over the boundary")
 
     def travel(self, start: float, end: float) -> float:
-        """Of rigid bodies, of which it has none."""
+        """Advance of a rigid body, which it does not have.
+
+        Parameters
+        ----------
+        start, end : float
+
+        Returns
+        -------
+        float
+            0.
+        """
         return 0.0
 
 
 def characteristic_time(scene: Scene, until: float) -> float:
-    """In what time (s) the fastest of what follows a formula of time would come to its largest size; infinite without any."""
+    """Shortest time in which a time-dependent value would reach its maximum at its largest rate.
+
+    Parameters
+    ----------
+    scene : Scene
+    until : float
+        End (s).
+
+    Returns
+    -------
+    float
+        In s; infinite without time-dependent values.
+    """
     sides = np.array(scene.geometry.sides if scene.geometry.kind == "block" else (LONG,) * 3)
     corners = np.array([(a, b, c) for a in (-0.5, 0.5) for b in (-0.5, 0.5) for c in (0, 1)]) * sides
     place = list(np.vstack([corners, [(0, 0, sides[2] / 2)]]).T[:, :, None])
@@ -131,7 +157,28 @@ def characteristic_time(scene: Scene, until: float) -> float:
 
 
 def time_steps(scene: Scene, until: float, share: int, longest: float) -> np.ndarray:
-    """Even steps of time (s), one of them at the end of the ramp: a `share` of what moves fastest, and no longer than `longest`."""
+    """Equal time steps in the ramp and in the hold.
+
+    Parameters
+    ----------
+    scene : Scene
+    until : float
+        End (s).
+    share : int
+        Number of steps per characteristic time.
+    longest : float
+        Longest step (s).
+
+    Returns
+    -------
+    (n,) array
+        Times (s), one of them at the end of the ramp.
+
+    Raises
+    ------
+    InputError
+        More than `MOST` steps.
+    """
     ramp = scene.time.ramp
     longest = min(longest, min(ramp, characteristic_time(scene, until)) / share)
     if until / longest > MOST:
@@ -143,7 +190,21 @@ def time_steps(scene: Scene, until: float, share: int, longest: float) -> np.nda
 
 
 def check(scene: Scene, mesh: ngs.Mesh, sides: tuple[float, ...]) -> None:
-    """Refuse what is not finite on its boundary, goes beyond the body or does not begin at rest."""
+    """Refuse values that are not finite on their boundary, displacements larger than the body, and motions that do not start at
+    rest.
+
+    Parameters
+    ----------
+    scene : Scene
+    mesh : ngs.Mesh
+    sides : tuple of float
+        Size (m) of the body.
+
+    Raises
+    ------
+    InputError
+        It names the key.
+    """
     names = sorted(set(mesh.GetBoundaries()))
     times = np.linspace(0, scene.time.end, MOMENTS)
     growth = np.minimum(times / scene.time.ramp, 1)
@@ -187,7 +248,19 @@ def check(scene: Scene, mesh: ngs.Mesh, sides: tuple[float, ...]) -> None:
 
 
 def check_apart(scene: Scene, names: set[str]) -> None:
-    """Refuse two conditions for one component of one boundary."""
+    """Refuse two conditions for the same component of a boundary.
+
+    Parameters
+    ----------
+    scene : Scene
+    names : set of str
+        Boundaries of the mesh.
+
+    Raises
+    ------
+    InputError
+        It names both conditions.
+    """
     for i, bc in enumerate(scene.displacement_bcs, 1):
         mine = {name for name in names if re.fullmatch(bc.boundary, name)}
         for j, other in enumerate(scene.displacement_bcs[: i - 1], 1):

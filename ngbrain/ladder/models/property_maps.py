@@ -1,4 +1,4 @@
-"""Measured maps of stiffness and of fibres, as fields over a body."""
+"""Measured maps of stiffness and fibre directions, as fields over a body."""
 
 from __future__ import annotations
 
@@ -16,18 +16,33 @@ from ngbrain.image.read.volume import Volume
 
 
 def read_modulus_map(path: str | os.PathLike[str]) -> Volume:
-    """A NIfTI volume of shear moduli (Pa); voxels without one (0, or no number) have that of the nearest that has.
+    """Read a NIfTI map of shear moduli (Pa); voxels without a value (0 or NaN) take that of the nearest voxel with one.
 
-    Raises `InputError` where it is unreadable, of other than three axes, has no value at all, or a negative one; `MissingExtra`
+    Raises `InputError` where it is unreadable, does not have three axes, has no value at all, or a negative one; `MissingExtra`
     without nibabel.
     """
     return fill_missing(read_map(path, "shear moduli (Pa)"))
 
 
 def interpolate_map(volume: Volume, mesh: ngs.Mesh) -> ngs.GridFunction:
-    """A volume's values (Pa) at a mesh's vertices, linear between them; a mesh of the plane y = 0 has x and z.
+    """Interpolate a map to the vertices of a mesh.
 
-    Raises `InputError` where the body reaches beyond the picture by more than a voxel.
+    Parameters
+    ----------
+    volume : Volume
+        Shear moduli (Pa).
+    mesh : ngs.Mesh
+        In space, or of the plane y = 0 with coordinates x and z.
+
+    Returns
+    -------
+    ngs.GridFunction
+        Linear between vertices (Pa).
+
+    Raises
+    ------
+    InputError
+        The body extends beyond the image by more than a voxel.
     """
     points = np.array([vertex.point for vertex in mesh.vertices])
     if mesh.dim == 2:
@@ -42,9 +57,25 @@ def interpolate_map(volume: Volume, mesh: ngs.Mesh) -> ngs.GridFunction:
 
 
 def fibre_field(directions: FibreDirections, mesh: ngs.Mesh, where: np.ndarray) -> ngs.CoefficientFunction:
-    """Directions over a mesh of space: of each element the principal one of the mean of its points' structure tensors.
+    """Fibre direction of each element: the principal direction of the mean structure tensor of its points.
 
-    Raises `InputError` where less than half of some elements (`where`, a mask) lies in voxels with a direction.
+    Parameters
+    ----------
+    directions : FibreDirections
+    mesh : ngs.Mesh
+        In space.
+    where : (ne,) bool array
+        Elements that need a direction.
+
+    Returns
+    -------
+    CoefficientFunction
+        Unit vectors.
+
+    Raises
+    ------
+    InputError
+        Less than half of these elements lies in voxels with a direction.
     """
     space, points = quadrature_points(mesh, 2)
     rules = space.GetIntegrationRules()
@@ -63,7 +94,17 @@ def fibre_field(directions: FibreDirections, mesh: ngs.Mesh, where: np.ndarray) 
 
 
 def region_median(field: ngs.GridFunction, region: str) -> float:
-    """Of a field's means over the elements of a region, which count by their volumes."""
+    """Volume-weighted median of a field over a region.
+
+    Parameters
+    ----------
+    field : ngs.GridFunction
+    region : str
+
+    Returns
+    -------
+    float
+    """
     mesh = field.space.mesh
     amounts, sizes = (
         ngs.Integrate(each, mesh, definedon=mesh.Materials(region), element_wise=True).NumPy()

@@ -1,4 +1,4 @@
-"""What a plane section, or a region of interest, of a scene's body does not have."""
+"""Whether a plane section or a region of interest can represent a scene."""
 
 from __future__ import annotations
 
@@ -15,24 +15,35 @@ from ngbrain.schema.formulas import Formula
 ACROSS = ("front", "back")
 """Sides of a block that its section does not have."""
 SHORTER = ("top", "bottom")
-"""Sides of a block of which a region of interest has a part."""
+"""Sides of a block that a region of interest contains in part."""
 IN_PLANE = 1e-9
-"""Part of a vector across the section that is rounding."""
+"""Relative size of an out-of-plane component within round-off."""
 
 
 class Labelled(Protocol):
-    """What has a label, as quantities that are asked do."""
+    """Something with a label, such as a requested quantity."""
 
     @property
     def label(self) -> str:
-        """In words."""
+        """Description."""
 
 
 def not_in_section(scene: Scene, questions: Sequence[Labelled] = ()) -> str | None:
-    """What the section y = 0 does not have: a loaded face, or a vector with a part along y; None where it has everything.
+    """Why the section y = 0 cannot represent a scene, such as a loaded face or a vector along y; None where it can.
 
     A fibre may lie in the section or along y: an oblique one shears the body out of the plane.
 
+    Parameters
+    ----------
+    scene : Scene
+    questions : sequence of Question
+
+    Returns
+    -------
+    str or None
+
+    Examples
+    --------
     >>> from ngbrain.scene import DisplacementBC, Geometry, Quantity, Tissue
     >>> scene = Scene(
     ...     geometry=Geometry(kind="block", size=(0.06, 0.06, 0.04)),
@@ -93,7 +104,7 @@ def not_in_section(scene: Scene, questions: Sequence[Labelled] = ()) -> str | No
 
 
 def cannot_be_cut(scene: Scene) -> bool:
-    """Whether there is no region of interest, or a condition or a quantity lies beyond it."""
+    """Whether a scene has no region of interest, or a condition or a quantity lies outside of it."""
     part = region_of_interest(scene.geometry)
     if part is None or scene.gravity is not None or scene.contacts:
         return True

@@ -1,4 +1,4 @@
-"""What a model is of a body that is shaken: `HarmonicProblem`, and the amplitudes that are asked for."""
+"""The harmonic problem of a scene, and the requested amplitudes."""
 
 from __future__ import annotations
 
@@ -22,12 +22,27 @@ from ngbrain.scene import DisplacementBC, Quantity, Scene, Tissue
 
 Array = np.ndarray
 PHASES = 16
-"""Moments of a period over which a strain is the largest."""
+"""Phases of a period over which the largest strain is taken."""
 
 
 def complex_modulus(tissue: Tissue, omega: float, loss: bool) -> complex:
-    """G*(ω) (Pa) = μ (1 + i loss) + Σ μ_k iωτ_k/(1 + iωτ_k) of what stays and of the branches; its real part without loss.
+    """Complex shear modulus G*(ω) = μ (1 + i tan δ) + Σ μ_k iωτ_k/(1 + iωτ_k) of the equilibrium part and the branches.
 
+    Parameters
+    ----------
+    tissue : Tissue
+    omega : float
+        Angular frequency (1/s).
+    loss : bool
+        Whether it has a loss modulus; else the real part only.
+
+    Returns
+    -------
+    complex
+        In Pa.
+
+    Examples
+    --------
     >>> complex_modulus(Tissue(mu=1000.0, loss_tangent=0.2), 300.0, True)
     (1000+200j)
     """
@@ -47,7 +62,28 @@ def harmonic_answers(
     form: str,
     thickness: float,
 ) -> tuple[Array, int]:
-    """Answers of a scene's questions, and unknowns; `tissue` says what a region is of, and what its moduli are multiplied by."""
+    """Solve the harmonic problem of a scene and evaluate its quantities.
+
+    Parameters
+    ----------
+    scene : Scene
+    model : mapping of str
+        Axis → level.
+    mesh : ngs.Mesh
+    tissue : callable
+        From a region to its tissue and the factor of its moduli.
+    form : str
+        Elements, such as "P2/P1".
+    thickness : float
+        Thickness (m) of a section, else 1.
+
+    Returns
+    -------
+    answers : (n,) array
+        Amplitudes, SI units.
+    ndof : int
+        Number of unknowns.
+    """
     frequency, plane = scene.time.frequency or 0.0, mesh.dim == 2
     regions = {region: tissue(region) for region in sorted(set(mesh.GetMaterials()))}
     omega = 2 * np.pi * frequency
@@ -82,7 +118,7 @@ def harmonic_answers(
 
 
 def _moved(course: PrescribedMotion, bc: DisplacementBC) -> tuple[Any, ...]:
-    """Amplitude (m); 0 of what is free, which is not looked at."""
+    """Amplitude (m); 0 for free components, which are not used."""
     parts: Any = course.support(bc)
     return tuple(0.0 if part is None else part for part in parts)
 
@@ -100,7 +136,7 @@ def _amplitude(quantity: Quantity, body: HarmonicProblem, gfu: ngs.GridFunction,
 
 
 def _force(quantity: Quantity, body: HarmonicProblem, gfu: ngs.GridFunction) -> complex:
-    """The body's forces on a boundary, along the question's direction: its work for a motion of the boundary."""
+    """Force on a boundary along the question's direction, as its virtual work."""
     (wave,) = body.waves
     form = ngs.BilinearForm(body.fes)
     trial, test = body.fes.TnT()
@@ -116,7 +152,7 @@ def _force(quantity: Quantity, body: HarmonicProblem, gfu: ngs.GridFunction) -> 
 
 
 def _strains(quantity: Quantity, body: HarmonicProblem, u: ngs.CoefficientFunction) -> tuple[Array, Array]:
-    """Largest principal strains over a period at points, and the volumes that these stand for."""
+    """Largest principal strains over a period at points, and the volumes that they represent."""
     mesh = body.mesh
     points, weights = quadrature_in_region(mesh, quantity)
     grad = ngs.Grad(u)
