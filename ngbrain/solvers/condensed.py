@@ -1,4 +1,4 @@
-"""An assembled form as a map of arrays, with static condensation around a solver for what it leaves."""
+"""An assembled bilinear form as a linear map of arrays, with static condensation."""
 
 from __future__ import annotations
 
@@ -9,14 +9,18 @@ import numpy as np
 
 Array = np.ndarray
 Core = Callable[[Array], Array]
-"""r ↦ S⁻¹r over all unknowns, with S the matrix on those that condensation leaves; zero on the others."""
+"""r → S⁻¹ r over all degrees of freedom, with the condensed matrix S; zero on the others."""
 
 
 class Condensed:
-    """The matrix S of an assembled form on the unknowns that static condensation leaves (all of them without it).
+    """The condensed matrix S of an assembled form (the whole matrix without static condensation).
 
-    free   which unknowns S is to be solved for
-    fields slices of the unknowns of each field
+    Attributes
+    ----------
+    free : array of bool (ndof,)
+        Degrees of freedom for which S is solved.
+    fields : list of slice
+        Degrees of freedom of each field.
     """
 
     def __init__(self, form: ngs.BilinearForm) -> None:
@@ -27,11 +31,24 @@ class Condensed:
         self._unfixed = np.fromiter(form.space.FreeDofs(), bool, len(self.free))
 
     def apply(self, x: Array) -> Array:
-        """Sx on the free unknowns, for x that is zero on the others."""
+        """S x on the free degrees of freedom, for x that is zero elsewhere."""
         return self._times(self.matrix, x) * self.free
 
     def solve(self, core: Core, r: Array) -> Array:
-        """M⁻¹r by S⁻¹: the right-hand side condensed, S solved, and what was condensed found from it."""
+        """M⁻¹ r of the whole matrix M, by a solver for the condensed matrix S.
+
+        Parameters
+        ----------
+        core : callable
+            r → S⁻¹ r.
+        r : array (ndof,)
+            Right-hand side.
+
+        Returns
+        -------
+        array (ndof,)
+            Solution, zero at fixed degrees of freedom.
+        """
         r = r * self._unfixed
         if not self._condense:
             return core(r)
@@ -47,12 +64,12 @@ class Condensed:
 
 
 def free(form: ngs.BilinearForm) -> Array:
-    """Which unknowns of a form are to be solved for together."""
+    """Degrees of freedom for which a form's condensed system is solved (ndof,)."""
     return np.fromiter(form.space.FreeDofs(form.condense), bool, form.space.ndof)
 
 
 def fields(space: ngs.FESpace) -> list[slice]:
-    """Where the unknowns of each field are."""
+    """Slices of the degrees of freedom of each field of a space."""
     if space.type == "VectorH1" or not isinstance(space, ngs.ProductSpace):
         return [slice(0, space.ndof)]
     ranges = [space.Range(i) for i in range(len(space.components))]

@@ -1,4 +1,4 @@
-"""Load steps chosen as they go: a secant predictor, cuts where a step fails, loose tolerances on the way."""
+"""Load stepping: adaptive load factors with a predictor, step cuts, and loose tolerances on the way."""
 
 from __future__ import annotations
 
@@ -14,33 +14,64 @@ from ngbrain.solvers.newton import Array, Newton, System
 from ngbrain.solvers.record import NewtonRecord, PathRecord
 
 LOOSE = 1e-3
-"""Relative residual and correction at which a state on the way is left: only the last one is asked for."""
+"""Tolerances of intermediate states; only the last one needs the given ones."""
 SMALLEST = 1e-3
-"""Step of the load factor below which a path is given up."""
+"""Smallest step of the load factor."""
 EASY = 8
-"""Newton iterations up to which the next step is twice as long."""
+"""Newton iterations up to which the next step is doubled."""
 COLLAPSED = 0.1
-"""det F below which a state that cannot be left by the next step is not worth smaller ones."""
+"""det F below which a failed step is not tried again with smaller ones."""
 STILL = 1e-10
-"""Weighted correction below which a state that nothing acts on is in equilibrium."""
+"""Weighted correction below which an unloaded state is in equilibrium."""
 PROBE = 1e-4
-"""Part of a step over which the residual's derivative by the load factor is taken."""
+"""Fraction of a step for the difference quotient of the residual with respect to the load factor."""
 
 
 NEAR = 4
-"""Factorisations that a state which is said to be near the equilibrium may take."""
+"""Factorisations allowed from a state that is near the equilibrium."""
 PARTS = (1.0, 0.9, 0.75)
-"""Of such a state and of the load: the first one without inverted points is begun at."""
+"""Fractions of such a state and of the load: the first one without inverted points is the start."""
 
 
 class Path(System, Protocol):
     """A system under a load that grows with a factor t from 0 to 1."""
 
     def load(self, x: Array, t: float) -> Array:
-        """Set the load factor; the state x with what is prescribed at t put in."""
+        """Set the load factor.
+
+        Parameters
+        ----------
+        x : array (n,)
+            State.
+        t : float
+            Load factor.
+
+        Returns
+        -------
+        array (n,)
+            The state with the prescribed values at t.
+        """
 
     def step(self, newton: Newton, x: Array, t: float, goal: float, guess: Array) -> tuple[Array, NewtonRecord]:
-        """The equilibrium at t = `goal` from x at t, where it is looked for from a guess; with Newton's record."""
+        """Solve for the equilibrium at the next load factor.
+
+        Parameters
+        ----------
+        newton : Newton
+            Settings.
+        x : array (n,)
+            Equilibrium at t.
+        t, goal : float
+            Load factors at the step's start and end.
+        guess : array (n,)
+            Initial guess.
+
+        Returns
+        -------
+        x : array (n,)
+            Equilibrium at `goal`.
+        record : NewtonRecord
+        """
 
 
 def follow(
@@ -51,11 +82,32 @@ def follow(
     callback: Callable[[float, Array], None] | None = None,
     begin: float = 0.0,
 ) -> tuple[Array, PathRecord]:
-    """From equilibrium x at t = `begin` to the one at t = 1, in `steps` steps if they succeed and in as many as it takes if not.
+    """Follow the equilibrium path from load factor `begin` to 1.
 
-    The first guess goes along the tangent dx/dt = x̄' - K⁻¹ (dR/dt + K x̄'), x̄ what is prescribed; later ones along the
-    secant. Guesses with det F ≤ min_det are cut before any work is done. Returns the last equilibrium reached.
-    A load that changes nothing leaves x where it is: there residual and reactions are both round-off, and no end to be seen.
+    The first predictor is the tangent dx/dt = x̄' - K⁻¹ (dR/dt + K x̄') with x̄ the prescribed values, later ones are secants.
+    Guesses with det F ≤ min_det are rejected before any solve. A load that changes nothing leaves x unchanged, as residual and
+    reactions are both round-off there.
+
+    Parameters
+    ----------
+    path : Path
+        The system.
+    newton : Newton
+        Settings; tolerances are relaxed before the last step.
+    x : array (n,)
+        Equilibrium at `begin`.
+    steps : int
+        Load steps if all succeed; steps that fail are halved.
+    callback : callable, optional
+        Called with load factor and state after each step.
+    begin : float
+        Load factor at the start.
+
+    Returns
+    -------
+    x : array (n,)
+        Last equilibrium reached.
+    record : PathRecord
     """
     record, t, dt = PathRecord(), begin, 1 / steps
     if not begin and _idle(path, newton, x, record):
@@ -94,10 +146,27 @@ def follow(
 def resume(
     path: Path, newton: Newton, x: Array, steps: int = 1, callback: Callable[[float, Array], None] | None = None
 ) -> tuple[Array, PathRecord] | None:
-    """The equilibrium at t = 1 from a state x near it, as far as it may be taken; None where Newton's method does not arrive.
+    """Equilibrium at load factor 1 from an approximate state, such as one of a coarser body.
 
-    Where x is inverted, as a coarser body's may be at points that this one did not look at, a part of it at that part of the load
-    is what is left of the way.
+    Where x is inverted at some points, a fraction of x at that fraction of the load is the start.
+
+    Parameters
+    ----------
+    path : Path
+        The system.
+    newton : Newton
+        Settings.
+    x : array (n,)
+        State near the equilibrium.
+    steps : int
+        Load steps for what remains.
+    callback : callable, optional
+        As in `follow`.
+
+    Returns
+    -------
+    tuple of array (n,) and PathRecord, or None
+        None where Newton's method does not converge.
     """
     allowed = (part for part in PARTS if path.min_det(path.load(part * x, part)) > newton.min_det)
     part = next(allowed, None)
@@ -125,7 +194,7 @@ def _step(
     before: tuple[Array, float] | None,
     record: PathRecord,
 ) -> tuple[Breakdown | None, Array]:
-    """One step; why it failed, and the state."""
+    """One load step: the reason for failure, if any, and the state."""
     try:
         if before:
             guess = x + (goal - t) / (t - before[1]) * (x - before[0])
@@ -148,7 +217,7 @@ def _step(
 
 
 def _idle(path: Path, newton: Newton, x: Array, record: PathRecord) -> bool:
-    """Whether the whole load changes neither what is prescribed nor the residual, to the last bit, and x is in equilibrium."""
+    """Whether x is in equilibrium and the whole load changes neither prescribed values nor residual, to the last bit."""
     if not np.array_equal(path.load(x, 1.0), x):
         return False
     record.work.residuals += 2
@@ -166,7 +235,7 @@ def _idle(path: Path, newton: Newton, x: Array, record: PathRecord) -> bool:
 
 
 def _along(path: Path, newton: Newton, x: Array, t: float, goal: float, record: PathRecord) -> Array:
-    """Change of an equilibrium from t to `goal` along its tangent; the residual's derivative is a difference quotient."""
+    """Tangent predictor from t to `goal`; the residual's derivative is a difference quotient."""
     r = path.residual(path.load(x, t))[0]
     near = t + PROBE * (goal - t)
     lifted = path.load(x, near)

@@ -1,12 +1,13 @@
-"""Where symmetric systems are factorised and solved: on the processor by NGSolve, on a GPU by NVIDIA's cuDSS, or, with factors of
-the processor, by NGSolve's own operators on a GPU.
+"""Factorisation and solution of symmetric systems on the CPU (NGSolve) or on a GPU (cuDSS, or NGSolve with CPU factors).
 
-    A = L D Lᵀ,   x = A⁻¹ b        (unknowns that are free; A real or complex, symmetric without conjugates)
+    A = L D Lᵀ,   x = A⁻¹ b        (free degrees of freedom; A real or complex symmetric, not Hermitian)
 
-What calls it is the same for all. NGSolve's own cuDSS inverse takes a matrix for symmetric only if it is so to the last bit,
-which assembled ones are not, and factorises it as any other, at twice the work; here the callers know.
+NGSolve's own cuDSS inverse treats a matrix as symmetric only if it is so to the last bit, which assembled ones are not, and then
+takes twice the work; here the caller says whether it is symmetric.
 
-Source: nvmath-python, nvmath.sparse.advanced.DirectSolver, https://docs.nvidia.com/cuda/nvmath-python.
+References
+----------
+nvmath-python, nvmath.sparse.advanced.DirectSolver, https://docs.nvidia.com/cuda/nvmath-python.
 """
 
 from __future__ import annotations
@@ -28,19 +29,25 @@ Array = np.ndarray
 
 
 class Factor(Protocol):
-    """Of one matrix. Of a symmetric one `solve` serves the transposed system too."""
+    """Factorisation of one matrix. For a symmetric one `solve` serves the transposed system too."""
 
     def solve(self, b: Array) -> Array:
-        """x with Ax = b in the free unknowns and 0 in the others."""
+        """Solution x of Ax = b on the free degrees of freedom, zero on the others."""
 
 
 @dataclass(frozen=True)
 class Device:
     """Where matrices are factorised.
 
-    name   as `--device` has it
-    make   matrix and free unknowns (None: all) → Factor
+    Parameters
+    ----------
+    name : str
+        Name, as for `--device`.
+    make : callable
+        Matrix and free degrees of freedom (None: all) → `Factor`.
 
+    Examples
+    --------
     >>> matrix = ngs.la.SparseMatrixd.CreateFromCOO([0, 1], [0, 1], [2.0, 4.0], 2, 2)
     >>> Device.from_name("cpu").factor(matrix).solve(np.array([1.0, 1.0])).tolist()
     [0.5, 0.25]
@@ -50,10 +57,10 @@ class Device:
     make: Callable[[ngs.BaseMatrix, ngs.BitArray | None], Factor]
 
     def for_unknowns(self, unknowns: int) -> tuple[Device, str]:
-        """The device itself, or what "auto" stands for in a system of this size, with a sentence that says so.
+        """The device for a system of a given size, and a note where "auto" has chosen it.
 
-        Below the size at which a GPU was measured to overtake the processor (`CROSSING`, from `benchmarks/gpu.py`), "auto" is the
-        processor; above it the GPU, if cuDSS finds one.
+        "auto" is the CPU below the size from which a GPU was measured to be faster (`CROSSING`, by `benchmarks/gpu.py`),
+        and above it the GPU if cuDSS finds one.
 
         >>> Device.from_name("cpu").for_unknowns(1000)[1]
         ''
@@ -75,7 +82,7 @@ class Device:
 
     @staticmethod
     def from_name(name: str) -> Device:
-        """cpu or auto, or cuda or ngsolve, which are tried on two unknowns before they are given.
+        """The device of a name; "cuda" and "ngsolve" are tested on two unknowns first.
 
         Raises `InputError` for another name or where no GPU answers, `MissingExtra` without nvmath-python.
         """
@@ -87,7 +94,28 @@ class Device:
         return device
 
     def factor(self, matrix: ngs.BaseMatrix, free: ngs.BitArray | None = None, what: str = "the matrix") -> Factor:
-        """A factor; `SolverError` about `what` if there is none. One of a singular matrix may be made: look at residuals."""
+        """Factorise a matrix.
+
+        A singular matrix is not always found out: check residuals.
+
+        Parameters
+        ----------
+        matrix : BaseMatrix
+            Symmetric matrix.
+        free : BitArray, optional
+            Free degrees of freedom; None: all.
+        what : str
+            Name of the matrix, for messages.
+
+        Returns
+        -------
+        Factor
+
+        Raises
+        ------
+        SolverError
+            Where the factorisation fails.
+        """
         try:
             return self.make(matrix, free)
         except Exception as error:  # NGSolve and nvmath raise bare exceptions of several kinds here
@@ -95,18 +123,28 @@ class Device:
 
 
 class CpuFactor:
-    """One of NGSolve's inverses, by its name."""
+    """Factorisation on the CPU by NGSolve.
+
+    Parameters
+    ----------
+    matrix : BaseMatrix
+        The matrix.
+    free : BitArray or None
+        Free degrees of freedom; None: all.
+    kind : str
+        NGSolve's name of the inverse.
+    """
 
     def __init__(self, matrix: ngs.BaseMatrix, free: ngs.BitArray | None, kind: str) -> None:
         self._inverse = matrix.Inverse(free, inverse=kind)
         self._in, self._out = matrix.CreateColVector(), matrix.CreateRowVector()
 
     def solve(self, b: Array) -> Array:
-        """A⁻¹b."""
+        """A⁻¹ b."""
         return self._times(self._inverse, b)
 
     def solve_transpose(self, b: Array) -> Array:
-        """A⁻ᵀb, of a factor with pivots."""
+        """A⁻ᵀ b, for a factorisation with pivoting."""
         return self._times(self._inverse.T, b)
 
     def _times(self, inverse: ngs.BaseMatrix, b: Array) -> Array:
@@ -116,9 +154,21 @@ class CpuFactor:
 
 
 class CudssFactor:
-    """Factor by cuDSS in the GPU's memory, of the lower half of a symmetric matrix; a general one keeps both halves.
+    """Factorisation on the GPU by cuDSS. Right-hand sides and solutions are copied there and back.
 
-    Right-hand sides and solutions are copied there and back. Raises `MissingExtra`, and what nvmath raises.
+    Parameters
+    ----------
+    matrix : BaseMatrix
+        The matrix.
+    free : BitArray or None
+        Free degrees of freedom; None: all.
+    symmetric : bool
+        Whether the matrix is symmetric; only its lower triangle is then kept.
+
+    Raises
+    ------
+    MissingExtra
+        Without nvmath-python. Errors of nvmath are passed on.
     """
 
     def __init__(self, matrix: ngs.BaseMatrix, free: ngs.BitArray | None, symmetric: bool = True) -> None:
@@ -141,7 +191,7 @@ class CudssFactor:
         self._solver.factorize()
 
     def solve(self, b: Array) -> Array:
-        """A⁻¹b."""
+        """A⁻¹ b."""
         x = np.zeros(len(self._free), self._type)
         self._solver.reset_operands(b=np.asarray(b[self._free], self._type))
         x[self._free] = self._solver.solve()
@@ -149,14 +199,20 @@ class CudssFactor:
 
 
 class NgsolveFactor:
-    """Factor on the processor, solved with by NGSolve's device operators: on its GPU, or on its host reference device.
+    """Factorisation on the CPU, solves by NGSolve's device operators on its GPU or on its host reference device.
 
-    That is as slow as it is exact: it plays a GPU. Of a complex A = R + iS the factor is that of the real
+    The reference device is as slow as it is exact: it emulates a GPU. Device operators are real, so a complex A = R + iS is
+    factorised as the symmetric
 
         [R  S] [ Re x]   [Re b]
-        [S -R] [-Im x] = [Im b] ,
+        [S -R] [-Im x] = [Im b] .
 
-    symmetric too, as device operators are real.
+    Parameters
+    ----------
+    matrix : BaseMatrix
+        Symmetric matrix.
+    free : BitArray or None
+        Free degrees of freedom; None: all.
     """
 
     def __init__(self, matrix: ngs.BaseMatrix, free: ngs.BitArray | None) -> None:
@@ -173,7 +229,7 @@ class NgsolveFactor:
         self._in, self._out = real.CreateColVector(), real.CreateRowVector()
 
     def solve(self, b: Array) -> Array:
-        """A⁻¹b."""
+        """A⁻¹ b."""
         x, inner = np.zeros(len(self._free), self._type), np.asarray(b[self._free], self._type)
         parts = [inner.real, inner.imag] if np.iscomplexobj(x) else [inner]
         self._in.FV().NumPy()[:] = np.concatenate(parts)
@@ -202,8 +258,8 @@ def _try(device: Device) -> None:
 
 CPU = Device("cpu", partial(CpuFactor, kind="sparsecholesky"))
 PIVOTED = Device("cpu, with pivots", partial(CpuFactor, kind="umfpack"))
-"""Where a factor that chooses no pivots, or few, leaves too much."""
+"""For matrices whose factorisation without pivoting is not accurate enough."""
 CROSSING = 21_000
-"""Complex unknowns from which on a GPU (H200) factorises and solves waves faster than 16 threads: `benchmarks/gpu.py`."""
+"""Complex unknowns from which a GPU (H200) is faster than 16 CPU threads for waves, measured by `benchmarks/gpu.py`."""
 AUTO = Device("auto", CPU.make)
 DEVICES = {"auto": AUTO, "cpu": CPU, "cuda": Device("cuda", CudssFactor), "ngsolve": Device("ngsolve", NgsolveFactor)}

@@ -1,4 +1,4 @@
-"""Direct factorisations by name, each asked whether it has really inverted the matrix."""
+"""Direct factorisations by name, each verified to be an inverse."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from ngbrain.solvers.matrices import to_scipy
 
 NAMES = ("sparsecholesky", "umfpack", "pardiso", "mumps", "cudss")
 
-ROUGH = 1e-3
-"""A correction by iterative refinement larger than this part of the solution: the factor is of some other matrix."""
+MAX_CORRECTION = 1e-3
+"""Largest relative correction by iterative refinement of a valid factor."""
 
 
 def require_package(name: str) -> None:
-    """Raise `MissingExtra` if the package behind a name is not installed, `InputError` for cudss without a GPU."""
+    """Check that the package of a solver is installed (`MissingExtra`) and, for cudss, that there is a GPU (`InputError`)."""
     if name == "mumps":
         require("mumps", "mumps")
     if name == "pardiso":
@@ -34,11 +34,28 @@ def require_package(name: str) -> None:
 
 
 def factorise(name: str, condensed: Condensed) -> Core:
-    """Factor of the condensed matrix; FloatingPointError if there is none, or none that is any good.
+    """Factorise the condensed matrix.
 
-    A Cholesky factor of a singular matrix is finite and answers 5e17. So one random right-hand side is solved for, and
-    then for its residual: what comes back is rounding, or as large as the solution if the factor is not an inverse. No
-    units enter the ratio, field by field.
+    A Cholesky factor of a singular matrix may be finite but wrong by orders of magnitude. So one random right-hand side is solved
+    for, and its residual too: the correction is either round-off or as large as the solution. The ratio is taken field by field,
+    so that it does not depend on units.
+
+    Parameters
+    ----------
+    name : str
+        One of `NAMES`.
+    condensed : Condensed
+        The matrix.
+
+    Returns
+    -------
+    callable
+        r → S⁻¹ r.
+
+    Raises
+    ------
+    Breakdown
+        Where the factorisation fails or is not accurate; a `FloatingPointError`.
     """
     try:
         core = {"mumps": _mumps, "cudss": _cudss}.get(name, partial(_ngsolve, name))(condensed)
@@ -49,7 +66,7 @@ def factorise(name: str, condensed: Condensed) -> Core:
     with np.errstate(all="ignore"):
         correction = core(b - condensed.apply(x))
         sizes = [(np.linalg.norm(correction[field]), np.linalg.norm(x[field])) for field in condensed.fields]
-    if not all(np.isfinite(size) and wrong <= ROUGH * size for wrong, size in sizes):
+    if not all(np.isfinite(size) and wrong <= MAX_CORRECTION * size for wrong, size in sizes):
         said = f"the tangent cannot be factorised: {name} gives no solution, the matrix is singular"
         raise Breakdown(said, Status.SINGULAR)
     return core
@@ -57,7 +74,7 @@ def factorise(name: str, condensed: Condensed) -> Core:
 
 @lru_cache(maxsize=1)
 def _random(n: int) -> Array:
-    """The same n numbers each time; drawing them costs as much as solving for a small body."""
+    """The same n random numbers at each call; drawing them takes as long as a solve of a small body."""
     return np.random.default_rng(0).normal(size=n)
 
 

@@ -1,4 +1,4 @@
-"""Krylov methods on numpy arrays. They stop by name where NGSolve's and scipy's go on: no convergence, no definiteness."""
+"""Krylov methods on NumPy arrays, which raise `Breakdown` without convergence or definiteness, unlike NGSolve's and SciPy's."""
 
 from __future__ import annotations
 
@@ -13,7 +13,32 @@ Apply = Callable[[Array], Array]
 
 
 def cg(apply: Apply, precondition: Apply, b: Array, rtol: float, max_iter: int) -> tuple[Array, int]:
-    """Solution of Ax = b with A and the preconditioner P positive definite, and iterations; stops at √(r·Pr) ≤ rtol √(b·Pb)."""
+    """Preconditioned conjugate gradients for Ax = b, with positive definite A and preconditioner P.
+
+    Parameters
+    ----------
+    apply : callable
+        v → Av.
+    precondition : callable
+        r → Pr.
+    b : array (n,)
+        Right-hand side.
+    rtol : float
+        Stops at √(r·Pr) ≤ rtol √(b·Pb).
+    max_iter : int
+        Largest number of iterations.
+
+    Returns
+    -------
+    x : array (n,)
+        Solution.
+    iterations : int
+
+    Raises
+    ------
+    Breakdown
+        Without convergence, or where A or P is not positive definite.
+    """
     x, k, residual = truncated_cg(apply, precondition, b, rtol, max_iter)
     if residual > rtol:
         raise Breakdown(f"no convergence in {max_iter} iterations (residual {residual:.1e} of its start)")
@@ -28,10 +53,29 @@ def truncated_cg(
     max_iter: int,
     callback: Callable[[Array, Array], None] = lambda p, image: None,
 ) -> tuple[Array, int, float]:
-    """What `cg` has after `max_iter` iterations or before, iterations, and √(r·Pr) as a part of its start.
+    """Conjugate gradients that may stop before convergence.
 
-    `callback` is told every direction and A times it.
-    Every iterate lowers ½ x·Ax - b·x: as a step of a minimisation it can be used as it is.
+    Every iterate lowers ½ x·Ax - b·x, so it can be used as a minimisation step.
+
+    Parameters
+    ----------
+    apply, precondition, b, rtol, max_iter
+        As in `cg`.
+    callback : callable, optional
+        Called with each search direction p and Ap.
+
+    Returns
+    -------
+    x : array (n,)
+        Last iterate.
+    iterations : int
+    residual : float
+        √(r·Pr) relative to its initial value.
+
+    Raises
+    ------
+    Breakdown
+        Where A or P is not positive definite.
     """
     x, r = np.zeros_like(b), b.copy()
     z = precondition(r)
@@ -52,9 +96,27 @@ def truncated_cg(
 
 
 def minres(apply: Apply, precondition: Apply, b: Array, rtol: float, max_iter: int) -> tuple[Array, int]:
-    """Solution of Ax = b with A symmetric and the preconditioner P positive definite, and iterations; stops as `cg` does.
+    """Preconditioned MINRES for Ax = b, with symmetric A and positive definite preconditioner P.
 
-    Source: Elman, Silvester, Wathen, Finite Elements and Fast Iterative Solvers (2014), algorithm 4.1.
+    Parameters
+    ----------
+    apply, precondition, b, rtol, max_iter
+        As in `cg`, with the same stopping test.
+
+    Returns
+    -------
+    x : array (n,)
+        Solution.
+    iterations : int
+
+    Raises
+    ------
+    Breakdown
+        Without convergence, for a singular A, or where P is not positive definite.
+
+    References
+    ----------
+    Elman, Silvester, Wathen, Finite Elements and Fast Iterative Solvers (2014), algorithm 4.1.
     """
     x, v_old, w_old, w = (np.zeros_like(b) for _ in range(4))
     v = b.copy()
@@ -87,7 +149,31 @@ def minres(apply: Apply, precondition: Apply, b: Array, rtol: float, max_iter: i
 def gmres(
     apply: Apply, precondition: Apply, first: Array, scale: Array, rtol: float, max_iter: int
 ) -> tuple[Array, int, float]:
-    """Solution of PAx = `first` = Pb where ‖scale · P(b - Ax)‖ is least, iterations, and that norm as a part of its start."""
+    """Left-preconditioned GMRES for PAx = Pb, which minimises ‖scale · P(b - Ax)‖.
+
+    Parameters
+    ----------
+    apply : callable
+        v → Av.
+    precondition : callable
+        r → Pr.
+    first : array (n,)
+        Pb.
+    scale : array (n,)
+        Positive weights of the norm.
+    rtol : float
+        Stops at this residual relative to ‖scale · Pb‖.
+    max_iter : int
+        Largest number of iterations.
+
+    Returns
+    -------
+    x : array (n,)
+        Solution.
+    iterations : int
+    residual : float
+        Final residual norm relative to its initial value.
+    """
     first = scale * first
     beta = float(np.linalg.norm(first))
     if beta == 0:

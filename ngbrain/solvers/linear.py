@@ -1,12 +1,13 @@
-"""Linear solvers by name for linearised statics, and the choice between them.
+"""Linear solvers for linearised static problems by name, and the choice between them.
 
-    sparsecholesky, umfpack, pardiso, mumps, cudss    direct, the last on a GPU
-    cg-bddc, cg-amg           for positive definite matrices: a displacement form, or a discontinuous pressure condensed
-    minres-bddc, minres-amg   for displacements with a continuous pressure, at any K/μ: the displacement block by BDDC or
-                              multigrid, the pressure block by the mass matrix over μ, which the Schur complement is
-                              equivalent to whatever K is
+    sparsecholesky, umfpack, pardiso, mumps, cudss    direct; the last one on a GPU
+    cg-bddc, cg-amg           for positive definite matrices: displacement forms, or condensed discontinuous pressures
+    minres-bddc, minres-amg   for displacements with continuous pressures, at any K/μ: BDDC or multigrid for the displacement
+                              block, and the mass matrix over μ, spectrally equivalent to the Schur complement, for pressures
 
-Source: Elman, Silvester, Wathen, Finite Elements and Fast Iterative Solvers (2014), section 4.2.
+References
+----------
+Elman, Silvester, Wathen, Finite Elements and Fast Iterative Solvers (2014), section 4.2.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from ngbrain.solvers.condensed import Condensed, Core, fields, free
 
 Array = np.ndarray
 Solve = Callable[[Array], Array]
-"""r ↦ M⁻¹r, numpy arrays over all unknowns, zero where they are fixed."""
+"""r → M⁻¹ r, arrays over all degrees of freedom, zero where these are fixed."""
 FormKind = Literal["displacement", "continuous pressure", "discontinuous pressure"]
 
 NAMES = (*direct.NAMES, "cg-bddc", "cg-amg", "minres-bddc", "minres-amg")
@@ -34,17 +35,25 @@ NAMES = (*direct.NAMES, "cg-bddc", "cg-amg", "minres-bddc", "minres-amg")
 DIRECT = direct.NAMES
 RTOL = 1e-8
 MAX_ITERATIONS = 500
-"""Relative residual, in the preconditioner's norm, at which an iteration stops, and the iterations it may take."""
+"""Relative residual in the preconditioner's norm, and largest number of iterations."""
 
 
 MIXED_ITERATIONS = 110.0
 DIRECT_MOST = {2: 2_000_000, 3: 300_000}
-"""Unknowns whose factor takes about 4 and 7 GiB."""
+"""Unknowns whose factorisation takes about 4 GiB (2-D) and 7 GiB (3-D)."""
 
 
 @dataclass(frozen=True)
 class Choice:
-    """The name of a solver, and in one line why."""
+    """A chosen solver.
+
+    Parameters
+    ----------
+    name : str
+        Name of the solver.
+    why : str
+        The reason, in one line.
+    """
 
     name: str
     why: str
@@ -53,11 +62,30 @@ class Choice:
 def choose(
     form_kind: FormKind, n_free: int, ratio: float, symmetric: bool = True, dim: int = 3, order: int = 2
 ) -> Choice:
-    """The solver for a problem of `n_free` unknowns after condensation, with `ratio` the largest K/μ (inf allowed).
+    """Choose the solver for a problem.
 
-    Measured on one thread at order 2 in 3-D, 190 000 unknowns: a factor takes 103 s and 3.7 GiB (106 000: 22 s, 1.3 GiB),
-    an iteration 0.32 s, and it takes about 5 + 3.2 √(K/μ) of them in a displacement form, 105 to 120 with a pressure. A
-    factor serves several solves of Newton's method, counted as four. In 2-D, 390 000 unknowns: 4 s and 0.6 GiB.
+    Measured on one thread at order 2 in 3-D with 190 000 unknowns: a factorisation takes 103 s and 3.7 GiB (106 000: 22 s,
+    1.3 GiB), an iteration 0.32 s. Iterations are about 5 + 3.2 √(K/μ) in a displacement form, and 105 to 120 with pressures.
+    A factor serves several solves of Newton's method, counted as four. In 2-D, 390 000 unknowns take 4 s and 0.6 GiB.
+
+    Parameters
+    ----------
+    form_kind : str
+        "displacement", "continuous pressure" or "discontinuous pressure".
+    n_free : int
+        Unknowns after condensation.
+    ratio : float
+        Largest ratio K/μ of bulk to shear modulus; may be inf.
+    symmetric : bool
+        Whether the matrix is symmetric.
+    dim : int
+        Space dimension.
+    order : int
+        Polynomial order of the displacements.
+
+    Returns
+    -------
+    Choice
     """
     if not symmetric:
         return Choice("umfpack", "the matrix is not symmetric, which only a factor with pivots is for")
@@ -82,20 +110,51 @@ def choose(
 
 @dataclass
 class DirectSolver:
-    """Solves with a factor; without the form (which may have been assembled again since), `core` is still good."""
+    """Solver with a factorisation. `core` stays valid when the form is assembled again.
+
+    Parameters
+    ----------
+    condensed : Condensed
+        The matrix.
+    core : callable
+        r → S⁻¹ r.
+    iterations : int
+        Always 1.
+    """
 
     condensed: Condensed
     core: Core
     iterations: int = 1
 
     def __call__(self, r: Array) -> Array:
-        """M⁻¹r."""
+        """M⁻¹ r."""
         return self.condensed.solve(self.core, r)
 
 
 @dataclass
 class KrylovSolver:
-    """Solves to `rtol` in at most `max_iter` iterations, or raises FloatingPointError; `iterations` of the last solve."""
+    """Preconditioned CG or MINRES.
+
+    Parameters
+    ----------
+    name : str
+        Name of the solver.
+    condensed : Condensed
+        The matrix.
+    precondition : callable
+        The preconditioner.
+    rtol : float
+        Relative residual in the preconditioner's norm.
+    max_iter : int
+        Largest number of iterations.
+    iterations : int
+        Iterations of the last solve.
+
+    Raises
+    ------
+    Breakdown
+        By a solve without convergence; a `FloatingPointError`.
+    """
 
     name: str
     condensed: Condensed
@@ -105,7 +164,7 @@ class KrylovSolver:
     iterations: int = 0
 
     def __call__(self, r: Array) -> Array:
-        """M⁻¹r."""
+        """M⁻¹ r."""
         return self.condensed.solve(self._core, r)
 
     def _core(self, r: Array) -> Array:
@@ -119,7 +178,23 @@ class KrylovSolver:
 
 @dataclass
 class ReusedFactorSolver:
-    """Solves with a form's matrix by GMRES around an older factor; what it found first is kept for who asks again."""
+    """GMRES preconditioned by an older factorisation. The last solution is kept, for the same right-hand side again.
+
+    Parameters
+    ----------
+    condensed : Condensed
+        The matrix.
+    old : callable
+        The older factorisation, r → M₀⁻¹ r.
+    rtol : float
+        Relative residual.
+    max_iter : int
+        Largest number of iterations.
+    iterations : int
+        Iterations of the last solve.
+    residual : float
+        Relative residual of the last solve.
+    """
 
     condensed: Condensed
     old: Core
@@ -131,7 +206,7 @@ class ReusedFactorSolver:
     _last: tuple[Array, Array] | None = None
 
     def __call__(self, r: Array) -> Array:
-        """M⁻¹r, nearly."""
+        """M⁻¹ r, approximately."""
         if self._last is None or not np.array_equal(self._last[0], r):
             self._last = r.copy(), self.condensed.solve(self._core, r)
         return self._last[1].copy()
@@ -150,14 +225,29 @@ class ReusedFactorSolver:
 
 
 def prepare(name: str, form: ngs.BilinearForm, modulus: ngs.CoefficientFunction | float = 1.0) -> Callable[[], Solve]:
-    """What makes a solver for the form's matrix each time after it is assembled.
+    """Prepare a linear solver for a form. Call it when all terms are added and before the first assembly, in which BDDC takes part.
 
-    To be called when the form's terms are added and before its first assembly, in which BDDC takes part.
+    Parameters
+    ----------
+    name : str
+        One of `NAMES`.
+    form : BilinearForm
+        The form.
+    modulus : CoefficientFunction or float
+        Shear modulus (Pa), for the preconditioners of mixed forms.
 
-    modulus  shear modulus (Pa), for the blocks of the mixed preconditioners
+    Returns
+    -------
+    callable
+        Makes a solver for the form's matrix after each assembly. It raises FloatingPointError where a factorisation fails, as
+        the solver does where an iteration fails.
 
-    Raises `InputError` for an unknown name or a form that it cannot be for, `MissingExtra` if a package is missing; what
-    it returns raises FloatingPointError when a factorisation fails, as the solvers do when an iteration fails.
+    Raises
+    ------
+    InputError
+        For an unknown name, or a solver that does not suit the form.
+    MissingExtra
+        Where a package is missing.
     """
     if name not in NAMES:
         raise InputError("solver", repr(name), nearest(name, NAMES))
@@ -178,10 +268,28 @@ def prepare(name: str, form: ngs.BilinearForm, modulus: ngs.CoefficientFunction 
 
 
 def reuse_factor(form: ngs.BilinearForm, old: Solve, r: Array, rtol: float = 1e-2, max_iter: int = 12) -> Solve | None:
-    """Solver with the matrix of a new assembly by an older factor; None if that does not reach `rtol` for r.
+    """Solver for a newly assembled matrix, with an older factorisation as preconditioner.
 
-    Later right-hand sides are solved as well as `max_iter` iterations can. Errors are measured as the old factor sees them,
-    M₀⁻¹(r - Mx), each field by its own size, so that forces beside volumes do not matter.
+    Residuals are measured in the older factor's norm, M₀⁻¹(r - Mx), each field relative to its own size, so that forces and volumes
+    may have different units.
+
+    Parameters
+    ----------
+    form : BilinearForm
+        The form, assembled.
+    old : callable
+        The older solver.
+    r : array (ndof,)
+        Right-hand side for the test.
+    rtol : float
+        Relative residual to reach.
+    max_iter : int
+        Largest number of iterations.
+
+    Returns
+    -------
+    callable or None
+        None where `rtol` is not reached for r. Later solves stop at `max_iter` in any case.
     """
     if not isinstance(old, DirectSolver):
         return None
@@ -191,7 +299,7 @@ def reuse_factor(form: ngs.BilinearForm, old: Solve, r: Array, rtol: float = 1e-
 
 
 def _block(name: str, form: ngs.BilinearForm, modulus: ngs.CoefficientFunction | float) -> Callable[[], Core]:
-    """What makes the preconditioner of an iterative method after each assembly."""
+    """Maker of the preconditioner of an iterative method after each assembly."""
     space, unknown, parts = form.space, free(form), fields(form.space)
     if name.startswith("cg"):
         if any(unknown[part].any() for part in parts[1:]):

@@ -1,4 +1,4 @@
-"""Sparse matrices from NGSolve to scipy and back."""
+"""Conversion of sparse matrices between NGSolve and SciPy."""
 
 from __future__ import annotations
 
@@ -11,13 +11,25 @@ Array = np.ndarray
 
 
 def to_scipy(matrix: ngs.BaseMatrix) -> sp.csr_array:
-    """A copy of NGSolve's matrix for scipy."""
+    """Copy of an NGSolve matrix as a SciPy matrix."""
     values, columns, rows = (np.array(part) for part in matrix.CSR())
     return sp.csr_array((values, columns, rows), shape=(matrix.height, matrix.width))
 
 
 def rows(matrix: ngs.BaseMatrix, where: Array) -> sp.csr_array:
-    """A copy of some rows (indices) of NGSolve's matrix."""
+    """Copy of some rows of an NGSolve matrix.
+
+    Parameters
+    ----------
+    matrix : BaseMatrix
+        Sparse matrix of NGSolve.
+    where : array of int (k,)
+        Row indices.
+
+    Returns
+    -------
+    csr_array (k, width)
+    """
     values, columns, begins = (np.asarray(part) for part in matrix.CSR())
     begins = begins.astype(np.int64)
     lengths = np.diff(begins)[where]
@@ -27,9 +39,9 @@ def rows(matrix: ngs.BaseMatrix, where: Array) -> sp.csr_array:
 
 
 def to_ngsolve(matrix: sp.sparray) -> ngs.BaseMatrix:
-    """A copy of a real matrix of scipy's, which NGSolve factorises.
+    """Copy of a real SciPy matrix as an NGSolve matrix.
 
-    By arrays of NGSolve's own: given numpy's, it would take each number from Python, in fifteen times the time.
+    NGSolve's own arrays are used: from NumPy arrays it would take fifteen times as long.
 
     >>> to_ngsolve(sp.csr_array(np.diag([2.0, 4.0]))).ToDense()[1, 1]
     4.0

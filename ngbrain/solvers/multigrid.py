@@ -1,11 +1,13 @@
-"""A multigrid preconditioner for displacements of any order: patches around vertices, and smoothed aggregation below.
+"""A multigrid preconditioner for displacements of any order: vertex patches and smoothed aggregation.
 
 One cycle solves exactly on the star of every vertex in turn, then for the vertex functions by pyamg, then on the stars
-again in reverse. A star sees the divergence-free functions around its vertex, which point smoothing does not: at K/μ = 50
+in reverse order. A star contains the divergence-free functions around its vertex, which point smoothing misses: at K/μ = 50,
 order 2 takes 25 iterations instead of 80.
 
-Sources: Schöberl, Melenk, Pechstein, Zaglmayr, Additive Schwarz preconditioning for p-version triangular and tetrahedral
-finite elements (2008), 10.1093/imanum/drl046; Vaněk, Mandel, Brezina, Algebraic multigrid by smoothed aggregation (1996).
+References
+----------
+Schöberl, Melenk, Pechstein, Zaglmayr 2008, https://doi.org/10.1093/imanum/drl046 (additive Schwarz preconditioning for the
+p-version); Vaněk, Mandel, Brezina 1996 (algebraic multigrid by smoothed aggregation).
 """
 
 from __future__ import annotations
@@ -20,17 +22,26 @@ from ngbrain.errors import InputError
 Array = np.ndarray
 
 COARSEST = 50
-"""Aggregates below which a level is solved directly."""
+"""Aggregates up to which a level is solved directly."""
 BELOW = 3
-"""Cycles of pyamg in one of ours. They cost little; at K/μ = 50 and 75 000 unknowns 1, 3 and 5 of them make 35, 23 and 22
-iterations, and an exact solution 20."""
+"""Cycles of pyamg in each cycle. They are cheap: at K/μ = 50 and 75 000 unknowns, 1, 3 and 5 of them give 35, 23 and 22
+iterations, an exact solve 20."""
 
 
 class Patches:
-    """What the cycle needs of a space: the free unknowns around every vertex, those at vertices, and rigid motions there.
+    """Vertex patches of a space: the free degrees of freedom around each vertex, those at vertices, and rigid motions there.
 
-    space    a VectorH1, whose unknowns come first
-    free     which unknowns are to be solved for
+    Parameters
+    ----------
+    space : FESpace
+        A VectorH1 space, whose degrees of freedom come first.
+    free : array of bool (ndof,)
+        Degrees of freedom to solve for.
+
+    Raises
+    ------
+    InputError
+        For a space that is not VectorH1.
     """
 
     def __init__(self, space: ngs.FESpace, free: Array) -> None:
@@ -61,7 +72,15 @@ class Patches:
 
 
 class Cycle:
-    """Symmetric V-cycle for the displacements, the first unknowns of an assembled matrix: the others stay zero in it."""
+    """Symmetric V-cycle for the displacements, which are the first degrees of freedom of a matrix; the others stay zero.
+
+    Parameters
+    ----------
+    matrix : BaseMatrix
+        Assembled matrix.
+    patches : Patches
+        Patches of its space.
+    """
 
     def __init__(self, matrix: ngs.BaseMatrix, patches: Patches) -> None:
         self._matrix, self._vertices, self._free = matrix, patches.vertices, ~patches.fixed
@@ -71,7 +90,7 @@ class Cycle:
         self._coarse = _aggregated(self._block, patches).aspreconditioner(cycle="V")
 
     def __call__(self, r: Array) -> Array:
-        """Br."""
+        """Apply the cycle to a residual."""
         x, left = self._x, self._left
         self._r[:] = 0
         self._r.FV().NumPy()[: len(r)] = r
@@ -91,7 +110,7 @@ class Cycle:
 
 
 def _vertex_block(matrix: ngs.BaseMatrix, patches: Patches) -> sp.bsr_array:
-    """The matrix of the vertex functions, node by node; a fixed unknown keeps a diagonal only."""
+    """Matrix of the vertex functions, node by node; a fixed degree of freedom keeps its diagonal only."""
     values, columns, rows = (np.asarray(part) for part in matrix.CSR())
     whole = sp.csr_array((values, columns, rows), shape=matrix.shape)
     block = whole[patches.vertices][:, patches.vertices]
@@ -110,7 +129,7 @@ def _aggregated(block: sp.bsr_array, patches: Patches) -> pyamg.MultilevelSolver
 
 
 def _rigid(points: Array) -> Array:
-    """Translations and rotations at points (n, dim), as columns over dim·n unknowns, node by node."""
+    """Translations and rotations at points (n, dim), as columns over dim·n degrees of freedom, node by node."""
     n, dim = points.shape
     x = points - points.mean(axis=0)
     x = x / np.abs(x).max()

@@ -1,11 +1,13 @@
-"""Newton's method that keeps its factorisation and never accepts an inverted or non-finite state.
+"""Newton's method that reuses its factorisation and never accepts an inverted or non-finite state.
 
-Error-oriented throughout: progress is judged by the size of the correction M⁻¹R, which does not depend on how the
-equations are scaled against one another (forces beside volumes), rather than by the residual, which stays finite and
-can shrink at inverted states. A factorisation is kept across iterations and across calls; Broyden's good update
-(QNERR) makes the kept one converge superlinearly, and it is renewed only when the contraction is worse than 1/2.
+It is error-oriented: convergence is judged by the correction M⁻¹R, which does not depend on how the equations are scaled
+against one another, rather than by the residual, which stays finite and may even decrease at inverted states. The factorisation
+is kept across iterations and calls. Broyden's good update (QNERR) gives superlinear convergence with it. It is renewed only when
+contraction is too slow.
 
-Source: Deuflhard, Newton Methods for Nonlinear Problems (2004), sections 2.1.4 and 3.3; 10.1007/978-3-642-23899-4.
+References
+----------
+Deuflhard, Newton Methods for Nonlinear Problems (2004), sections 2.1.4 and 3.3, https://doi.org/10.1007/978-3-642-23899-4.
 """
 
 from __future__ import annotations
@@ -26,23 +28,38 @@ Array = np.ndarray
 LOG = logging.getLogger(__name__)
 
 UNLOADED = 0.05
-"""Reactions below this share of the largest met are judged as if they had it: at rest there is nothing to divide by."""
+"""Smallest scale of the residual, as a fraction of the largest reactions so far: at rest reactions are zero."""
 
 
 class System(Protocol):
-    """What the solver needs to know of a problem; vectors are numpy arrays over all unknowns, zero where fixed."""
+    """A nonlinear system R(x) = 0. Vectors are arrays over all degrees of freedom, zero where these are fixed."""
 
     @property
     def weights(self) -> Array:
-        """Diagonal of the inner product that measures corrections (1/scale² for each unknown)."""
+        """Diagonal of the inner product that measures corrections: 1/scale² of each degree of freedom (n,)."""
 
     def residual(self, x: Array) -> tuple[Array, float]:
-        """Residual at x on the free unknowns, and the size of the reactions that it is judged against."""
+        """Residual at x on the free degrees of freedom, and the norm of the reactions, which is its scale."""
 
     def factorise(self, x: Array, r: Array) -> Callable[[Array], Array]:
-        """Solver r ↦ M⁻¹r with the tangent M at x, where the residual is r; FloatingPointError if there is none.
+        """Solver with the tangent M at x; it may be inexact if it is accurate for r.
 
-        It need not be exact if it is nearly so for r.
+        Parameters
+        ----------
+        x : array (n,)
+            State.
+        r : array (n,)
+            Residual at x.
+
+        Returns
+        -------
+        callable
+            r → M⁻¹ r.
+
+        Raises
+        ------
+        FloatingPointError
+            Where the tangent cannot be factorised.
         """
 
     def min_det(self, x: Array) -> float:
@@ -51,17 +68,33 @@ class System(Protocol):
 
 @dataclass
 class Newton:
-    """Settings, and what is kept from call to call: the factorisation and the largest reactions met.
+    """Settings of Newton's method, and what it keeps from call to call: the factorisation and the largest reactions.
 
-    rtol        free residual / reactions at convergence
-    xtol        largest weighted correction at convergence (weights make it dimensionless)
-    max_iter, max_factorisations   what a solve may spend before it gives up
-    min_det     states below are not accepted
-    keep        renew the factorisation when a correction shrinks by less than this factor (0 with worth 0: every time)
-    worth       ... unless this many more iterations at such a pace would do
-    min_damping smallest fraction of a step from a fresh factorisation that is tried
-    watch       full steps from fresh factorisations that may go uphill, one after another, before they are taken back and
-                damped: with a stiff bulk modulus and no pressure the old tangent takes a state that has turned for far off
+    Parameters
+    ----------
+    rtol : float
+        Residual relative to the reactions at convergence.
+    xtol : float
+        Largest weighted correction at convergence (dimensionless, by the weights).
+    max_iter : int
+        Largest number of iterations.
+    max_factorisations : int
+        Largest number of factorisations.
+    min_det : float
+        States with a smaller det F are not accepted.
+    max_contraction : float
+        The factorisation is renewed where a correction shrinks by less than this factor; 0 with `spare_iterations` 0: always.
+    spare_iterations : int
+        It is not renewed where so many more iterations at that rate would converge.
+    min_damping : float
+        Smallest fraction of a step from a new factorisation that is tried.
+    max_climbs : int
+        Full steps from new factorisations that may increase the correction, in a row, before they are taken back and damped. With
+        a stiff bulk modulus and no pressure, the old tangent takes a rotated state for a distant one.
+    inverse : callable, optional
+        The factorisation: r → M⁻¹ r.
+    largest : float
+        The largest reactions so far.
     """
 
     rtol: float = 2e-7
@@ -77,11 +110,26 @@ class Newton:
     largest: float = 0.0
 
     def solve(self, system: System, x: Array) -> tuple[Array, NewtonRecord]:
-        """Solve R(x) = 0 from x; returns the last accepted state and its record (look at `record.converged`)."""
+        """Solve R(x) = 0.
+
+        Parameters
+        ----------
+        system : System
+            The system.
+        x : array (n,)
+            Initial guess.
+
+        Returns
+        -------
+        x : array (n,)
+            Last accepted state.
+        record : NewtonRecord
+            With `converged`, and the reason where it is false.
+        """
         record = NewtonRecord()
         try:
             x = self._iterate(system, x, record)
-        except ArithmeticError as error:  # a correction's square, too, may be too small to divide by
+        except ArithmeticError as error:  # underflow included
             record.reason, record.status = str(error), getattr(error, "status", Status.STALLED)
         if record.reason:
             self.inverse = None
@@ -145,7 +193,7 @@ class Newton:
     def _trial(
         self, system: System, x: Array, last: tuple[Array, float], record: NewtonRecord, damped: bool
     ) -> tuple[Array, Array, float, Array, float] | None:
-        """Take the step if the next correction shrinks (natural monotonicity); halve it if `damped`, else give None."""
+        """Take the step if the next correction shrinks (natural monotonicity test); else halve it if `damped`, or give None."""
         step, size = last
         if not np.isfinite(size):
             raise Breakdown("the tangent gave a correction that is not finite", Status.NOT_FINITE)
@@ -153,7 +201,7 @@ class Newton:
         while damping > self.min_damping:
             candidate = x + damping * step
             det = system.min_det(candidate)
-            finite = False  # a law without energy at some point is refused as an inverted element is
+            finite = False  # non-finite energies are refused like inverted elements
             if det > self.min_det:
                 r, reactions = _residual(system, candidate, record)
                 finite = _finite(r, reactions)
@@ -173,7 +221,7 @@ class Newton:
     def _climb(
         self, system: System, x: Array, step: Array, record: NewtonRecord, climbs: int
     ) -> tuple[Array, Array, int] | None:
-        """The full step all the same, if there is one left and the state it leads to is allowed."""
+        """The full step without the monotonicity test, if allowed."""
         if climbs == self.max_climbs or not system.min_det(x + step) > self.min_det:
             return None
         r, reactions = _residual(system, x + step, record)
@@ -200,7 +248,7 @@ def _finite(r: Array, reactions: float) -> bool:
 
 
 def _broyden(chain: list[tuple[Array, float]], v: Array, weights: Array) -> tuple[Array, float]:
-    """Next step of the good update and the contraction; by its recursion only steps are kept, never a matrix."""
+    """Next step of Broyden's good update, and the contraction; only steps are stored."""
     for (before, size), (after, _) in pairwise(chain):
         v = v + (weights * v) @ before / size**2 * after
     step, size = chain[-1]

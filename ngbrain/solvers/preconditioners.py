@@ -1,6 +1,6 @@
-"""Preconditioners of the iterative solvers: BDDC, multigrid, and a diagonal of blocks for mixed forms.
+"""Preconditioners of the iterative solvers: BDDC, multigrid, and block-diagonal ones for mixed forms.
 
-Each function is called before a form's first assembly and returns what makes the preconditioner after every assembly.
+Call each function before the form's first assembly. It returns what makes the preconditioner after every assembly.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Maker = Callable[[], Core]
 
 
 def multigrid(form: ngs.BilinearForm) -> Maker:
-    """Multigrid on the displacements: over their unknowns only, which come first in a mixed form."""
+    """Multigrid on the displacements, which come first in a mixed form."""
     mixed = form.space.type != "VectorH1"
     patches: list[Patches] = []
 
@@ -34,13 +34,28 @@ def multigrid(form: ngs.BilinearForm) -> Maker:
 
 
 def bddc(form: ngs.BilinearForm) -> Maker:
-    """BDDC of a form, with its wirebasket solved directly."""
+    """BDDC of a form, with a direct solve of the wirebasket."""
     operator = ngs.Preconditioner(form, "bddc")
     return lambda: _array(operator, free(form))
 
 
 def elastic_bddc(space: ngs.FESpace, modulus: ngs.CoefficientFunction | float, condense: bool) -> Maker:
-    """BDDC of ∫ 2μ ε(u):ε(v), which stands for the displacement block of a mixed form at any state."""
+    """BDDC of ∫ 2μ ε(u):ε(v), for the displacement block of a mixed form at any state.
+
+    Parameters
+    ----------
+    space : FESpace
+        Displacements.
+    modulus : CoefficientFunction or float
+        Shear modulus μ (Pa).
+    condense : bool
+        Whether static condensation is used.
+
+    Returns
+    -------
+    callable
+        Gives the preconditioner.
+    """
     u, v = space.TnT()
     form = ngs.BilinearForm(space, symmetric=True, condense=condense)
     form += 2 * modulus * ngs.InnerProduct(ngs.Sym(ngs.Grad(u)), ngs.Sym(ngs.Grad(v))) * ngs.dx
@@ -48,7 +63,22 @@ def elastic_bddc(space: ngs.FESpace, modulus: ngs.CoefficientFunction | float, c
 
 
 def mass(space: ngs.FESpace, modulus: ngs.CoefficientFunction | float, condense: bool) -> Maker:
-    """Inverse of ∫ pq/μ."""
+    """Inverse of ∫ pq/μ, for the pressure block.
+
+    Parameters
+    ----------
+    space : FESpace
+        Pressures.
+    modulus : CoefficientFunction or float
+        Shear modulus μ (Pa).
+    condense : bool
+        Whether static condensation is used.
+
+    Returns
+    -------
+    callable
+        Gives the preconditioner.
+    """
     p, q = space.TnT()
     form = ngs.BilinearForm(space, symmetric=True, condense=condense)
     form += p * q / modulus * ngs.dx
@@ -57,7 +87,20 @@ def mass(space: ngs.FESpace, modulus: ngs.CoefficientFunction | float, condense:
 
 
 def diagonal(displacement: Maker, pressure: Maker, fields: list[slice]) -> Maker:
-    """Both blocks side by side."""
+    """Block-diagonal preconditioner.
+
+    Parameters
+    ----------
+    displacement, pressure : callable
+        Give the preconditioners of the two blocks.
+    fields : list of slice
+        Degrees of freedom of the two blocks.
+
+    Returns
+    -------
+    callable
+        Gives the preconditioner.
+    """
     first, second = fields
 
     def make() -> Core:
@@ -72,7 +115,7 @@ def diagonal(displacement: Maker, pressure: Maker, fields: list[slice]) -> Maker
 
 
 def _once(form: ngs.BilinearForm, make: Maker) -> Maker:
-    """Assemble the form and make its preconditioner at the first call."""
+    """Assemble the form and make its preconditioner at the first call only."""
     made: list[Core] = []
 
     def again() -> Core:

@@ -1,4 +1,4 @@
-"""What conjugate gradients have learnt of a matrix, kept for the next system with nearly the same one."""
+"""A preconditioner updated by earlier conjugate-gradient directions, for a sequence of similar systems."""
 
 from __future__ import annotations
 
@@ -10,18 +10,26 @@ from ngbrain.solvers.krylov import Apply
 
 Array = np.ndarray
 KEPT = 150
-"""Directions: each as long as a vector of unknowns, twice."""
+"""Directions kept by default; each takes two vectors."""
 
 
 class QuasiNewtonPreconditioner:
-    """The latest directions s and their images G s, as BFGS corrections of a preconditioner for G + R.
+    """Limited-memory BFGS update of a preconditioner for G + R, from directions s and images G s.
 
-    most   how many are kept
+    G is expensive to apply; R may change between systems. The updated preconditioner is positive definite if the original one
+    is, and maps (G + R) s to s for the last s.
 
-    G is what is dear to apply, R a matrix that may change between systems. The corrected preconditioner is positive definite
-    whenever the one it corrects is, and maps (G + R) s to s for the last s.
-    Source: Morales and Nocedal 2000, 10.1137/S1052623497327854.
+    Parameters
+    ----------
+    most : int
+        Number of directions kept, the latest ones.
 
+    References
+    ----------
+    Morales and Nocedal 2000, https://doi.org/10.1137/S1052623497327854.
+
+    Examples
+    --------
     >>> found = QuasiNewtonPreconditioner()
     >>> found.add(np.array([1.0, 0.0]), np.array([4.0, 0.0]))
     >>> found.correct(lambda r: r, lambda s: 0 * s)(np.array([4.0, 3.0])).tolist()
@@ -32,7 +40,15 @@ class QuasiNewtonPreconditioner:
         self._pairs: deque[tuple[Array, Array]] = deque(maxlen=most)
 
     def add(self, s: Array, image: Array) -> None:
-        """One more direction and G times it."""
+        """Store a direction.
+
+        Parameters
+        ----------
+        s : array (n,)
+            Direction.
+        image : array (n,)
+            G s.
+        """
         size = float(np.linalg.norm(s))
         if size > 0:
             self._pairs.append((s / size, image / size))
@@ -48,7 +64,20 @@ class QuasiNewtonPreconditioner:
         self._pairs.extend((s, image) for s, image in values)
 
     def correct(self, precondition: Apply, rest: Apply) -> Apply:
-        """`precondition` with what is known; `rest` applies R."""
+        """The updated preconditioner.
+
+        Parameters
+        ----------
+        precondition : callable
+            The original preconditioner, r → Pr.
+        rest : callable
+            s → R s.
+
+        Returns
+        -------
+        callable
+            The updated preconditioner; the original one where no direction is stored.
+        """
         known = []
         for s, image in self._pairs:
             y = image + rest(s)

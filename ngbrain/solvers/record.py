@@ -1,4 +1,4 @@
-"""What a nonlinear solve did, as plain data."""
+"""Records of nonlinear solves, as plain data."""
 
 from __future__ import annotations
 
@@ -13,7 +13,17 @@ from ngbrain.result import Result
 
 @dataclass
 class SolverWork:
-    """Counts of the expensive operations, added up over a run."""
+    """Counts of the expensive operations, added up over a run.
+
+    Parameters
+    ----------
+    residuals : int
+        Residual evaluations.
+    factorisations : int
+        Factorisations of the tangent.
+    solves : int
+        Linear solves.
+    """
 
     residuals: int = 0
     factorisations: int = 0
@@ -28,10 +38,22 @@ class SolverWork:
 
 @dataclass(repr=False)
 class NewtonRecord(Result):
-    """Outcome of one nonlinear solve.
+    """Outcome of one Newton solve.
 
-    `reason` is empty when converged, `status` its kind. `history` has the norms of residual and correction at each iterate, in
-    the units of the problem's own scaling; `min_det_F` is the smallest over all quadrature points of the accepted state.
+    Parameters
+    ----------
+    status : Status
+        How it ended.
+    reason : str
+        Why it failed; empty if it converged.
+    history : list of (float, float)
+        Norms of residual and correction at each iterate, in the problem's own scaling.
+    iterations : int
+        Newton iterations.
+    min_det_F : float
+        Smallest det F over all quadrature points of the accepted state.
+    work : SolverWork
+        Operation counts.
     """
 
     iterations: int = 0
@@ -39,22 +61,22 @@ class NewtonRecord(Result):
     work: SolverWork = field(default_factory=SolverWork)
 
     def plot(self) -> Any:
-        """Residuals of the iterations."""
+        """Plot the residuals of the iterations."""
         return descent(self.residuals, "residual")
 
     @property
     def value(self) -> float:
-        """The last correction's norm."""
+        """Norm of the last correction."""
         return self.history[-1][1] if self.history else 0.0
 
     @property
     def residuals(self) -> list[float]:
-        """Norms at each iterate."""
+        """Residual norm at each iterate."""
         return [residual for residual, _ in self.history]
 
     @property
     def statistics(self) -> dict[str, float]:
-        """Of the method."""
+        """Iterations and operation counts."""
         return {"iterations": self.iterations, **vars(self.work)}
 
 
@@ -62,16 +84,36 @@ class NewtonRecord(Result):
 class PathRecord(Result):
     """Outcome of a solve in load steps.
 
-    factor   load factor that was reached; converged if it is 1, else `reason` says why not, and `status` of what kind it is
-    history  (load factor, record) of each step that succeeded
-    cuts     steps that failed and were halved: why, at which factor
-    tried    Newton iterations of all steps, failed ones too
-    seconds  CPU time by phase: assemble, factor, solve, residual, check
-    element, solver   what was chosen, and why
-    pressed, creased  shares of the body's volume, and of its free surface along itself, compressed by more than 35 %
-    softest  the tangent's smallest eigenvalue (Pa/m²), asked for when a share is large; else NaN
-    eigenvalues  (load factor, smallest eigenvalue) of each step, where they were asked for
-    guard    what was added to the body to get there; empty if nothing was
+    Parameters
+    ----------
+    status : Status
+        How it ended.
+    reason : str
+        Why it failed; empty if load factor 1 was reached.
+    history : list of (float, NewtonRecord)
+        Load factor and record of each successful step.
+    factor : float
+        Load factor that was reached.
+    cuts : list of str
+        Steps that failed and were halved: load factor and reason.
+    tried : int
+        Newton iterations of all steps, failed ones included.
+    work : SolverWork
+        Operation counts.
+    seconds : dict of str to float
+        CPU time (s) of each stage: assemble, factor, solve, residual, check.
+    ndof : int
+        Degrees of freedom.
+    element, solver : str
+        What was chosen, and why.
+    pressed, creased : float
+        Fractions of the body's volume, and of its free surface, compressed by more than 35 %.
+    softest : float
+        Smallest eigenvalue of the tangent (Pa/m²), computed where one of these is large; else NaN.
+    eigenvalues : list of (float, float)
+        Load factor and smallest eigenvalue of each step, if requested.
+    guard : str
+        What was added to the body to reach the end; empty if nothing.
     """
 
     factor: float = 0.0
@@ -90,16 +132,16 @@ class PathRecord(Result):
 
     @property
     def value(self) -> float:
-        """The load factor."""
+        """Load factor that was reached."""
         return self.factor
 
     @property
     def statistics(self) -> dict[str, float]:
-        """Of all steps."""
+        """Counts over all steps."""
         return {"load_steps": len(self.history), "cuts": len(self.cuts), "iterations": self.tried, **vars(self.work)}
 
     def plot(self) -> Any:
-        """Residuals of all Newton iterations."""
+        """Plot the residuals of all Newton iterations."""
         return descent(self.residuals, "residual")
 
     @property
@@ -109,12 +151,12 @@ class PathRecord(Result):
 
     @property
     def residuals(self) -> list[float]:
-        """Norms of the residual at all iterates of the steps that succeeded."""
+        """Residual norm at all iterates of the successful steps."""
         return [norm for _, step in self.history for norm in step.residuals]
 
 
 class Clock:
-    """CPU seconds by phase.
+    """CPU time (s) by stage.
 
     >>> clock = Clock()
     >>> with clock("assemble"):
@@ -127,12 +169,20 @@ class Clock:
         self.seconds: dict[str, float] = defaultdict(float)
 
     def __call__(self, phase: str) -> SolveStage:
-        """Count what is done inside."""
+        """Context that counts the CPU time of its body."""
         return SolveStage(self.seconds, phase)
 
 
 class SolveStage:
-    """One of a `Clock`: a context, made lean, for a run of a small body enters thousands."""
+    """Context that adds CPU time to one stage of a `Clock`. It is light-weight, as a run of a small body enters thousands.
+
+    Parameters
+    ----------
+    seconds : dict of str to float
+        Times (s), added to.
+    name : str
+        The stage.
+    """
 
     __slots__ = ("_name", "_seconds", "_start")
 
