@@ -80,7 +80,7 @@ def numbers(name: str, values: Any, shape: tuple[int | None, ...], wanted: str =
     wanted = wanted or f"finite numbers of shape ({''.join(f'{n},' if n else 'any,' for n in shape)})"
     try:
         found = np.asarray(values)
-    except ValueError as error:  # sequences of several lengths
+    except ValueError as error:  # ragged sequences
         raise InputError(name, "of uneven lengths", wanted) from error
     fitting = found.ndim == len(shape) and all(n in (None, m) for n, m in zip(shape, found.shape, strict=True))
     if found.dtype.kind not in "iuf" or not fitting:

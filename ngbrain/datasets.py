@@ -237,8 +237,8 @@ def _fetched(file: str) -> bytes:
             raw = bytes(answer.read(MOST))
     except (OSError, ValueError) as error:  # URLError is an OSError
         reason = getattr(error, "reason", error)
-        wanted = "a network that reaches it, or the file itself, downloaded by hand: what reads it takes any path"
-        raise InputError(file, f"not to be had from {url} ({reason})", wanted) from error
+        wanted = "a network connection, or the file downloaded by hand: its reader accepts any path"
+        raise InputError(file, f"not available from {url} ({reason})", wanted) from error
     if (found := hashlib.sha256(raw).hexdigest()) != SHA256[file]:
         wanted = f"{SHA256[file][:12]}…, the published file"
         raise InputError(file, f"of SHA-256 {found[:12]}… as fetched from {url}", wanted)

@@ -104,7 +104,7 @@ class Result:
 
     def plot(self) -> Any:
         """Plot the result as a matplotlib figure; `NotImplementedError` if it has no plot."""
-        raise NotImplementedError(f"{type(self).__name__} has no picture")
+        raise NotImplementedError(f"{type(self).__name__} has no plot")
 
     def to_dict(self) -> dict[str, Any]:
         """The result as plain data."""

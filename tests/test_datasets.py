@@ -115,7 +115,7 @@ def test_maps_are_fetched_checked_and_written_whole(tmp_path, monkeypatch):
     sums = {file: hashlib.sha256((there / file).read_bytes()).hexdigest() for file in (stiffness, damping)}
     monkeypatch.setattr(datasets, "SHA256", sums)
     (there / damping).rename(there / "away")
-    with pytest.raises(InputError, match=rf"{damping} is not to be had from .*; wanted: .*by hand"):
+    with pytest.raises(InputError, match=rf"{damping} is not available from .*; wanted: .*by hand"):
         datasets.write("mre134", tmp_path / "out")
     assert not (tmp_path / "out").exists()
     (there / "away").rename(there / damping)

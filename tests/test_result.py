@@ -49,7 +49,7 @@ def test_a_line_a_card_and_a_file(tmp_path):
     kept = json.loads(bands.save(tmp_path / "bands.json").read_text())["value"]
     assert kept == {"white": {"value": 0.7, "deviation": None, "low": 0.6, "high": 0.8}}
     assert repr(SceneResult({})) == "SceneResult: ; stopped before it converged; 0 s"
-    with pytest.raises(NotImplementedError, match="Root has no picture"):
+    with pytest.raises(NotImplementedError, match="Root has no plot"):
         root.plot()
 
 

@@ -272,7 +272,7 @@ def _with_warnings(labels: Volume, contrast: float) -> Segmentation:
         low, high = _ADULT.get(name, (0.0, np.inf))
         if not low <= millilitres <= high:
             text = f"{millilitres:.1f} ml of {name} found, where people have {low:g} to {high:g} ml"
-            found.warnings.append(f"{text}: look at the labels")
+            found.warnings.append(f"{text}: inspect the labels")
     for text in found.warnings:
         warnings.warn(text, TissueWarning, stacklevel=3)
     return found

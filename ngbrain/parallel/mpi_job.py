@@ -171,7 +171,7 @@ class MpiExecutor(Executor):
     def _end_of_the_job(self, name: str) -> SolverError:
         found = _REASON.search("\n".join(self._complaint))
         why = f"a rank died: {found[1].strip()}" if found else f"mpiexec ended with status {self._process.returncode}"
-        return SolverError(f"{name}: {why}, which ends the MPI job; started again, it goes on from what is finished")
+        return SolverError(f"{name}: {why}, which ends the MPI job; a restart continues from the finished tasks")
 
     def _pass_on(self) -> None:
         """Pass the output of the ranks on to stderr, without mpiexec's error report."""

@@ -121,7 +121,7 @@ class ProcessExecutor(Executor):
                 except RuntimeError as error:  # Python 3.12 starts no threads after the main thread has ended
                     if not self._servants:
                         self._waiting.pop()
-                        raise NotSent(f"nobody can listen to another process ({error})") from error
+                        raise NotSent(f"no thread can be started for another process ({error})") from error
                 else:
                     self._servants.append(servant)
             self._changed.notify()
@@ -268,7 +268,7 @@ class _Process:
         try:
             code = self._process.wait(PATIENCE)
         except TimeoutExpired:
-            return SolverError(f"{task}: its process answered nonsense")
+            return SolverError(f"{task}: its process sent an invalid answer")
         finally:
             self.end()
         if code == -signal.SIGINT:
@@ -284,7 +284,7 @@ class _Process:
         if after > before:
             words = "the system ended it for want of memory; fewer at once take less"
             return TaskLost(f"{task}: its process died (signal 9); {words}", True)
-        return TaskLost(f"{task}: its process died (signal 9), somebody's kill: memory was not the reason")
+        return TaskLost(f"{task}: its process died (signal 9), killed by another process: memory was not the reason")
 
 
 def _stderr() -> int | None:

@@ -138,7 +138,7 @@ def _settle(job: Any, name: str, future: Future[Any]) -> None:
         state = str(job.state)
         memory = "OUT_OF_ME" in state
         reason = "for want of memory" if memory else f"without an answer (state {state}, {type(error).__name__})"
-        well, what = False, TaskLost(f"{name}: job {job.job_id} ended {reason}; {job.paths.stderr} says more", memory)
+        well, what = False, TaskLost(f"{name}: job {job.job_id} ended {reason}; {job.paths.stderr} has details", memory)
     future.set_result(what) if well else future.set_exception(what)
 
 

@@ -175,7 +175,7 @@ def test_what_memory_was_short_for_is_tried_alone(two, tmp_path, caplog):
 @pytest.mark.parametrize(
     ("kills", "words", "memory"),
     [
-        ([3, 3], "somebody's kill: memory was not the reason", False),
+        ([3, 3], "killed by another process: memory was not the reason", False),
         ([3, 4], "the system ended it for want of memory; fewer at once take less", True),
         ([None, None], "was there memory enough", True),
     ],

@@ -397,8 +397,8 @@ def _check_bright(head: Volume) -> None:
     if litres < _LEAST:
         raise InputError(
             "image",
-            f"a picture whose largest bright part has {litres:.2f} litres",
-            f"at least {_LEAST:g}, after a background of noise (as MP2RAGE has) was taken out",
+            f"an image whose largest bright part has {litres:.2f} litres",
+            f"at least {_LEAST:g}, after removal of a noisy background (as of MP2RAGE)",
         )
 
 

@@ -67,7 +67,7 @@ def skull_strip(scan: Scan, place: Alignment | None = None) -> np.ndarray:
     >>> affine, noise = np.diag([4e-3, 4e-3, 4e-3, 1]), rng.random((50, 50, 50)).astype(np.float32)
     >>> skull_strip(Scan(Volume(noise, affine), affine, (50, 50, 50), "noise.nii"))
     Traceback (most recent call last):
-    ngbrain.errors.InputError: noise.nii: image is a picture whose largest bright part has 0.00 litres; wanted: at least 0.5, ...
+    ngbrain.errors.InputError: noise.nii: image is an image whose largest bright part has 0.00 litres; wanted: at least 0.5, ...
     """
     template, found = mni152().volume, place or align_template(scan)
     head = downsample(scan.volume, _VOXEL)
@@ -101,14 +101,16 @@ def align_template(scan: Scan) -> Alignment:
     with file_context(scan.source):
         found = align(scan.volume, mni152().volume)
         if found.likeness < ALIKE:
-            what = f"a picture that is not like a brain (correlation with the MNI152 template {found.likeness:.2f}"
+            what = f"unlike a brain (correlation with the MNI152 template {found.likeness:.2f}"
             raise InputError("image", f"{what}, at least {ALIKE:g} needed{_turned(scan.volume)})", _WANTED)
         seen = measure_contrast(scan.volume, found.affine)
         if seen.order[2] != TISSUES[2]:  # fluid is darkest, except for vessels after a contrast agent
-            what = f"a picture in which {seen.order[2]} is brightest and {seen.order[0]} darkest"
+            what = f"an image in which {seen.order[2]} is brightest and {seen.order[0]} darkest"
             raise InputError("image", what.replace("grey", "grey matter").replace("white", "white matter"), _T1)
         if seen.step < _STEP:
-            what = f"a picture in which white matter is hardly brighter than grey (by {seen.step:.2f} of the spread of grey values"
+            what = (
+                f"an image in which white matter is hardly brighter than grey (by {seen.step:.2f} standard deviations"
+            )
             raise InputError("image", f"{what}, at least {_STEP:g} needed)", _T1)
     return found
 

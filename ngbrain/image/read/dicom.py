@@ -40,9 +40,7 @@ def read_series(path: Path) -> Any:
     except RuntimeError as error:
         raise InputError("image", f"unreadable ({str(error).splitlines()[-1]})", "whole DICOM files", path) from error
     if image.GetDimension() != 3 or image.GetNumberOfComponentsPerPixel() != 1:
-        raise InputError(
-            "image", "a DICOM series that is no picture in space with one value a voxel", "a T1 scan", path
-        )
+        raise InputError("image", "a DICOM series that is not a 3-D image with one value per voxel", "a T1 scan", path)
     affine = np.eye(4)
     affine[:3, :3] = np.array(image.GetDirection()).reshape(3, 3) * np.array(image.GetSpacing())
     affine[:3, 3] = image.GetOrigin()
@@ -94,7 +92,7 @@ def _check_places(sitk: Any, files: list[str], path: Path) -> None:
     steps = np.diff(np.sort(places @ np.cross(*rows)))
     usual = float(np.median(steps))
     if (steps < 0.5 * usual).any() or usual == 0:
-        raise InputError("image", "a DICOM series with several slices at one place", "one picture of one head", path)
+        raise InputError("image", "a DICOM series with several slices at one place", "one image of one head", path)
     if (np.abs(steps - usual) > _UNEVEN * usual).any():
         found = (
             f"a DICOM series with slices {steps.min():.3g} to {steps.max():.3g} mm from each other: some are missing"

@@ -226,8 +226,7 @@ def mni152() -> Scan:
 def template_map(name: str) -> tuple[np.ndarray, np.ndarray]:
     """A map of the MNI152 template that nilearn ships, as its loaders read it.
 
-    The file is read directly, because importing nilearn's loaders (with scikit-learn and pandas) takes longer than reading the
-    map.
+    The file is read directly, as importing nilearn's loaders (with scikit-learn and pandas) takes longer.
 
     Parameters
     ----------
@@ -236,10 +235,8 @@ def template_map(name: str) -> tuple[np.ndarray, np.ndarray]:
 
     Returns
     -------
-    data : numpy.ndarray
-        float32, divided by the maximum.
-    affine : numpy.ndarray
-        (4, 4), from voxels to m.
+    data, affine : numpy.ndarray
+        float32, divided by the maximum; (4, 4), from voxels to m.
 
     Raises
     ------
@@ -301,9 +298,8 @@ def resample_to_ras(volume: Volume, spacing: float = _GRID) -> Volume:
     first = np.ceil(corners.min(axis=0) / spacing - 1e-6)
     shape = np.floor(corners.max(axis=0) / spacing + 1e-6).astype(int) - first.astype(int) + 1
     if shape.prod() > _MOST_VOXELS:
-        raise InputError(
-            "image", "x".join(map(str, shape)) + f" voxels of {1e3 * spacing:g} mm", "at most 512³ of them"
-        )
+        found = "x".join(map(str, shape)) + f" voxels of {1e3 * spacing:g} mm"
+        raise InputError("image", found, "at most 512³ of them")
     affine = np.diag([spacing, spacing, spacing, 1.0])
     affine[:3, 3] = spacing * first
     matrix = np.linalg.solve(volume.affine, affine)
@@ -419,7 +415,7 @@ def _check_sides(header: Any, path: Path) -> None:
 def _file_shape(image: Any, path: Path) -> tuple[int, int, int]:
     shape = tuple(int(n) for n in image.shape)
     if 0 in shape or len(shape) < 3 or any(n > 1 for n in shape[3:]):
-        raise InputError("image shape", shape, "three axes: one picture of one head", path)
+        raise InputError("image shape", shape, "three axes: one image of one head", path)
     if np.prod(shape) > 4 * _MOST_VOXELS:
         raise InputError("image shape", shape, "at most 2^29 voxels", path)
     return shape[0], shape[1], shape[2]

@@ -310,7 +310,7 @@ def _maximised(moments: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
     means = np.linalg.solve(_SHARES.T @ (count[:, None] * _SHARES), _SHARES.T @ first)
     at = _SHARES @ means
     variance = (second - 2 * at * first + at**2 * count).sum() / count.sum()
-    # A floor of half a bin, and of a voxel in a million, for pictures made of few values.
+    # A floor of half a bin, and of a voxel in a million, for images with few distinct values.
     return means, float(np.sqrt(max(variance, (0.5 / _BINS) ** 2))), np.maximum(count / count.sum(), 1e-6)
 
 

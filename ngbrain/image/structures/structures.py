@@ -101,7 +101,7 @@ def segment_structures(t1: Volume, tissues: Volume, place: Alignment | None = No
 
     Examples
     --------
-    >>> from ngbrain.image.labelling import label_structures  # segments the label_tissues first, or takes them from the cache
+    >>> from ngbrain.image.labelling import label_structures  # segments the tissues first, or takes them from the cache
     >>> ml = label_structures(mni152()).labels.volumes_ml()
     >>> f"{ml['brain_stem']:.0f} ml of stem, {ml['white_left'] / ml['white_right']:.2f} times as much white left as right"
     '30 ml of stem, 1.00 times as much white left as right'
