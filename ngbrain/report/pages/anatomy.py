@@ -152,7 +152,7 @@ def slices(elements: Elements, labels: LabelMap, t1: Volume | None, at: Floats) 
 
 
 def space(elements: Elements, at: Floats) -> bytes:
-    """The mesh from outside, and its part behind the sagittal and coronal planes through a point, with coloured regions.
+    """The mesh from outside, and its part behind the coronal plane through a point, with coloured regions.
 
     Parameters
     ----------
@@ -180,7 +180,7 @@ def space(elements: Elements, at: Floats) -> bytes:
             wide, tall = inches(axes)
             camera = Camera.look(middle, toward, up, reach * wide / tall, reach)
             if column:
-                # Keep what lies behind one of the two planes, seen from the viewer.
+                # Keep what lies behind the coronal plane, seen from the viewer.
                 level = at[1] + 1e-7 - elements.points[:, 1]
                 cut = cut_tets(elements.tets, level, np.arange(len(elements.tets)))
                 shades = np.array([_rgba(name, i)[:3] for i, name in enumerate(elements.regions)])

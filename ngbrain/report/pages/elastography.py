@@ -61,7 +61,7 @@ def build(
     pictures = {f"waves_{load}": waves(data, arrays, load, flat) for load in range(loads)}
     pictures |= {
         "maps": maps(result, data, arrays, flat),
-        "following": derived_maps(arrays, flat),
+        "derived": derived_maps(arrays, flat),
         "intervals": intervals(result, data, arrays, flat),
         "strain": strain(data, arrays, flat),
         "residuals": residuals(result, arrays["residual"]),

@@ -56,7 +56,7 @@ def build(
         lambda _: [(window(MODULUS, values), values) for values in (_share(arrays, name) for name in names)],
     )
     if "magnitude" in arrays:
-        pictures["following"] = elastography.derived_maps(arrays, flat)
+        pictures["derived"] = elastography.derived_maps(arrays, flat)
     seen = [(load, i) for load in range(min(data.loads, elastography.MOST_LOADS)) for i in range(data.dim)]
     seen = [(load, i) for load, i in seen if not np.isnan(arrays["measured"][load][:, i]).all()]
 

@@ -16,7 +16,7 @@ def arrays_of(data, storage=2000.0):
     n = len(data.points)
     noise = np.random.default_rng(0).standard_normal((2, *data.displacement.shape))
     maps = {"storage": np.full(n, storage), "loss": np.full(n, 800.0)}
-    follows = {name: np.linspace(1, 2, n) for name in elastography.FOLLOWING}
+    follows = {name: np.linspace(1, 2, n) for name in elastography.DERIVED}
     u = data.displacement
     return {
         "points": data.points,
