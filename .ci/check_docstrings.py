@@ -49,7 +49,9 @@ def constructor(node: ast.ClassDef) -> list[str]:
     if "dataclass" not in decorators(node):
         return []
     fields = [i for i in node.body if isinstance(i, ast.AnnAssign) and isinstance(i.target, ast.Name)]
-    return [i.target.id for i in fields if not i.target.id.startswith("_") and "ClassVar" not in ast.unparse(i.annotation)]
+    return [
+        i.target.id for i in fields if not i.target.id.startswith("_") and "ClassVar" not in ast.unparse(i.annotation)
+    ]
 
 
 def public(tree: ast.Module) -> Iterator[tuple[str, int, list[str], str]]:

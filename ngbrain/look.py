@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import base64
 import io
 from collections.abc import Mapping, Sequence
+from html import escape
 from typing import Any
 
 import numpy as np
 
-from ngbrain.errors import require
+from ngbrain.errors import MissingExtra, require
 
 STYLE = {
     "font.family": "DejaVu Sans",
@@ -22,6 +24,37 @@ STYLE = {
     "savefig.facecolor": "white",
 }
 """Settings of matplotlib."""
+
+
+class Card:
+    """Representation of an object by a few words: one line as text, a table with a thumbnail in a notebook.
+
+    Subclasses define `summary`, and `plot` where there is something to see.
+    """
+
+    def summary(self) -> Mapping[str, str]:
+        """Name → text, the most important first."""
+        raise NotImplementedError
+
+    def plot(self) -> Any:
+        """Plot as a matplotlib figure; `NotImplementedError` where there is nothing to see."""
+        raise NotImplementedError(f"{type(self).__name__} has no picture")
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}: {'; '.join(self.summary().values())}"
+
+    def _repr_html_(self) -> str:
+        rows = self.summary().items()
+        cells = "".join(f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>" for name, text in rows)
+        return f"<table><caption>{type(self).__name__}</caption>{cells}</table>{self._thumbnail()}"
+
+    def _thumbnail(self) -> str:
+        """The plot as a small embedded image; nothing where there is none, or no matplotlib."""
+        try:
+            self.plot().savefig(picture := io.BytesIO(), format="png", dpi=60)
+        except (NotImplementedError, MissingExtra):
+            return ""
+        return f'<img alt="" src="data:image/png;base64,{base64.b64encode(picture.getvalue()).decode()}">'
 
 
 def figure(width: float, height: float) -> Any:
@@ -194,4 +227,62 @@ def maps(points: np.ndarray, values: Mapping[str, np.ndarray], moduli: Sequence[
             axes.set_aspect("equal")
             axes.set_xlabel("x, mm")
             axes.set_ylabel("y, mm")
+    return page
+
+
+def grey_slices(data: np.ndarray, label: str = "") -> Any:
+    """Plot the three middle slices of an image in grey.
+
+    Parameters
+    ----------
+    data : numpy.ndarray
+        (nx, ny, nz) values.
+    label : str
+        Label of the colour bar.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    with require("matplotlib", "report").rc_context(STYLE):
+        page = figure(7.2, 2.8)
+        shown = None
+        for i, axes in enumerate(page.subplots(1, 3)):
+            middle = np.take(data, data.shape[i] // 2, axis=i).T
+            shown = axes.imshow(middle, origin="lower", cmap="gray", vmin=np.min(data), vmax=np.max(data))
+            axes.set_axis_off()
+        page.colorbar(shown, ax=page.axes, shrink=0.8, label=label)
+    return page
+
+
+def scatter(points: np.ndarray, values: np.ndarray, label: str) -> Any:
+    """Plot values at points of a plane; of points in space those in the middle layer.
+
+    Parameters
+    ----------
+    points : numpy.ndarray
+        (n, 2|3) m.
+    values : numpy.ndarray
+        (n,) one value at each.
+    label : str
+        Label of the colour bar, with the unit.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    if points.shape[1] == 3:
+        height = points[:, 2]
+        layer = np.unique(height)[len(np.unique(height)) // 2]
+        inside = np.abs(height - layer) <= 1e-6 + 0.02 * np.ptp(height)
+        points, values = points[inside], values[inside]
+    with require("matplotlib", "report").rc_context(STYLE):
+        page = figure(4.2, 3.4)
+        axes = page.subplots()
+        side = 3.0 * 72 / max(np.sqrt(len(points)), 1.0)
+        shown = axes.scatter(*(1e3 * points[:, :2].T), c=values, s=1.2 * side**2, marker="s", linewidths=0)
+        axes.set_aspect("equal")
+        axes.set_xlabel("x (mm)")
+        axes.set_ylabel("y (mm)")
+        page.colorbar(shown, ax=axes, label=label)
     return page

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from ngbrain.errors import InputError, nearest
+from ngbrain.look import Card
 from ngbrain.materials.registry import reading
 from ngbrain.mesh.geometry.primitives import Ellipsoids
 from ngbrain.scene.conditions import DisplacementBC, Given, Gravity, Pressure, Traction, depends_on_time
@@ -50,8 +51,8 @@ __all__ = [
 ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Scene(Document):
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Scene(Card, Document):
     """One job: a body under loads, or an operation, a scene with a cleft and a tool. Whatever is wrong raises `InputError`.
 
     Parameters
@@ -152,6 +153,27 @@ class Scene(Document):
     def _need_table(self, ok: object, name: str, found: str, wanted: str) -> None:
         if not ok:
             raise InputError(entries(self)[name].key, found, wanted)
+
+    def summary(self) -> dict[str, str]:
+        """Kind of job, geometry, tissues, and what acts and is asked, in words."""
+        acting = {
+            "displacement condition": len(self.displacement_bcs),
+            "traction": len(self.tractions),
+            "pressure": len(self.pressures),
+            "contact": len(self.contacts),
+            "tool": len(self.tools),
+            "protocol": len(self.protocols),
+            "quantity": len(self.quantities),
+        }
+        counted = [
+            f"{n} {name}{'' if n == 1 else 's'}".replace("quantitys", "quantities") for name, n in acting.items() if n
+        ]
+        return {
+            "title": self.title or ("operation" if self.is_operation else "body under loads"),
+            "geometry": self.geometry.kind,
+            "tissues": ", ".join(tissue.region for tissue in self.tissues) or "none",
+            "conditions": ", ".join(counted) or "none",
+        }
 
     @property
     def is_operation(self) -> bool:

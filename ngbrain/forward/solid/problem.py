@@ -23,6 +23,7 @@ from ngbrain.forward.solid.inertia import Inertia, Momentum
 from ngbrain.forward.solid.stateful import Stateful
 from ngbrain.forward.solid.tangent import Tangent
 from ngbrain.forward.solid.tissue import TissueTerm
+from ngbrain.look import Card
 from ngbrain.solvers import linear
 from ngbrain.solvers.record import Clock
 
@@ -38,7 +39,7 @@ ROUGHLY, AT_MOST = 0.1, 6
 """it has to bring the first residual down to this share in so many iterations."""
 
 
-class Problem(Stateful):
+class Problem(Card, Stateful):
     """A body: energy Σ W(F; history) + U(J) or p(J - 1) - p²/2K, + loads + contacts + inertia; equilibrium where it is stationary.
 
     It has neither time nor loop: steps are made by `advance`, of a `LoadPath` that makes loads grow, or a `TimeStepper`. Its
@@ -155,6 +156,18 @@ class Problem(Stateful):
         self._make_forms()
 
     # What Newton's method asks (solvers.newton.System).
+
+    def summary(self) -> dict[str, str]:
+        """Regions, elements, unknowns, conditions and loads in words."""
+        laws = [f"{pattern}: {type(material.law).__name__}" for pattern, material in self.materials.items()]
+        acting = [type(each).__name__ for each in (*self.loads, *self.contacts)]
+        return {
+            "materials": ", ".join(laws),
+            "mesh": f"{self.mesh.ne} elements in {self.mesh.dim}-D",
+            "element": str(self.element),
+            "unknowns": f"{self.fes.ndof} unknowns",
+            "solver": self.solver,
+        } | ({"loads and contacts": ", ".join(acting)} if acting else {})
 
     def load(self, x: Array, t: float) -> Array:
         """Set the load factor; x with what is prescribed at t."""

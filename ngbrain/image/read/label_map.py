@@ -5,16 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy import ndimage
 
 from ngbrain.errors import InputError
 from ngbrain.image.read.volume import Volume, reorient_to_ras
+from ngbrain.look import Card, slices
 
 
-@dataclass(frozen=True, eq=False)
-class LabelMap:
+@dataclass(frozen=True, eq=False, repr=False)
+class LabelMap(Card):
     """Region of each voxel.
 
     Parameters
@@ -48,6 +50,16 @@ class LabelMap:
         unnamed = sorted(set(np.unique(self.volume.data).tolist()) - {0} - set(self.names))
         if unnamed:
             raise InputError("labels", f"without a name for {unnamed[:5]}", "a name for every number but 0")
+
+    def summary(self) -> dict[str, str]:
+        """Regions with their volumes, and the grid."""
+        ml = ", ".join(f"{name} {volume:.4g} ml" for name, volume in self.volumes_ml().items())
+        shape = self.volume.summary()
+        return {"regions": ml or "none", "shape": shape["shape"], "voxel": shape["voxel"]}
+
+    def plot(self) -> Any:
+        """The three middle slices, one colour for each region."""
+        return slices(self.region_numbers(), ("outside", *self.regions))
 
     @cached_property
     def regions(self) -> tuple[str, ...]:

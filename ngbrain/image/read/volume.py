@@ -14,6 +14,7 @@ from scipy import ndimage
 
 from ngbrain.errors import InputError, require
 from ngbrain.image.read.dicom import is_dicom, read_series
+from ngbrain.look import Card, grey_slices
 from ngbrain.reading import check_regular, gunzip, read_bytes, unzip
 
 _GRID = 1e-3  # m
@@ -26,8 +27,8 @@ _NIFTI = "one NIfTI or MGH file: .nii, .nii.gz, .mgh or .mgz"
 _MGH = b"\0\0\0\1\0\0"  # version 1, big-endian, and the size along the first axis below 2^16
 
 
-@dataclass(frozen=True, eq=False)
-class Volume:
+@dataclass(frozen=True, eq=False, repr=False)
+class Volume(Card):
     """Values on a voxel grid.
 
     Parameters
@@ -46,6 +47,19 @@ class Volume:
 
     data: np.ndarray
     affine: np.ndarray
+
+    def summary(self) -> dict[str, str]:
+        """Shape, voxels and values in words."""
+        voxel = " × ".join(f"{1e3 * side:.3g}" for side in self.spacing)
+        return {
+            "shape": " × ".join(str(n) for n in self.data.shape) + " voxels",
+            "voxel": f"{voxel} mm",
+            "values": f"{np.min(self.data):.4g} to {np.max(self.data):.4g}",
+        }
+
+    def plot(self) -> Any:
+        """The three middle slices in grey."""
+        return grey_slices(np.asarray(self.data, float))
 
     @property
     def spacing(self) -> np.ndarray:
@@ -93,8 +107,8 @@ class Volume:
         return hashlib.sha256(head + affine.tobytes() + np.ascontiguousarray(self.data).tobytes()).hexdigest()
 
 
-@dataclass(frozen=True, eq=False)
-class Scan:
+@dataclass(frozen=True, eq=False, repr=False)
+class Scan(Card):
     """A T1 scan.
 
     Parameters
@@ -113,6 +127,14 @@ class Scan:
     file_affine: np.ndarray
     file_shape: tuple[int, int, int]
     source: str
+
+    def summary(self) -> dict[str, str]:
+        """Source, and the volume's."""
+        return {"source": self.source, **self.volume.summary()}
+
+    def plot(self) -> Any:
+        """The three middle slices in grey."""
+        return self.volume.plot()
 
 
 @dataclass(frozen=True, eq=False)

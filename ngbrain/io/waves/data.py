@@ -12,6 +12,7 @@ from scipy.spatial import KDTree
 
 from ngbrain.errors import InputError, nearest
 from ngbrain.io.waves.grid import Grid, hull
+from ngbrain.look import Card, scatter
 
 SYMMETRIES = ("isotropic", "transversely_isotropic")
 RHEOLOGIES = ("elastic", "viscoelastic")
@@ -26,8 +27,8 @@ _NOISIEST = 10.0
 _POSITIVE = ("youngs", "shear", "mu")
 
 
-@dataclass(frozen=True, eq=False)
-class WaveData:
+@dataclass(frozen=True, eq=False, repr=False)
+class WaveData(Card):
     """Displacements u(x, t) = Re(u(x) e^{iωt}) at points, and known properties of the material.
 
     Parameters
@@ -248,6 +249,24 @@ class WaveData:
         if (bad & self.mask).any():
             raise InputError(f"truth_{name}", values[bad & self.mask][0], wanted)
         return values
+
+    def summary(self) -> dict[str, str]:
+        """Size, frequencies and material in words."""
+        where = "plane" if self.dim == 2 else "space"
+        hertz = ", ".join(f"{f:g}" for f in np.unique(self.frequency))
+        told = {
+            "points": f"{len(self.points)} points in {'the ' if self.dim == 2 else ''}{where}",
+            "loads": f"{self.loads} load{'s' if self.loads > 1 else ''}",
+            "frequency": f"{hertz} Hz",
+            "amplitude": f"{1e6 * float(np.max(self.rms)):.3g} µm rms",
+            "material": f"{self.symmetry}, {self.rheology}",
+        }
+        return told | ({"tissue": self.tissue} if self.tissue else {})
+
+    def plot(self) -> Any:
+        """Amplitude of the first load (µm); in space that of the middle layer."""
+        amplitude = np.sqrt(np.nansum(np.abs(self.displacement[0]) ** 2, axis=1))
+        return scatter(self.points, 1e6 * amplitude, "|u| (µm)")
 
     @property
     def dim(self) -> int:
