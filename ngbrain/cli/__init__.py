@@ -1,4 +1,9 @@
-"""The command line: thin over the library. Exit 0 on success, 2 on bad input, 3 when a solver gave up or its answer is no good."""
+"""The command line. Exit status 0 for success, 2 for bad input, 3 for a solver failure or an unreliable answer.
+
+- `simulate` (also `demo`), `mesh`, `invert`, `predict`, `calibrate`, `cohort`, `materials`, `data`: The verbs.
+- `options`: Their options.
+- `places`: Output folders; `streams`: standard output and error; `interrupts`: Ctrl-C; `words`: the final summary.
+"""
 
 from __future__ import annotations
 
@@ -19,19 +24,21 @@ from ngbrain.cli.streams import guard_stdout, secure_streams
 from ngbrain.errors import InputError, MissingExtra, SolverError
 from ngbrain.progress import LOG, terminal
 
+__all__ = ["ERRORS", "EXIT_INPUT", "EXIT_SOLVER", "exit_status", "main", "module_of", "perform"]
+
 LEFTWARD = re.compile(r"-[\d.][^,]*(,[^,]+){2}")
-"""Three numbers with commas, the first of them negative."""
+"""Three comma-separated numbers, the first of them negative."""
 EXIT_INPUT, EXIT_SOLVER = 2, 3
 ERRORS = (InputError, MissingExtra, SolverError, OSError, MemoryError)
-"""What ends a command with one line."""
+"""Errors that end a command with a one-line message."""
 WRITING = ("demo", "simulate", "mesh", "invert", "predict", "calibrate")
 """Verbs that write results to a folder."""
 MODULES = {"demo": "simulate"}
-"""Verbs that are at home in a module of another name; its `run` takes what was given and may return a status."""
+"""Verbs whose module has another name; a module's `run` takes the parsed arguments and may return a status."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a verb; returns the exit status."""
+    """Run a verb and return the exit status."""
     secure_streams()
     command = parser()
     arguments = command.parse_args(_joined(sys.argv[1:] if argv is None else argv))
@@ -54,7 +61,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def perform(arguments: argparse.Namespace) -> int:
-    """Do what parsed arguments ask for; returns the exit status, and raises what `ERRORS` has and whatever else goes wrong."""
+    """Run parsed arguments and return the exit status; raises `ERRORS` and any unexpected error."""
     with _logging(arguments.quiet):
         for file in getattr(arguments, "own_laws", None) or ():
             import_module("ngbrain.materials.registry").register(file)
@@ -64,12 +71,23 @@ def perform(arguments: argparse.Namespace) -> int:
 
 
 def module_of(verb: str) -> str:
-    """The module that a verb is at home in."""
+    """The module of a verb."""
     return f"ngbrain.cli.{MODULES.get(verb, verb)}"
 
 
 def exit_status(error: BaseException, arguments: argparse.Namespace) -> tuple[int, str]:
-    """The exit status and the line of a command that one of `ERRORS` has ended."""
+    """Exit status and message of a command that ended with one of `ERRORS`.
+
+    Parameters
+    ----------
+    error : BaseException
+    arguments : argparse.Namespace
+
+    Returns
+    -------
+    status : int
+    line : str
+    """
     if isinstance(error, InputError | MissingExtra):
         return EXIT_INPUT, str(error)
     if isinstance(error, SolverError):
@@ -82,7 +100,7 @@ def exit_status(error: BaseException, arguments: argparse.Namespace) -> tuple[in
 
 @contextmanager
 def _logging(quiet: bool) -> Iterator[None]:
-    """What the library logs or warns of goes to stderr, a line each, and how far work has come unless a terminal shows it."""
+    """Write log messages and warnings of the library to stderr, a line each, and progress unless a terminal shows it."""
 
     def warn(message: Warning | str, *_: Any, **__: Any) -> None:
         LOG.warning("warning: %s", message)  # without the place in the source that it came from
@@ -103,8 +121,10 @@ def _logging(quiet: bool) -> Iterator[None]:
 
 
 def _joined(argv: Sequence[str]) -> list[str]:
-    """Arguments in which `--site -20,0,30` is `--site=-20,0,30`: a place left of the middle is no option.
+    """Join options and values such as `--site -20,0,30` to `--site=-20,0,30`, since a negative coordinate is not an option.
 
+    Examples
+    --------
     >>> _joined(["mesh", "--site", "-20,0,30", "-q"])
     ['mesh', '--site=-20,0,30', '-q']
     """

@@ -1,4 +1,4 @@
-"""The verb `calibrate`: how stiff a patient's tissues are, from landmarks and forces of a retraction."""
+"""The verb `calibrate`: tissue stiffness of a patient from landmarks and forces of a retraction."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from ngbrain.threads import threads
 from ngbrain.workflows.property_maps import finite
 
 ROUND = "factors.json"
-"""Factors after the last round, which `--resume` begins with."""
+"""Factors after the last iteration, from which `--resume` starts."""
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Read, search, write, report, print."""
+    """Read, calibrate, write, report, print."""
     started, rounds = time.monotonic(), list[Iteration]()
     scene, seen, protocol = _checked(arguments)
     folder: Path = arguments.output
@@ -67,7 +67,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _checked(arguments: argparse.Namespace) -> tuple[Scene, Observations, int]:
-    """Scene, measurements, number of the protocol; what is wrong or missing is said before the work begins."""
+    """Scene, measurements and index of the protocol; errors are reported before the work begins."""
     for package in ("matplotlib", "jinja2"):
         require(package, "report")
     if not (arguments.landmarks or arguments.force):
@@ -89,7 +89,7 @@ def _checked(arguments: argparse.Namespace) -> tuple[Scene, Observations, int]:
 
 
 def _begun(path: Path) -> dict[str, float]:
-    """The factors that an interrupted search has left; `calibrate` checks their names."""
+    """Factors of an interrupted calibration; `calibrate` checks their names."""
     factors = read_json(path, "factors")
     if not isinstance(factors, dict) or not factors:
         raise InputError("factors", brief(factors), "a factor for each tissue, or no such file", path)
@@ -100,7 +100,18 @@ def _begun(path: Path) -> dict[str, float]:
 
 
 def result_data(scene: Scene, seen: Observations, found: Calibrated) -> dict[str, Any]:
-    """What was found as plain data; lengths in mm, forces in N."""
+    """The calibration as plain data; lengths in mm, forces in N.
+
+    Parameters
+    ----------
+    scene : Scene
+    seen : Observations
+    found : Calibrated
+
+    Returns
+    -------
+    dict
+    """
     before = {tissue.region: tissue.initial_modulus for tissue in scene.tissues}
     after = {tissue.region: tissue.initial_modulus for tissue in found.scene.tissues}
     level = found.level
@@ -138,7 +149,7 @@ def _warnings(found: Calibrated) -> list[str]:
 
 
 def summary(result: dict[str, Any]) -> list[str]:
-    """The result as lines: factors with their intervals, the misfit."""
+    """Lines of the summary: factors with their intervals, the misfit."""
     lines = [f"{'tissue':<24}{'factor':>8}{'95 % interval':>18}{'initial modulus':>18}"]
     for name, of in result["tissues"].items():
         interval = f"{of['low']:.3g} to {of['high']:.3g}"

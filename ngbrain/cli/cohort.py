@@ -15,7 +15,7 @@ from ngbrain.workflows.results import OK, REPORT, Cohort
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Read the list, compute what is not finished, write, print; returns the exit status, 3 where a row is not usable."""
+    """Read the list, compute unfinished rows, write, print; returns the exit status, 3 if a row is not usable."""
     with _executor(arguments) as executor, Progress(terminal(arguments.quiet), text="reading the list") as line:
         done = cohort(
             arguments.list,
@@ -31,13 +31,13 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _executor(arguments: argparse.Namespace) -> AbstractContextManager[AnyExecutor]:
-    """What --executor names, else so many processes as --threads says."""
+    """The executor of --executor, else a number of processes."""
     named: str = arguments.executor or str(arguments.threads)
     return nullcontext(int(named)) if named.isdigit() else open_executor(named)
 
 
 def summary(done: Cohort) -> list[str]:
-    """The cohort as lines: how many rows have which verdict, where results are."""
+    """Lines of the summary: number of rows by verdict, location of the results."""
     counts = ", ".join(f"{count} {verdict}" for verdict, count in done.counts.items() if count)
     now = sum(row.computed for row in done.rows)
     kept = list(dict.fromkeys(column for row in done.rows for column in row.about))

@@ -10,7 +10,7 @@ from ngbrain.errors import InputError
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """List, or write and print where."""
+    """List the data, or write files and print their paths."""
     if arguments.output.exists() and not arguments.output.is_dir():
         raise InputError("-o", str(arguments.output), "a folder, or a name that is free")
     if not arguments.names:
@@ -26,8 +26,10 @@ def _line(name: str, dataset: Dataset) -> str:
 
 
 def _size(count: int) -> str:
-    """Bytes in words.
+    """A number of bytes in words.
 
+    Examples
+    --------
     >>> _size(14741), _size(3510351)
     ('15 kB', '3.5 MB')
     """

@@ -1,4 +1,4 @@
-"""Ctrl-C of a command: it ends cleanly where it can, and soon where it cannot."""
+"""Ctrl-C in a command: a clean end if possible, and a prompt one otherwise."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from typing import Any
 
 EXIT_INTERRUPTED = 130
 GRACE = 5.0
-"""Seconds that work may take to end. It hears of Ctrl-C when it is back in Python, which takes a mesh generator a minute."""
+"""Time (s) for a clean end. Python notices Ctrl-C when it regains control, which in a mesh generator may take a minute."""
 
 
 @contextmanager
 def interruptible(words: str) -> Iterator[None]:
-    """Ctrl-C raises `KeyboardInterrupt` inside; after `GRACE`, or on a second one, the process ends at once, with these words.
+    """Raise `KeyboardInterrupt` on Ctrl-C; after `GRACE`, or on a second Ctrl-C, end the process at once with a message.
 
-    What is raised inside after Ctrl-C is taken for it: libraries that are interrupted while they are imported say they are broken.
+    Any error after Ctrl-C counts as an interrupt: libraries that are interrupted during their import report other errors.
     """
     before = signal.getsignal(signal.SIGINT)
     if before in (signal.SIG_IGN, None) or threading.current_thread() is not threading.main_thread():

@@ -1,4 +1,4 @@
-"""The verb `invert`: wave data to property maps."""
+"""The verb `invert`: property maps from wave data."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ STARTS: dict[str, tuple[float, ...] | None] = {
     "all": (1.0,),
     "many": (0.5, 0.7, 1.0, 1.4, 2.0),
 }
-"""Levels of uniform fields to start from, see `invert`."""
+"""Levels of uniform initial guesses, see `invert`."""
 IN_ZONES = {
     "--model-error": (None, 0.0),
     "--discretisation": (None, "fe"),
@@ -58,9 +58,9 @@ IN_ZONES = {
     "--bars": (False,),
     "--device": ("cpu",),
 }
-"""What zones take of the other options."""
+"""Values of other options that inversion by subzones accepts."""
 SEED = 0
-"""Of the probes that estimate how much the data determine."""
+"""Seed of the probes that estimate the degrees of freedom."""
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -115,7 +115,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _usable(data: WaveData, arguments: argparse.Namespace) -> tuple[WaveData, list[str]]:
-    """The data without what is to be left out, and what that is."""
+    """The data without the parts to be left out, and notes on these."""
     notes = list[str]()
     check_passive(data)
     if arguments.drop_outliers and moving_axis(data) is None:  # slices look for themselves
@@ -169,7 +169,7 @@ def _in_zones(data: WaveData, arguments: argparse.Namespace, callback: Callback,
 
 
 def _checked(arguments: argparse.Namespace) -> WaveData:
-    """The data; what is wrong or missing is said before the work begins."""
+    """The data; errors are reported before the work begins."""
     for package in ("matplotlib", "jinja2"):
         require(package, "report")
     for option, level in (("--noise", arguments.noise), ("--model-error", arguments.model_error)):
@@ -199,7 +199,7 @@ def _checked(arguments: argparse.Namespace) -> WaveData:
 
 
 def summary(result: dict[str, Any]) -> list[str]:
-    """The result as lines: parameters, starts, what was assumed and found."""
+    """Lines of the summary: parameters, initial guesses, assumptions and findings."""
     reasons = result.get("reasons")
     lines = [f"Do not use: {'; '.join(reasons)}", ""] if reasons else []
     ends = parameters.intervals(result)

@@ -1,4 +1,4 @@
-"""The verb `materials`: what the catalogue of published constants holds, and how a scene takes one of them."""
+"""The verb `materials`: the catalogue of published constants, and how a scene refers to an entry."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from ngbrain.units import to_kPa
 
 PICTURES = (".png", ".pdf", ".svg")
 MOST = 18
-"""Lines that can be told apart."""
+"""Largest number of distinguishable lines in a plot."""
 NAMES = {"NeoHooke": "Neo-Hooke", "Polynomial": "polynomial"}
-"""Class of a law → its name, where that is another."""
+"""Class of a law → its name, where that differs."""
 SYMBOLS = {"mu": "μ", "alpha": "α", "b": "b", "jm": "J_m"}
 """Constant of a law → its symbol; those of `mu` are in Pa."""
 EVIDENCE = {
@@ -57,7 +57,20 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def draw(entries: list[Published], file: Path, replace: bool) -> None:
-    """Stress against stretch of entries, as a file; `InputError` for one that cannot be written, or is there already."""
+    """Plot stress against stretch to a file.
+
+    Parameters
+    ----------
+    entries : list of Published
+    file : Path
+    replace : bool
+        Overwrite an existing file.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be written or exists already, or too many entries.
+    """
     if file.suffix.casefold() not in PICTURES:
         raise InputError("--plot", str(file), f"a name that ends in {', '.join(PICTURES)}")
     if file.exists() and not replace:
@@ -71,7 +84,7 @@ def draw(entries: list[Published], file: Path, replace: bool) -> None:
 
 
 def law_table() -> str:
-    """The laws that a scene takes by name, with their parameters."""
+    """The laws that a scene can name, with their parameters."""
     rows = [("name", "parameters of material = { name = ..., ... }", "law")]
     for name, entry in REGISTRY.items():
         given = [p.key if p.default is None else f"{p.key} ({p.default:g})" for p in entry.parameters]
@@ -81,7 +94,7 @@ def law_table() -> str:
 
 
 def catalogue_table(entries: list[Published]) -> str:
-    """A line each: name, law, tissue, shear modulus at once and in the end, stretches of the data, source."""
+    """A line for each entry: name, law, tissue, initial and long-term shear modulus, stretches of the data, source."""
     rows = [("name", "law", "tissue", "μ₀ kPa", "μ∞ kPa", "stretch", "DOI")]
     for entry in entries:
         law = viscous(entry.law())
@@ -106,6 +119,8 @@ def catalogue_table(entries: list[Published]) -> str:
 def describe_law(law: Viscous) -> str:
     """A law in a few words.
 
+    Examples
+    --------
     >>> describe_law(viscous(CATALOGUE["miller2002:brain"].law()))
     'Ogden, 2 hereditary branches (Prony)'
     """
@@ -114,13 +129,13 @@ def describe_law(law: Viscous) -> str:
 
 
 def describe_tissue(entry: Published) -> str:
-    """Species and region."""
+    """Species and region of an entry."""
     region = entry.region.replace("_", " ")
     return region if entry.species == "none" else f"{entry.species} {region}"
 
 
 def describe_entry(entry: Published) -> str:
-    """All that is known of an entry, and what to paste into a scene."""
+    """All data of an entry, and the lines for a scene."""
     law, modulus = viscous(entry.law()), f"{_kPa(entry.initial_modulus)} kPa at rest"
     if law.branches:
         modulus += f", of a sudden strain; {_kPa(shear_modulus(law.equilibrium))} kPa in the end"
@@ -153,7 +168,7 @@ def describe_entry(entry: Published) -> str:
 
 
 def _kPa(modulus: Any) -> str:  # noqa: N802
-    """To three digits, without a power of ten."""
+    """A modulus in kPa with three digits, without exponent."""
     return f"{float(f'{to_kPa(float(modulus)):.3g}'):.10g}"
 
 
@@ -167,7 +182,7 @@ def _named(law: Law) -> str:
 
 
 def _constants(law: Viscous) -> list[str]:
-    """A line for each part; of a Prony series the law of a sudden strain, and what relaxes of it."""
+    """A line for each part; for a Prony series the instantaneous law and its relaxing fractions."""
     stays = law.equilibrium
     if isinstance(stays, Scaled):
         shares = [branch.law.factor for branch in law.hereditary_branches if isinstance(branch.law, Scaled)]

@@ -1,4 +1,4 @@
-"""The verb `mesh`: a scan or a map of labels to a volume mesh."""
+"""The verb `mesh`: a volume mesh from a scan, labels, surfaces or another mesh."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ from ngbrain.progress import Progress, terminal
 from ngbrain.workflows.mesh_head import Subject, write_subject
 
 SHOWN = 3
-"""Changes of a region that are printed; all are in result.json."""
+"""Number of changes of a region that are printed; all are in result.json."""
 EXIT_UNUSABLE = 3
 ROUTE, UNIT = "hull", "mm"
 LABELS_OF = ("labels", "names", "structures", "atlas")
-"""Options that say what an image's labels are."""
+"""Options on an image's labels."""
 CUT = ("opening", "width", "craniotomy", "approach", "across")
 """Options of the cleft."""
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Read, mesh, write, report, print; returns the exit status, 3 where too much of the labels had to be changed."""
+    """Read, mesh, write, report, print; returns the exit status, 3 if too much of the labels had to be changed."""
     with Progress(terminal(arguments.quiet), text="reading and labelling") as line:
         result = _meshed(arguments, line.callback)
     conclude(arguments.quiet, summary(result), cautions(result))
@@ -92,7 +92,7 @@ def _meshed(arguments: argparse.Namespace, callback: Callable[[str], None]) -> d
 
 
 def _imported(arguments: argparse.Namespace, callback: Callable[[str], None]) -> dict[str, Any]:
-    """A mesh of another program as it is: what would change it or needs labels is refused."""
+    """A mesh of another program; options that would change it or need labels are refused."""
     _alone(arguments, "a mesh", (*LABELS_OF, "route", "size", "site", "cut", "curve", "surfaces", "landmark", "radius"))
     callback("reading")
     made = write_imported(arguments.images[0], arguments.output, arguments.unit or UNIT)
@@ -100,7 +100,7 @@ def _imported(arguments: argparse.Namespace, callback: Callable[[str], None]) ->
 
 
 def _subject(arguments: argparse.Namespace) -> Subject:
-    """What is to be meshed, by the kind of the files."""
+    """The subject, by the type of the files."""
     parts = [_part(text) for text in arguments.images]
     flat = [is_surface(path) for _, path in parts]
     if any(flat):
@@ -119,7 +119,7 @@ def _subject(arguments: argparse.Namespace) -> Subject:
 
 
 def _alone(arguments: argparse.Namespace, what: str, options: tuple[str, ...], several: bool = False) -> None:
-    """`InputError` for options that have no meaning beside what is given, and for more files than one unless `several`."""
+    """`InputError` for options that do not apply to the input, and for more than one file unless `several`."""
     for name in options:
         if getattr(arguments, name) not in (None, False, [], (None, {})):
             raise InputError(f"--{name}", f"given with {what}", "it left out: it has no meaning there")
@@ -128,7 +128,7 @@ def _alone(arguments: argparse.Namespace, what: str, options: tuple[str, ...], s
 
 
 def _part(text: str) -> tuple[str, Path]:
-    """A surface's name and file: by FreeSurfer's names if none is given, else that of the file."""
+    """A surface's name and file: the given name, or one derived from FreeSurfer's or the file's name."""
     name, equals, file = text.partition("=")
     if equals and name and not Path(text).exists():
         return name, Path(file)
@@ -154,7 +154,7 @@ def _reported(
 
 
 def summary(result: dict[str, Any]) -> list[str]:
-    """The result as lines: what was done to the labels, volumes, elements."""
+    """Lines of the summary: changes of the labels, volumes, elements."""
     lines = list(result["notes"])
     lines += [
         f"{name:<20}{region['volume_ml']:>9.1f} ml"
@@ -182,7 +182,7 @@ def summary(result: dict[str, Any]) -> list[str]:
 
 
 def cautions(result: dict[str, Any]) -> list[str]:
-    """Regions that the mesh shows badly, and those that were changed too much."""
+    """Regions that the mesh represents poorly, and those that were changed too much."""
     changed = [f"do not use without a look: {_changed(result, name)}" for name in result["checks"]["changed_ml"]]
     if crossed := result.get("surfaces", {}).get("crossings"):
         changed.append(f"the white and pial surfaces cross at {crossed} pairs of triangles")
@@ -193,7 +193,7 @@ def cautions(result: dict[str, Any]) -> list[str]:
 
 
 def _changed(result: dict[str, Any], name: str) -> str:
-    """What was changed of a region, and where most of it."""
+    """Changes of a region, and the locations of the largest."""
     places = sorted((place for place in result["repairs"] if place["region"] == name), key=lambda place: -place["ml"])
     told = [
         f"{place['ml']:.2g} ml {place['kind']} at ({', '.join(f'{c:.0f}' for c in place['at_mm'])}) mm"

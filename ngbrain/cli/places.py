@@ -1,4 +1,4 @@
-"""Where the results of a command go: looked at before the work begins, and kept from others until it ends."""
+"""Output folders of commands: checked before the work, and locked until it ends."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from pathlib import Path
 from ngbrain.errors import InputError
 
 RESULT = "result.json"
-"""What says that a folder has results in it."""
+"""The file by which a folder counts as having results."""
 
 
 @contextmanager
 def reserve_output(arguments: argparse.Namespace) -> Iterator[None]:
-    """Make the folder that results go to, and keep it from other commands while this one works.
+    """Make the output folder of a command, and lock it while the command works.
 
     Raises
     ------
     InputError
-        There is a file of that name, or none can be written there; another command writes there; or it has results already and
-        neither --force nor --resume is given.
+        A file of that name exists, or nothing can be written; another command works there; or there are results already and neither
+        --force nor --resume is given.
     """
     output: Path = arguments.output
     is_file = arguments.verb == "mesh"
@@ -43,7 +43,7 @@ def reserve_output(arguments: argparse.Namespace) -> Iterator[None]:
 
 @contextmanager
 def lock_folder(folder: Path) -> Iterator[None]:
-    """Make a folder, and keep it from other commands; raises `InputError` where it cannot be written to or is held already."""
+    """Make a folder and lock it; raises `InputError` where it cannot be written to or is locked already."""
     made = _made(folder)
     try:
         with _alone(folder):
@@ -57,7 +57,7 @@ def lock_folder(folder: Path) -> Iterator[None]:
 
 
 def _made(folder: Path) -> list[Path]:
-    """The folders that had to be made, the innermost first; one that cannot be written to is refused."""
+    """The folders that had to be made, innermost first; raises for one that cannot be written to."""
     missing = [each for each in (folder, *folder.parents) if not each.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""The verb `predict`: wave data to property maps by a trained operator."""
+"""The verb `predict`: property maps from wave data by a trained operator."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from ngbrain.threads import threads
 from ngbrain.workflows.property_maps import write_maps
 
 LOSSLESS = 0.01
-"""Of the storage modulus: the least loss that an inversion starts from."""
+"""Smallest loss modulus of an initial guess, relative to the storage modulus."""
 TOLD = (0.5, 0.68, 0.9, 0.95)
-"""Shares of errors of which a result tells how many deviations hold them."""
+"""Coverage levels for which a result reports the interval width in standard deviations."""
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -98,18 +98,29 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def runtime_version() -> str:
-    """Of onnxruntime; `MissingExtra` without it."""
+    """Version of onnxruntime; `MissingExtra` without it."""
     return str(require("onnxruntime", "surrogate").__version__)
 
 
 def load_operator(data: WaveData, weights: Path | None = None) -> Operator:
-    """The operator for data, shipped or of a folder."""
+    """The operator for the kind of data.
+
+    Parameters
+    ----------
+    data : WaveData
+    weights : Path, optional
+        Folder of the weights; by default those of the package.
+
+    Returns
+    -------
+    Operator
+    """
     name = "waves" if (data.frequency > 0).any() else "compression"
     return Operator.load(weights, name) if weights else Operator.load_default(name)
 
 
 def scale_to_level(found: Prediction) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], list[str]]:
-    """Maps, deviations and notes; of compression at the level at which `invert` starts, as no number of it tells one."""
+    """Maps, deviations and notes; those of static compression are relative and scaled to the initial level of `invert`."""
     if found.modality == "waves":
         return found.maps, found.deviations, found.warnings
     level = float(np.real(found.data.youngs_of(uniform_shear(found.data))))
@@ -120,14 +131,20 @@ def scale_to_level(found: Prediction) -> tuple[dict[str, np.ndarray], dict[str, 
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """Maps that an inversion starts from, and what to say of them."""
+    """Initial guess of an inversion, and notes on it.
+
+    Parameters
+    ----------
+    maps : dict of array
+    notes : list of str
+    """
 
     maps: dict[str, np.ndarray]
     notes: list[str]
 
 
 def surrogate_start(data: WaveData) -> Start:
-    """From the shipped operator; a loss below `LOSSLESS` of the storage is raised to it, as logarithms are looked for."""
+    """Initial guess by the trained operator; a loss modulus below `LOSSLESS` is raised to it, as the inversion uses logarithms."""
     found = predict(data)
     maps = dict(scale_to_level(found)[0])
     notes = [
@@ -145,7 +162,17 @@ def surrogate_start(data: WaveData) -> Start:
 
 
 def derived_maps(data: WaveData, maps: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """What follows from the complex shear modulus of waves; nothing of compression."""
+    """Maps derived from the complex shear modulus of waves; none for static compression.
+
+    Parameters
+    ----------
+    data : WaveData
+    maps : dict of array
+
+    Returns
+    -------
+    dict of array
+    """
     if not data.frequency.any():
         return {}
     shear = maps["storage"] + 1j * maps["loss"] if "storage" in maps else np.real(data.shear_of(maps["youngs"]))
@@ -154,7 +181,7 @@ def derived_maps(data: WaveData, maps: dict[str, np.ndarray]) -> dict[str, np.nd
 
 
 def summary(result: dict[str, Any]) -> list[str]:
-    """The result as lines: whether to trust it, parameters."""
+    """Lines of the summary: reliability, parameters."""
     lines = [line for reason in result["reasons"] for line in (f"Do not use: {reason}", "")]
     lines.append(f"{'parameter':<34}{'median':>9}{'IQR':>9}{'error':>12}")
     for row in parameters.parameters(result):

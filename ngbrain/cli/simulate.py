@@ -21,7 +21,7 @@ from ngbrain.surgery.uncertainty.error_budget import FAILED, NOT_COMPUTED, UNDER
 from ngbrain.workflows.simulate import simulate
 
 NOT_OF_THE_SCENE = ("-", "checkpoint", "result", "executor", "worker", "memory")
-"""How a field begins that an option or another file gave."""
+"""Prefixes of message fields that refer to an option or another file."""
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -50,7 +50,7 @@ def _demo(arguments: argparse.Namespace) -> Scene:
 
 
 def _preview(scene: Scene, arguments: argparse.Namespace) -> int:
-    """The scene drawn, and nothing computed."""
+    """Draw the scene without computing it."""
     from ngbrain.workflows.preview import preview
 
     conclude(arguments.quiet, [f"preview: {preview(scene, arguments.output)}"], [])
@@ -58,7 +58,7 @@ def _preview(scene: Scene, arguments: argparse.Namespace) -> int:
 
 
 def _answer(scene: Scene, arguments: argparse.Namespace) -> int:
-    """What is asked, by the cheapest model that is within the tolerances."""
+    """Answer the requested quantities by the cheapest model within the tolerances."""
     if arguments.resume:
         raise InputError("--resume", "given", "this option left out: a scene that asks quantities starts anew")
     folder: Path = arguments.output
@@ -89,7 +89,7 @@ def _answer(scene: Scene, arguments: argparse.Namespace) -> int:
 
 
 def _answers(result: dict[str, Any]) -> list[str]:
-    """The result as lines: answers, what was left out."""
+    """Lines of the result: answers, what was left out."""
     lines = [f"{'quantity':<44}{'value':>14}{'error':>10}{'tolerance':>11}"]
     lines += [
         f"{name:<44}{value:>14}{error:>10}{tolerance:>11}" for name, value, error, tolerance in page.answers(result)
@@ -100,7 +100,7 @@ def _answers(result: dict[str, Any]) -> list[str]:
 
 
 def _operate(scene: Scene, arguments: argparse.Namespace) -> int:
-    """An operation as it is described."""
+    """Compute an operation as described."""
     folder: Path = arguments.output
     from ngbrain.report.pages.retraction import Report
 
@@ -160,7 +160,7 @@ def _summary(answers: dict[str, Any]) -> list[str]:
 
 
 def _worth(errors: dict[str, Any]) -> list[str]:
-    """Of the peak and of strain, in a line each, where they are known."""
+    """Errors of peak pressure and strain, a line each, where they are known."""
     lines = []
     for key, name, unit in (("peak_pressure_mmHg", "peak", " mmHg"), ("mps_p95", "MPS p95", "")):
         of = errors.get(key, {})

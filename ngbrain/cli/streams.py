@@ -1,4 +1,4 @@
-"""Standard output and error of a command, as they come: closed, full, of another encoding, or a pipe that is not read on."""
+"""Standard output and error of a command: closed, full, of another encoding, or a closed pipe."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 
 def secure_streams() -> None:
-    """Give each of the three streams a place to go where the caller has closed it: the next file that is opened would take it."""
+    """Open each standard stream that the caller has closed; otherwise the next opened file would take its descriptor."""
     for number in range(3):
         try:
             os.fstat(number)
@@ -26,12 +26,12 @@ def secure_streams() -> None:
 
 @contextmanager
 def guard_stdout() -> Iterator[None]:
-    """Standard output is whole at the end; a reader that has gone away (`| head -1`) does not matter, as the work goes on.
+    """Flush standard output at the end; a closed pipe (`| head -1`) is ignored, since the work continues.
 
     Raises
     ------
     OSError
-        It cannot be written for another reason; it is called by its name.
+        Standard output cannot be written for another reason.
     """
     stream = sys.stdout
     write, flush = stream.write, stream.flush
@@ -61,7 +61,7 @@ def guard_stdout() -> Iterator[None]:
 
 
 def _abandon() -> None:
-    """Let what is still to be written go, so that Python says nothing of it at the end."""
+    """Discard buffered output, so that Python reports no error at exit."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)
     os.close(nowhere)

@@ -1,4 +1,4 @@
-"""What a verb says in the end."""
+"""The final output of a verb."""
 
 from __future__ import annotations
 
@@ -8,7 +8,16 @@ from ngbrain.progress import LOG
 
 
 def conclude(quiet: bool, summary: Iterable[str], cautions: Sequence[str]) -> None:
-    """Print a summary and, after it, what a reader has to be warned of; that is said on stderr where there is no summary."""
+    """Print a summary and the warnings; without a summary, warnings go to stderr.
+
+    Parameters
+    ----------
+    quiet : bool
+        No summary.
+    summary : iterable of str
+    cautions : sequence of str
+        Warnings.
+    """
     if not quiet:
         print(*summary, *cautions, sep="\n")
         return

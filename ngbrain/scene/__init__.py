@@ -1,12 +1,18 @@
 # ruff: noqa: RUF009  (what the calls in class bodies return is a dataclasses.field)
-"""A scene as plain data: a body, how it is held and loaded or operated on, what is asked, and how finely it is computed.
+"""A scene as plain data: a body with its supports and loads, or an operation, the requested quantities, and the mesh size.
 
-SI units inside; in TOML the unit is the end of the key (`width_mm`, `ramp_s`, `mu_Pa`): `ngbrain.schema.document` reads and writes.
-A part checks its own fields when it is made (also in Python), a `Scene` what is between fields and parts.
+Values are in SI units; in TOML the unit is the suffix of the key (`width_mm`, `ramp_s`, `mu_Pa`). `ngbrain.schema.document` reads
+and writes. A part checks its own fields when it is made (also in Python), a `Scene` the relations between fields and parts.
 
-`geometry` has the body and its meshes' sizes, `tissues` materials, `conditions` supports and loads, `contacts`
-rigid bodies, `operation` cleft, tool and
-patient, `protocols` time and the tool's motion, `quantities` what is asked, `result` what comes back.
+- `geometry`: The body and its element sizes.
+- `tissues`: Materials.
+- `conditions`: Supports and loads.
+- `contacts`: Rigid bodies.
+- `operation`: Cleft, tool and patient.
+- `protocols`: Time and the tool's motion.
+- `quantities`: What is asked.
+- `result`: The result of a scene.
+- `schema`: JSON schema and reference page of the file format.
 """
 
 from __future__ import annotations
@@ -177,12 +183,12 @@ class Scene(Card, Document):
 
     @property
     def is_operation(self) -> bool:
-        """Whether a tool opens a cleft in it."""
+        """Whether a tool opens a cleft."""
         return self.cleft is not None
 
     @property
     def is_timed(self) -> bool:
-        """Whether a formula says of something where or how large it is at every moment."""
+        """Whether a formula prescribes a position or a load as a function of time."""
         loads: list[Given] = [value for traction in self.tractions for value in traction.value]
         loads += [pressure.value for pressure in self.pressures]
         moved = [bc.is_timed for bc in self.displacement_bcs] + [body.is_timed for body in self.contacts]
@@ -209,7 +215,7 @@ class Scene(Card, Document):
 
     @property
     def warnings(self) -> list[str]:
-        """What is assumed of the tissues, and what to know of their constants, a line each."""
+        """Assumptions on the tissues and notes on their constants, a line each."""
         waves, found = self.time.frequency is not None, list[str]()
         for i, tissue in enumerate(self.tissues, 1):
             said = tissue.cautions
@@ -234,13 +240,13 @@ class Scene(Card, Document):
 
     @classmethod
     def from_toml(cls, path: str | Path) -> Self:
-        """From a file; paths in it are relative to its folder. It may name laws of the user's own (`registry.reading`)."""
+        """Read a file; paths in it are relative to its folder. It may name laws of the user's own (`registry.reading`)."""
         with reading(path):
             return super().from_toml(path)
 
     @classmethod
     def shipped(cls, name: str) -> Scene:
-        """One that comes with the package: "demo" (a real head), "idealised", or a coarser "demo_fast", "idealised_fast"."""
+        """A scene of the package: "demo" (a real head), "idealised", or the coarser "demo_fast" and "idealised_fast"."""
         files = _shipped()
         if name not in files:
             raise InputError("scene", brief(name), nearest(str(name), list(files)))
@@ -249,7 +255,7 @@ class Scene(Card, Document):
 
     @staticmethod
     def template(kind: str = "operation") -> str:
-        """The text of a file to start from that runs as it is, an "operation" or a "body" under loads; every key is explained."""
+        """Text of a commented file that runs as it is, for an "operation" or a "body" under loads; every key is explained."""
         files = {"operation": _shipped()["demo"], "body": resources.files("ngbrain.samples") / "plate.toml"}
         if kind not in files:
             raise InputError("kind", brief(kind), nearest(str(kind), list(files)))
@@ -257,7 +263,7 @@ class Scene(Card, Document):
 
     @classmethod
     def schema(cls) -> dict[str, Any]:
-        """What a file may hold, as a JSON schema: editors complete and check keys by it."""
+        """JSON schema of the file format, with which editors complete and check keys."""
         from ngbrain.scene.schema import json_schema
 
         return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "ngbrain scene"} | json_schema(cls)
@@ -270,5 +276,5 @@ def _shipped() -> dict[str, Traversable]:
 
 
 def _as_file(name: str) -> str:
-    """The same for names that some file systems take for one: capitals or not, the spelling of accents."""
+    """A name as case-insensitive, accent-normalising file systems compare it."""
     return unicodedata.normalize("NFKC", name).casefold()

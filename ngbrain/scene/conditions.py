@@ -1,5 +1,5 @@
 # ruff: noqa: RUF009  (what the calls in class bodies return is a dataclasses.field)
-"""How a body is held and loaded."""
+"""Supports and loads of a body."""
 
 from __future__ import annotations
 
@@ -16,15 +16,31 @@ if TYPE_CHECKING:
     from ngbrain.scene import Scene
 
 MOST_TRACTION, MOST_ACCELERATION, MOST_TURN = 1e9, 1e5, 720.0
-"""Pa; m/s²; degrees."""
+"""Upper limits: Pa; m/s²; degrees."""
 PLACE, ABOUT = ("x", "y", "z", "t"), "x, y, z (mm) and t (s)"
-"""Variables of a formula in space and time, and in words."""
+"""Variables of a formula in space and time, and their description."""
 Given = float | Formula
 Functions = Mapping[str, Callable[..., Any]]
 
 
 def evaluate_at(given: Given, place: Sequence[Any], t: Any, functions: Functions = FUNCTIONS) -> Any:
-    """What is given, in the unit of its key, at a place (m, of numbers, arrays or fields) and a time (s)."""
+    """Evaluate a prescribed value.
+
+    Parameters
+    ----------
+    given : float or Formula
+    place : sequence
+        Coordinates x, y, z (m): numbers, arrays or fields.
+    t : float, array or field
+        Time (s).
+    functions : mapping of callable, optional
+        Functions of formulas, for numbers and arrays by default.
+
+    Returns
+    -------
+    float, array or field
+        In the unit of the TOML key.
+    """
     if not isinstance(given, Formula):
         return given
     x, y, z = (1e3 * each for each in place)
@@ -32,7 +48,7 @@ def evaluate_at(given: Given, place: Sequence[Any], t: Any, functions: Functions
 
 
 def depends_on_time(given: Any) -> bool:
-    """Whether it is a formula of time, and so what it says at every moment: anything else grows with the loads."""
+    """Whether a value is a formula of time, which holds at every moment; any other value grows with the loads."""
     return isinstance(given, Formula) and "t" in given.variables
 
 
@@ -110,23 +126,37 @@ class DisplacementBC(Section):
 
     @property
     def is_even(self) -> bool:
-        """Whether it is the same all over the boundary, and grows with the loads."""
+        """Whether it is constant over the boundary and grows with the loads."""
         return self.rotation is None and not any(isinstance(each, Formula) for each in self.value)
 
     @property
     def has_course(self) -> bool:
-        """Whether it does not just grow with the loads."""
+        """Whether it is not simply proportional to the loads."""
         return self.rotation is not None or any(map(depends_on_time, self.value))
 
     @property
     def is_timed(self) -> bool:
-        """Whether a formula says where it is at every moment."""
+        """Whether a formula prescribes it as a function of time."""
         return any(map(depends_on_time, (self.rotation, *self.value)))
 
     def displacement(self, place: Sequence[Any], t: Any, growth: Any, functions: Functions = FUNCTIONS) -> list[Any]:
-        """Along x, y and z (m), at a place at rest (m), when the loads have grown to a part of their size.
+        """Prescribed displacement.
 
-        Of numbers, arrays, or fields with functions of these.
+        Parameters
+        ----------
+        place : sequence
+            Coordinates x, y, z (m) at rest: numbers, arrays or fields.
+        t : float, array or field
+            Time (s).
+        growth : float, array or field
+            Fraction of the loads that is applied.
+        functions : mapping of callable, optional
+            Functions of formulas, for numbers and arrays by default.
+
+        Returns
+        -------
+        list
+            Components along x, y and z (m).
         """
         moved = [
             1e-3 * evaluate_at(each, place, t, functions) * (1.0 if depends_on_time(each) else growth)

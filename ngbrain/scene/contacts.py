@@ -1,5 +1,5 @@
 # ruff: noqa: RUF009  (what the calls in class bodies return is a dataclasses.field)
-"""Rigid bodies that press on a boundary."""
+"""Rigid bodies in contact with a boundary."""
 
 from __future__ import annotations
 
@@ -61,13 +61,28 @@ class Contact(Section):
 
     @property
     def is_timed(self) -> bool:
-        """Whether a formula says where it is at every moment."""
+        """Whether a formula prescribes its motion as a function of time."""
         return any(map(depends_on_time, self.travel))
 
     def displacement(
         self, t: Any, growth: Any, functions: Mapping[str, Callable[..., Any]] = FUNCTIONS
     ) -> tuple[Any, Any, Any]:
-        """How far (m) along x, y and z at a time (s), when the loads have grown to a part of their size."""
+        """Displacement of the rigid body.
+
+        Parameters
+        ----------
+        t : float, array or field
+            Time (s).
+        growth : float, array or field
+            Fraction of the loads that is applied.
+        functions : mapping of callable, optional
+            Functions of formulas, for numbers and arrays by default.
+
+        Returns
+        -------
+        tuple
+            Components along x, y and z (m).
+        """
         x, y, z = (
             1e-3 * each({"t": t}, functions) * (1.0 if depends_on_time(each) else growth)
             if isinstance(each, Formula)

@@ -1,5 +1,5 @@
 # ruff: noqa: RUF009  (what the calls in class bodies return is a dataclasses.field)
-"""The body of a scene, and how finely it is meshed."""
+"""The body of a scene and its element sizes."""
 
 from __future__ import annotations
 
@@ -69,12 +69,12 @@ class Geometry(Section):
 
     @property
     def sides(self) -> tuple[float, float, float]:
-        """Of a block along x, y and z (m); 0 of what is none."""
+        """Size of a block along x, y and z (m); 0 for other geometries."""
         return self.size or (0.0, 0.0, 0.0)
 
     @property
     def centre(self) -> tuple[float, float, float]:
-        """Of the lesion (m)."""
+        """Centre of the lesion (m)."""
         return self.lesion_centre or (0.0, 0.0, 0.0)
 
     def _check(self, path: str, scene: Scene) -> None:

@@ -1,5 +1,5 @@
 # ruff: noqa: RUF009  (what the calls in class bodies return is a dataclasses.field)
-"""What makes a scene an operation: the cleft, the tool, the patient."""
+"""The parts of an operation: cleft, tool, patient."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ if TYPE_CHECKING:
     from ngbrain.scene import Scene
 
 WIDEST = 80e-3
-"""Diameter (m) of a craniotomy; from a wider one the surface of the brain curves too far away."""
+"""Largest diameter (m) of a craniotomy; under a wider one the surface of the brain is too curved."""
 NARROWEST = 4e-3
-"""Width (m) of a blade on whose face pressure can be read, which is done off its edges."""
+"""Smallest width (m) of a blade on whose face a pressure can be evaluated, away from its edges."""
 KINDS = ["spatula", "two spatulas", "plate", "tube", "ball", "surface"]
 SURFACES = (".stl", ".ply", ".obj", ".off")
 FACED = 5e-3
-"""Height (m) of wall above a blade's tip, where the pressure at the tip is read."""
+"""Height (m) of the wall above a blade's tip over which the tip pressure is evaluated."""
 
 
 class Openable(Interface):
-    """A head, as far as a scene has to know: see `ngbrain.surgery.head_models`."""
+    """Interface of a head, as far as a scene needs it; see `ngbrain.surgery.head_models`."""
 
     def point(self, voxel: Sequence[float]) -> np.ndarray:
-        """The place (m) of a voxel of the scan's file, counted from 0."""
+        """Position (m) of a voxel of the scan's file, with indices from 0."""
 
     def cleft_to(
         self,
@@ -43,7 +43,23 @@ class Openable(Interface):
         approach: np.ndarray | None = None,
         across: np.ndarray | None = None,
     ) -> Cleft:
-        """The slot from the surface to a target (m), by the shortest way or along `approach`."""
+        """The cleft from the surface to a target.
+
+        Parameters
+        ----------
+        target : (3,) array
+            Centre (m) of the cleft's floor.
+        opening, width : float
+            Distance between the walls and width along them (m).
+        approach : (3,) array, optional
+            Direction outwards; by default the shortest way.
+        across : (3,) array, optional
+            Direction from wall to wall.
+
+        Returns
+        -------
+        Cleft
+        """
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,13 +111,13 @@ class CleftSpec(Section):
         self._need(of_scan or self.trajectory or any(self.target or ()), path, "trajectory", wanted)
 
     def slot(self, head: Openable) -> Cleft:
-        """Where it lies in a head; raises `InputError` where it cannot."""
+        """The cleft in a head; raises `InputError` where it does not fit."""
         directions = [None if way is None else np.array(way) for way in (self.trajectory, self.wall_normal)]
         target = head.point(self.voxel) if self.voxel else np.array(self.target)
         return head.cleft_to(target, self.gap, self.width, *directions)
 
     def wall(self, head: Openable) -> float:
-        """Height (m) of the wall that the tool pushes, floor to surface, in its middle."""
+        """Height (m) of the pushed wall, from floor to surface, at its centre."""
         slot = self.slot(head)
         try:
             return head.cleft_to(slot.target + slot.opening / 2 * slot.across, approach=slot.out).depth

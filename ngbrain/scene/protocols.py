@@ -1,4 +1,4 @@
-"""How time goes in a scene, and how the tool of an operation is driven in it."""
+"""Time of a scene, and protocols of an operation's tool."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from ngbrain.scene import Scene
 
 MOST = 1000
-"""Holds or stages of a protocol."""
+"""Largest number of holds or stages of a protocol."""
 MOMENT = 1e-5
-"""The shortest step, ramp, hold or rest, in `Time.end`: with shorter ones a run would never end."""
+"""Shortest step, ramp, hold or rest, relative to `Time.end`: with shorter ones a run would take too long."""
 CLEAR = 1e-3
-"""How far (m) behind first contact a tool that let go waits."""
+"""Distance (m) behind first contact at which a released tool waits."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,17 +61,17 @@ class Time(Section):
 
     @property
     def moment(self) -> float:
-        """The shortest time (s) that anything in a protocol may take, a step included."""
+        """Shortest duration (s) of a step, ramp, hold or rest."""
         return MOMENT * self.end
 
     @property
     def not_shorter(self) -> str:
-        """What a shorter one is told."""
+        """Text of the message on a shorter one."""
         return f"at least {self.moment:g}, time.end_s / {1 / MOMENT:g}"
 
     @property
     def in_words(self) -> str:
-        """Its times, in messages about others that have to fit."""
+        """Its times, for messages on other values that have to fit."""
         return f"time.ramp_s = {self.ramp:g} and time.end_s = {self.end:g}"
 
 

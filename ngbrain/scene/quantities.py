@@ -1,5 +1,5 @@
 # ruff: noqa: RUF009  (what the calls in class bodies return is a dataclasses.field)
-"""What a scene is asked for, and how accurately."""
+"""The requested quantities of a scene, and their tolerances."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ OF_OPERATIONS = (
     "dose_mmHg_min",
     *(f"{strain}_p{percent}" for strain in ("mps", "oss") for percent in (50, 95, 99)),
 )
-"""Quantities of a protocol of an operation."""
+"""Quantities of an operation's protocol."""
 UNITS = {"force": "N", "displacement": "m", "strain": "", "mmHg_min": "mmHg min", "mmHg": "mmHg", "N": "N"}
-"""Of a quantity of a body by its name, of one of an operation by how its name ends."""
+"""Unit by the name of a body's quantity, or by the suffix of an operation's."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,19 +90,19 @@ class Quantity(Section):
 
     @property
     def unit_vector(self) -> tuple[float, float, float]:
-        """The direction, of length 1; along z by default."""
+        """Unit vector of the direction; along z by default."""
         x, y, z = self.direction or (0.0, 0.0, 1.0)
         size = math.hypot(x, y, z)
         return x / size, y / size, z / size
 
     @property
     def unit(self) -> str:
-        """Of its value; "" of a strain."""
+        """Unit of its value; empty for a strain."""
         return next((unit for end, unit in UNITS.items() if self.name == end or self.name.endswith(f"_{end}")), "")
 
     @property
     def where(self) -> str:
-        """Boundary, point or regions of a body's, protocol of an operation's; "" of the first protocol."""
+        """Boundary, point or regions of a body's quantity, or protocol of an operation's; empty for the first protocol."""
         if self.name not in OF_BODIES:
             return self.protocol or ""
         place = ", ".join(f"{1e3 * c:g}" for c in self.point or ())
@@ -111,12 +111,12 @@ class Quantity(Section):
 
     @property
     def moment(self) -> str:
-        """When; "" of an operation's, which are of a whole protocol."""
+        """Time of a body's quantity; empty for an operation's, which is of a whole protocol."""
         return self.when if self.name in OF_BODIES else ""
 
     @property
     def label(self) -> str:
-        """In words, different for different quantities."""
+        """Unique description."""
         if self.name not in OF_BODIES:
             return self.name + (f" of {self.protocol}" if self.protocol else "")
         if self.name == "strain":

@@ -1,4 +1,4 @@
-"""What a scene's computation gives back."""
+"""The result of a scene."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from ngbrain.look import curves
 from ngbrain.result_file import FileResult
 
 COUNTED = {"unknowns": "n_unknowns", "time_steps": "n_steps", "Newton_iterations": "newton"}
-"""What is counted of an operation, by its key in `result.json`."""
+"""Statistics of an operation, by key in `result.json`."""
 
 
 @dataclass(repr=False, eq=False)
 class SceneResult(FileResult):
-    """Answers of a scene, which read as `result.json` does: `result["answers"]`."""
+    """Answers of a scene, with the contents of `result.json`: `result["answers"]`."""
 
     @property
     def value(self) -> dict[str, Any]:
@@ -25,19 +25,19 @@ class SceneResult(FileResult):
 
     @property
     def errors(self) -> dict[str, float | None]:
-        """Quantity → estimated relative error, None where it is not known; of an operation as described nothing."""
+        """Quantity → estimated relative error, None where it is not known; empty for an operation as described."""
         answers: Any = self.data.get("answers", {})
         asked = answers if isinstance(answers, list) else []
         return {each["quantity"]: each["error_estimate"] for each in asked}
 
     @property
     def headline(self) -> str:
-        """Of an operation the peaks of pressure and force, else each answer."""
+        """Peak pressure and force of each protocol of an operation, else each answer."""
         return ", ".join(f"{name} {_told(answer)}" for name, answer in self.value.items())
 
     @property
     def statistics(self) -> dict[str, float]:
-        """Time on the clock, and of an operation what its runs took."""
+        """Wall-clock time, and the computational work of an operation."""
         model = self.data.get("model", {})
         counted = {told: model[name] for told, name in COUNTED.items() if name in model}
         return counted | {"s": round(self.data.get("time_s", 0.0), 1)}

@@ -1,4 +1,4 @@
-"""What a scene's file may hold: as a JSON schema, and as the reference page, both from the fields and their docstrings.
+"""The file format of a scene: as a JSON schema, and as the reference page, both generated from the fields and their docstrings.
 
 `python -m ngbrain.scene.schema` prints the page.
 """
@@ -13,9 +13,9 @@ from typing import Any
 from ngbrain.schema.document import Section
 
 UNIT = re.compile(r" \((?:m|s|Pa|Pa s|Hz|m/s²)\)")
-"""Of SI, which is not that of a key."""
+"""SI units in docstrings, which are not those of a key."""
 NAMED = re.compile(r"^(\w+(?:, \w+)*)\n((?: {4}.*\n?|\n)+)", re.MULTILINE)
-"""A parameter, or several, and what is said of it, in a docstring's section Parameters."""
+"""Parameters and their descriptions in the section Parameters of a docstring."""
 
 
 def json_schema(part: type[Section]) -> dict[str, Any]:
@@ -49,7 +49,7 @@ def json_schema(part: type[Section]) -> dict[str, Any]:
 
 
 def descriptions(part: type[Section]) -> dict[str, str]:
-    """Field → what its part's docstring says of it; of a group of fields each has what is said of all."""
+    """Field → its description in the docstring; fields of a group share one."""
     text = inspect.getdoc(part) or ""
     _, _, after = text.partition("Parameters\n----------\n")
     after = re.split(r"\n\w+\n-{3,}\n", after)[0]
@@ -60,7 +60,7 @@ def descriptions(part: type[Section]) -> dict[str, str]:
 
 
 def reference(part: type[Section]) -> str:
-    """The reference page of a document, in Markdown: a table of keys for each of its parts."""
+    """Reference page of a document, in Markdown: a table of keys for each part."""
     lines = [
         "# The scene file",
         "",
@@ -99,7 +99,7 @@ def _first(part: type[Section]) -> str:
 
 
 def _default(f: Field[Any]) -> Any:
-    """As TOML has it; None where there is none."""
+    """The default as in TOML; None without one."""
     if f.default is MISSING or f.default is None or f.default == () or f.metadata["entry"].table:
         return None
     return f.metadata["entry"].show(f.default)

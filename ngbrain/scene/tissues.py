@@ -1,5 +1,5 @@
 # ruff: noqa: RUF009  (what the calls in class bodies return is a dataclasses.field)
-"""What the regions of a body are made of."""
+"""Materials of the regions of a body."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ if TYPE_CHECKING:
 
 LEAST_SCALE, MOST_SCALE = 1e-6, 1e6
 NEARLY_INCOMPRESSIBLE, DENSITY = 1000.0, 1040.0
-"""Of tissue of which nothing else is known: bulk over initial shear modulus, and density (kg/m³)."""
+"""Defaults for tissue without further data: ratio of bulk to initial shear modulus, and density (kg/m³)."""
 LAWS = {
     "anyOf": [
         {"type": "object", "properties": {"name": {"enum": list(REGISTRY)}}, "required": ["name"]},
         {"type": "object", "properties": {"path": {"type": "string"}}, "required": ["path"]},
     ]
 }
-"""JSON schema of a law by its name or place; its parameters are checked by the registry."""
+"""JSON schema of a law by its name or path; the registry checks its parameters."""
 FIBRES_ALONE = 1e-6
-"""Part of the modulus that Holzapfel's law keeps where its fibres are added to another one."""
+"""Fraction of the modulus that Holzapfel's law keeps where its fibres are added to another law."""
 OWN = ("mu", "alpha", "eta", "tau")
-"""Fields of moduli of one's own, as `RelaxingOgden` takes them."""
+"""Fields of explicit moduli, the arguments of `RelaxingOgden`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -188,13 +188,13 @@ class Tissue(Section):
 
     @property
     def _named(self) -> tuple[NamedLaw, ...]:
-        """Laws by their names, those of branches too."""
+        """Laws by name, including those of branches."""
         own = (self.material,) if isinstance(self.material, NamedLaw) else ()
         return own + tuple(branch.named for branch in self.maxwell or ())
 
     @property
     def published(self) -> Published | None:
-        """The catalogue's entry, None for moduli of one's own."""
+        """The catalogue's entry; None for explicit moduli."""
         return CATALOGUE[self.material] if isinstance(self.material, str) else None
 
     def law(self) -> Viscous:
@@ -212,7 +212,18 @@ class Tissue(Section):
         return viscous(entry.law()) if entry else RelaxingOgden(*(getattr(self, name) or () for name in OWN))
 
     def with_fibres(self, law: Viscous, fibre: Fibre) -> Viscous:
-        """This tissue's law with its fibres beside what stays of it, along a direction or a field of them."""
+        """Add this tissue's fibres to the equilibrium part of a law.
+
+        Parameters
+        ----------
+        law : Viscous
+        fibre : tuple of float or CoefficientFunction
+            Direction, constant or a field.
+
+        Returns
+        -------
+        Viscous
+        """
         if self.fibre_stiffness is None:
             return law
         soft, stiffness = FIBRES_ALONE * self.initial_modulus, self.fibre_stiffness * (self.scale or 1.0)
@@ -220,7 +231,7 @@ class Tissue(Section):
 
     @property
     def initial_modulus(self) -> float:
-        """Shear modulus (Pa) of an instantaneous small strain."""
+        """Shear modulus (Pa) for instantaneous small strain."""
         if isinstance(self.material, NamedLaw):
             modulus = sum(float(shear_modulus(each.law())) for each in self._named)
         else:
@@ -229,7 +240,7 @@ class Tissue(Section):
 
     @property
     def volume_ratio(self) -> float:
-        """Bulk over initial shear modulus: the scene's, the source's or the one that is assumed."""
+        """Ratio of bulk to initial shear modulus: the scene's, the source's or the default."""
         entry = self.published
         if self.bulk_to_shear_ratio is not None:
             return self.bulk_to_shear_ratio
@@ -245,12 +256,12 @@ class Tissue(Section):
 
     @property
     def rho(self) -> float:
-        """Density (kg/m³), the scene's or the one that is assumed."""
+        """Density (kg/m³), the scene's or the default."""
         return DENSITY if self.density is None else self.density
 
     @property
     def cautions(self) -> list[str]:
-        """What to know of the constants, and what is assumed of the change of volume, in words."""
+        """Notes on the constants and assumptions on compressibility."""
         entry, found = self.published, list[str]()
         found += dict.fromkeys(caution for each in self._named for caution in each.cautions)
         if entry and entry.cautions:
@@ -265,7 +276,7 @@ class Tissue(Section):
         return found
 
     def with_alpha(self, alpha: float) -> Tissue:
-        """The same moduli and times with Ogden's law and one exponent; Neo-Hooke, which has none, stays."""
+        """Ogden's law with one exponent and the same moduli and relaxation times; Neo-Hooke has no exponent and is unchanged."""
         law = self.law()
         if is_neo_hooke(law):
             return self
@@ -287,5 +298,5 @@ class Tissue(Section):
         return replace(self, material=None, scale=None, **own)
 
     def with_scale(self, factor: float) -> Tissue:
-        """Moduli and viscosities times `factor`, so that times stay."""
+        """Moduli and viscosities multiplied by `factor`; relaxation times are unchanged."""
         return replace(self, scale=factor * (self.scale or 1.0))

@@ -1,1 +1,3 @@
-"""Scenes that come with the package, as TOML: `Scene.shipped("idealised")`."""
+"""Scenes that come with the package, as TOML files: `Scene.shipped("idealised")`."""
+
+__all__: list[str] = []

@@ -1,11 +1,25 @@
-"""Whole jobs, from files to files, that the command line and Python share.
+"""Complete jobs, from files to files, shared by the command line and Python.
 
-cohort     many scans or cases through one of the command's verbs: one table and one report
-listing    the list of a cohort, looked at before the work begins
-rows       a row of it, computed by its verb in a folder of its own
-summary    the main numbers of a verb's result
-results    the rows with their verdicts, their statistics, the table
-gate       numbers that stand out from those of the other rows
+- `cohort`: Many scans or cases through one verb of the command line: one table and one report.
+- `listing`: The list of a cohort, checked before the computation.
+- `rows`: One row of a cohort, computed in its own folder.
+- `summary`: The main numbers of a result.
+- `results`: The rows with their verdicts, statistics, and the table.
+- `gate`: Outlier detection over the rows.
+- `mesh_head`: A head from an image to a mesh.
+- `simulate`: A scene to its result; `preview`: a figure of the scene before.
+- `property_maps`: The files of an inversion.
 """
 
-__all__ = ["cohort", "gate", "listing", "results", "rows", "summary"]
+__all__ = [
+    "cohort",
+    "gate",
+    "listing",
+    "mesh_head",
+    "preview",
+    "property_maps",
+    "results",
+    "rows",
+    "simulate",
+    "summary",
+]

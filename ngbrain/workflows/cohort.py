@@ -1,4 +1,4 @@
-"""Many scans or cases through one of the command's verbs: a verdict for each, one table and one report."""
+"""Many scans or cases through one verb of the command line: a verdict for each, one table and one report."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MARK, MARK_SAYS = (
     "Folders of the rows of a cohort. `ngbrain cohort` replaces those whose input has changed.\n",
 )
 GROUP = "group"
-"""The column that parts statistics where none is named."""
+"""Default column of the groups."""
 
 
 def cohort(
@@ -40,40 +40,40 @@ def cohort(
     again: bool = False,
     callback: Callable[..., Any] | None = None,
 ) -> Cohort:
-    """Put many scans or cases through one of the command's verbs.
+    """Run one verb of the command line for many scans or cases.
 
-    Every row of the list is computed in `folder/rows/NAME` as the command line would, whatever becomes of the others. What an
-    earlier call has finished from the same files, options, code and versions is not computed again, so that a call that was
-    stopped goes on, and one with a longer list does what is new. The folder then has `cohort.csv` (a line for each row),
-    `result.json` and `report.html`.
+    Every row of the list is computed in `folder/rows/NAME` as on the command line, whatever happens to the others. Rows that an
+    earlier call has finished with the same files, options, code and versions are not computed again, so that an interrupted call
+    continues and a longer list computes the new rows only. The folder then has `cohort.csv` (a line for each row), `result.json`
+    and `report.html`.
 
     Parameters
     ----------
     path : str or Path
         The list, see `ngbrain.workflows.listing.read_list`; ``ngbrain cohort --template`` prints one.
     folder : str or Path
-        Where results go; it is made if need be.
+        Where results go; it is made if needed.
     verb : str, optional
-        mesh, invert, predict or simulate, of rows that name none.
+        mesh, invert, predict or simulate, for rows that name none.
     group : str, optional
-        The column that parts the statistics and the search for outliers; `group`, if there is such a column.
+        The column of the groups for statistics and outliers; `group`, if there is such a column.
     executor : int or concurrent.futures.Executor, optional
-        Who computes the rows: a number of processes of this machine (1), another executor, or None for this process, which a row
-        that crashes takes with it. Workers of other machines need the same folders.
+        Computes the rows: a number of processes (1), another executor, or None for this process, which a crashing row terminates.
+        Workers on other machines need the same folders.
     again : bool
-        Compute all rows, also those that are finished.
+        Compute all rows, including finished ones.
     callback : callable, optional
-        Called with a text, how far the work has come.
+        Called with a progress text.
 
     Returns
     -------
     Cohort
-        The rows as objects, and their statistics.
+        The rows and their statistics.
 
     Raises
     ------
     InputError
-        The list has a fault (see `read_list`), the folder holds other results, or another process is at work there.
+        A fault in the list (see `read_list`), other results in the folder, or another process at work there.
 
     Examples
     --------
@@ -103,7 +103,7 @@ def cohort(
 
 
 def _check_folder(folder: Path) -> None:
-    """Refuse a folder with results of something else, which a cohort would replace."""
+    """Refuse a folder with other results, which a cohort would replace."""
     if folder.exists() and not folder.is_dir():
         raise InputError("-o", str(folder), "a folder, or a name that is free")
     if (folder / ROWS).exists() and not (folder / ROWS / MARK).exists():
@@ -119,7 +119,7 @@ def _check_folder(folder: Path) -> None:
 def _computed(
     cases: Sequence[CohortCase], folder: Path, executor: AnyExecutor, again: bool, callback: Callable[..., Any]
 ) -> tuple[dict[str, Record], set[str]]:
-    """What is known of every row, and the names of those that were computed for it now."""
+    """Records of all rows, and the names of those that were computed now."""
     callback("looking for what is finished")
     if not (folder / ROWS).exists():
         (folder / ROWS).mkdir()
@@ -166,7 +166,7 @@ def _computed(
 def _run(
     tasks: Sequence[tuple[Any, ...]], executor: AnyExecutor, begun: Callable[..., Any], over: Callable[..., Any]
 ) -> dict[str, Any]:
-    """Tasks in processes of their own if a number of them is given, also one: a row that crashes ends no more than that."""
+    """Run tasks in separate processes if a number of them is given, also one: a crash ends only its own row."""
     if not isinstance(executor, int):
         return run(tasks, executor, callback=begun, finished=over, on_error="return")
     with ProcessExecutor(min(executor, len(tasks))) as processes:
@@ -174,7 +174,7 @@ def _run(
 
 
 def _row(case: CohortCase, record: Record, group: str, folder: Path, computed: bool) -> ResultRow:
-    """With the numbers of its result, but for those that stand out, which only the others say."""
+    """A row with the numbers of its result; outliers are found later."""
     place = folder / ROWS / case.name
     verdict, reason, numbers, taken = record.outcome, record.reason, dict[str, Number](), None
     if verdict != FAILED:
@@ -192,7 +192,7 @@ def _row(case: CohortCase, record: Record, group: str, folder: Path, computed: b
 
 
 def _judged(rows: list[ResultRow], folder: Path, by: str, names: list[str]) -> Cohort:
-    """With warnings for rows that stand out among usable ones of their verb and group."""
+    """Adds warnings for outliers among the usable rows of a verb and group."""
     usable = [row for row in rows if row.usable]
     several = len({row.verb for row in rows}) > 1
     groups = {row.name: " ".join(filter(None, (row.verb if several else "", row.group))) for row in usable}
@@ -214,7 +214,7 @@ def _judged(rows: list[ResultRow], folder: Path, by: str, names: list[str]) -> C
 
 
 def _write(done: Cohort, path: Path, executor: AnyExecutor, seconds: float) -> None:
-    """cohort.csv, report.html, and result.json at last."""
+    """Write cohort.csv, report.html, and result.json last."""
     from ngbrain.report.pages import cohort as page
 
     atomic_write(done.folder / TABLE, lambda part: part.write_text(table(done), encoding="utf-8"))

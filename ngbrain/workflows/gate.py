@@ -1,12 +1,12 @@
-"""Numbers that stand out from those of the other rows: a test that is blind to the outliers themselves.
+"""Outlier detection over the rows of a cohort, robust to the outliers themselves.
 
-Of the rows of a group, each number is measured from their median in units of the spread Qn (Rousseeuw and Croux 1993), which up to
-half of the rows cannot spoil, and which wastes less of the others than the median absolute deviation (82 % efficient at normal
-numbers, not 37 %). Numbers that are positive in every row are compared by their logarithms.
+For the rows of a group, the deviation of a number from the median is measured in units of the scale estimator Qn (Rousseeuw and
+Croux 1993). It has a breakdown point of half of the rows and a higher efficiency than the median absolute deviation (82 % for
+normal numbers, not 37 %). Numbers that are positive in every row are compared by their logarithms.
 
-A number stands out beyond the quantile of Student's t with 0.82 (n - 1) degrees of freedom at which, were all rows normal draws,
-5 % of all cohorts would have a single outlier in any row and number: the level is 5 % over how many are tested in all. At 12 rows
-and 20 numbers that is 6 of these units, at 100 rows 4.5. Of fewer than 6 rows nothing can be said.
+A number is an outlier beyond a quantile of Student's t with 0.82 (n - 1) degrees of freedom, chosen such that 5 % of all cohorts of
+normal numbers would have a single outlier in any row and number: the level is 5 % over the number of tests. With 12 rows and 20
+numbers that is 6 units, with 100 rows 4.5. Groups of fewer than 6 rows are not tested.
 """
 
 from __future__ import annotations
@@ -18,36 +18,36 @@ import numpy as np
 from scipy import stats
 
 LEVEL = 0.05
-"""How many cohorts without an outlier are said to have one."""
+"""Fraction of cohorts without outliers in which one is reported."""
 LEAST_ROWS = 6
 EFFICIENCY = 0.82
-"""Of Qn at normal numbers."""
+"""Efficiency of Qn for normal numbers."""
 _NORMAL = 2.2219
 _SMALL = {2: 0.399, 3: 0.994, 4: 0.512, 5: 0.844, 6: 0.611, 7: 0.857, 8: 0.669, 9: 0.872}
-"""By how much Qn of so few is to be corrected (Croux and Rousseeuw 1992)."""
+"""Small-sample correction of Qn (Croux and Rousseeuw 1992)."""
 
 
 @dataclass(frozen=True)
 class GroupStatistics:
-    """How a number is spread over the rows of a group.
+    """Statistics of a number over the rows of a group.
 
     Attributes
     ----------
     key, group : str
-        The number's key; the group's name, "" where rows are not grouped.
+        The number's key; the group's name, empty without groups.
     rows : tuple of str
-        Those that have it.
+        Rows that have the number.
     median, low, high : float
-        And quartiles.
+        Median and quartiles.
     least, most : float
-        The smallest and the largest.
+        Minimum and maximum.
     unit_step : float
-        Qn, of logarithms where `logarithmic`; 0 where no test is made.
+        Qn, of logarithms if `logarithmic`; 0 without a test.
     logarithmic : bool
     limit : float
-        From how many such units on a row stands out.
+        Standardised deviation above which a row is an outlier.
     untested : str
-        Why no test is made; "" where one is.
+        Why there is no test; empty if there is one.
     """
 
     key: str
@@ -65,11 +65,11 @@ class GroupStatistics:
 
     @property
     def n(self) -> int:
-        """How many rows have it."""
+        """Number of rows."""
         return len(self.rows)
 
     def deviation(self, value: float) -> float:
-        """How many units a value is above the median."""
+        """Standardised deviation of a value from the median."""
         if not self.unit_step:
             return 0.0
         if self.logarithmic:
@@ -78,7 +78,7 @@ class GroupStatistics:
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Between which values no row stands out."""
+        """Limits between which no row is an outlier."""
         away = self.limit * self.unit_step
         if self.logarithmic:
             return self.median * float(np.exp(-away)), self.median * float(np.exp(away))
@@ -87,7 +87,17 @@ class GroupStatistics:
 
 @dataclass(frozen=True)
 class Outlier:
-    """A number of a row that stands out: `deviation` units of its spread above the median, negative below."""
+    """A number of a row that is an outlier.
+
+    Attributes
+    ----------
+    row, key : str
+        Row and number.
+    value : float
+    spread : GroupStatistics
+    deviation : float
+        Standardised deviation from the median, negative below it.
+    """
 
     row: str
     key: str
@@ -99,21 +109,21 @@ class Outlier:
 def find_outliers(
     numbers: Mapping[str, Mapping[str, float]], groups: Mapping[str, str], extremes: Collection[str] = ()
 ) -> tuple[list[GroupStatistics], list[Outlier]]:
-    """The spread of every number in every group, and the rows that stand out.
+    """Statistics of every number in every group, and the outliers.
 
     Parameters
     ----------
     numbers : mapping
         Row → number's key → value.
-    groups : mapping
-        Row → name of its group.
+    groups : mapping of str
+        Row → its group.
     extremes : collection of str
-        Keys of numbers that are the smallest or largest of many, as a mesh's smallest angle is. These lie close together with a
-        long tail on one side, so that no normal draw is like them: they are not tested.
+        Keys of numbers that are the smallest or largest of many, such as a mesh's smallest angle. Their distribution is skewed, not
+        normal: they are not tested.
 
     Returns
     -------
-    spreads : list of Spread
+    spreads : list of GroupStatistics
     outliers : list of Outlier
 
     Examples
@@ -149,9 +159,10 @@ def find_outliers(
 
 
 def qn(values: np.ndarray) -> float:
-    """The spread Qn of at least two numbers: about the first quartile of what two of them differ by, a standard deviation of
-    normal ones.
+    """Scale estimator Qn of at least two numbers: about the first quartile of pairwise differences, scaled to a standard deviation.
 
+    Examples
+    --------
     >>> round(qn(np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 1000.0])), 2)
     3.81
     """
@@ -163,7 +174,7 @@ def qn(values: np.ndarray) -> float:
 
 
 def _scale(values: np.ndarray, extreme: bool) -> tuple[float, bool, str]:
-    """The unit of a number's spread, whether of logarithms, and why none is known."""
+    """Scale of a number, whether of logarithms, and why there is none."""
     if len(values) < LEAST_ROWS:
         return 0.0, False, f"{len(values)} row{'s' if len(values) > 1 else ''}: fewer than {LEAST_ROWS}"
     if extreme:

@@ -1,4 +1,4 @@
-"""The list of a cohort: a table with a row for each scan or case, looked at before the work begins."""
+"""The list of a cohort: a table with a row for each scan or case, checked before the computation."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from ngbrain.reading import Table, read_table
 
 NAME, VERB, INPUT = "name", "verb", "input"
 FREE = "about_"
-"""How a column begins that is no option, whatever it is called behind it."""
+"""Prefix of a column that is not an option."""
 PART = "|"
-"""Between several values of a cell."""
+"""Separator between several values in a cell."""
 YES, NO = ("yes", "true", "1", "x"), ("no", "false", "0")
 MOST_NAME, SHOWN = 100, 20
-"""Characters of a name; faults that are shown."""
+"""Largest length of a name; largest number of faults that are shown."""
 CLOSE = 0.8
-"""From which likeness on a column is taken for a misspelt option."""
+"""Similarity above which a column counts as a misspelt option."""
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+")
 
 
@@ -37,17 +37,17 @@ class CohortCase:
     Attributes
     ----------
     name : str
-        Of the row and of its folder.
+        Name of the row and of its folder.
     verb : str
-        What is done: mesh, invert, predict or simulate.
+        mesh, invert, predict or simulate.
     inputs : tuple of str
-        The files, absolute; a surface may have NAME= in front.
+        Absolute paths; a surface may have the prefix NAME=.
     options : tuple of str
-        As the command line takes them, files absolute.
+        As on the command line, with absolute paths.
     about : dict
-        What the other columns say, by column.
+        The other columns, by name.
     files : tuple of Path
-        Every file or folder that the row names.
+        All files and folders of the row.
     """
 
     name: str
@@ -59,25 +59,29 @@ class CohortCase:
 
     @property
     def argv(self) -> list[str]:
-        """The command, but for where results go."""
+        """The command line, without the output."""
         return [self.verb, *self.inputs, *self.options]
 
 
 def read_list(path: str | Path, verb: str | None = None) -> list[CohortCase]:
-    """The rows of a list, none of them computed yet.
+    """Read the rows of a list; nothing is computed.
 
     Parameters
     ----------
     path : str or Path
-        A table (CSV) with the columns name, input and, unless `verb` is given, verb; options and columns of one's own besides.
+        A table (CSV) with the columns name, input and, unless `verb` is given, verb; further columns are options or free.
     verb : str, optional
-        Of rows that name none.
+        Verb of rows that name none.
+
+    Returns
+    -------
+    list of CohortCase
 
     Raises
     ------
     InputError
-        A column is missing, there twice or like an option but misspelt; or in some row a file is missing, a name is there already
-        or cannot name a folder, or an option is not what the verb takes. Where there are several faults, all are logged.
+        A column is missing, repeated or a misspelt option; or in some row a file is missing, a name is repeated or invalid as a
+        folder name, or an option is not accepted by the verb. Several faults are all logged.
 
     Examples
     --------
@@ -112,7 +116,7 @@ def read_list(path: str | Path, verb: str | None = None) -> list[CohortCase]:
 
 
 class _Reader:
-    """Makes cases of the rows of one table."""
+    """Makes cases from the rows of a table."""
 
     def __init__(self, path: Path, table: Table, verb: str | None) -> None:
         self._path, self._table, self._verb = path, table, verb
@@ -139,7 +143,7 @@ class _Reader:
 
     @staticmethod
     def _option_name(column: str) -> str:
-        """A column's name as options are called: `By_Label` and `--by-label` are by-label."""
+        """A column's name as an option: `By_Label` and `--by-label` are by-label."""
         name = column.strip()
         return name if name.startswith(FREE) else name.lstrip("-").replace("_", "-").replace(" ", "-").lower()
 
@@ -176,7 +180,7 @@ class _Reader:
         return CohortCase(name, verb, inputs, tuple(options), about, tuple(files))
 
     def _shown(self, column: str) -> str:
-        """A column of one's own as it was called, without what marks it."""
+        """The original name of a free column, without its prefix."""
         return self._table.columns[self._columns.index(column)].removeprefix(FREE)
 
     def _named(self, line: int, name: str) -> str:
@@ -209,7 +213,7 @@ class _Reader:
         return found
 
     def _given(self, line: int, name: str, column: str, action: argparse.Action, value: str) -> list[str]:
-        """The words that a cell stands for on the command line."""
+        """The command-line arguments of a cell."""
         if action.nargs == 0:
             if value.lower() in YES:
                 return [f"--{column}"]
@@ -223,7 +227,7 @@ class _Reader:
 
     @staticmethod
     def _refused(parser: argparse.ArgumentParser, argv: list[str]) -> str:
-        """What the verb's own parser says against a command; nothing where it takes it."""
+        """Error message of the verb's parser for a command; empty if it is accepted."""
         said = io.StringIO()
         try:
             with redirect_stderr(said):
@@ -238,9 +242,22 @@ class _Reader:
 
 
 def values_of(cases: list[CohortCase], column: str) -> Mapping[str, str]:
-    """What a column of one's own says, by the names of rows; "" where it says nothing.
+    """Values of a free column.
 
-    Raises `InputError` where there is no such column.
+    Parameters
+    ----------
+    cases : list of CohortCase
+    column : str
+
+    Returns
+    -------
+    mapping of str
+        Row → value, empty where the cell is empty.
+
+    Raises
+    ------
+    InputError
+        There is no such column.
     """
     known = list(cases[0].about)
     if column not in known:

@@ -1,4 +1,4 @@
-"""A head from a file to a mesh in a file: labels read or made, meshed, written, and what came of it."""
+"""A head from an image or surfaces to a mesh file: labels are read or made, meshed and written, with a result."""
 
 from __future__ import annotations
 
@@ -36,19 +36,32 @@ from ngbrain.mesh.surface.head_outlines import LESION, VENTRICLES, Repair, exces
 from ngbrain.mesh.tet_mesh import Elements
 
 OFF = 0.1
-"""Part of its volume by which a region of a mesh may be off before it is said."""
+"""Relative error of a region's volume above which it is reported."""
 
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """Labels of a head and where they come from.
+    """Labels of a head and their source.
 
-    labels   what is meshed; t1 the scan on the same voxels, or None
-    affine, shape  of the file's own grid, to which maps go back
-    source   the file
-    named    places (m) that the user has named
-    notes    what was done to the labels before, in sentences
-    contrast  of grey and white matter in the scan (`ngbrain.image.labelling.grey_white_contrast`), None where no scan gave tissues
+    Parameters
+    ----------
+    labels : LabelMap
+        What is meshed.
+    t1 : Volume, optional
+        The scan on the same voxels.
+    affine : (4, 4) array
+        Voxel to world (m) of the file's grid, on which maps are written.
+    shape : tuple of int
+        Shape of the file's grid.
+    source : str
+        The file.
+    named : dict of tuple
+        Named places (m) of the user.
+    notes : tuple of str
+        What was done to the labels, in sentences.
+    contrast : float, optional
+        Contrast of grey and white matter in the scan (`ngbrain.image.labelling.grey_white_contrast`); None without tissues from a
+        scan.
     """
 
     labels: LabelMap
@@ -61,10 +74,27 @@ class Subject:
     contrast: float | None = None
 
     def place(self, text: str, field: str = "place") -> tuple[float, float, float]:
-        """A point (m) in the file's field of view: "X,Y,Z" in mm, "voxel:I,J,K" of the file from 0, or the name of a landmark.
+        """A point in the file's field of view.
 
-        Raises `InputError`, naming `field`, for a text that is none of these and a point that the file does not show.
+        Parameters
+        ----------
+        text : str
+            "X,Y,Z" in mm, "voxel:I,J,K" of the file from 0, or the name of a landmark.
+        field : str
+            Name of the argument, for messages.
 
+        Returns
+        -------
+        tuple of float
+            In m.
+
+        Raises
+        ------
+        InputError
+            Another text, or a point outside the field of view.
+
+        Examples
+        --------
         >>> ball = np.linalg.norm(np.indices((9, 9, 9)) - 4, axis=0) < 4
         >>> labels = LabelMap(Volume(ball.astype(int), np.diag([1e-3, 1e-3, 1e-3, 1])), {1: "grey"})
         >>> subject = Subject(labels, None, labels.volume.affine, (9, 9, 9), "labels.nii")
@@ -89,17 +119,17 @@ class Subject:
 
     @classmethod
     def from_scan(cls, path: str | os.PathLike[str]) -> Subject:
-        """From a T1; raises what `read_scan` and `label_tissues` raise."""
+        """From a T1 scan; raises what `read_scan` and `label_tissues` raise."""
         scan = read_scan(path)
         return cls._of_scan(label_tissues(scan).labels, scan)
 
     @classmethod
     def from_structures(cls, path: str | os.PathLike[str]) -> Subject:
-        """From a T1, its tissues split into structures (`ngbrain.image.structures.structures`): `grey_left`, `brain_stem`, …
+        """From a T1 scan, with tissues split into structures (`ngbrain.image.structures.structures`): `grey_left`, `brain_stem`, …
 
-        Patterns pick them in a mesh of a route that conforms to tissues: `white.*` all white matter but the corpus callosum,
-        `.*_left` a side; the boundary under the tentorium is `(grey|white)_(left|right)_(grey|white)_cerebellum` where
-        cerebrum and cerebellum touch. Falx and tentorium as surfaces: `ngbrain.image.structures.dura`.
+        Patterns select them in a mesh of a route that conforms to tissues: `white.*` all white matter except the corpus callosum,
+        `.*_left` a side; the boundary under the tentorium is `(grey|white)_(left|right)_(grey|white)_cerebellum` where cerebrum
+        and cerebellum touch. For falx and tentorium as surfaces see `ngbrain.image.structures.dura`.
 
         Raises what `read_scan` and `label_structures` raise.
         """
@@ -115,9 +145,25 @@ class Subject:
         names: str | Mapping[int, str] | None = None,
         others: Mapping[int, str] | None = None,
     ) -> Subject:
-        """From a T1 and a map of labels of another head, laid into it by that head's own T1 (`ngbrain.image.structures.atlas`).
+        """From a T1 scan and the labels of another head, transferred by registration of that head's own T1
+        (`ngbrain.image.structures.atlas`).
 
-        Raises what `read_scan`, `read_labels` and `label_by_atlas` raise.
+        Parameters
+        ----------
+        path : path
+            T1 scan.
+        atlas : path
+            Label map of the other head.
+        template : path
+            T1 scan of the other head.
+        names : str or mapping of str, optional
+            Label scheme, or number → name.
+        others : mapping of str, optional
+            Further names.
+
+        Returns
+        -------
+        Subject
         """
         scan, labels = read_scan(path), read_labels(atlas, names, others)
         moved = label_by_atlas(scan, labels, read_scan(template))
@@ -131,10 +177,22 @@ class Subject:
         others: Mapping[int, str] | None = None,
         fill: bool = True,
     ) -> Subject:
-        """From a map of labels; raises what `read_labels` raises.
+        """From a label map; raises what `read_labels` raises.
 
-        fill   put fluid into sulci that have no label (`ngbrain.image.segment.fluid`); ventricles are told from other fluid
-               in any case
+        Parameters
+        ----------
+        path : path
+            Label map.
+        names : str or mapping of str, optional
+            Label scheme, or number → name.
+        others : mapping of str, optional
+            Further names.
+        fill : bool
+            Fill unlabelled sulci with fluid (`ngbrain.image.segment.fluid`). Ventricles are separated from other fluid in any case.
+
+        Returns
+        -------
+        Subject
         """
         file, notes = read_labels_with_notes(path, names, others)
         labels, ml = label_ventricles(file.crop())
@@ -148,12 +206,23 @@ class Subject:
     def from_surfaces(
         cls, parts: Sequence[tuple[str, str | os.PathLike[str]]], unit: str = "mm", fill: bool = True
     ) -> Subject:
-        """From closed surfaces, named by what is inside, the outer ones first; raises what `read_surface` and
-        `labels_from_surfaces` raise.
+        """From closed surfaces, named by their interior, outer ones first; raises what `read_surface` and `labels_from_surfaces`
+        raise.
 
-        They become a map of labels (`ngbrain.image.segment.from_surfaces`), which is written on its own voxels.
+        They become a label map (`ngbrain.image.segment.from_surfaces`), which is written on its own voxels.
 
-        unit   of lengths in files that do not say it; fill as of `from_labels`
+        Parameters
+        ----------
+        parts : sequence of tuple
+            Name and path of each surface.
+        unit : str
+            Unit of length in files that do not state it.
+        fill : bool
+            See `from_labels`.
+
+        Returns
+        -------
+        Subject
         """
         surfaces = [(name, read_surface(path, unit)) for name, path in parts]
         file = labels_from_surfaces(surfaces)
@@ -246,21 +315,38 @@ def write_subject(
     opening: Opening | None = None,
     cortex: bool = False,
 ) -> HeadMesh:
-    """Mesh a subject, and write the mesh, its labels (NAME_labels.nii.gz, on the grid of the file) and result.json beside it.
+    """Mesh a subject, and write the mesh, its labels (NAME_labels.nii.gz, on the grid of the file) and result.json.
 
-    Small islands and holes of the labels go first (`ngbrain.image.segment.topology`); the labels written are those that were
-    meshed.
+    Small islands and holes of the labels are removed first (`ngbrain.image.segment.topology`); the labels written are those that
+    were meshed.
 
-    path   .vtkhdf, which `ngbrain.io.load` gives back to the bit, or a suffix of `ngbrain.io.exchange`
-    curve  bring the interfaces, with second order, closer to where the labels' regions meet
-           (`ngbrain.mesh.improve.curving`): the mesh
-           in the .vtkhdf file is curved, and so are its 10-node tetrahedra in ParaView
-    cortex  write the white and pial surfaces too (`ngbrain.mesh.surface.cortical_files`), of the labels before they are cut
-    opening  cut it open first (`ngbrain.mesh.routes.craniotomy`), with elements of `size.near` at the walls
+    Parameters
+    ----------
+    subject : Subject
+    path : path
+        The mesh file: .vtkhdf, which `ngbrain.io.load` reads exactly, or a suffix of `ngbrain.io.exchange`.
+    route : str
+        Meshing route.
+    size : Graded, optional
+        Element sizes.
+    curve : bool
+        Move the interfaces, with second order, closer to the interfaces of the labels (`ngbrain.mesh.improve.curving`); the mesh
+        in the .vtkhdf file is curved, and so are its 10-node tetrahedra in ParaView.
+    opening : Opening, optional
+        Cut it open first (`ngbrain.mesh.routes.craniotomy`), with elements of `size.near` at the walls.
+    cortex : bool
+        Write the white and pial surfaces too (`ngbrain.mesh.surface.cortical_files`), of the labels before they are cut.
 
-    The result reads as `result.json` does. Raises `InputError` for another suffix, for a curved mesh that is not
-    .vtkhdf, has an opening or is by the route `hull`, which has no tissues' interfaces, and what `mesh_labels`,
-    `mesh_with_cleft` and `curve_interfaces` raise.
+    Returns
+    -------
+    HeadMesh
+        With the contents of `result.json`.
+
+    Raises
+    ------
+    InputError
+        Another suffix; a curved mesh that is not .vtkhdf, has an opening, or is by the route `hull`, which has no tissue
+        interfaces; and the errors of meshing, cutting and curving.
     """
     path, started = Path(path), time.monotonic()
     stem, own = files.stem(path), path.name.lower().endswith(files.OWN)
@@ -337,7 +423,7 @@ def _placed(repair: Repair) -> dict[str, Any]:
 
 
 def _summary(curving: CurvingResult) -> dict[str, float]:
-    """Distances of interfaces from where labels meet, before and after, mean and 95th percentile; share of nodes held back."""
+    """Distances of interfaces from the label interfaces before and after (mean, 95th percentile); fraction of nodes held back."""
     found = {"held_back": curving.held_back}
     for name, off in (("before", curving.distance_before), ("after", curving.distance_after)):
         found |= {f"mean_mm_{name}": 1e3 * float(off.mean()), f"p95_mm_{name}": 1e3 * float(np.percentile(off, 95))}
@@ -359,13 +445,13 @@ def _numbered(labels: LabelMap) -> Volume:
 
 
 def _within(made: Elements, labels: LabelMap) -> str:
-    """Ventricles and lesions that are no regions of a hull, in words."""
+    """Ventricles and lesions that are missing from a hull mesh, in words."""
     asked = [name for name in labels.regions if name == VENTRICLES or LESION.fullmatch(name)]
     lost = [name for name in asked if name not in made.regions]
     return f"; {' and '.join(lost)}, too thin or too close to what is around" if lost else ""
 
 
 def _off(regions: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
-    """Relative errors of the volumes of regions that are off by more than `OFF`."""
+    """Relative errors of region volumes above `OFF`."""
     errors = {name: each["volume_ml"] / max(each["label_volume_ml"], 1e-9) - 1 for name, each in regions.items()}
     return {name: error for name, error in errors.items() if abs(error) > OFF}

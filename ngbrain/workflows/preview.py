@@ -1,4 +1,4 @@
-"""A scene drawn before it is computed: what `simulate --preview` does."""
+"""A figure of a scene before it is computed: `simulate --preview`."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from ngbrain.surgery.retraction import geometry
 from ngbrain.units import to_ml
 
 ROUND = 48
-"""Points of a circle."""
+"""Number of points of a circle."""
 
 
 def preview(scene: Scene | str | Path, folder: str | Path) -> Path:
@@ -70,7 +70,7 @@ def preview(scene: Scene | str | Path, folder: str | Path) -> Path:
 
 
 def _body(scene: Scene) -> Drawing:
-    """Of a body under loads, on its coarsest elements; its conditions are checked by making the problem."""
+    """A body under loads, on its coarsest elements; making the problem checks its conditions."""
     hierarchy = ModelHierarchy(scene)
     model = {"mesh": "0", "order": "1", "strain": "finite", "pressure": "none", "space": "solid"}
     if scene.time.frequency is None:
@@ -102,7 +102,7 @@ def _body(scene: Scene) -> Drawing:
 
 
 def _operation(scene: Scene) -> Drawing:
-    """Of an operation: the mesh on large elements, which takes seconds, or on its own where there is none so large."""
+    """An operation, on a coarse mesh that takes seconds, or on its own mesh where no coarse one is possible."""
     sizes = replace(scene.mesh, **{name: max(getattr(scene.mesh, name), size) for name, size in LARGEST.items()})
     head, coarse = load_head(scene.geometry), True
     try:
@@ -131,7 +131,7 @@ def _operation(scene: Scene) -> Drawing:
 
 
 def _image(head: Head) -> ScanImage | None:
-    """The scan that a head was made of, if any."""
+    """The scan of a head, if there is one."""
     found = head.pictures()
     if not found:
         return None
@@ -139,7 +139,7 @@ def _image(head: Head) -> ScanImage | None:
 
 
 def _parts(mesh: ngs.Mesh) -> dict[str, Any]:
-    """Points, tetrahedra, regions and faces, as copies: they outlive the mesh."""
+    """Points, tetrahedra, regions and faces, as copies that outlive the mesh."""
     made = mesh.ngmesh
     solids, sides = made.Elements3D().NumPy(), made.Elements2D().NumPy()
     names = mesh.GetMaterials()
@@ -174,7 +174,7 @@ def _displacement(bc: DisplacementBC, names: Sequence[str], scene: Scene) -> Con
 
 
 def _rigid(body: Contact, long: float, scene: Scene) -> RigidBodyDrawing:
-    """A ball, a piece of a cylinder or of a plane."""
+    """A ball, or a part of a cylinder or plane."""
     middle, r = np.array(body.point), body.radius or 0.0
     angle = np.linspace(0, 2 * np.pi, ROUND, endpoint=False)
     if body.shape == "ball":
@@ -210,7 +210,7 @@ def _listed(values: Any) -> str:
 
 
 def _tables(scene: Scene, mesh: ngs.Mesh, conditions: Sequence[Condition]) -> dict[str, list[tuple[str, ...]]]:
-    """Regions, conditions, tool and times, and what is asked."""
+    """Tissues, regions, conditions, tool, times and requested quantities."""
     regions = list[tuple[str, ...]]()
     for tissue in scene.tissues:
         name = tissue.material if isinstance(tissue.material, str) else type(tissue.law().equilibrium).__name__

@@ -1,4 +1,4 @@
-"""What an inversion leaves behind: result.json, maps.npz, and images on the grid of the data's own image."""
+"""The files of an inversion: result.json, maps.npz, and images on the grid of the data's image."""
 
 from __future__ import annotations
 
@@ -19,14 +19,30 @@ from ngbrain.io.waves import WaveData, write_map
 def write_inversion(
     folder: Path, inversion: Inversion, bars: Uncertainty | None = None, **of_the_run: Any
 ) -> dict[str, Any]:
-    """Write the files into a folder that is there; returns the result, of which result.json is the last to be written.
-
-    bars         error bars: `Uncertainty.arrays` go into maps.npz, its `result` is the result's `error_bars`
-    of_the_run   more entries of the result, such as verb, versions, threads, time_s
+    """Write the files of an inversion into an existing folder; result.json is the last one.
 
     maps.npz has `Inversion.arrays`; NAME.nii.gz are written for data from an image.
 
-    Raises `MissingExtra` for images without nibabel, `OSError` when the disk is full or the folder not writable.
+    Parameters
+    ----------
+    folder : Path
+    inversion : Inversion
+    bars : Uncertainty, optional
+        Error bars: their arrays go into maps.npz, their `result` is the result's `error_bars`.
+    **of_the_run
+        Further entries of the result, such as verb, versions, threads, time_s.
+
+    Returns
+    -------
+    dict
+        The result.
+
+    Raises
+    ------
+    MissingExtra
+        Images without nibabel.
+    OSError
+        The disk is full or the folder not writable.
     """
     bands = bars.arrays() if bars else {}
     arrays = inversion.arrays() | bands
@@ -38,9 +54,21 @@ def write_inversion(
 def write_maps(
     folder: Path, data: WaveData, arrays: Mapping[str, np.ndarray], images: Sequence[str], result: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Write arrays as maps.npz, those named `images` as NAME.nii.gz where the data came from one, and result.json at last.
+    """Write arrays as maps.npz, images as NAME.nii.gz where the data came from one, and result.json last.
 
-    Returns the result, with the names of the files. Errors as of `write_inversion`.
+    Parameters
+    ----------
+    folder : Path
+    data : WaveData
+    arrays : mapping of array
+    images : sequence of str
+        Names of the arrays that are images.
+    result : mapping
+
+    Returns
+    -------
+    dict
+        The result with the names of the files. Errors as for `write_inversion`.
     """
     atomic_write(folder / "maps.npz", lambda part: np.savez_compressed(part, **arrays))  # type: ignore[arg-type]
     names = images if data.affine is not None else ()
@@ -53,8 +81,10 @@ def write_maps(
 
 
 def finite(value: Any) -> Any:
-    """The same with None for numbers that JSON has no word for, and text for keys.
+    """The value with None for numbers that JSON cannot represent, and text keys.
 
+    Examples
+    --------
     >>> finite({1: [2.0, float("nan")]})
     {'1': [2.0, None]}
     """

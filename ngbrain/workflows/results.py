@@ -1,4 +1,4 @@
-"""What has come of a cohort: its rows with their verdicts, their statistics, and both as a table and for result.json."""
+"""The result of a cohort: rows with verdicts, statistics, and both as a table and for result.json."""
 
 from __future__ import annotations
 
@@ -22,27 +22,27 @@ ROWS, REPORT = "rows", "report.html"
 
 @dataclass(frozen=True)
 class ResultRow:
-    """A scan or case, and what has come of it.
+    """A scan or case, and its result.
 
     Attributes
     ----------
     name, verb : str
     verdict : str
-        ok; warning, where a number stands out or the verb warns; excluded, where the verb does not want its answer used; failed.
+        ok; warning, for an outlier or a warning of the verb; excluded, if the verb advises against its answer; failed.
     reason : str
-        Why it is not ok, in a line; "" where it is.
+        Why it is not ok; empty if it is.
     time_s : float or None
-        That the verb took; None where it failed.
+        Computing time of the verb; None if it failed.
     numbers : dict of Number
-        The main numbers of its result by key; none where it failed.
+        The main numbers of its result by key; empty if it failed.
     group : str
-        What its statistics are parted by.
+        Its group in the statistics.
     about : dict of str
-        The list's other columns.
+        The list's free columns.
     folder : Path
-        With the verb's own results and report.
+        With the verb's results and report.
     input : str
-        The files, as in the list's folder.
+        File names.
     computed : bool
         In this call, not in an earlier one.
     """
@@ -61,32 +61,32 @@ class ResultRow:
 
     @property
     def usable(self) -> bool:
-        """Whether its numbers count: it is ok, or merely worth a look."""
+        """Whether its numbers count: the verdict is ok or warning."""
         return self.verdict in (OK, WARNING)
 
     @property
     def report(self) -> str:
-        """Its verb's report, relative to the cohort's folder; "" where there is none."""
+        """Path of its report, relative to the cohort's folder; empty without one."""
         there = self.folder / REPORT
         return f"{ROWS}/{self.name}/{REPORT}" if self.numbers and there.exists() else ""
 
 
 @dataclass(repr=False, eq=False)
 class Cohort(Result):
-    """The rows of a list with their verdicts, and the statistics of those that are usable.
+    """The rows of a list with their verdicts, and the statistics of the usable ones.
 
     Attributes
     ----------
-    rows : list of Row
+    rows : list of ResultRow
         In the order of the list.
-    spreads : list of Spread
-        Of every number in every group.
+    spreads : list of GroupStatistics
+        For every number in every group.
     outliers : list of Outlier
     left_out : list of str
-        Rows that are in the folder but no longer in the list.
+        Rows in the folder that are no longer in the list.
     folder : Path
     group : str
-        The column that groups are of; "" where there are none.
+        The column of the groups; empty without groups.
     """
 
     rows: list[ResultRow]
@@ -99,18 +99,18 @@ class Cohort(Result):
 
     @property
     def value(self) -> dict[str, int]:
-        """Verdict → rows, of those that there are."""
+        """Verdict → number of rows, without zeros."""
         return {verdict: count for verdict, count in self.counts.items() if count}
 
     @property
     def headline(self) -> str:
-        """Rows of each verdict, and where they are."""
+        """Number of rows by verdict, and the folder."""
         counts = ", ".join(f"{count} {verdict}" for verdict, count in self.value.items())
         return f"{counts}; {self.folder}"
 
     @property
     def statistics(self) -> dict[str, float]:
-        """Rows, and those that were computed in this call."""
+        """Number of rows, and of those computed in this call."""
         return {"rows": len(self.rows), "computed_now": sum(row.computed for row in self.rows)}
 
     @property
@@ -120,20 +120,17 @@ class Cohort(Result):
         return [*super().reasons, *unusable]
 
     def to_dict(self) -> dict[str, Any]:
-        """As `result.json` has it, but for the run itself."""
+        """As in `result.json`, without the data of the run."""
         return summarise(self)
 
     @property
     def counts(self) -> dict[str, int]:
-        """How many rows have which verdict."""
+        """Verdict → number of rows."""
         found = Counter(row.verdict for row in self.rows)
         return {verdict: found[verdict] for verdict in VERDICTS}
 
     def values(self, key: str) -> dict[str, float]:
-        """A number of the usable rows that have it, by row.
-
-        Raises `InputError` for a key that no row has.
-        """
+        """Row → a number of the usable rows that have it; raises `InputError` for a key that no row has."""
         found = {row.name: row.numbers[key].value for row in self.rows if row.usable and key in row.numbers}
         if not found:
             known = sorted({each for row in self.rows for each in row.numbers})
@@ -142,7 +139,17 @@ class Cohort(Result):
 
 
 def describe(outlier: Outlier, number: Number) -> str:
-    """In words: which number stands out, and by how much."""
+    """An outlier in words.
+
+    Parameters
+    ----------
+    outlier : Outlier
+    number : Number
+
+    Returns
+    -------
+    str
+    """
     spread = outlier.spread
     unit = f" {number.unit}" if number.unit else ""
     of = f"{number.name} of {number.region}" if number.region else number.name
@@ -151,7 +158,7 @@ def describe(outlier: Outlier, number: Number) -> str:
 
 
 def table(done: Cohort) -> str:
-    """A line for each row: verdict, reason, the list's own columns and the main numbers (CSV)."""
+    """CSV table with a line for each row: verdict, reason, the list's free columns and the main numbers."""
     keys = list(dict.fromkeys(key for row in done.rows for key in row.numbers))
     own = list(dict.fromkeys(column for row in done.rows for column in row.about))
     text = io.StringIO()
@@ -166,7 +173,7 @@ def table(done: Cohort) -> str:
 
 
 def _described(spread: GroupStatistics, done: Cohort) -> dict[str, Any]:
-    """A spread as result.json has it, with how many units every row, and the middle half of the rows, is from the median."""
+    """Statistics as in result.json, with the standardised deviation of every row and of the quartiles."""
     values = {row.name: row.numbers[spread.key].value for row in done.rows if row.name in spread.rows}
     away = {name: spread.deviation(value) for name, value in values.items()}
     half = [spread.deviation(spread.low), spread.deviation(spread.high)]
@@ -174,7 +181,7 @@ def _described(spread: GroupStatistics, done: Cohort) -> dict[str, Any]:
 
 
 def summarise(done: Cohort) -> dict[str, Any]:
-    """The cohort as result.json has it, but for the run itself."""
+    """The cohort as in result.json, without the data of the run."""
     known = {key: number for row in done.rows for key, number in row.numbers.items()}
     numbers = {
         key: {"name": number.name, "unit": number.unit, "region": number.region} for key, number in known.items()

@@ -1,4 +1,4 @@
-"""A row of a cohort: computed by its verb in a folder of its own, as by hand, and known again by what it was made from."""
+"""A row of a cohort: computed by its verb in its own folder, and identified by a digest of its inputs."""
 
 from __future__ import annotations
 
@@ -27,28 +27,28 @@ from ngbrain.workflows.listing import CohortCase
 RECORD, LOG, RESULT = "row.json", "log.txt", "result.json"
 USABLE, EXCLUDED, FAILED = "usable", "excluded", "failed"
 COMPANIONS = (".json", ".img", ".hdr", ".h5")
-"""What belongs to a file of the same name: sidecars of images, data of XDMF."""
+"""Suffixes of files that belong to a file of the same name: sidecars of images, data of XDMF."""
 SIGNS = "ngbrain: "
-"""How lines of the log begin."""
+"""Prefix of the lines of the log."""
 BLOCK = 1 << 20
 
 
 @dataclass(frozen=True)
 class Record:
-    """What is known of a row's work.
+    """State of a row's computation.
 
     Attributes
     ----------
     digest : str
-        Of what it is made from.
+        Digest of its inputs.
     runs : int
-        How often it has been begun with that digest.
+        Number of starts with that digest.
     outcome : str
-        usable, excluded (by its verb), failed; "" while it is not finished.
+        usable, excluded (by its verb), failed; empty while it is not finished.
     reason : str
         Why it is excluded or has failed.
     notes : tuple of str
-        What the verb warned of.
+        Warnings of the verb.
     """
 
     digest: str
@@ -59,21 +59,21 @@ class Record:
 
     @classmethod
     def read(cls, folder: Path) -> Record | None:
-        """That of a folder; None where there is none that can be read."""
+        """The record of a folder; None if there is none that can be read."""
         with suppress(InputError, TypeError, KeyError):
             found = read_json(folder / RECORD, "record")
             return cls(**{**found, "notes": tuple(found["notes"])})
         return None
 
     def write(self, folder: Path) -> None:
-        """Into the folder, whole."""
+        """Write it atomically into a folder."""
         write_json(folder / RECORD, asdict(self))
 
 
 def digest_case(case: CohortCase) -> str:
-    """The digest of all that a row's result is made from: files, options, code and versions; not its name.
+    """Digest of everything that a row's result depends on: files, options, code and versions, but not its name.
 
-    Files are those that the row names, their sidecars, and those that a scene or sidecar names in turn.
+    Files are those of the row, their sidecars, and those that a scene or sidecar refers to.
     """
     options = list(case.options)
     for path in case.files:
@@ -85,23 +85,23 @@ def digest_case(case: CohortCase) -> str:
 
 
 def run_row(case: CohortCase, folder: str, digest: str, *, callback: Callback) -> Record:
-    """Compute a row in its folder; what an earlier run with the same digest has left there is gone on with.
+    """Compute a row in its folder, continuing an earlier run with the same digest.
 
     Parameters
     ----------
-    case : Case
+    case : CohortCase
     folder : str
         Where results go.
     digest : str
         Of the row, by `digest_case`.
     callback : callable
-        Called with the row's name when it begins.
+        Called with the row's name at the start.
 
     Returns
     -------
     Record
-        As it is written in the folder at last. It is not where the row failed for what may be the machine's fault (no memory, a
-        full disk, an unknown error), so that it is done again next time.
+        Also written to the folder, except for failures that may be due to the machine (no memory, a full disk, an unknown error),
+        so that the row is computed again next time.
     """
     callback(case.name)
     place = Path(folder)
@@ -144,25 +144,35 @@ def run_row(case: CohortCase, folder: str, digest: str, *, callback: Callback) -
 
 
 def output(case: CohortCase, folder: Path) -> Path:
-    """What the verb is given as -o."""
+    """The argument -o of a row's verb.
+
+    Parameters
+    ----------
+    case : CohortCase
+    folder : Path
+
+    Returns
+    -------
+    Path
+    """
     return folder / f"{case.name}.vtkhdf" if case.verb == "mesh" else folder
 
 
 def _notes(log: Path) -> Iterator[str]:
-    """What the verb printed, without what all lines begin with."""
+    """Lines that the verb printed, without their prefix."""
     for line in log.read_text(encoding="utf-8").splitlines():
         if line.startswith(SIGNS):
             yield line.removeprefix(SIGNS).removeprefix("warning: ")
 
 
 def _against(notes: tuple[str, ...]) -> str:
-    """Why a verb does not want its answer used."""
+    """Why a verb advises against its answer."""
     said = [note for note in notes if note.startswith("do not use")]
     return "; ".join(said) or (notes[-1] if notes else "its verb does not want the answer used")
 
 
 def _files(path: Path) -> Iterator[Path]:
-    """A file with what belongs to it, or the files of a folder."""
+    """A file with its companions, or the files of a folder."""
     waiting, found = [path], dict[Path, None]()
     while waiting:
         each = waiting.pop()
@@ -179,7 +189,7 @@ def _files(path: Path) -> Iterator[Path]:
 
 
 def _texts(path: Path) -> list[str]:
-    """Every text in a scene or sidecar."""
+    """All texts in a scene or sidecar."""
     reads = {".toml": tomllib.loads, ".json": json.loads}
     if path.suffix.lower() not in reads:
         return []
@@ -197,7 +207,7 @@ def _texts(path: Path) -> list[str]:
 
 
 def _named(text: str, by: Path) -> Iterator[Path]:
-    """The files that a text in a file may mean: beside it, or from the working folder."""
+    """Files that a text may refer to, relative to its file or to the working folder."""
     for folder in (by.parent, Path()):
         with suppress(OSError, ValueError):
             if (there := (folder / text).absolute()).is_file():
@@ -211,7 +221,7 @@ def _sum(path: Path) -> str:
 
 @cache
 def _sum_of(path: Path, size: int, changed: int) -> str:
-    """Of a file's bytes; read once for the many rows that share it."""
+    """Digest of a file's bytes, cached for rows that share it."""
     digest = hashlib.sha256()
     with open(path, "rb") as stream:
         while block := stream.read(BLOCK):

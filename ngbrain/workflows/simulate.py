@@ -1,4 +1,4 @@
-"""A scene to its result: what the verb `simulate` does."""
+"""Simulate a scene: the workflow of the verb `simulate`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ngbrain.scene.result import SceneResult
 from ngbrain.surgery import model_selection, retraction
 
 Callback = Callable[..., None]
-"""What is told of progress, in the words of the solver."""
+"""Progress callback, with the arguments of the solver's."""
 
 
 def simulate(
@@ -36,47 +36,47 @@ def simulate(
 ) -> SceneResult:
     """Compute a scene: a body under loads, or an operation.
 
-    Where it asks quantities with tolerances, the cheapest model that is within them answers; an operation that asks none, or
-    `as_described`, is computed as it is written, an operation with the checks of its numbers.
+    A scene with requested quantities is answered by the cheapest model within their tolerances. An operation without them, or any
+    scene with `as_described`, is computed as it is written, an operation with verification runs.
 
     Parameters
     ----------
     scene : Scene or path
-        What is computed, or its file.
+        The scene, or its file.
     folder : path, optional
-        Where `result.json` and checkpoints go; without it nothing is written.
+        Where `result.json` and checkpoints go; by default nothing is written.
     as_described : bool
-        Compute it as it is written: a body with finite strain, memory, fibres and contact where it has them, on elements of
-        `mesh.max_size_mm` and of order `mesh.order`.
+        Compute it as written: a body with finite strain, viscoelasticity, fibres and contact where it has them, with elements of
+        `mesh.max_size_mm` and order `mesh.order`.
     model, richest : dict, optional
-        Axis → level of the model that is taken, or that the search does not pass.
+        Axis → level of a prescribed model, or the last level of the search.
     threads : int
-        For assembly, or of an operation as described the processes that its protocols run in.
+        Threads for assembly; processes for the protocols of an operation as described.
     resume : bool
-        Go on with what is in `folder`, of an operation as described.
+        Continue from the files in `folder`, for an operation as described.
     checks : bool
-        Whether an operation as described is run on other meshes, steps and laws too.
+        Whether an operation as described has verification runs with other meshes, steps and laws.
     callback : callable
-        How far it has come: see `ngbrain.ladder.solve` and `ngbrain.surgery.retraction.solve`.
-    callback : callable, optional
-        Called with the result's data as far as it is known: when the protocols of an operation as described are done and after each
-        check, else after each model.
+        Progress: see `ngbrain.ladder.solve` and `ngbrain.surgery.retraction.solve`.
+    checkpoint : callable, optional
+        Called with the present result: after the protocols of an operation as described and after each verification run, else after
+        each model.
     executor : optional
-        Who computes what is independent (`ngbrain.parallel`).
+        Computes independent tasks (`ngbrain.parallel`).
     questions : sequence of Question
-        Observables of one's own, asked of a body beside the scene's quantities.
+        Observables of a body, in addition to the scene's quantities.
 
     Returns
     -------
     SceneResult
-        Reads as `result.json` does.
+        With the contents of `result.json`.
 
     Raises
     ------
     InputError
-        A scene that means nothing, or an option that it does not have.
+        A scene that is not meaningful, or an option that does not apply.
     SolverError
-        Where there is no solution.
+        There is no solution.
 
     Examples
     --------
@@ -111,5 +111,5 @@ def simulate(
 
 
 def full_model(scene: Scene) -> Model:
-    """The model of a body that leaves nothing out, on the scene's own elements."""
+    """The richest model of a body, on the scene's own elements."""
     return {**axes.richest(axes.axes_of(scene)), "mesh": "0", "order": str(scene.mesh.order)}

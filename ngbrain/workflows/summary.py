@@ -1,4 +1,4 @@
-"""The main numbers of a verb's result: what a cohort compares from row to row."""
+"""The main numbers of a result, which a cohort compares from row to row."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ OPERATION = (
     ("oss_p95", "Octahedral shear strain, 95th percentile", ""),
     ("min_det_F", "Smallest volume ratio", ""),
 )
-"""Of a protocol: key, name, unit."""
+"""Numbers of a protocol: key, name, unit."""
 QUALITY = (
     ("n_tets", "Tetrahedra", "", False),
     ("min_dihedral_deg", "Smallest dihedral angle", "°", True),
@@ -36,16 +36,16 @@ class Number:
     Attributes
     ----------
     key : str
-        What its column is called, with the unit.
+        Name of its column, with the unit.
     name : str
-        What it is, in words.
+        Description.
     unit : str
-        Of the value; "" for none.
+        Of the value; empty if there is none.
     value : float
     region : str
-        Which region, label or protocol it is of; "" for the whole.
+        Its region, label or protocol; empty for the whole.
     extreme : bool
-        It is the smallest or largest of many, or counts these.
+        Whether it is the smallest or largest of many, or counts these.
     """
 
     key: str
@@ -57,7 +57,7 @@ class Number:
 
 
 def main_numbers(result: Mapping[str, Any]) -> dict[str, Number]:
-    """The main numbers of a result.json, by key; those that are not finite are left out.
+    """The main numbers of a result.json, by key; numbers that are not finite are left out.
 
     Examples
     --------
@@ -79,7 +79,7 @@ def main_numbers(result: Mapping[str, Any]) -> dict[str, Number]:
 
 
 def cautions(result: Mapping[str, Any]) -> list[str]:
-    """What the verb itself wants looked at, though it lets its answer be used."""
+    """Warnings of the verb on an answer that can be used."""
     off = result.get("checks", {}).get("regions_off", {})
     # What waves cannot tell, whoever looks at them, is said of all maps.
     warnings = [] if result["verb"] in ("invert", "predict") else result.get("warnings", [])

@@ -1,9 +1,9 @@
-"""Options of the verbs; nothing is imported here that `--help` would wait for.
+"""Options of the verbs; no module here imports anything that would delay `--help`.
 
-- `cohort`: What the verb `cohort` can be given, and which options of other verbs the columns of its list can give.
-- `common`: What every verb of the command line can be given. Nothing is imported here that a `--help` would wait for.
-- `simulate`: What the verb `simulate` can be given. Nothing is imported here that a `--help` would wait for.
-- `types`: What arguments are read as: each raises `argparse.ArgumentTypeError` for what it is not.
+- `cohort`: The verb `cohort`, and the options of other verbs that its list can contain.
+- `common`: The parser, and the options of the other verbs.
+- `simulate`: The verb `simulate`.
+- `types`: Argument types; each raises `argparse.ArgumentTypeError` for an invalid text.
 """
 
 __all__ = ["cohort", "common", "simulate", "types"]

@@ -1,4 +1,4 @@
-"""What the verb `cohort` can be given, and which options of other verbs the columns of its list can give."""
+"""Options of the verb `cohort`, and the options of other verbs that its list can contain."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import Any
 
 VERBS = ("mesh", "invert", "predict", "simulate")
-"""What the rows of a list can ask for."""
+"""Verbs of the rows."""
 SAMPLE = Path(__file__).parents[2] / "samples" / "cohort.csv"
 OWN = ("help", "output", "overwrite", "own_laws", "quiet", "resume", "threads", "executor")
-"""Where options go that a cohort gives its rows itself, and of a file that is run, which no list may name."""
+"""Destinations of options that a list cannot contain: those that a cohort sets itself, and files of code that would be run."""
 
 
 class _List(argparse.Action):
-    """Print a list that says what can be in one."""
+    """Print a commented list."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
         print(SAMPLE.read_text(encoding="utf-8"), end="")
@@ -22,7 +22,7 @@ class _List(argparse.Action):
 
 
 def add_cohort(verbs: Any) -> argparse.ArgumentParser:
-    """The parser of `cohort`; where results go, threads, replacing and quiet are added as for other verbs."""
+    """Add the parser of `cohort`; output, threads, overwriting and quiet are added as for other verbs."""
     parser: argparse.ArgumentParser = verbs.add_parser(
         "cohort",
         help="many scans or cases through one of these: one table, one report",
@@ -36,7 +36,7 @@ def add_cohort(verbs: Any) -> argparse.ArgumentParser:
 
 
 def columns_of(parser: argparse.ArgumentParser) -> dict[str, argparse.Action]:
-    """The options of a verb's parser that a column can give, by their long names without dashes in front."""
+    """Options of a verb's parser that a column can contain, by their long names without dashes."""
     found = {}
     for action in parser._actions:  # what argparse itself has no public name for
         names = [name[2:] for name in action.option_strings if name.startswith("--")]
@@ -47,7 +47,7 @@ def columns_of(parser: argparse.ArgumentParser) -> dict[str, argparse.Action]:
 
 
 def several_inputs(parser: argparse.ArgumentParser) -> bool:
-    """Whether a verb takes more than one file."""
+    """Whether a verb takes several files."""
     return any(not action.option_strings and action.nargs == "+" for action in parser._actions)
 
 

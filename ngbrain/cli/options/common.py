@@ -1,4 +1,4 @@
-"""What every verb of the command line can be given. Nothing is imported here that a `--help` would wait for."""
+"""The parser of the command line, and the options of its verbs; nothing that would delay `--help` is imported."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ SPREAD = 3.0
 
 
 def parser() -> argparse.ArgumentParser:
-    """Of the whole command; `verb` is what is asked for, or None."""
+    """The parser of the command; `verb` is the verb or None."""
     return _parsers()[0]
 
 
 def parsers() -> dict[str, argparse.ArgumentParser]:
-    """Those of the verbs, by name."""
+    """The parsers of the verbs, by name."""
     return _parsers()[1]
 
 
@@ -82,7 +82,7 @@ def _parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentPars
 
 
 def add_executor(verb: argparse.ArgumentParser) -> None:
-    """`--executor`, of a verb with independent work."""
+    """Add `--executor` to a verb with independent tasks."""
     verb.add_argument(
         "--executor",
         metavar="WHO",
@@ -91,7 +91,7 @@ def add_executor(verb: argparse.ArgumentParser) -> None:
 
 
 class _Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line."""
+    """Reports an error in one line."""
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: {' '.join(message.split())}; see {self.prog} --help\n")
@@ -175,7 +175,7 @@ def _mesh(verbs: Any) -> argparse.ArgumentParser:
 
 
 class _Sidecar(argparse.Action):
-    """Print a sidecar of wave data, and stop."""
+    """Print a sidecar of wave data."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
         from ngbrain.io.waves.nifti import TEMPLATE

@@ -1,4 +1,4 @@
-"""What the verb `simulate` can be given. Nothing is imported here that a `--help` would wait for."""
+"""Options of the verb `simulate`; nothing that would delay `--help` is imported."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 TEMPLATES = ("operation", "body")
-"""Kinds of scene that there is a template of."""
+"""Kinds of scene with a template."""
 
 
 def add_simulate(verbs: Any) -> argparse.ArgumentParser:
-    """Its parser."""
+    """Add the parser of `simulate`."""
     parser: argparse.ArgumentParser = verbs.add_parser(
         "simulate",
         help="a scene: an operation, or a body under loads",
@@ -42,7 +42,7 @@ def add_simulate(verbs: Any) -> argparse.ArgumentParser:
 
 
 def add_laws(parser: argparse.ArgumentParser) -> None:
-    """The option that gives laws of the user's own."""
+    """Add the option for user-defined laws."""
     parser.add_argument(
         "--laws",
         dest="own_laws",
@@ -54,7 +54,7 @@ def add_laws(parser: argparse.ArgumentParser) -> None:
 
 
 class _Template(argparse.Action):
-    """Print a scene that says what can be in one."""
+    """Print a commented scene."""
 
     def __call__(self, parser: argparse.ArgumentParser, _: object, kind: Any, *__: object) -> None:
         from ngbrain.scene import Scene
@@ -64,7 +64,7 @@ class _Template(argparse.Action):
 
 
 class _Schema(argparse.Action):
-    """Print what a scene's file may hold, for editors."""
+    """Print the JSON schema of a scene."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
         import json

@@ -1,4 +1,4 @@
-"""What arguments are read as: each raises `argparse.ArgumentTypeError` for what it is not."""
+"""Argument types; each raises `argparse.ArgumentTypeError` for an invalid text."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def threads(text: str) -> int:
 
 
 def length(text: str) -> float:
-    """A length given in mm, in m."""
+    """A length in mm, converted to m."""
     try:
         return 1e-3 * float(text)
     except ValueError as error:
@@ -39,7 +39,7 @@ def direction(text: str) -> tuple[float, float, float]:
 
 
 def names(text: str) -> tuple[str | dict[int, str] | None, dict[int, str]]:
-    """A scheme or names, and names besides."""
+    """A label scheme or label names, and further names."""
     first, *rest = text.split(",")
     given = rest if "=" not in first else [first, *rest]
     try:
