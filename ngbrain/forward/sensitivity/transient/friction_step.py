@@ -1,14 +1,14 @@
-"""How friction's part of a time step changes with where the step begins, with the slip that it begins with, and with its end.
+"""Friction in one time step: derivatives with respect to start, initial slip and end.
 
-With the displacement y, the elastic slip e and the way r of a tool at the start of a step to x, the traction τ(x, y, e, r; θ) on
-the wall and the slip e⁺ = E(x, y, e, r; θ), all that an adjoint needs is a derivative of one integral, with a motion λ of the
-wall, σ of a tool's way, and weights M,
+With the displacement y, the elastic slip e and a tool's displacement r at the start of a step to x, the traction τ(x, y, e, r; θ)
+and the new slip e⁺ = E(x, y, e, r; θ), an adjoint needs derivatives with respect to x, y, e, r and θ of one integral, with a
+motion λ of the wall, σ of a tool, and weights M,
 
-    ℓ = ∫ τ · (λ_t - σ b') + M · E dA ,
+    ℓ = ∫ τ · (λ_t - σ b') + M · E dA .
 
-by x, y, e, r and θ; λ_t is what of λ is along the body's surface, b' how far that goes per metre of its way. Newton's method
-takes pressure and normal as they are, its tangent is symmetric; here they change with x too, and the tangent does not stay so.
-Second derivatives are those of ℓ' = dℓ along a way of all of them, by symbols.
+λ_t is the tangential part of λ and b' the tool's tangential displacement per metre of its path. Newton's method keeps pressure and
+normal fixed in friction's tangent, which is then symmetric; here they change with x too, and the tangent is not symmetric. Second
+derivatives are those of ℓ', the derivative of ℓ along a direction of all of these, by symbols.
 """
 
 from __future__ import annotations
@@ -31,7 +31,17 @@ Array = np.ndarray
 
 
 class CarriedGradients(NamedTuple):
-    """By the step's end (n,), by its start (n,), by what was carried there (size,), and by θ."""
+    """Gradients of a step.
+
+    Parameters
+    ----------
+    by_end, by_start : array (n,)
+        By the step's end and start.
+    by_carried : array (size,)
+        By the variables carried from the step before.
+    by_theta : array (θ,)
+        By the parameters.
+    """
 
     by_end: Array
     by_start: Array
@@ -41,7 +51,19 @@ class CarriedGradients(NamedTuple):
 
 @dataclass(frozen=True)
 class Shift:
-    """A step's end and start, the slip and a tool's way there, moved along a change by a number that is zero."""
+    """Perturbation of a step's end and start, of the slip and of a tool's displacement at the start.
+
+    Parameters
+    ----------
+    number : Parameter
+        The amplitude, zero.
+    end, start : Motion, optional
+        Changes of the state at end and start.
+    slips : bool
+        Whether slips change.
+    before : Parameter or float
+        Change of the tool's displacement at the start.
+    """
 
     number: ngs.Parameter
     end: Motion | None = None
@@ -51,14 +73,21 @@ class Shift:
 
 
 class FrictionStep:
-    """Of all that rubs in a body, at the end of a step where it stands; parameters as `parts`, a tool's way the last of them.
+    """Derivatives of friction's part of a step, with the body at its end.
 
-    A change of slips is one array (points · dim,), one friction after the other; so are weights, as densities over the walls.
-    Motions and changes of the unknowns have one number more with a tool of given force, that of its way.
+    Slips are one array (points · dim,), one friction law after the other; so are their weights, densities over the walls. With a
+    force-controlled tool, states and motions have one more entry, the tool's displacement.
+
+    Parameters
+    ----------
+    body : Problem
+        Body with friction.
+    parts : dict of str to ParameterBlock
+        Blocks of θ, the tool's displacement last.
     """
 
     in_reactions = False
-    """What is seen of forces is the tissue's: a motion of it does not take part in friction."""
+    """Whether reactions at supports include these forces."""
 
     def __init__(self, body: Problem, parts: Mapping[str, ParameterBlock]) -> None:
         self.body, self._parts, self._n = body, list(parts.values()), body.fes.ndof
@@ -76,7 +105,22 @@ class FrictionStep:
     # Backwards.
 
     def adjoint_gradients(self, adjoint: Array, weights: Array) -> tuple[Array, Array, Array]:
-        """Derivatives of ℓ by the step's start (n,), by e (a density) and by θ."""
+        """Gradients of ℓ with respect to the start, the slip and θ.
+
+        Parameters
+        ----------
+        adjoint : array (n,)
+            λ, and σ.
+        weights : array (size,)
+            M.
+
+        Returns
+        -------
+        by_start : array (n,)
+        by_slip : array (size,)
+            A density.
+        by_theta : array (θ,)
+        """
         self._weigh(adjoint, weights)
         by_slip = np.concatenate(
             [rub.at_points(density) for rub, density in zip(self._rubs, self._by_slip, strict=True)]
@@ -96,7 +140,7 @@ class FrictionStep:
             unknowns(rub.weight)[:] = part
 
     def _with_way(self, of_space: Callable[[], Array], of_way: Callable[[], Array]) -> Array:
-        """By unknowns in space, and by a tool's way if there is one."""
+        """Gradient with respect to the space's unknowns and, with a tool, its displacement."""
         return of_space() if self._way is None else np.append(of_space(), of_way())
 
     @cached_property
@@ -110,7 +154,7 @@ class FrictionStep:
 
     @cached_property
     def _by_end(self) -> Callable[[], Array]:
-        """Of the slips alone: along a test function, with λ zero."""
+        """Of the slips alone: along a test function, with λ = 0."""
         test = self.body.fes.TestFunction()
         return vector(self.body.fes, derivatives(self._slipped([Shift(self._x, end=test)]), self._x))
 
@@ -133,17 +177,43 @@ class FrictionStep:
     # Forwards.
 
     def residual_derivative(self, start: Array, slips: Array, theta: Sequence[Array]) -> Array:
-        """How forces change with the step's start, e and θ (n,)."""
+        """Derivative of the forces along changes of start, slip and θ.
+
+        Parameters
+        ----------
+        start : array (n,)
+            Change of the step's start.
+        slips : array (size,)
+            Change of the slip.
+        theta : sequence of array
+            Change of each parameter.
+
+        Returns
+        -------
+        array (n,)
+        """
         self.set_direction(None, start, slips, theta)
         return self._with_way(self._changed, lambda: self._felt_changed())
 
     def carried_derivative(self, end: Array) -> Array:
-        """How E changes with the step's end, and with what `residual_derivative` was last asked for."""
+        """Derivative of E along a change of the end, with the last `residual_derivative`."""
         self._go(end)
         return np.concatenate([rub.at_points(change) for rub, change in zip(self._rubs, self._moved, strict=True)])
 
     def set_direction(self, end: Array | None, start: Array, slips: Array, theta: Sequence[Array]) -> None:
-        """Set a way of a step's end and start, of the slips there and of θ."""
+        """Set a direction.
+
+        Parameters
+        ----------
+        end : array (n,) or None
+            Change of the step's end; None: zero.
+        start : array (n,)
+            Change of its start.
+        slips : array (size,)
+            Change of the slip.
+        theta : sequence of array
+            Change of each parameter.
+        """
         unknowns(self._starting)[:] = start[: self._n]
         self._before.Set(float(start[self._n]) if self._way is not None else 0.0)
         for rub, change in zip(self._rubs, np.split(slips, self._ends), strict=True):
@@ -158,7 +228,7 @@ class FrictionStep:
             self._parts[-1].set_direction(end[self._n :])
 
     def _begun(self, number: ngs.Parameter, end: bool = False) -> Shift:
-        """Along what was aimed at."""
+        """Perturbation along the direction that was set."""
         return Shift(number, self._moving if end else None, self._starting, True, self._before)
 
     @cached_property
@@ -183,15 +253,27 @@ class FrictionStep:
         return found
 
     def _turned(self, of: Callable[..., Terms], shift: Shift) -> Terms:
-        """The change of integrals along a shift and along the parameters' directions."""
+        """Derivative of integrals along a perturbation and along the direction of the parameters."""
         return derivatives(of(shift), shift.number) + [
             term for part in self._parts for term in part.directional_derivative(of())
         ]
 
-    # Twice.
+    # Second derivatives.
 
     def gradient_derivatives(self, adjoint: Array, weights: Array) -> CarriedGradients:
-        """The derivatives of ℓ', with λ, σ and M, along what was aimed at."""
+        """Gradients of ℓ' along the direction that was set.
+
+        Parameters
+        ----------
+        adjoint : array (n,)
+            λ, and σ.
+        weights : array (size,)
+            M.
+
+        Returns
+        -------
+        CarriedGradients
+        """
         self._weigh(adjoint, weights)
         by_slip = np.concatenate(
             [rub.at_points(density) for rub, density in zip(self._rubs, self._turned_by_slip, strict=True)]
@@ -239,25 +321,25 @@ class FrictionStep:
     # The tangent.
 
     def join_tangent(self, form: ngs.BilinearForm) -> None:
-        """Add to a form how tractions change with x: pressures and normals with them."""
+        """Add the consistent tangent of friction, with changing pressure and normal, to a form."""
         trial, test = self.body.fes.TnT()
         for term in derivatives(self._tractions(test, [Shift(self._x, end=trial)]), self._x):
             form += term.integral
 
     @cached_property
     def tool_column(self) -> Callable[[], Array]:
-        """How forces change with a tool's way (ndof,)."""
+        """Derivative of the forces with respect to the tool's displacement (ndof,)."""
         return vector(self.body.fes, derivatives(self._tractions(self.body.fes.TestFunction()), self._way))
 
     @cached_property
     def tool_row(self) -> Callable[[], Array]:
-        """How what a tool feels changes with x (ndof,)."""
+        """Derivative of the tool force with respect to x (ndof,)."""
         test = self.body.fes.TestFunction()
         return vector(self.body.fes, derivatives(self._driving([Shift(self._x, end=test)]), self._x))
 
     @cached_property
     def tool_stiffness(self) -> Callable[[], Array]:
-        """How what a tool feels changes with its way."""
+        """Derivative of the tool force with respect to its displacement."""
         return self._number(derivatives(self._driving(), self._way))
 
     # Expressions.
@@ -265,7 +347,7 @@ class FrictionStep:
     def _slipping(
         self, rub: _Fields, shifts: Sequence[Shift] = (), slip: ngs.CoefficientFunction | None = None
     ) -> Slipping:
-        """A friction, moved."""
+        """Friction at a perturbed state."""
         body, layout, of = self.body, self.body.layout, rub.rub
         u, offset, y = body.u, body.offset, layout.fields(body.friction.start).u
         slip, start, way, moved = of.slip if slip is None else slip, 1.0 * of.start, of.way_gone, False
@@ -282,7 +364,7 @@ class FrictionStep:
         return Slipping(of.friction, u, offset, y, slip, start, way.MakeVariable() if moved else way)
 
     def _density(self, rub: _Fields, at: Slipping) -> ngs.CoefficientFunction:
-        """Of ℓ."""
+        """Integrand of ℓ."""
         pushed = at.tangential(self.body.layout.fields(self._motion).u)
         if self._drives(rub):
             pushed = pushed - self._push * at.moves
@@ -313,7 +395,7 @@ class FrictionStep:
         return self._over(density)
 
     def _driving(self, shifts: Sequence[Shift] = ()) -> Terms:
-        """What a tool feels of it: -∫ τ · b' dA."""
+        """Force of friction on the tool: -∫ τ · b' dA."""
 
         def density(rub: _Fields) -> ngs.CoefficientFunction:
             at = self._slipping(rub, shifts)
@@ -323,7 +405,7 @@ class FrictionStep:
 
 
 class _Fields:
-    """Weights and change of one friction's slip, at the points of its wall; `slip`, what derivatives by it are by."""
+    """Weights and change of one friction law's slip at the points of its wall; `slip` is the variable for derivatives."""
 
     def __init__(self, rub: Rub) -> None:
         self.rub = rub

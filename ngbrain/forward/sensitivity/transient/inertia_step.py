@@ -1,7 +1,7 @@
-"""How inertia's part of a time step changes with where the step begins, how fast and with what accelerations, and with the density.
+"""Inertia in one time step: derivatives with respect to initial displacement, velocity, accelerations and density.
 
-A step ends at u' with F(u') + c M(ρ) (u' - û) = 0; û, and velocity and accelerations at its end, are linear in u' and in what it
-begins with (`GeneralizedAlpha`).
+A step ends at u' with F(u') + c M(ρ) (u' - û) = 0. û, and velocity and accelerations at the end, are linear in u' and in the
+initial values (`GeneralizedAlpha`).
 """
 
 from __future__ import annotations
@@ -22,13 +22,20 @@ Array = np.ndarray
 
 
 class InertiaStep:
-    """Of a body with mass, at the end of a step where it stands; parameters as `parts`.
+    """Derivatives of inertia's part of a step, with the body at its end.
 
-    What is carried from step to step is one array (3 n,): velocity, acceleration and its average; so are weights of these.
+    Carried variables are one array (3 n,): velocity, acceleration and its average; so are their weights.
+
+    Parameters
+    ----------
+    body : Problem
+        Body with mass.
+    parts : dict of str to ParameterBlock
+        Blocks of θ.
     """
 
     in_reactions = True
-    """Supports feel the forces: a motion of what is seen takes part in them."""
+    """Whether reactions at supports include these forces."""
 
     def __init__(self, body: Problem, parts: Mapping[str, ParameterBlock]) -> None:
         assert body.inertia is not None
@@ -41,7 +48,19 @@ class InertiaStep:
     # Backwards.
 
     def adjoint_gradients(self, adjoint: Array, weights: Array) -> tuple[Array, Array, Array]:
-        """Derivatives by the start's displacements (ndof,), by what was carried there, and by θ."""
+        """Gradients with respect to initial displacements, carried variables and θ.
+
+        Parameters
+        ----------
+        adjoint : array (n,)
+            λ.
+        weights : array (3 n,)
+            Weights of the carried variables at the end.
+
+        Returns
+        -------
+        by_start, by_carried, by_theta : array
+        """
         s, dt, _ = self._scheme
         by_target = -s.weight(dt) * (np.split(weights, 3)[1] + self.inertia.times(self._of_u(adjoint)))
         unknowns(self._motion)[:] = adjoint[: self.body.fes.ndof]
@@ -49,7 +68,7 @@ class InertiaStep:
         return by_start, carried, np.concatenate([part() for part in self._by_theta])
 
     def _back(self, by_target: Array, weights: Array) -> tuple[Array, Array]:
-        """From derivatives by û and weights of what is carried on to those by the start and by what was carried there."""
+        """Gradients with respect to start and carried variables, from those with respect to û and the variables carried on."""
         s, dt, beta_dt = self._scheme
         velocity, _, average = np.split(weights, 3)
         by_average = average + s.gamma * dt * velocity
@@ -62,7 +81,7 @@ class InertiaStep:
         return self._spread(by_drift), found
 
     def carried_state_gradient(self, weights: Array) -> Array:
-        """How what is carried on changes with the end, by weights (ndof,)."""
+        """Gradient of the weighted carried variables with respect to the end state (n,)."""
         s, dt, beta_dt = self._scheme
         velocity, acceleration, average = np.split(weights, 3)
         return self._spread((average + s.gamma * dt * velocity) / beta_dt + s.weight(dt) * acceleration)
@@ -74,7 +93,21 @@ class InertiaStep:
     # Forwards.
 
     def residual_derivative(self, start: Array, carried: Array, theta: Sequence[Array]) -> Array:
-        """How forces change with where the step begins, with what was carried there, and with θ (ndof,)."""
+        """Derivative of the forces along changes of start, carried variables and θ.
+
+        Parameters
+        ----------
+        start : array (n,)
+            Change of the initial displacements.
+        carried : array (3 n,)
+            Change of the carried variables.
+        theta : sequence of array
+            Change of each parameter.
+
+        Returns
+        -------
+        array (n,)
+        """
         s, dt, beta_dt = self._scheme
         velocity, acceleration, average = np.split(carried, 3)
         used = acceleration + (average - acceleration) * self.inertia.stretch
@@ -86,7 +119,7 @@ class InertiaStep:
         return self._spread(-s.weight(dt) * self.inertia.times(target), self._changed())
 
     def carried_derivative(self, end: Array) -> Array:
-        """How what is carried on changes with the end, and with what `residual_derivative` was last asked for."""
+        """Derivative of the carried variables at the end, with the last `residual_derivative`."""
         s, dt, beta_dt = self._scheme
         velocity, used, drift, target = self._changes
         u = self._of_u(end)
@@ -99,15 +132,37 @@ class InertiaStep:
         still = self._work(self.body.fes.TestFunction())
         return vector(self.body.fes, [term for part in self._parts for term in part.directional_derivative(still)])
 
-    # Twice. All but the density times what moves is linear.
+    # Second derivatives: only the product of density and displacement is nonlinear.
 
     def set_direction(self, end: Array, start: Array, carried: Array, theta: Sequence[Array]) -> None:
-        """Set a way of a step's end and start, of what was carried there, and of θ."""
+        """Set the direction of second derivatives.
+
+        Parameters
+        ----------
+        end, start : array (n,)
+            Changes of the step's end and start.
+        carried : array (3 n,)
+            Change of the carried variables.
+        theta : sequence of array
+            Change of each parameter.
+        """
         self.residual_derivative(start, carried, theta)
         unknowns(self._going)[:] = self._of_u(end) - self._changes[-1]
 
     def gradient_derivatives(self, adjoint: Array, weights: Array) -> CarriedGradients:
-        """Derivatives along what was aimed at of those by a step's end, its start, what was carried there, and θ."""
+        """Derivatives of the gradients along the direction.
+
+        Parameters
+        ----------
+        adjoint : array (n,)
+            λ.
+        weights : array (3 n,)
+            Weights of the carried variables.
+
+        Returns
+        -------
+        CarriedGradients
+        """
         unknowns(self._motion)[:] = adjoint[: self.body.fes.ndof]
         by_end = self._heavier()[self.body.is_u]
         by_start, carried = self._back(-by_end, np.zeros(self.size))
@@ -142,7 +197,7 @@ class InertiaStep:
         return x[: self.body.fes.ndof][self.body.is_u]
 
     def _spread(self, of_u: Array, more: Array | float = 0.0) -> Array:
-        """Over all unknowns, with what there is besides for those in space."""
+        """Vector over all unknowns, from one over displacements and, optionally, one over the space."""
         found, n = np.zeros(len(self.body.x)), self.body.fes.ndof
         found[:n] += more
         found[:n][self.body.is_u] += of_u

@@ -1,11 +1,11 @@
-"""A Maxwell branch in a time step, as expressions to be differentiated: `materials.flow.Flow` says what they are.
+"""One time step of a nonlinear Maxwell branch (`materials.flow.Flow`) as an expression to differentiate.
 
-The step's own minimum is differentiated through its equation ∂W(e) = 2κ (x - e). From the converged e₀ one Newton step leads to
-the minimum of any neighbouring equation,
+The step is a minimisation; it is differentiated through its equation ∂W(e) = 2κ (x - e). From the converged e₀, one Newton step
+leads to the minimum of any neighbouring equation,
 
-    r = ∂W(e₀) - 2κ (x - e₀) ,   M = ∂²W(e₀) + 2κ ,   e = e₀ - M⁻¹ r ,   energy = W(e₀) + κ |x - e₀|² - ½ r · M⁻¹ r ,
+    r = ∂W(e₀) - 2κ (x - e₀) ,   M = ∂²W(e₀) + 2κ ,   e = e₀ - M⁻¹ r ,   energy = W(e₀) + κ |x - e₀|² - ½ r · M⁻¹ r .
 
-and as r is 0 where it is taken, these have the minimum's e with its derivatives, and its energy with two of them.
+As r = 0 at e₀, these have the exact e with its first derivatives, and the exact energy with its first and second ones.
 """
 
 from __future__ import annotations
@@ -25,12 +25,25 @@ from ngbrain.materials.points import initial_modulus
 from ngbrain.tensors import principal_values
 
 SERIES = 0.1
-"""Δt/τ below which factors are their series: beyond it differences keep their digits, also in the derivative."""
+"""Δt/τ below which the factors are series: above it differences are accurate, in derivatives too."""
 
 
 def step_factors(dt: Value, tau: Value) -> tuple[CoefficientFunction, CoefficientFunction]:
-    """e = exp(-Δt/τ) and β = (1 - e)/(Δt/τ) as `materials.viscous.step_factors` has them, to be differentiated.
+    """Factors e = exp(-Δt/τ) and β = (1 - e)/(Δt/τ) of `materials.viscous.step_factors`, as expressions to differentiate.
 
+    Parameters
+    ----------
+    dt : CoefficientFunction or float
+        Time step Δt (s).
+    tau : CoefficientFunction or float
+        Relaxation time τ (s).
+
+    Returns
+    -------
+    e, beta : CoefficientFunction
+
+    Examples
+    --------
     >>> e, beta = step_factors(ngs.Parameter(1e-9), ngs.Parameter(2.0))
     >>> beta.dim
     1
@@ -41,7 +54,7 @@ def step_factors(dt: Value, tau: Value) -> tuple[CoefficientFunction, Coefficien
 
 
 def half_step_factors(y: CoefficientFunction) -> tuple[CoefficientFunction, CoefficientFunction]:
-    """θ and κ Δt/η of a step, as `materials.flow.half_step_factors` has them, to be differentiated."""
+    """Factors θ and κ Δt/η of `materials.flow.half_step_factors`, as expressions to differentiate."""
     e, beta = step_factors(y, 1.0)
     theta = ngs.IfPos(y - SERIES, 2 * (beta - e) / (y * beta), e * _series(-y, 3) / beta)
     return theta, 2 * beta / ngs.IfPos(y - SERIES, 2 * (1 - beta) / y, _series(y, 3))
@@ -56,7 +69,7 @@ def _series(x: CoefficientFunction, n: int) -> CoefficientFunction:
 
 
 class SpectralDecomposition:
-    """Logarithmic strains of a symmetric tensor A: their coordinates x in `PLANE`, and functions of A with its axes."""
+    """Logarithmic principal strains of a symmetric tensor A, as coordinates x in `PLANE`, and functions of A with its axes."""
 
     def __init__(self, A: CoefficientFunction) -> None:
         A = A.MakeVariable()
@@ -66,13 +79,13 @@ class SpectralDecomposition:
         self._axes = [value.Diff(A) for value in values]
 
     def exponential(self, strain: Sequence[CoefficientFunction]) -> CoefficientFunction:
-        """Σ exp(strain_i) n_i ⊗ n_i, of coordinates of traceless strains."""
+        """Σ exp(strain_i) n_i ⊗ n_i, for coordinates of deviatoric strains."""
         logs = (_sum(float(c) * s for c, s in zip(column, strain, strict=True)) for column in PLANE.T)
         return _sum(ngs.exp(log) * axis for log, axis in zip(logs, self._axes, strict=True))
 
 
 ParameterPerturbation: TypeAlias = Callable[[CoefficientFunction, CoefficientFunction], CoefficientFunction]
-"""From `made` and `law` to `made` with a change of its parameters, which is zero but has a derivative."""
+"""From `made` and `law` to `made` with perturbed parameters; the perturbation is zero but has a derivative."""
 
 
 def _still(made: CoefficientFunction, law: CoefficientFunction) -> CoefficientFunction:
@@ -80,13 +93,29 @@ def _still(made: CoefficientFunction, law: CoefficientFunction) -> CoefficientFu
 
 
 class MaxwellStart:
-    """G after half of a step's flow with the stress at its start, and κ: ten entries, `value`; the `strain` at its start.
+    """A Maxwell branch at the start of a step: G after half of the flow with the initial stress, and κ.
 
-    Parameters are in the variable `made` alone; `law` is what it is equal to, by parameters alone.
+    Parameters enter only through the variable `made`, whose value is `law`.
 
-    shape, G  C̄ and G at the start
-    moved     from `made` to one whose parameters change
-    settled   what `Flow.step_solution` has: the strains in a law of which parameters are differentiated, and a share
+    Parameters
+    ----------
+    branch : Maxwell
+        The branch.
+    dt : CoefficientFunction or float
+        Time step (s).
+    shape, G : CoefficientFunction
+        C̄ and G at the start.
+    settled : CoefficientFunction
+        What `Flow.settled` has: the strains at which parameters are differentiated, and a fraction.
+    moved : callable
+        From `made` and `law` to `made` with perturbed parameters.
+
+    Attributes
+    ----------
+    value : CoefficientFunction
+        G (nine entries) and κ.
+    strain : list of CoefficientFunction
+        Strain at the start.
     """
 
     def __init__(
@@ -117,10 +146,29 @@ def _start(branch: Maxwell, strain: CoefficientFunction) -> CoefficientFunction:
 
 
 class MaxwellEnd:
-    """What a step ends with at a shape C̄: `energy`, and `G` (nine entries); `made`, `law` and `moved` as in `MaxwellStart`.
+    """A Maxwell branch at the end of a step, where the isochoric deformation is C̄.
 
-    half     ten entries of `MaxwellStart`
-    settled  see there
+    Parameters
+    ----------
+    branch : Maxwell
+        The branch.
+    shape : CoefficientFunction
+        C̄ at the end.
+    half : CoefficientFunction
+        `MaxwellStart.value`.
+    settled : CoefficientFunction
+        As in `MaxwellStart`.
+    moved : callable
+        As in `MaxwellStart`.
+
+    Attributes
+    ----------
+    energy : CoefficientFunction
+        Energy density (Pa).
+    G : CoefficientFunction
+        Nine entries.
+    made, law : CoefficientFunction
+        As in `MaxwellStart`.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Functions at quadrature points in pieces: blocks of variables, and parts that are derived by these and by parameters."""
+"""Variables and functions at quadrature points, and their derivatives with respect to variables and parameters."""
 
 from __future__ import annotations
 
@@ -18,10 +18,23 @@ Derivative: TypeAlias = Callable[[CoefficientFunction], CoefficientFunction]
 
 
 class QuadratureBlock:
-    """Variables at quadrature points that go together: values, their change, and their weights; each (size, points).
+    """Variables at quadrature points: values, their change, and weights, each (size, points).
 
-    variable   the values, to be derived by
-    perturbed      values + s change, s a number that is zero: derived by it, a function of them is derived along the change
+    Parameters
+    ----------
+    space : FESpace
+        Scalar space with one degree of freedom a quadrature point.
+    size : int
+        Variables at each point.
+    s : Parameter
+        Number that is zero; the derivative with respect to it is the one along the change.
+
+    Attributes
+    ----------
+    variable : CoefficientFunction
+        The values, to differentiate with respect to.
+    perturbed : CoefficientFunction
+        Values + s change.
     """
 
     def __init__(self, space: ngs.FESpace, size: int, s: ngs.Parameter) -> None:
@@ -33,9 +46,18 @@ class QuadratureBlock:
 
 @dataclass(frozen=True)
 class QuadratureFunction:
-    """A function of the variables and its derivatives by the parameters, or those of `made`, the only place that they are in.
+    """A function of the variables, with derivatives with respect to the parameters.
 
-    What has parameters in few places, and much else, is derived by them through these places alone.
+    Where parameters enter only through a few coefficients `made`, derivatives are taken through these.
+
+    Parameters
+    ----------
+    value : CoefficientFunction
+        The function.
+    slopes : list of CoefficientFunction
+        Derivatives with respect to each parameter, of the function or of `made`.
+    made : CoefficientFunction, optional
+        The coefficients, a variable.
     """
 
     value: CoefficientFunction
@@ -44,14 +66,26 @@ class QuadratureFunction:
 
     @property
     def parameter_derivatives(self) -> Expressions:
-        """Derivatives by each parameter's value."""
+        """Derivatives with respect to each parameter."""
         if self.made is None:
             return self.slopes
         by_made = self.value.Diff(self.made)
         return [contract(by_made, slope) for slope in self.slopes]
 
     def directional_derivative(self, s: ngs.Parameter, ways: Expressions) -> CoefficientFunction:
-        """Its change with s, and with parameters along their ways unless s moves them."""
+        """Derivative with respect to s plus that along a direction of the parameters, unless s moves these.
+
+        Parameters
+        ----------
+        s : Parameter
+            Number that perturbs the variables.
+        ways : list of CoefficientFunction
+            Change of each parameter.
+
+        Returns
+        -------
+        CoefficientFunction
+        """
         moved = self.value.Diff(s)
         if not self.slopes:
             return moved
@@ -59,13 +93,23 @@ class QuadratureFunction:
         return moved + (change if self.made is None else contract(self.value.Diff(self.made), change))
 
     def apply(self, operator: Derivative) -> QuadratureFunction:
-        """A linear operator of it that has no parameters."""
+        """The function after a linear operator without parameters."""
         slopes = self.slopes if self.made is not None else [operator(slope) for slope in self.slopes]
         return QuadratureFunction(operator(self.value), slopes, self.made)
 
 
 def set_rows(blocks: Iterable[QuadratureBlock], what: str, rows: Array) -> None:
-    """Set `value`, `change` or `weight` of some blocks, one after the other."""
+    """Set the arrays of consecutive blocks.
+
+    Parameters
+    ----------
+    blocks : iterable of QuadratureBlock
+        The blocks.
+    what : str
+        "value", "change" or "weight".
+    rows : array (sizes, points)
+        The numbers, block after block.
+    """
     end = 0
     for block in blocks:
         unknowns(getattr(block, what))[:] = rows[end : end + block.size].ravel()
@@ -75,7 +119,20 @@ def set_rows(blocks: Iterable[QuadratureBlock], what: str, rows: Array) -> None:
 def weighted_functions(
     blocks: Iterable[QuadratureBlock], functions: Iterable[QuadratureFunction]
 ) -> list[QuadratureFunction]:
-    """Functions times the weights of their blocks."""
+    """Functions multiplied by the weights of their blocks.
+
+    Parameters
+    ----------
+    blocks : iterable of QuadratureBlock
+        The blocks.
+    functions : iterable of QuadratureFunction
+        One for each block.
+
+    Returns
+    -------
+    list of QuadratureFunction
+        Scalar functions.
+    """
 
     def by(block: QuadratureBlock) -> Derivative:
         return lambda function: ngs.InnerProduct(entries(block.weight), function)
@@ -84,17 +141,29 @@ def weighted_functions(
 
 
 def contract(by: CoefficientFunction, change: CoefficientFunction) -> CoefficientFunction:
-    """A derivative by all entries, along a change of them."""
+    """Derivative with respect to all entries, contracted with a change of the entries.
+
+    Parameters
+    ----------
+    by : CoefficientFunction
+        Derivatives with respect to the entries.
+    change : CoefficientFunction
+        Change of the entries.
+
+    Returns
+    -------
+    CoefficientFunction
+    """
     if by.dim == change.dim:
         return ngs.InnerProduct(by.Reshape((change.dim,)), change)
     return by.Reshape((by.dim // change.dim, change.dim)) * change
 
 
 def entries(field: ngs.GridFunction) -> CoefficientFunction:
-    """The components of a field with a space of its own for each."""
+    """Components of a field as a CoefficientFunction."""
     return ngs.CF(tuple(field[i] for i in range(field.dim)))
 
 
 def unknowns(of: ngs.GridFunction | ngs.LinearForm) -> Array:
-    """Its unknowns, to be written into."""
+    """Degrees of freedom, as a writable view."""
     return of.vec.FV().NumPy()

@@ -1,10 +1,12 @@
-"""A run of a body taken again on a given grid of times, tightly converged, with what any of its steps started from.
+"""A run repeated on a fixed time grid, tightly converged, with checkpoints.
 
-Of N steps' histories every `every`-th is kept; those between are made again from there when they are asked for: with √N, the
-default, 2√N are held at most. States, each a small part of a history, are all kept, so that nothing is solved twice and a run at
-other parameters starts from what is known; without, it is √N of them too, for one more run.
+Of N steps every `every`-th history of internal variables is kept; those between are recomputed from there. With √N, the default,
+at most 2√N are in memory. States, each a small part of a history, are all kept by default: nothing is solved twice, and a run at
+other parameters starts from the known states. Without them, √N states are kept too and the run is solved once more.
 
-Source: Griewank 1992, 10.1080/10556789208805505 (recomputation for memory).
+References
+----------
+Griewank 1992, https://doi.org/10.1080/10556789208805505 (checkpointing).
 """
 
 from __future__ import annotations
@@ -26,14 +28,24 @@ from ngbrain.solvers.record import NewtonRecord
 
 Array = np.ndarray
 TIGHT = Newton(rtol=1e-10, xtol=1e-10, max_iter=80)
-"""Derivatives are those of the converged step: what is left of the residual is an error of theirs."""
+"""Derivatives are those of the converged step: the remaining residual is an error in them."""
 SHORTEST = 1e-2
-"""Part of a step's way that the rigid bodies go at once, at least, where Newton's method does not reach its end so."""
+"""Smallest substep of the rigid bodies' motion, as a fraction of the step, where Newton's method does not converge at once."""
 
 
 @dataclass(frozen=True)
 class ReplayStep:
-    """The n-th step: from a state at grid[n] to unknowns x at grid[n + 1]."""
+    """The n-th time step.
+
+    Parameters
+    ----------
+    n : int
+        It goes from grid[n] to grid[n + 1].
+    start : State
+        State at its start.
+    x : array (ndof,)
+        Degrees of freedom at its end.
+    """
 
     n: int
     start: State
@@ -42,7 +54,17 @@ class ReplayStep:
 
 @dataclass(frozen=True)
 class RunCheckpoint:
-    """Where a run stood at grid[n]: its state, and the unknowns a step before."""
+    """The run at grid[n].
+
+    Parameters
+    ----------
+    n : int
+        Index of the time.
+    state : State
+        The state.
+    before : array (ndof,)
+        Degrees of freedom one step earlier.
+    """
 
     n: int
     state: State
@@ -50,23 +72,47 @@ class RunCheckpoint:
 
 
 def accepted_times(transient: TimeStepper) -> Array:
-    """Run it to its end; times (s) at which its accepted steps start and end, the grid for a `Replay`."""
+    """Run a time stepper to its end and return the times (s) of its accepted steps, a grid for `Replay`."""
     grid = [transient.progress.t]
     transient.run(lambda body, at, record: grid.append(at.t))
     return np.array(grid)
 
 
 class Replay:
-    """Steps of a body under a motion, on a grid of times (s) that starts at 0.
+    """Time steps of a body on a fixed time grid.
 
-    newton  tight settings
-    every   how many steps apart histories are kept; None: √N, 1: all of them
-    states  whether the states of all steps are kept
-    system  what Newton's method solves, with a tangent of its own; by default the body
-    loads   of boundary conditions and loads; None: at load factor 1 from the first step on
+    Steps are never cut when Newton's method fails, as the grid would then depend on the parameters.
 
-    `run` raises `ConvergenceError` or `InvertedElementError` when a step fails: it is never cut, for then the grid would depend
-    on what is differentiated. `solved` counts the steps that Newton's method took.
+    Parameters
+    ----------
+    body : Problem
+        The body.
+    motion : Motion
+        Motion of its rigid bodies.
+    grid : array
+        Times (s) from 0.
+    newton : Newton
+        Tight settings.
+    every : int, optional
+        Steps between stored histories. None: √N; 1: all are stored.
+    states : bool
+        Whether the states of all steps are stored.
+    system : System, optional
+        What Newton's method solves, with its own tangent; by default the body.
+    loads : LoadHistory, optional
+        Load factors of supports and loads; None: 1 from the first step.
+
+    Attributes
+    ----------
+    solved : int
+        Steps solved by Newton's method so far.
+
+    Raises
+    ------
+    InputError
+        For a motion, a grid or an interval that does not fit.
+    ConvergenceError, InvertedElementError
+        By `run`, where a step fails.
     """
 
     def __init__(
@@ -99,12 +145,12 @@ class Replay:
 
     @property
     def stored_histories(self) -> int:
-        """How many histories are in memory."""
+        """Number of histories in memory."""
         return len(self.checkpoints) + len(self._last)
 
     def run(self, callback: Callable[[ReplayStep], None]) -> None:
-        """From rest to the end; `callback` is called at the end of each step, before the history moves on."""
-        self._program.set(0.0)  # where a tool of given force is at rest
+        """Run from rest to the end; `callback` is called at the end of each step, before the history is updated."""
+        self._program.set(0.0)  # a force-controlled tool at its rest position
         start = self.body.rest()
         self._newton = replace(self.newton, inverse=None, largest=0.0)
         rtol, xtol = max(self.newton.rtol, Newton.rtol), max(self.newton.xtol, Newton.xtol)
@@ -123,18 +169,18 @@ class Replay:
         return self._program.factor(self.grid[step.n + 1])
 
     def forwards(self) -> Iterator[ReplayStep]:
-        """All steps, with the body at the end of each, its history not yet moved on."""
+        """All steps, with the body at the end of each and its history not yet updated."""
         for start in self.checkpoints:
             for step in self._steps(start):
                 yield self.restore(step)
 
     def backwards(self) -> Iterator[ReplayStep]:
-        """The same from the last one to the first."""
+        """As `forwards`, from the last step to the first."""
         for steps in self.segments():
             yield from map(self.restore, reversed(steps))
 
     def segments(self) -> Iterator[list[ReplayStep]]:
-        """Steps from one kept history to the next, the last of them first."""
+        """Steps between checkpoints, last segment first."""
         return map(self._steps, reversed(self.checkpoints))
 
     def _steps(self, start: RunCheckpoint) -> list[ReplayStep]:
@@ -143,7 +189,7 @@ class Replay:
         return self._last
 
     def _segment(self, start: RunCheckpoint, seen: Callable[[ReplayStep], None]) -> RunCheckpoint:
-        """Steps from one kept to where the next is to be kept."""
+        """Steps from one checkpoint to the next."""
         steps, state, before = list[ReplayStep](), start.state, start.before
         self._last = []
         for n in range(start.n, min(start.n + self.every, len(self.grid) - 1)):
@@ -172,16 +218,16 @@ class Replay:
             said = f"the step from {self.grid[n]:.3g} to {self.grid[n + 1]:.3g} s of the replayed run fails: {made.failure}"
             raise solver_error(said, made.failure.status, made.record)
         if self.body.tool is not None and self.body.tool.given.held is not None:
-            end = made.state.x  # the tool has come back to where it is just clear
+            end = made.state.x  # the tool is back where it just does not touch
         return replace(made.state, t=self.grid[n + 1], x=end)  # one array, whoever keeps it
 
     def _end(self, n: int, x: Array, before: Array) -> tuple[Array, NewtonRecord]:
-        """The end of a step from x: known, or solved for."""
+        """End of a step from x: known, or solved for."""
         if n < len(self._states):
             return self._states[n], NewtonRecord(status=Status.CONVERGED)
         guess = self._guess(n, x, before)
         if self._apart(x):
-            self._near.inverse = None  # a tangent of before the touch knows nothing of it
+            self._near.inverse = None  # that tangent is without the contact
             if self._apart(guess):
                 x = guess = self._landed(x)
         new, record = self._solved(n, x, guess)
@@ -191,7 +237,7 @@ class Replay:
         return new, record
 
     def _guess(self, n: int, x: Array, before: Array) -> Array:
-        """Where a step ends if it goes as it went at other parameters, or else as the one before it went."""
+        """Initial guess from the run at other parameters, or extrapolated from the previous step."""
         if self._known:
             moved = x - self._known[n - 1] if n else np.zeros_like(x)
             if n and self.body.tool is not None and not self.body.tool.given.prescribed_force(self.grid[n]):
@@ -204,7 +250,7 @@ class Replay:
         return guess if self.body.min_det(guess) > self.newton.min_det else x
 
     def _apart(self, guess: Array) -> bool:
-        """Whether a tool that is to press does not touch."""
+        """Whether a force-controlled tool that should press is not in contact."""
         tool = self.body.tool
         if tool is None or tool.given.held is not None:
             return False
@@ -212,7 +258,7 @@ class Replay:
         return not self.body.min_gap() < 0
 
     def _landed(self, x: Array) -> Array:
-        """With a tool of given force led to where it touches, from where a step begins."""
+        """State with a force-controlled tool moved into contact."""
         assert self.body.tool is not None
 
         def solve(guess: Array) -> tuple[Array, bool]:
@@ -227,7 +273,7 @@ class Replay:
         return guess
 
     def _solved(self, n: int, x: Array, guess: Array) -> tuple[Array, NewtonRecord]:
-        """The end of a step, by parts of the way of the rigid bodies where it is not reached at once."""
+        """End of a step, by substeps of the rigid bodies' motion where Newton's method does not converge at once."""
         start, end = self.grid[n], self.grid[n + 1]
         done, part = 0.0, 1.0
         while True:
@@ -244,7 +290,7 @@ class Replay:
                 return x, record
 
     def _newton_at(self, t: float, guess: Array) -> tuple[Array, NewtonRecord]:
-        """Near an end with settings that let contact come and go, then the end itself."""
+        """Newton's method with loose tolerances, under which contact may open and close, then with tight ones."""
         x, record = self._near.solve(self._system, self._program.prescribe(guess, t))
         if record.converged:
             self._newton.inverse = self._near.inverse
@@ -252,7 +298,7 @@ class Replay:
         return x, record
 
     def restore(self, step: ReplayStep) -> ReplayStep:
-        """Go to the end of a step, with the internal variables not yet moved on."""
+        """Put the body at the end of a step, with its internal variables not yet updated."""
         body = self.body
         self._program.set(self.grid[step.n])
         body.set_state(step.start)
@@ -262,7 +308,7 @@ class Replay:
         return step
 
     def _flow(self, x: Array) -> None:
-        """Go to unknowns x; what Maxwell branches settle on there is wanted too."""
+        """Set the degrees of freedom, and update the Maxwell branches there."""
         self.body.x = x
         if self.body.history.flows:
             self.body.residual(x)

@@ -1,4 +1,4 @@
-"""A run at one θ, and the products of its derivatives: see `run_model`."""
+"""A run at one θ, and products with its first and second derivatives; see `run_model`."""
 
 from __future__ import annotations
 
@@ -21,14 +21,21 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 TOGETHER = 40
-"""Unknowns in θ up to which the columns of J are found together, with one factor of each step."""
+"""Length of θ up to which the columns of J are computed together, with one factorisation a step."""
 
 
 @dataclass
 class CarriedState:
-    """Of what a step leaves: changes of it, or how what is to come changes with it.
+    """What a step passes on to the next one: changes of it (tangent), or the gradient with respect to it (adjoint).
 
-    end, history, carried   unknowns, tissue's history, and what else is remembered
+    Parameters
+    ----------
+    end : array (n,)
+        Degrees of freedom.
+    history : array (size, points)
+        Internal variables of the tissue.
+    carried : list of array
+        Internal variables of friction and inertia.
     """
 
     end: Array
@@ -37,13 +44,13 @@ class CarriedState:
 
     @classmethod
     def zeros(cls, model: RunModel) -> CarriedState:
-        """Before the first step, or after the last one."""
+        """Zero: before the first step, or after the last one."""
         history = np.zeros((model.forms.size, len(model.forms.quadrature)))
         return cls(np.zeros(model.n), history, [np.zeros(each.size) for each in model.carried])
 
 
 class RunLinearisation:
-    """The run at one θ: `data` (times, numbers), and the products of J and Jᵀ. It is of use until the model moves on."""
+    """The run at one θ: `data` (times, numbers), and products with its derivatives. Valid until the model is evaluated again."""
 
     def __init__(self, model: RunModel) -> None:
         self.model = model
@@ -60,22 +67,22 @@ class RunLinearisation:
             raise ConvergenceError(f"the run failed at these parameters: {error}") from error
 
     def jvp(self, direction: Array) -> Array:
-        """J δθ, as `data`."""
+        """Jacobian-vector product J δθ, with the shape of `data`."""
         if self.model.size > TOGETHER:
             return self._products(direction[None])[0]
         return np.tensordot(direction, self.jacobian, 1)
 
     def vjp(self, w: Array) -> Array:
-        """Jᵀ w, by the columns of J where there are few."""
+        """Vector-Jacobian product Jᵀ w, by the columns of J where θ is short."""
         return self.gradient(w) if self.model.size > TOGETHER else np.asarray(np.tensordot(self.jacobian, w, 2))
 
     @cached_property
     def jacobian(self) -> Array:
-        """J, (θ, times, numbers)."""
+        """J (θ, times, numbers)."""
         return self._products(np.eye(self.model.size))
 
     def gradient(self, w: Array) -> Array:
-        """Jᵀ w: a solve for each step, or nothing where J's columns are at hand."""
+        """Jᵀ w by one adjoint solve a step, or from J where that is known."""
         check_shape("w", np.shape(w), self.data.shape)
         if "jacobian" in vars(self):
             return np.asarray(np.tensordot(self.jacobian, w, 2))
@@ -87,9 +94,26 @@ class RunLinearisation:
         return total
 
     def hvp(self, w: Array, direction: Array) -> Array:
-        """(w · data)'' δθ: what the curvature of a misfit has beside the Gauss-Newton matrix, with w the misfit's slope.
+        """Product of the second derivative of w · data with a direction.
 
-        Raises `InputError` for walls that close on each other and for node positions.
+        With w the derivative of a misfit, it is what the misfit's Hessian has beside the Gauss-Newton matrix.
+
+        Parameters
+        ----------
+        w : array (times, numbers)
+            Weights of the data.
+        direction : array (size,)
+            δθ.
+
+        Returns
+        -------
+        array (size,)
+            (w · data)'' δθ.
+
+        Raises
+        ------
+        InputError
+            For self-contact and for node positions.
         """
         for name in self.model.shapes:
             raise InputError(f"parameters.{name}", "of type NodePositions", "one with second derivatives")
@@ -128,7 +152,7 @@ class RunLinearisation:
     def _adjoint(
         self, step: ReplayStep, w: Array, later: CarriedState, rtol: float = RTOL
     ) -> tuple[Array, Array, Array]:
-        """λ and Zᵀw of a step at whose end the body stands, and ∂(w · data)/∂θ there but for what the tissue's forces have."""
+        """λ and Zᵀw of a step, and the gradient of the observables at its end, without that of the tissue's forces."""
         model = self.model
         self._begin(step, 1, rtol)
         row, shown = self._row(step, w), np.zeros(model.size)
@@ -145,7 +169,7 @@ class RunLinearisation:
         return adjoint, motion, shown + self._prescribed_gradient(step, b, adjoint)
 
     def _prescribed_gradient(self, step: ReplayStep, b: Array, adjoint: Array) -> Array:
-        """What is left, at unknowns that are held, of what an adjoint takes away at all others (size,)."""
+        """Gradient with respect to prescribed displacements: the adjoint's residual there (size,)."""
         found = np.zeros(self.model.size)
         if self.model.held:
             left = self.model.replay.load_factor(step) * (b + self.model.tangents.multiply_transpose(adjoint))
@@ -154,7 +178,7 @@ class RunLinearisation:
         return found
 
     def _carried_gradient(self, later: CarriedState) -> Array:
-        """How what is to come changes with where a step ends."""
+        """Gradient of later data with respect to the end of a step."""
         model, found = self.model, later.end.copy()
         found[: model.body.fes.ndof] += model.forms.history_state_gradient(later.history)
         return found + sum(
@@ -162,7 +186,7 @@ class RunLinearisation:
         )
 
     def _back(self, step: ReplayStep, adjoint: Array, motion: Array, later: CarriedState) -> tuple[CarriedState, Array]:
-        """How what is to come changes with what a step starts from, and with θ, with λ and Zᵀw."""
+        """Gradient of later data with respect to the start of a step, and with respect to θ."""
         model, n = self.model, self.model.body.fes.ndof
         moved = (adjoint + motion)[:n]
         shifts = {name: shapes.adjoint_gradient(moved, later.history) for name, shapes in model.shapes.items()}
@@ -184,13 +208,13 @@ class RunLinearisation:
         return before, total - sum(adjoint[n:]) * model.prescribed_force_gradient(step)
 
     def _row(self, step: ReplayStep, w: Array) -> Array:
-        """Weights of what is seen at the end of a step."""
+        """Weights of the data at the end of a step."""
         return np.asarray(w[self.model.row[step.n]] if step.n in self.model.row else np.zeros(w.shape[1]))
 
     def _changes_back(self, direction: Array) -> Iterator[tuple[ReplayStep, Array, CarriedState]]:
-        """Of all steps, from the last one back, where the body stands: changes of their ends, and of what they start from.
+        """From the last step to the first: changes of its end and of its start, along a direction of θ.
 
-        Histories' changes are kept as these are, all others at every step.
+        Changes of histories are stored at the checkpoints only, all others at every step.
         """
         model, replay, forms = self.model, self.model.replay, self.model.forms
         before, theta, kept, changes = (
@@ -217,7 +241,7 @@ class RunLinearisation:
                 yield step, changes[step.n].end, CarriedState(last.end, history, last.carried)
 
     def _products(self, directions: Array) -> Array:
-        """J times each of some directions, with one factor of each step."""
+        """J times several directions, with one factorisation a step."""
         model, n = self.model, self.model.body.fes.ndof
         data = np.zeros((len(directions), *self.data.shape))
         before = [CarriedState.zeros(model) for _ in directions]
@@ -235,7 +259,7 @@ class RunLinearisation:
     def _ahead(
         self, step: ReplayStep, solve: Solve, columns: sp.csr_array, direction: Array, before: CarriedState
     ) -> tuple[CarriedState, Array]:
-        """What a step leaves of changes of what it starts from and of θ, and how forces that are felt change (ndof,)."""
+        """Changes at the end of a step, from those at its start and of θ, and the change of the tissue's forces (ndof,)."""
         model, theta, n = self.model, self.model.split(direction), self.model.body.fes.ndof
         r, outer = np.zeros(model.n), columns @ direction
         r[:n] = model.forms.residual_derivative(before.history, theta)
@@ -256,7 +280,7 @@ class RunLinearisation:
         return CarriedState(x, history, [each.carried_derivative(x) for each in model.carried]), r[:n]
 
     def _columns(self, step: ReplayStep) -> sp.csr_array:
-        """How what contacts and loads exert changes with θ, and what a tool feels beyond what is asked for."""
+        """Derivative of contact and load forces with respect to θ, and of the tool's force balance."""
         model = self.model
         columns = model.contacts.parameter_jacobian()[:, : model.size]
         if model.body.tool is None:
@@ -265,7 +289,7 @@ class RunLinearisation:
         return sp.csr_array(sp.vstack([columns, sp.csr_array(felt[None])]))
 
     def _begin(self, step: ReplayStep, n_rhs: int, rtol: float = RTOL) -> Solve:
-        """Forms and tangent of a step at whose end the body stands."""
+        """Prepare forms and tangent of a step at whose end the body is."""
         self._set(step)
         return self.model.tangents.prepare(n_rhs, rtol)
 

@@ -1,18 +1,16 @@
-"""How what a run shows changes with what its body is made of: forces over time, displacements at points and times.
+"""Time-dependent runs as a model from parameters to data: forces over time, displacements at points and times.
 
-Step n finds x with R(x; h, θ) = 0 and h⁺ = U(x, h; θ) (`step_forms`), data are d = B x + Z f of the tissue's nodal forces f
-(`run_observables`). With K = ∂R/∂x, K_f = ∂f/∂x and R_h, R_θ that of the tissue,
+Step n solves R(x; h, θ) = 0 and updates the internal variables h⁺ = U(x, h; θ) (`step`). Data are d = B x + Z f with the tissue's
+nodal forces f (`run_observables`). With K = ∂R/∂x, K_f = ∂f/∂x, R_h and R_θ of the tissue, and C_θ of contacts and loads,
 
     J δθ:   K δx = -(R_h δh + (R_θ + C_θ) δθ),  δd = B δx + Z (K_f δx + R_h δh + R_θ δθ),  δh⁺ = U_x δx + U_h δh + U_θ δθ
     Jᵀ w:   Kᵀ λ = -(Bᵀw + K_f Zᵀw + U_xᵀ Λ),  Λ ← U_hᵀ Λ + R_hᵀ(λ + Zᵀw),  ∇ += U_θᵀ Λ + R_θᵀ(λ + Zᵀw) + C_θᵀ λ
 
-with C_θ of the contacts, from the first step on and from the last one back; second derivatives by both, with two solves more a
-step (`step_hessian`). What steps remember besides goes the same way: how far walls slipped and where the step began
-(`friction_step`), velocities and accelerations (`inertia_step`). A tool of given force has its way for one unknown more and
-what it feels for one equation, by which K is bordered (`tangents`); derivatives by the way are those by any parameter of the
-contacts. Displacements that are prescribed drive all others by K; an adjoint's residual there is the derivative by them. The grid
-of times is given and stays: an adaptive one would move with θ. Contact is differentiated where it stands; its energy is smooth
-enough.
+forwards in time for J δθ and backwards for Jᵀ w. Second derivatives use both, with two more solves a step (`step_hessian`).
+Frictional slip (`friction_step`) and velocities and accelerations (`inertia_step`) are further internal variables. A
+force-controlled tool adds its displacement as an unknown and its force balance as an equation, which border K (`tangents`).
+Prescribed displacements enter through K; the adjoint's residual at these degrees of freedom is the derivative with respect to
+them. The time grid is fixed, as an adaptive one would depend on θ. Contact is smooth enough to be differentiated as it stands.
 """
 
 from __future__ import annotations
@@ -53,18 +51,40 @@ Carried: TypeAlias = FrictionStep | InertiaStep
 
 
 class RunModel:
-    """From a vector θ to what a run shows at some times.
+    """Model from a parameter vector θ to observations of a run at given times.
 
-    body        at rest at first; its materials are made of `parameters`
-    motion      of its rigid bodies and of what its loads are made of
-    grid        times (s) from 0 on at which steps end, such as `replay.accepted_times` an adaptive run finds
-    parameters  name → GridFunction or Parameter that materials, rigid bodies and loads are made of, such as a factor of a
-                blade's way, `PrescribedDisplacement(body, boundary)`, what is prescribed there at load factor 1, or
-                `NodePositions(mesh)`, where the mesh's nodes are; their values one after the other are θ
-    observables  what is seen, see `ngbrain.forward.observables`
-    times       (s) when; steps end there too. None: at the end of every step
-    newton, every, states, loads   see `Replay`
+    Parameters
+    ----------
+    body : Problem
+        At rest at first; its materials depend on `parameters`.
+    motion : Motion
+        Motion of its rigid bodies and of what its loads depend on.
+    grid : sequence of float
+        Times (s) from 0 at which steps end, such as those of an adaptive run by `replay.accepted_times`.
+    parameters : dict
+        Name → parameter; their values one after the other are θ. A GridFunction or `ngs.Parameter` of materials, rigid bodies or
+        loads, such as a factor of a blade's displacement; `PrescribedDisplacement(body, boundary)` at load factor 1; or
+        `NodePositions(mesh)`.
+    observables : sequence of Observable
+        What is observed, see `ngbrain.forward.observables`.
+    times : sequence of float, optional
+        Times (s) of the observations, added to the grid; None: the end of every step.
+    newton : Newton
+        As in `Replay`.
+    every : int, optional
+        As in `Replay`.
+    states : bool
+        As in `Replay`.
+    loads : LoadHistory, optional
+        As in `Replay`.
 
+    Raises
+    ------
+    InputError
+        For times, observables, parameters or motions that cannot be used.
+
+    Examples
+    --------
     >>> import ngsolve as ngs
     >>> from ngbrain.forward.common.material import Material
     >>> from ngbrain.forward.contact.rigid import RigidContact
@@ -86,7 +106,7 @@ class RunModel:
     """
 
     way = "way of the tool"
-    """A tool of given force has it for an unknown: what derivatives by it are called."""
+    """Name of the block of a force-controlled tool's displacement."""
 
     def __init__(
         self,
@@ -136,11 +156,11 @@ class RunModel:
             (of, self.blocks[name]) for name, of in self.parameters.items() if isinstance(of, PrescribedDisplacement)
         ]
         self.n = len(body.x)
-        """Unknowns of the body, the way of a tool of given force among them."""
+        """Unknowns of the body, with the displacement of a force-controlled tool."""
         self._made_of, self.contacts = made_of, ContactForms(body, made_of)
         friction = FrictionStep(body, made_of) if body.friction.frictions else None
         self.carried: list[Carried] = [] if friction is None else [friction]
-        """What steps remember beside the tissue's history."""
+        """Further internal variables: friction and inertia."""
         if body.inertia is not None:
             self.carried.append(InertiaStep(body, made_of))
         for name in self.shapes if self.carried else ():
@@ -157,20 +177,20 @@ class RunModel:
         steps = np.sort(np.concatenate([grid[apart], times]))
         self.replay = Replay(body, motion, steps, newton, every, states, system, loads)
         self.row = {int(np.searchsorted(self.replay.grid, t)) - 1: i for i, t in enumerate(times)}
-        """Which row of the data a step gives."""
+        """Row of the data of a step."""
 
     @property
     def theta(self) -> Array:
-        """θ as the parameters are now."""
+        """Present parameters θ."""
         return np.concatenate([part.value for part in self.parts.values()])
 
     @cached_property
     def curvature(self) -> StepHessian:
-        """What second derivatives need; made when first asked for."""
+        """Second derivatives of a time step, made at first use."""
         return StepHessian(self.forms, self._made_of, self.contacts, self.seen)
 
     def evaluate(self, theta: Array) -> RunLinearisation:
-        """The run at θ, and its derivatives; the parameters keep the values of the last call."""
+        """The run at θ, with its derivatives; the parameters keep the values of the last call."""
         if np.shape(theta) != (self.size,):
             raise InputError("theta", f"of shape {np.shape(theta)}", f"{self.size} numbers")
         if not np.all(np.isfinite(theta)):
@@ -188,7 +208,7 @@ class RunModel:
         return {name: theta[block] for name, block in self.blocks.items()}
 
     def prescribed_force_gradient(self, step: ReplayStep) -> Array:
-        """How the force that a tool is asked for at the end of a step changes with θ (size,)."""
+        """Derivative of the prescribed tool force at the end of a step with respect to θ (size,)."""
         found, tool = np.zeros(self.size), self.body.tool
         if tool is not None:
             for name, of in self.parameters.items():
@@ -196,7 +216,7 @@ class RunModel:
         return found
 
     def _check_tool(self, grid: Array) -> None:
-        """Where a tool is clear of the tissue it goes by the nearest point, which is not derived: friction is told of that."""
+        """A tool without contact is placed by its nearest point, which is not differentiated; friction would depend on it."""
         assert self.body.tool is not None
         given, way = self.body.tool.given, self.body.tool.given.parameter
         presses = np.array([given.prescribed_force(t) > 0 for t in grid[1:]])

@@ -1,7 +1,7 @@
-"""What is seen of a run at the end of a time step, and how it changes with the state and the parameters.
+"""Observables at the end of a time step, and their derivatives with respect to state and parameters.
 
-Forces are Z f(x; h, θ) + Z c(x; θ) with the tissue's nodal forces f, which remember, and those c of contacts and loads on other
-boundaries; the rest is q(x; θ).
+Forces are Z f(x; h, θ) + Z c(x; θ), with nodal forces f of the tissue, which depend on internal variables, and c of contacts and
+loads on other boundaries; other observables are q(x; θ).
 """
 
 from __future__ import annotations
@@ -23,16 +23,30 @@ Array = np.ndarray
 
 
 class RunObservables:
-    """Observables of one body, with parameters as `parts`.
+    """Observables of one body.
+
+    Parameters
+    ----------
+    body : Problem
+        The body.
+    observables : sequence of Observable
+        What is observed.
+    parts : dict of str to ParameterBlock
+        Blocks of θ.
 
     Attributes
     ----------
     size : int
-        Of a row of data.
+        Length of a row of data.
     slices : list of slice
-        Where each observable is in it.
+        Where each observable is in a row.
     motions : csr_array (size, ndof)
-        Z; rows of what is no force are zero.
+        Z; rows of observables that are no forces are zero.
+
+    Raises
+    ------
+    InputError
+        For node positions where an observable has no derivative with respect to them.
     """
 
     def __init__(self, body: Problem, observables: Sequence[Observable], parts: Mapping[str, ParameterBlock]) -> None:
@@ -45,12 +59,24 @@ class RunObservables:
         self._n_theta = sum(part.size for part in parts.values())
 
     def value(self) -> Array:
-        """At the state where the body stands (size,)."""
+        """Data at the body's state (size,)."""
         tissue = self.body.tissue_forces() if self.motions.nnz else None
         return np.concatenate([of.value(tissue) if isinstance(of, Reaction) else of.value() for of in self.each])
 
     def state_gradient(self, weights: Array, stiffness: Callable[[Array], Array]) -> Array:
-        """∂(w · value)/∂x (ndof,); `stiffness` is the product with the tangent, made there."""
+        """Gradient of weights · value with respect to the state.
+
+        Parameters
+        ----------
+        weights : array (size,)
+            Weights.
+        stiffness : callable
+            Product with the tangent at that state.
+
+        Returns
+        -------
+        array (ndof,)
+        """
         found = np.zeros(self.body.fes.ndof)
         for of, where in zip(self.each, self.slices, strict=True):
             if not weights[where].any():
@@ -63,7 +89,7 @@ class RunObservables:
         return found
 
     def parameter_gradient(self, weights: Array) -> Array:
-        """∂(w · value)/∂θ (θ,) but for what the tissue's forces have."""
+        """Gradient of weights · value with respect to θ, without that of the tissue's forces."""
         found = np.zeros(self._n_theta)
         for outer, where in zip(self._outer, self.slices, strict=True):
             if weights[where].any():
@@ -71,7 +97,7 @@ class RunObservables:
         return found
 
     def rows(self, stiffness: Callable[[Array], Array]) -> tuple[Array, Array]:
-        """Both for each number: (size, ndof) and (size, θ)."""
+        """Both gradients for each number: (size, ndof) and (size, θ)."""
         units = np.eye(self.size)
         return np.array([self.state_gradient(w, stiffness) for w in units]), np.array(
             [self.parameter_gradient(w) for w in units]
@@ -83,21 +109,29 @@ class RunObservables:
             outer.set_weights(weights[where])
 
     def terms(self, *along: Motion) -> Terms:
-        """w · value at the body's state, or its derivative along motions; without the tissue's forces."""
+        """Integrals of weights · value, or their derivative along motions, without the tissue's forces."""
         return [term for outer in self._outer for term in outer.terms(*along)]
 
     def set_direction(self, change: Array, along: Along) -> None:
-        """Set the direction of `weight_terms`."""
+        """Set the direction of `weight_terms`.
+
+        Parameters
+        ----------
+        change : array (ndof,)
+            Change of the state.
+        along : callable
+            From integrals to a callable that gives their change with the parameters.
+        """
         for of in self.each:
             of.aim(change, along)
 
     def weight_terms(self, *along: Motion) -> Terms:
-        """What `terms` have where weights within observables change along the way."""
+        """Integrals of `terms` with the change of weights inside observables along the direction."""
         return [term for of in self.each for term in of.weight_change(self.body.gfu, *along)]
 
 
 class _Outer:
-    """What one observable has beside the tissue's forces."""
+    """One observable without the tissue's forces."""
 
     def __init__(self, observed: Observed, parts: Mapping[str, ParameterBlock]) -> None:
         self._observed, body = observed, observed.problem

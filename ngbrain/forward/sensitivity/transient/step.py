@@ -1,13 +1,13 @@
-"""How one time step of a relaxing body changes with the history it starts from, with its parameters and with its end.
+"""One time step of a viscoelastic body: first derivatives with respect to history, parameters and end state.
 
-A step from a history h has inner variables m = P(h; θ) (what its Maxwell branches are made of), finds x with R(x; h, m, θ) = 0 and
-ends with the history h⁺ = U(x, h, m; θ), all but x at quadrature points. With a motion λ and weights Λ and M, densities at these
-points, everything that an adjoint needs is a derivative of two integrands,
+From a history h, a step computes m = P(h; θ) (what its Maxwell branches start from), solves R(x; h, m, θ) = 0 and ends with the
+history h⁺ = U(x, h, m; θ). All but x are fields at quadrature points. With a motion λ and weights Λ and M (densities), an adjoint
+needs derivatives of two integrands with respect to h, θ and x,
 
-    ℓ = W'(x; h, m, θ)[λ] + Λ · U(x, h, m; θ)        and        M · P(h; θ) ,    M = ∂ℓ/∂m ,
+    ℓ = W'(x; h, m, θ)[λ] + Λ · U(x, h, m; θ)        and        M · P(h; θ) ,    M = ∂ℓ/∂m .
 
-by h, θ and x; what a linearisation needs are the directional derivatives of W', U and P. W, U and P are the material's own, with
-e_k and β_k as functions of Δt/τ_k, so that parameters may stand anywhere in them.
+A tangent needs directional derivatives of W', U and P. These are the material's own functions, with e_k and β_k as functions of
+Δt/τ_k, so that parameters may enter anywhere.
 """
 
 from __future__ import annotations
@@ -50,15 +50,26 @@ Parameter: TypeAlias = ngs.GridFunction | ngs.Parameter
 """A scalar real GridFunction or an `ngs.Parameter` that materials are made of."""
 View: TypeAlias = Callable[[QuadratureBlock], CoefficientFunction]
 UNPERTURBED, PERTURBED = attrgetter("variable"), attrgetter("perturbed")
-"""Blocks as what adjoints derive by, and as what changes along a direction."""
+"""Blocks as variables to differentiate with respect to, and as perturbed along a direction."""
 
 
 class StepForms:
-    """Derivatives of a step of `body` by its history and by `parameters` (name → GridFunction or Parameter).
+    """Derivatives of a time step of a body with respect to its history and to parameters.
 
-    A history is one array (size, points): S̄_k and H_k of each hereditary branch, then, where there are Maxwell branches, C̄ and each
-    G. Call `begin` for a step at whose end the body stands, and ask; all sums over points carry their quadrature weights. Raises
-    `InputError` for a parameter of another kind.
+    A history is one array (size, points): S̄_k and H_k of each hereditary branch, then, with Maxwell branches, C̄ and each G.
+    Call `begin` with the body at the end of a step before asking for derivatives. Sums over points include quadrature weights.
+
+    Parameters
+    ----------
+    body : Problem
+        The body.
+    parameters : dict of str to GridFunction or Parameter
+        Parameters of its materials.
+
+    Raises
+    ------
+    InputError
+        For a parameter of another kind, or one that a material uses through its gradient.
     """
 
     def __init__(self, body: Problem, parameters: Mapping[str, Parameter]) -> None:
@@ -93,7 +104,7 @@ class StepForms:
         self._forms = {name: self._slope(p) for name, p in self.parameters.items() if isinstance(p, ngs.GridFunction)}
 
     def update_quadrature(self) -> None:
-        """Take the points' quadrature weights from the mesh as it is."""
+        """Compute the quadrature weights on the mesh as it is."""
         test, rules = self.body.history.space.TestFunction(), self.body.history.rules
         self.quadrature = unknowns(
             ngs.LinearForm(self.body.kinematics.weight() * test * ngs.dx(intrules=rules)).Assemble()
@@ -105,7 +116,7 @@ class StepForms:
         return Forces(body.layout, body.gfu, densities, body.history.space, body.kinematics)
 
     def deformation_gradient(self, u: CoefficientFunction) -> CoefficientFunction:
-        """F of a displacement."""
+        """Deformation gradient F of a displacement."""
         return self.body.kinematics.gradient(u, ngs.Grad(u))
 
     @property
@@ -116,17 +127,39 @@ class StepForms:
     def perturbed_state(
         self, F: CoefficientFunction, p: CoefficientFunction | None, *ways: tuple[ngs.Parameter, Any]
     ) -> tuple[Deformation, CoefficientFunction | None]:
-        """A state moved by numbers along motions."""
+        """A state perturbed along motions.
+
+        Parameters
+        ----------
+        F : CoefficientFunction
+            Deformation gradient.
+        p : CoefficientFunction or None
+            Pressure (Pa).
+        *ways : tuple of Parameter and Motion
+            A number that is zero, and the motion that it multiplies.
+
+        Returns
+        -------
+        Deformation, CoefficientFunction or None
+        """
         for number, motion in ways:
             way = self.body.layout.fields(motion)
             F = F + number * self.body.kinematics.change(way.u, ngs.Grad(way.u))
             p = None if p is None else p + number * way.p
         return Deformation.from_gradient(F), p
 
-    # What is asked of a step.
+    # Derivatives of a step.
 
     def begin(self, memory: Mapping[str, Any], dt: float) -> None:
-        """A step of `dt` seconds from a `History.internal`, at whose end the body stands."""
+        """Start a step; the body is at its end.
+
+        Parameters
+        ----------
+        memory : dict
+            `History.internal` at the start.
+        dt : float
+            Time step (s).
+        """
         self.dt.Set(dt)
         history = [row for k in range(len(self._pairs)) for row in (memory["stress"][k], memory["overstress"][k])]
         if self._strain:
@@ -136,28 +169,55 @@ class StepForms:
         self.read_maxwell_states()
 
     def read_maxwell_states(self) -> None:
-        """Take from the Maxwell branches what they began the step with, and where they settled."""
+        """Read from the Maxwell branches their start and their solution."""
         for flow, half, settled in zip(self.body.history.flows.flows, self._half, self._settled, strict=True):
             set_rows([half], "value", flow.step_state)
             set_rows([settled], "value", flow.step_solution)
 
     def residual_derivative(self, history: Array, theta: Mapping[str, Array]) -> Array:
-        """R_h δh + R_m δm + R_θ δθ, one number for each unknown of the body."""
+        """R_h δh + R_m δm + R_θ δθ.
+
+        Parameters
+        ----------
+        history : array (size, points)
+            δh.
+        theta : dict of str to array
+            δθ.
+
+        Returns
+        -------
+        array (ndof,)
+        """
         self.set_direction(history, theta)
         return self._changed()
 
     def history_derivative(self, x: Array) -> Array:
-        """δh⁺ with δx, and with δh and δθ of the last `residual_derivative`."""
+        """δh⁺ for δx, with δh and δθ of the last `residual_derivative`."""
         unknowns(self._moving)[:] = x
         return self.points(self._forth)[1:]
 
     def history_state_gradient(self, weights: Array) -> Array:
-        """(∂U/∂x)ᵀΛ, one number for each unknown of the body."""
+        """(∂U/∂x)ᵀ Λ (ndof,)."""
         set_rows(self.blocks, "weight", weights)
         return self._remembered() if self.size else np.zeros(self.body.fes.ndof)
 
     def adjoint_gradients(self, motion: Array, weights: Array) -> tuple[Array, dict[str, Array]]:
-        """Derivatives of ℓ by h, a density at the points, and by each parameter's unknowns."""
+        """Gradients of ℓ with respect to h and to each parameter.
+
+        Parameters
+        ----------
+        motion : array (ndof,)
+            λ.
+        weights : array (size, points)
+            Λ.
+
+        Returns
+        -------
+        by_history : array (size, points)
+            A density at the points.
+        by_theta : dict of str to array
+            By degrees of freedom of each parameter.
+        """
         set_rows(self.blocks, "weight", weights)
         unknowns(self._motion)[:] = motion
         inner = sum(block.size for block in self._half)
@@ -169,7 +229,7 @@ class StepForms:
         return by_history, self.assemble_gradient(by_theta)
 
     def assemble_gradient(self, densities: Array) -> dict[str, Array]:
-        """From derivatives by parameters' values at the points to those by their unknowns."""
+        """Gradients with respect to degrees of freedom, from densities with respect to values at the points."""
         return {name: self._gathered(name, s) for name, s in zip(self.parameters, densities, strict=True)}
 
     def _gathered(self, name: str, density: Array) -> Array:
@@ -183,7 +243,7 @@ class StepForms:
     # Materials in a step.
 
     def _check(self, material: Material) -> None:
-        """`slopes` are by values at points: a law that sees the gradient of a parameter would have others."""
+        """Derivatives are with respect to values at points: a material must not use a parameter's gradient."""
         at = Deformation.from_gradient(self.deformation_gradient(self.body.u))
         flows = [ngs.CF((ended.law, ended.branch.eta)) for ended in self._ended(material, at.shape, UNPERTURBED)]
         for name, parameter in self.parameters.items():
@@ -199,12 +259,12 @@ class StepForms:
                         )
 
     def parameter_derivatives(self, function: CoefficientFunction) -> Expressions:
-        """Derivatives by each parameter's value."""
-        # Not along a direction: that has no memory of what its parts share.
+        """Derivatives of a function with respect to each parameter's value."""
+        # Not along a direction: NGSolve then differentiates shared subexpressions again and again.
         return [function.Diff(parameter) for parameter in self.parameters.values()]
 
     def directional_derivative(self, function: CoefficientFunction) -> CoefficientFunction:
-        """Change of a function along δθ."""
+        """Derivative of a function along δθ."""
         ways = zip(self.parameter_derivatives(function), self._directions.values(), strict=True)
         return reduce(add, (slope * way for slope, way in ways), 0.0 * function)
 
@@ -212,17 +272,34 @@ class StepForms:
         return QuadratureFunction(ngs.CF((0.0,) * size), [ngs.CF((0.0,) * size)] * len(self.parameters))
 
     def _ways(self, seen: View) -> tuple[ParameterPerturbation, ...]:
-        """What moves the parameters of a flow with s, if anything is moved."""
+        """Perturbation of a Maxwell branch's parameters, if anything is perturbed."""
         return (self._theta_moved,) if seen is PERTURBED else ()
 
     def _theta_moved(self, made: CoefficientFunction, law: CoefficientFunction) -> CoefficientFunction:
-        """With s times the law's change along the parameters' directions."""
+        """`made` plus s times the change of `law` along δθ."""
         return made + self._s * self.directional_derivative(law)
 
     def energies(
         self, material: Material, at: Deformation, p: CoefficientFunction, seen: View
     ) -> list[QuadratureFunction]:
-        """W, as `TissueTerm` has it."""
+        """Energy density W, as in `Tissue`.
+
+        Parameters
+        ----------
+        material : Material
+            Material of a region.
+        at : Deformation
+            Deformation.
+        p : CoefficientFunction
+            Pressure.
+        seen : callable
+            `UNPERTURBED` or `PERTURBED`: how blocks enter.
+
+        Returns
+        -------
+        list of QuadratureFunction
+            Parts of the density.
+        """
         law = material.viscous
         factors = [step_factors(self.dt, branch.tau) for branch in law.hereditary_branches]
         energy = law.density(at, [beta for _, beta in factors]) + material.volumetric_energy(at.J, p)
@@ -239,7 +316,7 @@ class StepForms:
         ]
 
     def _of(self, value: CoefficientFunction, flow: MaxwellStart | MaxwellEnd, seen: View) -> QuadratureFunction:
-        """What a flow gives; moved, its parameters go with s."""
+        """A quantity of a Maxwell branch as a `QuadratureFunction`."""
         return (
             QuadratureFunction(value)
             if seen is PERTURBED
@@ -247,7 +324,21 @@ class StepForms:
         )
 
     def updates(self, material: Material, shape: CoefficientFunction, seen: View) -> list[QuadratureFunction]:
-        """U at a C̄, block by block; branches that a region has not stay at rest."""
+        """Updated internal variables U, block by block; branches that a region does not have stay at rest.
+
+        Parameters
+        ----------
+        material : Material
+            Material of a region.
+        shape : CoefficientFunction
+            C̄.
+        seen : callable
+            As in `energies`.
+
+        Returns
+        -------
+        list of QuadratureFunction
+        """
         found, C = list[QuadratureFunction](), shape.MakeVariable()
         for branch, (stress, over) in zip(material.viscous.hereditary_branches, self._pairs, strict=False):
             W = density(branch.law, Deformation.from_stretch(C))
@@ -267,7 +358,19 @@ class StepForms:
         return found
 
     def maxwell_starts(self, material: Material, seen: View) -> list[MaxwellStart]:
-        """How the Maxwell branches begin."""
+        """Start of the step in each Maxwell branch.
+
+        Parameters
+        ----------
+        material : Material
+            Material of a region.
+        seen : callable
+            As in `energies`.
+
+        Returns
+        -------
+        list of MaxwellStart
+        """
         found = list[MaxwellStart]()
         for branch, G, settled in zip(material.viscous.maxwell_branches, self._G, self._settled, strict=False):
             nine, strain = seen(G), from_voigt(seen(self._strain[0]))
@@ -280,10 +383,10 @@ class StepForms:
         found = [self._of(begun.value, begun, seen) for begun in self.maxwell_starts(material, seen)]
         return found + [self._nothing(10)] * (len(self._half) - len(found))
 
-    # Derivatives: along changes by a number that moves all, for one along a change has no memory of what its parts share.
+    # Directional derivatives are with respect to one number, as those along a change repeat shared subexpressions.
 
     def _along(self, part: QuadratureFunction) -> CoefficientFunction:
-        """Change of a function with all that is moved."""
+        """Derivative of a function along everything that is perturbed."""
         return part.directional_derivative(self._s, list(self._directions.values()))
 
     def _changing(self, material: Material) -> Density:
@@ -297,7 +400,7 @@ class StepForms:
         )
 
     def _derived(self, parts: Sequence[QuadratureFunction], blocks: Sequence[QuadratureBlock]) -> CoefficientFunction:
-        """Derivatives of the sum of some parts by blocks and by θ."""
+        """Derivatives of a sum with respect to blocks and to θ."""
         found = [[*(part.value.Diff(b.variable) for b in blocks), *part.parameter_derivatives] for part in parts]
         return ngs.CF((0.0, *(reduce(add, of) for of in zip(*found, strict=True)))).Compile()
 
@@ -308,7 +411,7 @@ class StepForms:
         motion = self.body.layout.fields(self._motion)
         t = ngs.Parameter(0.0)
         names = ("shape", "C", "J", "F")
-        # Variables of their own: what is derived by a block does not go into them again.
+        # Variables: derivatives with respect to a block do not descend into them again.
         still = [getattr(held, name).MakeVariable() for name in names]
         change = self.body.kinematics.change(motion.u, ngs.Grad(motion.u))
         changes = [getattr(moving, name).Diff(F, change) for name in names]
@@ -342,7 +445,15 @@ class StepForms:
         return at_points, form
 
     def set_direction(self, history: Array, theta: Mapping[str, Array]) -> None:
-        """Set δh and δθ."""
+        """Set δh and δθ.
+
+        Parameters
+        ----------
+        history : array (size, points)
+            δh.
+        theta : dict of str to array
+            δθ.
+        """
         set_rows(self.blocks, "change", history)
         for name, direction in self._directions.items():
             if isinstance(direction, ngs.GridFunction):

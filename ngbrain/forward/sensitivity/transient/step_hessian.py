@@ -1,13 +1,12 @@
-"""How what an adjoint of a time step is made of changes where its state, its history and its parameters move.
+"""Second derivatives of one time step.
 
-With ℓ of `step_forms` and the contacts' work C, what second derivatives need beside first ones is, for a motion λ + Zᵀw of the
-tissue and λ of the contacts, weights Λ, and ways (δx, δh, δθ),
+With ℓ of `step`, the contacts' work C and observables q beside the tissue's forces, for a motion λ + Zᵀw of the tissue and λ of the
+contacts, weights Λ, and directions (δx, δh, δθ), they are the derivatives with respect to x, h and θ of
 
     ℓ' = d/ds ( W'(x + s δx; h + s δh, θ + s δθ)[λ + Zᵀw] + Λ · U(x + s δx, h + s δh; θ + s δθ) + C(x + s δx; θ + s δθ)[λ]
-                + w · q(x + s δx; θ + s δθ) )
+                + w · q(x + s δx; θ + s δθ) ) .
 
-by x, h and θ, with q what is seen beside the tissue's forces: of the contacts and of q by symbols, of the tissues see
-`tissue_hessian`.
+Those of C and q are symbolic; those of the tissue are in `tissue_hessian`.
 """
 
 from __future__ import annotations
@@ -35,9 +34,23 @@ Array = np.ndarray
 
 
 class StepHessian:
-    """Second derivatives of the steps of some `forms`, with parameters as `parts`; where `forms.begin` was called.
+    """Second derivatives of time steps, after `forms.begin`.
 
-    Raises `InputError` for walls that close on each other.
+    Parameters
+    ----------
+    forms : StepForms
+        First derivatives of the tissue's step.
+    parts : dict of str to ParameterBlock
+        Blocks of θ.
+    contacts : ContactForms
+        Virtual work of contacts and loads.
+    seen : RunObservables
+        Observables.
+
+    Raises
+    ------
+    InputError
+        For self-contact.
     """
 
     def __init__(
@@ -57,7 +70,17 @@ class StepHessian:
         self._by_theta = [part.gradient(touched, body.mesh) for part in self._parts]
 
     def set_direction(self, state: Array, history: Array, theta: Mapping[str, Array]) -> None:
-        """Ways δx (ndof,), δh (size, points) and δθ."""
+        """Set the direction of ℓ'.
+
+        Parameters
+        ----------
+        state : array (ndof,)
+            δx.
+        history : array (size, points)
+            δh.
+        theta : dict of str to array
+            δθ.
+        """
         unknowns(self._way)[:] = state[: len(unknowns(self._way))]
         self._tissues.set_direction(state, history, theta)
         for part, way in zip(self._parts, theta.values(), strict=True):
@@ -65,7 +88,7 @@ class StepHessian:
         self._seen.set_direction(np.array(unknowns(self._way)), self._change)
 
     def __call__(self, adjoint: Array, motion: Array, weights: Array) -> TissueGradients:
-        """ℓ' by x, h and θ, with λ, λ + Zᵀw and Λ."""
+        """Gradients of ℓ' with respect to x, h and θ, with λ, λ + Zᵀw and Λ."""
         self._contacts.set_adjoint(adjoint)
         by_state, by_history, by_theta = self._tissues(motion, weights)
         of_contacts = np.concatenate([slope() for slope in self._by_theta])
@@ -73,13 +96,13 @@ class StepHessian:
         return TissueGradients(by_state + self._by_state(), by_history, of_contacts)
 
     def _touched(self, *tested: Motion) -> Terms:
-        """The part of ℓ' that contacts and what is seen have, or its derivative along a motion that is tested."""
+        """Part of ℓ' of contacts and observables, or its derivative along a test function."""
         still = self._contacts.weighted_work(*tested) + self._seen.terms(*tested)
         along = [term for part in self._parts for term in part.directional_derivative(still)]
         moved = self._contacts.weighted_work(self._way, *tested) + self._seen.terms(self._way, *tested)
         return moved + along + self._seen.weight_terms(*tested)
 
     def _change(self, parts: Terms) -> Callable[[], float]:
-        """With θ, along the parts' directions."""
+        """Derivative along the direction of θ."""
         integrals = [term.integral for part in self._parts for term in part.directional_derivative(parts)]
         return lambda: sum(float(ngs.Integrate(part, self._mesh)) for part in integrals)

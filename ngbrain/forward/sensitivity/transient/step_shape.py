@@ -1,8 +1,8 @@
-"""How one time step of a relaxing body changes with where the nodes of its mesh are.
+"""Derivatives of one time step with respect to node positions.
 
-What is in an element goes along with its nodes. Shifts δ change a gradient ∇u, with u's unknowns as they are, by -∇u ∇δ, a volume
-by its part div δ, and what a law is made of by its slope along δ where that is a function of the place. Histories are values at
-points that move along.
+What is in an element moves with its nodes. A shift δ changes a gradient ∇u, with fixed degrees of freedom, by -∇u ∇δ, a volume by
+the factor 1 + div δ, and a material's coefficients by their gradient along δ where they depend on position. Internal variables
+are values at points that move along.
 """
 
 from __future__ import annotations
@@ -36,7 +36,20 @@ PLACE = (ngs.x, ngs.y, ngs.z)
 
 
 class StepShapeDerivatives:
-    """Derivatives of the steps of some `forms` by `nodes`, where `forms.begin` was called."""
+    """Derivatives of time steps with respect to node positions, after `forms.begin`.
+
+    Parameters
+    ----------
+    forms : StepForms
+        Derivatives of the step.
+    nodes : NodePositions
+        The node positions.
+
+    Raises
+    ------
+    InputError
+        For a body that is not 3-D with pressures.
+    """
 
     def __init__(self, forms: StepForms, nodes: NodePositions) -> None:
         self._forms, self._n, self._r, body = forms, ngs.Parameter(0.0), ngs.Parameter(0.0), forms.body
@@ -55,23 +68,35 @@ class StepShapeDerivatives:
         self._moved = body.mesh.MaterialCF({p: ngs.CF((0.0, *parts)).Compile() for p, parts in ends.items()})
 
     def force_jacobian(self) -> sp.csr_array:
-        """How the tissue's forces change with the shifts (ndof, shifts)."""
+        """Derivative of the tissue's nodal forces with respect to the shifts (ndof, shifts)."""
         self._matrix.Assemble()
         return to_scipy(self._matrix.mat)
 
     def history_derivative(self, shifts: Array) -> Array:
-        """How the history at the end does (size, points)."""
+        """Derivative of the history at the end along shifts (size, points)."""
         unknowns(self._way)[:] = shifts
         return self._forms.points(self._moved)[1:]
 
     def adjoint_gradient(self, motion: Array, weights: Array) -> Array:
-        """The transposes of both, of a motion and of weights of the history."""
+        """Transposed products of both.
+
+        Parameters
+        ----------
+        motion : array (ndof,)
+            Weights of the forces.
+        weights : array (size, points)
+            Weights of the history.
+
+        Returns
+        -------
+        array (shifts,)
+        """
         unknowns(self._motion)[:] = motion
         set_rows(self._forms.blocks, "weight", weights)
         return self._work_slopes() + self._kept_slopes()
 
     def _over(self, of: Callable[[Material], CoefficientFunction]) -> Terms:
-        """An integrand of each region."""
+        """Integrals over the regions."""
         body = self._forms.body
         return [
             WorkIntegral(of(material), ngs.dx(definedon=body.mesh.Materials(pattern), intrules=body.history.rules))
@@ -79,7 +104,7 @@ class StepShapeDerivatives:
         ]
 
     def _work(self, material: Material, virtual: Sequence[Any], way: CoefficientFunction) -> CoefficientFunction:
-        """The integrand of a tissue's virtual work, moved."""
+        """Shape derivative of the virtual work's integrand."""
         body = self._forms.body
         F = self._F(body.u, way) + self._r * self._gradient(virtual[0], way)
         energies = self._forms.energies(
@@ -89,7 +114,7 @@ class StepShapeDerivatives:
         return self._along(work, way) + work * ngs.Trace(ngs.Grad(way))
 
     def _ends(self, material: Material, way: CoefficientFunction) -> list[CoefficientFunction]:
-        """A history's blocks, moved."""
+        """Shape derivative of the history's blocks."""
         updates = self._forms.updates(
             material, Deformation.from_gradient(self._F(self._forms.body.u, way)).shape, UNPERTURBED
         )
@@ -100,7 +125,7 @@ class StepShapeDerivatives:
         return reduce(add, (part.value for part in weighted_functions(blocks, parts)), ngs.CF(0.0))
 
     def _along(self, function: CoefficientFunction, way: CoefficientFunction) -> CoefficientFunction:
-        """Change of a function at a point that moves."""
+        """Derivative of a function at a point that moves."""
         return reduce(add, (function.Diff(PLACE[i], way[i]) for i in range(3)), function.Diff(self._n))
 
     def _F(self, u: Motion, way: CoefficientFunction) -> CoefficientFunction:  # noqa: N802

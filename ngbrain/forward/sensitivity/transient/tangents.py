@@ -1,7 +1,7 @@
-"""Solvers with a body's tangent at one state after another, of a run that is linearised.
+"""Linear solves with a body's tangent at one state after another, for a linearised run.
 
-`Tangents`: symmetric and definite enough, with few factors for many steps. `PivotedTangents`: of what rubs, of pressures that
-follow and of cavities. `BorderedTangents`: of either, with the equation of a tool of given force.
+`Tangents`: symmetric tangents, with few factorisations for many steps. `PivotedTangents`: friction, follower pressures and
+cavities. `BorderedTangents`: either, with the equation of a force-controlled tool.
 """
 
 from __future__ import annotations
@@ -18,17 +18,20 @@ from ngbrain.solvers.krylov import gmres
 
 Array = np.ndarray
 RTOL, MAX_ITERATIONS = 1e-11, 20
-"""What is left of a correction when GMRES may stop, and iterations after which a new factor is made."""
+"""Relative residual of GMRES, and iterations after which a new factorisation is made."""
 FINE_RTOL, FINE_MAX_ITERATIONS = 1e-13, 12
-"""These for second derivatives, which come from solutions of solutions: a preconditioner that is far off measures them badly."""
+"""The same for second derivatives, which are computed from computed solutions and need a better preconditioner."""
 FEW = 3
 """Right-hand n_rhs at one state up to which an old factor is tried."""
 
 
 class Tangents:
-    """The tangent at whatever state the body stands; an older factor of it is GMRES's preconditioner as long as it will do.
+    """The symmetric tangent at the body's present state; GMRES with an older factorisation where that converges fast enough.
 
-    `factorisations` and `solves` count.
+    Attributes
+    ----------
+    factorisations, solves : int
+        Counts.
     """
 
     def __init__(self, body: Problem) -> None:
@@ -41,7 +44,20 @@ class Tangents:
         self._factor: Solve | None = None
 
     def prepare(self, n_rhs: int, rtol: float = RTOL) -> Solve:
-        """A solver for so many right-hand n_rhs, of use until the next is asked for."""
+        """Solver for a number of right-hand sides, valid until the next one is prepared.
+
+        Parameters
+        ----------
+        n_rhs : int
+            Number of right-hand sides.
+        rtol : float
+            Relative tolerance.
+
+        Returns
+        -------
+        callable
+            b → K⁻¹ b.
+        """
         flows = self.body.history.flows
         if flows:
             flows.stiffen()
@@ -52,11 +68,11 @@ class Tangents:
         return self._solve
 
     def solve_transpose(self, b: Array) -> Array:
-        """K⁻ᵀ b: the tangent is symmetric."""
+        """K⁻ᵀ b; the tangent is symmetric."""
         return self._solve(b)
 
     def apply(self, x: Array) -> Array:
-        """K x, one number for each unknown."""
+        """K x (ndof,)."""
         vector, image = self._vectors
         vector.FV().NumPy()[:] = x
         image.data = self.body.form.mat * vector
@@ -86,9 +102,16 @@ class Tangents:
 
 
 class PivotedTangents:
-    """The whole tangent of a body at whatever state it stands, factorised with pivots; with friction all that changes in it.
+    """The nonsymmetric tangent, factorised with pivoting; with friction it is complete (consistent).
 
-    It is a system for Newton's method too, which settles in few steps where the symmetric tangent of friction would creep.
+    It is a system for Newton's method too, which then converges in few steps, unlike with friction's symmetric tangent.
+
+    Parameters
+    ----------
+    body : Problem
+        The body.
+    friction : FrictionStep or None
+        Its friction.
     """
 
     def __init__(self, body: Problem, friction: FrictionStep | None) -> None:
@@ -110,7 +133,25 @@ class PivotedTangents:
         return form
 
     def prepare(self, n_rhs: int, rtol: float = 0.0) -> Solve:
-        """A solver, of use until the next is asked for."""
+        """Factorise the tangent; the solver is valid until the next one is prepared.
+
+        Parameters
+        ----------
+        n_rhs : int
+            Not used.
+        rtol : float
+            Not used.
+
+        Returns
+        -------
+        callable
+            r → K⁻¹ r.
+
+        Raises
+        ------
+        SolverError
+            Where the tangent is singular.
+        """
         flows = self.body.history.flows
         if flows:
             flows.stiffen()
@@ -125,11 +166,11 @@ class PivotedTangents:
         return lambda r: self._times(self._inverse, r * self._free)
 
     def solve_transpose(self, r: Array) -> Array:
-        """K⁻ᵀ r, with the factor of `prepare`."""
+        """K⁻ᵀ r, with the factorisation of `prepare`."""
         return self._times(self._inverse.T, r * self._free)
 
     def apply(self, x: Array) -> Array:
-        """Kᵀ x of the tangent without what pressures and normals change in friction, as `Tangents` has it."""
+        """Kᵀ x, with friction's symmetric tangent as in `Tangents`."""
         matrix = self._whole.mat
         return self._times(matrix if self.body.symmetric else matrix.T, x, whole=True)
 
@@ -151,7 +192,17 @@ class PivotedTangents:
 
 
 class BorderedTangents:
-    """The tangent of a body whose tool has a given force, with the equation of its way: vectors have that last."""
+    """The tangent bordered by the equation of a force-controlled tool; the tool's displacement is the last entry of vectors.
+
+    Parameters
+    ----------
+    inner : Tangents or PivotedTangents
+        Tangent of the body.
+    contacts : ContactForms
+        Virtual work of the contacts.
+    friction : FrictionStep or None
+        Friction of the body.
+    """
 
     def __init__(
         self, inner: Tangents | PivotedTangents, contacts: ContactForms, friction: FrictionStep | None
@@ -164,16 +215,29 @@ class BorderedTangents:
 
     @property
     def factorisations(self) -> int:
-        """Of the inner tangent."""
+        """Factorisations of the body's tangent."""
         return self.inner.factorisations
 
     @property
     def solves(self) -> int:
-        """With it, those for the border among them."""
+        """Solves with the body's tangent, those for the border included."""
         return self.inner.solves
 
     def prepare(self, n_rhs: int, rtol: float = RTOL) -> Solve:
-        """A solver, of use until the next is asked for."""
+        """Solver of the bordered system, valid until the next one is prepared.
+
+        Parameters
+        ----------
+        n_rhs : int
+            Number of right-hand sides.
+        rtol : float
+            Relative tolerance.
+
+        Returns
+        -------
+        callable
+            r → K⁻¹ r.
+        """
         self._solve = self.inner.prepare(n_rhs + 1, rtol)
         if self.tool.given.held is None:
             row, column = self._contacts.tool_force_state_gradient(), self._contacts.tool_column()
@@ -185,19 +249,19 @@ class BorderedTangents:
         return lambda r: self._bordered(self._solve, self._row, self._column, r)
 
     def solve_transpose(self, r: Array) -> Array:
-        """With all of it turned."""
+        """K⁻ᵀ r of the bordered system."""
         return self._bordered(self.inner.solve_transpose, self._column, self._row, r)
 
     def apply(self, x: Array) -> Array:
-        """Of the inner tangent."""
+        """Product with the body's tangent, without the border."""
         return self.inner.apply(x)
 
     def multiply(self, x: Array) -> Array:
-        """K x, the tool's equation last."""
+        """K x of the bordered system."""
         return self._product(self.inner.multiply, self._column, self._row, x)
 
     def multiply_transpose(self, x: Array) -> Array:
-        """Kᵀ x."""
+        """Kᵀ x of the bordered system."""
         return self._product(self.inner.multiply_transpose, self._row, self._column, x)
 
     def _product(self, inner: Solve, column: Array, row: Array, x: Array) -> Array:
@@ -216,25 +280,46 @@ class BorderedTangents:
 
 
 class TangentSystem:
-    """A body with a tangent of its own, as Newton's method asks for it (solvers.newton.System)."""
+    """A body with another tangent, as a system for Newton's method (`solvers.newton.System`).
+
+    Parameters
+    ----------
+    body : Problem
+        The body.
+    tangents : Tangents, PivotedTangents or BorderedTangents
+        Its tangent.
+    """
 
     def __init__(self, body: Problem, tangents: Tangents | PivotedTangents | BorderedTangents) -> None:
         self.body, self._tangents = body, tangents
 
     @property
     def weights(self) -> Array:
-        """Of the body."""
+        """Weights of the body."""
         return self.body.weights
 
     def residual(self, x: Array) -> tuple[Array, float]:
-        """Of the body."""
+        """Residual of the body."""
         return self.body.residual(x)
 
     def min_det(self, x: Array) -> float:
-        """Of the body."""
+        """Smallest det F of the body."""
         return self.body.min_det(x)
 
     def factorise(self, x: Array, r: Array) -> Solve:
-        """The solver at x."""
+        """Solver with the tangent at x.
+
+        Parameters
+        ----------
+        x : array (ndof,)
+            State.
+        r : array (ndof,)
+            Not used.
+
+        Returns
+        -------
+        callable
+            r → K⁻¹ r.
+        """
         self.body.residual(x)
         return self._tangents.prepare(1)

@@ -1,12 +1,11 @@
-"""What a step's adjoint is made of in the tissues, and how it changes along a way of state, history and parameters.
+"""Second derivatives of one time step of the tissue.
 
-With ℓ of `step_forms`,
+With ℓ of `step`, the derivatives with respect to x, h and θ of
 
-    ℓ' = d/ds ( W'(x + s δx; h + s δh, θ + s δθ)[μ] + Λ · U(x + s δx, h + s δh; θ + s δθ) )
+    ℓ' = d/ds ( W'(x + s δx; h + s δh, θ + s δθ)[μ] + Λ · U(x + s δx, h + s δh; θ + s δθ) ) ,
 
-by x, h and θ, where `forms.begin` was called. `SymbolicTissueHessian` moves fields by numbers and derives by these.
-A Maxwell branch's step is a minimum of its own: by symbols a product takes hundreds of gradients, so `DifferenceTissueHessian` goes
-a little way to both sides, lets the branches flow there and takes differences of ℓ's first derivatives, which are exact.
+after `forms.begin`. `SymbolicTissueHessian` differentiates symbolically. The step of a Maxwell branch is a minimisation: symbolic
+second derivatives would cost hundreds of gradients, so `DifferenceTissueHessian` takes central differences of exact first ones.
 """
 
 from __future__ import annotations
@@ -39,7 +38,17 @@ NONE = np.zeros(0)
 
 
 class TissueGradients(NamedTuple):
-    """By x (ndof,), by h, a density at the points, and by θ, one part after the other."""
+    """Gradients with respect to state, history and parameters.
+
+    Parameters
+    ----------
+    by_state : array (ndof,)
+        By x.
+    by_history : array (size, points)
+        By h, a density at the points.
+    by_theta : array (θ,)
+        By θ, one parameter after the other.
+    """
 
     by_state: Array
     by_history: Array
@@ -47,7 +56,7 @@ class TissueGradients(NamedTuple):
 
 
 class SymbolicTissueHessian:
-    """ℓ' of hereditary branches."""
+    """Symbolic derivatives of ℓ', for hereditary branches."""
 
     def __init__(self, forms: StepForms) -> None:
         self._forms, body = forms, forms.body
@@ -58,12 +67,22 @@ class SymbolicTissueHessian:
         self._back = body.mesh.MaterialCF({p: self._derived(m) for p, m in body.materials.items()})
 
     def set_direction(self, state: Array, history: Array, theta: Mapping[str, Array]) -> None:
-        """Ways δx (ndof,), δh (size, points) and δθ."""
+        """Set the direction of ℓ'.
+
+        Parameters
+        ----------
+        state : array (ndof,)
+            δx.
+        history : array (size, points)
+            δh.
+        theta : dict of str to array
+            δθ.
+        """
         unknowns(self._way)[:] = state[: self._forms.body.fes.ndof]
         self._forms.set_direction(history, theta)
 
     def __call__(self, motion: Array, weights: Array) -> TissueGradients:
-        """ℓ' by all, with μ and Λ."""
+        """Gradients of ℓ', with μ and Λ."""
         unknowns(self._motion)[:] = motion
         set_rows(self._forms.blocks, "weight", weights)
         by_history, by_theta = np.split(self._forms.points(self._back)[1:], [self._forms.size])
@@ -107,7 +126,15 @@ class SymbolicTissueHessian:
 
 
 class DifferenceTissueHessian:
-    """ℓ' of any branches."""
+    """Derivatives of ℓ' by central differences, for any branches.
+
+    Parameters
+    ----------
+    forms : StepForms
+        First derivatives of the step.
+    parts : dict of str to ParameterBlock
+        Parameters of the materials.
+    """
 
     def __init__(self, forms: StepForms, parts: Mapping[str, ParameterBlock]) -> None:
         self._forms, self._parts, body = forms, parts, forms.body
@@ -119,7 +146,17 @@ class DifferenceTissueHessian:
         self._gradient = body.kinematics.change(way, ngs.Grad(way)).Reshape((9,)).Compile()
 
     def set_direction(self, state: Array, history: Array, theta: Mapping[str, Array]) -> None:
-        """Ways δx (ndof,), δh (size, points) and δθ."""
+        """Set the direction of ℓ'.
+
+        Parameters
+        ----------
+        state : array (ndof,)
+            δx.
+        history : array (size, points)
+            δh.
+        theta : dict of str to array
+            δθ.
+        """
         unknowns(self._way)[:] = state[: self._forms.body.fes.ndof]
         self._ways = state, history, theta
         steps = [
@@ -130,7 +167,7 @@ class DifferenceTissueHessian:
         self._size = max(float(np.max(np.abs(step), initial=0.0)) for step in steps)
 
     def __call__(self, motion: Array, weights: Array) -> TissueGradients:
-        """ℓ' by all, with μ and Λ."""
+        """Gradients of ℓ', with μ and Λ."""
         forms, body, theta = self._forms, self._forms.body, {n: part.value for n, part in self._parts.items()}
         unknowns(self._motion)[:] = motion
         state, history, flows = body.x, forms.history, body.history.flows.flows
@@ -163,7 +200,7 @@ class DifferenceTissueHessian:
         return way / (np.max(np.abs(self._parts[name].value)) or 1.0)
 
     def _beginning(self, material: Material) -> CoefficientFunction:
-        """What branches begin with, strains, G and κ; the last of them rest where a region has fewer."""
+        """Start of the branches: strains, G and κ; at rest where a region has fewer branches."""
         found = [ngs.CF((*begun.strain, begun.value)) for begun in self._forms.maxwell_starts(material, UNPERTURBED)]
         at_rest = ngs.CF((0.0, 0.0, ngs.Id(3).Reshape((9,)), 0.0))
         missing = len(self._forms.body.history.flows.flows) - len(found)
