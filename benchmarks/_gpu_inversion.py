@@ -98,7 +98,7 @@ def assembly(clock: Clock) -> Iterator[None]:
     """Count what is assembled inside."""
     with ExitStack() as stack:
         for owner, name in (
-            (HarmonicProblem, "factorised"),
+            (HarmonicProblem, "factorise"),
             (WaveLinearisation, "_sensitivity"),
             (FieldGradient, "__call__"),
         ):
