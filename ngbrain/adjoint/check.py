@@ -1,4 +1,4 @@
-"""Taylor and dot tests: is this the derivative of that, and is this the transpose of that?"""
+"""Verification of derivatives: Taylor remainder test and dot-product (adjoint) test."""
 
 from __future__ import annotations
 
@@ -17,16 +17,31 @@ def taylor(
     steps: int = 4,
     first: float = 1e-2,
 ) -> Array:
-    """Observed rates of the remainder ‖f(x + h dx) - f(x) - h f'(x) dx‖ as h is halved: 2 if the derivative is right.
+    """Taylor remainder test: observed convergence rates of ‖f(x + h dx) - f(x) - h f'(x) dx‖ as h is halved.
 
-    f       maps an array to a number or an array
-    grad    f's gradient at x (the remainder uses grad · dx), or a function dx ↦ f'(x) dx
-    x, dx   point and direction, same shape
-    steps   number of rates; h = first · 2⁻ᵏ
+    A correct derivative gives 2, a wrong one 1. A remainder at round-off (1e-14 of ‖f'‖ h) counts as 2, as it measures nothing:
+    choose `first` so that the last remainder is above it.
 
-    A remainder at round-off (1e-14 of ‖f'‖ h) gives the rate 2 only because nothing is left to measure: choose `first`
-    so that the last remainder is above it. A wrong derivative gives 1.
+    Parameters
+    ----------
+    f : callable
+        Function of an array, to a number or an array.
+    grad : array or callable
+        Gradient of f at x (the remainder uses grad · dx), or the Jacobian-vector product dx ↦ f'(x) dx.
+    x, dx : array
+        Point and direction, of one shape.
+    steps : int
+        Number of rates; h = first · 2⁻ᵏ.
+    first : float
+        First step length.
 
+    Returns
+    -------
+    array (steps,)
+        Observed rates.
+
+    Examples
+    --------
     >>> x = np.array([1.0, 2.0]); dx = np.array([0.3, -0.2])
     >>> rates = taylor(lambda x: float(np.sum(x**3)), 3 * x**2, x, dx)
     >>> bool(np.all(np.abs(rates - 2) < 0.05))
@@ -44,16 +59,29 @@ def taylor(
 
 
 def dot(push: Array | Callable[[Array], Array], pull: Array | Callable[[Array], Array], dx: Array, w: Array) -> float:
-    """Defect of ⟨J dx, w⟩ = ⟨dx, Jᵀw⟩, the adjoint test: round-off (1e-10 after a solve) if the one is the other's transpose.
+    """Dot-product test of an adjoint: relative defect of ⟨J dx, w⟩ = ⟨dx, Jᵀw⟩.
 
-    push    J dx, or the function dx ↦ J dx
-    pull    Jᵀw, or the function w ↦ Jᵀw; of complex data Re(Jᵀ w̄), the gradient of Re Σ w̄ · data, as models give it
-    dx, w   direction and weights, at random so that all of them count
+    It is round-off (1e-10 after a solve) if the two products are transposes of each other. The defect is relative to Σ |w̄ · J
+    dx| or Σ |dx · Jᵀw|, whichever is larger, so that units of data and parameters do not matter; of complex numbers the real
+    part is compared. With push = pull it tests the symmetry of a Hessian. Two products that are transposes of each other and
+    both wrong pass: `taylor` tests whether J is the derivative.
 
-    It is relative to Σ |w̄ · J dx| or Σ |dx · Jᵀw|, whichever is larger, so units of data and parameters do not matter. Of
-    complex numbers the real part is compared. With push = pull it says whether a Hessian is symmetric. A pair of products
-    passes it that are transposes and both wrong: `taylor` tells whether J is the derivative.
+    Parameters
+    ----------
+    push : array or callable
+        J dx, or the function dx ↦ J dx.
+    pull : array or callable
+        Jᵀw, or the function w ↦ Jᵀw; of complex data Re(Jᵀ w̄), the gradient of Re Σ w̄ · data, as models give it.
+    dx, w : array
+        Direction and weights; random, so that all entries count.
 
+    Returns
+    -------
+    float
+        The relative defect.
+
+    Examples
+    --------
     >>> J = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]])
     >>> dx, w = np.array([0.3, -0.2]), np.array([1.0, -1.0, 0.5])
     >>> dot(lambda dx: J @ dx, lambda w: J.T @ w, dx, w) < 1e-14

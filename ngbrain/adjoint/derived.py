@@ -1,4 +1,4 @@
-"""Numbers made of a model's data, as a model of their own: dose and time above a threshold of a run, amplitude and phase of waves.
+"""Quantities derived from a model's data, as models of their own: dose, time above a threshold, amplitude and phase of waves.
 
 d' = T(d(θ)) ,    J' δθ = T' J δθ ,    J'ᵀ w = Re Jᵀ conj(T'ᵀ w) ,    (w·d')'' δθ = (T'ᵀw · d)'' δθ + Re Jᵀ conj((T'ᵀ w)' J δθ)
 """
@@ -25,35 +25,87 @@ GAUSS = 24
 
 
 class DerivedQuantity(ABC):
-    """Real numbers made of a model's data.
+    """Real numbers T(d) derived from a model's data d.
 
     Attributes
     ----------
     name : str
-        In words.
+        Name for reports.
     """
 
     name: str
 
     @abstractmethod
     def value(self, data: Array) -> Array:
-        """T(d), real."""
+        """The quantity T(d), real."""
 
     @abstractmethod
     def jvp(self, data: Array, change: Array) -> Array:
-        """T' δd, as `value`."""
+        """Jacobian-vector product T' δd.
+
+        Parameters
+        ----------
+        data : array
+            Data d of the model.
+        change : array
+            Direction δd, of the shape of `data`.
+
+        Returns
+        -------
+        array
+            Of the shape of `value`.
+        """
 
     @abstractmethod
     def vjp(self, data: Array, w: Array) -> Array:
-        """T'ᵀ w, as `data`, such that Re Σ conj(T'ᵀw) · δd = w · T' δd."""
+        """Vector-Jacobian product T'ᵀ w, such that Re Σ conj(T'ᵀw) · δd = w · T' δd.
+
+        Parameters
+        ----------
+        data : array
+            Data d of the model.
+        w : array
+            Weights, of the shape of `value`.
+
+        Returns
+        -------
+        array
+            Of the shape of `data`.
+        """
 
     def bend(self, data: Array, w: Array, change: Array) -> Array:
-        """How `vjp` changes along a change of the data."""
+        """Derivative of `vjp` with respect to the data, in a direction.
+
+        Parameters
+        ----------
+        data : array
+            Data d of the model.
+        w : array
+            Weights, of the shape of `value`.
+        change : array
+            Direction δd.
+
+        Returns
+        -------
+        array
+            Of the shape of `data`.
+
+        Raises
+        ------
+        InputError
+            For a quantity without second derivatives.
+        """
         raise InputError(type(self).__name__, "asked for second derivatives", "a quantity that has them")
 
 
 class OfWaves(DerivedQuantity):
-    """A number for each complex displacement (m) of waves; `InputError` where one is 0, which has no phase, its size no slope."""
+    """A number for each complex displacement (m) of a wave.
+
+    Raises
+    ------
+    InputError
+        Where a displacement is 0: it has no phase, and its amplitude no derivative.
+    """
 
     @staticmethod
     def _size(data: Array) -> Array:
@@ -73,15 +125,47 @@ class Amplitude(OfWaves):
         return np.abs(data)
 
     def jvp(self, data: Array, change: Array) -> Array:
-        """Re(ū δu)/|u|."""
+        """Re(ū δu)/|u|.
+
+        Parameters
+        ----------
+        data, change : complex array
+            Displacements u (m) and their change δu.
+
+        Returns
+        -------
+        array
+        """
         return np.asarray((np.conj(data) * change).real / self._size(data))
 
     def vjp(self, data: Array, w: Array) -> Array:
-        """w u/|u|."""
+        """w u/|u|.
+
+        Parameters
+        ----------
+        data : complex array
+            Displacements u (m).
+        w : array
+            Weights.
+
+        Returns
+        -------
+        complex array
+        """
         return np.asarray(w * data / self._size(data))
 
     def bend(self, data: Array, w: Array, change: Array) -> Array:
-        """w (δu - u Re(ū δu)/|u|²)/|u|."""
+        """w (δu - u Re(ū δu)/|u|²)/|u|.
+
+        Parameters
+        ----------
+        data, w, change : array
+            Displacements u, weights, change δu.
+
+        Returns
+        -------
+        complex array
+        """
         size = self._size(data)
         return np.asarray(w * (change - data * (np.conj(data) * change).real / size**2) / size)
 
@@ -96,29 +180,61 @@ class Phase(OfWaves):
         return np.angle(data)
 
     def jvp(self, data: Array, change: Array) -> Array:
-        """Im(ū δu)/|u|²."""
+        """Im(ū δu)/|u|².
+
+        Parameters
+        ----------
+        data, change : complex array
+            Displacements u (m) and their change δu.
+
+        Returns
+        -------
+        array
+        """
         return np.asarray((np.conj(data) * change).imag / self._size(data) ** 2)
 
     def vjp(self, data: Array, w: Array) -> Array:
-        """w i u/|u|², which is w i/ū."""
+        """w i u/|u|², which is w i/ū.
+
+        Parameters
+        ----------
+        data : complex array
+            Displacements u (m).
+        w : array
+            Weights.
+
+        Returns
+        -------
+        complex array
+        """
         return np.asarray(1j * w * data / self._size(data) ** 2)
 
     def bend(self, data: Array, w: Array, change: Array) -> Array:
-        """-w i conj(δu)/ū²."""
+        """-w i conj(δu)/ū².
+
+        Parameters
+        ----------
+        data, w, change : array
+            Displacements u, weights, change δu.
+
+        Returns
+        -------
+        complex array
+        """
         return np.asarray(-1j * w * np.conj(change) / np.conj(data) ** 2)
 
 
 class OverTime(DerivedQuantity):
-    """A number for each column of a run's data (m, k): an integral over its times, of a `TimeCurve`.
+    """One number for each column of a run's data (m, k): an integral over time.
 
-    A run begins at rest at 0 s, where what is seen is taken to be 0.
+    A run begins at rest at 0 s, where the data are taken to be 0.
 
     Parameters
     ----------
     times : array (m,)
-        Of the data's rows (s), as `RunModel.times` has them.
+        Times of the data's rows (s), as `RunModel.times` has them.
     interpolation : Interpolation
-        Between them: straight lines, or the monotone cubic of a retraction's report.
+        Between the times: linear, or the monotone cubic of a retraction's report.
     events : sequence of float, optional
         See `TimeCurve`.
     """
@@ -134,7 +250,7 @@ class OverTime(DerivedQuantity):
             raise InputError("times", np.array2string(self.times, threshold=4), "increasing, after 0 s")
 
     def curves(self, data: Array) -> list[TimeCurve]:
-        """Of each column."""
+        """The `TimeCurve` of each column of the data."""
         check_shape("data", np.shape(data), (len(self.times), np.shape(data)[-1]))
         times, rest = np.concatenate([[0.0], self.times]), np.zeros((1, data.shape[1]))
         return [TimeCurve(times, each, self.events, self.interpolation) for each in np.vstack([rest, data]).T]
@@ -145,26 +261,50 @@ class OverTime(DerivedQuantity):
         return np.diff(self.times, prepend=0.0)[:, None]
 
     def sides(self, data: Array) -> tuple[Array, Array]:
-        """Data at the beginning and the end of each interval."""
+        """Data at the beginning and at the end of each interval."""
         check_shape("data", np.shape(data), (len(self.times), np.shape(data)[-1]))
         return np.concatenate([np.zeros((1, data.shape[1])), data[:-1]]), data
 
     @abstractmethod
     def gradient(self, data: Array) -> Array:
-        """How each column's number changes with its data, as `data`."""
+        """Derivative of each column's number with respect to its data, of the shape of the data."""
 
     def jvp(self, data: Array, change: Array) -> Array:
-        """By the slope."""
+        """T' δd, from `gradient`.
+
+        Parameters
+        ----------
+        data, change : array (m, k)
+            Data and their change.
+
+        Returns
+        -------
+        array (k,)
+        """
         return np.asarray((self.gradient(data) * change).sum(axis=0))
 
     def vjp(self, data: Array, w: Array) -> Array:
-        """The same transposed."""
+        """T'ᵀ w, from `gradient`.
+
+        Parameters
+        ----------
+        data : array (m, k)
+            Data.
+        w : array (k,)
+            Weights.
+
+        Returns
+        -------
+        array (m, k)
+        """
         return self.gradient(data) * w
 
 
 class Dose(OverTime):
-    """∫ d dt, such as that of a pressure (Pa s).
+    """Time integral ∫ d dt, such as the dose of a pressure (Pa s); parameters as `OverTime`.
 
+    Examples
+    --------
     >>> Dose([10.0, 20.0]).value(np.array([[4.0], [4.0]])).tolist()
     [60.0]
     """
@@ -172,15 +312,30 @@ class Dose(OverTime):
     name = "dose"
 
     def value(self, data: Array) -> Array:
-        """Of the curve."""
+        """Time integral of each column."""
         return np.array([curve.integral() for curve in self.curves(data)])
 
     def gradient(self, data: Array) -> Array:
-        """Half of the intervals on both sides, and what a cubic bends."""
+        """Quadrature weights of the times, with the contribution of a cubic's slopes."""
         return np.array([curve.integral_slope()[1:] for curve in self.curves(data)]).T
 
     def bend(self, data: Array, w: Array, change: Array) -> Array:
-        """Nothing of straight lines; `InputError` of a cubic."""
+        """Zero with linear interpolation.
+
+        Parameters
+        ----------
+        data, w, change : array
+            Data, weights, change.
+
+        Returns
+        -------
+        array (m, k)
+
+        Raises
+        ------
+        InputError
+            With the monotone cubic, which has no second derivatives here.
+        """
         if self.interpolation is not Interpolation.LINEAR:
             return super().bend(data, w, change)
         return np.zeros_like(data)
@@ -196,9 +351,10 @@ class _Above:
 
 
 class TimeAbove(OverTime):
-    """Time (s) that data spend above a threshold.
+    """Time (s) that data spend above a threshold, smoothed.
 
-    That has no derivative where data touch the threshold; the time counts by 1/(1 + exp(-(d - threshold)/width)), which has.
+    The time itself has no derivative where data touch the threshold. Here time counts by the logistic function
+    1/(1 + exp(-(d - threshold)/width)), which has one.
 
     Parameters
     ----------
@@ -207,7 +363,7 @@ class TimeAbove(OverTime):
     threshold : float
         In the unit of the data.
     width : float
-        Over which the count rises from .27 to .73, twice; the smaller, the nearer to `raw`.
+        Half the range over which the weight rises from .27 to .73; the smaller, the nearer to `raw`.
     """
 
     name = "time above a threshold"
@@ -227,17 +383,17 @@ class TimeAbove(OverTime):
         )
 
     def value(self, data: Array) -> Array:
-        """Smoothed."""
+        """Smoothed time above the threshold, of each column."""
         if self.interpolation is not Interpolation.LINEAR:
             return np.array([time for time, _ in self._counted(data)])
         return np.asarray((self.steps * self._above(data).mean).sum(axis=0))
 
     def raw(self, data: Array) -> Array:
-        """As it is: what smoothing changes is the difference."""
+        """Time above the threshold without smoothing: the difference is the smoothing error."""
         return np.array([curve.above(self.threshold)[0] for curve in self.curves(data)])
 
     def gradient(self, data: Array) -> Array:
-        """By each interval's values at its two ends, and what a cubic bends."""
+        """By each interval's values at its two ends, with the contribution of a cubic's slopes."""
         if self.interpolation is not Interpolation.LINEAR:
             return np.array([by[1:] for _, by in self._counted(data)]).T
         above = self._above(data)
@@ -290,31 +446,56 @@ class Derived:
         self.model, self.quantity = model, quantity
 
     def evaluate(self, theta: Array) -> DerivedState:
-        """Its state at θ; raises what the model raises."""
+        """Linearised state at θ; raises what the model raises."""
         return DerivedState(self.quantity, self.model.evaluate(theta))
 
 
 class DerivedState:
-    """`data`, and the products of their derivatives."""
+    """Linearised state of a derived quantity: `data` and the products of its derivatives.
+
+    Parameters
+    ----------
+    quantity : DerivedQuantity
+        T.
+    inner : LinearisedState
+        State of the model.
+    """
 
     def __init__(self, quantity: DerivedQuantity, inner: Any) -> None:
         self.quantity, self.inner = quantity, inner
         self.data = quantity.value(inner.data)
 
     def jvp(self, direction: Array) -> Array:
-        """J δθ."""
+        """Jacobian-vector product J δθ."""
         return self.quantity.jvp(self.inner.data, self.inner.jvp(direction))
 
     def vjp(self, w: Array) -> Array:
-        """Jᵀ w, by what is cheap for many."""
+        """Vector-Jacobian product Jᵀ w, for many w."""
         return np.asarray(self.inner.vjp(self._back(w)))
 
     def gradient(self, w: Array) -> Array:
-        """Jᵀ w, by what is cheap for one."""
+        """Vector-Jacobian product Jᵀ w, for one w."""
         return np.asarray(self.inner.gradient(self._back(w)))
 
     def hvp(self, w: Array, direction: Array) -> Array:
-        """(w · data)'' δθ; `InputError` where the quantity or the model has none."""
+        """Hessian-vector product (w · data)'' δθ.
+
+        Parameters
+        ----------
+        w : array
+            Weights, of the shape of the data.
+        direction : array (n,)
+            Direction δθ.
+
+        Returns
+        -------
+        array (n,)
+
+        Raises
+        ------
+        InputError
+            Where the quantity or the model has no second derivatives.
+        """
         bent = self.quantity.bend(self.inner.data, w, self.inner.jvp(direction))
         return np.asarray(self.inner.hvp(self._back(w), direction) + self.inner.vjp(bent))
 

@@ -22,39 +22,42 @@ Array = np.ndarray
 
 
 class LinearisedState(Protocol):
-    """A model at one θ."""
+    """A model linearised at one θ: its data and the products of their derivatives.
+
+    `hvp(w, direction)`, (Re Σ w̄ · data)'' δθ, is optional; `Point.hessian` needs it.
+    """
 
     data: Array
 
     def jvp(self, direction: Array) -> Array:
-        """J δθ."""
+        """Jacobian-vector product J δθ."""
 
     def vjp(self, w: Array) -> Array:
-        """Re(Jᵀ w̄), cheap where many are asked for."""
+        """Vector-Jacobian product Re(Jᵀ w̄), cheap for many w."""
 
     def gradient(self, w: Array) -> Array:
-        """Re(Jᵀ w̄), cheap where one is asked for."""
+        """Vector-Jacobian product Re(Jᵀ w̄), cheap for one w."""
 
     # `second(w, direction)`, (Re Σ w̄ · data)'' δθ, where the model has it: for `Point.hessian`.
 
 
 class Model(Protocol):
-    """From a vector θ to data."""
+    """Forward model: from a parameter vector θ to data."""
 
     def evaluate(self, theta: Array) -> Any:
-        """Its `LinearisedState` at θ."""
+        """Solve at θ: the `LinearisedState` there."""
 
 
 class Unknowns(Protocol):
-    """From x to θ."""
+    """Parametrisation: from the unknowns x of an inversion to the model's parameters θ."""
 
     @property
     def start(self) -> Array:
-        """x where a search begins."""
+        """Initial guess of x."""
 
     @property
     def blocks(self) -> Mapping[str, slice]:
-        """Name → where in x."""
+        """Name → range in x."""
 
     def theta(self, x: Array) -> Array:
         """θ(x)."""
@@ -63,48 +66,110 @@ class Unknowns(Protocol):
         """∂θ/∂x."""
 
     def curvature_product(self, x: Array, slope: Array, direction: Array) -> Array:
-        """Σ_i slope_i (∂²θ_i/∂x²) δx."""
+        """Second-order term of the parametrisation, Σ_i slope_i (∂²θ_i/∂x²) δx.
+
+        Parameters
+        ----------
+        x : array (n,)
+            Unknowns.
+        slope : array
+            Gradient with respect to θ.
+        direction : array (n,)
+            Direction δx.
+
+        Returns
+        -------
+        array (n,)
+        """
 
 
 class Misfit(Protocol):
-    """How far data are off, weighed by their noise."""
+    """Misfit Φ of data to measurements, weighted by their noise."""
 
     def value(self, data: Array) -> float:
-        """Φ."""
+        """Φ(d)."""
 
     def gradient(self, data: Array) -> Array:
         """w with dΦ = Re Σ w̄ · δdata."""
 
     def gauss_newton_product(self, data: Array, change: Array) -> Array:
-        """The (positive) second derivative of Φ that Gauss and Newton keep, times a change of the data."""
+        """Product of the (positive semi-definite) Gauss-Newton Hessian of Φ with a change of the data.
+
+        Parameters
+        ----------
+        data, change : array
+            Data and their change.
+
+        Returns
+        -------
+        array
+            Of the shape of the data.
+        """
 
     def hvp(self, data: Array, change: Array) -> Array:
-        """The second derivative of Φ as it is, times a change of the data."""
+        """Product of the full Hessian of Φ with a change of the data.
+
+        Parameters
+        ----------
+        data, change : array
+            Data and their change.
+
+        Returns
+        -------
+        array
+            Of the shape of the data.
+        """
 
 
 class Regulariser(Protocol):
-    """R of a block."""
+    """Regulariser R of a block of unknowns."""
 
     def matrix(self, block: Array) -> sp.csr_array:
-        """R at a block's values: positive semi-definite, its energy's slope is R (x - x̄)."""
+        """R at a block's values: positive semi-definite; the gradient of the energy is R (x - x̄)."""
 
     def value(self, block: Array) -> float:
-        """Its energy, ½ (x - x̄)·R (x - x̄) where R is constant."""
+        """Energy, ½ (x - x̄)·R (x - x̄) where R is constant."""
 
     def gradient(self, block: Array) -> Array:
-        """The energy's gradient."""
+        """Gradient of the energy."""
 
     def hvp(self, block: Array, direction: Array) -> Array:
-        """The energy's second derivative times a direction: R's where that is constant."""
+        """Hessian-vector product of the energy; R times the direction where R is constant.
+
+        Parameters
+        ----------
+        block, direction : array
+            Values of the block and a direction.
+
+        Returns
+        -------
+        array
+            Of the shape of the block.
+        """
 
 
 class Reduced:
-    """J of a model, a misfit, unknowns and regularisers with weights.
+    """Reduced objective J(x) of an inversion: misfit plus weighted regularisers, with the forward problem eliminated.
 
-    regularisers   block → Regulariser; blocks without one are held by the data alone
-    weights        block → α, changed between calls as the weight is lowered
+    The linearised state of a model is valid until the model is evaluated at another θ, and so is a `Point`.
 
-    The `LinearisedState` of a model is of use until the model is asked for another θ, and so is a `Point`.
+    Parameters
+    ----------
+    model : Model
+        Forward model.
+    misfit : Misfit
+        Misfit of its data.
+    unknowns : Unknowns
+        Parametrisation θ(x).
+    regularisers : dict
+        Block → `Regulariser`; blocks without one are determined by the data alone.
+    weights : dict
+        Block → regularisation weight α; may change between calls, as a search lowers the weight.
+
+    Raises
+    ------
+    InputError
+        For a regulariser of an unknown block, or one without a weight.
     """
 
     def __init__(
@@ -124,20 +189,20 @@ class Reduced:
         self.regularisers, self.weights = dict(regularisers), dict(weights)
 
     def evaluate(self, x: Array) -> Point:
-        """J at x: one forward solve for each load."""
+        """Evaluate at x: one forward solve for each load."""
         check_shape("x", np.shape(x), self.unknowns.start.shape)
         return Point(self, np.array(x, float), self.model.evaluate(self.unknowns.theta(x)))
 
     def value(self, x: Array) -> float:
-        """J(x)."""
+        """Objective J(x)."""
         return self.evaluate(x).value
 
     def regular(self, x: Array) -> float:
-        """Σ α R."""
+        """Regularisation energy Σ α R."""
         return sum(self.weights[b] * r.value(x[self.unknowns.blocks[b]]) for b, r in self.regularisers.items())
 
     def regular_gradient(self, x: Array) -> Array:
-        """Its gradient."""
+        """Gradient of the regularisation energy."""
         slope = np.zeros(len(x))
         for name, regulariser in self.regularisers.items():
             block = self.unknowns.blocks[name]
@@ -145,7 +210,7 @@ class Reduced:
         return slope
 
     def regular_matrix(self, x: Array) -> sp.csr_array:
-        """Σ α R as one matrix."""
+        """Σ α R as one block-diagonal matrix."""
         parts = []
         for name, block in self.unknowns.blocks.items():
             size = block.stop - block.start
@@ -157,7 +222,24 @@ class Reduced:
 
 
 class Point:
-    """J at one x."""
+    """Reduced objective at one x, with its derivatives.
+
+    Parameters
+    ----------
+    reduced : Reduced
+        The objective.
+    x : array (n,)
+        Unknowns.
+    state : LinearisedState
+        The model linearised at θ(x).
+
+    Attributes
+    ----------
+    misfit, regular : float
+        The two parts of J.
+    jacobian : csr_array
+        ∂θ/∂x.
+    """
 
     def __init__(self, reduced: Reduced, x: Array, state: LinearisedState) -> None:
         self.reduced, self.x, self.state = reduced, x, state
@@ -167,30 +249,32 @@ class Point:
 
     @property
     def value(self) -> float:
-        """J."""
+        """Objective J."""
         return self.misfit + self.regular
 
     @cached_property
     def regular_matrix(self) -> sp.csr_array:
-        """Σ α R at x, with the weights of when it was first asked for."""
+        """Σ α R at x, with the regularisation weights at the first call."""
         return self.reduced.regular_matrix(self.x)
 
     def gradient(self) -> Array:
-        """∇J: one adjoint solve for each load."""
+        """Gradient ∇J: one adjoint solve for each load."""
         slope = self.state.gradient(self.reduced.misfit.gradient(self.state.data))
         return self.jacobian.T @ slope + self.reduced.regular_gradient(self.x)
 
     def product(self, direction: Array) -> Array:
-        """The Gauss-Newton matrix JᵀWJ + Σ α R times a direction: two solves for each load."""
+        """Product of the Gauss-Newton matrix JᵀWJ + Σ α R with a direction: two solves for each load."""
         change = self.state.jvp(self.jacobian @ direction)
         back = self.state.vjp(self.reduced.misfit.gauss_newton_product(self.state.data, change))
         return self.jacobian.T @ back + self.regular_matrix @ direction
 
     def hessian(self, direction: Array) -> Array:
-        """∇²J times a direction, all of it: with the model's, the misfit's, the variables' and the regularisers' curvature.
+        """Product of the full Hessian ∇²J with a direction: curvature of model, misfit, parametrisation and regularisers.
 
-        Not positive everywhere, as the Gauss-Newton matrix is. Raises `InputError` for a model without second derivatives.
+        Unlike the Gauss-Newton matrix it may be indefinite. Raises `InputError` for a model without second derivatives.
 
+        Examples
+        --------
         >>> from ngbrain.inverse.phantoms.benchmark import Phantom
         >>> inversion = Phantom.from_name("CV-G", 5).simulate_measurements(0.02).inversion()
         >>> point, rng = inversion.reduced.evaluate(inversion.start), np.random.default_rng(0)

@@ -1,4 +1,4 @@
-"""A quantity over time, known where steps end: its integral, how long it is above a threshold, and their derivatives."""
+"""A quantity over time from its values at the ends of steps: integral, time above a threshold, and their derivatives."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Array = np.ndarray
 
 
 class Interpolation(StrEnum):
-    """How a quantity goes between two steps."""
+    """Interpolation of a quantity between two time steps."""
 
     LINEAR = "linear"
     MONOTONE_CUBIC = "monotone cubic"
@@ -25,18 +25,19 @@ class Interpolation(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class TimeCurve:
-    """Values at the ends of steps as a function of time.
+    """Values at the ends of time steps as a function of time.
 
-    Long steps of a hold are followed to a part of a percent by a monotone cubic, where straight lines would lie above.
+    The monotone cubic follows long steps of a hold to a part of a percent, where linear interpolation lies above the solution.
 
     Parameters
     ----------
     times : array (n,)
-        Increasing (s).
+        Increasing times (s).
     values : array (n,)
-        In any unit.
+        Values, in any unit.
     events : sequence of float, optional
-        Times (s) where a cubic may bend: steps end on them, and the first and the last are the curve's ends; None: only these.
+        Times (s) at which the slope of a cubic may jump: steps end on them, and the first and the last are the curve's ends. None:
+        only these.
     interpolation : Interpolation
 
     Raises
@@ -67,18 +68,18 @@ class TimeCurve:
             raise InputError("times", found, "two or more increasing times, with a value of each")
 
     def __call__(self, t: float | Array) -> Array:
-        """The value at times (s)."""
+        """Value at times (s)."""
         return np.asarray(self.polynomial(t))
 
     @cached_property
     def pieces(self) -> list[slice]:
-        """Steps from one event to the next, with both ends."""
+        """Steps between consecutive events, both ends included."""
         ends = np.asarray(self.times)[[0, -1]] if self.events is None else self.events
         return [slice(i, j + 1) for i, j in pairwise(np.searchsorted(self.times, ends))]
 
     @cached_property
     def polynomial(self) -> PPoly:
-        """Between steps."""
+        """Piecewise polynomial between steps."""
         t, values, first, last = *self._arrays, self.pieces[0].start, self.pieces[-1].stop
         if self.interpolation is Interpolation.LINEAR:
             t, values = t[first:last], values[first:last]
@@ -92,16 +93,16 @@ class TimeCurve:
 
     @property
     def peak(self) -> float:
-        """The largest value: at a step, as nothing between is beyond its ends."""
+        """Largest value; it is at the end of a step, as the interpolation is monotone between steps."""
         return float(self.polynomial(self.polynomial.x).max())
 
     def integral(self, until: float | None = None) -> float:
-        """∫ dt from the start to the end, or to a time (s)."""
+        """∫ dt from the start to the end, or until a time (s)."""
         start, end = self.polynomial.x[[0, -1]]
         return float(self.polynomial.integrate(start, end if until is None else until))
 
     def crossings(self, value: float) -> Array:
-        """Times (s) at which it has a value; where it keeps it, none."""
+        """Times (s) at which the curve crosses a value; none where it stays at it."""
         found = self.polynomial.solve(value, discontinuity=False, extrapolate=False)
         return np.asarray(found[np.isfinite(found)])
 
@@ -117,14 +118,26 @@ class TimeCurve:
         return total, longest
 
     def integral_slope(self) -> Array:
-        """How the integral changes with each value (n,)."""
+        """Derivative of the integral with respect to each value (n,)."""
         h = np.diff(self._arrays[0])[:, None]
         return self._gather(h / 2, h / 2, h**2 / 12, -(h**2) / 12)[:, 0]
 
     def smoothed_time_above(self, count: tuple[Array, Array], threshold: float, width: float) -> tuple[float, Array]:
-        """∫ 1/(1 + exp(-(c - threshold)/width)) dt, by Gauss' points in each step, and how it changes with each value (n,).
+        """Smoothed time above a threshold, ∫ 1/(1 + exp(-(c - threshold)/width)) dt, by Gauss quadrature in each step.
 
-        `count` are points and weights in [0, 1].
+        Parameters
+        ----------
+        count : tuple of array
+            Quadrature points and weights on [0, 1].
+        threshold, width : float
+            In the unit of the values.
+
+        Returns
+        -------
+        time : float
+            In seconds.
+        gradient : array (n,)
+            Its derivative with respect to each value.
         """
         s, weights = count
         t, values = self._arrays
@@ -170,9 +183,24 @@ class TimeCurve:
 
 
 def monotone_slopes(t: Array, values: Array) -> tuple[Array, Array]:
-    """Slopes (n,) that a monotone cubic has at its points, and how they change with the values (n, n).
+    """Slopes of a monotone cubic interpolant and their derivatives.
 
-    Where values turn the slope is 0 and stays so. It is the one of `scipy.interpolate.PchipInterpolator`, which has no derivative.
+    The slopes are those of `scipy.interpolate.PchipInterpolator`, which has no derivative. At a local extremum of the values the
+    slope is 0, and so is its derivative.
+
+    Parameters
+    ----------
+    t : array (n,)
+        Increasing times (s).
+    values : array (n,)
+        Values.
+
+    Returns
+    -------
+    slopes : array (n,)
+        Slopes at the points.
+    jacobian : array (n, n)
+        Their derivatives with respect to the values.
     """
     h, n = np.diff(t), len(t)
     secant = np.diff(values) / h

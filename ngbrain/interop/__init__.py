@@ -1,1 +1,4 @@
-"""Models and objectives as functions for PyTorch, JAX, SciPy and UM-Bridge: one module each."""
+"""Models and objectives as differentiable functions of other libraries.
+
+`function` (the common interface), `jax`, `scipy`, `torch`, `umbridge` (UM-Bridge over HTTP): one module for each library.
+"""

@@ -1,9 +1,9 @@
-"""A model or an objective as y = f(x) of one real vector: what all faces of `interop` stand on.
+"""A model or an objective as a function y = f(x) of one real vector: the common basis of `interop`.
 
     a `Model`     x = θ,  y = d, its data, real or complex
     a `Reduced`   x,      y = J(x), a number
 
-w weighs y: derivatives of complex y are those of Re Σ w̄ y.
+w are weights of y: derivatives of complex y are those of Re Σ w̄ y.
 """
 
 from __future__ import annotations
@@ -23,49 +23,133 @@ Array = np.ndarray
 
 
 class Function(Protocol):
-    """y = f(x). What is asked for at the x of the last question is not solved for again."""
+    """A function y = f(x); repeated calls at the last x do not solve again."""
 
     def value(self, x: Array) -> Array:
-        """y, a copy."""
+        """y = f(x), a copy."""
 
     def jvp(self, x: Array, direction: Array) -> Array:
-        """f'(x) δx, of y's shape."""
+        """Jacobian-vector product f'(x) δx.
+
+        Parameters
+        ----------
+        x, direction : array (n,)
+            Point and direction δx.
+
+        Returns
+        -------
+        array
+            Of the shape of y.
+        """
 
     def vjp(self, x: Array, w: Array) -> Array:
-        """The gradient of Re Σ w̄ y: one adjoint solve for each load."""
+        """Gradient of Re Σ w̄ y: one adjoint solve for each load.
+
+        Parameters
+        ----------
+        x : array (n,)
+            Point.
+        w : array
+            Weights, of the shape of y.
+
+        Returns
+        -------
+        array (n,)
+        """
 
     def hvp(self, x: Array, w: Array, direction: Array) -> Array:
-        """(Re Σ w̄ y)'' δx; `InputError` where nobody knows it."""
+        """Hessian-vector product (Re Σ w̄ y)'' δx.
+
+        Parameters
+        ----------
+        x : array (n,)
+            Point.
+        w : array
+            Weights, of the shape of y.
+        direction : array (n,)
+            Direction δx.
+
+        Returns
+        -------
+        array (n,)
+
+        Raises
+        ------
+        InputError
+            Where the model has no second derivatives.
+        """
 
 
 def function(of: Model | Reduced) -> Function:
-    """The function that a model or an objective is."""
+    """A model or an objective as a `Function`."""
     return ObjectiveFunction(of) if isinstance(of, Reduced) else DataFunction(of)
 
 
 class DataFunction:
-    """A model's data. Raises what the model raises: `SolverError` where it has no solution."""
+    """Data of a model. Raises what the model raises: `SolverError` where it has no solution."""
 
     def __init__(self, model: Model) -> None:
         self._kept = state_cache(model)
 
     def value(self, x: Array) -> Array:
-        """d."""
+        """Data d."""
         with self._kept.evaluate(x) as state:
             return np.array(state.data)
 
     def jvp(self, x: Array, direction: Array) -> Array:
-        """J δθ."""
+        """J δθ.
+
+        Parameters
+        ----------
+        x, direction : array (n,)
+            θ and the direction δθ.
+
+        Returns
+        -------
+        array
+            Of the shape of the data.
+        """
         with self._kept.evaluate(x) as state:
             return state.jvp(direction)
 
     def vjp(self, x: Array, w: Array) -> Array:
-        """Re(Jᵀ w̄)."""
+        """Re(Jᵀ w̄).
+
+        Parameters
+        ----------
+        x : array (n,)
+            θ.
+        w : array
+            Weights, of the shape of the data.
+
+        Returns
+        -------
+        array (n,)
+        """
         with self._kept.evaluate(x) as state:
             return state.gradient(w)
 
     def hvp(self, x: Array, w: Array, direction: Array) -> Array:
-        """(Re Σ w̄ d)'' δθ."""
+        """(Re Σ w̄ d)'' δθ.
+
+        Parameters
+        ----------
+        x : array (n,)
+            θ.
+        w : array
+            Weights, of the shape of the data.
+        direction : array (n,)
+            Direction δθ.
+
+        Returns
+        -------
+        array (n,)
+
+        Raises
+        ------
+        InputError
+            For a model without second derivatives.
+        """
         with self._kept.evaluate(x) as state:
             if not hasattr(state, "hvp"):
                 raise InputError(
@@ -75,9 +159,12 @@ class DataFunction:
 
 
 class ObjectiveFunction:
-    """J, with the weights that the `Reduced` has at each call. Raises what its model raises, and `SolverError`
-    where θ(x) overflows.
+    """Reduced objective J, with the regularisation weights that the `Reduced` has at each call.
 
+    Raises what its model raises, and `SolverError` where θ(x) overflows.
+
+    Examples
+    --------
     >>> from ngbrain.inverse.phantoms.benchmark import Phantom
     >>> inversion = Phantom.from_name("CV-G", 5).simulate_measurements(0.02).inversion()
     >>> J, x = ObjectiveFunction(inversion.reduced), inversion.start
@@ -109,27 +196,78 @@ class ObjectiveFunction:
             yield known
 
     def value(self, x: Array) -> Array:
-        """J."""
+        """Objective J."""
         with self._at(x) as point:
             return np.array(point.value)
 
     def jvp(self, x: Array, direction: Array) -> Array:
-        """∇J · δx."""
+        """∇J · δx.
+
+        Parameters
+        ----------
+        x, direction : array (n,)
+            Point and direction δx.
+
+        Returns
+        -------
+        array ()
+        """
         with self._at(x) as point:
             return np.array(point.gradient() @ direction)
 
     def vjp(self, x: Array, w: Array | float) -> Array:
-        """w ∇J."""
+        """w ∇J.
+
+        Parameters
+        ----------
+        x : array (n,)
+            Point.
+        w : float
+            Weight.
+
+        Returns
+        -------
+        array (n,)
+        """
         with self._at(x) as point:
             return w * point.gradient()
 
     def hvp(self, x: Array, w: Array, direction: Array) -> Array:
-        """w ∇²J δx, the whole Hessian; `InputError` for a model without second derivatives."""
+        """w ∇²J δx, the full Hessian.
+
+        Parameters
+        ----------
+        x : array (n,)
+            Point.
+        w : float
+            Weight.
+        direction : array (n,)
+            Direction δx.
+
+        Returns
+        -------
+        array (n,)
+
+        Raises
+        ------
+        InputError
+            For a model without second derivatives.
+        """
         with self._at(x) as point:
             return w * point.hessian(direction)
 
     def product(self, x: Array, direction: Array) -> Array:
-        """The Gauss-Newton matrix times δx: two solves for each load."""
+        """Product of the Gauss-Newton matrix with δx: two solves for each load.
+
+        Parameters
+        ----------
+        x, direction : array (n,)
+            Point and direction δx.
+
+        Returns
+        -------
+        array (n,)
+        """
         with self._at(x) as point:
             return point.product(direction)
 
@@ -149,7 +287,7 @@ class StateCache:
 
     @contextmanager
     def evaluate(self, theta: Array) -> Iterator[LinearisedState]:
-        """The State at θ, solved for unless it is the last one."""
+        """Linearised state at θ; solved for unless it is the last one."""
         with self._lock:
             known = np.array_equal(theta, self._theta) and np.array_equal(self._now(), self._left)
             if self._state is None or not known:
@@ -167,5 +305,5 @@ _KEPT: WeakValueDictionary[int, StateCache] = WeakValueDictionary()
 
 
 def state_cache(model: Model) -> StateCache:
-    """The `StateCache` of a model, the same as long as a function holds it."""
+    """The `StateCache` of a model; the same one as long as a function refers to it."""
     return _KEPT.setdefault(id(model), StateCache(model))

@@ -27,16 +27,31 @@ Array = np.ndarray
 
 
 def function(of: Model | Reduced, start: Array) -> Callable[[Any], Any]:
-    """θ ↦ data of a `Model`, or x ↦ J of a `Reduced`: from a float64 array (n,) to a float64 or complex128 one.
+    """A model or an objective as a JAX function: θ ↦ data of a `Model`, or x ↦ J of a `Reduced`.
 
-    start  a θ (or x) with a solution: it is solved for, as JAX has to know the shape of the answer beforehand
+    It maps a float64 array (n,) to a float64 or complex128 one. The model is called back for one θ after the other, also under
+    `vmap`. The gradient at the last θ takes one adjoint solve for each load; at an earlier one the model is solved again. Callbacks
+    must not fail: where there is no solution (`SolverError`) value and gradient are NaN. As in JAX, the gradient of a real loss
+    with respect to a complex array is ∂/∂Re - i ∂/∂Im.
 
-    The model is called back one θ after the other, also under `vmap`; the gradient at the last θ asked for takes one adjoint solve
-    for each load, at an earlier one the model is solved again. Callbacks must not fail: where there is no solution (`SolverError`)
-    value and gradient are NaN. As in JAX, the gradient of a real loss by a complex array is ∂/∂Re - i ∂/∂Im.
+    Parameters
+    ----------
+    of : Model or Reduced
+        What is to be differentiated.
+    start : array (n,)
+        A θ (or x) with a solution; solved once, as JAX needs the shape of the result beforehand.
 
-    Raises `MissingExtra` without jax, `InputError` while JAX has no float64; the function, `InputError` for an array of another
-    shape or type than `start`.
+    Returns
+    -------
+    callable
+        It raises `InputError` for an array of another shape or type than `start`.
+
+    Raises
+    ------
+    MissingExtra
+        Without jax.
+    InputError
+        While float64 is not enabled in JAX.
     """
     jax, f = require("jax", "interop"), functions.function(of)
     if not jax.config.jax_enable_x64:

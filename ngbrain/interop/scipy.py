@@ -18,15 +18,17 @@ RECENT = 10
 
 
 class Objective:
-    """J of a `Reduced` as what `scipy.optimize.minimize` asks for: `fun`, `jac`, `hessp`.
+    """Objective J of a `Reduced` for `scipy.optimize.minimize`: `fun`, `jac`, `hessp`.
 
-    A failed solve (`SolverError`) is answered by a hill that no search stays on, and that its interpolation comes back from:
+    After a failed solve (`SolverError`) the value is that of a penalty that a line search backs away from:
 
-        J_max + 10 |g·(x - x̂)|      g at the last x̂ whose gradient was asked for, J_max the largest of the last J
+        J_max + 10 |g·(x - x̂)|      g the last gradient, computed at x̂, J_max the largest of the last J
 
-    and by that hill's slope; by inf to searches without gradients. It must not be huge: after 1e30 L-BFGS-B takes the step of no
-    length that its cubic gives for convergence. At the first x the `SolverError` is raised.
+    and the gradient is that of the penalty; searches without gradients get inf. The penalty must not be huge: after 1e30 L-BFGS-B
+    takes the zero step of its cubic interpolation for convergence. At the first x the `SolverError` is raised.
 
+    Examples
+    --------
     >>> import scipy.optimize
     >>> from ngbrain.inverse.phantoms.benchmark import Phantom
     >>> inversion = Phantom.from_name("CV-G", 5).simulate_measurements(0.02).inversion()
@@ -45,21 +47,31 @@ class Objective:
         """Solves that failed, each a rejected step."""
 
     def fun(self, x: Array) -> float:
-        """J(x)."""
+        """Objective J(x)."""
         value = self._solved(x)
         if value is not None:
             return value
         return np.inf if self._slope is None else max(self._recent) + BACK * abs(self._along(x))
 
     def jac(self, x: Array) -> Array:
-        """∇J: one adjoint solve for each load."""
+        """Gradient ∇J: one adjoint solve for each load."""
         if self._solved(x) is not None:
             self._slope = np.array(x), self._function.vjp(x, 1.0)
             return self._slope[1].copy()
         return np.zeros_like(x) if self._slope is None else BACK * np.sign(self._along(x)) * self._slope[1]
 
     def hessp(self, x: Array, p: Array) -> Array:
-        """The Gauss-Newton matrix times p: two solves for each load."""
+        """Product of the Gauss-Newton matrix with p: two solves for each load.
+
+        Parameters
+        ----------
+        x, p : array (n,)
+            Point and direction.
+
+        Returns
+        -------
+        array (n,)
+        """
         return self._function.product(x, p)
 
     def _solved(self, x: Array) -> float | None:

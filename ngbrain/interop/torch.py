@@ -24,13 +24,14 @@ from ngbrain.interop import function as functions
 
 
 def function(of: Model | Reduced) -> Callable[[Any], Any]:
-    """θ ↦ data of a `Model`, or x ↦ J of a `Reduced`: from a float64 tensor (n,) to a float64 or complex128 one.
+    """A model or an objective as a PyTorch function: θ ↦ data of a `Model`, or x ↦ J of a `Reduced`.
 
-    `backward` at the last θ asked for takes one adjoint solve for each load; at an earlier one, such as those of a sum over many
-    θ, the model is solved again. As in PyTorch, the gradient of a complex tensor is ∂/∂Re + i ∂/∂Im.
+    It maps a float64 tensor (n,) to a float64 or complex128 one. `backward` at the last θ takes one adjoint solve for each load;
+    at an earlier one, as in a sum over many θ, the model is solved again. As in PyTorch, the gradient of a complex tensor is
+    ∂/∂Re + i ∂/∂Im.
 
-    Raises `MissingExtra` without torch; the function, `InputError` for a tensor that is not float64 on the processor and for
-    second derivatives of a model without them, and what the model raises: `SolverError` where there is no solution.
+    Raises `MissingExtra` without torch. The function raises `InputError` for a tensor that is not float64 on the CPU and for second
+    derivatives of a model without them, and what the model raises: `SolverError` where there is no solution.
     """
     torch, f = require("torch", "interop"), functions.function(of)
 

@@ -37,16 +37,30 @@ BEYOND = 1e30
 
 
 def model(of: Model | Reduced, start: Array, name: str = "ngbrain") -> Any:
-    """A `umbridge.Model` from one input vector, θ or x, to one output vector: data of a `Model`, or J of a `Reduced`.
+    """An `umbridge.Model` of a forward model or an objective: one input vector, θ or x, and one output vector, data or J.
 
-    start  a θ (or x) with a solution: it is solved for, as the size of the output has to be known
+    Complex data are their real parts, followed by their imaginary parts; arrays are raveled. `apply_hessian` is supported by a
+    `Model` whose linearised state has `hvp`, and by a `Reduced`: the full Hessian of such a model, else the Gauss-Newton matrix.
+    Where there is no solution J is `BEYOND`, with zero gradient; data have no value: the client raises an exception with the
+    name and the message of the error, as for wrong input, and the server goes on.
 
-    Complex data are their real parts, then their imaginary parts; arrays are raveled. `apply_hessian` is there for a
-    `Model` whose State has `hvp`, and for a `Reduced`: the whole Hessian of such a model, else the Gauss-Newton matrix. Where
-    there is no solution J is `BEYOND`, without a slope; data have no value: the client raises an exception with the name and the
-    message of the error, as it does for bad input, and the server goes on.
+    Parameters
+    ----------
+    of : Model or Reduced
+        What is to be served.
+    start : array (n,)
+        A θ (or x) with a solution; solved once, as the size of the output has to be known.
+    name : str
+        Name of the model on the server.
 
-    Raises `MissingExtra` without umbridge.
+    Returns
+    -------
+    umbridge.Model
+
+    Raises
+    ------
+    MissingExtra
+        Without umbridge.
     """
     umbridge = require("umbridge", "interop")
     f: Function = _Walled(of) if isinstance(of, Reduced) else DataFunction(of)

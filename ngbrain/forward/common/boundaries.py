@@ -1,4 +1,4 @@
-"""A mesh's boundary seen from the body: which way is out, what lies side by side, whether it encloses something."""
+"""Topology of a mesh's boundary: outward normals, adjacency of facets, closedness."""
 
 from __future__ import annotations
 
@@ -13,7 +13,23 @@ from ngbrain.errors import InputError
 
 
 def wall(mesh: ngs.Mesh, boundary: str) -> tuple[list[Any], np.ndarray, np.ndarray]:
-    """Elements of a boundary, their middles, and for each an arrow from the middle of the body's element behind it."""
+    """Facets of a boundary, with their centres and outward directions.
+
+    Parameters
+    ----------
+    mesh : ngsolve.Mesh
+    boundary : str
+        Name or pattern.
+
+    Returns
+    -------
+    elements : list
+        Boundary elements.
+    centres : array (n, dim)
+        Their centres (m).
+    outward : array (n, dim)
+        From the centre of the volume element behind each to its own centre (m).
+    """
     corners = np.array([vertex.point for vertex in mesh.vertices])
 
     def middle(element: Any) -> np.ndarray:
@@ -30,7 +46,19 @@ def wall(mesh: ngs.Mesh, boundary: str) -> tuple[list[Any], np.ndarray, np.ndarr
 
 
 def sides(mesh: ngs.Mesh, elements: Sequence[Any]) -> dict[ngs.NodeId, list[int]]:
-    """For each edge (in the plane: vertex) of boundary elements the numbers, in their list, of those that have it."""
+    """Boundary elements that share each edge (in the plane: each vertex).
+
+    Parameters
+    ----------
+    mesh : ngsolve.Mesh
+    elements : sequence
+        Boundary elements.
+
+    Returns
+    -------
+    dict
+        Edge or vertex → indices in `elements`.
+    """
     found: dict[ngs.NodeId, list[int]] = {}
     for i, element in enumerate(elements):
         for side in element.edges if mesh.dim == 3 else element.vertices:
@@ -39,7 +67,18 @@ def sides(mesh: ngs.Mesh, elements: Sequence[Any]) -> dict[ngs.NodeId, list[int]
 
 
 def outward(mesh: ngs.Mesh, boundary: str) -> CoefficientFunction:
-    """Unit normal of a boundary out of the body; NGSolve's own points as its geometry happens to be oriented."""
+    """Outward unit normal of a boundary; the sign of NGSolve's own depends on the orientation of the geometry.
+
+    Parameters
+    ----------
+    mesh : ngsolve.Mesh
+    boundary : str
+        Name or pattern.
+
+    Returns
+    -------
+    CoefficientFunction
+    """
     normal = ngs.specialcf.normal(mesh.dim)
     mean = [ngs.Integrate(normal[i], mesh, ngs.BND, element_wise=True).NumPy() for i in range(mesh.dim)]
     sign = ngs.GridFunction(ngs.SurfaceL2(mesh, order=0))
@@ -50,7 +89,19 @@ def outward(mesh: ngs.Mesh, boundary: str) -> CoefficientFunction:
 
 
 def check_closed(mesh: ngs.Mesh, boundary: str) -> None:
-    """Raise `InputError` unless a boundary's rim, if it has one, is on planes x = 0, y = 0 or z = 0."""
+    """Check that a boundary is closed, by itself or together with the planes x = 0, y = 0 and z = 0.
+
+    Parameters
+    ----------
+    mesh : ngsolve.Mesh
+    boundary : str
+        Name or pattern.
+
+    Raises
+    ------
+    InputError
+        If the boundary has a rim off these planes.
+    """
     around = sides(mesh, list(mesh.Boundaries(boundary).Elements()))
     nodes = [side for side, having in around.items() if len(having) == 1]
     if mesh.dim == 3:

@@ -1,4 +1,4 @@
-"""What is prescribed on boundaries: which components of the displacement, and where they go."""
+"""Dirichlet conditions: prescribed components of the displacement by boundary."""
 
 from __future__ import annotations
 
@@ -18,7 +18,19 @@ Support: TypeAlias = float | CoefficientFunction | Components
 
 
 class Supports:
-    """Boundary pattern → `Support` at t = 1 (m), checked; where patterns share nodes the later one counts."""
+    """Dirichlet conditions of the displacement, checked.
+
+    Parameters
+    ----------
+    mesh : ngsolve.Mesh
+    supports : dict
+        Boundary pattern → `Support` at t = 1 (m). Where patterns share nodes the later one counts.
+
+    Raises
+    ------
+    InputError
+        For patterns that match nothing, and values that do not fit the mesh's dimension.
+    """
 
     def __init__(self, mesh: ngs.Mesh, supports: Mapping[str, Support]) -> None:
         for pattern in supports:
@@ -28,12 +40,12 @@ class Supports:
 
     @property
     def held(self) -> dict[str, list[int]]:
-        """Pattern → components that it holds."""
+        """Pattern → constrained components."""
         return {p: [i for i, c in enumerate(values) if c is not None] for p, values in self.values.items()}
 
     @property
     def dirichlet(self) -> dict[str, str]:
-        """NGSolve's names for what is held: dirichletx="a|b", …"""
+        """NGSolve's keyword arguments for the constrained components: dirichletx="a|b", …"""
         axes = {
             f"dirichlet{axis}": "|".join(pattern for pattern, held in self.held.items() if i in held)
             for i, axis in enumerate("xyz"[: self.mesh.dim])
@@ -41,7 +53,7 @@ class Supports:
         return {axis: patterns for axis, patterns in axes.items() if patterns}
 
     def coefficients(self, space: ngs.FESpace) -> tuple[np.ndarray, np.ndarray]:
-        """What is prescribed of a displacement space's unknowns, and which are."""
+        """Prescribed values of a displacement space's degrees of freedom, and the mask of those that are constrained."""
         part = ngs.GridFunction(space)
         values, held = np.zeros(space.ndof), np.zeros(space.ndof, bool)
         for pattern, components in self.values.items():
@@ -57,10 +69,22 @@ class Supports:
         return values, held
 
     def shares(self, space: ngs.FESpace, boundary: str) -> np.ndarray:
-        """How much of the reaction at each unknown of a displacement space is a boundary's own.
+        """Share of a boundary in the reaction force at each degree of freedom.
 
-        None where others hold the unknown and it does not, all where it alone does or nobody; where several do, as much as the
-        boundary has of the mass ∫ φ² of the unknown's shape function over all of them, so that reactions add up.
+        0 where other supports constrain it and the boundary does not; 1 where the boundary alone or no support does. Where several
+        supports do, the boundary's part of the mass ∫ φ² of the shape function over all of them, so that reactions add up.
+
+        Parameters
+        ----------
+        space : ngsolve.FESpace
+            Displacement space.
+        boundary : str
+            Name or pattern.
+
+        Returns
+        -------
+        array (ndof,)
+            Between 0 and 1.
         """
         mine, found = boundaries(self.mesh, boundary), np.ones(space.ndof)
         scalar = space.components[0]

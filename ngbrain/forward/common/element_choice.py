@@ -1,4 +1,4 @@
-"""Which form a scene needs: the cheapest adequate one."""
+"""Automatic choice of the finite element: the cheapest adequate one."""
 
 from __future__ import annotations
 
@@ -20,10 +20,20 @@ STEEP = 220.0
 
 
 def automatic(mesh: ngs.Mesh, ratio: float, held: Mapping[str, Any]) -> tuple[ElementPair, str]:
-    """The cheapest adequate form, and why: by K/μ, and by whether solutions can be smooth on this mesh.
+    """Cheapest adequate element, chosen by K/μ and by the regularity of the solution on this mesh.
 
-    ratio   largest K/μ
-    held    boundary pattern → components that are held there
+    Parameters
+    ----------
+    mesh : ngsolve.Mesh
+    ratio : float
+        Largest K/μ.
+    held : dict
+        Boundary pattern → constrained components.
+
+    Returns
+    -------
+    element : ElementPair
+    reason : str
     """
     if ratio <= COMPRESSIBLE:
         return ElementPair(2), f"K/μ is {ratio:.3g}, which does not lock quadratic displacements"
@@ -36,7 +46,19 @@ def automatic(mesh: ngs.Mesh, ratio: float, held: Mapping[str, Any]) -> tuple[El
 
 
 def rough(mesh: ngs.Mesh, held: Mapping[str, Any]) -> str:
-    """Why a solution is not smooth on a mesh; nothing if it can be."""
+    """Reason why the solution on a mesh is not smooth.
+
+    Parameters
+    ----------
+    mesh : ngsolve.Mesh
+    held : dict
+        Boundary pattern → constrained components.
+
+    Returns
+    -------
+    str
+        Empty if the solution can be smooth.
+    """
     regions = set(mesh.GetMaterials())
     if len(regions) > 1:
         return f"{len(regions)} regions"

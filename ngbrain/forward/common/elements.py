@@ -1,4 +1,4 @@
-"""Which finite elements carry displacement and pressure, what they are called, and which pairs are refused."""
+"""Finite elements of displacement and pressure: names, spaces, inf-sup stability."""
 
 from __future__ import annotations
 
@@ -17,12 +17,19 @@ Kind = Literal["displacement", "continuous pressure", "discontinuous pressure"]
 
 @dataclass(frozen=True)
 class ElementPair:
-    """Displacements of an order, and pressures of another or none.
+    """Element pair: displacements of one order, pressures of another or none.
 
-    order       k of the displacements
-    pressure    order of the pressures; None: no pressure unknowns, U(J) instead
-    continuous  pressures in H1, else in L2 and condensed element by element
+    Parameters
+    ----------
+    order : int
+        Order k of the displacements.
+    pressure : int, optional
+        Order of the pressures; None: a pure displacement element, with U(J) as volumetric energy.
+    continuous : bool
+        Continuous pressures (H1); else discontinuous ones (L2), statically condensed element by element.
 
+    Examples
+    --------
     >>> ElementPair.named("P4/L2(2)")
     ElementPair(order=4, pressure=2, continuous=False)
     >>> str(ElementPair.named("P2/P1")), ElementPair.named("P3").kind
@@ -35,7 +42,7 @@ class ElementPair:
 
     @classmethod
     def named(cls, name: str) -> ElementPair:
-        """From "P2/P1" (Taylor-Hood), "P4/L2(2)" (discontinuous) or "P3" (displacement); Q instead of P means the same."""
+        """From a name: "P2/P1" (Taylor-Hood), "P4/L2(2)" (discontinuous pressure) or "P3" (displacement); Q means the same as P."""
         if not isinstance(name, str):
             raise InputError("element", repr(name), "a name such as P2/P1 or P3, or auto")
         match = re.fullmatch(r"[PQ](\d)(?:/(?:[PQ](\d)|L2\((\d)\)))?", name)
@@ -51,13 +58,26 @@ class ElementPair:
 
     @property
     def kind(self) -> Kind:
-        """What a linear solver has to know."""
+        """Kind of discretisation, for the choice of a linear solver."""
         if self.pressure is None:
             return "displacement"
         return "continuous pressure" if self.continuous else "discontinuous pressure"
 
     def spaces(self, mesh: ngs.Mesh, condense: bool, **held: str) -> list[ngs.FESpace]:
-        """Displacement space and, if there is one, pressure space; `held` is what NGSolve calls dirichlet, dirichletx, …"""
+        """Displacement space and, if there is one, pressure space.
+
+        Parameters
+        ----------
+        mesh : ngsolve.Mesh
+        condense : bool
+            Whether discontinuous pressures may be eliminated element by element (static condensation).
+        **held : str
+            NGSolve's dirichlet, dirichletx, …
+
+        Returns
+        -------
+        list of FESpace
+        """
         spaces = [ngs.VectorH1(mesh, order=self.order, **held)]
         if self.pressure is not None and self.continuous:
             spaces.append(ngs.H1(mesh, order=self.pressure))
@@ -69,13 +89,13 @@ class ElementPair:
         return spaces
 
     def check(self, mesh: ngs.Mesh) -> None:
-        """Refuse a pair whose inf-sup constant falls with the mesh: displacements look right and pressures are noise."""
+        """Refuse a pair whose inf-sup constant decreases under refinement: displacements look right, pressures are noise."""
         reason = self.unstable(mesh)
         if reason:
             raise InputError("element", f"{self}, {reason}", "a stable pair such as P2/P1, P3/P2, P4/L2(2)")
 
     def unstable(self, mesh: ngs.Mesh) -> str:
-        """Why the pair is not stable on a mesh's elements; nothing if it is."""
+        """Reason why the pair is not inf-sup stable on a mesh's elements; empty if it is."""
         if self.pressure is None:
             return ""
         shapes = {element.type for element in mesh.Elements()}
@@ -94,11 +114,26 @@ FALLING = {2: ".100, .093, .076", 3: ".099, .089, .072"}
 
 
 def inf_sup(mesh: ngs.Mesh, form: ElementPair, dirichlet: str = ".*") -> tuple[float, int]:
-    """The inf-sup constant β_h, and how many pressures no displacement sees (1, the constant, is right for a held boundary).
+    """Discrete inf-sup constant β_h, and the dimension of the kernel of Bᵀ (1, the constant, for a fully constrained boundary).
 
-    β_h² is the smallest eigenvalue above zero of B A⁻¹ Bᵀ q = β² M q with A the H1 seminorm, B the divergence and M the
-    mass of pressures. Dense: for meshes of a few thousand unknowns.
+    β_h² is the smallest positive eigenvalue of B A⁻¹ Bᵀ q = β² M q, with A the H1 seminorm, B the divergence and M the pressure
+    mass matrix. Dense: for meshes of a few thousand unknowns.
 
+    Parameters
+    ----------
+    mesh : ngsolve.Mesh
+    form : ElementPair
+    dirichlet : str
+        Boundaries with zero displacement.
+
+    Returns
+    -------
+    beta : float
+    zeros : int
+        Number of spurious and constant pressure modes.
+
+    Examples
+    --------
     >>> from ngsolve.meshes import MakeStructured2DMesh
     >>> beta, zeros = inf_sup(MakeStructured2DMesh(quads=False, nx=2, ny=2), ElementPair.named("P2/P1"))
     >>> round(beta, 3), zeros
@@ -121,7 +156,7 @@ def _dense(form: ngs.BilinearForm) -> np.ndarray:
 
 
 def check_elements(mesh: ngs.Mesh) -> None:
-    """Refuse a mesh with elements turned inside out, by number and region."""
+    """Refuse a mesh with inverted elements; the message names the element and its region."""
     jacobian = ngs.Det(ngs.specialcf.JacobianMatrix(mesh.dim))
     least = ngs.Integrate(ngs.IfPos(jacobian, 1, -1), mesh, element_wise=True, order=4).NumPy()
     size = ngs.Integrate(ngs.CF(1), mesh, element_wise=True, order=4).NumPy()

@@ -1,4 +1,4 @@
-"""Values of a finite-element function at given points, as one sparse matrix: for data there, and transposed for adjoints."""
+"""Interpolation of finite-element functions at points, as a sparse matrix: forward for data, transposed for adjoints."""
 
 from __future__ import annotations
 
@@ -11,10 +11,26 @@ from ngbrain.errors import InputError
 
 
 def evaluation(space: ngs.FESpace, points: np.ndarray) -> sp.csr_array:
-    """The matrix (n, ndof) that takes a scalar space's unknowns to values at points (n, 2 or 3) in m.
+    """Interpolation matrix from the degrees of freedom of a scalar space to values at points.
 
-    Raises `InputError` when points lie outside of the mesh, `points_in_mesh` says which, or are of other dimensions.
+    Parameters
+    ----------
+    space : ngsolve.FESpace
+        Scalar space.
+    points : array (n, dim)
+        Points (m).
 
+    Returns
+    -------
+    csr_array (n, ndof)
+
+    Raises
+    ------
+    InputError
+        For points outside of the mesh (`points_in_mesh` finds them), or of another dimension.
+
+    Examples
+    --------
     >>> from ngbrain.mesh.geometry.structured import rectangles
     >>> mesh = rectangles(np.linspace(0, 1, 3), np.linspace(0, 1, 3))
     >>> gfu = ngs.GridFunction(ngs.H1(mesh, order=2)); gfu.Set(ngs.x * ngs.y)
@@ -47,8 +63,20 @@ def evaluation(space: ngs.FESpace, points: np.ndarray) -> sp.csr_array:
 
 
 def points_in_mesh(mesh: ngs.Mesh, points: np.ndarray) -> np.ndarray:
-    """Which points (n, 2 or 3) in m lie in the mesh.
+    """Mask of the points that lie in the mesh.
 
+    Parameters
+    ----------
+    mesh : ngsolve.Mesh
+    points : array (n, dim)
+        Points (m).
+
+    Returns
+    -------
+    bool array (n,)
+
+    Examples
+    --------
     >>> from ngbrain.mesh.geometry.structured import rectangles
     >>> mesh = rectangles(np.linspace(0, 1, 3), np.linspace(0, 1, 3))
     >>> points_in_mesh(mesh, np.array([[0.5, 0.5], [1.5, 0.5]])).tolist()
@@ -58,7 +86,20 @@ def points_in_mesh(mesh: ngs.Mesh, points: np.ndarray) -> np.ndarray:
 
 
 def quadrature_points(mesh: ngs.Mesh, order: int) -> tuple[IntegrationRuleSpace, np.ndarray]:
-    """NGSolve's space of values at the quadrature points of an order, and where these are, (n, dim) m."""
+    """Space of values at quadrature points, and the points.
+
+    Parameters
+    ----------
+    mesh : ngsolve.Mesh
+    order : int
+        Order of the quadrature.
+
+    Returns
+    -------
+    space : IntegrationRuleSpace
+    points : array (n, dim)
+        In metres.
+    """
     space = IntegrationRuleSpace(mesh, order=order)
     at, points = ngs.GridFunction(space), np.empty((space.ndof, mesh.dim))
     for i, coordinate in enumerate((ngs.x, ngs.y, ngs.z)[: mesh.dim]):
@@ -68,8 +109,21 @@ def quadrature_points(mesh: ngs.Mesh, order: int) -> tuple[IntegrationRuleSpace,
 
 
 def quadrature_field(space: IntegrationRuleSpace, values: np.ndarray) -> ngs.GridFunction:
-    """Values (n,) at the points of `quadrature_points` as a field, for integrals of that order alone.
+    """Field from its values at quadrature points, for integrals of that order only.
 
+    Parameters
+    ----------
+    space : IntegrationRuleSpace
+        Of `quadrature_points`.
+    values : array (n,)
+        Values at the points.
+
+    Returns
+    -------
+    GridFunction
+
+    Examples
+    --------
     >>> from ngbrain.mesh.geometry.structured import rectangles
     >>> mesh = rectangles(np.linspace(0, 1, 3), np.linspace(0, 1, 3))
     >>> space, points = quadrature_points(mesh, 2)

@@ -1,4 +1,4 @@
-"""How a displacement of the mesh is a deformation in space: solids, plane strain, anti-plane shear, bodies of revolution."""
+"""Kinematics: from a displacement to the 3×3 deformation gradient, in space, plane strain, anti-plane shear or axisymmetric."""
 
 from __future__ import annotations
 
@@ -17,54 +17,116 @@ AXIS = 1e-12
 
 @dataclass(frozen=True)
 class SolidKinematics:
-    """A mesh in space."""
+    """Three-dimensional solid."""
 
     dim = 3
 
     def gradient(self, u: CoefficientFunction, grad: CoefficientFunction) -> CoefficientFunction:
-        """F, 3×3, of a displacement and its gradient (on a boundary, the tangential one)."""
+        """Deformation gradient F.
+
+        Parameters
+        ----------
+        u : CoefficientFunction
+            Displacement (m).
+        grad : CoefficientFunction
+            Its gradient; on a boundary the tangential one.
+
+        Returns
+        -------
+        CoefficientFunction (3, 3)
+        """
         return ngs.Id(3) + grad
 
     def change(self, v: CoefficientFunction, grad: CoefficientFunction) -> CoefficientFunction:
-        """How F changes with a displacement, 3×3."""
+        """Derivative of F in the direction of a displacement.
+
+        Parameters
+        ----------
+        v, grad : CoefficientFunction
+            Displacement (m) and its gradient.
+
+        Returns
+        -------
+        CoefficientFunction (3, 3)
+        """
         return grad
 
     def weight(self) -> CoefficientFunction | float:
-        """Volume in space for a volume of the mesh, and area for an area."""
+        """Integration weight: volume in space per volume (or area) of the mesh."""
         return 1.0
 
     def position(self, u: CoefficientFunction) -> CoefficientFunction:
-        """x = X + u in the mesh's coordinates."""
+        """Current position x = X + u in the mesh's coordinates."""
         return ngs.CF((ngs.x, ngs.y, ngs.z)[: self.dim]) + u
 
 
 @dataclass(frozen=True)
 class PlaneStrain(SolidKinematics):
-    """A mesh in the plane, a metre thick, that stays as thick: forces are per metre."""
+    """Plane strain of unit thickness (1 m): forces are per metre."""
 
     dim = 2
 
     def gradient(self, u: CoefficientFunction, grad: CoefficientFunction) -> CoefficientFunction:
-        """F with F₃₃ = 1."""
+        """F with F₃₃ = 1.
+
+        Parameters
+        ----------
+        u, grad : CoefficientFunction
+            Displacement (m) and its gradient.
+
+        Returns
+        -------
+        CoefficientFunction (3, 3)
+        """
         return _plane(grad, 0.0)
 
     def change(self, v: CoefficientFunction, grad: CoefficientFunction) -> CoefficientFunction:
-        """How F changes with a displacement."""
+        """Derivative of F in the direction of a displacement.
+
+        Parameters
+        ----------
+        v, grad : CoefficientFunction
+            Displacement (m) and its gradient.
+
+        Returns
+        -------
+        CoefficientFunction (3, 3)
+        """
         return _in_plane(grad, 0.0)
 
 
 @dataclass(frozen=True)
 class Axisymmetric(SolidKinematics):
-    """A mesh in the half plane (r, z) = (x, y), x ≥ 0, that is turned around the y axis."""
+    """Body of revolution: a mesh in the half plane (r, z) = (x, y), x ≥ 0, rotated about the y axis."""
 
     dim = 2
 
     def gradient(self, u: CoefficientFunction, grad: CoefficientFunction) -> CoefficientFunction:
-        """F with F₃₃ = 1 + u_r/r, the stretch of circles."""
+        """F with F₃₃ = 1 + u_r/r, the circumferential stretch.
+
+        Parameters
+        ----------
+        u, grad : CoefficientFunction
+            Displacement (m) and its gradient.
+
+        Returns
+        -------
+        CoefficientFunction (3, 3)
+        """
         return _plane(grad, _around(u, grad))
 
     def change(self, v: CoefficientFunction, grad: CoefficientFunction) -> CoefficientFunction:
-        """How F changes with a displacement."""
+        """Derivative of F in the direction of a displacement.
+
+        Parameters
+        ----------
+        v, grad : CoefficientFunction
+            Displacement (m) and its gradient.
+
+        Returns
+        -------
+        CoefficientFunction (3, 3)
+        """
         return _in_plane(grad, _around(v, grad))
 
     def weight(self) -> CoefficientFunction:
@@ -74,19 +136,29 @@ class Axisymmetric(SolidKinematics):
 
 @dataclass(frozen=True)
 class AntiPlane(SolidKinematics):
-    """A mesh in the plane, a metre thick, whose displacement is one number: motion along z, through the plane.
+    """Anti-plane shear of unit thickness (1 m): the displacement is one number, along z.
 
-    Volume does not change, so that neither bulk modulus nor pressure matters: of `Shearing`, W = G/2 |∇u|².
+    Volume does not change, so neither bulk modulus nor pressure matters: with `Shearing`, W = G/2 |∇u|².
     """
 
     dim = 2
 
     def gradient(self, u: CoefficientFunction, grad: CoefficientFunction) -> CoefficientFunction:
-        """F with F₃₁ = ∂u/∂x and F₃₂ = ∂u/∂y."""
+        """F with F₃₁ = ∂u/∂x and F₃₂ = ∂u/∂y.
+
+        Parameters
+        ----------
+        u, grad : CoefficientFunction
+            Displacement (m) and its gradient.
+
+        Returns
+        -------
+        CoefficientFunction (3, 3)
+        """
         return tensor(1, 0, 0, 0, 1, 0, grad[0], grad[1], 1)
 
     def position(self, u: CoefficientFunction) -> CoefficientFunction:
-        """In the mesh's coordinates nothing moves."""
+        """The in-plane position, which does not change."""
         return ngs.CF((ngs.x, ngs.y))
 
 
@@ -104,7 +176,22 @@ def _plane(grad: CoefficientFunction, third: CoefficientFunction | float) -> Coe
 
 
 def kinematics_of(mesh: ngs.Mesh, asked: SolidKinematics | None) -> SolidKinematics:
-    """What was asked for if the mesh fits it; unasked a solid in space and plane strain in the plane."""
+    """Kinematics of a mesh: the given ones, or by default a solid in space and plane strain in the plane.
+
+    Parameters
+    ----------
+    mesh : ngsolve.Mesh
+    asked : SolidKinematics, optional
+
+    Returns
+    -------
+    SolidKinematics
+
+    Raises
+    ------
+    InputError
+        For kinematics of another dimension than the mesh.
+    """
     found = asked or (SolidKinematics() if mesh.dim == 3 else PlaneStrain())
     if found.dim != mesh.dim:
         raise InputError("mesh", f"{mesh.dim}-dimensional", f"{found.dim} dimensions for {type(found).__name__}")

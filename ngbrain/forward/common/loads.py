@@ -1,6 +1,6 @@
-"""What acts on a body: each load says its part of the energy, or, where it has none, of the virtual work.
+"""Loads: each contributes an energy or, where it has none, virtual work.
 
-All loads but springs grow with the load factor t from 0 to 1.
+All loads but springs are proportional to the load factor t, from 0 to 1.
 """
 
 from __future__ import annotations
@@ -30,9 +30,22 @@ BONUS = 2
 
 @dataclass(frozen=True)
 class Place:
-    """Where loads act: the mesh, how it deforms, the load factor t, trial and test displacement, and their order.
+    """Context in which a load is evaluated: mesh, kinematics, load factor, trial and test displacement.
 
-    One rule of quadrature serves forces, tangents and derivatives by parameters, whatever these are made of.
+    The same quadrature serves forces, tangents and derivatives with respect to parameters.
+
+    Parameters
+    ----------
+    mesh : ngsolve.Mesh
+    kinematics : SolidKinematics
+    factor : ngsolve.Parameter
+        Load factor t.
+    u : CoefficientFunction
+        Displacement (m).
+    v : CoefficientFunction, optional
+        Test function.
+    order : int
+        Order of the displacements.
     """
 
     mesh: ngs.Mesh
@@ -43,25 +56,37 @@ class Place:
     order: int = 2
 
     def ds(self, boundary: str) -> ngs.comp.DifferentialSymbol:
-        """Reference area."""
+        """Surface measure of the reference configuration on a boundary."""
         shapes = (ngs.SEGM,) if self.mesh.dim == 2 else (ngs.TRIG, ngs.QUAD)
         return ngs.ds(boundary, intrules=_rules(shapes, 2 * self.order + BONUS))
 
     def dx(self, region: str) -> ngs.comp.DifferentialSymbol:
-        """Reference volume."""
+        """Volume measure of the reference configuration in a region."""
         shapes = (ngs.TRIG, ngs.QUAD) if self.mesh.dim == 2 else (ngs.TET, ngs.HEX, ngs.PRISM, ngs.PYRAMID)
         return ngs.dx(definedon=self.mesh.Materials(region), intrules=_rules(shapes, 2 * self.order))
 
     def gradient(self, u: CoefficientFunction) -> CoefficientFunction:
-        """Gradient of a displacement along a boundary."""
+        """Tangential gradient of a displacement on a boundary."""
         return ngs.Grad(u).Trace()
 
     def area(self, u: CoefficientFunction, boundary: str) -> CoefficientFunction:
-        """cof F N, in the mesh's dimensions: current outward normal times current over reference area."""
+        """Nanson's formula cof F N, in the mesh's dimensions: outward normal times current over reference area.
+
+        Parameters
+        ----------
+        u : CoefficientFunction
+            Displacement (m).
+        boundary : str
+            Name or pattern.
+
+        Returns
+        -------
+        CoefficientFunction (dim,)
+        """
         return self._area(u, outward(self.mesh, boundary))
 
     def area_ratio(self, u: CoefficientFunction) -> CoefficientFunction:
-        """|cof F N|: current over reference area, of whatever boundary it is integrated over."""
+        """Current over reference area |cof F N|, on any boundary."""
         return ngs.Norm(self._area(u, ngs.specialcf.normal(self.mesh.dim)))
 
     def _area(self, u: CoefficientFunction, normal: CoefficientFunction) -> CoefficientFunction:
@@ -75,35 +100,60 @@ class Place:
 
 @dataclass(frozen=True)
 class TractionLoad:
-    """A dead load: a force (Pa, per reference area) that keeps its direction; -∫ t·u dA."""
+    """Dead traction: a force per reference area with fixed direction; potential -∫ t·u dA.
+
+    Parameters
+    ----------
+    boundary : str
+        Name or pattern.
+    value : vector
+        Traction t (Pa).
+    """
 
     boundary: str
     value: Vector
 
     def energy(self, at: Place) -> Terms:
-        """Its potential (J)."""
+        """Potential (J)."""
         return -at.factor * at.kinematics.weight() * ngs.InnerProduct(_vector(self.value), at.u) * at.ds(self.boundary)
 
 
 @dataclass(frozen=True)
 class Weight:
-    """A force per reference volume (N/m³), such as ρg; -∫ f·u dV."""
+    """Body force per reference volume, such as ρg; potential -∫ f·u dV.
+
+    Parameters
+    ----------
+    value : vector
+        Force density f (N/m³).
+    region : str
+        Name or pattern.
+    """
 
     value: Vector
     region: str = ".*"
 
     def energy(self, at: Place) -> Terms:
-        """Its potential (J)."""
+        """Potential (J)."""
         work = at.factor * at.kinematics.weight() * ngs.InnerProduct(_vector(self.value), at.u)
         return -work * at.dx(self.region)
 
 
 @dataclass(frozen=True)
 class RigidFace:
-    """A rigid face that a boundary lies against at rest, and that pushes it by `by` (m): ∫ k/2 ⟨t|by| - u·n⟩² dA, n along `by`.
+    """Rigid plane face against which a boundary lies at rest, and that pushes it: ∫ k/2 ⟨t|by| - u·n⟩² dA, n along `by`.
 
-    ⟨x⟩ is x where it is positive, else 0: the boundary slides along the face without friction, and parts from it where it would
-    have to be pulled. The face is as deep in the body as its pressure over k (Pa/m).
+    ⟨x⟩ = max(x, 0): the boundary slides along the face without friction, and separates where it would have to be pulled. The
+    penetration is the pressure over k.
+
+    Parameters
+    ----------
+    boundary : str
+        Name or pattern.
+    by : tuple of float
+        Displacement of the face at load factor 1 (m).
+    stiffness : float
+        Penalty k (Pa/m).
     """
 
     boundary: str
@@ -111,7 +161,7 @@ class RigidFace:
     stiffness: float
 
     def energy(self, at: Place) -> Terms:
-        """What overlaps (J)."""
+        """Penalty energy (J)."""
         far = math.hypot(*self.by)
         way = ngs.CF(tuple(component / far for component in self.by))
         deep = at.factor * far - ngs.InnerProduct(way, at.u)
@@ -121,15 +171,24 @@ class RigidFace:
 
 @dataclass(frozen=True)
 class RigidBody:
-    """A rigid body of any shape that a boundary meets without friction, such as an indenter; ∫ ψ(-φ(X + u; t)) dA.
+    """Frictionless rigid body of any shape, such as an indenter; penalty energy ∫ ψ(-φ(X + u; t)) dA.
 
     ψ is that of `common.penalty`: the pressure on the reference area is k d²/(2s) up to a depth d = s, k (d - s/2) beyond, and
-    none where there is a gap.
+    zero where there is a gap.
 
-    distance   x, t ↦ φ(x; t), signed distance (m) from the body to a point, negative inside, when the load factor is t
-    stiffness  k (Pa/m): the boundary is as deep in the body as its pressure over k
-    softness   s (m)
+    Parameters
+    ----------
+    boundary : str
+        Name or pattern.
+    distance : callable
+        x, t ↦ φ(x; t): signed distance (m) from the body to a point at load factor t, negative inside.
+    stiffness : float or Parameter
+        Penalty k (Pa/m).
+    softness : float
+        Depth s (m) up to which the penalty is regularised.
 
+    Examples
+    --------
     >>> ball = RigidBody("top", lambda x, t: ngs.Norm(x - ngs.CF((0, 0, 0.11 - 0.001 * t))) - 0.01, 1e8, 1e-5)
     """
 
@@ -139,16 +198,23 @@ class RigidBody:
     softness: float
 
     def energy(self, at: Place) -> Terms:
-        """What overlaps (J)."""
+        """Penalty energy (J)."""
         depth = -self.distance(at.kinematics.position(at.u), at.factor)
         return at.kinematics.weight() * soft_penalty(depth, self.stiffness, self.softness) * at.ds(self.boundary)
 
 
 @dataclass(frozen=True)
 class Spring:
-    """Springs (Pa/m) that hold a boundary where it was, or at `to` (m) from there, as a plate does that it sticks to.
+    """Elastic foundation: springs between a boundary and its rest position, or a moved one; energy ∫ k/2 |u - to|² dA.
 
-    ∫ k/2 |u - to|² dA
+    Parameters
+    ----------
+    boundary : str
+        Name or pattern.
+    stiffness : float, Parameter or CoefficientFunction
+        k (Pa/m).
+    to : vector, optional
+        Displacement of the foundation (m), as of a plate that the boundary sticks to.
     """
 
     boundary: str
@@ -156,7 +222,7 @@ class Spring:
     to: Vector | None = None
 
     def energy(self, at: Place) -> Terms:
-        """What they store (J)."""
+        """Stored energy (J)."""
         stretch = at.u if self.to is None else at.u - _vector(self.to)
         stored = self.stiffness / 2 * ngs.InnerProduct(stretch, stretch)
         return at.kinematics.weight() * stored * at.ds(self.boundary)
@@ -164,24 +230,39 @@ class Spring:
 
 @dataclass(frozen=True)
 class PressureLoad:
-    """A follower load: a pressure (Pa) on the current area of any boundary; virtual work -∫ P n·δu da.
+    """Follower pressure on the current area of a boundary; virtual work -∫ P n·δu da.
 
-    It has an energy only where the boundary's rim is held (or encloses a volume, see `CavityPressure`), so the tangent is
-    not symmetric.
+    It has an energy only where the boundary's rim is constrained (or encloses a volume, see `CavityPressure`), so that the
+    tangent is not symmetric.
+
+    Parameters
+    ----------
+    boundary : str
+        Name or pattern.
+    value : float, Parameter or CoefficientFunction
+        P (Pa).
     """
 
     boundary: str
     value: Value
 
     def work(self, at: Place) -> Terms:
-        """Its part of the residual, internal less external virtual work (J)."""
+        """Contribution to the residual, internal less external virtual work (J)."""
         pushed = ngs.InnerProduct(at.area(at.u, self.boundary), at.v)
         return at.factor * at.kinematics.weight() * self.value * pushed * at.ds(self.boundary)
 
 
 @dataclass(frozen=True)
 class CavityPressure:
-    """A pressure (Pa) in a cavity, which a boundary encloses alone or with the planes x = 0, y = 0, z = 0; -P V."""
+    """Pressure in a cavity that a boundary encloses, alone or with the planes x = 0, y = 0, z = 0; potential -P V.
+
+    Parameters
+    ----------
+    boundary : str
+        Name or pattern.
+    value : float, Parameter or CoefficientFunction
+        P (Pa).
+    """
 
     boundary: str
     value: Value
@@ -193,26 +274,44 @@ class CavityPressure:
 
 @dataclass(frozen=True)
 class CavityVolume:
-    """A cavity whose volume grows by `change` (m³, as far as the mesh goes); its pressure P is one more unknown.
+    """Prescribed change of a cavity's volume; the cavity's pressure P is an additional unknown.
 
     Energy -P (V - V₀ - t change): a limit point of the pressure is none of the volume.
+
+    Parameters
+    ----------
+    boundary : str
+        Name or pattern.
+    change : float or Parameter
+        Volume change at load factor 1 (m³, of the part that is meshed).
     """
 
     boundary: str
     change: Value
 
     def energy(self, at: Place, pressure: CoefficientFunction) -> Terms:
-        """Of u and the pressure (J)."""
+        """Energy (J) of displacement and cavity pressure.
+
+        Parameters
+        ----------
+        at : Place
+        pressure : CoefficientFunction
+            P (Pa).
+
+        Returns
+        -------
+        SumOfIntegrals
+        """
         area = ngs.Integrate(ngs.CF(1) * at.ds(self.boundary), at.mesh)
         wanted = (volume(at, None, self.boundary) + at.factor * self.change) / area
         return -pressure * (enclosed_volume_density(at, at.u, self.boundary) - wanted) * at.ds(self.boundary)
 
 
 class Own(Protocol):
-    """One of a user's, or of another module's."""
+    """User-defined load with an energy."""
 
     def energy(self, at: Place) -> Terms:
-        """Its part of the energy (J)."""
+        """Energy (J)."""
 
 
 Stored: TypeAlias = TractionLoad | Weight | RigidFace | RigidBody | Spring | CavityPressure | Own
@@ -221,7 +320,20 @@ Load: TypeAlias = Stored | PressureLoad | CavityVolume
 
 
 def enclosed_volume_density(at: Place, u: CoefficientFunction, boundary: str) -> CoefficientFunction:
-    """Density on a cavity's wall whose integral is the volume between it and the origin: -x·n da/3, in the plane area."""
+    """Density on a cavity's wall whose integral is the volume between the wall and the origin: -x·n da/3, in the plane area.
+
+    Parameters
+    ----------
+    at : Place
+    u : CoefficientFunction
+        Displacement (m).
+    boundary : str
+        Name or pattern.
+
+    Returns
+    -------
+    CoefficientFunction
+    """
     check_closed(at.mesh, boundary)
     dims = 2 if at.mesh.dim == 2 and at.kinematics.weight() == 1.0 else 3
     x = at.kinematics.position(u)
@@ -229,7 +341,21 @@ def enclosed_volume_density(at: Place, u: CoefficientFunction, boundary: str) ->
 
 
 def volume(at: Place, gfu: ngs.GridFunction | None, boundary: str) -> float:
-    """Volume (m³; in plane strain m²) that a boundary encloses now, or at rest."""
+    """Volume that a boundary encloses.
+
+    Parameters
+    ----------
+    at : Place
+    gfu : GridFunction, optional
+        Displacement (m); None: at rest.
+    boundary : str
+        Name or pattern.
+
+    Returns
+    -------
+    float
+        m³; in plane strain m².
+    """
     u = gfu or ngs.GridFunction(ngs.VectorH1(at.mesh, order=1))
     return float(ngs.Integrate(enclosed_volume_density(at, u, boundary) * at.ds(boundary), at.mesh))
 

@@ -1,4 +1,4 @@
-"""What a region is made of."""
+"""Material of a region."""
 
 from __future__ import annotations
 
@@ -23,13 +23,19 @@ Change = Callable[[CoefficientFunction, Value], CoefficientFunction]
 
 @dataclass(frozen=True)
 class Material:
-    """What a region is made of: how it resists a change of shape and of volume, and a helper for hard scenes.
+    """Material of a region: isochoric law, volumetric energy, and an optional barrier against collapse.
 
-    law        W, a law of shape that relaxes or not
-    bulk       K (Pa); inf: incompressible, with pressures only
-    pointwise  κ (Pa) of a `barrier` that keeps J from collapsing at single points, where p holds it only in the mean over
-               an element: corners of a cut need it, a smooth scene does without
-    change     U(J) of bulk modulus K, `quadratic` or `squared_log`; with a pressure, its mixed form
+    Parameters
+    ----------
+    law : Law or Viscous
+        W, an isochoric law, elastic or viscoelastic.
+    bulk : float, Parameter or CoefficientFunction
+        Bulk modulus K (Pa); inf: incompressible, with mixed elements only.
+    pointwise : float
+        κ (Pa) of a `barrier` that prevents collapse of J at single points, where a pressure controls it only in the mean over an
+        element. Re-entrant corners of a cut need it, a smooth scene does not.
+    change : callable
+        Volumetric energy U(J) of bulk modulus K, `quadratic` or `squared_log`; with a pressure, its mixed form.
     """
 
     law: Viscous | Law
@@ -46,27 +52,50 @@ class Material:
 
     @property
     def bulk_is_infinite(self) -> bool:
-        """Whether it keeps its volume altogether."""
+        """Whether it is incompressible."""
         return isinstance(self.bulk, float) and self.bulk == np.inf
 
     @property
     def viscous(self) -> Viscous:
-        """The law of shape as a `Viscous`, without branches if it does not relax."""
+        """Isochoric law as a `Viscous`, without branches if it is elastic."""
         return viscous(self.law)
 
     @property
     def elastic(self) -> Law:
-        """The law of shape; `InputError` if it relaxes, which equilibrium knows nothing of."""
+        """Elastic isochoric law; `InputError` for a viscoelastic one."""
         if isinstance(self.law, Viscous) and self.law.branches:
             raise InputError("material", "a relaxing law", "an elastic one, such as its `equilibrium`")
         return self.viscous.equilibrium
 
     def energy(self, at: Deformation, p: CoefficientFunction | None) -> CoefficientFunction:
-        """Density (Pa) of an elastic material, with a pressure p or without."""
+        """Strain energy density (Pa) of an elastic material.
+
+        Parameters
+        ----------
+        at : Deformation
+        p : CoefficientFunction, optional
+            Pressure (Pa) of mixed elements.
+
+        Returns
+        -------
+        CoefficientFunction
+        """
         return density(self.elastic, at) + self.volumetric_energy(at.J, p)
 
     def volumetric_energy(self, J: CoefficientFunction, p: CoefficientFunction | None) -> CoefficientFunction:
-        """The part of the density (Pa) that a change of volume has."""
+        """Volumetric part of the energy density (Pa).
+
+        Parameters
+        ----------
+        J : CoefficientFunction
+            det F.
+        p : CoefficientFunction, optional
+            Pressure (Pa) of mixed elements.
+
+        Returns
+        -------
+        CoefficientFunction
+        """
         energy = self.change(J, self.bulk) if p is None else mixed_form(self.change)(J, p, self.bulk)
         return energy + barrier(J, self.pointwise) if self.pointwise else energy
 
@@ -74,9 +103,29 @@ class Material:
 def stiffness(
     mesh: ngs.Mesh, materials: Mapping[str, Material], points: int | None = None
 ) -> tuple[CoefficientFunction, float, float]:
-    """Initial shear modulus μ (Pa) over a mesh, its largest value and the largest K/μ, of means over elements.
+    """Initial shear modulus over a mesh, its largest value and the largest K/μ, from means over elements.
 
-    points   half the order of the quadrature at whose points fields in the materials are known; None: everywhere
+    Parameters
+    ----------
+    mesh : ngsolve.Mesh
+    materials : dict
+        Region pattern → `Material`.
+    points : int, optional
+        Half the order of the quadrature at whose points the fields of the materials are defined; None: everywhere.
+
+    Returns
+    -------
+    moduli : CoefficientFunction
+        μ (Pa).
+    largest : float
+        Largest μ (Pa).
+    ratio : float
+        Largest K/μ.
+
+    Raises
+    ------
+    InputError
+        For a shear modulus that is not positive.
     """
     moduli = {name: initial_modulus(m.elastic) for name, m in materials.items()}
     rules = None if points is None else IntegrationRuleSpace(mesh, order=points).GetIntegrationRules()

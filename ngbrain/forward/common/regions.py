@@ -1,4 +1,4 @@
-"""Names and patterns of regions and boundaries, checked before anything is computed."""
+"""Checks of region and boundary patterns, before anything is computed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,21 @@ from ngbrain.schema.patterns import MOST, REPEATS, ways
 
 
 def check_types(mesh: ngs.Mesh, materials: Mapping[str, Material], supports: Mapping[str, object]) -> None:
-    """Raise `InputError` unless a body's arguments are a mesh, materials by pattern and supports by pattern."""
+    """Check the types of a problem's arguments.
+
+    Parameters
+    ----------
+    mesh : ngsolve.Mesh
+    materials : dict
+        Region pattern → `Material`.
+    supports : dict
+        Boundary pattern → support.
+
+    Raises
+    ------
+    InputError
+        For anything else.
+    """
     check_type("mesh", mesh, ngs.Mesh)
     check_type("materials", materials, Mapping)
     check_type("supports", supports, Mapping)
@@ -22,7 +36,21 @@ def check_types(mesh: ngs.Mesh, materials: Mapping[str, Material], supports: Map
 
 
 def check_regions(mesh: ngs.Mesh, patterns: Iterable[str], kind: str = "tissue") -> None:
-    """Raise `InputError` unless every region has one tissue (or other `kind` of thing); none of the patterns may be unknown."""
+    """Check that every region is matched by exactly one pattern.
+
+    Parameters
+    ----------
+    mesh : ngsolve.Mesh
+    patterns : iterable of str
+        Region patterns.
+    kind : str
+        What the patterns assign, for messages.
+
+    Raises
+    ------
+    InputError
+        For a region with none or two, and a pattern that matches nothing.
+    """
     names, covered = mesh.GetMaterials(), set[int]()
     for pattern in patterns:
         found = _matches(f"{kind} region", pattern, mesh.Materials, names)
@@ -35,12 +63,42 @@ def check_regions(mesh: ngs.Mesh, patterns: Iterable[str], kind: str = "tissue")
 
 
 def boundaries(mesh: ngs.Mesh, pattern: str) -> set[int]:
-    """Which boundaries a pattern matches; `InputError` if none, or if it is no pattern."""
+    """Indices of the boundaries that a pattern matches.
+
+    Parameters
+    ----------
+    mesh : ngsolve.Mesh
+    pattern : str
+        Name or regular expression.
+
+    Returns
+    -------
+    set of int
+
+    Raises
+    ------
+    InputError
+        If it matches none, or is no pattern.
+    """
     return _matches("boundary", pattern, mesh.Boundaries, mesh.GetBoundaries())
 
 
 def check_apart(mesh: ngs.Mesh, held: str, touched: Iterable[str]) -> None:
-    """Raise `InputError` if a boundary is both held ("": none is) and touched by a rigid body."""
+    """Check that no boundary is both constrained and in contact with a rigid body.
+
+    Parameters
+    ----------
+    mesh : ngsolve.Mesh
+    held : str
+        Pattern of the constrained boundaries; "" for none.
+    touched : iterable of str
+        Patterns of the boundaries in contact.
+
+    Raises
+    ------
+    InputError
+        For a boundary that is both.
+    """
     names, loose = mesh.GetBoundaries(), set[int]().union(*(boundaries(mesh, t) for t in touched))
     if both := boundaries(mesh, held) & loose if held else set():
         wanted = f"a pattern without {', '.join(sorted({names[i] for i in both}))}, which a rigid body touches"

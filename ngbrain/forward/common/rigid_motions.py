@@ -1,4 +1,4 @@
-"""Rigid motions that no support of a body prevents: seen from the supports and the mesh, before anything is assembled."""
+"""Rigid motions that no support prevents, found from supports and mesh before anything is assembled."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What derivatives and inversions take: factorisations, and back-substitutions by what they are for."""
+"""Cost of derivatives and inversions: factorisations, and back-substitutions by purpose."""
 
 from __future__ import annotations
 
@@ -9,18 +9,29 @@ from dataclasses import asdict, dataclass
 
 @dataclass
 class Solves:
-    """What was done. Of waves it is counted where it is done: all back-substitutions are their sum by purpose.
+    """Counts of linear solves; of waves all back-substitutions are the sum over purposes.
 
-    factorisations  of waves' matrices, and of the optimality conditions of waves and fields
-    forward         waves of a θ
-    adjoint         gradients
-    incremental     steps, products with J and Jᵀ, second derivatives
-    traces          probes that tell how many numbers the data determine
-    checks          of what was found: the next resonance, the bulk modulus' effect, waves of the truth
-    refinements     by the residual that one of the others has left
+    Of equilibria (`forward.sensitivity`) solutions are counted, whatever number of solves Newton's method or a refinement takes.
 
-    Of equilibria (`forward.implicit`) solutions are counted, whatever Newton's method or a refinement takes for one.
+    Parameters
+    ----------
+    factorisations : int
+        Of waves' matrices, and of the optimality conditions of waves and fields.
+    forward : int
+        Waves of a θ.
+    adjoint : int
+        Gradients.
+    incremental : int
+        Steps, products with J and Jᵀ, second derivatives.
+    traces : int
+        Random probes of the number of parameters that the data determine.
+    checks : int
+        Checks of a result: the next resonance, the effect of the bulk modulus, waves of the truth.
+    refinements : int
+        Iterative refinement by the residual of another solve.
 
+    Examples
+    --------
     >>> solves = Solves()
     >>> solves.count("forward", 2)
     >>> with solves.spent_on("traces"):
@@ -45,17 +56,24 @@ class Solves:
 
     @property
     def back_substitutions(self) -> int:
-        """For all purposes."""
+        """Total over all purposes."""
         return sum(asdict(self).values()) - self.factorisations
 
     def count(self, purpose: str, number: int = 1) -> None:
-        """So many more back-substitutions."""
+        """Add back-substitutions.
+
+        Parameters
+        ----------
+        purpose : str
+            A field of this class.
+        number : int
+        """
         purpose = self._all_for or purpose
         setattr(self, purpose, getattr(self, purpose) + number)
 
     @contextmanager
     def spent_on(self, purpose: str) -> Iterator[None]:
-        """What is counted inside is for this purpose, refinements too."""
+        """Context in which everything counts for one purpose, refinements included."""
         before, self._all_for = self._all_for, self._all_for or purpose
         try:
             yield
@@ -64,6 +82,18 @@ class Solves:
 
 
 def spent_on(model: object, purpose: str) -> AbstractContextManager[None]:
-    """`Solves.spent_on` of a model, if it counts its solves."""
+    """`Solves.spent_on` of a model, if it counts its solves.
+
+    Parameters
+    ----------
+    model : object
+        With or without `solves`.
+    purpose : str
+        A field of `Solves`.
+
+    Returns
+    -------
+    context manager
+    """
     solves = getattr(model, "solves", None)
     return solves.spent_on(purpose) if isinstance(solves, Solves) else nullcontext()

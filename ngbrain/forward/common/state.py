@@ -1,4 +1,4 @@
-"""Where a problem stands, as a value; and the parts of a problem that remember."""
+"""State of a problem as a value, and the terms of its energy that have internal variables."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class State:
-    """Where a problem stands. Nothing changes it, and its arrays are all that a step starts from.
+    """State of a problem at one time, immutable: all that the next step starts from.
 
     Parameters
     ----------
@@ -23,7 +23,7 @@ class State:
     x : array (n,)
         Unknowns.
     internal : dict
-        Internal variables of tissue, friction, inertia and tools of given force, by name; empty where there are none.
+        Internal variables of tissue, friction, inertia and force-controlled tools, by name; empty where there are none.
     """
 
     t: float
@@ -32,38 +32,38 @@ class State:
 
 
 class Term:
-    """A part of a problem's energy, with what it remembers from one time step to the next.
+    """A term of a problem's energy, with its internal variables.
 
-    A step lies between `begin` and `finish`; in it `stand` is called wherever the unknowns are others. What a term does not have
-    or need it leaves as it is here.
+    A time step lies between `begin` and `finish`; `stand` is called whenever the unknowns change in between. Methods that a term
+    does not need keep the defaults here.
     """
 
     def join(self, form: ngs.BilinearForm) -> None:
-        """Add the energy, or the virtual work where there is none, to a form of the problem's."""
+        """Add the energy, or the virtual work where there is none, to a form of the problem."""
 
     def boundary_forms(self) -> list[tuple[str | None, ngs.BilinearForm]]:
-        """What acts from outside, each part by itself with its boundary; None of one on no boundary."""
+        """External actions, one form each, with the boundary that each acts on; None for an action on no boundary."""
         return []
 
     def error(self, free: Array) -> float:
-        """Relative error of the step that now ends, where `free` is 1 for each unknown of the space that is free, and 0 else."""
+        """Relative error of the step that now ends; `free` is 1 for each free unknown of the space, and 0 otherwise."""
         return 0.0
 
     def rest(self) -> None:
-        """Forget all: internal variables as in a body that was never loaded."""
+        """Reset the internal variables to those of a body that was never loaded."""
 
     def begin(self, dt: float) -> None:
-        """Begin a time step of `dt` seconds at the unknowns that stand."""
+        """Begin a time step of `dt` seconds at the current unknowns."""
 
     def stand(self) -> None:
-        """Take the unknowns as they stand now."""
+        """Update for the current unknowns."""
 
     def finish(self) -> None:
-        """End the step begun at the unknowns that stand; its forces can be read until the next one begins."""
+        """End the step at the current unknowns; its forces can be read until the next one begins."""
 
     @property
     def internal(self) -> Mapping[str, Any]:
-        """Internal variables: what decides the steps to come besides the unknowns. Arrays are replaced, never changed."""
+        """Internal variables: all that determines the next steps besides the unknowns. Arrays are replaced, never modified."""
         return {}
 
     @internal.setter
@@ -72,7 +72,7 @@ class Term:
 
     @property
     def frozen(self) -> Mapping[str, Any]:
-        """What the energy of the present step is made of besides the unknowns."""
+        """Coefficients of the energy in the current step besides the unknowns."""
         return {}
 
     @frozen.setter

@@ -1,4 +1,4 @@
-"""Which unknowns a problem has, and where they are in its space."""
+"""Unknown fields of a problem, and their place in its space."""
 
 from __future__ import annotations
 
@@ -11,7 +11,19 @@ import ngsolve as ngs
 
 @dataclass(frozen=True)
 class SolutionFields:
-    """Functions of a problem's space by what they are: displacement, pressure or None, offset of contacts, cavity pressures."""
+    """Components of a function of a problem's space.
+
+    Parameters
+    ----------
+    u : GridFunction, trial or test function
+        Displacement (m).
+    p : the same, optional
+        Pressure (Pa) of mixed elements.
+    offset : the same
+        Offset of contacts (m).
+    cavities : sequence of the same
+        Cavity pressures (Pa).
+    """
 
     u: Any
     p: Any
@@ -21,7 +33,15 @@ class SolutionFields:
 
 @dataclass(frozen=True)
 class Layout:
-    """Which spaces a compound has: displacements, then pressures, offsets and a number for each cavity, as far as there are any."""
+    """Spaces of a compound space: displacements, then pressures, offsets and one number for each cavity, as far as present.
+
+    Parameters
+    ----------
+    pressure, offset : bool
+        Whether there are pressures, and offsets of contacts.
+    cavities : int
+        Number of cavity pressures.
+    """
 
     pressure: bool
     offset: bool
@@ -29,11 +49,11 @@ class Layout:
 
     @property
     def single(self) -> bool:
-        """Whether displacements are all that there is."""
+        """Whether displacements are the only unknowns."""
         return not (self.pressure or self.offset or self.cavities)
 
     def fields(self, of: Any) -> SolutionFields:
-        """The parts of a GridFunction, or of trial or test functions, of the space."""
+        """Components of a GridFunction, or of trial or test functions, of the space."""
         if self.single:
             return SolutionFields(of[0] if isinstance(of, (list, tuple)) else of, None, ngs.CF(0.0), [])
         parts = list(of.components if isinstance(of, ngs.GridFunction) else of)
@@ -44,5 +64,5 @@ class Layout:
 
     @property
     def count(self) -> int:
-        """How many spaces."""
+        """Number of spaces."""
         return 1 + self.pressure + self.offset + self.cavities
