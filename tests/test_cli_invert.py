@@ -85,7 +85,7 @@ def test_files_numbers_and_words(tmp_path, capsys, waves):
         "Storage modulus G′ kPa",
         "G″ error",
         "uniform fields",
-        "Misfit over its expected level",
+        "Misfit over its expected value",
         " factorisations, ",
         " traces, ",
         "report: ",
@@ -410,7 +410,7 @@ def test_what_has_not_settled_is_said_everywhere(tmp_path, capsys):
     level = f"the misfit is {kept['misfit']:.4g}, expected are {kept['expected_misfit']:.4g}"
     assert result["warnings"][0].startswith("stopped after 1 round, before") and result["warnings"][0].endswith(level)
     for words in (out, (tmp_path / "out" / "report.html").read_text()):
-        assert "not settled: stopped after 1 round" in words and level in words
+        assert "not converged: stopped after 1 iteration" in words and level in words
 
 
 def test_error_bars(tmp_path, capsys, waves):

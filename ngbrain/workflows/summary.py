@@ -114,7 +114,7 @@ def _maps(result: Mapping[str, Any]) -> Iterator[Number]:
                 yield from _spread(name, answer, f"label {label}")
     if "misfit_over_expected" in result.get("checks", {}):
         yield Number(
-            "misfit_over_expected", "Misfit over its expected level", "", result["checks"]["misfit_over_expected"]
+            "misfit_over_expected", "Misfit over its expected value", "", result["checks"]["misfit_over_expected"]
         )
     if "found" in result.get("noise", {}):
         yield Number("noise_found", "Noise found", "", result["noise"]["found"])

@@ -73,8 +73,8 @@ def build(
         "space": space(elements, at),
         "quality": histograms(Quality.of(elements)),
     }
-    told = {"result": result, "scan": t1 is not None, "least_contrast": LEAST_CONTRAST}
-    return write_page(Path(path), "anatomy.html", pictures, **told)
+    variables = {"result": result, "scan": t1 is not None, "least_contrast": LEAST_CONTRAST}
+    return write_page(Path(path), "anatomy.html", pictures, **variables)
 
 
 def slices(elements: Elements, labels: LabelMap, t1: Volume | None, at: Floats) -> bytes:

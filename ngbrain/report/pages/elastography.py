@@ -437,13 +437,13 @@ def data_facts(data: WaveData) -> list[tuple[str, str]]:
     """Facts about the data and the material model: pairs of name and text."""
     grid = data.grid
     form = "grid of " + " × ".join(map(str, grid.shape)) if grid else "scattered"
-    where = f"{len(data.points)} points, {form}; {int(data.mask.sum())} of them count"
+    where = f"{len(data.points)} points, {form}; {int(data.mask.sum())} of them in the mask"
     if data.bulk is not None:
         held = f"bulk modulus fixed at {data.bulk / 1e3:.4g} kPa"
     elif data.poisson is not None:
         held = f"Poisson's ratio fixed at {data.poisson:g}"
     else:
-        held = "motion through the plane, which keeps volumes"
+        held = "out-of-plane motion, incompressible"
     fibres = ", fibres given" if data.symmetry == "transversely_isotropic" else ""
     material = f"{data.symmetry.replace('_', ' ')}, {data.rheology}{fibres}; {held}; {data.density:g} kg/m³"
     return [("Data", f"{where}; {data.loads} load{'s' if data.loads > 1 else ''}"), ("Material", material)]

@@ -108,7 +108,7 @@ def _way(result: Mapping[str, Any]) -> bytes:
             axis.annotate(rung["taken"] or "chosen", (x, y), xytext=(5, 6), textcoords="offset points", fontsize=9)
         tolerance = 100 * min(each["tolerance"] for each in result["answers"])
         axis.axhline(tolerance, color="#4d4d4d", lw=1, ls="--")
-        axis.set(xlabel="computing time, estimates included (s)", ylabel="estimated to be missing (%)")
+        axis.set(xlabel="computing time including estimates (s)", ylabel="estimated error (%)")
         axis.set(yscale="log", ylim=(0.5 * min(*missing, tolerance), 2 * max(*missing, tolerance)))
         axis.set_xlim(0, 1.15 * cost[-1])
         return png(made)

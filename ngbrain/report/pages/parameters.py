@@ -56,7 +56,7 @@ PARAMETERS = {
     "damping_ratio": ParameterLabel("Damping ratio", "ξ"),
     "stiffness": ParameterLabel("Shear stiffness", "ρc²", "kPa", 1e-3),
     "oss": ParameterLabel("Octahedral shear strain", "OSS", "10⁻³", 1e3),
-    "oss_snr": ParameterLabel("Its ratio to noise", "OSS-SNR"),
+    "oss_snr": ParameterLabel("Signal-to-noise ratio of OSS", "OSS-SNR"),
 }
 
 
@@ -91,7 +91,7 @@ STARTS = {
     "given": "measured waves and a given map",
     "both": "measured waves, then descent",
     "gaussian": "Gaussian fields, one step",
-    "zones": "zones, each for itself",
+    "zones": "zones, independently",
     "slices": "slices, one by one",
     "pass 1": "zones among their neighbours",
 }
@@ -161,7 +161,7 @@ def _ends(name: str, band: Mapping[str, float]) -> str:
 def facts(result: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Assumptions and results of the inversion: pairs of name and text."""
     model, noise, checks, solves = (result[key] for key in ("model", "noise", "checks", "solves"))
-    own = "those that the data were made in" if model["inverse_crime"] else "our own"
+    own = "the mesh of the synthetic data (inverse crime)" if model["inverse_crime"] else "independent of the data"
     named = model.get("fields")
     fields = ", ".join(
         f"{symbol(name, named)} {number(length, 2)} mm ({number(model['determined'][name])} numbers)"
@@ -171,47 +171,49 @@ def facts(result: Mapping[str, Any]) -> list[tuple[str, str]]:
     by = model.get("weight", "evidence")
     points = f", {' to '.join(map(percent, noise['range']))} by point" if "range" in noise else ""
     pairs = [
-        ("Elements", f"{model['form']}, {model['n_elements']}, {own}; {model['n_unknowns']} unknowns of a wave"),
+        ("Elements", f"{model['form']}, {model['n_elements']}, {own}; {model['n_unknowns']} unknowns for each wave"),
         ("Fields", f"{model['n_parameters']} unknowns, {model['regulariser']}; weights by {by}: {weights}"),
         (
-            "Noise, with the model's error",
+            "Noise, including model error",
             f"{percent(noise['assumed'])} assumed{points}, {percent(noise['found'])} found",
         ),
-        ("Misfit over its expected level", _misfit(result)),
-        ("Detail that the data determine, about", fields),
+        ("Misfit over its expected value", _misfit(result)),
+        ("Resolution of the data, about", fields),
     ]
     if free := model.get("free_boundary"):
         sides = zip("xyz", free["from_mm"], free["to_mm"], strict=False)
         where = ", ".join(f"{x} {number(a)}" + (f" to {number(b)}" if b - a > 1e-6 else "") for x, a, b in sides)
-        pairs.insert(1, ("Boundary free of forces, not driven", f"{percent(free['share'])} of it, at {where} mm"))
+        pairs.insert(1, ("Traction-free part of the boundary", f"{percent(free['share'])} of it, at {where} mm"))
     for name, bars in result.get("error_bars", {}).items():
         pairs.append((f"Mean of {symbol(name)}, 95 % credible interval", _interval(name, bars["mean"])))
         for label, band in bars["by_label"].items():
             pairs.append((f"Mean of {symbol(name)} in label {label}", _interval(name, band)))
     if "strain_snr" in checks:
-        pairs.append(("Octahedral strain over its noise, median", number(checks["strain_snr"])))
+        pairs.append(("Octahedral strain signal-to-noise ratio, median", number(checks["strain_snr"])))
     if "resonance_distance" in checks:
-        pairs.append(("Nearest resonance, from the frequency", percent(checks["resonance_distance"])))
+        pairs.append(("Distance of the nearest resonance from the frequency", percent(checks["resonance_distance"])))
     if "bulk_change_over_noise" in checks:
         moved = number(checks["bulk_change_over_noise"])
-        pairs.append(("Bulk modulus, given: 10 % more moves the waves by", f"{moved} times their noise"))
+        pairs.append(("Change of the waves by a bulk modulus 10 % larger", f"{moved} times their noise"))
     if "share_through_slices" in checks:
         pairs.append(
-            ("Second derivative through the slices, of the Laplacian", percent(checks["share_through_slices"]))
+            ("Share of the through-slice second derivative in the Laplacian", percent(checks["share_through_slices"]))
         )
     if model.get("zones", 1) > 1:
         apart = ", ".join(
-            f"{symbol(name)} {percent(checks[f'disagreement_{name}'])}, at first {percent(checks[f'disagreement_{name}_first'])}"
+            f"{symbol(name)} {percent(checks[f'disagreement_{name}'])}, initially {percent(checks[f'disagreement_{name}_first'])}"
             for name in result["answers"]
         )
         low, high = model["points_of_a_zone"]
-        pairs.append(
-            ("Zones", f"{model['zones']}, of {low} to {high} points; where they overlap they differ by {apart}")
-        )
+        pairs.append(("Zones", f"{model['zones']}, of {low} to {high} points; in overlaps they differ by {apart}"))
     if "misfit_as_one_body" in checks:
-        pairs.append(("Misfit of their map in one body, likewise", number(checks["misfit_as_one_body"])))
+        pairs.append(
+            ("Misfit of the merged map in one body over its expected value", number(checks["misfit_as_one_body"]))
+        )
     if "mismatch_at_truth" in model:
-        pairs.append(("Data against waves of the truth, their noise included", percent(model["mismatch_at_truth"])))
+        pairs.append(
+            ("Difference of the data from waves of the truth, including noise", percent(model["mismatch_at_truth"]))
+        )
     done = ", ".join(f"{count} {name}" for name, count in solves.items())
     return [*pairs, ("Solves", done)]
 
@@ -219,8 +221,10 @@ def facts(result: Mapping[str, Any]) -> list[tuple[str, str]]:
 def _misfit(result: Mapping[str, Any]) -> str:
     """Misfit over its expected value, and whether fields and weights converged."""
     chosen = result["starts"][result["chosen"]]
-    rounds, end = chosen["rounds"], "settled" if chosen["converged"] else "not settled: stopped"
-    return f"{number(result['checks']['misfit_over_expected'])}, {end} after {rounds} round{'s' if rounds > 1 else ''}"
+    rounds, end = chosen["rounds"], "converged" if chosen["converged"] else "not converged: stopped"
+    return (
+        f"{number(result['checks']['misfit_over_expected'])}, {end} after {rounds} iteration{'s' if rounds > 1 else ''}"
+    )
 
 
 def percent(value: float | None) -> str:

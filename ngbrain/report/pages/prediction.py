@@ -91,10 +91,10 @@ WORDS = {
     "contrast": "Contrast of Young's modulus",
     "noise": "Noise of the displacement",
     "jump": "Jump of the displacement, which is continuous",
-    "features": "Distance of what is seen from the training",
+    "features": "Distance of the input from the training data",
     "deviation": "Standard deviation that is stated",
     "residual": "Residual of the equations of motion",
-    "boundary": "Way in which the square is driven and held",
+    "boundary": "Boundary conditions of the square",
 }
 """Names of the scores that decide on trust."""
 

@@ -64,7 +64,7 @@ METRICS: tuple[tuple[str, str, str, bool], ...] = (
     ("peak_tip_pressure_mmHg", "Peak pressure at the tip (last 5 mm)", "mmHg", True),
     ("peak_centre_pressure_mmHg", "Peak pressure in the middle of the face (5 mm across)", "mmHg", True),
     ("peak_force_N", "Peak force on the blade", "N", True),
-    ("largest_contact_area_mm2", "Largest area in touch with the blade", "mm²", True),
+    ("largest_contact_area_mm2", "Largest contact area of the blade", "mm²", True),
     ("s_above_20_mmHg", "Time above 20 mmHg, in all", "s", True),
     ("longest_s_above_20_mmHg", "Time above 20 mmHg, longest without a break", "s", True),
     ("s_above_30_mmHg", "Time above 30 mmHg, in all", "s", True),
@@ -93,8 +93,8 @@ METRICS: tuple[tuple[str, str, str, bool], ...] = (
     ("von_mises_p95_kPa", "Von Mises stress near the site, 95th percentile", "kPa", True),
     ("von_mises_max_over_0_5_ml_kPa", "Von Mises stress near the site, mean of the worst 0.5 ml", "kPa", True),
     ("strain_rate_p95_per_s", "Rate of deformation near the site, 95th percentile", "1/s", True),
-    ("beyond_fit_ml", "Tissue strained beyond what its law was fitted to", "ml", True),
-    ("compressed_by_35_percent_ml", "Tissue compressed by more than 35 %, whose free surfaces fold", "ml", True),
+    ("beyond_fit_ml", "Tissue strained beyond the range its law was fitted to", "ml", True),
+    ("compressed_by_35_percent_ml", "Tissue compressed by more than 35 %, where free surfaces fold", "ml", True),
     ("min_net_reaction_N", "Smallest net reaction of the wall (negative: pulled)", "N", False),
     ("min_det_F", "Smallest volume ratio of any point", "", False),
 )
@@ -109,17 +109,19 @@ VOLUMES = {
 
 CHECKS: dict[str, Check] = {
     "reaction_balance": Check("Blade and skull forces balance (relative)", "at most 1e-4", lambda v: abs(v) <= 1e-4),
-    "volume_balance": Check("Volume moved adds up to nothing (relative)", "at most 1e-3", lambda v: abs(v) <= 1e-3),
-    "energy_balance": Check("Work of the blade is the tissue's (relative)", "at most 0.01", lambda v: abs(v) <= 0.01),
+    "volume_balance": Check("Displaced volumes add up to zero (relative)", "at most 1e-3", lambda v: abs(v) <= 1e-3),
+    "energy_balance": Check(
+        "Work of the blade equals that of the tissue (relative)", "at most 0.01", lambda v: abs(v) <= 0.01
+    ),
     "dt_halving": Check(
-        "Half the time step moves the first peak by (relative)", "less than 0.03", lambda v: abs(v) < 0.03
+        "Change of the first peak with half the time step (relative)", "less than 0.03", lambda v: abs(v) < 0.03
     ),
     "order_plus_one": Check(
-        "One polynomial order more moves the pressure by (relative; elastic, coarse mesh)", "stated, no limit set", None
+        "Change of the pressure with one polynomial order more (relative; elastic, coarse mesh)", "no limit", None
     ),
     "other_elements": Check(
-        "Elements 1.4 times as large (of a coarse mesh: as small) move the first peak by (relative)",
-        "stated, no limit set",
+        "Change of the first peak with elements 1.4 times as large (of a coarse mesh: as small; relative)",
+        "no limit",
         None,
     ),
     "min_net_reaction_N": Check(
@@ -130,9 +132,7 @@ CHECKS: dict[str, Check] = {
     "tissue_in_blade": Check(
         "Tissue inside the blade where it presses, mean (of the opening)", "at most 0.01", lambda v: v <= 0.01
     ),
-    "deepest_in_blade": Check(
-        "Tissue inside the blade, deepest point at its edges (of the opening)", "stated, no limit set", None
-    ),
+    "deepest_in_blade": Check("Tissue inside the blade, deepest point at its edges (of the opening)", "no limit", None),
     "first_peaks_differ": Check(
         "First peaks of continuous and intermittent differ by (relative; computed once)",
         "at most 1e-6",
@@ -216,8 +216,8 @@ def findings(answers: Mapping[str, Any], given: list[str]) -> list[str]:
 ESTIMATED_BY = {"dt_halving": HALF, "order_plus_one": ORDER, "other_elements": MESH}
 """Check → the verification run that it needs."""
 MISSING = {
-    UNDER_WAY: "Checks under way when this page was written, which go into it as they end: {}.",
-    FAILED: "Checks that failed, so that what they estimate is not known: {}.",
+    UNDER_WAY: "Checks under way when this page was written; they are added as they finish: {}.",
+    FAILED: "Checks that failed, so that their estimates are not known: {}.",
     NOT_COMPUTED: "Error estimates not computed: {}. They were left out on request; a resumed run can add them.",
 }
 
@@ -324,9 +324,9 @@ def peak_error_sentence(errors: Mapping[str, Any]) -> str:
         return ""
     words = {"mesh": "mesh", "order": "order", "step": "time steps"}
     known = [f"{words[kind]} {number(of[kind], 2)}" for kind in words if _is_number(of.get(kind))]
-    moved = f", moved by {', '.join(known)} mmHg" if known else ""
+    moved = f", errors: {', '.join(known)} mmHg" if known else ""
     low, high = (number(value) for value in of["material"])
-    peak = f"Held to the end, one opening has its peak at {number(of['value'])} mmHg{moved}"
+    peak = f"Peak of one opening held to the end: {number(of['value'])} mmHg{moved}"
     return f"{peak}; other published tissue: {low} to {high} mmHg."
 
 

@@ -166,7 +166,7 @@ def slices(image: ScanImage, peak: DeformedHead) -> bytes:
                 axes.set(xlim=(high[across], low[across]), ylim=(middle - tall / 2, middle + tall / 2))
                 _furnish(axes, peak, across, up)
         target = _line(TARGET, "target", ls="", marker="o", ms=4)
-        for row, text in enumerate(("Scan (T1) and labels", "Mesh at rest on the scan")):
+        for row, text in enumerate(("Scan (T1) and labels", "Undeformed mesh on the scan")):
             top = (foot + (2 - row) * scale * tall + (1 - row) * between) / height
             lift = 0.30 if row == 0 else 0.08
             page.text(
@@ -177,7 +177,7 @@ def slices(image: ScanImage, peak: DeformedHead) -> bytes:
                 ncols=len(handles[row]) + 1, fontsize=9.5, handlelength=1.4, columnspacing=1.3, borderpad=0.2,
                 borderaxespad=0.0, facecolor="#333333", labelcolor="white", edgecolor="none", framealpha=1,
             )  # fmt: skip
-        said = "Coronal and axial as radiologists have them: the patient's right (R) is at the picture's left."
+        said = "Coronal and axial in radiological convention: the patient's right (R) is at the picture's left."
         page.text(GAP * scale / WIDTH, 0.1 / height, said, ha="left", va="bottom", fontsize=9.5)
         return png(page)
 
@@ -223,7 +223,7 @@ def _labels(axes: Any, image: ScanImage, layer: int, normal: int, across: int, u
     label = np.take(image.labels, layer, normal).T
     at = image.centres(across), image.centres(up)
     kinds = (
-        (label >= WHITE, BORDER, 0.6, "grey/white border"),
+        (label >= WHITE, BORDER, 0.6, "grey/white boundary"),
         (label > 0, OUTLINE, 1.0, "brain's outline"),
         (label == VENTRICLE, FLUID, 1.0, "ventricles"),
     )

@@ -60,7 +60,7 @@ def head(peak: DeformedHead, scale: StrainScale) -> bytes:
         ventricles = Layer(peak.points, inner, FLUID, vertex_normals(peak.points, inner))
         _show(axes, camera, [*opened, *_blade_layers(peak), ventricles, hull])
         _rim(axes, camera, peak)
-        axes.set_title("The head, its surface seen through", pad=8)
+        axes.set_title("The head, with transparent surface", pad=8)
         _triad(axes, camera, (0.12, 0.10))
         bar_mm(axes, 50, 0.40)
         ring, far = _rim_points(peak), peak.points[np.unique(inner)]

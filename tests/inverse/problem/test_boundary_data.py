@@ -208,7 +208,7 @@ def test_free_edges_have_no_unknowns_and_the_truth_comes_back_either_way(shaken)
         "from_mm": pytest.approx([0, 0]),
         "to_mm": pytest.approx([120, 120]),
     }
-    words = "Boundary free of forces, not driven"
+    words = "Traction-free part of the boundary"
     assert dict(facts(free.to_dict()))[words] == "75.0 % of it, at x 0 to 120, y 0 to 120 mm"
     assert "free_boundary" not in driven.model and words not in dict(facts(driven.to_dict()))
 

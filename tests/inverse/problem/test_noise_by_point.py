@@ -58,7 +58,7 @@ def test_noisy_points_count_less(name, noisier):
     assert assumed["assumed"] == pytest.approx(rms_noise(data, noise)) and assumed["range"] == pytest.approx(
         [0.01, 0.1]
     )
-    assert ", 1.00 % to 10.0 % by point" in dict(facts(found.to_dict()))["Noise, with the model's error"]
+    assert ", 1.00 % to 10.0 % by point" in dict(facts(found.to_dict()))["Noise, including model error"]
 
 
 def test_weights_are_those_of_the_points():

@@ -198,8 +198,8 @@ def test_what_is_not_computed_is_said_on_top_and_where_it_would_stand(alone: Rep
     top, contents, rest = text.partition("Thresholds")
     assert said in top and contents and said in rest
     assert "Peak pressure under the blade mmHg 146 – – – – 60.0 to 146" in rest
-    assert "Held to the end, one opening has its peak at 146 mmHg; other published tissue: 60.0 to 146 mmHg." in top
-    assert "Half the time step moves the first peak by (relative) – less than 0.03 not computed" in rest
+    assert "Peak of one opening held to the end: 146 mmHg; other published tissue: 60.0 to 146 mmHg." in top
+    assert "Change of the first peak with half the time step (relative) – less than 0.03 not computed" in rest
     assert "gap while the blade is off – mm greater than 0 does not apply" in rest
     assert "Miller not computed –" in rest
     assert top.index("Warning: initial shear moduli outside of &lt;what is published&gt;.") < top.index(
@@ -223,12 +223,12 @@ def test_a_page_is_written_again_as_checks_end_with_the_same_pictures(
         path.write_text(json.dumps(result))
     text = words(page)
     assert (
-        "Checks under way when this page was written, which go into it as they end: one order more, Miller&#39;s"
+        "Checks under way when this page was written; they are added as they finish: one order more, Miller&#39;s"
         in text
     )
-    assert "Checks that failed, so that what they estimate is not known: half steps." in text
-    assert "peak at 146 mmHg, moved by mesh 7.1 mmHg; other published tissue" in text
-    assert "moves the first peak by (relative) – less than 0.03 failed" in text
+    assert "Checks that failed, so that their estimates are not known: half steps." in text
+    assert "146 mmHg, errors: mesh 7.1 mmHg; other published tissue" in text
+    assert "Change of the first peak with half the time step (relative) – less than 0.03 failed" in text
     pictures = r"data:image/(?:png|webp);base64,[^\"]*"
     assert re.findall(pictures, page) == re.findall(pictures, first)
 
@@ -314,10 +314,7 @@ def test_the_page_has_every_protocol_and_the_numbers(page: str) -> None:
     assert "as stiff as somebody1999:brain 750 Pa 73.0" in text
     assert "stand here: published for white matter; recalled numbers are left out." in text
     assert "0.50 times as stiff as the scene's" in text and "Left out: nobody2000:brain (recalled)." in text
-    assert (
-        "In all 60.0 to 146 mmHg. Beside that, the numerics: half the time step moves the peak as given by 7.3 mmHg."
-        in text
-    )
+    assert "In all 60.0 to 146 mmHg. Discretisation error: half the time step changes the peak by 7.3 mmHg." in text
     assert "Peak pressure under the blade mmHg 146 7.1 – 0.80 7.9 60.0 to 146 " in text
     assert "95th percentile % 23.1 0.40 1.2 0 1.6 23.1 Tissue with" in text
     assert "above 34 % ml 0.410 0.020 0.030 0.010 0.060 0.200 to 0.500 " in text
