@@ -1,23 +1,15 @@
-"""Wave data before they are inverted: quality, outliers, plausibility, and estimates straight from the waves.
+"""Wave data before inversion: quality, outliers, plausibility, and direct estimates of stiffness.
 
-- `direct_inversion`: Stiffness straight from the waves: algebraic inversion of the wave equation, and local
-  frequency.
-- `dispersion`: Whether one modulus can serve all frequencies of the data: what each frequency suggests by itself,
-  compared place by place.
-- `outliers`: Measured displacements that no smooth field explains.
-- `plausibility`: Whether waves can be those of soft tissue: the stiffness that their length and frequency mean, and
-  the points along a wave.
-- `quality`: What wave data are good for, in numbers: strain over noise, nearness of a resonance, and how fine a map
-  they determine.
-- `smoothing`: Smooth fields through noisy displacements: tensor-product splines on grids, moving least squares
-  through scattered points.
-- `stiffness_maps`: Published maps of shear stiffness and damping ratio as complex shear moduli of a head: the truth
-  of in-silico experiments.
-- `subset`: A part of wave data that knows the noise of the whole.
-- `time_convention`: Whether waves lose energy, as those of tissue do: in the other time convention, e^{-iωt}, they
-  seem to gain it.
-- `ultrasound`: Tissue at rest that a probe presses, one component of its displacement tracked by ultrasound: what is
-  assumed, and said.
+- `direct_inversion`: algebraic inversion of the wave equation, and local frequency estimation.
+- `dispersion`: whether one modulus fits all frequencies of the data.
+- `outliers`: measured displacements that no smooth field explains.
+- `plausibility`: whether wavelength and frequency are those of soft tissue, and whether there are enough points for a wave.
+- `quality`: noise, strain SNR, distance of a resonance, and resolution of maps.
+- `smoothing`: smooth fields through noisy displacements: tensor-product splines and moving least squares.
+- `stiffness_maps`: published maps of shear stiffness and damping ratio as complex shear moduli of a head.
+- `subset`: a part of wave data with the noise of the whole.
+- `time_convention`: whether waves lose energy, as tissue requires; in the convention e^{-iωt} they seem to gain it.
+- `ultrasound`: quasi-static data with one component tracked by ultrasound: assumptions and notes.
 """
 
 __all__ = [

@@ -1,8 +1,8 @@
-"""Stiffness straight from the waves: algebraic inversion of the wave equation, and local frequency.
+"""Stiffness straight from the waves: algebraic inversion of the wave equation, and local frequency estimation.
 
-All take the modulus as constant in the neighbourhood of a point, so they are wrong where it changes within a wavelength. They
-answer (n,) complex shear moduli G* (Pa) at the points of the data, NaN outside the mask and where nothing is measured; of
-elastic data the imaginary part is 0. Quasi-static loads say nothing here and are left out.
+All methods assume a locally constant modulus, so they are wrong where it changes within a wavelength. They return complex
+shear moduli G* (n,) Pa at the points of the data, NaN outside the mask and where nothing is measured. For elastic data the
+imaginary part is 0. Quasi-static loads are left out.
 """
 
 from __future__ import annotations
@@ -22,27 +22,44 @@ from ngbrain.io.waves.data import WaveData
 from ngbrain.io.waves.grid import Grid
 
 STIFF = 10e3
-"""Shear modulus (Pa) where the waves say none, as quasi-static ones."""
+"""Shear modulus (Pa) that is assumed where the waves suggest none, such as for quasi-static data."""
 PARTS = 3
-"""Of the points along each axis, whose loss tangents are compared."""
+"""Parts of the points along each axis, whose loss tangents are compared."""
 _OCTAVE = 2.0
 _STEEPNESS = 1 / (2 * np.log(2))  # C of the filters: with centres an octave apart the ratio of two answers is k itself
 
 
 def helmholtz(data: WaveData, field: SmoothField | None = None, window: float = 0.0) -> np.ndarray:
-    """Algebraic inversion of G ∇²u = -ρω²u: at every point G = -Σ ρω² (∇²u)*·u / Σ |∇²u|².
+    """Algebraic inversion of G ∇²u = -ρω²u: at each point G = -Σ ρω² (∇²u)*·u / Σ |∇²u|².
 
-    data     its points, frequencies, density ρ and rheology
-    field    u and ∇²u; by default `smoothed(data)`
-    window   radius (m) of the ball over whose points the two sums go; 0: the point alone
+    The sums go over all loads, frequencies and components; ω = 2π frequency. It needs waves without divergence: it takes
+    pressure waves, or the pressure of nearly incompressible tissue, for shear waves. Then use `helmholtz_of_curl`.
 
-    The sums go over all loads, frequencies and components; ω = 2π frequency. Without divergence only: pressure waves, or the
-    pressure of nearly incompressible tissue, are taken for shear waves. Then use `helmholtz_of_curl`.
+    Parameters
+    ----------
+    data : WaveData
+        Points, frequencies, density ρ and rheology.
+    field : SmoothField, optional
+        u and its derivatives; by default `fit_smooth_field(data)`.
+    window : float
+        Radius (m) of the ball over whose points the two sums go; 0 for the point alone.
 
+    Returns
+    -------
+    numpy.ndarray
+        (n,) G*, Pa.
+
+    Raises
+    ------
+    InputError
+        All loads are quasi-static, or `fit_smooth_field` fails.
+
+    References
+    ----------
     Oliphant et al. 2001, doi:10.1002/1522-2594(200102)45:2<299::AID-MRM1039>3.0.CO;2-O.
 
-    Raises `InputError` if every load is quasi-static, or as `fit_smooth_field`.
-
+    Examples
+    --------
     >>> points = np.array([[x, y] for y in range(20) for x in range(20)]) * 0.002
     >>> k = 2 * np.pi * 50 * np.sqrt(1000 / (2000 + 800j))
     >>> u = 1e-5 * np.stack([0 * points[:, 1], np.exp(-1j * k * points[:, 0])], axis=1)[None]
@@ -56,27 +73,36 @@ def helmholtz(data: WaveData, field: SmoothField | None = None, window: float = 
 
 @dataclass(frozen=True)
 class UniformModulus:
-    """One complex shear modulus (Pa) for all tissue, and a sentence where it is not what the waves say but an assumption."""
+    """One complex shear modulus for all tissue.
+
+    Parameters
+    ----------
+    value : complex
+        Pa.
+    note : str
+        A sentence where the modulus is an assumption, not an estimate from the waves.
+    """
 
     value: complex
     note: str = ""
 
 
 def uniform_shear(data: WaveData) -> float:
-    """The size (Pa) of `uniform_modulus`."""
+    """Return the magnitude (Pa) of `uniform_modulus`."""
     return abs(uniform_modulus(data).value)
 
 
 def uniform_modulus(data: WaveData) -> UniformModulus:
-    """One shear modulus for all tissue, to start from and to choose elements by; a few bad points do not move it.
+    """Return one shear modulus for all tissue, as a start value and for the choice of elements. It is robust against a few bad
+    points.
 
-    It comes from the curl q = ∇×u (of motion through a plane from u itself): at every point 1/G = -Σ ρω² q*·∇²q / Σ ρ²ω⁴ |q|²,
-    summed over loads and components, and of all points the weighted median of the real and of the imaginary part. 1/G, not G, as
-    noise is in ∇²q rather than in q: for G itself it would count as softness. A point weighs as much as its own ρω² |q|, but no
-    more than the median point: least squares over all points would be decided by the rim, where derivatives of a smooth field are
-    worst. Elastic data have the real part alone.
+    It comes from the curl q = ∇×u (for anti-plane motion from u). At each point 1/G = -Σ ρω² q*·∇²q / Σ ρ²ω⁴ |q|², summed
+    over loads and components. The estimate is the weighted median over the points, of the real and of the imaginary part. 1/G
+    is used because noise is in ∇²q rather than in q; in an estimate of G itself, noise would count as softness. The weight of
+    a point is its ρω² |q|, but at most that of the median point: plain least squares would be decided by the rim, where
+    derivatives of a smooth field are least accurate. Elastic data have the real part alone.
 
-    At rest, and where no wave is left over by noise, it is `STIFF`, and the note says so.
+    For quasi-static data, and where noise hides the waves, the modulus is `STIFF`, and the note says so.
     """
     if data not in _UNIFORM:
         _UNIFORM[data] = _uniform_modulus(data)
@@ -104,9 +130,10 @@ def _median_softness(data: WaveData) -> complex:
 
 
 def _softness(data: WaveData) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """1/G at points, their weights as `uniform_modulus` has them, and which points (indices) these are.
+    """1/G at points, their weights as in `uniform_modulus`, and the indices of these points.
 
-    Of the curl, as far as it is known, or, wrong where there is a pressure, of the displacement where no load has two components.
+    It uses the curl where it is known. Where no load has two components it uses the displacement, which is wrong with
+    pressures.
     """
     field, moving, counts = fit_smooth_field(data), data.frequency > 0, np.flatnonzero(data.mask)
     turning = bool((np.isfinite(data.displacement[:, counts]).any(axis=1).sum(axis=1) > 1).any())
@@ -125,10 +152,11 @@ def _complex_median(values: np.ndarray, weight: np.ndarray) -> complex:
 
 
 def loss_tangent(data: WaveData) -> tuple[float, float]:
-    """G''/G' that the waves suggest for all tissue, and its standard error from `PARTS` parts of the points along each axis.
+    """Return the loss tangent G''/G' that the waves suggest for all tissue, and its standard error.
 
-    By 1/G as for `uniform_modulus`, as noise does not change its imaginary part on average. Below 0 the waves gain energy.
-    NaN for data at rest or where no modulus follows.
+    It comes from 1/G as in `uniform_modulus`, because noise does not bias its imaginary part. The standard error comes from
+    `PARTS` parts of the points along each axis. Below 0 the waves gain energy. Both are NaN for quasi-static data and where
+    no modulus follows.
     """
     if not np.any(data.frequency > 0):
         return np.nan, np.nan
@@ -145,7 +173,7 @@ def loss_tangent(data: WaveData) -> tuple[float, float]:
 
 
 def split_points(points: np.ndarray) -> list[np.ndarray]:
-    """Which points (n,) are in each of `PARTS` parts along every axis; parts without a point are left out."""
+    """Return which points (n,) are in each of `PARTS` parts along every axis; empty parts are left out."""
     along = np.ptp(points, axis=0).clip(1e-300)
     part = np.minimum((PARTS * (points - points.min(axis=0)) / along).astype(int), PARTS - 1)
     number = part @ PARTS ** np.arange(points.shape[1])
@@ -153,7 +181,7 @@ def split_points(points: np.ndarray) -> list[np.ndarray]:
 
 
 def local_moduli(data: WaveData) -> np.ndarray:
-    """Complex moduli (Pa) at the points (n,), NaN where none follow: by 1/G as for `uniform_modulus`.
+    """Return complex moduli (Pa) at the points (n,), from 1/G as in `uniform_modulus`; NaN where none follow.
 
     Raises `InputError` as `fit_smooth_field`.
     """
@@ -170,18 +198,51 @@ def _weighted_median(values: np.ndarray, weight: np.ndarray) -> float:
 
 
 def helmholtz_of_curl(data: WaveData, field: SmoothField | None = None, window: float = 0.0) -> np.ndarray:
-    """`helmholtz` for q = ∇×u in place of u: the curl of ∇p and of a pressure wave is 0.
+    """`helmholtz` for q = ∇×u in place of u: the curl of ∇p and of pressure waves is 0.
 
-    It differentiates three times: the field has to be smooth, a moving least squares of degree 3 at least.
+    It takes third derivatives: the field has to be smooth, such as moving least squares of degree 3 at least.
+
+    Parameters
+    ----------
+    data : WaveData
+        Points, frequencies, density ρ and rheology.
+    field : SmoothField, optional
+        u and its derivatives; by default `fit_smooth_field(data)`.
+    window : float
+        Radius (m) of the ball over whose points the two sums go; 0 for the point alone.
+
+    Returns
+    -------
+    numpy.ndarray
+        (n,) G*, Pa.
     """
     field = field or fit_smooth_field(data)
     return _solved(data, [field.curl_laplacian(data.points)], field.curl(data.points), window)[0]
 
 
 def navier(data: WaveData, field: SmoothField | None = None, window: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """Algebraic inversion of G ∇²u + (λ + G) ∇(∇·u) = -ρω²u with both moduli free: G and λ + G, (n,) Pa each.
+    """Algebraic inversion of G ∇²u + (λ + G) ∇(∇·u) = -ρω²u with both moduli free.
 
-    Arguments and errors as `helmholtz`. Nearly incompressible, ∇(∇·u) is hardly more than noise, and only G means anything.
+    In nearly incompressible tissue ∇(∇·u) is hardly more than noise, and only G is meaningful.
+
+    Parameters
+    ----------
+    data : WaveData
+        Points, frequencies, density ρ and rheology.
+    field : SmoothField, optional
+        u and its derivatives; by default `fit_smooth_field(data)`.
+    window : float
+        Radius (m) of the ball over whose points the two sums go; 0 for the point alone.
+
+    Returns
+    -------
+    G, rest : numpy.ndarray
+        (n,) G and λ + G, Pa.
+
+    Raises
+    ------
+    InputError
+        As `helmholtz`.
     """
     field = field or fit_smooth_field(data)
     hessian = field.hessian(data.points)
@@ -191,22 +252,25 @@ def navier(data: WaveData, field: SmoothField | None = None, window: float = 0.0
 
 
 def local_frequency(data: WaveData) -> np.ndarray:
-    """Local frequency estimation: |G*| ≈ ρω²/k², k the local wave number of the displacement.
+    """Local frequency estimation: |G*| ≈ ρω²/k² with the local wave number k of the displacement.
 
-    The waves go through quadrature filters R_i(|k|) D_j(k/|k|), R_i = exp(-ln²(|k|/k_i)/(2 ln 2)) with centres k_i an octave
-    apart, D_j the square of the cosine to direction j where that is positive. With q_i the root of the sum of squares over
+    The waves pass quadrature filters R_i(|k|) D_j(k/|k|). R_i = exp(-ln²(|k|/k_i)/(2 ln 2)) has centres k_i an octave apart.
+    D_j is the square of the cosine to direction j where that is positive. With q_i the root of the sum of squares over
     directions, components and loads of a frequency,
 
         k = Σ_i q_i q_{i+1} √(k_i k_{i+1}) q_{i+1}/q_i  /  Σ_i q_i q_{i+1} ,
 
-    where every term is exact for a plane wave. Frequencies are weighted by their energies. It needs no derivative, so no
-    smoothing, but sees nothing finer than about a wavelength, and is off near the border, and where waves cross.
+    where each term is exact for a plane wave. Frequencies are weighted by their energies. The method needs no derivative, so
+    no smoothing. Its resolution is about a wavelength. It is inaccurate near the border, and where waves cross.
 
-    Knutsson, Westin & Granlund 1994, doi:10.1109/ICIP.1994.413270; Manduca et al. 2001,
-    doi:10.1016/S1361-8415(00)00039-6.
+    Raises `InputError` if the points are no grid, or all loads are quasi-static.
 
-    Raises `InputError` if the points are no grid, or every load is quasi-static.
+    References
+    ----------
+    Knutsson, Westin & Granlund 1994, doi:10.1109/ICIP.1994.413270; Manduca et al. 2001, doi:10.1016/S1361-8415(00)00039-6.
 
+    Examples
+    --------
     >>> points = np.array([[x, y] for y in range(40) for x in range(60)]) * 0.002
     >>> u = 1e-5 * np.stack([0 * points[:, 1], np.exp(-1j * 200 * points[:, 0])], axis=1)[None]
     >>> data = WaveData(points, u, [50.0], 1000.0, "isotropic", "elastic", poisson=0.49)
@@ -229,7 +293,7 @@ def local_frequency(data: WaveData) -> np.ndarray:
 
 
 def _local_wave_number(grid: Grid, waves: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """k (1/m) on the grid, and the energy that it was found from."""
+    """Local wave number (1/m) on the grid, and the energy behind it."""
     padded = [fft.next_fast_len(n + n // 2) for n in grid.shape]  # zeros keep what leaves on one side from coming back
     axes = [2 * np.pi * np.fft.fftfreq(n, h) for n, h in zip(padded, grid.spacing, strict=True)]
     K = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
@@ -254,7 +318,7 @@ def _local_wave_number(grid: Grid, waves: Sequence[np.ndarray]) -> tuple[np.ndar
 
 
 def _directions(d: int) -> np.ndarray:
-    """Unit vectors, spread evenly: of a hexagon or an icosahedron."""
+    """Evenly spread unit vectors: of a hexagon or an icosahedron."""
     if d == 2:
         turn = np.arange(6) * np.pi / 3
         return np.stack([np.cos(turn), np.sin(turn)], axis=1)

@@ -1,4 +1,4 @@
-"""Whether one modulus can serve all frequencies of the data: what each frequency suggests by itself, compared place by place."""
+"""Whether one modulus fits all frequencies of the data: the estimates of each frequency, compared part by part."""
 
 from __future__ import annotations
 
@@ -11,16 +11,19 @@ from ngbrain.inverse.data.direct_inversion import local_moduli, split_points
 from ngbrain.io.waves import WaveData
 
 FACTOR, SURE = 1.35, 4.0
-"""Moduli of two frequencies contradict each other where one is so many times the other, by so many standard errors of the parts."""
+"""Moduli of two frequencies contradict each other where they differ by this factor, and by so many standard errors of the
+parts."""
 
 
 def contradiction(data: WaveData) -> str:
-    """How moduli at the lowest and the highest frequency differ, in words; empty where one modulus may serve both.
+    """Return a description of how moduli at the lowest and the highest frequency differ; empty where one modulus may fit both.
 
-    Each part of the points is compared with itself, so that what varies from place to place does not count. Moduli are those
-    of `local_moduli`, which noise makes too small and coarse points too large: only a factor of `FACTOR` is taken for a
+    Each part of the points is compared with itself, so that variation in space does not count. The moduli are those of
+    `local_moduli`. Noise makes them too small, and coarse points too large. So only a factor of `FACTOR` counts as a
     contradiction.
 
+    Examples
+    --------
     >>> grid = np.array([[x, y] for y in range(24) for x in range(24)]) * 3e-3
     >>> def waves(*moduli):
     ...     k = [2 * np.pi * f * np.sqrt(1000 / G) for f, G in zip((40, 60), moduli)]

@@ -13,37 +13,61 @@ from ngbrain.inverse.data.smoothing import fit_splines, moving_least_squares, su
 from ngbrain.io.waves import WaveData
 
 FAR = 5.0
-"""Standard deviations of the noise, by the median, beyond which a displacement is one."""
+"""Standard deviations of the noise (from the median) beyond which a displacement is a suspect."""
 LEAST = 2e-3
-"""Of a component's rms, what counts as noise at least: exact data are missed by a smooth field too."""
+"""Least noise, relative to a component's rms: smooth fields miss exact data too."""
 NEAR = 4.0
-"""Times the median of the points around: what is off where everything around is off too is a jump of the moduli, no error."""
+"""Ratio to the median of the points around, beyond which a suspect is an outlier. Where the points around are off too, moduli
+jump."""
 JUMP = 0.1
-"""Of a component's rms: published cases, living brains and phantoms have less beside what smooth fields miss at edges."""
+"""Relative to a component's rms: published cases, living brains and phantoms have less beside what smooth fields miss at
+edges."""
 AROUND = {2: 8, 3: 18}
-"""How many points are around one, by the dimension."""
+"""Number of points around a point, by dimension."""
 STIFF = 0.3
-"""Coefficients of the smooth field for each point at most: with more it would follow single points."""
+"""Most coefficients of the smooth field for each point: with more it would follow single points."""
 SMALLEST, FULLEST = 6, 0.4
-"""Coefficients along an axis of the smallest spline, see `fit_splines`, and how many it may have for each point: on 9 × 9 exact
-points (.44) it misses 14 of 162 good displacements, on 90 points none."""
+"""Coefficients along an axis of the smallest spline, see `fit_splines`, and the most it may have for each point. On 9 × 9
+exact points (.44) it misses 14 of 162 good displacements, on 90 points none."""
 ROUNDS = 10
 
 
 def remove_outliers(data: WaveData, far: float = FAR) -> WaveData:
-    """The data, displacements that are no part of a smooth field NaN: components of single loads, not whole points.
+    """Replace displacements that are not part of a smooth field by NaN: components of single loads, not whole points.
 
-    A smooth field û is fitted, σ = median |u - û| / √(ln 2) (that of a complex Gaussian's size), and all u with |u - û| > `far` σ
-    are suspects, without which it is fitted again; so until they stay the same. Errors that are near each other pull no field
-    then, nor hide each other. Of the suspects those are gross errors that are also `NEAR` times as far off as the points around,
-    gross errors not counted; again with fields that are fitted without these alone, until nothing changes. Of Gaussian noise this
-    leaves out 1 in 10¹¹; where moduli jump on a coarse grid some displacements that are good (1.3 % of a published case on half
-    of its points, .1 % on all of them, 1 % without noise).
+    A smooth field û is fitted, with σ = median |u - û| / √(ln 2) (the scale of a complex Gaussian). All u with |u - û| >
+    `far` σ are suspects. The field is fitted again without them, until the suspects stay the same. So outliers near each
+    other neither bias the field nor hide each other. Outliers are those suspects that are also `NEAR` times as far off as the
+    points around them, other outliers not counted. The fields are then fitted without the outliers alone, until nothing
+    changes.
 
-    Raises `InputError` unless `far` is positive, and where too few points are left for a smooth field.
-    Sources: Rousseeuw and Croux 1993, 10.1080/01621459.1993.10476408 (scale by the median); Westerweel and Scarano 2005,
+    Of Gaussian noise this removes 1 in 10¹¹. Where moduli jump on a coarse grid, it removes some good displacements (1.3 % of
+    a published case on half of its points, .1 % on all of them, 1 % without noise).
+
+    Parameters
+    ----------
+    data : WaveData
+        The data.
+    far : float
+        Standard deviations.
+
+    Returns
+    -------
+    WaveData
+        The data without outliers.
+
+    Raises
+    ------
+    InputError
+        `far` is not positive, or too few points are left for a smooth field.
+
+    References
+    ----------
+    Rousseeuw and Croux 1993, 10.1080/01621459.1993.10476408 (scale by the median); Westerweel and Scarano 2005,
     10.1007/s00348-005-0016-6 (comparison with the points around).
 
+    Examples
+    --------
     >>> line = np.arange(20) * 2e-3
     >>> grid = np.array([[x, y] for y in line for x in line])
     >>> u = 1e-5 * np.exp(-200j * grid[:, ::-1])[None]
@@ -57,12 +81,14 @@ def remove_outliers(data: WaveData, far: float = FAR) -> WaveData:
     around, none = _around(data), np.zeros(data.displacement.shape, bool)
     known = data.measured & data.mask[:, None]
     number, least = int(known.sum(axis=1).max()), SMALLEST**data.dim / FULLEST
-    if supports_splines(data) and number < least:  # what bends more than the smallest spline would count as errors
+    if (
+        supports_splines(data) and number < least
+    ):  # what varies faster than the smallest spline would count as an outlier
         raise InputError(
             "mask", f"true at {number} measured points", f"at least {np.ceil(least):.0f} to tell gross errors by"
         )
     out = none
-    for near in (0.0, NEAR):  # suspects, then the gross errors among them
+    for near in (0.0, NEAR):  # suspects, then the outliers among them
         errors = none
         for _ in range(ROUNDS):
             off, beyond = _off(_without(data, out), data, known, far)
@@ -72,15 +98,17 @@ def remove_outliers(data: WaveData, far: float = FAR) -> WaveData:
             if np.array_equal(out, last):
                 break
             errors = out
-    return _without(data, out & last)  # what comes and goes hangs on the points around, as at a jump
+    return _without(data, out & last)  # what alternates depends on the points around, as at a jump
 
 
 def discontinuity_share(data: WaveData) -> float:
-    """Share of the displacements that lie beside a jump of the displacement: the seam of two scans, the border of a phase wrap.
+    """Return the share of displacements beside a jump of the displacement: the seam of two scans, the border of a phase wrap.
 
-    There a smooth field is off by more than `FAR` σ and `JUMP` of the waves' rms, and at most points around too; a jump of the
-    moduli bends waves and tears nothing. Raises `InputError` where too few points make a smooth field.
+    There a smooth field is off by more than `FAR` σ and `JUMP` of the rms, and at most points around too. A jump of the
+    moduli only bends waves. Raises `InputError` where there are too few points for a smooth field.
 
+    Examples
+    --------
     >>> line = np.arange(20) * 2e-3
     >>> grid = np.array([[x, y] for y in line for x in line])
     >>> u = 1e-5 * np.exp(-200j * grid[:, ::-1])[None]
@@ -99,7 +127,7 @@ def discontinuity_share(data: WaveData) -> float:
 
 
 def _around(data: WaveData) -> np.ndarray:
-    """For each point of the mask the nearest others, as places among these points."""
+    """For each point of the mask the nearest others, as indices among these points."""
     points = data.points[data.mask]
     return KDTree(points).query(points, k=min(AROUND[data.dim] + 1, len(points)))[1][:, 1:]
 
@@ -109,7 +137,7 @@ def _without(data: WaveData, out: np.ndarray) -> WaveData:
 
 
 def _off(left: WaveData, data: WaveData, known: np.ndarray, far: float) -> tuple[np.ndarray, np.ndarray]:
-    """|u - û| of all that is known, NaN elsewhere, û fitted to what is left; and `far` σ."""
+    """|u - û| of all known displacements, NaN elsewhere, with û fitted to those that are left; and `far` σ."""
     smooth = fit_splines(left, STIFF) if supports_splines(left) else moving_least_squares(left)
     off = np.where(known, np.abs(data.displacement - smooth.values()), np.nan)
     with warnings.catch_warnings():
@@ -119,7 +147,7 @@ def _off(left: WaveData, data: WaveData, known: np.ndarray, far: float) -> tuple
 
 
 def _usual(off: np.ndarray, mask: np.ndarray, around: np.ndarray) -> np.ndarray:
-    """Median over the points around each point of the mask; 0 elsewhere, and where nothing is known around."""
+    """Median over the points around each point of the mask; 0 elsewhere, and where nothing around is known."""
     usual = np.zeros(off.shape)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # nothing left around a point
@@ -128,7 +156,10 @@ def _usual(off: np.ndarray, mask: np.ndarray, around: np.ndarray) -> np.ndarray:
 
 
 def screen_outliers(data: WaveData) -> tuple[WaveData, list[str]]:
-    """`remove_outliers`, and what it left out in words; the data as they are where too few points make a smooth field."""
+    """Return the data of `remove_outliers`, and a note on what it removed.
+
+    Where there are too few points for a smooth field, the data stay as they are.
+    """
     try:
         left = remove_outliers(data)
     except InputError:

@@ -1,4 +1,4 @@
-"""Whether waves can be those of soft tissue: the stiffness that their length and frequency mean, and the points along a wave."""
+"""Whether wavelength and frequency are those of soft tissue, and whether there are enough points for a wave."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from ngbrain.errors import InputError
 from ngbrain.io.waves import WaveData
 
 SOFTEST, STIFFEST = 1.0, 1e8
-"""Shear moduli (Pa) that no soft tissue or phantom of it has: a frequency of kHz or mHz that was meant in Hz makes them 10⁶ times
-what they are."""
+"""Shear moduli (Pa) outside the range of soft tissue and its phantoms. A frequency in kHz or mHz in place of Hz changes them
+by a factor of 10⁶."""
 SOFT, STIFF = 50.0, 1e6
-"""The same, that few have."""
+"""Shear moduli (Pa) outside the range of most soft tissue."""
 TISSUES: dict[str, tuple[float, float]] = {
     "brain": (300.0, 8e3),
     "liver": (600.0, 2e4),
@@ -19,20 +19,46 @@ TISSUES: dict[str, tuple[float, float]] = {
     "muscle": (800.0, 1e5),
     "phantom": (200.0, 1e5),
 }
-"""Medians of |G*| (Pa) that such tissue has at 20 to 200 Hz, healthy or not, with a factor to spare on either side."""
+"""Range of medians of |G*| (Pa) at 20 to 200 Hz, healthy or not, with a margin on either side."""
 FEW = 4.0
-"""Points along a wave, of which fewer tell little."""
+"""Points for each wavelength below which waves determine little."""
 
 
 def check_frequency(data: WaveData, shear: float) -> None:
-    """Raise `InputError` about the frequency where waves mean a modulus (Pa) that is not between `SOFTEST` and `STIFFEST`."""
+    """Raise `InputError` about the frequency where waves imply a modulus that is not between `SOFTEST` and `STIFFEST`.
+
+    Parameters
+    ----------
+    data : WaveData
+        The data.
+    shear : float
+        Shear modulus, Pa.
+
+    Raises
+    ------
+    InputError
+        Wavelength and frequency imply a modulus that no soft tissue has.
+    """
     if data.frequency.any() and not SOFTEST <= shear <= STIFFEST:
         wanted = f"Hz, 0 at rest: soft tissue has {format_modulus(SOFTEST)} to {format_modulus(STIFFEST)}"
         raise InputError("frequency", f"{data.frequency.max():g}, so that {_means(data, shear)}", wanted)
 
 
 def wavelength_notes(data: WaveData, shear: float) -> list[str]:
-    """What to say of waves in tissue of such a median |G| (Pa): that it is hardly tissue, or that points are too far apart."""
+    """Return warnings on the wavelength: a modulus of hardly any tissue, or points too far apart.
+
+    Parameters
+    ----------
+    data : WaveData
+        The data.
+    shear : float
+        Median of |G|, Pa.
+
+    Returns
+    -------
+    list of str
+        The warnings.
+    """
     if not data.frequency.any():
         return []
     means, notes = f"at {data.frequency.max():g} Hz {_means(data, shear)}", list[str]()
@@ -44,7 +70,20 @@ def wavelength_notes(data: WaveData, shear: float) -> list[str]:
 
 
 def tissue_notes(data: WaveData, shear: float) -> list[str]:
-    """What to say where a median |G| (Pa) is out of the range of the tissue that the data name."""
+    """Return a warning where the modulus is out of the range of the named tissue.
+
+    Parameters
+    ----------
+    data : WaveData
+        Data that may name a tissue.
+    shear : float
+        Median of |G|, Pa.
+
+    Returns
+    -------
+    list of str
+        The warning, or nothing.
+    """
     if data.tissue is None or not data.frequency.any():
         return []
     low, high = TISSUES[data.tissue]
@@ -58,10 +97,12 @@ def tissue_notes(data: WaveData, shear: float) -> list[str]:
 
 
 def modulus_range_factor(tissue: str | None) -> float:
-    """How many times its median the modulus of a point of a tissue is at most, or one over that: √(high/low) of `TISSUES`.
+    """Return the largest ratio of a point's modulus to the median of its tissue: √(high/low) of `TISSUES`.
 
-    Of what is not named that of the widest of them.
+    Without a name it is that of the widest range.
 
+    Examples
+    --------
     >>> round(modulus_range_factor("brain"), 1), round(modulus_range_factor(None), 1)
     (5.2, 22.4)
     """
@@ -70,7 +111,9 @@ def modulus_range_factor(tissue: str | None) -> float:
 
 
 def amplitude_notes(data: WaveData) -> list[str]:
-    """What to say of displacements larger than the region itself: theory is linear, so that a unit may be wrong without harm."""
+    """Return a warning where displacements are larger than the region. The theory is linear, so that moduli do not change with
+    their unit.
+    """
     across, most = float(np.ptp(data.points, axis=0).max()), float(np.nanmax(np.abs(data.displacement[:, data.mask])))
     if most <= across:
         return []
@@ -88,7 +131,7 @@ def _length(data: WaveData, shear: float) -> float:
 
 
 def format_modulus(value: float) -> str:
-    """A modulus in words, in Pa, kPa, MPa or GPa."""
+    """Return a modulus in words, in Pa, kPa, MPa or GPa."""
     for unit, size in (("GPa", 1e9), ("MPa", 1e6), ("kPa", 1e3)):
         if value >= size:
             return f"{value / size:.3g} {unit}"

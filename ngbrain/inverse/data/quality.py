@@ -1,4 +1,4 @@
-"""What wave data are good for, in numbers: strain over noise, nearness of a resonance, and how fine a map they determine."""
+"""The quality of wave data: noise, strain SNR, distance of a resonance, and resolution of maps."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ngbrain.inverse.data.smoothing import fit_smooth_field
 from ngbrain.io.waves import WaveData
 
 STILL = 0.01
-"""Part of the largest component's rms below which a component counts as still, see `noise_deviation`."""
+"""Least rms of a component for its noise, relative to the largest component's, see `noise_deviation`."""
 
 NO_STRAIN = "no octahedral shear strain (OSS)"
 
@@ -29,10 +29,24 @@ RelativeNoise: TypeAlias = float | np.ndarray
 
 
 def noise_deviation(data: WaveData, relative: RelativeNoise, where: np.ndarray | None = None) -> np.ndarray:
-    """Standard deviation (loads, 1, dim) m of real and of imaginary parts, for noise relative to each component's rms.
+    """Return the standard deviation of real and of imaginary parts, for noise relative to each component's rms.
 
-    Of noise by points (loads, points, dim), at those of them that are chosen (n,) bool.
-    Of a component that hardly moves it is taken as a hundredth of the largest one's: none is known without error.
+    For a component that hardly moves, the rms counts as at least a hundredth of the largest component's: no component is
+    known without error.
+
+    Parameters
+    ----------
+    data : WaveData
+        The data.
+    relative : RelativeNoise
+        Relative noise.
+    where : numpy.ndarray, optional
+        (n,) bool, the points of noise by points.
+
+    Returns
+    -------
+    numpy.ndarray
+        (loads, 1, dim) m; for noise by points (loads, points, dim).
     """
     least = STILL * data.rms.max(axis=2, keepdims=True)
     if np.ndim(relative):
@@ -41,8 +55,22 @@ def noise_deviation(data: WaveData, relative: RelativeNoise, where: np.ndarray |
 
 
 def rms_noise(data: WaveData, relative: RelativeNoise) -> float:
-    """One number for noise: the rms over the points of the mask.
+    """Return one number for relative noise: the rms over the points of the mask.
 
+    Parameters
+    ----------
+    data : WaveData
+        The data.
+    relative : RelativeNoise
+        Relative noise.
+
+    Returns
+    -------
+    float
+        The rms.
+
+    Examples
+    --------
     >>> grid = np.array([[x, y] for y in range(3) for x in range(3)]) * 0.01
     >>> data = WaveData(grid, 1e-6 * np.ones((1, 9, 2)), [50.0], 1000.0, "isotropic", "elastic", poisson=0.49)
     >>> round(rms_noise(data, np.repeat([0.01, 0.02], [4, 5])), 4)
@@ -52,16 +80,49 @@ def rms_noise(data: WaveData, relative: RelativeNoise) -> float:
 
 
 def total_noise(level: RelativeNoise, floor: RelativeNoise, model_error: float = 0.0) -> RelativeNoise:
-    """Noise and model error together, and no less than a floor."""
+    """Return noise and model error together, with a lower bound.
+
+    Parameters
+    ----------
+    level : RelativeNoise
+        Relative noise.
+    floor : RelativeNoise
+        Lower bound.
+    model_error : float
+        Relative model error.
+
+    Returns
+    -------
+    RelativeNoise
+        The total.
+    """
     found = np.maximum(np.hypot(level, model_error), floor)
     return found if np.ndim(found) else float(found)
 
 
 def noise_for_misfit(data: WaveData, noise: RelativeNoise, ratio: float, floor: RelativeNoise = 0.0) -> RelativeNoise:
-    """Noise that explains a misfit of so many times what this one leaves, as one more error that is the same at all points.
+    """Return the noise that explains a misfit, as an additional error e that is the same at all points.
 
-    √(σ² + e²) with the mean of (σ² + e²)/σ² over the points as the ratio; less than σ for a ratio below 1, but not than a floor.
+    It is √(σ² + e²), where the mean of (σ² + e²)/σ² over the points equals the ratio. For a ratio below 1 it is less than σ.
 
+    Parameters
+    ----------
+    data : WaveData
+        The data.
+    noise : RelativeNoise
+        Relative noise σ.
+    ratio : float
+        Misfit over its expected value for this noise.
+    floor : RelativeNoise
+        Lower bound.
+
+    Returns
+    -------
+    RelativeNoise
+        The noise.
+
+    Examples
+    --------
     >>> grid = np.array([[x, y] for y in range(3) for x in range(3)]) * 0.01
     >>> data = WaveData(grid, 1e-6 * np.ones((1, 9, 2)), [50.0], 1000.0, "isotropic", "elastic", poisson=0.49)
     >>> noise_for_misfit(data, 0.01, 4.0)
@@ -73,13 +134,21 @@ def noise_for_misfit(data: WaveData, noise: RelativeNoise, ratio: float, floor: 
 
 @dataclass(frozen=True, eq=False)
 class OctahedralShearStrain:
-    """Octahedral shear strain of measured waves (the mean over a period; at rest the strain itself) and what there is of it.
+    """Octahedral shear strain of measured waves, its SNR, and related checks.
 
-    oss   (loads, n), NaN where a component is not measured and at points that do not count
-    snr   (loads, n), over its noise
-    note  why there is none, or none of some loads; empty if nothing is missing
-    volume  |∇·u| over |∇×u| of the waves, medians over points and loads: shear waves have 0; None where it is not known
-    torn    share of the displacements beside a jump (`discontinuity_share`)
+    Parameters
+    ----------
+    oss : numpy.ndarray
+        (loads, n) the mean over a period; for quasi-static loads the strain itself. NaN where a component is not measured and
+        at points outside the mask.
+    snr : numpy.ndarray
+        (loads, n) over its noise.
+    note : str
+        Why there is no strain, or none of some loads; empty if nothing is missing.
+    volume : float, optional
+        |∇·u| over |∇×u| of the waves, medians over points and loads; 0 for shear waves.
+    discontinuity_share : float
+        Share of displacements beside a jump (`outliers.discontinuity_share`).
     """
 
     oss: np.ndarray
@@ -90,16 +159,30 @@ class OctahedralShearStrain:
 
     @property
     def median(self) -> float | None:
-        """Of its ratio to noise, over all points and loads; None without any."""
+        """Median SNR over all points and loads; None without any."""
         known = self.snr[np.isfinite(self.snr)]
         return float(np.median(known)) if known.size else None
 
 
 def octahedral_shear_strain(data: WaveData, relative: RelativeNoise) -> OctahedralShearStrain:
-    """The strain is that of a smooth field, its noise that of central differences over neighbours, as published values are.
+    """Compute the octahedral shear strain and its SNR.
 
-    relative   noise of the displacement, as `noise_deviation` takes it
+    The strain is that of a smooth field. Its noise is that of central differences over neighbours, as in published values.
 
+    Parameters
+    ----------
+    data : WaveData
+        The data.
+    relative : RelativeNoise
+        Noise of the displacement, as `noise_deviation` takes it.
+
+    Returns
+    -------
+    OctahedralShearStrain
+        Strain and SNR.
+
+    Examples
+    --------
     >>> line = np.arange(12) * 2e-3
     >>> grid = np.array([[x, y] for y in line for x in line])
     >>> u = 1e-5 * np.stack([np.exp(-200j * grid[:, 1]), 0 * grid[:, 0]], axis=1)[None]
@@ -144,19 +227,35 @@ def octahedral_shear_strain(data: WaveData, relative: RelativeNoise) -> Octahedr
     jumps = discontinuity_share(data) if data.frequency.any() else 0.0
     if not turn:
         return OctahedralShearStrain(oss, snr, note, None, jumps)
-    # Medians: at a rim with points left out single derivatives of a smooth field are anything.
+    # Medians: at a rim with points left out, single derivatives of a smooth field are unreliable.
     turned = float(np.median(np.concatenate(turn)))
     return OctahedralShearStrain(oss, snr, note, float(np.median(np.concatenate(volume))) / max(turned, 1e-300), jumps)
 
 
 def strain_snr_mask(data: WaveData, noise: float | None, least: float) -> np.ndarray:
-    """Which points (n,) of the mask have a strain of at least so many times its noise, in one load or more.
+    """Return the points of the mask with a minimum strain SNR in at least one load.
 
-    noise   relative, None as for `noise_level`
+    On a grid it is the largest connected piece of these with its holes filled: nodes of standing waves have no strain, yet
+    they are tissue.
 
-    On a grid the largest piece of these, its holes filled: in nodes of standing waves nothing is strained, yet they are tissue.
+    Parameters
+    ----------
+    data : WaveData
+        The data.
+    noise : float or None
+        Relative noise, as `noise_level` takes it.
+    least : float
+        Minimum SNR.
 
-    Raises `InputError` where no strain can be told.
+    Returns
+    -------
+    numpy.ndarray
+        (n,) bool.
+
+    Raises
+    ------
+    InputError
+        The data have no strain SNR.
     """
     strain = octahedral_shear_strain(data, noise_level(data, noise)[0])
     if strain.median is None:
@@ -177,14 +276,27 @@ def _third_row(gradient: np.ndarray) -> np.ndarray:
 
 
 def _spacing(data: WaveData) -> np.ndarray:
-    """Of neighbours along each axis (dim,) m."""
+    """Spacing of neighbours along each axis, (dim,) m."""
     if data.grid:
         return np.asarray(data.grid.spacing @ np.abs(data.grid.axes))
     return np.full(data.dim, data.point_spacing)
 
 
 def resonance_distance(data: WaveData, factors: Factorised) -> float | None:
-    """The smallest |ω_j - ω|/ω over the loads of data without loss (`Factorised.detuning`); None for all others."""
+    """Return the smallest |ω_j - ω|/ω over the loads of data without loss, with resonances ω_j.
+
+    Parameters
+    ----------
+    data : WaveData
+        The data.
+    factors : HarmonicFactors
+        Factorised wave problem.
+
+    Returns
+    -------
+    float or None
+        The distance; None for other data.
+    """
     moving = {float(f): load for load, f in enumerate(data.frequency) if f > 0}
     if data.rheology == "viscoelastic" or not moving:
         return None
@@ -192,11 +304,24 @@ def resonance_distance(data: WaveData, factors: Factorised) -> float | None:
 
 
 def map_resolution(size: float, dim: int, determined: Mapping[str, float]) -> dict[str, float]:
-    """A hint at the finest detail (m) of each field: the side of the region's share for every number that is determined.
+    """Return an estimate of the finest detail of each field: the side of the region's share for each determined parameter.
 
-    size        m² or m³, of the region
-    determined  how many numbers of a field the data determine
+    Parameters
+    ----------
+    size : float
+        Area or volume of the region, m² or m³.
+    dim : int
+        2 or 3.
+    determined : mapping of str to float
+        Field → number of parameters that the data determine.
 
+    Returns
+    -------
+    dict of str to float
+        Field → m
+
+    Examples
+    --------
     >>> map_resolution(0.01, 2, {"storage": 100.0})
     {'storage': 0.01}
     """
@@ -204,7 +329,22 @@ def map_resolution(size: float, dim: int, determined: Mapping[str, float]) -> di
 
 
 def noise_level(data: WaveData, given: float | None) -> tuple[RelativeNoise, str]:
-    """Relative noise: as given, as the data say, or as a smooth fit finds it; and a note where it had to be found."""
+    """Return the relative noise, and a note where it had to be estimated.
+
+    Parameters
+    ----------
+    data : WaveData
+        Data that may state their noise.
+    given : float or None
+        A given level.
+
+    Returns
+    -------
+    level : RelativeNoise
+        The given level, that of the data, or the residual of a smooth fit.
+    note : str
+        A sentence, or empty.
+    """
     if given is not None:
         return given, ""
     if data.noise is not None:

@@ -1,7 +1,7 @@
 """Smooth fields through noisy displacements: tensor-product splines on grids, moving least squares through scattered points.
 
-How smooth is chosen by the data: by generalised cross-validation (Golub, Heath & Wahba 1979,
-doi:10.1080/00401706.1979.10489751) or by leaving one out.
+The smoothness is chosen by generalised cross-validation (Golub, Heath & Wahba 1979, doi:10.1080/00401706.1979.10489751) or by
+leave-one-out cross-validation.
 """
 
 from __future__ import annotations
@@ -34,11 +34,14 @@ _CHUNK = 4_000_000  # numbers at a time
 class SmoothField(ABC):
     """A smooth displacement (m) of several loads with its derivatives, everywhere.
 
-    Attributes:
-        noise: (loads, d) m, rms of the complex noise found in each component; NaN where one is not measured.
-        axes: (d, d) unit vectors along which `derivative` differentiates, in rows.
+    `points` (n, d) m are by default those of the data.
 
-    `points` (n, d) m are those of the data where they are not given.
+    Attributes
+    ----------
+    noise : numpy.ndarray
+        (loads, d) rms of the complex noise of each component, m; NaN where one is not measured.
+    axes : numpy.ndarray
+        (d, d) unit vectors in rows, along which `derivative` differentiates.
     """
 
     noise: np.ndarray
@@ -46,44 +49,59 @@ class SmoothField(ABC):
 
     @abstractmethod
     def derivative(self, orders: tuple[int, ...], points: np.ndarray | None = None) -> np.ndarray:
-        """∂^|orders| u of those orders along `axes`, (loads, n, d)."""
+        """Return a derivative of u.
+
+        Parameters
+        ----------
+        orders : tuple of int
+            Order of differentiation along each of `axes`.
+        points : numpy.ndarray, optional
+            (n, d) m; by default the points of the data.
+
+        Returns
+        -------
+        numpy.ndarray
+            (loads, n, d)
+        """
 
     def values(self, points: np.ndarray | None = None) -> np.ndarray:
-        """u, (loads, n, d) m."""
+        """Return u, (loads, n, d) m."""
         return self.derivative((0,) * len(self.axes), points)
 
     def gradient(self, points: np.ndarray | None = None) -> np.ndarray:
-        """∂u_i/∂x_j, (loads, n, components, d), i before j."""
+        """Return ∂u_i/∂x_j, (loads, n, components, d), i before j."""
         along = np.stack([self.derivative(_orders(len(self.axes), j), points) for j in range(len(self.axes))], axis=-1)
         return along @ self.axes
 
     def hessian(self, points: np.ndarray | None = None) -> np.ndarray:
-        """∂²u_i/∂x_j∂x_k, (loads, n, d, d, d)."""
+        """Return ∂²u_i/∂x_j∂x_k, (loads, n, d, d, d)."""
         d = len(self.axes)
         pairs = {jk: self.derivative(_orders(d, *jk), points) for jk in combinations_with_replacement(range(d), 2)}
         rows = [np.stack([pairs[min(j, k), max(j, k)] for k in range(d)], axis=-1) for j in range(d)]
         return self.axes.T @ np.stack(rows, axis=-2) @ self.axes
 
     def laplacian(self, points: np.ndarray | None = None) -> np.ndarray:
-        """∇²u, (loads, n, d)."""
+        """Return ∇²u, (loads, n, d)."""
         return sum(self.derivative(_orders(len(self.axes), k, k), points) for k in range(len(self.axes)))  # type: ignore
 
     def curl(self, points: np.ndarray | None = None) -> np.ndarray:
-        """∇×u, (loads, n, 3), in the plane (loads, n, 1)."""
+        """Return ∇×u, (loads, n, 3); in the plane (loads, n, 1)."""
         return _curl(self.gradient(points))
 
     def curl_laplacian(self, points: np.ndarray | None = None) -> np.ndarray:
-        """∇²(∇×u), as `curl`."""
+        """Return ∇²(∇×u), as `curl`."""
         d = len(self.axes)
         along = [sum(self.derivative(_orders(d, k, k, j), points) for k in range(d)) for j in range(d)]
         return _curl(np.stack(along, axis=-1) @ self.axes)  # type: ignore[arg-type]
 
 
 def fit_smooth_field(data: WaveData) -> SmoothField:
-    """A smooth field through the measured points of the mask: `fit_splines` on a grid, `moving_least_squares` otherwise.
+    """Fit a smooth field through the measured points of the mask: `fit_splines` on a grid, else `moving_least_squares`.
 
-    So too on a grid of few points along some axis, such as a slab's.
+    Grids of few points along an axis, such as slabs, take moving least squares too.
 
+    Examples
+    --------
     >>> points = np.array([[x, y] for y in range(12) for x in range(12)]) * 0.01
     >>> u = 1e-5 * np.stack([np.sin(20 * points[:, 1]), np.cos(20 * points[:, 0])], axis=1)[None]
     >>> data = WaveData(points, u, [50.0], 1000.0, "isotropic", "elastic", poisson=0.49)
@@ -96,17 +114,17 @@ def fit_smooth_field(data: WaveData) -> SmoothField:
 
 
 def supports_splines(data: WaveData) -> bool:
-    """Whether the points are a grid that is not thin."""
+    """Whether the points are a grid with enough points along each axis."""
     return data.grid is not None and min(data.grid.shape) >= FEWEST
 
 
 _KNOWN: WeakKeyDictionary[WaveData, SmoothField] = WeakKeyDictionary()
-"""Of data that still are: a head's take a minute, and starts, sizes and signal-to-noise ratios ask for them."""
+"""Fields of data that still exist: those of a head take a minute, and start values, element sizes and SNRs need them."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Component:
-    """A scalar spline on a grid: knots along each axis and coefficients."""
+    """A scalar spline on a grid: knots along each axis, and coefficients."""
 
     knots: tuple[np.ndarray, ...]
     coefficients: np.ndarray
@@ -114,17 +132,40 @@ class _Component:
 
 
 class SplineField(SmoothField):
-    """Tensor products of quintic B-splines, one scalar spline for each component of each load; see `fit_splines`."""
+    """Tensor products of quintic B-splines, a scalar spline for each component of each load; see `fit_splines`.
+
+    Parameters
+    ----------
+    points : numpy.ndarray
+        (n, d) points of the data, m.
+    grid : Grid
+        Their grid.
+    components : list of list
+        For each load the spline of each component; None where it is not measured.
+    """
 
     def __init__(self, points: np.ndarray, grid: Grid, components: list[list[_Component | None]]) -> None:
         self.points, self.grid, self.components, self.axes = points, grid, components, grid.axes
         self.noise = np.array([[each.noise if each else np.nan for each in load] for load in components])
 
     def derivative(self, orders: tuple[int, ...], points: np.ndarray | None = None) -> np.ndarray:
-        """∂^|orders| u of those orders along `axes`, (loads, n, d); beyond the grid its last polynomials go on."""
-        at_home = points is None or np.array_equal(points, self.points)  # there one axis goes after the other
+        """Return a derivative of u. Beyond the grid its last polynomials continue.
+
+        Parameters
+        ----------
+        orders : tuple of int
+            Order of differentiation along each of `axes`.
+        points : numpy.ndarray, optional
+            (n, d) m; by default the points of the data.
+
+        Returns
+        -------
+        numpy.ndarray
+            (loads, n, d)
+        """
+        on_data = points is None or np.array_equal(points, self.points)  # there the axes are applied one by one
         points = self.points if points is None else np.asarray(points, float)
-        where = None if at_home else self.grid.coordinates(points)
+        where = None if on_data else self.grid.coordinates(points)
         u = np.full((len(self.components), len(points), len(self.components[0])), np.nan, complex)
         for load, fitted in enumerate(self.components):
             for i, one in enumerate(fitted):
@@ -139,21 +180,35 @@ class SplineField(SmoothField):
 
 
 def fit_splines(data: WaveData, full: float = 0.9) -> SplineField:
-    """Least-squares tensor-product quintic splines through the measured points of the mask, their number by GCV.
+    """Fit tensor-product quintic splines by least squares through the measured points of the mask, with the number of knots by
+    GCV.
 
-    Along every axis the knots are equally spaced, about as far on one axis as on the others. Of growing numbers of
-    coefficients p that one is taken with the smallest
+    Along each axis the knots are equally spaced, with about the same spacing on all axes. Of increasing numbers of
+    coefficients p, the one with the smallest
 
-        GCV(p) = n Σ|u - û|² / (n - p)²,
+        GCV(p) = n Σ|u - û|² / (n - p)²
 
-    for each component of each load by itself; the noise found is √(Σ|u - û|²/(n - p)). Points outside the mask have no
-    weight. Where they do not decide, of all fits the smallest is taken (in the sum of squares over the grid).
+    is taken, for each component of each load. The noise is √(Σ|u - û|²/(n - p)). Points outside the mask have no weight.
+    Where the fit is not unique, it is the smallest one (in the sum of squares over the grid).
 
-    `full` is the most coefficients for each measured point. With .9 exact data are met closest, with their derivatives, but may be
-    missed by their own size between points near the edge; with .3 by less than 1e-3 everywhere.
+    Parameters
+    ----------
+    data : WaveData
+        Data on a grid.
+    full : float
+        Most coefficients for each measured point. With .9 exact data are met closest, with their derivatives, but may be
+        missed by their own size between points near the edge; with .3 by less than 1e-3 everywhere.
 
-    Raises `InputError` if the points are no grid, or one of less than 8 points along an axis; or if a component is measured at
-    some points of the mask, but at no more than 6 to the power of the dimension, as many as the smallest spline has coefficients.
+    Returns
+    -------
+    SplineField
+        The field.
+
+    Raises
+    ------
+    InputError
+        The points are no grid, or one of fewer than 8 points along an axis; or a component is measured at no more than 6 to
+        the power of the dimension points of the mask, the coefficients of the smallest spline.
     """
     grid = data.grid
     if grid is None or min(grid.shape) < FEWEST:
@@ -178,7 +233,7 @@ def fit_splines(data: WaveData, full: float = 0.9) -> SplineField:
 def _best_spline(
     grid: Grid, values: np.ndarray, weight: np.ndarray, full: float, first: int = 0
 ) -> tuple[_Component, int]:
-    """The spline, and its place in `_counts`, which are tried from the `first` on; from 0 on if that is the best of them."""
+    """The spline, and its index in `_counts`, which are tried from the `first` on; from 0 on if that is the best of them."""
     n, best, least, waited, place = int(weight.sum()), None, np.inf, 0, first
     if n <= (wanted := (_DEGREE + 1) ** len(grid.shape)):
         raise InputError("mask", f"true at {n} measured points", f"more than {wanted}")
@@ -195,13 +250,13 @@ def _best_spline(
     if place == first > 0:
         return _best_spline(grid, values, weight, full)
     if best is None:
-        raise InputError("mask", f"true at {n} measured points, far apart", "points that decide a spline")
+        raise InputError("mask", f"true at {n} measured points, far apart", "points that determine a spline")
     coefficients, misfit = best.solve(values, tolerance=1e-8)
     return _Component(best.knots, coefficients, float(np.sqrt(misfit / (n - best.size)))), place
 
 
 def _counts(grid: Grid) -> list[tuple[int, ...]]:
-    """Intervals between knots along each axis, fewer first: equally long ones, and less than there are points."""
+    """Numbers of equal intervals between knots along each axis, increasing, fewer than there are points."""
     shape, spacing = np.array(grid.shape), grid.spacing
     length = (shape - 1) * spacing
     number = np.unique(np.round(_GROWTH ** np.arange(0, 60)))
@@ -210,9 +265,9 @@ def _counts(grid: Grid) -> list[tuple[int, ...]]:
 
 
 class _Fit:
-    """Splines of one number of knots, and the points that they are fitted to.
+    """Splines with one number of knots, and the points that they are fitted to.
 
-    Unknowns are the coefficients of an orthonormal basis of the splines on the grid's points: the matrix of the normal
+    Unknowns are the coefficients of an orthonormal basis of the splines on the grid's points. So the matrix of the normal
     equations is the identity where all points count, and conjugate gradients need one step.
     """
 
@@ -256,7 +311,7 @@ def _basis(x: np.ndarray, knots: np.ndarray, order: int) -> np.ndarray:
 
 
 def _along(matrices: list[np.ndarray], box: np.ndarray) -> np.ndarray:
-    """One real matrix applied along each axis: always the first, and the new axis goes to the end."""
+    """Apply one real matrix along each axis: always the first axis, and the new axis goes to the end."""
     whole = np.iscomplexobj(box)
     if whole:  # half the work of a product of complex numbers; the pairs end up in front
         box = np.ascontiguousarray(box).view(float).reshape(*box.shape, 2)
@@ -275,8 +330,17 @@ def _anywhere(one: _Component, orders: tuple[int, ...], where: np.ndarray) -> np
 class LeastSquaresField(SmoothField):
     """Moving least squares; see `moving_least_squares`.
 
-    Attributes:
-        neighbours: (loads, d), to how many points a polynomial is fitted; 0 where a component is not measured.
+    Parameters
+    ----------
+    data : WaveData
+        The data.
+    degree : int
+        Degree of the polynomials.
+
+    Attributes
+    ----------
+    neighbours : numpy.ndarray
+        (loads, d) number of points to which a polynomial is fitted; 0 where a component is not measured.
     """
 
     def __init__(self, data: WaveData, degree: int) -> None:
@@ -315,7 +379,20 @@ class LeastSquaresField(SmoothField):
         return np.array(counts)[best], np.array(noises)[best, columns]
 
     def derivative(self, orders: tuple[int, ...], points: np.ndarray | None = None) -> np.ndarray:
-        """∂^|orders| u of those orders along x, y, …, (loads, n, d): of the polynomial fitted around each point."""
+        """Return a derivative of the polynomial that is fitted around each point.
+
+        Parameters
+        ----------
+        orders : tuple of int
+            Order of differentiation along each of `axes`.
+        points : numpy.ndarray, optional
+            (n, d) m; by default the points of the data.
+
+        Returns
+        -------
+        numpy.ndarray
+            (loads, n, d)
+        """
         if sum(orders) > self.degree:
             raise InputError("orders", orders, f"at most {self.degree} in all, the degree of the polynomials")
         where = self.points if points is None else np.asarray(points, float)
@@ -329,7 +406,7 @@ class LeastSquaresField(SmoothField):
     def _fit(
         self, tree: KDTree, values: np.ndarray, k: int, where: np.ndarray, orders: tuple[int, ...]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """A derivative at `where` of each column, and there the influence of a point on its own value."""
+        """A derivative of each column at `where`, and there the influence of a point on its own value."""
         column = int(np.flatnonzero((self.powers == orders).all(axis=1))[0])
         u, own = np.empty((len(where), values.shape[1]), complex), np.empty(len(where))
         factorial = np.prod([np.prod(np.arange(1, order + 1)) for order in orders])
@@ -343,7 +420,7 @@ class LeastSquaresField(SmoothField):
             weight = (1 - ratio) ** 4 * (4 * ratio + 1)  # Wendland's, C²
             P = _monomials(local, self.powers)
             normal = np.swapaxes(P * weight[:, :, None], 1, 2) @ P
-            # On lattices few neighbours need not decide a polynomial: such k predict badly, but must not be singular.
+            # On lattices few neighbours may not determine a polynomial: such k predict badly, but must not be singular.
             ridge = _RIDGE * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(len(self.powers))
             rows = np.linalg.inv(normal + ridge)[:, [column, 0]] @ np.swapaxes(P, 1, 2) * weight[:, None]
             u[part] = (rows[:, :1] @ values[index])[:, 0] * (factorial / radius ** sum(orders))[:, None]
@@ -352,17 +429,36 @@ class LeastSquaresField(SmoothField):
 
 
 def moving_least_squares(data: WaveData, degree: int = 3) -> LeastSquaresField:
-    """Moving least squares through the measured points of the mask, the radius by leaving one point out.
+    """Fit moving least squares through the measured points of the mask, with the radius by leave-one-out cross-validation.
 
-    Around every place a polynomial of this degree is fitted to its k nearest points with Wendland's weight
-    w(s) = (1 - s)⁴(4s + 1), s = distance over 1.05 times that of the farthest of them; u and its derivatives are those of the
-    polynomial there (diffuse derivatives). k is the one with the smallest Σ|(u - û)/(1 - h)|², h the influence of a point on
-    its own value, which is the error of predicting each point from the others. The noise found is √(Σ|u - û|²/Σ(1 - h)).
+    Around each place a polynomial is fitted to its k nearest points with Wendland's weight w(s) = (1 - s)⁴(4s + 1), where s
+    is the distance over 1.05 times that of the farthest of them. u and its derivatives are those of the polynomial there
+    (diffuse derivatives). k has the smallest Σ|(u - û)/(1 - h)|², with h the influence of a point on its own value; this is
+    the error of predicting each point from the others. The noise is √(Σ|u - û|²/Σ(1 - h)).
 
+    Parameters
+    ----------
+    data : WaveData
+        The data.
+    degree : int
+        Degree of the polynomials.
+
+    Returns
+    -------
+    LeastSquaresField
+        The field.
+
+    Raises
+    ------
+    InputError
+        Fewer than twice as many points are measured as a polynomial has coefficients.
+
+    References
+    ----------
     Lancaster & Salkauskas 1981, doi:10.1090/S0025-5718-1981-0616367-1.
 
-    Raises `InputError` if less than twice as many points are measured as a polynomial has coefficients.
-
+    Examples
+    --------
     >>> points = np.random.default_rng(0).uniform(0, 0.1, (200, 2))
     >>> u = 1e-3 * np.stack([points[:, 0] ** 3, points[:, 1]], axis=1)[None]
     >>> field = moving_least_squares(WaveData(points, u, [50.0], 1000.0, "isotropic", "elastic", poisson=0.49))
@@ -380,7 +476,7 @@ def _powers(d: int, degree: int) -> np.ndarray:
 
 
 def _monomials(x: np.ndarray, powers: np.ndarray) -> np.ndarray:
-    """Of x (…, d), (…, m)."""
+    """Monomials (…, m) of x (…, d)."""
     steps = [np.stack([x[..., i] ** power for power in range(powers.max() + 1)], axis=-1) for i in range(x.shape[-1])]
     return np.prod([step[..., powers[:, i]] for i, step in enumerate(steps)], axis=0)
 
@@ -390,7 +486,7 @@ def _orders(d: int, *axes: int) -> tuple[int, ...]:
 
 
 def _curl(gradient: np.ndarray) -> np.ndarray:
-    """Of ∂u_i/∂x_j, (…, d, d)."""
+    """Curl of ∂u_i/∂x_j, (…, d, d)."""
 
     def turn(i: int, j: int) -> np.ndarray:
         return gradient[..., j, i] - gradient[..., i, j]

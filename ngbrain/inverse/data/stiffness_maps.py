@@ -1,7 +1,7 @@
 """Published maps of shear stiffness and damping ratio as complex shear moduli of a head: the truth of in-silico experiments.
 
-`ngbrain.datasets.write("mre134")` brings those of 134 adults. `ngbrain.inverse.elastography.derived_maps.maps_from_shear` goes the
-other way.
+`ngbrain.datasets.write("mre134")` writes those of 134 adults. `ngbrain.inverse.elastography.derived_maps.maps_from_shear` is
+the inverse.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from ngbrain.materials.modulus import modulus_from_stiffness
 
 UNITS = {"Pa": 1.0, "kPa": 1e3}
 STIFFNESS = (300.0, 30e3)
-"""Pa, of soft tissue at the frequencies of elastography; in kPa and in Pa these are different numbers."""
+"""Range (Pa) for soft tissue at the frequencies of elastography. Its values in kPa and in Pa do not overlap."""
 DAMPING_RATIO = (0.005, 1.5)
 
 
@@ -29,14 +29,14 @@ DAMPING_RATIO = (0.005, 1.5)
 class StiffnessMap:
     """Maps of a head's stiffness and damping on the same voxels.
 
-    Attributes
+    Parameters
     ----------
     stiffness : Volume
         Shear stiffness μ = 2|G*|²/(G' + |G*|), Pa; NaN where nothing was measured.
     damping_ratio : Volume
         ξ = G''/2G', NaN there too.
     note : str
-        What the values were taken for, and what was left out, in a sentence.
+        The assumed unit, and what was left out, in a sentence.
     """
 
     stiffness: Volume
@@ -49,18 +49,18 @@ class StiffnessMap:
         return modulus_from_stiffness(self.stiffness.data, self.damping_ratio.data)
 
     def interpolate(self, points: np.ndarray) -> np.ndarray:
-        """G* (n,) Pa at points.
+        """Interpolate G* to points.
 
         Parameters
         ----------
         points : numpy.ndarray
-            (n, 3) m. Between voxels stiffness and damping ratio are linear; where nothing was measured, those of the nearest voxel
-            that was.
+            (n, 3) m. Between voxels stiffness and damping ratio are linear. Where nothing was measured, the nearest measured
+            voxel counts.
 
         Returns
         -------
         numpy.ndarray
-            Complex.
+            (n,) complex, Pa.
 
         Raises
         ------
@@ -73,21 +73,42 @@ class StiffnessMap:
         )
 
     def quadrature_fields(self, mesh: ngs.Mesh, degree: int) -> tuple[ngs.GridFunction, ngs.GridFunction]:
-        """G' and G'' (Pa) at the points of a `HarmonicProblem` with `quadrature=degree` on a mesh, for its integrals alone.
+        """Interpolate G' and G'' to the quadrature points of a mesh.
 
-        Raises what `at` does.
+        Parameters
+        ----------
+        mesh : ngsolve.Mesh
+            Mesh in m.
+        degree : int
+            `quadrature` of the `HarmonicProblem` that uses them. They are valid in its integrals only.
+
+        Returns
+        -------
+        storage, loss : ngsolve.GridFunction
+            G' and G'', Pa.
+
+        Raises
+        ------
+        InputError
+            As `interpolate`.
         """
         space, points = quadrature_points(mesh, degree)
         modulus = self.interpolate(points)
         return quadrature_field(space, modulus.real), quadrature_field(space, modulus.imag)
 
     def transform(self, affine: np.ndarray) -> StiffnessMap:
-        """The same in another head.
+        """Return the maps in another head.
 
         Parameters
         ----------
         affine : numpy.ndarray
-            (4, 4), takes points (m) of the maps' space to points of the head: of a T1, `ngbrain.image.labelling.template_affine`.
+            (4, 4), takes points (m) of the maps' space to points of the head: for a T1,
+            `ngbrain.image.labelling.template_place`.
+
+        Returns
+        -------
+        StiffnessMap
+            The moved maps.
         """
         stiffness, damping = (Volume(each.data, affine @ each.affine) for each in (self.stiffness, self.damping_ratio))
         return replace(self, stiffness=stiffness, damping_ratio=damping)

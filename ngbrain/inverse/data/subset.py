@@ -1,4 +1,4 @@
-"""A part of wave data that knows the noise of the whole."""
+"""A part of wave data with the noise of the whole."""
 
 from __future__ import annotations
 
@@ -13,11 +13,17 @@ Array = np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class WaveSubset(WaveData):
-    """Wave data of a part of a body, whose noise is relative to the rms of all data: (loads, 1, dim) m."""
+    """Wave data of a part of a body, whose noise is relative to the rms of all data.
+
+    Parameters
+    ----------
+    of_all : numpy.ndarray
+        (loads, 1, dim) rms of all data, m. Other parameters are those of `WaveData`.
+    """
 
     of_all: Array = None  # type: ignore[assignment]
 
     @property
     def rms(self) -> Array:
-        """That of all data."""
+        """The rms of all data."""
         return self.of_all

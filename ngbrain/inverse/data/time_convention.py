@@ -1,4 +1,4 @@
-"""Whether waves lose energy, as those of tissue do: in the other time convention, e^{-iωt}, they seem to gain it."""
+"""Whether waves lose energy, as tissue requires; in the time convention e^{-iωt} they seem to gain it."""
 
 from __future__ import annotations
 
@@ -7,14 +7,16 @@ from ngbrain.inverse.data.direct_inversion import loss_tangent
 from ngbrain.io.waves import WaveData
 
 GAINING, SURE = -0.03, 4.0
-"""Loss tangent below which waves gain energy, and by how many standard errors it has to be below 0."""
+"""Loss tangent below which waves gain energy, and the number of standard errors by which it has to be below 0."""
 
 
 def check_passive(data: WaveData) -> None:
-    """Raise `InputError` about waves that gain energy on the way: another time convention, or phase images in reverse order.
+    """Raise `InputError` about waves that gain energy: another time convention, or phase images in reverse order.
 
-    data   of elastic rheology or at rest: nothing is looked at
+    Elastic and quasi-static data are not checked.
 
+    Examples
+    --------
     >>> import numpy as np
     >>> grid = np.array([[x, y] for y in range(16) for x in range(16)]) * 3e-3
     >>> k = 2 * np.pi * 60 * np.sqrt(1000 / (2500 + 500j))

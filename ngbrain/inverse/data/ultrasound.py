@@ -1,9 +1,9 @@
-"""Tissue at rest that a probe presses, one component of its displacement tracked by ultrasound: what is assumed, and said.
+"""Quasi-static data with one component tracked by ultrasound, from tissue that a probe compresses: assumptions and notes.
 
-The window is cut out of a larger body, in space: its rim moves as measured within errors, the other component is unknown, and
-so are tractions. Errors of tracking are alike over a grain of speckle, and a plane is no model of a body in space, so that weights
-by the evidence would take both for details of tissue. Therefore errors count as `MODEL_ERROR` at least, and fields have few flat
-parts.
+The window is cut out of a larger body in space. Its rim moves as measured within errors; the other component and tractions
+are unknown. Tracking errors are correlated over a grain of speckle, and a plane is no model of a body in space. Weights by
+the evidence would take both for details of tissue. So the error counts as `MODEL_ERROR` at least, and fields are piecewise
+constant.
 """
 
 from __future__ import annotations
@@ -16,18 +16,19 @@ from ngbrain.io.waves import WaveData
 
 Array = np.ndarray
 MODEL_ERROR = 0.1
-"""Of the displacement without rigid motion (rms), what counts as error at least. From .06 to .12 the contrast of a cylinder that is
-three times as stiff falls by .07, of a ball by .2 (two seeds of grain), and a phantom's background gets even: 66 to 13 %."""
+"""Least error, relative to the rms of the displacement without rigid motion. From .06 to .12 the contrast of a cylinder that
+is three times as stiff falls by .07, of a ball by .2 (two seeds of grain), and the variation of a phantom's background falls
+from 66 to 13 %."""
 COARSER, FEWEST = 2, 8
-"""Points along each axis for each node of the elements, where that leaves so many elements along it."""
+"""Points along each axis for each node of the elements, and the fewest elements along an axis."""
 END = 0.25
-"""Of the depth, the two ends between which strain and modulus are compared."""
+"""Share of the depth at either end where strain and modulus are compared."""
 BALL = 1.25
-"""By Eshelby the strain inside of a ball is that of a cylinder with a contrast less 1 that is so many times smaller."""
+"""By Eshelby, the strain in a ball equals that in a cylinder whose contrast minus 1 is smaller by this factor."""
 
 
 def is_tracked(data: WaveData) -> bool:
-    """Whether it is such: in the plane, at rest, with a component that no load measures."""
+    """Whether data are plane and quasi-static, with a component that no load measures."""
     counts = np.isfinite(data.displacement[:, data.mask])
     return (
         data.dim == 2 and data.motion == "in_plane" and not data.frequency.any() and not counts.any(axis=(0, 1)).all()
@@ -35,7 +36,7 @@ def is_tracked(data: WaveData) -> bool:
 
 
 def minimum_model_error(data: WaveData) -> float:
-    """`MODEL_ERROR` relative to the rms of the displacement with its rigid motion, as noise is; the largest of the loads."""
+    """Return `MODEL_ERROR` relative to the rms of the displacement with its rigid motion, as noise is; the largest of the loads."""
     axis = _axis(data)
     found = []
     for u, rms in zip(data.displacement[:, :, axis].real, data.rms[:, 0, axis], strict=True):
@@ -48,15 +49,28 @@ def minimum_model_error(data: WaveData) -> float:
 
 
 def error_note() -> str:
-    """That `MODEL_ERROR` is assumed."""
+    """Return a note on the assumed `MODEL_ERROR`."""
     return (
         f"one component at rest: {100 * MODEL_ERROR:g} % of the displacement without rigid motion counts as error, as a plane is "
-        "no model of a body in space and errors of tracking are alike over a grain of speckle; model_error says otherwise"
+        "no model of a body in space and errors of tracking are correlated over a grain of speckle; model_error overrides this"
     )
 
 
 def map_notes(data: WaveData, youngs: Array) -> list[str]:
-    """What a map of such data means."""
+    """Return notes on a map of such data.
+
+    Parameters
+    ----------
+    data : WaveData
+        The data.
+    youngs : numpy.ndarray
+        (n,) Young's modulus, Pa.
+
+    Returns
+    -------
+    list of str
+        The notes.
+    """
     notes = [
         "what is stiff is taken as a cylinder through the plane; the contrast of a ball reads low: where the map has r times the "
         f"surroundings, a ball has 1 + {BALL:g} (r - 1) times",
@@ -80,5 +94,5 @@ def map_notes(data: WaveData, youngs: Array) -> list[str]:
 
 
 def _axis(data: WaveData) -> int:
-    """The component that is measured."""
+    """The measured component."""
     return int(np.argmax(np.isfinite(data.displacement[:, data.mask]).sum(axis=(0, 1))))
