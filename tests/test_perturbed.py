@@ -79,7 +79,7 @@ def of_waves():
 def of_blades():
     times, opening = np.linspace(0.1, 60, 50), 5e-3
     drive = continuous_retraction(opening, 10.0, 60.0)
-    return np.interp(times, [0.0, 10.0], [0.0, opening]), [drive.at(t) for t in times]
+    return np.interp(times, [0.0, 10.0], [0.0, opening]), [drive.value(t) for t in times]
 
 
 @pytest.mark.parametrize("of", [of_a_mesh, of_loads, of_times, of_waves, of_blades])

@@ -162,5 +162,5 @@ def test_a_map_in_the_template_goes_where_the_template_lies_in_the_head(tmp_path
     told = {"kind": "scan", "image": "t1.nii", "stiffness_map": str(tmp_path / "map.nii.gz")}
     moved, still = (_stiffness(Geometry(**told, stiffness_map_space=space), None) for space in ("mni152", "head"))
     point = np.array([[5e-3, 4e-3, 3e-3]])
-    np.testing.assert_allclose(moved.at(point @ place[:3, :3].T + place[:3, 3]), still.at(point))
+    np.testing.assert_allclose(moved.interpolate(point @ place[:3, :3].T + place[:3, 3]), still.interpolate(point))
     assert not np.allclose(moved.affine, still.affine)

@@ -41,7 +41,7 @@ class Volume(Card):
     Examples
     --------
     >>> box = Volume(np.arange(8.0).reshape(2, 2, 2), np.diag([1e-3, 1e-3, 2e-3, 1]))
-    >>> box.at(np.array([[0.0, 0.0, 1e-3], [0.5e-3, 0.0, 2e-3]]))
+    >>> box.interpolate(np.array([[0.0, 0.0, 1e-3], [0.5e-3, 0.0, 2e-3]]))
     array([0.5, 3. ])
     """
 
