@@ -99,7 +99,7 @@ def perturb(seed: int) -> pytest.MonkeyPatch:
         (Problem, ["load"], load),
         (HarmonicProblem, ["_prescribed", "load_vector"], answer),
         (TimeStepper, ["_propose"], answer),
-        (ToolMotion, ["at"], answer),
+        (ToolMotion, ["value"], answer),
         (GivenForce, ["prescribed_force"], answer),
         (History, ["begin"], last),
         (GeneralizedAlpha, ["begin", "weight"], last),
