@@ -25,13 +25,17 @@ def add_cohort(verbs: Any) -> argparse.ArgumentParser:
     """Add the parser of `cohort`; output, threads, overwriting and quiet are added as for other verbs."""
     parser: argparse.ArgumentParser = verbs.add_parser(
         "cohort",
-        help="many scans or cases through one of these: one table, one report",
-        epilog="The same command goes on with a cohort that was stopped, and of a longer list does what is new.",
+        help="many scans or cases through one of the verbs: one table, one report",
+        epilog="The same command continues an interrupted cohort, and computes the new rows of a longer list.",
     )
     parser.add_argument("list", type=Path, metavar="LIST.csv", help="a row for each: name, verb, input, options")
-    parser.add_argument("--template", action=_List, nargs=0, help="print a commented list to start from, and stop")
-    parser.add_argument("--verb", dest="of_rows", choices=VERBS, help="of all rows, for a list without the column")
-    parser.add_argument("--group", metavar="COLUMN", help="which column parts the statistics (group, if there is one)")
+    parser.add_argument("--template", action=_List, nargs=0, help="print a commented list, and stop")
+    parser.add_argument(
+        "--verb", dest="of_rows", choices=VERBS, help="verb of all rows, for a list without that column"
+    )
+    parser.add_argument(
+        "--group", metavar="COLUMN", help="column of the groups for statistics (group, if there is one)"
+    )
     return parser
 
 

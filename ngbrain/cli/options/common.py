@@ -53,31 +53,29 @@ def _parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentPars
     assembling = invert, predict, stiff
     for verb, folder in folders:
         kind = "FILE" if verb is mesh else "DIR"
-        verb.add_argument(
-            "-o", dest="output", type=Path, default=Path(folder), metavar=kind, help=f"where results go ({folder})"
-        )
+        verb.add_argument("-o", dest="output", type=Path, default=Path(folder), metavar=kind, help=f"output ({folder})")
         if verb in (demo, scene):
             verb.add_argument(
                 "--no-checks",
                 dest="checks",
                 action="store_false",
-                help="protocols alone: without the error estimates of mesh, order and time steps",
+                help="protocols only, without error estimates of mesh, order and time steps",
             )
         if verb in (demo, scene, stiff):
-            verb.add_argument("--resume", action="store_true", help="go on with a run that was stopped")
+            verb.add_argument("--resume", action="store_true", help="continue an interrupted run")
         if verb is not mesh:
             verb.add_argument(
                 "--threads",
                 type=types.threads,
                 default=1 if verb in (*assembling, many) else os.cpu_count() or 1,
                 metavar="N",
-                help="for assembly (1)" if verb in assembling else "processes side by side",
+                help="threads for assembly (1)" if verb in assembling else "number of processes",
             )
         if verb in (demo, scene, invert, many):
             add_executor(verb)
         replace = "--overwrite" if verb is stiff else "--force"  # whose --force is a table of forces
-        verb.add_argument(replace, dest="overwrite", action="store_true", help="replace results that are there already")
-        verb.add_argument("-q", dest="quiet", action="store_true", help="no progress and no summary; warnings stay")
+        verb.add_argument(replace, dest="overwrite", action="store_true", help="overwrite existing results")
+        verb.add_argument("-q", dest="quiet", action="store_true", help="no progress and no summary, warnings only")
     return command, dict(verbs.choices)
 
 
@@ -86,7 +84,7 @@ def add_executor(verb: argparse.ArgumentParser) -> None:
     verb.add_argument(
         "--executor",
         metavar="WHO",
-        help="who computes what is independent, in place of --threads: N processes, dask:ADDRESS, mpi[:N] or slurm[:KEY=VALUE,...]",
+        help="executor of independent tasks, in place of --threads: N processes, dask:ADDRESS, mpi[:N] or slurm[:KEY=VALUE,...]",
     )
 
 
@@ -99,13 +97,11 @@ class _Parser(argparse.ArgumentParser):
 
 def _demo(verbs: Any) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = verbs.add_parser(
-        "demo", help="a retraction on the demonstration head, three ways"
+        "demo", help="three retraction protocols on the demonstration head"
     )
     which = parser.add_mutually_exclusive_group()
-    which.add_argument("--head", choices=["mni152", "idealised"], default="mni152", help="which head (mni152)")
-    which.add_argument(
-        "--image", metavar="FILE", help="a T1 scan (NIfTI), with skull or without, to operate on instead"
-    )
+    which.add_argument("--head", choices=["mni152", "idealised"], default="mni152", help="the head (mni152)")
+    which.add_argument("--image", metavar="FILE", help="a T1 scan (NIfTI) of another head, with skull or without")
     parser.add_argument("--fast", action="store_true", help="a coarse mesh and shorter protocols")
     return parser
 
@@ -113,39 +109,42 @@ def _demo(verbs: Any) -> argparse.ArgumentParser:
 def _mesh(verbs: Any) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = verbs.add_parser(
         "mesh",
-        help="a volume mesh of a scan, a map of labels or closed surfaces, or from another program's",
-        epilog="A place is X,Y,Z in mm as the file places it, voxel:I,J,K of the file counted from 0, or a landmark's name.",
+        help="a volume mesh from a scan, a label map, closed surfaces, or another program's mesh",
+        epilog="A place is X,Y,Z in mm in the file's coordinates, voxel:I,J,K of the file from 0, or the name of a landmark.",
     )
     parser.add_argument(
         "images",
         metavar="IMAGE",
         nargs="+",
-        help="a T1 scan (NIfTI, MGH, a folder of DICOM files or one of them); with --labels a map of labels; closed surfaces "
-        "[NAME=]FILE, the outer ones first (STL, PLY, OBJ, OFF, GIfTI, FreeSurfer's lh.pial); or a mesh of tetrahedra (Gmsh, "
+        help="a T1 scan (NIfTI, MGH, a folder of DICOM files or one of them); with --labels a label map; closed surfaces "
+        "[NAME=]FILE, outer ones first (STL, PLY, OBJ, OFF, GIfTI, FreeSurfer's lh.pial); or a mesh of tetrahedra (Gmsh, "
         "Abaqus, VTK, FEBio, Netgen, Medit, XDMF)",
     )
-    parser.add_argument("--labels", action="store_true", help="IMAGE is a map of labels")
+    parser.add_argument("--labels", action="store_true", help="IMAGE is a label map")
     parser.add_argument(
         "--names",
         type=types.names,
         default=(None, {}),
         metavar="N=NAME,…",
-        help=f"what labels are called, or one of {', '.join(SCHEMES)}, with N=NAME,… of one's own behind it",
+        help=f"names of the labels, or one of {', '.join(SCHEMES)}, followed by further N=NAME,…",
     )
-    parser.add_argument("--unit", choices=UNITS, help="of lengths in surfaces and meshes, which do not say it (mm)")
-    parser.add_argument("--no-fill", action="store_true", help="leave sulci that have no label empty")
+    parser.add_argument("--unit", choices=UNITS, help="unit of length in surfaces and meshes that do not state it (mm)")
+    parser.add_argument("--no-fill", action="store_true", help="do not fill unlabelled sulci with fluid")
     parser.add_argument(
         "--structures", action="store_true", help="split tissues: left, right, cerebellum, stem, deep grey, callosum"
     )
     parser.add_argument(
-        "--atlas", type=Path, metavar="LABELS", help="regions of an atlas of your own, laid into the scan, with"
+        "--atlas",
+        type=Path,
+        metavar="LABELS",
+        help="regions of your own atlas, transferred to the scan by registration of",
     )
-    parser.add_argument("--template", type=Path, metavar="T1", help="what it was drawn on, with its skull or without")
-    parser.add_argument("--route", choices=ROUTES, help="how (hull)")
+    parser.add_argument("--template", type=Path, metavar="T1", help="the T1 of the atlas, with skull or without")
+    parser.add_argument("--route", choices=ROUTES, help="meshing method (hull)")
     parser.add_argument(
         "--size", type=types.length, metavar="MM", help="element size, away from the site if there is one"
     )
-    parser.add_argument("--site", metavar=PLACE, help="a place to be finer around")
+    parser.add_argument("--site", metavar=PLACE, help="centre of a refined region")
     parser.add_argument(
         "--near", type=types.length, default=2e-3, metavar="MM", help="element size at the site or cut (2)"
     )
@@ -153,19 +152,19 @@ def _mesh(verbs: Any) -> argparse.ArgumentParser:
         "--radius",
         type=types.length,
         metavar="MM",
-        help="around it that is so fine (hull 17, lattice 10.5, conforming 20)",
+        help="radius of the refined region (hull 17, lattice 10.5, conforming 20)",
     )
     parser.add_argument(
-        "--surfaces", action="store_true", help="white and pial surface and the cortex's thickness too, as GIfTI"
+        "--surfaces", action="store_true", help="write white and pial surfaces and cortical thickness too, as GIfTI"
     )
-    parser.add_argument("--curve", action="store_true", help="curve the interfaces of tissues, with second order")
+    parser.add_argument("--curve", action="store_true", help="second-order elements that follow the tissue interfaces")
     parser.add_argument(
-        "--landmark", action="append", default=[], metavar="NAME=PLACE", help="name a place; as often as needed"
+        "--landmark", action="append", default=[], metavar="NAME=PLACE", help="name a place; can be repeated"
     )
     cut = parser.add_argument_group("a cut", "a cleft with plane walls under a craniotomy")
-    cut.add_argument("--cut", metavar=PLACE, help="the centre of its floor, a place in tissue")
-    cut.add_argument("--opening", type=types.length, metavar="MM", help="between its walls (4)")
-    cut.add_argument("--width", type=types.length, metavar="MM", help="along its walls (12)")
+    cut.add_argument("--cut", metavar=PLACE, help="centre of its floor, a place in tissue")
+    cut.add_argument("--opening", type=types.length, metavar="MM", help="distance between its walls (4)")
+    cut.add_argument("--width", type=types.length, metavar="MM", help="width along its walls (12)")
     cut.add_argument("--craniotomy", type=types.length, metavar="MM", help="diameter of the hole in the skull (40)")
     cut.add_argument("--approach", type=types.direction, metavar=PLACE, help="direction outwards (the shortest way)")
     cut.add_argument(
@@ -185,11 +184,11 @@ class _Sidecar(argparse.Action):
 
 
 def _add_reading(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--template", action=_Sidecar, nargs=0, help="print a NIfTI sidecar to start from, and stop")
+    parser.add_argument("--template", action=_Sidecar, nargs=0, help="print a NIfTI sidecar template, and stop")
     parser.add_argument(
         "--conjugate",
         action="store_true",
-        help="DATA is in the time convention e^{-iωt}, or its phase images are in reverse order: take the complex conjugate",
+        help="take the complex conjugate: DATA has the time convention e^{-iωt}, or its phase images are in reverse order",
     )
 
 
@@ -198,144 +197,150 @@ def _invert(verbs: Any) -> argparse.ArgumentParser:
     parser.add_argument("data", type=Path, metavar="DATA", help="wave data: .npz, .h5, .mat or NIfTI with its sidecar")
     _add_reading(parser)
     parser.add_argument(
-        "--noise", type=float, metavar="SIGMA", help="relative to each component's rms (what DATA says, or found)"
+        "--noise",
+        type=float,
+        metavar="SIGMA",
+        help="noise level, relative to each component's rms (from DATA, or estimated)",
     )
     parser.add_argument(
         "--model-error",
         type=float,
         metavar="SIGMA",
-        help="what the model cannot fit, likewise (0; ultrasound at rest: it is said)",
+        help="model error, likewise (0; required for static ultrasound)",
     )
     parser.add_argument(
         "--discretisation",
         choices=DISCRETISATIONS,
-        help="the data's own elements, or ours (the data's, if it has some)",
+        help="the data's own elements or a generated mesh (the data's, if there are any)",
     )
     parser.add_argument(
         "--regulariser",
         choices=("auto", *PRIORS),
         default="auto",
-        help="auto: smooth or edges, by cross-validation; steps for ultrasound at rest",
+        help="prior; auto: smooth or edges, by cross-validation, and steps for static ultrasound",
     )
     parser.add_argument(
         "--weight",
         choices=WEIGHTINGS,
         default="evidence",
-        help="how the regulariser's weight is found (evidence)",
+        help="choice of the regularisation weight (evidence)",
     )
     parser.add_argument(
         "--starts",
         choices=STARTS,
         default="auto",
-        help="measured waves alone, uniform fields too (all), or uniform fields of several levels (many); auto: all in the plane, "
-        "waves in space",
+        help="initial guesses: measured waves, uniform fields too (all), or several levels of uniform fields (many); auto: all in "
+        "the plane, waves in space",
     )
     parser.add_argument(
         "--start",
         choices=("surrogate",),
-        help="with measured waves, start from the maps of the trained operator (see `predict`) and nowhere else; in the plane",
+        help="use the maps of the trained operator (see `predict`) as the only initial guess, with measured waves; in the plane",
     )
     parser.add_argument(
         "--rounds",
         type=int,
         metavar="N",
-        help="iterations down from a start at most, of a zone likewise; a few of a large body are near the end already (96 in the "
-        "plane, 16 in space)",
+        help="largest number of iterations from an initial guess, and of a subzone; a large body needs few (96 in the plane, 16 in "
+        "space)",
     )
     parser.add_argument(
         "--unknowns",
         choices=UNKNOWNS,
         default="moduli",
-        help="what is smooth: storage and loss (moduli), or magnitude and phase (polar)",
+        help="parametrisation: storage and loss modulus (moduli), or magnitude and phase (polar)",
     )
     parser.add_argument(
         "--misfit",
         choices=MISFITS,
         default="squares",
-        help="squares, or huber for what --drop-outliers misses (squares)",
+        help="least squares, or Huber loss for outliers that --drop-outliers misses (squares)",
     )
     parser.add_argument(
         "--drop-outliers",
         action=argparse.BooleanOptionalAction,
         default=True,
-        help="leave out displacements that are far off a smooth field (yes)",
+        help="leave out displacements that deviate from a smooth field (yes)",
     )
     parser.add_argument(
         "--oss-snr",
         type=float,
         metavar="LEAST",
-        help="leave out what is around the part whose octahedral shear strain is at least so many times (3, say) its noise in "
-        "some load",
+        help="restrict to the part with this signal-to-noise ratio of octahedral shear strain in some load (for example 3)",
     )
     parser.add_argument(
         "--by-label",
         action="store_true",
-        help="fields of their own for each label of DATA, which jump where labels meet",
+        help="separate fields for each label of DATA, discontinuous between labels",
     )
     parser.add_argument(
         "--bars",
         action="store_true",
-        help="error bars too: credible intervals at every point, of the mean and of labels' means, under the prior that fits the "
-        "data best; in the plane it then takes up to three times as long",
+        help="error bars: credible intervals at every point, of the mean and of labels' means, under the prior with the largest "
+        "evidence; in the plane this takes up to three times as long",
     )
     parser.add_argument(
         "--subzones",
         action="store_true",
-        help="data in space in overlapping zones, --threads of them at a time, or on an --executor; a stopped run goes on",
+        help="3-D data in overlapping subzones, --threads of them at a time, or on an --executor; an interrupted run continues",
     )
     parser.add_argument(
         "--device",
         choices=DEVICES,
         default="cpu",
-        help="where waves are factorised and solved for: cuda is a GPU of NVIDIA's, by cuDSS; ngsolve solves on a GPU with "
-        "factors of the processor; auto is the processor where no GPU was measured to be faster (cpu)",
+        help="linear solver: cuda factorises on an NVIDIA GPU (cuDSS); ngsolve solves on a GPU with factors from the CPU; auto is "
+        "the CPU unless a GPU was measured to be faster (cpu)",
     )
     return parser
 
 
 def _predict(verbs: Any) -> argparse.ArgumentParser:
-    parser: argparse.ArgumentParser = verbs.add_parser("predict", help="the same from a trained operator, at once")
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        "predict", help="property maps from wave data by a trained operator, in seconds"
+    )
     parser.add_argument("data", type=Path, metavar="DATA", help="wave data: .npz, .h5, .mat or NIfTI with its sidecar")
     _add_reading(parser)
     parser.add_argument(
-        "--weights", type=Path, metavar="DIR", help="of `python -m ngbrain.surrogate` (those that are shipped)"
+        "--weights", type=Path, metavar="DIR", help="weights from `python -m ngbrain.surrogate` (those of the package)"
     )
     return parser
 
 
 def _calibrate(verbs: Any) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = verbs.add_parser(
-        "calibrate", help="how stiff a patient's tissues are, from what a retraction was seen to do"
+        "calibrate", help="tissue stiffness of a patient from landmarks and forces of a retraction"
     )
-    parser.add_argument("scene", type=Path, metavar="SCENE.toml", help="the operation that was seen, see `simulate`")
+    parser.add_argument(
+        "scene", type=Path, metavar="SCENE.toml", help="the operation that was measured, see `simulate`"
+    )
     parser.add_argument(
         "--landmarks",
         type=Path,
         metavar="FILE.csv",
-        help="columns t_s, x_mm, y_mm, z_mm (where it was before), ux_mm, uy_mm, uz_mm (how far it has moved)",
+        help="columns t_s, x_mm, y_mm, z_mm (initial position), ux_mm, uy_mm, uz_mm (displacement)",
     )
     parser.add_argument("--landmark-sd", type=float, metavar="MM", help="standard deviation of a displacement")
     parser.add_argument(
-        "--force", type=Path, metavar="FILE.csv", help="columns t_s, force_N: of the blade, across the cleft"
+        "--force", type=Path, metavar="FILE.csv", help="columns t_s, force_N (force of the blade, across the cleft)"
     )
     parser.add_argument("--force-sd", type=float, metavar="N", help="standard deviation of a force")
     parser.add_argument(
-        "--tissues", metavar="NAMES", help="which are looked for: regions of the scene, with commas (all)"
+        "--tissues", metavar="NAMES", help="tissues to calibrate: regions of the scene, separated by commas (all)"
     )
-    parser.add_argument("--protocol", metavar="NAME", help="which of the scene's was seen (the first)")
+    parser.add_argument("--protocol", metavar="NAME", help="the scene's protocol that was measured (the first)")
     add_laws(parser)
     parser.add_argument(
         "--spread",
         type=float,
         default=SPREAD,
         metavar="FACTOR",
-        help=f"by what factor a tissue may well differ from the scene's constants ({SPREAD:g})",
+        help=f"prior standard deviation of a tissue's stiffness factor ({SPREAD:g})",
     )
     parser.add_argument(
         "--no-finer",
         dest="finer",
         action="store_false",
-        help="without the run on finer elements, whose error then stays in the factors and is missing in their intervals",
+        help="without the run on finer elements: the discretisation error is then neither corrected nor part of the intervals",
     )
     return parser
 
@@ -344,33 +349,31 @@ def _materials(verbs: Any) -> None:
     parser = verbs.add_parser(
         "materials",
         help="published constants of tissues, by the names that scenes take",
-        description="List the published constants that scenes take by name, or say all about one.",
+        description="List the published constants that scenes take by name, or show one in detail.",
     )
-    parser.add_argument(
-        "name", nargs="?", metavar="NAME", help="one of them, or a part of several names; all by default"
-    )
+    parser.add_argument("name", nargs="?", metavar="NAME", help="a name, or a part of several names; all by default")
     parser.add_argument(
         "--laws",
         nargs="?",
         const="",
         metavar="FILE.py",
-        help="list the laws that scenes take by name, with their parameters; with those of a file of yours, which is run",
+        help="list the laws that scenes take by name, with their parameters; and those of your own file, which is run",
     )
     parser.add_argument(
         "--plot",
         type=Path,
         metavar="FILE.png",
-        help="draw stress against stretch of what is listed, such as all of a region, over the stretches of the data (.pdf, .svg)",
+        help="plot stress against stretch of the listed entries, over the stretches of their data (.pdf, .svg)",
     )
-    parser.add_argument("--force", action="store_true", help="replace a picture that is there")
+    parser.add_argument("--force", action="store_true", help="overwrite an existing plot")
     parser.set_defaults(quiet=False, output=None)
 
 
 def _data(verbs: Any) -> None:
-    parser = verbs.add_parser("data", help="sample data: what there is, or some of it as files")
-    parser.add_argument("names", nargs="*", metavar="NAME", help="what to write; without a name all are listed")
+    parser = verbs.add_parser("data", help="sample data: a list, or files")
+    parser.add_argument("names", nargs="*", metavar="NAME", help="data to write; without a name all are listed")
     parser.add_argument(
-        "-o", dest="output", type=Path, default=Path(), metavar="DIR", help="where the files go (this folder)"
+        "-o", dest="output", type=Path, default=Path(), metavar="DIR", help="output folder (this folder)"
     )
-    parser.add_argument("--force", action="store_true", help="replace files that are there")
-    parser.add_argument("-q", dest="quiet", action="store_true", help="do not say what was written")
+    parser.add_argument("--force", action="store_true", help="overwrite existing files")
+    parser.add_argument("-q", dest="quiet", action="store_true", help="do not print the files")

@@ -15,28 +15,28 @@ def add_simulate(verbs: Any) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = verbs.add_parser(
         "simulate",
         help="a scene: an operation, or a body under loads",
-        epilog="A scene that asks quantities with tolerances is answered by the cheapest model that is within them.",
+        epilog="A scene with quantities and tolerances is answered by the cheapest model within the tolerances.",
     )
-    parser.add_argument("scene", type=Path, metavar="SCENE.toml", help="what is computed; --template prints one")
+    parser.add_argument("scene", type=Path, metavar="SCENE.toml", help="the scene; --template prints one")
     parser.add_argument(
         "--template",
         action=_Template,
         nargs="?",
         const="operation",
         choices=TEMPLATES,
-        help="print a commented scene to start from, of an operation or of a body under loads, and stop",
+        help="print a commented scene, of an operation or of a body under loads, and stop",
     )
     parser.add_argument("--schema", action=_Schema, nargs=0, help="print the JSON schema of a scene, and stop")
     add_laws(parser)
     parser.add_argument(
         "--as-described",
         action="store_true",
-        help="compute it as it is written, also where it asks quantities with tolerances",
+        help="compute the scene as written, without model selection",
     )
     parser.add_argument(
         "--preview",
         action="store_true",
-        help="draw it and stop: geometry, regions, conditions, cleft and tool, in preview.html",
+        help="draw geometry, regions, conditions, cleft and tool in preview.html, and stop",
     )
     return parser
 
@@ -49,7 +49,7 @@ def add_laws(parser: argparse.ArgumentParser) -> None:
         action="append",
         type=Path,
         metavar="FILE.py",
-        help="a Python file, which is run: its laws have names in this run, see `ngbrain materials --laws FILE.py`",
+        help="a Python file, which is run, with laws that the scene can name; see `ngbrain materials --laws FILE.py`",
     )
 
 
