@@ -59,7 +59,7 @@ __all__ = [
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Scene(Card, Document):
-    """One job: a body under loads, or an operation, a scene with a cleft and a tool. Whatever is wrong raises `InputError`.
+    """One job: a body under loads, or an operation (a scene with a cleft and a tool). Invalid input raises `InputError`.
 
     Parameters
     ----------
@@ -72,18 +72,18 @@ class Scene(Card, Document):
     tissues
         Materials by region.
     displacement_bcs
-        Prescribed displacements. An operation without any is held at the skull.
+        Prescribed displacements. By default an operation is fixed at the skull.
     tractions, pressures, gravity
         Loads of a body.
     contacts
         Rigid bodies that press on it.
     cleft, tools, protocols, patient
-        Of an operation; without protocols it is a continuous one.
+        Of an operation; the default is one continuous protocol.
     time
         Ramp and end, or a frequency.
     quantities
-        What is asked, with tolerances: the cheapest model that is within them is used. An operation without any is computed as it
-        is described.
+        Requested quantities, with tolerances: the cheapest model within them is used. An operation without any is computed as
+        described.
 
     Examples
     --------

@@ -54,7 +54,7 @@ def depends_on_time(given: Any) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class DisplacementBC(Section):
-    """A prescribed displacement (m) of the boundaries that match a pattern; 0 holds them.
+    """A prescribed displacement (m) of the boundaries that match a pattern; 0 fixes them.
 
     Parameters
     ----------
@@ -65,10 +65,10 @@ class DisplacementBC(Section):
         in mm, and of time, t in s, that gives mm. Numbers and formulas without t grow with the loads; one of t is the displacement
         at every moment, and 0 at t = 0.
     components
-        Those that are prescribed, out of "xyz"; others are free.
+        The prescribed components, out of "xyz"; others are free.
     contact
-        bonded: the boundary sticks to what holds or moves it; frictionless: a rigid face pushes it, along which it may slide and
-        from which it may part; sliding: it slides along what holds it, and does not part.
+        bonded: all prescribed components are enforced; frictionless: a rigid face pushes the boundary, which may slide along it and
+        separate from it; sliding: the boundary slides along a fixed surface and does not separate.
     rotation
         Angle by which the boundary is turned as a rigid plate, before it is displaced by the value: a number, which grows with the
         loads, or a formula of t.
@@ -210,7 +210,7 @@ class Pressure(Section):
     boundary
         A name or a regular expression.
     value
-        Force over present area (Pa), into the body; less than 0 pulls. A number or a formula, as of a displacement.
+        Force over current area (Pa), into the body; negative values are suction. A number or a formula, as of a displacement.
     """
 
     boundary: str = pattern("boundary")
@@ -226,7 +226,7 @@ class Pressure(Section):
 
 @dataclass(frozen=True, kw_only=True)
 class Gravity(Section):
-    """Weight that acts on the body, from a state in which there was none; it grows with the loads.
+    """Gravity, applied to a body that is stress-free without it; it grows with the loads.
 
     Parameters
     ----------

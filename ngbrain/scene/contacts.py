@@ -25,18 +25,18 @@ class Contact(Section):
     boundary
         A name or a regular expression.
     shape
-        ball; cylinder, without ends; plane: what is behind a plane.
+        ball; cylinder, without ends; plane: the half space behind a plane.
     point
-        At first: the centre of a ball, a point on a cylinder's axis or on a plane.
+        Initial position: the centre of a ball, a point on a cylinder's axis or on a plane.
     direction
         Of a cylinder's axis; of a plane its normal, from the rigid body to the tissue.
     radius
         Of a ball or a cylinder.
     travel
-        How far the body goes along x, y and z: of each a number, which grows with the loads, or a formula of t, which says how far
-        it has gone at every moment.
+        Displacement of the body along x, y and z: for each a number, which grows with the loads, or a formula of t, which holds at
+        every moment.
     friction
-        Coefficient of Coulomb's friction.
+        Coefficient of Coulomb friction.
     """
 
     boundary: str = pattern("boundary")

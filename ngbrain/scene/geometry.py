@@ -18,7 +18,7 @@ HEADS = ("idealised", "mni152", "scan")
 
 @dataclass(frozen=True, kw_only=True)
 class Geometry(Section):
-    """What is loaded or operated on.
+    """The body that is loaded or operated on.
 
     Parameters
     ----------
@@ -116,13 +116,13 @@ class MeshSize(Section):
     Parameters
     ----------
     largest
-        Size (m) of the elements away from everything else; of a block or an idealised head under loads, in the coarsest mesh.
+        Size (m) of the elements away from the site; for a block or an idealised head under loads, in the coarsest mesh.
     wall
         Size on the walls of a cleft.
     craniotomy
         Size under the craniotomy.
     order
-        Degree of the displacement's polynomials; where the model is chosen by tolerances, their choice is part of it.
+        Polynomial degree of the displacement; with model selection by tolerances it is selected too.
     """
 
     KEY = "mesh"

@@ -133,10 +133,10 @@ class Tool(Section):
     Parameters
     ----------
     kind
-        spatula: one, which pushes one wall; two spatulas: push both, half of the travel each; plate: a spatula that ends below the
-        surface; tube: widens between both walls; ball: pushes one wall; surface: a closed surface of one's own, that of `file`.
+        spatula: pushes one wall; two spatulas: push both walls, half of the travel each; plate: a spatula that ends below the
+        surface; tube: expands between both walls; ball: pushes one wall; surface: your own closed surface, that of `file`.
     travel
-        How far it goes, from its first contact with the wall.
+        Its displacement from first contact with the wall.
     width
         Along the walls; of a tube, the width of the wall over which pressure is read; of a ball, its diameter.
     edge_radius
@@ -155,7 +155,7 @@ class Tool(Section):
         Path of a closed surface (.stl, .ply, .obj, .off) in mm: x the way the tool pushes, y along the wall, z out of the cleft.
         Its foremost point is put at the unloaded wall, its lowest at `tip_clearance`; edges are rounded by about half a millimetre.
     friction
-        Coefficient of Coulomb's friction between tool and tissue.
+        Coefficient of Coulomb friction between tool and tissue.
     """
 
     kind: str = choice("kind", "spatula", KINDS)
@@ -224,12 +224,12 @@ class Tool(Section):
 
 @dataclass(frozen=True, kw_only=True)
 class Patient(Section):
-    """Pressures of the patient (mmHg). Without them nothing is said on perfusion.
+    """Pressures of the patient (mmHg). Without them perfusion is not evaluated.
 
     Parameters
     ----------
     mean_arterial_pressure
-        In the arteries of the brain, in the mean.
+        Mean arterial pressure in the brain.
     intracranial_pressure
         Taken as 0 where it is not given.
     """

@@ -24,22 +24,22 @@ CLEAR = 1e-3
 
 @dataclass(frozen=True, kw_only=True)
 class Time(Section):
-    """How time goes: loads grow evenly in `ramp`, or a tool goes its way in it; then they stay until `end`.
+    """Time of a scene: loads grow linearly, or a tool advances, during `ramp`; then they are constant until `end`.
 
     Parameters
     ----------
     ramp
-        How long loads grow, or the tool takes for its travel.
+        Duration of the load ramp, or of the tool's travel.
     end
-        When it ends, counted from the first load or from the tool's first contact.
+        End of the simulation, from the first load or the tool's first contact.
     frequency
-        Of a wave, in place of a ramp: displacements and tractions are its amplitudes.
+        Of a harmonic load, in place of a ramp: displacements and tractions are its amplitudes.
     max_step_contact
         Longest time step of an operation while the tool pushes.
     max_step_hold
         Longest time step of an operation while the tool rests.
     step_tolerance
-        Relative error of a time step in an operation: of the overstress of relaxing tissue, against that of two half steps.
+        Relative error of a time step in an operation: of the overstress of viscoelastic tissue, compared with two half steps.
     """
 
     ramp: float = number("ramp_s", 10.0)
@@ -77,28 +77,28 @@ class Time(Section):
 
 @dataclass(frozen=True, kw_only=True)
 class Protocol(Section):
-    """How the tool is driven. The fields of other kinds are left out.
+    """Motion or force of the tool over time. Fields of other kinds are left out.
 
     Parameters
     ----------
     kind
-        continuous: open, hold; intermittent: open, hold, let go, open again, …; staged: open in equal steps with a rest after each,
-        hold; program: the tool's travel over time is given; force: the tool's force over time is given, and its travel is found,
-        `Tool.travel` at most.
+        continuous: open, hold; intermittent: open, hold, release, open again, …; staged: open in equal steps with a rest after
+        each, hold; program: prescribed travel over time; force: prescribed force over time, with the travel as an unknown of at
+        most `Tool.travel`.
     name
         The kind by default.
     hold
-        Of an intermittent one: how long it holds before it lets go.
+        Of an intermittent protocol: duration of a hold.
     rest
-        From letting go to opening again, or after each step of a staged one.
+        From release to the next opening, or after each step of a staged protocol.
     stages
-        How many steps a staged one has.
+        Number of steps of a staged protocol.
     times
-        Of a program or a force, straight in between. A force alone, without times, is reached in `Time.ramp` and held.
+        Of a program or a force, with linear interpolation. A single force without times is reached in `Time.ramp` and held.
     travel
-        Of a program, from first contact; less than 0 is clear of the tissue.
+        Of a program, from first contact; negative values are clear of the tissue.
     force_gf
-        Of a given force, at its times; at 0 the tool is off the tissue.
+        Of a prescribed force, at its times; at 0 the tool is clear of the tissue.
     """
 
     KINDS: ClassVar = {"continuous": (), "intermittent": ("hold", "rest"), "staged": ("stages", "rest")}

@@ -29,7 +29,7 @@ UNITS = {"force": "N", "displacement": "m", "strain": "", "mmHg_min": "mmHg min"
 
 @dataclass(frozen=True, kw_only=True)
 class Quantity(Section):
-    """A quantity of interest, with the relative error that its value may have.
+    """A quantity of interest, with the tolerated relative error.
 
     Parameters
     ----------
@@ -42,15 +42,15 @@ class Quantity(Section):
     direction
         Of a force or a displacement; along z by default.
     point
-        Of a displacement, or the middle of the place where strain is asked.
+        Of a displacement, or the centre of the region of a strain.
     region
         Of a strain: a name or a regular expression.
     radius
-        Of the place where strain is asked, around the point; everywhere by default.
+        Radius of the region of a strain, around the point; everywhere by default.
     percentile
         Of a strain, by volume.
     when
-        end: at the end; ramp: when the loads have reached their full size.
+        end: at the end; ramp: at the end of the load ramp.
     protocol
         Name of an operation's protocol; the first one by default.
     tolerance

@@ -38,7 +38,7 @@ OWN = ("mu", "alpha", "eta", "tau")
 
 @dataclass(frozen=True, kw_only=True)
 class Tissue(Section):
-    """The material of the regions that match a pattern: a name in the catalogue of published constants, or moduli of one's own.
+    """The material of the regions that match a pattern: a name in the catalogue of published constants, or explicit moduli.
 
     Parameters
     ----------
@@ -49,22 +49,22 @@ class Tissue(Section):
         { name = "Gent", mu_Pa = 900.0, jm = 0.5 }; `ngbrain materials --laws` lists these. A law of your own by its place, such
         as { path = "my_laws.py:MyLaw", mu = 900.0 }: the file is run, and no scene beside a result.json may ask for it.
     prony_g
-        Shares of that law's stress that relax (a quasi-linear Prony series).
+        Relaxing fractions of that law's stress (a quasi-linear Prony series).
     prony_tau
-        Relaxation times (s) of these shares.
+        Relaxation times (s) of these fractions.
     maxwell
         Relaxing branches of finite viscoelasticity beside that law: the table of a law and its viscosity each, such as
         [{ name = "Gent", mu_Pa = 400.0, jm = 0.5, eta_Pa_s = 900.0 }]; the law is isotropic, and may be another one.
     mu
-        In place of `material`: shear moduli (Pa) of the equilibrium part, then of the relaxing branches.
+        In place of `material`: shear moduli (Pa) of the equilibrium part, then of the viscoelastic branches.
     alpha
-        Ogden exponents that go with the shear moduli; without them all parts are Neo-Hooke.
+        Ogden exponents of the shear moduli; without them all parts are Neo-Hooke.
     eta
         Viscosities (Pa s) of the branches, of finite viscoelasticity.
     tau
         In place of viscosities: relaxation times (s) of the branches, hereditary (a Prony series).
     scale
-        What all moduli and viscosities are multiplied by.
+        Factor of all moduli and viscosities.
     bulk_to_shear_ratio
         Bulk modulus over initial shear modulus. Without it and without Poisson's ratio it is the source's where it has one, else
         1000, with a warning that says so.
