@@ -1,8 +1,8 @@
-"""How the matrix about a body's equilibrium changes with all that the body is made of, the equilibrium with it.
+"""Derivatives of the system matrix of a deformed body, including those of its static equilibrium.
 
     (∂A/∂θ δθ) v = A_θ δθ v + A_u δu₀ v ,    K δu₀ = -R_θ δθ ,    K = E''
 
-and transposed one adjoint solve of the equilibrium for all waves together.
+Transposed products need one adjoint solve of the equilibrium for all waves together.
 """
 
 from __future__ import annotations
@@ -25,9 +25,18 @@ Array = np.ndarray
 
 
 class AboutEquilibrium:
-    """What a deformed body is made of, in blocks one after the other; `set_value` brings it to its equilibrium.
+    """A deformed body, with parameters as blocks of θ; setting them solves for the equilibrium.
 
-    parameters  as in `StaticModel`; loss and density may be made of them too
+    Parameters
+    ----------
+    body : HarmonicProblem
+        Waves about the body's equilibrium.
+    parameters : dict
+        As in `StaticModel`; loss and density may depend on them too.
+    newton : Newton or None
+        Settings for the equilibrium.
+    steps : int
+        Load steps from rest.
     """
 
     def __init__(
@@ -43,20 +52,30 @@ class AboutEquilibrium:
 
     @property
     def value(self) -> Array:
-        """θ as the body has it now."""
+        """Present parameters θ."""
         return self.static.theta
 
     def set_value(self, values: Array) -> None:
-        """Set them, and find the equilibrium."""
+        """Set θ and solve for the equilibrium."""
         self._there = self.static.evaluate(values)
 
     def sensitivity(self, waves: Array) -> StateSensitivity:
-        """At the equilibrium that was found last; it stays of use when others are."""
+        """Derivatives at the last equilibrium; they stay valid when others are computed."""
         return StateSensitivity(self, self._there, waves)
 
 
 class StateSensitivity:
-    """See `Sensitivity`."""
+    """Implements `Sensitivity` for a deformed body.
+
+    Parameters
+    ----------
+    medium : AboutEquilibrium
+        The body.
+    there : StaticLinearisation
+        Its equilibrium.
+    waves : array (waves, ndof)
+        Waves v.
+    """
 
     def __init__(self, medium: AboutEquilibrium, there: StaticLinearisation, waves: Array) -> None:
         self._medium, self._there, self._waves = medium, there, waves
@@ -76,12 +95,12 @@ class StateSensitivity:
         return by_theta + self._there.vjp(by_state)
 
     def gradient(self, adjoints: Sequence[Array]) -> Array:
-        """By linear forms."""
+        """As `vjp`, by linear forms."""
         by_state, by_theta = self._slopes(adjoints)
         return by_theta + self._there.gradient(by_state)
 
     def set_direction(self, direction: Array) -> None:
-        """Of θ, along which the equilibrium goes too."""
+        """Set a direction of θ, and the resulting change of the equilibrium."""
         self._direction = direction
         self._medium.work.set_direction(self._there.state_derivative(direction)[0], direction)
 
@@ -90,13 +109,35 @@ class StateSensitivity:
         return self._medium.work.apply_derivative(self._omegas[number], self._waves[number])
 
     def apply_derivative_transpose(self, number: int, adjoint: Array) -> Array:
-        """A'ᵀ λ."""
+        """A'ᵀ λ.
+
+        Parameters
+        ----------
+        number : int
+            Index of the wave.
+        adjoint : array (ndof,)
+            λ.
+
+        Returns
+        -------
+        array (ndof,)
+        """
         return self._medium.work.apply_derivative_transpose(self._omegas[number], adjoint)
 
     def gradient_derivative(
         self, adjoints: Sequence[Array], changes: Sequence[Array], others: Sequence[Array]
     ) -> Array:
-        """That of the matrix, and that of the equilibrium."""
+        """Derivative of `gradient`: of the matrix, and of the equilibrium.
+
+        Parameters
+        ----------
+        adjoints, changes, others : sequence of array (ndof,)
+            λ, v' and λ' of each wave.
+
+        Returns
+        -------
+        array (size,)
+        """
         work = self._medium.work
         first, _ = self._slopes(adjoints)
         by_state, by_theta = np.zeros(len(first)), np.zeros(len(self._direction))
@@ -111,7 +152,7 @@ class StateSensitivity:
         return by_theta + self._there.vjp(by_state) + self._there.hvp(first, self._direction)
 
     def _slopes(self, adjoints: Sequence[Array]) -> tuple[Array, Array]:
-        """Of Σ Re λᵀ A v by the state, and by θ with the state as it is."""
+        """Gradient of Σ Re λᵀ A v with respect to the state, and to θ at fixed state."""
         self._medium.static.restore(self._there)
         parts = zip(self._omegas, self._waves, adjoints, strict=True)
         found = [self._medium.work.gradient(omega, wave, adjoint) for omega, wave, adjoint in parts]
@@ -120,7 +161,7 @@ class StateSensitivity:
 
     @cached_property
     def _matrices(self) -> Sequence[tuple[sp.csr_array, sp.csr_array]]:
-        """∂(A v)/∂u₀ (ndof, ndof) and ∂(A v)/∂θ (ndof, size) of each wave, assembled when first asked for."""
+        """∂(A v)/∂u₀ (ndof, ndof) and ∂(A v)/∂θ (ndof, size) of each wave, assembled at first use."""
         self._medium.static.restore(self._there)
         return [
             self._medium.work.sensitivity(omega, wave) for omega, wave in zip(self._omegas, self._waves, strict=True)

@@ -1,4 +1,4 @@
-"""How the matrix of a body at rest changes with the fields that its energy is made of."""
+"""Derivatives of the system matrix of a body at rest with respect to fields of its materials."""
 
 from __future__ import annotations
 
@@ -27,9 +27,19 @@ Array = np.ndarray
 
 
 class AtRest:
-    """Fields of a body at rest, one after the other.
+    """A body at rest, with fields as parameters, one after the other.
 
-    fields  name → real GridFunction
+    Parameters
+    ----------
+    body : HarmonicProblem
+        The body.
+    fields : dict of str to GridFunction
+        Real fields of its materials.
+
+    Raises
+    ------
+    InputError
+        For parameters that are no real GridFunctions.
     """
 
     def __init__(self, body: HarmonicProblem, fields: Mapping[str, Any]) -> None:
@@ -47,16 +57,16 @@ class AtRest:
 
     @property
     def value(self) -> Array:
-        """Their unknowns."""
+        """Degrees of freedom of the fields."""
         return np.concatenate([np.zeros(0), *(field.vec.FV().NumPy() for field in self.fields.values())])
 
     def set_value(self, values: Array) -> None:
-        """Set them."""
+        """Set the degrees of freedom."""
         for field, part in zip(self.fields.values(), self.split(values), strict=True):
             field.vec.FV().NumPy()[:] = part
 
     def sensitivity(self, waves: Array) -> FieldSensitivity:
-        """At the values that fields have while it is used."""
+        """Derivatives of the system matrix, at the values that the fields have when it is used."""
         return FieldSensitivity(self, waves)
 
     def split(self, values: Array) -> list[Array]:
@@ -65,7 +75,7 @@ class AtRest:
 
     @cached_property
     def proportional(self) -> dict[float, dict[str, tuple[str, complex]]]:
-        """For each angular frequency (rad/s) the fields that one integral serves, see `slopes.proportional_fields`."""
+        """Fields with proportional derivatives at each angular frequency (rad/s), see `proportional_fields`."""
         return {
             omega: proportional_fields(self.body, self.fields, omega)
             for omega in {wave.omega for wave in self.body.waves}
@@ -76,7 +86,20 @@ class AtRest:
         return [name for name, (first, _) in self.proportional[omega].items() if name == first]
 
     def gradient(self, omega: float, name: str) -> FieldGradient:
-        """How the matrices change with a field, between as many pairs of waves as there are of this frequency; kept."""
+        """Derivative of the matrices with respect to a field, contracted with pairs of waves; made once.
+
+        Parameters
+        ----------
+        omega : float
+            Angular frequency (rad/s).
+        name : str
+            The field.
+
+        Returns
+        -------
+        FieldGradient
+            For as many pairs as there are waves of this frequency.
+        """
         if (omega, name) not in self._slopes:
             number = sum(wave.omega == omega for wave in self.body.waves)
             self._slopes[omega, name] = FieldGradient(self.body, omega, self.fields[name], number)
@@ -84,12 +107,20 @@ class AtRest:
 
     @cached_property
     def derivative(self) -> MatrixDerivative:
-        """How the matrices change along a direction of the fields, for second derivatives."""
+        """Derivative of the matrices along a direction of the fields, for second derivatives."""
         return MatrixDerivative(self.body, self.fields)
 
 
 class FieldSensitivity:
-    """See `Sensitivity`."""
+    """Implements `Sensitivity` for a body at rest.
+
+    Parameters
+    ----------
+    medium : AtRest
+        The body.
+    waves : array (waves, ndof)
+        Waves u.
+    """
 
     def __init__(self, medium: AtRest, waves: Array) -> None:
         self._medium, self._waves = medium, waves
@@ -105,7 +136,7 @@ class FieldSensitivity:
         return np.asarray(np.sum(parts, axis=0).real)
 
     def gradient(self, adjoints: Sequence[Array]) -> Array:
-        """One linear form for each frequency and field."""
+        """As `vjp`, by one linear form for each frequency and field."""
         medium, pairs = self._medium, dict[float, list[Pair]]()
         for omega, wave, adjoint in zip(self._omegas, self._waves, adjoints, strict=True):
             pairs.setdefault(omega, []).append((wave, adjoint))
@@ -117,7 +148,7 @@ class FieldSensitivity:
         )
 
     def set_direction(self, direction: Array) -> None:
-        """Of all fields."""
+        """Set a direction of all fields."""
         self._medium.derivative.set_direction(self._medium.split(direction))
 
     def apply_derivative(self, number: int) -> Array:
@@ -125,13 +156,35 @@ class FieldSensitivity:
         return self._medium.derivative.apply(self._omegas[number], self._waves[number])
 
     def apply_derivative_transpose(self, number: int, adjoint: Array) -> Array:
-        """A' λ: it is symmetric."""
+        """A' λ; A' is symmetric.
+
+        Parameters
+        ----------
+        number : int
+            Index of the wave.
+        adjoint : array (ndof,)
+            λ.
+
+        Returns
+        -------
+        array (ndof,)
+        """
         return self._medium.derivative.apply(self._omegas[number], adjoint)
 
     def gradient_derivative(
         self, adjoints: Sequence[Array], changes: Sequence[Array], others: Sequence[Array]
     ) -> Array:
-        """λ'ᵀ (∂A/∂θ) u + λᵀ (∂A/∂θ) u' + λᵀ (∂A/∂θ)' u."""
+        """λ'ᵀ (∂A/∂θ) u + λᵀ (∂A/∂θ) u' + λᵀ (∂A/∂θ)' u.
+
+        Parameters
+        ----------
+        adjoints, changes, others : sequence of array (ndof,)
+            λ, u' and λ' of each wave.
+
+        Returns
+        -------
+        array (size,)
+        """
         medium = self._medium
         pairs: dict[float, tuple[list[Pair], list[Pair], list[Pair]]] = {}
         parts = zip(self._omegas, self._waves, adjoints, changes, others, strict=True)
@@ -153,7 +206,7 @@ class FieldSensitivity:
         )
 
     def _summed(self, slopes: Mapping[float, Mapping[str, Array]]) -> Array:
-        """Over frequencies, of all fields, from those that have integrals of their own."""
+        """Sum over frequencies, of all fields, from the independent ones."""
         total = {name: np.zeros(size) for name, size in self._medium.sizes.items()}
         for omega, found in slopes.items():
             for name, (first, r) in self._medium.proportional[omega].items():
@@ -162,7 +215,7 @@ class FieldSensitivity:
 
     @cached_property
     def matrices(self) -> Sequence[sp.csr_array]:
-        """(∂A/∂θ) u of each wave (ndof, size), assembled when first asked for."""
+        """(∂A/∂θ) u of each wave (ndof, size), assembled at first use."""
         return [self._matrix(omega, wave) for omega, wave in zip(self._omegas, self._waves, strict=True)]
 
     def _matrix(self, omega: float, wave: Array) -> sp.csr_array:

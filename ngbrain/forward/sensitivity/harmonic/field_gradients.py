@@ -1,4 +1,4 @@
-"""How the matrix of a body changes with its fields, between waves; and along which fields it changes alike."""
+"""Derivatives of a body's system matrix with respect to fields, contracted with waves; fields with proportional derivatives."""
 
 from __future__ import annotations
 
@@ -14,20 +14,45 @@ from ngbrain.forward.harmonic.problem import HarmonicProblem
 Array = np.ndarray
 Pair = tuple[Array, Array]
 SAME = 1e-10
-"""Part of a slope up to which another one's multiple is the same."""
+"""Relative tolerance for proportional derivatives."""
 APART = 0.1
-"""Part of their values by which fields are changed to see what holds for any."""
+"""Relative size of the random changes of fields."""
 
 
 def derivative_operator(field: ngs.GridFunction, direction: CoefficientFunction) -> Change:
-    """From an integrand to its derivative along a change of a field."""
+    """Operator from an integrand to its derivative along a change of a field.
+
+    Parameters
+    ----------
+    field : GridFunction
+        The field.
+    direction : CoefficientFunction
+        Its change.
+
+    Returns
+    -------
+    callable
+    """
     return lambda work: derivative(work, field, direction, "density or absorbing")
 
 
 class FieldGradient:
-    """Σ vᵀ (∂A/∂θ_i) u over so many pairs of waves u, v, for each unknown θ_i of a field: complex, by one linear form.
+    """Σ vᵀ (∂A/∂θ_i) u over pairs of waves u, v, for each degree of freedom θ_i of a field: complex, by one linear form.
 
-    The form is made once: compiled, at the fields' values when it is called. `turn` changes ∂A/∂θ_i, into its derivative say.
+    The form is compiled once and evaluated with the field values at the time of the call.
+
+    Parameters
+    ----------
+    body : HarmonicProblem
+        The body.
+    omega : float
+        Angular frequency (rad/s).
+    field : GridFunction
+        The field θ.
+    pairs : int
+        Number of pairs of waves.
+    turn : callable, optional
+        Operator on the integrand of ∂A/∂θ_i, such as a further derivative.
     """
 
     def __init__(
@@ -54,7 +79,7 @@ class FieldGradient:
                 self._form += work
 
     def __call__(self, pairs: Sequence[Pair]) -> Array:
-        """Of these waves (ndof,) each."""
+        """The gradient for pairs of waves, (ndof,) each."""
         for functions, waves in zip(self._pairs, pairs, strict=True):
             for function, wave in zip(functions, waves, strict=True):
                 function.vec.FV().NumPy()[:] = wave
@@ -65,11 +90,27 @@ class FieldGradient:
 def proportional_fields(
     body: HarmonicProblem, fields: Mapping[str, ngs.GridFunction], omega: float
 ) -> dict[str, tuple[str, complex]]:
-    """Field → the first one, and the r, with ∂A/∂field = r ∂A/∂first whatever the fields are; else itself and 1.
+    """Fields with proportional derivatives of A, so that one integral serves several.
 
-    So r = i for the loss modulus in G' + iG'', and iω for a viscosity. Tried, not deduced: between random waves, of two sets of
-    random values around the fields' own, which stay as they are.
+    The factor is i for the loss modulus in G' + iG'', and iω for a viscosity. It is found numerically: between random waves, at two
+    sets of random values around the fields' own, which are restored.
 
+    Parameters
+    ----------
+    body : HarmonicProblem
+        The body.
+    fields : dict of str to GridFunction
+        Its parameters.
+    omega : float
+        Angular frequency (rad/s).
+
+    Returns
+    -------
+    dict of str to (str, complex)
+        Field → first field and r with ∂A/∂field = r ∂A/∂first for any values; the field itself and 1 if there is none.
+
+    Examples
+    --------
     >>> from ngbrain.forward.harmonic.wave import Wave
     >>> from ngbrain.materials import Shearing
     >>> from ngbrain.mesh.geometry.structured import rectangles
@@ -120,7 +161,7 @@ def _tried(body: HarmonicProblem, fields: Mapping[str, ngs.GridFunction], omega:
 
 
 def _changed(values: Array, rng: np.random.Generator) -> Array:
-    """Of the same sign; what is nothing becomes something, of the others' size."""
+    """Perturbed values of the same sign; zeros become small values of the same magnitude."""
     size = np.abs(values).mean() or 1.0
     return np.where(
         values, values * (1 + APART * rng.uniform(-1, 1, len(values))), APART * size * rng.random(len(values))

@@ -1,6 +1,6 @@
-"""How a body's matrix changes along a direction of its fields, and how its slopes do: what second derivatives are made of.
+"""Derivative of the system matrix along a direction of its fields, and the gradient of that: for second derivatives.
 
-With A' = Σ_j δθ_j ∂A/∂θ_j, the Hessian of Re Σ w̄ · d along δθ is, for waves u and adjoints λ with A λ = Bᵀ w̄,
+With A' = Σ_j δθ_j ∂A/∂θ_j, the Hessian of Re Σ w̄ · d times δθ is, for waves u and adjoints λ with A λ = Bᵀ w̄,
 
     -Re[ λ'ᵀ (∂A/∂θ_i) u + λᵀ (∂A/∂θ_i) u' + λᵀ (∂A/∂θ_i)' u ] ,    A u' = -A' u ,    A λ' = -A' λ .
 """
@@ -21,7 +21,15 @@ Array = np.ndarray
 
 
 class MatrixDerivative:
-    """A' of a body, and the slopes of A', along the direction that was last given to `set_direction`. Forms are made once."""
+    """A' of a body along the direction last set, and the gradient of A'. Forms are made once.
+
+    Parameters
+    ----------
+    body : HarmonicProblem
+        The body, at rest.
+    fields : dict of str to GridFunction
+        Its parameters.
+    """
 
     def __init__(self, body: HarmonicProblem, fields: Mapping[str, ngs.GridFunction]) -> None:
         self._body, self._fields = body, fields
@@ -35,12 +43,24 @@ class MatrixDerivative:
         self._slopes: dict[tuple[float, str], FieldGradient] = {}
 
     def set_direction(self, direction: Sequence[Array]) -> None:
-        """A change of each field."""
+        """Set a change of each field."""
         for towards, part in zip(self._directions.values(), direction, strict=True):
             towards.vec.FV().NumPy()[:] = part
 
     def apply(self, omega: float, u: Array) -> Array:
-        """A' u (ndof,)."""
+        """A' u.
+
+        Parameters
+        ----------
+        omega : float
+            Angular frequency (rad/s).
+        u : array (ndof,)
+            A wave.
+
+        Returns
+        -------
+        array (ndof,)
+        """
         form = self._products[omega]
         if form is None:
             return np.zeros(len(u), complex)
@@ -49,14 +69,29 @@ class MatrixDerivative:
         return np.asarray(form.vec.FV().NumPy().copy())
 
     def gradient(self, omega: float, name: str, pairs: Sequence[Pair]) -> Array:
-        """Σ vᵀ (∂A/∂θ_i)' u of pairs u, v, for each unknown of a field."""
+        """Σ vᵀ (∂A/∂θ_i)' u over pairs u, v.
+
+        Parameters
+        ----------
+        omega : float
+            Angular frequency (rad/s).
+        name : str
+            A field.
+        pairs : sequence of (array, array)
+            Waves u and v (ndof,).
+
+        Returns
+        -------
+        array (size,)
+            For each degree of freedom of the field.
+        """
         if (omega, name) not in self._slopes:
             self._slopes[omega, name] = FieldGradient(self._body, omega, self._fields[name], len(pairs), self._turn)
         return self._slopes[omega, name](pairs)
 
 
 def _directional(fields: Mapping[str, ngs.GridFunction], directions: Mapping[str, ngs.GridFunction]) -> Change:
-    """From an integrand to its derivative along a change of all fields."""
+    """Operator from an integrand to its derivative along a change of all fields."""
 
     def turned(work: CoefficientFunction) -> CoefficientFunction:
         parts = (derivative_operator(field, directions[name])(work) for name, field in fields.items())

@@ -1,4 +1,4 @@
-"""What a wave model asks of the body under its waves: blocks of parameters, and how its matrix changes with them."""
+"""Protocols of a body under time-harmonic waves: its parameters, and derivatives of its system matrix A with respect to them."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ Array = np.ndarray
 
 
 class Sensitivity(Protocol):
-    """How a body's matrix A changes with θ, all but what drives its boundary, between its waves u_k and whatever.
+    """Derivatives of the system matrix A with respect to θ (boundary values excluded), contracted with the waves u_k.
 
-    A' is the change along the direction that `set_direction` was last given.
+    A' is the derivative along the direction last set by `set_direction`.
     """
 
     def jvp(self, direction: Array) -> Sequence[Array]:
@@ -25,7 +25,7 @@ class Sensitivity(Protocol):
         """Σ Re λᵀ (∂A/∂θ) u (size,), by the matrices that `jvp` uses."""
 
     def gradient(self, adjoints: Sequence[Array]) -> Array:
-        """The same by linear forms: cheaper for a single product."""
+        """As `vjp`, by linear forms: cheaper for a single product."""
 
     def set_direction(self, direction: Array) -> None:
         """Set the direction of A'."""
@@ -34,26 +34,52 @@ class Sensitivity(Protocol):
         """A' u of a wave."""
 
     def apply_derivative_transpose(self, number: int, adjoint: Array) -> Array:
-        """A'ᵀ λ of a wave."""
+        """A'ᵀ λ of a wave.
+
+        Parameters
+        ----------
+        number : int
+            Index of the wave.
+        adjoint : array (ndof,)
+            λ.
+
+        Returns
+        -------
+        array (ndof,)
+        """
 
     def gradient_derivative(
         self, adjoints: Sequence[Array], changes: Sequence[Array], others: Sequence[Array]
     ) -> Array:
-        """The change of `gradient` along the direction, with u' and λ'."""
+        """Derivative of `gradient` along the direction.
+
+        Parameters
+        ----------
+        adjoints : sequence of array (ndof,)
+            λ of each wave.
+        changes : sequence of array (ndof,)
+            u', the change of each wave.
+        others : sequence of array (ndof,)
+            λ', the change of each adjoint.
+
+        Returns
+        -------
+        array (size,)
+        """
 
 
 class Medium(Protocol):
-    """What a body is made of, as blocks of θ."""
+    """A body under waves, with its parameters as blocks of θ."""
 
     sizes: dict[str, int]
     solves: Solves
 
     @property
     def value(self) -> Array:
-        """θ as the body has it now."""
+        """Present parameters θ."""
 
     def set_value(self, values: Array) -> None:
-        """Set it."""
+        """Set θ."""
 
     def sensitivity(self, waves: Array) -> Sensitivity:
-        """How the matrix changes, at the values last set."""
+        """Derivatives of the system matrix at the values last set."""

@@ -1,4 +1,4 @@
-"""Virtual work of waves about a body's equilibrium, by symbols: A v tested, and its derivatives."""
+"""Virtual work of small waves about a body's static equilibrium in symbolic form: A v tested, and its derivatives."""
 
 from __future__ import annotations
 
@@ -17,16 +17,23 @@ from ngbrain.solvers.matrices import to_scipy
 
 Array = np.ndarray
 Slopes: TypeAlias = tuple[Callable[[], Array], list[Callable[[], Array]]]
-"""What gives the derivatives of an integral by the state, and by each block of θ."""
+"""Assemblers of the derivatives of an integral with respect to the state and to each block of θ."""
 Pair: TypeAlias = Callable[[Motion], tuple[Motion, Motion]]
-"""From a part of the wave to what is tested with what: where loads follow the body, it matters which of two is which."""
+"""From a part of the wave to the pair of test and trial motions; with follower loads their order matters."""
 
 
 class StateWork:
     """Re(A v) of a wave v = c + i d, tested, as integrals of real fields; Im(A v) is Re(A (-i v)).
 
-    With them the derivatives of Re(λᵀ A v), at the body's state, by the state and by θ, and those of its change Re(λᵀ A' v) along
-    the ways of both that `set_direction` was last given.
+    It gives derivatives of Re(λᵀ A v) at the body's state with respect to state and θ, and those of Re(λᵀ A' v), with A' the derivative
+    along the directions of both last set by `set_direction`.
+
+    Parameters
+    ----------
+    about : AboutState
+        Waves about the state.
+    blocks : iterable of ParameterBlock
+        Blocks of θ.
     """
 
     def __init__(self, about: AboutState, blocks: Iterable[ParameterBlock]) -> None:
@@ -37,7 +44,20 @@ class StateWork:
         self._trial, self._test = fes.TnT()
 
     def sensitivity(self, omega: float, v: Array) -> tuple[sp.csr_array, sp.csr_array]:
-        """∂(A v)/∂u₀ (ndof, ndof) and ∂(A v)/∂θ (ndof, size)."""
+        """Derivatives of A v with respect to state and θ.
+
+        Parameters
+        ----------
+        omega : float
+            Angular frequency (rad/s).
+        v : array (ndof,)
+            A wave, complex.
+
+        Returns
+        -------
+        by_state : csr_array (ndof, ndof)
+        by_theta : csr_array (ndof, size)
+        """
         by_state, by_theta = [], []
         for part in (v, -1j * v):
             self._put(omega, part)
@@ -46,11 +66,32 @@ class StateWork:
         return by_state[0] + 1j * by_state[1], by_theta[0] + 1j * by_theta[1]
 
     def gradient(self, omega: float, v: Array, adjoint: Array) -> tuple[Array, Array]:
-        """∂ Re(λᵀ A v)/∂u₀ (ndof,) and ∂ Re(λᵀ A v)/∂θ (size,)."""
+        """Gradient of Re(λᵀ A v) with respect to state and θ.
+
+        Parameters
+        ----------
+        omega : float
+            Angular frequency (rad/s).
+        v, adjoint : array (ndof,)
+            The wave, and λ.
+
+        Returns
+        -------
+        by_state : array (ndof,)
+        by_theta : array (size,)
+        """
         return self._summed(self._slopes, omega, v, adjoint)
 
     def set_direction(self, state: Array, direction: Array) -> None:
-        """Ways of the state (ndof,) and of θ (size,)."""
+        """Set the directions of A'.
+
+        Parameters
+        ----------
+        state : array (ndof,)
+            Change of the state.
+        direction : array (size,)
+            δθ.
+        """
         self._change.vec.FV().NumPy()[:] = state
         for block, way in zip(
             self._blocks, np.split(direction, np.cumsum([b.size for b in self._blocks])), strict=False
@@ -58,23 +99,60 @@ class StateWork:
             block.set_direction(way)
 
     def apply_derivative(self, omega: float, v: Array) -> Array:
-        """A' v (ndof,)."""
+        """A' v.
+
+        Parameters
+        ----------
+        omega : float
+            Angular frequency (rad/s).
+        v : array (ndof,)
+            The wave.
+
+        Returns
+        -------
+        array (ndof,)
+        """
         found = self._complex(self._derivative_product, omega, v)
         return self._and_nodes(found, lambda: self._complex(self._product, omega, v))
 
     def apply_derivative_transpose(self, omega: float, adjoint: Array) -> Array:
-        """A'ᵀ λ (ndof,)."""
+        """A'ᵀ λ.
+
+        Parameters
+        ----------
+        omega : float
+            Angular frequency (rad/s).
+        adjoint : array (ndof,)
+            λ.
+
+        Returns
+        -------
+        array (ndof,)
+        """
         found = self._complex(self._derivative_transposed, omega, adjoint)
         return self._and_nodes(found, lambda: self._complex(self._transposed, omega, adjoint))
 
     def gradient_derivative(self, omega: float, v: Array, adjoint: Array) -> tuple[Array, Array]:
-        """∂ Re(λᵀ A' v)/∂u₀ (ndof,) and ∂ Re(λᵀ A' v)/∂θ (size,)."""
+        """Gradient of Re(λᵀ A' v) with respect to state and θ.
+
+        Parameters
+        ----------
+        omega : float
+            Angular frequency (rad/s).
+        v, adjoint : array (ndof,)
+            The wave, and λ.
+
+        Returns
+        -------
+        by_state : array (ndof,)
+        by_theta : array (size,)
+        """
         found = np.concatenate(self._summed(self._gradient_derivatives, omega, v, adjoint))
         found = self._and_nodes(found, lambda: np.concatenate(self.gradient(omega, v, adjoint)))
         return found[: self._body.fes.ndof], found[self._body.fes.ndof :]
 
     def _and_nodes(self, found: Array, of: Callable[[], Array]) -> Array:
-        """A change along all other ways, and that of what it is the change of along node positions'."""
+        """Add the finite-difference derivative along node positions."""
         return sum((block.finite_difference(of) for block in self._blocks if isinstance(block, NodePositions)), found)
 
     def _summed(self, slopes: Slopes, omega: float, v: Array, adjoint: Array) -> tuple[Array, Array]:
@@ -88,7 +166,7 @@ class StateWork:
         return found[0][0] + found[1][0], found[0][1] + found[1][1]
 
     def _complex(self, product: Callable[[], Array], omega: float, v: Array) -> Array:
-        """From what gives Re(A v)."""
+        """Complex product from a function that gives Re(A v)."""
         parts = []
         for part in (v, -1j * v):
             self._put(omega, part)
@@ -139,7 +217,7 @@ class StateWork:
         return slope(self._body, functional(self._trial)), by_theta
 
     def _turn(self, state: Motion, pair: Pair) -> Terms:
-        """The change of `_real` along the ways of the state and of θ."""
+        """Derivative of `_real` along the directions of state and θ."""
         parts, others = (
             self._real(state, pair),
             (block for block in self._blocks if not isinstance(block, NodePositions)),
@@ -149,7 +227,7 @@ class StateWork:
         ]
 
     def _real(self, state: Motion, pair: Pair, *along: Motion) -> Terms:
-        """Re(A v) tested with a virtual motion, and for each motion more its derivative along it."""
+        """Re(A v) tested with a virtual motion, or its derivative along further motions."""
         stored = self._work(state, *pair(self._c), *along)
         kinetic = self._work.functional(self._about.kinetic, state, *pair(self._c), *along)
         lossy = self._work.functional(self._about.lossy, state, *pair(self._d), *along)

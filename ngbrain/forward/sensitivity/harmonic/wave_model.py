@@ -1,13 +1,13 @@
-"""How waves at measured points change with what a body is made of, and with what drives its boundary.
+"""Time-harmonic waves as a model from parameters to displacements at measured points.
 
 For the discrete problem A(θ) u = b with u = g on the boundary and data d = B u,
 
-    J δθ = B δu,   A δu = -(∂A/∂θ δθ) u - A δg        one solve for each wave
-    Jᵀ w:          Aᵀ λ = Bᵀ w,   -((∂A/∂θ) u)ᵀ λ     the same factor
+    J δθ = B δu,   A δu = -(∂A/∂θ δθ) u - A δg        one solve a wave
+    Jᵀ w:          Aᵀ λ = Bᵀ w,   -((∂A/∂θ) u)ᵀ λ     with the same factorisation
 
-and (Re w̄ · d)'' δθ with A' for the change of A along δθ, A u' = -A' u - A δg and Aᵀ λ' = -A'ᵀ λ: two solves more for each wave.
-∂A/∂θ comes from the integrand by differentiation, `(∂A/∂θ) u` as sparse matrices where many products are wanted and as
-linear forms where only a gradient is. About a deformed body the change of its equilibrium is part of it (`about_equilibrium`).
+For (Re w̄ · d)'' δθ, with A' the derivative of A along δθ, A u' = -A' u - A δg and Aᵀ λ' = -A'ᵀ λ: two more solves a wave.
+∂A/∂θ is a symbolic derivative of the integrand. `(∂A/∂θ) u` is assembled as sparse matrices where many products are needed, and as
+linear forms for a single gradient. About a deformed body it includes the change of the equilibrium (`about_equilibrium`).
 """
 
 from __future__ import annotations
@@ -30,30 +30,37 @@ from ngbrain.solvers.newton import Newton
 
 Array = np.ndarray
 BOUNDARY = "boundary"
-"""Name of the block of held displacements (and translations): real parts, then imaginary parts, for each wave (m)."""
+"""Name of the block of prescribed displacements (and translations): real, then imaginary parts of each wave (m)."""
 
 
 class WaveModel:
-    """From a vector θ to complex displacements (m) at points.
+    """Model from a parameter vector θ to complex displacements (m) at points.
 
     Parameters
     ----------
     body : HarmonicProblem
-        At rest or about the equilibrium of a deformed body.
+        At rest, or about the equilibrium of a deformed body.
     parameters : dict
-        Name → what is θ, one after the other, then the block `boundary`. At rest real GridFunctions that the law is made of; of
-        a deformed body whatever `StaticModel` takes, also in loss and density.
+        Name → parameter; their values one after the other, then the block `boundary`, are θ. At rest real GridFunctions of the
+        material; for a deformed body everything that `StaticModel` takes, also in loss and density.
     points : array (n, 2 or 3)
-        Where waves are measured (m), at rest.
+        Measured points (m), at rest.
     newton : Newton, optional
-        Of the equilibrium, as in `StaticModel`.
+        Settings for the equilibrium, as in `StaticModel`.
     steps : int
         Load steps from rest to the first equilibrium.
+
+    Attributes
+    ----------
+    blocks : dict of str to slice
+        Where each parameter is in θ.
+    driven_dofs : array of int
+        Degrees of freedom with prescribed displacements.
 
     Raises
     ------
     InputError
-        For parameters of no use and points outside.
+        For parameters that cannot be used and for points outside the mesh.
 
     Examples
     --------
@@ -99,21 +106,33 @@ class WaveModel:
 
     @property
     def theta(self) -> Array:
-        """θ and boundary values as the body has them now."""
+        """Present parameters θ, boundary values included."""
         held = [g[self.driven_dofs] for g in self.body.prescribed]
         return np.concatenate([self.medium.value, *(part for g in held for part in (g.real, g.imag))])
 
     def evaluate(self, theta: Array) -> WaveLinearisation:
-        """Waves of θ, and their derivatives; the body keeps the values of the last call.
+        """Waves at θ, with their derivatives; the body keeps the values of the last call.
 
-        Raises `SolverError` at a resonance without loss, and about a deformed body what `StaticModel` does.
+        Raises `SolverError` at a resonance without loss, and for a deformed body the errors of `StaticModel`.
         """
         factors = self._factorised(theta)
         waves = np.array([factors.solve_wave(k, g) for k, g in enumerate(self.boundary_values(theta))])
         return WaveLinearisation(self, factors, waves)
 
     def linearise(self, theta: Array, waves: Array) -> WaveLinearisation:
-        """Derivatives at θ and at any waves (loads, ndof), such as measured ones: no wave is solved for."""
+        """Derivatives at θ and at given waves, such as measured ones, without solving for waves.
+
+        Parameters
+        ----------
+        theta : array (size,)
+            Parameters.
+        waves : array (waves, ndof)
+            Waves u.
+
+        Returns
+        -------
+        WaveLinearisation
+        """
         return WaveLinearisation(self, self._factorised(theta), np.asarray(waves, complex))
 
     def _factorised(self, theta: Array) -> Factorised:
@@ -125,31 +144,31 @@ class WaveModel:
         return self.body.factorise(self.solves)
 
     def boundary_values(self, theta: Array) -> Array:
-        """Boundary values in θ as arrays over all unknowns (waves, ndof)."""
+        """Boundary values in θ, as arrays over all degrees of freedom (waves, ndof)."""
         parts = theta[self.blocks[BOUNDARY]].reshape(len(self.body.waves), 2, -1)
         g = np.zeros((len(parts), self.body.fes.ndof), complex)
         g[:, self.driven_dofs] = parts[:, 0] + 1j * parts[:, 1]
         return g
 
     def observe(self, u: Array) -> Array:
-        """Unknowns of a wave to values at the points (n, dim)."""
+        """Values of a wave at the points (n, dim)."""
         width = self._scalar.shape[1]
         return _times(self._scalar, u[: self.dim * width].reshape(self.dim, width).T)
 
     @property
     def observation_matrix(self) -> sp.csr_array:
-        """The matrix (n dim, ndof) of `observe`: all points of the first component, then of the next."""
+        """Matrix (n dim, ndof) of `observe`: all points of the first component, then of the next."""
         whole = sp.block_diag([self._scalar] * self.dim, format="csr")
         whole.resize((whole.shape[0], self.body.fes.ndof))
         return sp.csr_array(whole)
 
     @cached_property
     def elements(self) -> Array:
-        """In which element each point lies (n,)."""
+        """Element that contains each point (n,)."""
         return np.array(self.body.mesh(*self.points.T)["nr"])
 
     def observe_transpose(self, values: Array) -> Array:
-        """The transpose of `observe`."""
+        """Transpose of `observe`."""
         u = np.zeros(self.body.fes.ndof, complex)
         width = self._scalar.shape[1]
         u[: self.dim * width] = _times(self._transposed, values).T.ravel()
@@ -161,7 +180,22 @@ class WaveModel:
 
 
 class WaveLinearisation:
-    """Waves at one θ: `data` (waves, n, dim) in m, and the products of J and Jᵀ. At rest of use until the model moves on."""
+    """Waves at one θ, and products with their derivatives. At rest it is valid until the model is evaluated again.
+
+    Parameters
+    ----------
+    model : WaveModel
+        The model.
+    factors : Factorised
+        Factorisations of A.
+    waves : array (waves, ndof)
+        Waves u.
+
+    Attributes
+    ----------
+    data : array (waves, n, dim)
+        Displacements (m) at the points.
+    """
 
     def __init__(self, model: WaveModel, factors: Factorised, waves: Array) -> None:
         self.model, self.factors, self.waves = model, factors, waves
@@ -170,17 +204,17 @@ class WaveLinearisation:
         self._inner = slice(model.blocks[BOUNDARY].start)
 
     def displacement(self, number: int) -> ngs.GridFunction:
-        """Amplitudes (m, complex) of a wave."""
+        """Complex displacement (m) of a wave."""
         gfu = ngs.GridFunction(self.model.body.displacement)
         gfu.vec.FV().NumPy()[:] = self.waves[number][: gfu.space.ndof]
         return gfu
 
     def jvp(self, direction: Array) -> Array:
-        """J δθ, as `data`."""
+        """Jacobian-vector product J δθ, with the shape of `data`."""
         return np.array([self.model.observe(u) for u in self.state_derivative(direction)])
 
     def state_derivative(self, direction: Array) -> Array:
-        """How waves change, in all unknowns (waves, ndof)."""
+        """Derivative of the waves along a direction of θ (waves, ndof)."""
         change = np.empty_like(self.waves)
         driven = self.model.boundary_values(direction)
         for k, pushed in enumerate(self.sensitivity.jvp(direction[self._inner])):
@@ -198,13 +232,27 @@ class WaveLinearisation:
         return np.concatenate([-inner, self._of_boundary(adjoints)])
 
     def gradient(self, w: Array) -> Array:
-        """The same as `vjp` by linear forms: cheaper for a single product."""
+        """As `vjp`, by linear forms: cheaper for a single product."""
         adjoints = self._adjoints(w, "adjoint")
         inner = self.sensitivity.gradient([adjoint for adjoint, _ in adjoints])
         return np.concatenate([-inner, self._of_boundary(adjoints)])
 
     def hvp(self, w: Array, direction: Array) -> Array:
-        """(Re Σ w̄ · data)'' δθ: what the curvature of a misfit has beside the Gauss-Newton matrix, with w the misfit's slope."""
+        """Product of the second derivative of Re Σ w̄ · data with a direction.
+
+        With w the derivative of a misfit, it is what the misfit's Hessian has beside the Gauss-Newton matrix.
+
+        Parameters
+        ----------
+        w : array (waves, n, dim)
+            Weights of the data.
+        direction : array (size,)
+            δθ.
+
+        Returns
+        -------
+        array (size,)
+        """
         model, how, factors, driven = self.model, self.sensitivity, self.factors, self.model.boundary_values(direction)
         adjoints = [adjoint for adjoint, _ in self._adjoints(w, "adjoint")]
         how.set_direction(direction[self._inner])
@@ -219,7 +267,7 @@ class WaveLinearisation:
         return np.concatenate([-how.gradient_derivative(adjoints, changes, others), self._of_boundary(rests)])
 
     def _adjoints(self, w: Array, purpose: str) -> list[tuple[Array, Array]]:
-        """For each wave λ and what is left of Bᵀ w̄ at the driven unknowns."""
+        """λ of each wave, and the residual of Bᵀ w̄ at the driven degrees of freedom."""
         check_shape("w", np.shape(w), self.data.shape)
         found, driving = [], self.model.driven_dofs
         for k, part in enumerate(np.conj(w)):
@@ -244,6 +292,6 @@ def _medium(body: HarmonicProblem, parameters: Mapping[str, Parameter], newton: 
 
 
 def _times(matrix: sp.csr_array, columns: Array) -> Array:
-    """A real matrix times complex columns, by their parts: scipy would first copy the matrix to complex numbers."""
+    """Product of a real matrix with complex columns, part by part: SciPy would copy the matrix to complex numbers first."""
     parts = matrix @ np.ascontiguousarray(columns, complex).view(float)
     return np.asarray(parts.view(complex))

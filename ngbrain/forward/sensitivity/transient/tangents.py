@@ -22,7 +22,7 @@ RTOL, MAX_ITERATIONS = 1e-11, 20
 FINE_RTOL, FINE_MAX_ITERATIONS = 1e-13, 12
 """The same for second derivatives, which are computed from computed solutions and need a better preconditioner."""
 FEW = 3
-"""Right-hand n_rhs at one state up to which an old factor is tried."""
+"""Right-hand sides at one state up to which an older factorisation is tried."""
 
 
 class Tangents:
