@@ -25,8 +25,8 @@ Pair: TypeAlias = Callable[[Motion], tuple[Motion, Motion]]
 class StateWork:
     """Re(A v) of a wave v = c + i d, tested, as integrals of real fields; Im(A v) is Re(A (-i v)).
 
-    It gives derivatives of Re(λᵀ A v) at the body's state with respect to state and θ, and those of Re(λᵀ A' v), with A' the derivative
-    along the directions of both last set by `set_direction`.
+    It gives derivatives of Re(λᵀ A v) at the body's state with respect to state and θ, and those of Re(λᵀ A' v), with A'
+    the derivative along the directions of both last set by `set_direction`.
 
     Parameters
     ----------
