@@ -1,6 +1,7 @@
 """`python -m ngbrain.surrogate waves -o DIR`: compute the data, train the operator, write the weights that ngbrain ships.
 
-A run that was stopped goes on when it is started again: data are computed once, training has a checkpoint an epoch.
+An interrupted run resumes when it is started again: data are computed once, training writes a checkpoint after each
+epoch.
 """
 
 from __future__ import annotations
@@ -27,16 +28,16 @@ TRAINING = {
     "tumour": 400,
     "halves": 300,
 }
-"""Samples of each family."""
+"""Training samples of each family."""
 UNSEEN = "slices"
-"""The family that is tested with alone."""
+"""Family that only the test set contains."""
 JUDGES, TESTS = 25, 50
-"""Samples of each family to validate and to test with."""
+"""Validation and test samples of each family."""
 ACROSS, ACROSS_TEST = 51, 101
 
 
 def main() -> None:
-    """Data, training, export."""
+    """Compute data, train and export."""
     parser = argparse.ArgumentParser(
         prog="python -m ngbrain.surrogate", description="Train what `ngbrain predict` uses."
     )
@@ -85,7 +86,19 @@ def main() -> None:
 
 
 def learn(folder: Path, name: str, of: dict[str, Any], start: Path | None) -> None:
-    """Train with settings on what is in the folder and write the weights there."""
+    """Train on the data in a folder and write the weights there.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        Folder of the data and of the results.
+    name : str
+        Modality, "waves" or "compression".
+    of : dict of str to object
+        Fields of `Settings`.
+    start : pathlib.Path
+        Checkpoint of an earlier training to continue from.
+    """
     import torch
 
     from ngbrain.surrogate.operator.wavelet_operator import WaveletOperator, count_weights
@@ -117,19 +130,19 @@ def learn(folder: Path, name: str, of: dict[str, Any], start: Path | None) -> No
 
 
 def _short(value: float) -> float:
-    """Four digits of it; whole numbers stay."""
+    """Four significant digits; integers unchanged."""
     return value if isinstance(value, int) else float(f"{value:.4g}")
 
 
 def _trainings(made_by: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    """Settings of the last training, of the one that it began with, and so on."""
+    """Settings of the last training, of the one that it continued, and so on."""
     yield {key: value for key, value in made_by.items() if key not in ("data", "start")}
     if "start" in made_by:
         yield from _trainings(made_by["start"])
 
 
 def _command(name: str, number: int, of: dict[str, Any]) -> str:
-    """What makes the training of that number from the one before."""
+    """Command that repeats training number `number`."""
     start = f" --start {number - 1}/{name}/checkpoint.pt" if number else ""
     numbers = f"--epochs {of['epochs']} --rate {of['rate']:g} --seed {of['seed']}"
     twice = f" --twice {' '.join(of['twice'])}" if of.get("twice") else ""

@@ -213,7 +213,7 @@ def test_samples_widen_where_they_are_pressed():
 def test_cautions_are_of_what_was_measured():
     assert not constants("griffiths2024:cortex").cautions
     assert constants("budday2017:cortex:gent:tension").cautions == [
-        "no state beyond I₁ = 3.08 has an energy",
+        "the energy is undefined beyond I₁ = 3.08",
         "measured in tension alone",
     ]
     assert "for small strain" in constants("bennion2022:pia").cautions[0]

@@ -191,7 +191,7 @@ def test_what_is_assumed_of_a_tissue_is_said():
     scene = replace(Scene.shipped("idealised_fast"), tissues=tissues)
     assert scene.warnings == [
         "tissue#1 (grey): bulk_to_shear_ratio is not given: 220.9 is used, of the source's bulk modulus",
-        "tissue#2 (white): budday2017:cortex:gent:tension (human cortex): no state beyond I₁ = 3.08 has an energy; "
+        "tissue#2 (white): budday2017:cortex:gent:tension (human cortex): the energy is undefined beyond I₁ = 3.08; "
         "measured in tension alone",
         "tissue#3 (ventricle.*): bulk_to_shear_ratio is not given: 1000 is assumed, nearly incompressible",
         "no tissue relaxes: pressures do not fall while the tool holds",

@@ -1,13 +1,13 @@
-"""Data to learn from: squares with random stiffness, their waves or compression computed, each sample from a seed of its own.
+"""Training data: squares of random stiffness with computed waves or compression, each sample from its own seed.
 
-Two ways to look at a square, in plane strain:
+Two modalities, in plane strain:
 
-waves        one edge shaken as a whole at 30 to 80 Hz, the others free, 120 mm across; both components, complex. Half of the
-             squares are nearly incompressible, a quarter has no loss
-compression  the top pushed down by 1 % on a slippery plate, the bottom held, 40 mm across; the axial component alone, as
-             ultrasound sees it. It knows E up to one factor
+waves        one edge moves as a rigid body at 30 to 80 Hz, the others are free; 120 mm across; both components, complex. Half
+             of the squares are nearly incompressible, a quarter has no loss
+compression  the top is displaced by 1 % by a frictionless plate, the bottom is fixed; 40 mm across; only the axial component, as
+             ultrasound measures it. It determines E up to a constant factor
 
-Elements are of fourth order, on another mesh than the points that data are given at.
+Elements are of fourth order, on another mesh than the points at which data are given.
 """
 
 from __future__ import annotations
@@ -42,21 +42,32 @@ from ngbrain.surrogate.data.random_fields import FAMILIES, family
 Array = np.ndarray
 SPLITS = ("train", "validation", "test")
 CELLS, ORDER, FINE = 16, 4, 201
-"""Elements across, their order, and points across that moduli are drawn at, linear between."""
+"""Elements across, their order, and points across at which moduli are given, with linear interpolation."""
 DENSITY = 1000.0
 FREQUENCY, SHEAR, LOSS = (30.0, 80.0), (3e3, 1.2e4), (0.05, 0.5)
-"""Hz; storage modulus of the background (Pa); loss over storage, of what has a loss."""
+"""Frequency (Hz); storage modulus of the background (Pa); loss over storage modulus where there is a loss."""
 COMPRESSIBLE, NEARLY = (0.2, 0.45), (0.49, 0.4999)
 """Poisson's ratio."""
 BLOCK = 25
-"""Samples that one task computes."""
+"""Samples per task."""
 
 
 @dataclass(frozen=True)
 class Sample:
-    """One square: displacement (n, n, components) in m and moduli (n, n) in Pa, first axis y.
+    """One square of training data; arrays have y as first axis.
 
-    storage and loss are G′ and G″ of waves, or E and 0 of compression; frequency in Hz.
+    Parameters
+    ----------
+    displacement : numpy.ndarray of shape (n, n, components)
+        Displacement (m).
+    storage : numpy.ndarray of shape (n, n)
+        G′ of waves, or E of compression (Pa).
+    loss : numpy.ndarray of shape (n, n)
+        G″ of waves, or 0 (Pa).
+    frequency : float
+        Frequency (Hz).
+    poisson : float
+        Poisson's ratio.
     """
 
     displacement: Array
@@ -67,10 +78,21 @@ class Sample:
 
 
 def waves(random: np.random.Generator, relative: Array, across: int) -> Sample:
-    """A square shaken at one edge; see the module.
+    """Waves in a square with one driven edge; see the module.
 
-    relative  (FINE, FINE), storage modulus over that of the background
-    across    points along an edge that are wanted
+    Parameters
+    ----------
+    random : np.random.Generator
+        Random numbers.
+    relative : numpy.ndarray of shape (FINE, FINE)
+        Storage modulus relative to the background.
+    across : int
+        Points along an edge of the result.
+
+    Returns
+    -------
+    Sample
+        The sample.
     """
     frequency = random.uniform(*FREQUENCY)
     storage = np.exp(random.uniform(*np.log(SHEAR))) * relative
@@ -83,7 +105,22 @@ def waves(random: np.random.Generator, relative: Array, across: int) -> Sample:
 
 
 def compression(random: np.random.Generator, relative: Array, across: int) -> Sample:
-    """A square pushed down by a plate; see the module. Real."""
+    """Compression of a square by a frictionless plate, real; see the module.
+
+    Parameters
+    ----------
+    random : np.random.Generator
+        Random numbers.
+    relative : numpy.ndarray of shape (FINE, FINE)
+        Young's modulus relative to the background.
+    across : int
+        Points along an edge of the result.
+
+    Returns
+    -------
+    Sample
+        The sample.
+    """
     poisson = random.uniform(*(COMPRESSIBLE if random.random() < 0.5 else NEARLY))
     youngs = 1e4 * relative
     side = SIDES["compression"]
@@ -97,7 +134,7 @@ MODALITIES: dict[str, Callable[[np.random.Generator, Array, int], Sample]] = {
     "compression": compression,
 }
 SIDES = {"waves": 0.12, "compression": 0.04}
-"""m, an edge of the square."""
+"""Edge of the square (m)."""
 
 
 def solve_displacement(
@@ -109,13 +146,37 @@ def solve_displacement(
     held: str | Mapping[str, str] | None = None,
     side: float = SIDES["waves"],
 ) -> Array:
-    """Displacement (across, across, 2) in m of a square with shear modulus G (n, n) in Pa, real or complex, rows along y.
+    """Displacement of a square with prescribed displacements, at rest or in harmonic motion.
 
-    drive  edge → displacement (m)
-    held   edges that are held, by component if need be; by default those that are driven
+    Parameters
+    ----------
+    shear : numpy.ndarray of shape (n, n)
+        Shear modulus G (Pa), real or complex, rows along y.
+    frequency : float
+        Frequency (Hz), 0 at rest.
+    poisson : float
+        Poisson's ratio.
+    drive : dict of str to sequence of complex
+        Edge → displacement (m).
+    across : int
+        Points along an edge of the result.
+    held : str or dict of str to str, optional
+        Edges with Dirichlet conditions, by component if need be; by default the driven edges.
+    side : float, default SIDES['waves']
+        Edge of the square (m).
 
-    Raises `SolverError` at a resonance without loss.
+    Returns
+    -------
+    numpy.ndarray of shape (across, across, 2)
+        Displacement (m).
 
+    Raises
+    ------
+    SolverError
+        A resonance without loss.
+
+    Examples
+    --------
     >>> u = solve_displacement(np.full((5, 5), 5e3 + 1e3j), 50.0, 0.3, {"top": (1e-3, 0)}, 11)
     >>> u.shape, bool(np.allclose(u[-1], [1e-3, 0]))
     ((11, 11, 2), True)
@@ -138,8 +199,35 @@ def solve_displacement(
 
 
 def sample(modality: str, name: str, seed: int, split: str, index: int, across: int) -> Sample:
-    """Sample `index` of a family; seeds of splits, families and samples never meet. Raises `InputError` for names that are none.
+    """Sample number `index` of a family; seeds of splits, families and samples are distinct.
 
+    Parameters
+    ----------
+    modality : str
+        "waves" or "compression".
+    name : str
+        Family.
+    seed : int
+        Seed of the data set.
+    split : str
+        "train", "validation" or "test".
+    index : int
+        Number of the sample.
+    across : int
+        Points along an edge.
+
+    Returns
+    -------
+    Sample
+        The sample.
+
+    Raises
+    ------
+    InputError
+        An unknown modality, family or split.
+
+    Examples
+    --------
     >>> one, same = (sample("compression", "sinc", 0, "test", 3, 11) for _ in range(2))
     >>> one.displacement.shape, bool(np.allclose(one.displacement, same.displacement, rtol=1e-9))
     ((11, 11, 1), True)
@@ -164,15 +252,38 @@ def generate(
     executor: parallel.AnyExecutor = None,
     callback: parallel.Callback = log_progress,
 ) -> None:
-    """Compute samples of each family (name → how many) and write them to an HDF5 file, whole or not at all.
+    """Compute samples of each family and write them to an HDF5 file, whole or not at all.
 
-    Datasets, a row for each sample: displacement, storage, loss, frequency, poisson, family (a number; names in the attribute
-    `families`). Attributes: modality, split, seed, side (m), sha256 of what is in it, and the versions of what computed.
+    Datasets, one row per sample: displacement, storage, loss, frequency, poisson, family (a number; names in the
+    attribute `families`). Attributes: modality, split, seed, side (m), sha256 of the data, and software versions.
+    Blocks of samples are tasks of an executor (`parallel.run`). Finished blocks are stored in a folder beside the
+    file until it is written, so that an interrupted run resumes.
 
-    Blocks of samples are tasks of an executor (`parallel.run`). They are kept in a folder beside the file until it is written, so
-    that a run that was stopped goes on.
+    Parameters
+    ----------
+    path : pathlib.Path
+        The file.
+    modality : str
+        "waves" or "compression".
+    families : dict of str to int
+        Family → number of samples.
+    split : str
+        "train", "validation" or "test".
+    seed : int, default 0
+        Seed of the data set.
+    across : int, default 51
+        Points along an edge.
+    executor : parallel.AnyExecutor, optional
+        Where tasks run, see `parallel.run`.
+    callback : parallel.Callback, default log_progress
+        Called with the progress.
 
-    Raises `InputError` for names that are none, `SolverError` where no field was found.
+    Raises
+    ------
+    InputError
+        An unknown modality, family or split.
+    SolverError
+        A field could not be computed.
     """
     tasks: list[parallel.Task] = []
     for name, count in families.items():
@@ -214,7 +325,33 @@ def _block(
 
 @dataclass(frozen=True, eq=False)
 class DataSet:
-    """What `generate` has written, in memory; `names` are its families."""
+    """A data set written by `generate`, in memory; arrays have one row per sample.
+
+    Parameters
+    ----------
+    modality : str
+        "waves" or "compression".
+    split : str
+        "train", "validation" or "test".
+    side : float
+        Edge of the squares (m).
+    sha256 : str
+        SHA-256 of the data.
+    names : tuple of str
+        Names of the families.
+    displacement : numpy.ndarray
+        Displacement (m).
+    storage : numpy.ndarray
+        Storage modulus, or Young's modulus of compression (Pa).
+    loss : numpy.ndarray
+        Loss modulus (Pa).
+    frequency : numpy.ndarray
+        Frequency (Hz).
+    poisson : numpy.ndarray
+        Poisson's ratio.
+    family : numpy.ndarray
+        Number of the family.
+    """
 
     modality: str
     split: str
@@ -233,7 +370,7 @@ class DataSet:
 
     @staticmethod
     def read(path: Path) -> DataSet:
-        """From a file; `InputError` where it is none of `generate`'s, or not what was written."""
+        """Read a file; raises `InputError` where `generate` did not write it or its data have changed."""
         with file_context(path):
             try:
                 with hdf5(path, "file") as file:
@@ -261,7 +398,7 @@ def digest(columns: Mapping[str, Array]) -> str:
 
 @cache
 def _square(side: float, across: int) -> tuple[ngs.Mesh, Array]:
-    """The mesh, and places in it, rows along y."""
+    """The mesh, and points in it, rows along y."""
     lines = np.linspace(0, side, CELLS + 1)
     mesh = rectangles(lines, lines)
     y, x = np.meshgrid(*2 * (np.linspace(0, side, across),), indexing="ij")
@@ -269,6 +406,6 @@ def _square(side: float, across: int) -> tuple[ngs.Mesh, Array]:
 
 
 def _at(fine: Array, across: int) -> Array:
-    """Of an array on `FINE` points, linear between them, the values at `across` points."""
+    """Linear interpolation of an array on `FINE` points to `across` points."""
     places = np.linspace(0, FINE - 1, across)
     return map_coordinates(fine, np.meshgrid(places, places, indexing="ij"), order=1)

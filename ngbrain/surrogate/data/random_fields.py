@@ -1,6 +1,7 @@
-"""Families of stiffness maps on the unit square: moduli relative to a background of about 1, drawn at random.
+"""Families of random stiffness maps on the unit square: moduli relative to a background of about 1.
 
-A family is a function of a random generator and the places x, y (any shape, 0 to 1); it returns an array of that shape, above 0.
+A family is a function of a random generator and coordinates x, y (any shape, 0 to 1). It returns an array of that
+shape, above 0.
 """
 
 from __future__ import annotations
@@ -15,18 +16,44 @@ from ngbrain.errors import InputError, nearest
 Array = np.ndarray
 Family = Callable[[np.random.Generator, Array, Array], Array]
 CONTRAST = (0.4, 3.0)
-"""Times the background, of what has edges."""
+"""Range of moduli of sharp inclusions, relative to the background."""
 BUMP = (-0.4, 1.5)
-"""How much smooth spots add to it."""
+"""Range of the amplitude of smooth inclusions, relative to the background."""
 
 
 def gaussian_place(random: np.random.Generator, x: Array, y: Array) -> Array:
-    """1 + a exp(-r²/2w²) with w = 0.118, anywhere: the spot of the published cases, moved."""
+    """Gaussian inclusion 1 + a exp(-r²/2w²) of the published width w = 0.118 at a random position.
+
+    Parameters
+    ----------
+    random : np.random.Generator
+        Random numbers.
+    x, y : numpy.ndarray
+        Coordinates, 0 to 1.
+
+    Returns
+    -------
+    numpy.ndarray
+        Relative modulus, of the same shape.
+    """
     return _spot(random, x, y, 0.118)
 
 
 def gaussian_width(random: np.random.Generator, x: Array, y: Array) -> Array:
-    """1 + a exp(-r²/2w²), w from 0.07 to 0.2, anywhere."""
+    """Gaussian inclusion 1 + a exp(-r²/2w²) of width w from 0.07 to 0.2 at a random position.
+
+    Parameters
+    ----------
+    random : np.random.Generator
+        Random numbers.
+    x, y : numpy.ndarray
+        Coordinates, 0 to 1.
+
+    Returns
+    -------
+    numpy.ndarray
+        Relative modulus, of the same shape.
+    """
     return _spot(random, x, y, random.uniform(0.07, 0.2))
 
 
@@ -36,19 +63,58 @@ def _spot(random: np.random.Generator, x: Array, y: Array, width: float) -> Arra
 
 
 def sinusoidal(random: np.random.Generator, x: Array, y: Array) -> Array:
-    """1 + a sin(2π(k x + φ)) sin(2π(l y + ψ)), k and l from 0.5 to 1.5, a to 0.5."""
+    """Sinusoidal modulus 1 + a sin(2π(k x + φ)) sin(2π(l y + ψ)), k and l from 0.5 to 1.5, a up to 0.5.
+
+    Parameters
+    ----------
+    random : np.random.Generator
+        Random numbers.
+    x, y : numpy.ndarray
+        Coordinates, 0 to 1.
+
+    Returns
+    -------
+    numpy.ndarray
+        Relative modulus, of the same shape.
+    """
     a, (k, l), (p, q) = random.uniform(0.1, 0.5), random.uniform(0.5, 1.5, 2), random.uniform(0, 1, 2)
     return 1 + a * np.sin(2 * np.pi * (k * x + p)) * np.sin(2 * np.pi * (l * y + q))
 
 
 def sinc(random: np.random.Generator, x: Array, y: Array) -> Array:
-    """1 + a sin(πr/w)/(πr/w), w from 0.12 to 0.3."""
+    """Sinc inclusion 1 + a sin(πr/w)/(πr/w), w from 0.12 to 0.3.
+
+    Parameters
+    ----------
+    random : np.random.Generator
+        Random numbers.
+    x, y : numpy.ndarray
+        Coordinates, 0 to 1.
+
+    Returns
+    -------
+    numpy.ndarray
+        Relative modulus, of the same shape.
+    """
     a, w, (cx, cy) = random.uniform(*BUMP), random.uniform(0.12, 0.3), random.uniform(0.2, 0.8, 2)
     return 1 + a * np.sinc(np.hypot(x - cx, y - cy) / w)
 
 
 def inclusions(random: np.random.Generator, x: Array, y: Array) -> Array:
-    """One to three with sharp edges: ellipses, polygons, stars."""
+    """One to three inclusions with sharp edges: ellipses, polygons, stars.
+
+    Parameters
+    ----------
+    random : np.random.Generator
+        Random numbers.
+    x, y : numpy.ndarray
+        Coordinates, 0 to 1.
+
+    Returns
+    -------
+    numpy.ndarray
+        Relative modulus, of the same shape.
+    """
     field = np.ones_like(x)
     for _ in range(random.integers(1, 4)):
         field[_inside(random, x, y, random.uniform(0.07, 0.2))] = _contrast(random)
@@ -56,7 +122,20 @@ def inclusions(random: np.random.Generator, x: Array, y: Array) -> Array:
 
 
 def tumour(random: np.random.Generator, x: Array, y: Array) -> Array:
-    """An irregular mass, stiff or soft, with a core of its own and a rim that fades, in tissue that varies by a tenth."""
+    """Irregular mass, stiff or soft, with its own core and a graded rim, in tissue that varies by a tenth.
+
+    Parameters
+    ----------
+    random : np.random.Generator
+        Random numbers.
+    x, y : numpy.ndarray
+        Coordinates, 0 to 1.
+
+    Returns
+    -------
+    numpy.ndarray
+        Relative modulus, of the same shape.
+    """
     size, (cx, cy) = random.uniform(0.12, 0.25), random.uniform(0.3, 0.7, 2)
     angle, far = np.arctan2(y - cy, x - cx), np.hypot(x - cx, y - cy)
     edge = np.ones_like(x)
@@ -69,15 +148,43 @@ def tumour(random: np.random.Generator, x: Array, y: Array) -> Array:
 
 
 def halves(random: np.random.Generator, x: Array, y: Array) -> Array:
-    """Two materials that meet along a line at any angle."""
+    """Two materials that meet along a straight line of random direction.
+
+    Parameters
+    ----------
+    random : np.random.Generator
+        Random numbers.
+    x, y : numpy.ndarray
+        Coordinates, 0 to 1.
+
+    Returns
+    -------
+    numpy.ndarray
+        Relative modulus, of the same shape.
+    """
     angle, shift = random.uniform(0, 2 * np.pi), random.uniform(-0.25, 0.25)
     return np.where((x - 0.5) * np.cos(angle) + (y - 0.5) * np.sin(angle) > shift, _contrast(random), 1.0)
 
 
 def slices(random: np.random.Generator, x: Array, y: Array) -> Array:
-    """Squares of 120 mm out of slices of the average brain, tissues of random stiffness, with a lesion in half of them.
+    """Squares of 120 mm from slices of the average brain, with random tissue stiffness and a lesion in half of them.
 
-    Raises `MissingExtra` without what reads and segments images.
+    Parameters
+    ----------
+    random : np.random.Generator
+        Random numbers.
+    x, y : numpy.ndarray
+        Coordinates, 0 to 1.
+
+    Returns
+    -------
+    numpy.ndarray
+        Relative modulus, of the same shape.
+
+    Raises
+    ------
+    MissingExtra
+        The packages that read and segment images are not installed.
     """
     labels = _brain()
     z = random.integers(labels.shape[2])
@@ -113,7 +220,7 @@ def family(name: str) -> Family:
 
 
 def _contrast(random: np.random.Generator) -> float:
-    """Log-uniform in `CONTRAST`, at least a tenth away from the background."""
+    """Log-uniform modulus in `CONTRAST`, at least a tenth away from the background."""
     while True:
         value = float(np.exp(random.uniform(*np.log(CONTRAST))))
         if abs(np.log(value)) > 0.1:
@@ -121,7 +228,7 @@ def _contrast(random: np.random.Generator) -> float:
 
 
 def _inside(random: np.random.Generator, x: Array, y: Array, size: float) -> Array:
-    """A shape of about that radius, somewhere: ellipse, polygon or star."""
+    """Mask of an ellipse, polygon or star of about that radius at a random position."""
     (cx, cy), turn = random.uniform(0.2, 0.8, 2), random.uniform(0, 2 * np.pi)
     dx, dy = x - cx, y - cy
     u, v = np.cos(turn) * dx + np.sin(turn) * dy, np.cos(turn) * dy - np.sin(turn) * dx
@@ -136,7 +243,7 @@ def _inside(random: np.random.Generator, x: Array, y: Array, size: float) -> Arr
 
 
 def _uneven(random: np.random.Generator, x: Array, y: Array, most: float) -> Array:
-    """1 and a few long waves of random direction."""
+    """1 plus a few long waves of random direction."""
     field = np.zeros_like(x)
     for _ in range(4):
         kx, ky = random.uniform(-2, 2, 2)
@@ -146,7 +253,7 @@ def _uneven(random: np.random.Generator, x: Array, y: Array, most: float) -> Arr
 
 @cache
 def _brain() -> Array:
-    """Labels of the average brain between the ventricles' floor and the crown, every third slice."""
+    """Labels of the average brain from the floor of the ventricles to the crown, every third slice."""
     from ngbrain.image import mni152
     from ngbrain.image.labelling import label_tissues
 

@@ -1,4 +1,4 @@
-"""Plane data on a raster of square cells, and the squares of it that an operator looks at."""
+"""Plane data on a raster of square cells, and the squares of it that an operator evaluates."""
 
 from __future__ import annotations
 
@@ -13,28 +13,37 @@ from ngbrain.io.waves import Grid, WaveData
 
 Array = np.ndarray
 LEAST = 26
-"""Points along an edge that an operator asks for."""
+"""Smallest number of points along an edge that an operator accepts."""
 SQUARE = 1e-3
-"""Relative difference of two sides of a cell that is none."""
+"""Relative difference of the sides of a cell up to which it counts as square."""
 UPRIGHT = 1e-3
-"""Of a unit vector: what is left out, so that a component that is not measured does not spoil the other."""
+"""Components of a unit vector below this size are set to 0, so that an unmeasured component does not invalidate the other."""
 GAIN = 0.1
-"""Share of a square that has to be new."""
+"""Smallest fraction of a square that must be new."""
 SMALLER = 0.7
-"""Of the edge, from one size to the next, where larger squares leave gaps."""
+"""Ratio of one square size to the next, where larger squares leave gaps."""
 SPLINE = 4
-"""Points that what is not measured spoils around itself where data are resampled."""
+"""Points around unmeasured ones that resampling invalidates."""
 
 
 @dataclass(frozen=True, eq=False)
 class Raster:
-    """Displacements (loads, ny, nx, 2) along the raster's own axes, first array axis y.
+    """Displacements along the axes of a raster; arrays have y as first space axis.
 
-    spacing   m
-    counts    (loads, ny, nx, 2), whether a component is measured at a point that counts
-    places    (n, 2) row and column, not always whole, of the points of the data
-    axes      (2, 2) unit vectors of x and y among the data's coordinates
-    notes     what was done to get there
+    Parameters
+    ----------
+    spacing : float
+        Distance of points (m).
+    displacement : numpy.ndarray of shape (loads, ny, nx, 2)
+        Displacement (m).
+    counts : numpy.ndarray of shape (loads, ny, nx, 2)
+        Mask of the measured components at valid points.
+    places : numpy.ndarray of shape (n, 2)
+        Row and column, not always integers, of the points of the data.
+    axes : numpy.ndarray of shape (2, 2)
+        Unit vectors of x and y in the coordinates of the data.
+    notes : list of str, optional
+        Remarks on resampling.
     """
 
     spacing: float
@@ -46,9 +55,10 @@ class Raster:
 
     @staticmethod
     def from_data(data: WaveData) -> Raster:
-        """The raster of data on a plane grid, or on one layer in space. Cells that are not square are resampled, and that is noted.
+        """Raster of data on a plane grid, or on one layer in space.
 
-        Raises `InputError` for points that are no plane grid.
+        Cells that are not square are resampled, which is noted. Raises `InputError` for points that form no plane
+        grid.
         """
         points, u = data.points, data.displacement
         if data.dim == 3:
@@ -86,7 +96,7 @@ class Raster:
         return Raster(step, fields, counts, places, grid.axes, notes)
 
     def interpolate_to_points(self, image: Array) -> Array:
-        """Values (n,) at the points of the data of a map (ny, nx), linear between; NaN where one next to it is."""
+        """Linear interpolation of a map (ny, nx) to the points of the data (n,); NaN next to a NaN."""
         found = ndimage.map_coordinates(image, self.places.T, order=1, mode="nearest")
         near = np.rint(self.places).astype(int)
         whole = np.abs(self.places - near).max(axis=1) < 1e-6
@@ -94,24 +104,41 @@ class Raster:
         return np.asarray(found)
 
     def transpose(self) -> Raster:
-        """The same with x and y exchanged."""
+        """The raster with x and y exchanged."""
         u, counts = (each.swapaxes(1, 2)[..., ::-1] for each in (self.displacement, self.counts))
         return Raster(self.spacing, u, counts, self.places[:, ::-1], self.axes[::-1], self.notes)
 
     def flip(self) -> Raster:
-        """The same seen from the other end of y; components keep their directions."""
+        """The raster with y reversed; displacement components keep their directions."""
         places = np.array([self.counts.shape[1] - 1, 0]) + self.places * [-1, 1]
         return Raster(self.spacing, self.displacement[:, ::-1], self.counts[:, ::-1], places, self.axes, self.notes)
 
 
 def squares(counts: Array, most: float = np.inf) -> list[tuple[int, int, int]]:
-    """(row, column, points along an edge) of squares of points that all count (ny, nx), over as much of them as can be.
+    """Squares that cover the valid points as far as possible.
 
-    They are as large as fit, of `most` points across if need be, lie half over one another, and fill gaps with smaller ones. One
-    square where it holds all.
+    The squares are as large as fit, at most `most` points across, overlap by half, and fill gaps with smaller ones.
+    There is one square where it holds all points.
 
-    Raises `InputError` where none of `LEAST` points fits.
+    Parameters
+    ----------
+    counts : numpy.ndarray of shape (ny, nx)
+        Mask of the valid points.
+    most : float, default np.inf
+        Largest number of points along an edge.
 
+    Returns
+    -------
+    list of tuple of (int, int, int)
+        (row, column, points along an edge) of each square.
+
+    Raises
+    ------
+    InputError
+        No square of `LEAST` points fits.
+
+    Examples
+    --------
     >>> squares(np.ones((51, 101), bool))
     [(0, 0, 51), (0, 25, 51), (0, 50, 51)]
     """
@@ -146,7 +173,7 @@ def squares(counts: Array, most: float = np.inf) -> list[tuple[int, int, int]]:
 
 
 def _largest(counts: Array) -> int:
-    """Edge of the largest square of points that all count."""
+    """Edge of the largest square of valid points."""
     best = np.zeros(np.add(counts.shape, 1), int)
     for row in range(counts.shape[0]):
         for column in range(counts.shape[1]):
@@ -157,13 +184,13 @@ def _largest(counts: Array) -> int:
 
 
 def _sums(counts: Array, size: int) -> Array:
-    """How many count in each square of an edge, by its first row and column."""
+    """Number of valid points in each square of an edge, by its first row and column."""
     total = np.pad(counts.astype(int).cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
     return total[size:, size:] - total[:-size, size:] - total[size:, :-size] + total[:-size, :-size]
 
 
 def _resampled(fields: Array, counts: Array, stretch: Array) -> tuple[Array, Array]:
-    """Fields (loads, ny, nx, 2) and what counts of them at distances of one, where neighbours are `stretch` (y, x) apart."""
+    """Fields (loads, ny, nx, 2) and their masks at unit spacing, where neighbours are `stretch` (y, x) apart."""
     at = [np.arange(int((n - 1) * s + 1e-6) + 1) / s for n, s in zip(fields.shape[1:3], stretch, strict=True)]
     sure = np.array([[_deep(each) for each in load] for load in np.moveaxis(counts, -1, 1)], float)
     sure = np.moveaxis(sure, 1, -1)
@@ -175,5 +202,5 @@ def _resampled(fields: Array, counts: Array, stretch: Array) -> tuple[Array, Arr
 
 
 def _deep(counts: Array) -> Array:
-    """What counts, less `SPLINE` points around what does not."""
+    """The mask without `SPLINE` points around invalid ones."""
     return counts if counts.all() else ~ndimage.binary_dilation(~counts, iterations=SPLINE)

@@ -1,12 +1,12 @@
-"""Whether maps hold for the displacements they were made of: the equations of motion, asked without knowing the truth.
+"""Residuals of the equations of motion for predicted maps, without knowledge of the true ones.
 
-waves        the weak form with test functions v = curl ψ, ψ a bump of compact support. They have no divergence, so neither the
-             pressure nor the bulk modulus matters, and no equation is solved:
+waves        the weak form with test functions v = curl ψ, ψ a bump function of compact support. They are divergence-free, so
+             neither the pressure nor the bulk modulus matters, and no system is solved:
 
                  R(v) = ∫ 2G ε(u):ε(v) - ρω² ∫ u·v = A(v) - M(v),    r² = Σ |R|² / Σ (|A|² + |M|²)
 
-             A bump that reaches over an edge asks whether that edge is free of traction
-compression  one forward solve: the axial displacement held at the hull as measured, and what is left of it inside
+             A bump function that reaches over an edge tests whether that edge is free of traction
+compression  one forward solve: the axial displacement is prescribed on the boundary as measured, the misfit taken in the interior
 
 Lengths are in edges of the square, moduli in ρω²L² (waves) or in their mean (compression).
 """
@@ -24,26 +24,40 @@ from ngbrain.surrogate.operator.encoding import FINEST, NOISE, estimate_noise, p
 
 Array = np.ndarray
 BUMPS = 13
-"""Along an edge, the first and the last on the corners."""
+"""Bump functions along an edge, the first and the last at the corners."""
 REACH = 2
-"""Half a bump's width, in distances between neighbours: a sixth of the edge. Narrower ones see more of the noise, wider ones
-less of the detail."""
+"""Half width of a bump function, in distances between neighbours: a sixth of the edge. Narrower ones are more
+sensitive to noise, wider ones less sensitive to detail.
+"""
 UNSOLVED = 1e3
-"""The most that is left over: of a map, too, whose equations cannot be solved."""
+"""Upper bound of a residual, also that of a map whose equations cannot be solved."""
 SLOPES = 3
-"""Degree of the polynomials that strains are the slopes of."""
+"""Degree of the local polynomials whose derivatives are the strains."""
 
 
 def wave_residual(u: Array, modulus: Array) -> tuple[float, float]:
-    """r inside, and how far the square is from one edge shaken as a whole with the others free.
+    """Residual of waves in the interior, and deviation from the boundary conditions of the training data.
 
-    u        (n, n, 2), first axis y, in any unit
-    modulus  (n, n) complex, G/ρω²L²
+    The boundary conditions are one edge moving as a rigid body with the others free. For each candidate edge the
+    deviation is the largest of: the deviation of its motion from its mean, relative to the rms; and, for the bump
+    functions over each other edge but not over this one, how far A and M are from being proportional, √(1 - |Σ A*
+    M|²/Σ |A|² Σ |M|²), as a wrong factor is an error of the modulus there. The result is that of the edge for which
+    it is smallest.
 
-    The second asks of each edge how unlike its mean its motion is, relative to the rms, and of the bumps over each other edge, but
-    not over this one, how far A and M are from being proportional, √(1 - |Σ A* M|²/Σ |A|² Σ |M|²): what is off by a factor is the
-    modulus found there. It is the largest of these of the edge for which that is least.
+    Parameters
+    ----------
+    u : numpy.ndarray of shape (n, n, 2)
+        Displacement, y first, in any unit.
+    modulus : numpy.ndarray of shape (n, n)
+        Complex modulus G/ρω²L².
 
+    Returns
+    -------
+    tuple of (float, float)
+        Residual r in the interior, and deviation from the boundary conditions.
+
+    Examples
+    --------
     >>> y, x = np.meshgrid(*2 * (np.linspace(0, 1, 41),), indexing="ij")
     >>> wave = np.stack([np.cos(9 * y), 0 * y], axis=-1)  # k = 9: G/ρω²L² = 1/81; both edges across it are free at k y = 0 alone
     >>> right, wrong = (wave_residual(wave, np.full((41, 41), g))[0] for g in (1 / 81, 2 / 81))
@@ -64,7 +78,20 @@ def wave_residual(u: Array, modulus: Array) -> tuple[float, float]:
 
 
 def virtual_works(u: Array, modulus: Array) -> tuple[Array, Array]:
-    """A(v) and M(v) of all bumps, (BUMPS, BUMPS), first axis y: v = (∂ψ/∂y, -∂ψ/∂x)."""
+    """Virtual work of stress and of inertia for all bump functions, with v = (∂ψ/∂y, -∂ψ/∂x).
+
+    Parameters
+    ----------
+    u : numpy.ndarray of shape (n, n, 2)
+        Displacement, y first.
+    modulus : numpy.ndarray of shape (n, n)
+        Modulus G/ρω²L².
+
+    Returns
+    -------
+    tuple of (numpy.ndarray, numpy.ndarray)
+        A(v) and M(v), each of shape (BUMPS, BUMPS), y first.
+    """
     ux, uy = u[..., 0], u[..., 1]
     slope = [[partial_derivative(each, FINEST, *way, SLOPES) for way in ((1, 0), (0, 1))] for each in (ux, uy)]
     (xx, xy), (yx, yy) = slope
@@ -75,12 +102,23 @@ def virtual_works(u: Array, modulus: Array) -> tuple[Array, Array]:
 
 
 def compression_residual(u: Array, youngs: Array, poisson: float) -> tuple[float, float]:
-    """The misfit inside, relative to the rms of u less its affine part; and how uneven the motion of the two plates is, over noise.
+    """Misfit of compression in the interior, and deviation of the plates from rigid motion.
 
-    u       (n, n, 1), axial, first axis y, in edges
-    youngs  (n, n), any unit
+    Parameters
+    ----------
+    u : numpy.ndarray of shape (n, n, 1)
+        Axial displacement, y first, in edges of the square.
+    youngs : numpy.ndarray of shape (n, n)
+        Young's modulus, in any unit.
+    poisson : float
+        Poisson's ratio.
 
-    The second is 1 for plates that move as a whole, whatever the noise (`estimate_noise`, at least the least of the training).
+    Returns
+    -------
+    tuple of (float, float)
+        Misfit relative to the rms of u without its affine part, and the non-uniformity of the motion of the two
+        plates relative to the noise (`estimate_noise`, at least the smallest of the training); the latter is 1 for
+        rigid plates, whatever the noise.
     """
     n, side = len(u), SIDES["compression"]
     axial = ngs.VoxelCoefficient((0, 0), (side, side), (side * u[..., 0]).astype(complex), linear=True)
@@ -99,7 +137,7 @@ def compression_residual(u: Array, youngs: Array, poisson: float) -> tuple[float
 
 @cache
 def _bumps(n: int) -> tuple[Array, Array, Array]:
-    """∫ b f, ∫ b′ f and ∫ b″ f of a function's values f at n points, for each bump b = (1 - s²)⁴: matrices (BUMPS, n)."""
+    """∫ b f, ∫ b′ f and ∫ b″ f of values f at n points, for each bump function b = (1 - s²)⁴: matrices (BUMPS, n)."""
     half = REACH / (BUMPS - 1)
     s = (np.linspace(0, 1, n) - np.linspace(0, 1, BUMPS)[:, None]) / half
     rest = np.maximum(1 - s**2, 0)
@@ -115,6 +153,6 @@ def _relative(elastic: Array, inertia: Array) -> float:
 
 
 def _unlike(elastic: Array, inertia: Array) -> float:
-    """How far two are from being proportional."""
+    """Deviation of two arrays from being proportional."""
     both = (np.abs(elastic) ** 2).sum() * (np.abs(inertia) ** 2).sum()
     return float(np.sqrt(max(0.0, 1 - np.abs((np.conj(elastic) * inertia).sum()) ** 2 / max(both, 1e-300))))

@@ -1,9 +1,10 @@
-"""A window that is cut out of a larger body at rest, as an ultrasound probe sees it, for the operator of compression.
+"""Windows of larger bodies at rest, as seen by an ultrasound probe, for the operator of compression.
 
-The operator has learnt blocks that are pressed between two plates. In a window strain falls with depth and varies across, the more
-so as the probe is small, and none of its rim moves as a plate does. So it looks at what the displacement would be under plates, to
-first order: the axial strain over its smooth trend, a quadratic in x and y that strains of a lesion hardly bend, added up along the
-beam. A trend of the stiffness goes with it and is not seen.
+The operator is trained with blocks compressed between two plates. In a window the strain decreases with depth and
+varies across, the more so the smaller the probe, and no part of its boundary moves as a plate does. So the
+displacement is converted, to first order, to that between plates: the axial strain is divided by its smooth trend,
+a quadratic in x and y that lesions hardly affect, and integrated along the beam. A trend of the stiffness is
+removed with it and cannot be recovered.
 """
 
 from __future__ import annotations
@@ -18,25 +19,29 @@ from ngbrain.surrogate.operator.encoding import GRAIN, partial_derivative, remov
 
 Array = np.ndarray
 HALF, DEGREE = 4 * GRAIN, 3
-"""Half a window (edges) and degree of the local polynomials that smooth what was tracked before strains are divided: four of the
-longest grains of speckle either way. Chosen with one phantom and three made windows in view."""
+"""Half window (edges) and degree of the local polynomials that smooth tracked displacements before strains are
+divided: four of the longest correlation lengths of speckle on either side. Chosen with one phantom and three
+computed windows in view.
+"""
 TREND, ROUNDS, LEAST = 2, 30, 0.1
-"""Degree of the trend, and of its fit by least absolute differences: reweighted rounds, least difference over the median one."""
+"""Degree of the trend, and of its fit by least absolute deviations: reweighting rounds, smallest deviation relative
+to the median one.
+"""
 
 
 def remove_strain_trend(u: Array) -> Array:
-    """The displacement as under plates.
+    """The displacement as it would be between plates, to first order.
 
     Parameters
     ----------
-    u : numpy.ndarray
-        (n, n) axial displacement, y along the beam, in any unit.
+    u : numpy.ndarray of shape (n, n)
+        Axial displacement, y along the beam, in any unit.
 
     Returns
     -------
-    numpy.ndarray
-        (n, n), 0 at the first row and of the same mean strain; u itself where its trend of strain changes sign, which is no
-        compression.
+    numpy.ndarray of shape (n, n)
+        Displacement with 0 in the first row and the same mean strain; u itself where its strain trend changes sign,
+        which is no compression.
 
     Examples
     --------
@@ -54,12 +59,25 @@ def remove_strain_trend(u: Array) -> Array:
 
 
 def misfit(u: Array, youngs: Array, poisson: float) -> float:
-    """What a map leaves unexplained inside of a window, relative to the rms of the smooth u less its affine part.
+    """Misfit of a map in the interior of a window, relative to the rms of the smoothed u without its affine part.
 
-    u       (n, n) as measured, in edges; youngs  (n, n), any unit
+    The axial displacement is prescribed on the whole boundary as measured. The unmeasured lateral displacement is
+    prescribed as that of tissue free to expand sideways, ∂u_x/∂x = -ν/(1 - ν) ∂u_y/∂y, with zero mean over each
+    row.
 
-    All of the rim is held where it was measured; across the beam, where nothing was, it is where tissue goes that gives way
-    sideways: ∂u_x/∂x = -ν/(1 - ν) ∂u_y/∂y, with no motion in the mean over a row.
+    Parameters
+    ----------
+    u : numpy.ndarray of shape (n, n)
+        Axial displacement as measured, in edges.
+    youngs : numpy.ndarray of shape (n, n)
+        Young's modulus, in any unit.
+    poisson : float
+        Poisson's ratio.
+
+    Returns
+    -------
+    float
+        Relative misfit.
     """
     n, side = len(u), SIDES["compression"]
     smooth = _smooth(u)
@@ -84,7 +102,7 @@ def _smooth(u: Array) -> Array:
 
 
 def _trend(strain: Array) -> Array:
-    """A quadratic through most of it."""
+    """Robust quadratic fit."""
     y, x = np.meshgrid(*(np.linspace(-1, 1, n) for n in strain.shape), indexing="ij")
     powers = [(i, j) for i in range(TREND + 1) for j in range(TREND + 1 - i)]
     terms = np.stack([(x**i * y**j).ravel() for i, j in powers], axis=1)

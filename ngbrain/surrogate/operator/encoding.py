@@ -1,8 +1,9 @@
-"""What the operator sees of a displacement field, and what its answers mean: the way in and the way out, without units.
+"""Input channels and targets of the operator, in dimensionless form.
 
-Lengths are in edges of the square, moduli in ρω²L² (waves) or in their mean (compression), so that one operator serves all
-sizes, frequencies and densities that come to the same. Derivatives are those of local polynomials in windows of a fixed part of
-the edge (Savitzky and Golay 1964, 10.1021/ac60214a047), so that they mean the same on every grid.
+Lengths are in edges of the square, moduli in ρω²L² (waves) or in their mean (compression), so that one operator
+serves all sizes, frequencies and densities that are dynamically similar. Derivatives are those of local polynomials
+in windows of a fixed fraction of the edge (Savitzky and Golay 1964, 10.1021/ac60214a047), so that they have the
+same meaning on every grid.
 """
 
 from __future__ import annotations
@@ -19,37 +20,50 @@ from ngbrain.errors import InputError, nearest
 
 Array = np.ndarray
 SMALL, FINEST = 0.1, 0.04
-"""Half a window's width, in edges."""
+"""Half widths of the windows of local polynomials, in edges."""
 PATCHES, COARSE = 10, 2.8
-"""Along an edge, see `estimate_jump`; and the power of the distance between points with which it grows on coarse grids: of 99 % of
-the waves of the validation the patch is off by less than 4.4 % of the rms on 51 × 51 points, 31 % on 26 × 26."""
+"""Patches along an edge, see `estimate_jump`; and the power of the distance between points with which it grows on
+coarse grids: for 99 % of the waves of the validation the value is below 4.4 % of the rms on 51 × 51 points, 31 %
+on 26 × 26.
+"""
 DEGREE = 5
 CURLS = ((0.1, 5, 0.1), (0.1, 5, 0.06), (0.16, 7, 0.06), (0.22, 7, 0.1))
 LAPLACIANS = ((0.1, 5, 0.1), (0.16, 5, 0.1))
-"""Half a window, the polynomial's degree in it, and half the window of the ratio's sums. At 1 % noise the first serves waves of a
-third of the edge best, the last those of an edge: the moduli of single points are then off by 3 and 6 %."""
+"""Half window, degree of the polynomial in it, and half window of the sums of the ratio. At 1 % noise the first
+serves waves of a third of the edge best, the last those of an edge: the moduli of single points are then off by
+3 and 6 %.
+"""
 OF_SLOPES, OF_CURLS, OF_LAPLACIANS = ((1, 0), (0, 1)), ((1, 0), (3, 0), (1, 2)), ((2, 0), (0, 2))
-"""Derivatives along x and y that these are made of, of either component: of u_x in the mirror that swaps x and y."""
+"""Orders of differentiation along x and y of these quantities, for either component: for u_x with x and y exchanged."""
 LEAST, MOST = 1e-4, 1.0
-"""Of what logarithms are taken."""
+"""Range to which ratios are clipped before the logarithm."""
 NOISE = (0.003, 0.03)
-"""What operators are trained with; cleaner fields count as that noisy."""
+"""Range of relative noise in the training; less noisy fields count as the lowest."""
 GRAIN, FLAT = 0.03, 0.5
-"""Longest that noise of ultrasound is correlated across the beam, in edges, and how much less along it. Errors of speckle tracking
-are correlated over the cell of resolution, some .87 λ z/D across (Wagner et al. 1983, 10.1109/T-SU.1983.31404): 1.1 mm at 5 MHz and
-z/D = 4, in a square of 40 mm."""
+"""Longest correlation length of ultrasound noise across the beam, in edges, and the ratio of that along the beam to
+it. Errors of speckle tracking are correlated over the resolution cell, about .87 λ z/D across (Wagner et al.
+1983, 10.1109/T-SU.1983.31404): 1.1 mm at 5 MHz and z/D = 4, in a square of 40 mm.
+"""
 STEEP = 1.5
-"""Most of a phase (rad) that is believed."""
+"""Largest phase angle (rad) of a local modulus estimate; larger ones are clipped."""
 
 
 @dataclass(frozen=True)
 class Modality:
-    """How the operator looks at one kind of data.
+    """Input and output of the operator for one kind of data.
 
-    channels   in
-    answers    names of what comes out
-    estimates  channels that are first estimates of the answers, if there are any
-    grain      longest grain of the noise that it is trained with
+    Parameters
+    ----------
+    name : str
+        "waves" or "compression".
+    channels : int
+        Number of input channels.
+    answers : tuple of str
+        Names of the output quantities.
+    estimates : tuple of int, default ()
+        Input channels that are first estimates of the output, if any.
+    grain : float, default 0.0
+        Longest correlation length of the noise in the training, in edges.
     """
 
     name: str
@@ -59,7 +73,20 @@ class Modality:
     grain: float = 0.0
 
     def features(self, u: Array, poisson: Array) -> Array:
-        """Displacement (batch, n, n, components), first axis y, and ν (batch,) as channels (batch, channels, n, n), float32."""
+        """Input channels of displacement fields.
+
+        Parameters
+        ----------
+        u : numpy.ndarray of shape (batch, n, n, components)
+            Displacement, y first.
+        poisson : numpy.ndarray of shape (batch)
+            Poisson's ratio.
+
+        Returns
+        -------
+        numpy.ndarray of shape (batch, channels, n, n)
+            Input channels, float32.
+        """
         n, of = u.shape[1], _of_waves if self.name == "waves" else _of_compression
         found = np.empty((len(u), self.channels, n, n), np.float32)
         for channels, each in zip(found, u[:, None], strict=True):  # what is made of one field stays in the cache
@@ -71,18 +98,63 @@ class Modality:
         return found
 
     def targets(self, storage: Array, loss: Array, unit: Array) -> Array:
-        """ln of the modulus in its unit, and for waves G″/G′: (batch, answers, n, n)."""
+        """Targets: ln of the modulus in its unit, and for waves G″/G′.
+
+        Parameters
+        ----------
+        storage, loss : numpy.ndarray of shape (batch, n, n)
+            Moduli (Pa).
+        unit : numpy.ndarray of shape (batch)
+            Unit of the modulus, see `unit`.
+
+        Returns
+        -------
+        numpy.ndarray of shape (batch, answers, n, n)
+            Targets.
+        """
         first = np.log(storage / unit[:, None, None])
         both = [first, loss / storage] if self.name == "waves" else [first]
         return np.stack(both, axis=1).astype(np.float32)
 
     def add_noise(self, u: Array, noise: Array, random: np.random.Generator) -> Array:
-        """What training sees of fields: `add_noise`, of ultrasound half of them with a grain of any length up to the longest."""
+        """Add noise as in the training: for ultrasound, half of the fields have correlated noise of random correlation length.
+
+        Parameters
+        ----------
+        u : numpy.ndarray of shape (batch, n, n, components)
+            Displacement.
+        noise : numpy.ndarray of shape (batch)
+            Relative noise.
+        random : np.random.Generator
+            Random numbers.
+
+        Returns
+        -------
+        numpy.ndarray
+            Noisy displacement.
+        """
         grain = self.grain * np.maximum(random.uniform(-1, 1, len(u)), 0) if self.grain else None
         return add_noise(u, noise, random, grain)
 
     def unit(self, storage: Array, frequency: Array, density: float, side: float) -> Array:
-        """Of moduli (batch,), Pa: ρω²L², or the mean of E, which compression alone does not know."""
+        """Unit of the modulus (Pa): ρω²L², or the mean of E, which compression cannot determine.
+
+        Parameters
+        ----------
+        storage : numpy.ndarray of shape (batch, n, n)
+            Modulus (Pa).
+        frequency : numpy.ndarray of shape (batch)
+            Frequency (Hz).
+        density : float
+            Density (kg/m³).
+        side : float
+            Edge L (m).
+
+        Returns
+        -------
+        numpy.ndarray of shape (batch,)
+            Unit (Pa).
+        """
         if self.name == "waves":
             return density * (2 * np.pi * frequency * side) ** 2
         return np.asarray(storage.mean(axis=(1, 2)))
@@ -95,7 +167,7 @@ MODALITIES = {
 
 
 def modality(name: str) -> Modality:
-    """One of `MODALITIES`; `InputError` for another name.
+    """One of `MODALITIES`; raises `InputError` for another name.
 
     >>> modality("waves").answers
     ('storage', 'loss')
@@ -107,8 +179,26 @@ def modality(name: str) -> Modality:
 
 @cache
 def derivative_matrix(n: int, half: float, order: int, degree: int = DEGREE) -> Array:
-    """The matrix (n, n) that takes values on a line of length 1 to their derivative of an order; at the ends windows stay inside.
+    """Matrix of a derivative on a line of length 1, by local polynomials; at the ends windows stay inside.
 
+    Parameters
+    ----------
+    n : int
+        Number of points.
+    half : float
+        Half window, as a fraction of the line.
+    order : int
+        Order of the derivative; 0 smooths.
+    degree : int, default DEGREE
+        Degree of the local polynomials.
+
+    Returns
+    -------
+    numpy.ndarray of shape (n, n)
+        Matrix from values to derivatives.
+
+    Examples
+    --------
     >>> x = np.linspace(0, 1, 51)
     >>> float(np.abs(derivative_matrix(51, 0.1, 2) @ x**4 - 12 * x**2).max()) < 1e-6
     True
@@ -125,15 +215,50 @@ def derivative_matrix(n: int, half: float, order: int, degree: int = DEGREE) -> 
 
 
 def partial_derivative(u: Array, half: float, along_x: int, along_y: int, degree: int = DEGREE) -> Array:
-    """∂^(along_x + along_y) u of fields (…, n, n), first axis y."""
+    """Partial derivative of fields by local polynomials.
+
+    Parameters
+    ----------
+    u : numpy.ndarray of shape (…, n, n)
+        Fields, y first.
+    half : float
+        Half window, in edges.
+    along_x, along_y : int
+        Orders of differentiation.
+    degree : int, default DEGREE
+        Degree of the local polynomials.
+
+    Returns
+    -------
+    numpy.ndarray
+        The derivative, of the same shape.
+    """
     return partial_derivatives(u, half, [(along_x, along_y)], degree)[along_x, along_y]
 
 
 def partial_derivatives(
     u: Array, half: float, ways: Iterable[tuple[int, int]], degree: int = DEGREE
 ) -> dict[tuple[int, int], Array]:
-    """Several derivatives of fields (…, n, n), by their orders along x and y; in one product what has one in common.
+    """Several partial derivatives of fields, which share common products.
 
+    Parameters
+    ----------
+    u : numpy.ndarray of shape (…, n, n)
+        Fields, y first.
+    half : float
+        Half window, in edges.
+    ways : iterable of tuple of (int, int)
+        Orders along x and y of each derivative.
+    degree : int, default DEGREE
+        Degree of the local polynomials.
+
+    Returns
+    -------
+    dict of tuple of (int, int) to numpy.ndarray
+        Orders → derivative.
+
+    Examples
+    --------
     >>> y, x = np.meshgrid(*2 * (np.linspace(0, 1, 51),), indexing="ij")
     >>> found = partial_derivatives(x**2 * y, 0.1, [(1, 1), (2, 0)])
     >>> bool(np.allclose(found[1, 1], 2 * x) and np.allclose(found[2, 0], 2 * y))
@@ -155,9 +280,11 @@ def partial_derivatives(
 
 
 def estimate_noise(u: Array) -> Array:
-    """Noise (batch,) of fields (batch, n, n, components), relative to their rms without the affine part: what a local cubic leaves.
+    """Noise (batch,) of fields (batch, n, n, components): residual of a local cubic fit, relative to the rms
+    without the affine part.
 
-    Median over the points, so that edges of tissue do not count as noise; the size of its parts is that of white noise.
+    It is a median over the points, so that edges of tissue do not count as noise, scaled to the standard deviation
+    of white noise.
     """
     off, n = _off_cubics(u), u.shape[1]
     kept = float((((np.eye(n) - derivative_matrix(n, FINEST, 0, 3)) ** 2).sum(axis=1)).mean())
@@ -169,11 +296,12 @@ def estimate_noise(u: Array) -> Array:
 
 
 def estimate_jump(u: Array) -> Array:
-    """How far fields (batch, n, n, components) are off a local cubic in the patch that it fits worst, relative to their rms.
+    """Discontinuity of fields (batch, n, n, components): residual of a local cubic fit in the worst patch, relative to the rms.
 
-    Displacements are continuous, so that a cubic misses edges of tissue by little; the seam between two scans, or the border of a
-    patch that is off by a wrap, it misses by the jump. A cubic needs five points along each axis: on grids where these reach
-    farther than `FINEST` it misses more of what is right too, by which the answer is lowered.
+    Displacements are continuous, so a cubic fits edges of tissue almost exactly. The seam between two scans, or the
+    border of a phase-wrapped patch, leaves a residual of the size of the jump. A cubic needs five points along each
+    axis: on grids where these reach farther than `FINEST` it leaves a larger residual of correct data too, for
+    which the value is reduced.
 
     >>> y, x = np.meshgrid(*2 * (np.linspace(0, 1, 51),), indexing="ij")
     >>> wave = np.cos(9 * y)[None, ..., None]
@@ -191,23 +319,38 @@ def estimate_jump(u: Array) -> Array:
 
 
 def _off_cubics(u: Array) -> Array:
-    """What local cubics leave of fields (batch, n, n, components): (parts, components, batch, n, n), real and imaginary parts."""
+    """Residuals of local cubics of fields (batch, n, n, components): (parts, components, batch, n, n), real and
+    imaginary parts.
+    """
     fields = u.transpose(3, 0, 1, 2)
     parts = np.stack([fields.real, fields.imag] if np.iscomplexobj(u) else [fields])
     return np.asarray(parts - partial_derivative(parts, FINEST, 0, 0, 3))
 
 
 def remove_affine(u: Array) -> Array:
-    """Fields (batch, n, n, components) less their best a + bx + cy."""
+    """Fields (batch, n, n, components) without their least-squares affine part a + bx + cy."""
     return u - _affine(u)[0]
 
 
 def add_noise(u: Array, noise: Array, random: np.random.Generator, grain: Array | None = None) -> Array:
-    """Fields (batch, n, n, components) plus η = σ · rms(component without its affine part) · (a + ib)/√2; real data take a alone.
+    """Add Gaussian noise η = σ · rms(component without its affine part) · (a + ib)/√2 to fields; real data take a alone.
 
-    noise  σ (batch,)
-    grain  g (batch,), edges: the correlation of a is exp(-(x/g)² - (y/`FLAT` g)²), as speckle's is, that of white noise where
-           g = 0, the default
+    Parameters
+    ----------
+    u : numpy.ndarray of shape (batch, n, n, components)
+        Fields.
+    noise : numpy.ndarray of shape (batch)
+        Relative noise σ.
+    random : np.random.Generator
+        Random numbers.
+    grain : numpy.ndarray of shape (batch), optional
+        Correlation length g in edges: a has the correlation exp(-(x/g)² - (y/`FLAT` g)²) of speckle; white noise
+        where g = 0.
+
+    Returns
+    -------
+    numpy.ndarray
+        Noisy fields.
     """
     rms = np.sqrt((np.abs(remove_affine(u)) ** 2).mean(axis=(1, 2), keepdims=True))
     a = random.standard_normal(u.shape)
@@ -220,14 +363,27 @@ def add_noise(u: Array, noise: Array, random: np.random.Generator, grain: Array 
 
 
 def _blur(n: int, reach: Array) -> Array:
-    """Gaussian filters (batch, n, n) that leave the size of white noise as it is and correlate it over `reach` (batch,)."""
+    """Gaussian filters (batch, n, n) that preserve the variance of white noise and correlate it over `reach` (batch,)."""
     x = np.linspace(0, 1, n)
     rows = np.exp(-2 * ((x[:, None] - x) / np.maximum(reach, 1e-9)[:, None, None]) ** 2)
     return np.asarray(rows / np.sqrt((rows**2).sum(axis=2, keepdims=True)))
 
 
 def relative_errors(mean: Array, targets: Array) -> Array:
-    """‖found - true‖/‖true‖ of each modulus of each sample: (batch, answers). Loss is that of its own, NaN where there is none."""
+    """Relative L² error of each modulus of each sample, ‖found - true‖/‖true‖.
+
+    Parameters
+    ----------
+    mean : numpy.ndarray of shape (batch, answers, n, n)
+        Predicted targets.
+    targets : numpy.ndarray of shape (batch, answers, n, n)
+        True targets.
+
+    Returns
+    -------
+    numpy.ndarray of shape (batch, answers)
+        Errors; that of the loss modulus is relative to the loss modulus, NaN where there is none.
+    """
     found, true = np.exp(mean[:, :1]), np.exp(targets[:, :1])
     if targets.shape[1] == 2:
         found, true = (np.concatenate([m, m * t[:, 1:]], axis=1) for m, t in ((found, mean), (true, targets)))
@@ -237,7 +393,7 @@ def relative_errors(mean: Array, targets: Array) -> Array:
 
 
 def _affine(u: Array) -> tuple[Array, Array]:
-    """Best a + bx + cy of fields, and the coefficients (3, batch, components) on the unit square."""
+    """Least-squares affine part a + bx + cy of fields, and its coefficients (3, batch, components) on the unit square."""
     n = u.shape[1]
     q, r = _planes(n)
     along = q.T @ u.transpose(1, 2, 0, 3).reshape(n * n, -1)
@@ -247,14 +403,16 @@ def _affine(u: Array) -> tuple[Array, Array]:
 
 @cache
 def _planes(n: int) -> tuple[Array, Array]:
-    """Orthonormal planes (n², 3), and what 1, x and y are of them (3, 3)."""
+    """Orthonormal basis of the affine functions (n², 3), and 1, x and y in that basis (3, 3)."""
     y, x = np.meshgrid(*2 * (np.linspace(0, 1, n),), indexing="ij")
     q, r = np.linalg.qr(np.column_stack([np.ones(n * n), x.ravel(), y.ravel()]))
     return q, r
 
 
 def _of_waves(u: Array) -> list[Array]:
-    """Parts of u and its gradient, and the modulus that waves would tell where it was uniform: from their curl, and from all."""
+    """Real and imaginary parts of u and its gradient, and local estimates of the modulus from the Helmholtz
+    equation of curl and of u.
+    """
     fields = u.transpose(3, 0, 1, 2) / np.sqrt((np.abs(u) ** 2).mean(axis=(1, 2, 3)))[:, None, None]
     parts = np.stack([fields.real, fields.imag])
     found = _derivatives(np.stack([_mirror(parts[:, 0]), parts[:, 1]]))
@@ -275,7 +433,7 @@ def _of_waves(u: Array) -> list[Array]:
 
 
 def _derivatives(fields: Array) -> dict[tuple[float, int], dict[tuple[int, int], Array]]:
-    """What `_of_waves` needs of fields, by half a window and degree."""
+    """Derivatives that `_of_waves` needs, by half window and degree."""
     ways: dict[tuple[float, int], dict[tuple[int, int], None]] = {(SMALL, DEGREE): dict.fromkeys(OF_SLOPES)}
     for settings, needed in ((CURLS, OF_CURLS), (LAPLACIANS, OF_LAPLACIANS)):
         for half, degree, _ in settings:
@@ -288,12 +446,14 @@ def _mirror(field: Array) -> Array:
 
 
 def _products(q: Array, bent: Array) -> Array:
-    """|q|² and both parts of conj(q) ∇²q, of parts (2, …)."""
+    """|q|² and real and imaginary part of conj(q) ∇²q, of parts (2, …)."""
     return np.stack([(q**2).sum(axis=0), (q * bent).sum(axis=0), q[0] * bent[1] - q[1] * bent[0]])
 
 
 def _moduli(told: list[Array]) -> list[Array]:
-    """ln |r| and arg r of r = -Σ |q|² / Σ conj(q) ∇²q over windows: least squares for 1/r, as noise is in ∇²q rather than in q."""
+    """ln |r| and arg r of r = -Σ |q|² / Σ conj(q) ∇²q over windows: least squares for 1/r, as the noise is in ∇²q
+    rather than in q.
+    """
     arounds = [around for *_, around in (*CURLS, *LAPLACIANS)]
     made: dict[int, list[Array]] = {}
     for around in set(arounds):
@@ -306,7 +466,7 @@ def _moduli(told: list[Array]) -> list[Array]:
 
 
 def _of_compression(u: Array) -> list[Array]:
-    """The axial displacement less its affine part, and axial and lateral slopes, all over the mean strain."""
+    """The axial displacement without its affine part, and its axial and lateral derivatives, all divided by the mean strain."""
     affine, (_, _, strain) = _affine(u)
     mean = strain[:, 0, None, None]
     axial = u[..., 0]

@@ -1,4 +1,4 @@
-"""Squares that are the same but for how one looks at them."""
+"""Symmetries of the data: mirror images, exchange of axes, phase."""
 
 from __future__ import annotations
 
@@ -8,7 +8,24 @@ Array = np.ndarray
 
 
 def apply_random_symmetry(name: str, u: Array, maps: Array, random: np.random.Generator) -> tuple[Array, Array]:
-    """The same squares seen in a mirror, for waves also lying on another side and at another phase; maps (batch, k, n, n)."""
+    """Mirror images of squares, for waves also with exchanged axes and another phase, at random.
+
+    Parameters
+    ----------
+    name : str
+        "waves" or "compression".
+    u : numpy.ndarray of shape (batch, n, n, components)
+        Displacement, y first.
+    maps : numpy.ndarray of shape (batch, k, n, n)
+        Property maps of the same squares.
+    random : np.random.Generator
+        Random numbers.
+
+    Returns
+    -------
+    tuple of (numpy.ndarray, numpy.ndarray)
+        Transformed displacement and maps.
+    """
     u, maps = u.copy(), maps.copy()
     for i in range(len(u)):
         if random.random() < 0.5:

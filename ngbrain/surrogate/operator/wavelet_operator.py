@@ -1,13 +1,13 @@
-"""The wavelet neural operator: maps of displacement to maps of properties, on any grid.
+"""Wavelet neural operator: from displacement to property maps, on any grid.
 
-Each block is x ← x + act(M x + W x): W mixes the channels of a point, M = synthesis ∘ K ∘ analysis mixes them in wavelet space,
-where each level's details meet their neighbours by a kernel of that level's own and the coarsest means by two wide kernels
-that reach across the whole field. The finest details are left to W: with kernels for them, which cost as much as the rest of M,
-the error was higher after the same time of training. Weights belong to physical lengths: M acts on 51 points across whatever
-the grid.
+Each block is x ← x + act(M x + W x). W mixes the channels of a point. M = synthesis ∘ K ∘ analysis mixes them in
+wavelet space, where the details of each level are convolved with a kernel of that level, and the coarsest means
+with two wide kernels that reach across the whole field. The finest details are left to W: with kernels for them,
+which cost as much as the rest of M, the error was higher after the same training time. Weights belong to physical
+lengths: M acts on 51 points across whatever the grid.
 
-Source: Tripura & Chakraborty 2023, doi:10.1016/j.cma.2022.115783, where weights belong to single coefficients of one
-grid, and nothing is added to x.
+References ---------- Tripura & Chakraborty 2023, doi:10.1016/j.cma.2022.115783, where weights belong to single
+coefficients of one grid, and blocks are not residual.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from ngbrain.errors import InputError
 from ngbrain.surrogate.operator.wavelets import Wavelet, WaveletLevel
 
 NATIVE = 50
-"""Intervals across the grid to whose spacing the levels belong."""
+"""Intervals across the native grid, to whose spacing the levels belong."""
 
 
 def count_weights(module: nn.Module) -> int:
-    """How many numbers a network learns.
+    """Number of trainable weights of a network.
 
     >>> count_weights(nn.Linear(3, 2))
     8
@@ -32,10 +32,11 @@ def count_weights(module: nn.Module) -> int:
 
 
 def initialise_weights(net: nn.Module) -> None:
-    """Random weights of variance 1/inputs, no bias: the sum M x + W x has twice the variance of x, of which act keeps half.
+    """Initialise weights at random with variance 1/inputs and zero bias: M x + W x has twice the variance of x, of
+    which act keeps half.
 
-    PyTorch's own, a third of that, lose the field from block to block, and training spends its first epochs on finding it. What
-    comes out begins near 0: the last layer has a tenth of its weights.
+    PyTorch's defaults, a third of that variance, attenuate the field from block to block, which costs the first
+    epochs of the training. The output begins near 0: the weights of the last layer are divided by ten.
     """
     layers = [part for part in net.modules() if isinstance(part, nn.Linear | nn.Conv2d)]
     for layer in layers:
@@ -49,6 +50,18 @@ def initialise_weights(net: nn.Module) -> None:
 def native_grid(ny: int, nx: int) -> tuple[int, int]:
     """Points along y and x of the native grid over the field that ny × nx points cover.
 
+    Parameters
+    ----------
+    ny, nx : int
+        Points along y and x.
+
+    Returns
+    -------
+    tuple of (int, int)
+        Points of the native grid along y and x.
+
+    Examples
+    --------
     >>> native_grid(101, 101), native_grid(64, 33)
     ((51, 51), (51, 26))
     """
@@ -57,7 +70,19 @@ def native_grid(ny: int, nx: int) -> tuple[int, int]:
 
 
 class WaveletMix(nn.Module):
-    """M of a block: a kernel for the details of each level, the finest first, and two for the coarsest means."""
+    """M of a block: a kernel for the details of each level, the finest first, and two for the coarsest means.
+
+    Parameters
+    ----------
+    width : int
+        Channels.
+    levels : int
+        Levels with kernels.
+    reach : int
+        Points across the kernels of the details.
+    coarse_reach : int
+        Points across the kernels of the means.
+    """
 
     def __init__(self, width: int, levels: int, reach: int, coarse_reach: int) -> None:
         super().__init__()
@@ -70,6 +95,20 @@ class WaveletMix(nn.Module):
         self.means = nn.Sequential(kernel(coarse_reach), nn.GELU(), kernel(coarse_reach))
 
     def forward(self, x: Tensor, levels: list[tuple[WaveletLevel, WaveletLevel]]) -> Tensor:  # noqa: D102
+        """Apply the kernels in wavelet space.
+
+        Parameters
+        ----------
+        x : torch.Tensor
+            Field, of shape (ny, nx, batch, width).
+        levels : list of tuple of (WaveletLevel, WaveletLevel)
+            Transform matrices along y and x of each level.
+
+        Returns
+        -------
+        torch.Tensor
+            Field of the same shape.
+        """
         mean, details = Wavelet.decompose(x, levels)
         mixed = [kernel(d) for kernel, d in zip(self.details, details, strict=True)]
         mean = self.means(mean.permute(2, 3, 0, 1).contiguous(memory_format=torch.channels_last)).permute(2, 3, 0, 1)
@@ -77,23 +116,68 @@ class WaveletMix(nn.Module):
 
 
 class WaveletBlock(nn.Module):
-    """x ↦ x + act(M x + W x) of (ny, nx, batch, width)."""
+    """Residual block x ↦ x + act(M x + W x) of (ny, nx, batch, width).
+
+    Parameters
+    ----------
+    width : int
+        Channels.
+    mix : WaveletMix
+        M.
+    """
 
     def __init__(self, width: int, mix: WaveletMix) -> None:
         super().__init__()
         self.mix, self.point = mix, nn.Linear(width, width)
 
     def forward(self, x: Tensor, levels: list[tuple[WaveletLevel, WaveletLevel]]) -> Tensor:  # noqa: D102
+        """Apply the block.
+
+        Parameters
+        ----------
+        x : torch.Tensor
+            Field, of shape (ny, nx, batch, width).
+        levels : list of tuple of (WaveletLevel, WaveletLevel)
+            Transform matrices along y and x of each level.
+
+        Returns
+        -------
+        torch.Tensor
+            Field of the same shape.
+        """
         return x + nn.functional.gelu(self.mix(x, levels) + self.point(x))
 
 
 class WaveletOperator(nn.Module):
-    """(batch, channels_in, ny, nx) to (batch, channels_out, ny, nx), float32, on any grid of square cells over the same field.
+    """The network: (batch, channels_in, ny, nx) to (batch, channels_out, ny, nx), float32, on any grid of square
+    cells over one field.
 
-    The `levels`, at least 2, are those of 51 points along the longer side, which is the grid to train on: of other grids M
-    sees the cubic interpolation there, and its answer is interpolated back, while W and act keep to the points given. On
-    grids that have the native points the answer at these is the same. Raises `InputError` for other shapes.
+    The levels are those of 51 points along the longer side, which is the grid to train on. From other grids M takes
+    the cubic interpolation there, and its result is interpolated back, while W and act apply at the given points.
+    On grids that contain the native points the result at these is the same. `forward` raises `InputError` for other
+    shapes.
 
+    Parameters
+    ----------
+    channels_in : int
+        Input channels.
+    channels_out : int
+        Output channels.
+    width : int, default 32
+        Channels inside.
+    blocks : int, default 4
+        Number of blocks.
+    levels : int, default 3
+        Wavelet levels, at least 2.
+    wavelet : str, default 'db2'
+        Name of PyWavelets.
+    reach : int, default 3
+        Points across the kernels of the details.
+    coarse_reach : int, default 5
+        Points across the kernels of the coarsest means.
+
+    Examples
+    --------
     >>> net = WaveletOperator(6, 2)
     >>> net(torch.zeros(1, 6, 51, 64)).shape
     torch.Size([1, 2, 51, 64])

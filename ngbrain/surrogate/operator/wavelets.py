@@ -1,14 +1,16 @@
-"""The two-dimensional wavelet transform as products with small matrices, one for each level and axis.
+"""Two-dimensional wavelet transform as products with small matrices, one for each level and axis.
 
-A level with filters of length L takes n samples to m = ⌊(n + L − 1)/2⌋ means and as many details, with the ends extended
-symmetrically (…b a | a b…). On grids of up to some hundred points these dense products, which need no padded copy and whose
-derivative is the transposed product, are faster than strided convolutions, above all backward. Points come first and samples
-last, so that each is one product of two matrices. Products in batches are avoided: where NGSolve was imported before PyTorch
-its OpenBLAS stands in for PyTorch's and ends the process on them (pytorch/pytorch#182263). The matrices are made of the size by
-operations that an ONNX graph repeats for other sizes.
+A level with filters of length L maps n samples to m = ⌊(n + L − 1)/2⌋ means and as many details, with symmetric
+extension at the ends (…b a | a b…). On grids of up to some hundred points these dense products, which need no
+padded copy and whose derivative is the transposed product, are faster than strided convolutions, above all in the
+backward pass. Points come first and samples last, so that each is one product of two matrices. Batched products are
+avoided: where NGSolve was imported before PyTorch its OpenBLAS replaces PyTorch's and crashes on them
+(pytorch/pytorch#182263). The matrices are built from the size by operations that an ONNX graph repeats for other
+sizes.
 
-Source: Mallat, A Wavelet Tour of Signal Processing, 3rd ed., 7.3 and 7.5, doi:10.1016/B978-0-12-374370-1.X0001-8; the place
-of the coefficients is PyWavelets', doi:10.21105/joss.01237.
+References ---------- Mallat, A Wavelet Tour of Signal Processing, 3rd ed., 7.3 and 7.5,
+doi:10.1016/B978-0-12-374370-1.X0001-8; the order of the coefficients is that of PyWavelets,
+doi:10.21105/joss.01237.
 """
 
 from __future__ import annotations
@@ -22,28 +24,52 @@ from ngbrain.errors import InputError, nearest, require
 
 
 class WaveletLevel(NamedTuple):
-    """Matrices of one level along one axis of n points: analysis (2m, n), means over details; synthesis (n, 2m)."""
+    """Matrices of one level along one axis of n points.
+
+    Parameters
+    ----------
+    analysis : torch.Tensor
+        (2m, n), means above details.
+    synthesis : torch.Tensor
+        (n, 2m).
+    """
 
     analysis: Tensor
     synthesis: Tensor
 
     def chain(self, finer: WaveletLevel) -> WaveletLevel:
-        """The same coefficients, of a field that has `finer` under this level and no details there."""
+        """Matrices of this level for a field on the next finer level, without details there."""
         m = self.synthesis.shape[0]
         return WaveletLevel(self.analysis @ finer.analysis[:m], finer.synthesis[:, :m] @ self.synthesis)
 
     def resample(self, n: int) -> WaveletLevel:
-        """The same coefficients of a field given at n points over the same length, read and written by interpolation."""
+        """Matrices for a field given at n points over the same length, by interpolation."""
         own = self.synthesis.shape[0]
         there, back = interpolation(n, own, self.analysis), interpolation(own, n, self.analysis)
         return WaveletLevel(self.analysis @ there, back @ self.synthesis)
 
 
 def interpolation(n: int, to: int, like: Tensor) -> Tensor:
-    """The matrix (to, n) from values at n points of an interval to `to` points: the cubic through the nearest four.
+    """Matrix of cubic interpolation between uniform grids of an interval, through the nearest four points.
 
-    Points that both grids have keep their values. n is at least 4; type and device are those of `like`.
+    Points that both grids share keep their values.
 
+    Parameters
+    ----------
+    n : int
+        Points of the given grid, at least 4.
+    to : int
+        Points of the new grid.
+    like : torch.Tensor
+        Tensor whose type and device are used.
+
+    Returns
+    -------
+    torch.Tensor
+        Matrix of shape (to, n).
+
+    Examples
+    --------
     >>> interpolation(5, 9, torch.zeros(1))[3] @ torch.arange(5.0) ** 3  # at 1.5
     tensor(3.3750)
     """
@@ -60,10 +86,10 @@ def interpolation(n: int, to: int, like: Tensor) -> Tensor:
 
 
 class Wavelet(nn.Module):
-    """The filters of an orthogonal or biorthogonal wavelet, scaled so that coarse values are local means (Σ lo = 1).
+    """Filters of an orthogonal or biorthogonal wavelet, scaled so that coarse values are local means (Σ lo = 1).
 
-    Coefficients of level j are 2^−j times PyWavelets', j = 1 the finest. `name` is one of PyWavelets' discrete wavelets;
-    raises `InputError` for another, `MissingExtra` without PyWavelets.
+    Coefficients of level j are 2^−j times PyWavelets', j = 1 the finest. `name` is one of PyWavelets' discrete
+    wavelets. Raises `InputError` for another, `MissingExtra` without PyWavelets.
 
     >>> wavelet = Wavelet("db2")
     >>> x = torch.sin(torch.arange(51.0))[:, None] * torch.cos(torch.arange(64.0))
@@ -104,7 +130,20 @@ class Wavelet(nn.Module):
         )
 
     def levels(self, ny: int, nx: int, count: int) -> list[tuple[WaveletLevel, WaveletLevel]]:
-        """Matrices along y and x of the levels 1 … count of a grid of ny × nx points."""
+        """Matrices along y and x of the levels 1 … count.
+
+        Parameters
+        ----------
+        ny, nx : int
+            Points of the grid along y and x.
+        count : int
+            Number of levels.
+
+        Returns
+        -------
+        list of tuple of (WaveletLevel, WaveletLevel)
+            Matrices along y and x of each level.
+        """
         found = []
         for _ in range(count):
             y, x = self.axis(ny), self.axis(nx)
@@ -114,7 +153,20 @@ class Wavelet(nn.Module):
 
     @staticmethod
     def split(x: Tensor, level: tuple[WaveletLevel, WaveletLevel]) -> tuple[Tensor, Tensor]:
-        """One level: (ny, nx, batch, c) to means (my, mx, batch, c) and details (batch, 3c, my, mx): along y, x and both."""
+        """One level of the transform.
+
+        Parameters
+        ----------
+        x : torch.Tensor
+            Field, of shape (ny, nx, batch, c).
+        level : tuple of (WaveletLevel, WaveletLevel)
+            Matrices along y and x.
+
+        Returns
+        -------
+        tuple of (torch.Tensor, torch.Tensor)
+            Means (my, mx, batch, c), and details (batch, 3c, my, mx) along y, x and both.
+        """
         along_y, along_x = level
         my, mx = along_y.analysis.shape[0] // 2, along_x.analysis.shape[0] // 2
         ny, nx, batch, c = x.shape
@@ -126,7 +178,22 @@ class Wavelet(nn.Module):
 
     @staticmethod
     def join(mean: Tensor, details: Tensor, level: tuple[WaveletLevel, WaveletLevel]) -> Tensor:
-        """The inverse of `split`."""
+        """Inverse of `split`.
+
+        Parameters
+        ----------
+        mean : torch.Tensor
+            Means, of shape (my, mx, batch, c).
+        details : torch.Tensor
+            Details, of shape (batch, 3c, my, mx).
+        level : tuple of (WaveletLevel, WaveletLevel)
+            Matrices along y and x.
+
+        Returns
+        -------
+        torch.Tensor
+            Field, of shape (ny, nx, batch, c).
+        """
         along_y, along_x = level
         my, mx, batch, c = mean.shape
         y_detail, x_detail, both = (d.permute(3, 2, 0, 1) for d in details.chunk(3, 1))
@@ -136,7 +203,7 @@ class Wavelet(nn.Module):
 
     @classmethod
     def decompose(cls, x: Tensor, levels: list[tuple[WaveletLevel, WaveletLevel]]) -> tuple[Tensor, list[Tensor]]:
-        """(ny, nx, batch, c) to its coarsest means and the details of the levels, the finest first."""
+        """Transform of (ny, nx, batch, c): coarsest means, and details of the levels, the finest first."""
         details = []
         for level in levels:
             x, d = cls.split(x, level)
@@ -145,7 +212,7 @@ class Wavelet(nn.Module):
 
     @classmethod
     def compose(cls, mean: Tensor, details: list[Tensor], levels: list[tuple[WaveletLevel, WaveletLevel]]) -> Tensor:
-        """The inverse of `decompose`."""
+        """Inverse of `decompose`."""
         for d, level in zip(reversed(details), reversed(levels), strict=True):
             mean = cls.join(mean, d, level)
         return mean

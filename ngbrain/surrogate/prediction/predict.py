@@ -1,4 +1,4 @@
-"""Property maps of wave data by a trained operator, with their standard deviations and whether to trust them."""
+"""Property maps of wave data by a trained operator, with standard deviations and out-of-distribution checks."""
 
 from __future__ import annotations
 
@@ -20,26 +20,42 @@ from ngbrain.surrogate.prediction.trust import scores
 
 Array = np.ndarray
 TYPICAL = 6e3
-"""Pa, a shear modulus to begin with where Poisson's ratio has to follow from the bulk modulus."""
+"""Shear modulus (Pa) that is assumed where Poisson's ratio follows from the bulk modulus."""
 
 
 WINDOW = 4.0
-"""What deviations are multiplied by in a window: of 14 drawn ones, lesions of 0.4 to 4 times the background in blocks three times
-as large under an uneven plate, 95 % intervals then hold 79 to 100 %, in the mean 97 %."""
+"""Factor of the standard deviations in a window: for 14 computed ones, with lesions of 0.4 to 4 times the
+background in blocks three times as large under an uneven plate, 95 % intervals then cover 79 to 100 %, 97 % on
+average.
+"""
 
 
 @dataclass(repr=False, eq=False)
 class Prediction(Result):
-    """What `predict` found.
+    """Result of `predict`.
 
-    maps        name → (n,) at the points of the data, Pa, NaN where they are left out: storage and loss, or youngs; of
-                compression youngs over its mean
-    deviations  name → (n,), standard deviations of the maps, so that 95 % of errors are within 1.96 of them
-    card        of the operator
-    scores      name → how far over its bound, see `trust`; of several squares the median, of several loads the largest
-    threshold   from which the largest of them speaks against the maps
-    squares     how many the operator has looked at
-    solves      of the residual of compression; the operator itself solves nothing
+    Parameters
+    ----------
+    data : WaveData
+        The wave data.
+    modality : str
+        "waves" or "compression".
+    card : Card
+        Model card of the operator.
+    maps : dict of str to numpy.ndarray
+        Name → values (n,) at the points of the data, Pa, NaN where left out: storage and loss, or youngs; for
+        compression youngs over its mean.
+    deviations : dict of str to numpy.ndarray
+        Name → standard deviation (n,) of the map, so that 95 % of the errors are within 1.96 of them.
+    scores : dict of str to float
+        Name → score relative to its bound, see `trust`; the median over several squares, the largest of several
+        loads.
+    threshold : float
+        Largest score of trustworthy maps.
+    squares : int
+        Number of squares evaluated.
+    solves : Solves
+        Linear solves of the residual of compression; the operator itself solves nothing.
     """
 
     data: WaveData
@@ -53,16 +69,18 @@ class Prediction(Result):
     solves: Solves
 
     def coverage_factors(self, share: float) -> dict[str, float]:
-        """name → how many deviations on either side of the map hold that share of the points, as in the operator's validation.
+        """Name → number of standard deviations on either side of the map that cover this share of the points, from
+        the operator's validation.
 
-        The most of it are closer than of a normal distribution, as most errors are small. Of one load: several are taken as
-        independent, which errors of the operator are not. `InputError` beyond the shares of the calibration.
+        Most of a share is covered by fewer than for a normal distribution, as most errors are small. Valid for one
+        load: several loads are treated as independent, which errors of the operator are not. Raises `InputError`
+        beyond the shares of the calibration.
         """
         return {name: float(number) for name, number in zip(self.maps, self.card.coverage_factors(share), strict=False)}
 
     @property
     def score(self) -> float:
-        """The largest of `scores`."""
+        """Largest of `scores`."""
         return max(self.scores.values())
 
     @property
@@ -71,28 +89,28 @@ class Prediction(Result):
         return self.maps
 
     def plot(self) -> Any:
-        """The maps."""
+        """Plot of the maps."""
         return drawn(self.data.points, self.maps, () if self.modality == "compression" else tuple(self.maps))
 
     @property
     def headline(self) -> str:
-        """Medians of the maps, and the score."""
+        """Medians of the maps, and the largest score."""
         medians = [f"{name} {np.nanmedian(values):.4g}" for name, values in self.maps.items()]
         return ", ".join([*medians, f"score {self.score:.2g} of {self.threshold:.2g}"])
 
     @property
     def statistics(self) -> dict[str, float]:
-        """What was looked at, and solved."""
+        """Numbers of squares and of linear solves."""
         return {"squares": self.squares, "back_substitutions": self.solves.back_substitutions}
 
     @property
     def rejected(self) -> bool:
-        """Whether the maps contradict the displacements that they were made of."""
+        """Whether the maps contradict the displacements."""
         return not self.scores["residual"] <= self.threshold
 
     @property
     def reasons(self) -> list[str]:
-        """What speaks against the maps, the worst first."""
+        """Reasons not to trust the maps, the worst first."""
         if self.score <= self.threshold:
             return []
         over = sorted(
@@ -105,16 +123,32 @@ class Prediction(Result):
 
 
 def predict(data: WaveData, operator: Operator | None = None) -> Prediction:
-    """Maps of isotropic data on a plane grid, from waves or, at rest, from the axial displacement of a compression.
+    """Property maps of isotropic data on a plane grid, from waves or from the axial displacement of a compression.
 
-    operator  by default the shipped one for such data
+    A compression whose ends do not move as plates do is treated as a window of a larger body, see
+    `ultrasound_window`; standard deviations are then larger. Grids that are not square are evaluated in overlapping
+    squares. Where several squares cover a point, and for several loads, logarithms are averaged with
+    inverse-variance weights.
 
-    A compression whose ends do not move as plates do is taken as a window cut out of a larger body, see `window`; deviations are
-    wider then. Grids that are no square are looked at in squares half over one another. Where several speak of a point, and of
-    several loads, logarithms are averaged by inverse variance.
+    Parameters
+    ----------
+    data : WaveData
+        The wave data.
+    operator : Operator, optional
+        Trained operator; by default the shipped one for such data.
 
-    Raises `InputError` for data of another kind, for real parts alone of waves with a loss, and where no square of
-    `raster.LEAST` points across is measured, `MissingExtra` without onnxruntime.
+    Returns
+    -------
+    Prediction
+        Maps, standard deviations and scores.
+
+    Raises
+    ------
+    InputError
+        Data of another kind, real parts only of waves with a loss, or no measured square of `raster.LEAST` points
+        across.
+    MissingExtra
+        onnxruntime is not installed.
     """
     if data.symmetry != "isotropic":
         raise InputError("symmetry", data.symmetry, "isotropic: the operator has learnt no fibres; `invert` knows them")
@@ -180,7 +214,7 @@ def predict(data: WaveData, operator: Operator | None = None) -> Prediction:
 
 
 def _views(data: WaveData, name: str) -> tuple[Raster, list[RasterField], list[str], WaveData]:
-    """The fields that the operator of a modality looks at, their raster, what to say of it, and the data as far as it sees them."""
+    """The fields that the operator of a modality evaluates, their raster, remarks, and the data as far as they are used."""
     raster = Raster.from_data(data)
     notes = list(raster.notes)
     loads = [load for load, frequency in enumerate(data.frequency) if (frequency > 0) == (name == "waves")]
@@ -205,9 +239,9 @@ def _views(data: WaveData, name: str) -> tuple[Raster, list[RasterField], list[s
 
 
 def _axial(raster: Raster, data: WaveData) -> tuple[Raster, WaveData, str]:
-    """With the axial direction as y, from the end that moves less, as in the training; data without the other component.
+    """Orient the raster with the axial direction as y, from the end that moves less; drop the other component.
 
-    The axial one is the one that is measured, or else that in whose direction the two ends move most nearly as a whole.
+    The axial component is the measured one, or of two the one whose ends move most nearly as rigid plates.
     """
     measured, note = raster.counts.any(axis=(0, 1, 2)), ""
     if measured.all():
@@ -226,7 +260,7 @@ def _axial(raster: Raster, data: WaveData) -> tuple[Raster, WaveData, str]:
 
 
 def _poisson(data: WaveData, shear: float) -> float:
-    """Poisson's ratio, given or by the bulk modulus K: (3K - 2G)/(6K + 2G)."""
+    """Poisson's ratio, given or from the bulk modulus K: (3K - 2G)/(6K + 2G)."""
     if data.bulk is None:
         return float(data.poisson or 0)
     bulk = float(np.real(data.bulk))

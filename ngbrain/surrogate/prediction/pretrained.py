@@ -1,4 +1,4 @@
-"""Trained weights as they are shipped: an ONNX graph, run by onnxruntime on one core, and a card that says what made it."""
+"""Shipped weights: an ONNX graph, run by onnxruntime on one core, and a model card that states how it was made."""
 
 from __future__ import annotations
 
@@ -19,25 +19,28 @@ from ngbrain.surrogate.operator.encoding import MODALITIES, Modality, modality
 Array = np.ndarray
 WEIGHTS = Path(__file__).parents[1] / "weights"
 DIGEST = "onnx_sha256"
-"""What a card calls the SHA-256 of the weights that it was written for."""
+"""Key of the card with the SHA-256 of its weights."""
 MOST_WEIGHTS = 2**28
-"""Bytes of them."""
+"""Largest size of the weights (bytes)."""
 BATCH = 16
-"""Squares that are answered at a time: more of them are no faster on one core."""
+"""Squares evaluated at a time; more are no faster on one core."""
 
 
 @dataclass(frozen=True, eq=False)
 class Card:
-    """What NAME.json says beside the weights.
+    """Model card, NAME.json beside the weights.
 
-    told  all of it: command, settings, data and curve of the training; what `trust.calibrate` found
+    Parameters
+    ----------
+    content : dict of str to object
+        All of it: command, settings, data and learning curve of the training; results of `trust.calibrate`.
     """
 
     content: Mapping[str, Any]
 
     @staticmethod
     def read(path: Path) -> Card:
-        """`InputError` where it is missing or no card."""
+        """Read a card; raises `InputError` where it is missing or malformed."""
         with file_context(path):
             told = read_json(path, "card")
             if not isinstance(told, dict) or told.get("modality") not in MODALITIES:
@@ -47,7 +50,7 @@ class Card:
         return card
 
     def check(self) -> None:
-        """`InputError` where what calibration found is not what `trust.calibrate` gives; it may be missing."""
+        """Raise `InputError` where the calibration results are malformed; they may be missing."""
         count, told = len(self.kind.answers), self.content
         wanted = "what `ngbrain.surrogate.prediction.trust.calibrate` has found"
         if "temperature" in told and not (_numbers(told["temperature"], (count,)) and np.all(self.temperature > 0)):
@@ -92,18 +95,18 @@ class Card:
 
     @property
     def kind(self) -> Modality:
-        """What the operator looks at."""
+        """Modality of the operator."""
         return modality(self.content["modality"])
 
     @property
     def temperature(self) -> Array:
-        """(answers,): what a scale is multiplied by; 1 before calibration."""
+        """(answers,): calibration factors of the standard deviations; 1 before calibration."""
         return np.asarray(self.content.get("temperature", np.ones(len(self.kind.answers))))
 
     def coverage_factors(self, share: float) -> Array:
-        """(answers,): how many standard deviations hold that share of errors, by calibration; between its shares linear.
+        """(answers,): number of standard deviations that cover this share of the errors, linear between calibrated shares.
 
-        Raises `InputError` before calibration, and for a share beyond those that it has seen.
+        Raises `InputError` before calibration, and for a share beyond the calibrated ones.
         """
         told = self.content.get("within")
         if told is None:
@@ -117,7 +120,7 @@ class Card:
 
     @property
     def trust(self) -> Mapping[str, Any]:
-        """What `trust.calibrate` found; `InputError` before it has."""
+        """Ranges, bounds and threshold of `trust.calibrate`; raises `InputError` before calibration."""
         if "trust" not in self.content:
             raise InputError(
                 "card", "without trust", "weights that `ngbrain.surrogate.prediction.trust.calibrate` has seen"
@@ -127,7 +130,15 @@ class Card:
 
 @dataclass(frozen=True, eq=False)
 class Operator:
-    """Features to ln of moduli (and loss over storage), and the standard deviation of each."""
+    """Trained operator: from input channels to the mean and standard deviation of ln of moduli (and loss over storage).
+
+    Parameters
+    ----------
+    card : Card
+        Model card.
+    session : object
+        Session of onnxruntime.
+    """
 
     card: Card
     session: Any
@@ -135,7 +146,7 @@ class Operator:
     @staticmethod
     @cache
     def load_default(name: str) -> Operator:
-        """The operator of a modality that comes with the package; errors as `of`.
+        """The shipped operator of a modality; raises the errors of `load`.
 
         >>> Operator.load_default("wave")
         Traceback (most recent call last):
@@ -145,7 +156,27 @@ class Operator:
 
     @staticmethod
     def load(folder: Path, name: str) -> Operator:
-        """NAME.onnx and NAME.json of a folder. Raises `InputError` where there are none, `MissingExtra` without onnxruntime."""
+        """Load NAME.onnx and NAME.json of a folder.
+
+        Parameters
+        ----------
+        folder : pathlib.Path
+            The folder.
+        name : str
+            NAME.
+
+        Returns
+        -------
+        Operator
+            The operator.
+
+        Raises
+        ------
+        InputError
+            A file is missing or malformed, or the card belongs to other weights.
+        MissingExtra
+            onnxruntime is not installed.
+        """
         runtime = require("onnxruntime", "surrogate")
         weights = folder / f"{name}.onnx"
         card, raw = Card.read(weights.with_suffix(".json")), read_bytes(weights, "weights", MOST_WEIGHTS)
@@ -176,11 +207,13 @@ class Operator:
 
     @property
     def kind(self) -> Modality:
-        """What it looks at."""
+        """Modality of the operator."""
         return self.card.kind
 
     def __call__(self, features: Array) -> tuple[Array, Array]:
-        """Features (batch, channels, n, n) → means and standard deviations (batch, answers, n, n), calibrated, doubles."""
+        """Input channels (batch, channels, n, n) → calibrated means and standard deviations (batch, answers, n, n),
+        double precision.
+        """
         parts = [
             self.session.run(["mean", "scale"], {"features": features[first : first + BATCH]})
             for first in range(0, len(features), BATCH)
@@ -190,7 +223,7 @@ class Operator:
 
 
 def _numbers(values: Any, shape: tuple[int, ...]) -> bool:
-    """Whether these are finite numbers in lists of that shape."""
+    """Whether these are finite numbers in nested lists of that shape."""
     try:
         array = np.asarray(values)
     except ValueError:  # lists of unequal lengths

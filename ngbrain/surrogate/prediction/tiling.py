@@ -1,4 +1,4 @@
-"""An operator's answer for one field, of one square or of several that lie over one another."""
+"""Prediction for one field, from one square or several overlapping ones."""
 
 from __future__ import annotations
 
@@ -16,12 +16,24 @@ from ngbrain.surrogate.prediction.pretrained import Operator
 Array = np.ndarray
 Square = tuple[int, int, int]
 LARGEST = 50.0
-"""Of an answer: what an operator makes of noise has logarithms in the hundreds, which no number holds the exponential of."""
+"""Bound of predicted logarithms: for pure noise an operator may predict hundreds, whose exponential overflows."""
 
 
 @dataclass(frozen=True, eq=False)
 class RasterField:
-    """A field on a raster: displacement (ny, nx, components) m, which points count (ny, nx), Hz, spacing (m)."""
+    """Displacement field on a raster.
+
+    Parameters
+    ----------
+    displacement : numpy.ndarray of shape (ny, nx, components)
+        Displacement (m).
+    counts : numpy.ndarray of shape (ny, nx)
+        Mask of the valid points.
+    frequency : float
+        Frequency (Hz).
+    spacing : float
+        Distance of points (m).
+    """
 
     displacement: Array
     counts: Array
@@ -31,13 +43,26 @@ class RasterField:
 
 @dataclass(frozen=True, eq=False)
 class TilePrediction:
-    """A square: what the operator saw, and what it said.
+    """Input and output of the operator for one square.
 
-    displacement  (n, n, components), first axis y, in edges
-    measured      (n, n) axial displacement in edges of a window, of which `displacement` is what it would be under plates
-    frequency     Hz, of what comes to the same in a square of the training's size and density
-    features      (channels, n, n)
-    mean, scale   (answers, n, n), of ln(G/ρω²L²) and G″/G′, or of ln E
+    Parameters
+    ----------
+    kind : Modality
+        Modality.
+    displacement : numpy.ndarray of shape (n, n, components)
+        Displacement, y first, in edges.
+    frequency : float
+        Frequency (Hz) of the dynamically similar square of the training's size and density.
+    poisson : float
+        Poisson's ratio.
+    features : numpy.ndarray of shape (channels, n, n)
+        Input channels.
+    mean : numpy.ndarray of shape (answers, n, n)
+        Mean of ln(G/ρω²L²) and G″/G′, or of ln E.
+    scale : numpy.ndarray of shape (answers, n, n)
+        Standard deviation of the same.
+    measured : numpy.ndarray of shape (n, n), optional
+        Measured axial displacement of a window, in edges; `displacement` is then that between plates.
     """
 
     kind: Modality
@@ -58,7 +83,17 @@ class TilePrediction:
 
 @dataclass(frozen=True, eq=False)
 class FieldPrediction:
-    """Mean and variance (answers, ny, nx) of ln G (Pa) and G″/G′, or of ln E; NaN in no square. And the squares."""
+    """Prediction for a field.
+
+    Parameters
+    ----------
+    mean : numpy.ndarray of shape (answers, ny, nx)
+        Mean of ln G (Pa) and G″/G′, or of ln E; NaN outside all squares.
+    variance : numpy.ndarray of shape (answers, ny, nx)
+        Variance of the same.
+    tiles : list of TilePrediction
+        Predictions of the squares.
+    """
 
     mean: Array
     variance: Array
@@ -68,10 +103,29 @@ class FieldPrediction:
 def predict_field(
     operator: Operator, view: RasterField, density: float, poisson: float, window: bool = False
 ) -> FieldPrediction:
-    """What an operator says of a field; density in kg/m³. Squares of a `window` are looked at as if under plates.
+    """Prediction of an operator for a field.
 
-    Squares of waves are no larger than trained ones at the highest trained frequency, where there are several. Means are weighted
-    by the inverse variance. Levels of compression, which are of each square's own, are brought together where squares overlap.
+    Several squares of waves are no larger than training squares at the highest training frequency. Means are
+    weighted by inverse variance. Levels of compression, which are arbitrary in each square, are aligned where
+    squares overlap.
+
+    Parameters
+    ----------
+    operator : Operator
+        Trained operator.
+    view : RasterField
+        Displacement field.
+    density : float
+        Density (kg/m³).
+    poisson : float
+        Poisson's ratio.
+    window : bool, default False
+        Whether the squares are windows, converted to compression between plates.
+
+    Returns
+    -------
+    FieldPrediction
+        Prediction for the field and its squares.
     """
     kind = operator.kind
     places = squares(view.counts, _most(operator, view, density))
@@ -108,7 +162,7 @@ def predict_field(
 
 
 def _most(operator: Operator, view: RasterField, density: float) -> float:
-    """Points across the largest square that is within the trained frequencies."""
+    """Points across the largest square within the training frequencies."""
     if operator.kind.name != "waves":
         return np.inf
     highest = float(np.exp(operator.card.trust["ranges"]["frequency"][1]))
@@ -122,7 +176,7 @@ def _seen(u: Array, window: bool) -> Array:
 def _said(
     operator: Operator, seen: dict[Square, Array], size: int, poisson: float
 ) -> dict[Square, tuple[Array, Array, Array]]:
-    """Features, means and scales of the squares of one size."""
+    """Input channels, means and standard deviations of the squares of one size."""
     own = [place for place in seen if place[2] == size]
     u = np.array([seen[place] for place in own])
     features = operator.kind.features(u, np.full(len(own), poisson))
@@ -131,7 +185,7 @@ def _said(
 
 
 def align_levels(logarithms: dict[Square, Array]) -> dict[Square, float]:
-    """What to add to the logarithms of each square, so that they agree where squares overlap, by least squares.
+    """Offsets of the logarithms of each square for which overlapping squares agree, by least squares.
 
     >>> found = align_levels({(0, 0, 4): np.zeros((4, 4)), (0, 2, 4): np.ones((4, 4))})
     >>> [round(value, 6) for value in found.values()]

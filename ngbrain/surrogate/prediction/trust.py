@@ -1,21 +1,21 @@
-"""Whether an answer can be believed: what was seen and found, against what the operator has learnt from.
+"""Out-of-distribution scores: whether a prediction can be trusted, from its input, its output and the equations of motion.
 
-Each of these numbers is over its bound: 1 is rare among squares like those of the training. Within a range it is 0, a tenth
-beyond 1.
+Each score is relative to its bound: values above 1 are rare among squares like those of the training. Within a
+range a score is 0, a tenth beyond it 1.
 
-frequency   (Hz, of waves that come to the same in a square of the training's size and density) against the training's range
+frequency   Hz, of the dynamically similar square of the training's size and density, against the training range
 softness    log10(1 - 2ν), likewise
-modulus     three percentiles of the storage modulus found (Pa, likewise), and `wavelength` of it in ρω²L²; of compression
-            `contrast`, of E over its mean
-noise       what a local cubic leaves of the displacement
-jump        the same of the patch where it leaves most, see `encoding.estimate_jump`: the seam of two scans, a wrapped patch
-features    how far means and standard deviations of the channels over nine parts of the square are from those of the training:
-            Mahalanobis' distance along their principal axes, with all that is across these as one more
-deviation   rms of the standard deviations that the operator states
-residual    how far its maps are from the equations of motion (`residual`)
-boundary    how far the displacements are from the way that trained squares are driven; 0 of a window, see `window`
+modulus     three percentiles of the predicted storage modulus (Pa, likewise), and `wavelength` in ρω²L²; for compression `contrast`,
+            of E over its mean
+noise       residual of a local cubic fit of the displacement
+jump        the same in the worst patch, see `encoding.estimate_jump`: seam of two scans, phase-wrapped patch
+features    Mahalanobis distance of means and standard deviations of the channels over nine parts of the square from those of the
+            training, along principal axes, with the remainder as one more
+deviation   rms of the predicted standard deviations
+residual    residual of the equations of motion of the predicted maps (`residual`)
+boundary    deviation from the boundary conditions of the training; 0 for a window, see `ultrasound_window`
 
-Bounds are quantiles over squares that were not trained on; the largest number decides.
+Bounds are quantiles over squares not used in the training; the largest score decides.
 """
 
 from __future__ import annotations
@@ -36,43 +36,71 @@ from ngbrain.surrogate.prediction.tiling import TilePrediction
 
 Array = np.ndarray
 JUDGED = 0.01
-"""Noise of what bounds are found with."""
+"""Relative noise of the calibration data."""
 ENOUGH = 1000
-"""Squares of the training whose features are looked at."""
+"""Training squares whose input channels are evaluated."""
 PERCENTILES = (10, 50, 90)
 PARTS, AXES, FEW = 3, 12, 4
-"""Along an edge; principal axes that are kept, no more than one for so many squares."""
+"""Parts along an edge; principal axes kept, at most one for so many squares."""
 USUAL, TOGETHER = 0.99, 0.95
-"""Shares of squares like those of the training that a bound lets pass, and that all of them do."""
+"""Shares of squares like those of the training within one bound, and within all of them."""
 WIDE = 0.005
-"""Of the training on either side that is left out of a range of moduli: the ends are single squares."""
+"""Share of the training data cut off at either end of a range of moduli, as the ends are single squares."""
 STEEP = 10.0
-"""How fast numbers grow beyond the ends of a range, of logarithms: a tenth beyond comes to the bound."""
+"""Growth of scores beyond a range, of logarithms: a tenth beyond reaches the bound."""
 CONSTANT = 1e-6
-"""Standard deviation below which a number says nothing."""
+"""Standard deviation below which a channel counts as constant."""
 SHOWN = (0.5, 0.9, 0.99)
-"""Shares whose quantiles a card tells."""
+"""Quantiles that a card lists."""
 COVERED, NORMAL = 0.95, 1.959964
-"""Share of errors that are within so many standard deviations, once these are calibrated."""
+"""Share of errors within so many standard deviations after calibration."""
 SHARES = (0.1, 0.25, 0.5, 0.68, 0.8, 0.9, 0.95, 0.98)
-"""Of which a card tells how many standard deviations hold them: errors are not normal, most are small and some are large."""
+"""Shares for which a card lists coverage factors: errors are not normal, most are small and some are large."""
 
 
 def scores(look: TilePrediction, trust: Mapping[str, Any]) -> dict[str, float]:
-    """The module's numbers of a square, over their bounds; `trust` as `calibrate` gives it."""
+    """Scores of a square relative to their bounds; see the module.
+
+    Parameters
+    ----------
+    look : TilePrediction
+        Prediction of the square.
+    trust : dict of str to object
+        Ranges, bounds and axes, as `calibrate` returns them.
+
+    Returns
+    -------
+    dict of str to float
+        Name → score.
+    """
     raw = _raw(look, trust["ranges"], trust["axes"])
     return {name: value / trust["bounds"].get(name, 1.0) for name, value in raw.items()}
 
 
 def calibrate(operator: Operator, training: DataSet, validation: DataSet, seed: int = 0) -> dict[str, Any]:
-    """What a card has to know beside the training itself: `temperature` (answers,), `within` (see `SHARES`), and `trust` with
-    ranges, bounds and threshold.
+    """Calibrate the standard deviations and scores of an operator.
 
-    training, validation   as they were computed; noise is added as in the training, to the second of `JUDGED`
+    Parameters
+    ----------
+    operator : Operator
+        Trained operator.
+    training : DataSet
+        Training data as computed; noise is added as in the training.
+    validation : DataSet
+        Validation data as computed; noise of `JUDGED` is added.
+    seed : int, default 0
+        Seed of the noise.
 
-    `threshold` is what the largest score of `TOGETHER` of the validation does not exceed.
+    Returns
+    -------
+    dict of str to object
+        Entries of a card: `temperature` (answers,), `within` with coverage factors (see `SHARES`), and `trust` with
+        ranges, bounds and `threshold`, which the largest score of `TOGETHER` of the validation does not exceed.
 
-    Raises `InputError` for an operator whose answers are not finite.
+    Raises
+    ------
+    InputError
+        Predictions of the operator are not finite.
     """
     kind, random = operator.kind, np.random.default_rng(seed)
     ranges = _ranges(kind, training)
@@ -114,8 +142,22 @@ def calibrate(operator: Operator, training: DataSet, validation: DataSet, seed: 
 
 
 def auc(inside: Array, outside: Array) -> float:
-    """Area under the curve: how often a score of `outside` is larger than one of `inside`, ties half.
+    """Area under the ROC curve: how often a score of `outside` is larger than one of `inside`, ties counted half.
 
+    Parameters
+    ----------
+    inside : numpy.ndarray
+        Scores of squares like those of the training.
+    outside : numpy.ndarray
+        Scores of other squares.
+
+    Returns
+    -------
+    float
+        Area, from 0 to 1.
+
+    Examples
+    --------
     >>> auc(np.array([1.0, 2.0]), np.array([2.0, 3.0]))
     0.875
     """
@@ -141,7 +183,9 @@ def _raw(look: TilePrediction, ranges: Mapping[str, Any], axes: Mapping[str, Any
 
 
 def _physics(look: TilePrediction) -> tuple[float, float]:
-    """Residual and boundary; see `residual`. A window has no plates, and its residual is asked of what was measured."""
+    """Residual and boundary score; see `residual`. A window has no plates, and its residual is that of the measured
+    displacement.
+    """
     if look.measured is not None:
         return ultrasound_window.misfit(look.measured, look.modulus, look.poisson), 0.0
     if look.kind.name == "waves":
@@ -150,7 +194,7 @@ def _physics(look: TilePrediction) -> tuple[float, float]:
 
 
 def _percentiles(kind: Modality, logarithm: Array, frequency: float) -> dict[str, Array]:
-    """Of ln(modulus) in its unit: alone, and for waves with the unit (Pa) too."""
+    """Percentiles of ln(modulus) in its unit, and for waves also in Pa."""
     found = np.percentile(logarithm, PERCENTILES)
     if kind.name != "waves":
         return {"contrast": found}
@@ -171,7 +215,7 @@ def _distance(summary: Array, axes: Mapping[str, Any]) -> float:
 
 
 def _axes(kind: Modality, u: Array, poisson: Array) -> dict[str, Any]:
-    """Principal axes of what the operator was trained on."""
+    """Principal axes of the training inputs."""
     seen = np.array([_summary(kind.features(u[[i]], poisson[[i]])[0]) for i in range(len(u))])
     mean, spread = seen.mean(axis=0), seen.std(axis=0)
     spread = np.where(spread > CONSTANT, spread, 1.0)
@@ -184,7 +228,7 @@ def _axes(kind: Modality, u: Array, poisson: Array) -> dict[str, Any]:
 
 
 def _ranges(kind: Modality, data: DataSet) -> dict[str, Any]:
-    """Least and most of what was trained on, of logarithms."""
+    """Ranges of the training data, of logarithms."""
     logarithms = np.log(data.storage / _units(kind, data)[:, None, None])
     rows = [_percentiles(kind, *each) for each in zip(logarithms, data.frequency, strict=True)]
     found = {name: np.quantile([row[name] for row in rows], (WIDE, 1 - WIDE), axis=0) for name in rows[0]}
@@ -199,7 +243,7 @@ def _units(kind: Modality, data: DataSet) -> Array:
 
 
 def _looks(operator: Operator, data: DataSet) -> list[TilePrediction]:
-    """All squares of a data set."""
+    """Predictions of all squares of a data set."""
     u, nu = data.displacement / data.side, data.poisson
     features = operator.kind.features(u, nu)
     mean, scale = operator(features)

@@ -1,4 +1,4 @@
-"""Two common networks in the wavelet operator's place, with as many weights as its default: what it must beat."""
+"""Two common networks with as many weights as the default wavelet operator, as baselines."""
 
 from __future__ import annotations
 
@@ -10,11 +10,26 @@ from ngbrain.surrogate.operator.wavelet_operator import initialise_weights
 
 
 class UNet(nn.Module):
-    """Convolutions on three grids, each half as fine as the last, with skips: (batch, channels_in, ny, nx) to channels_out.
+    """U-Net: convolutions on three grids, each half as fine as the last, with skip connections.
 
-    Its kernels span points, not lengths: it knows only the grid that it was trained on.
-    Source: Ronneberger, Fischer & Brox 2015, doi:10.1007/978-3-319-24574-4_28.
+    Maps (batch, channels_in, ny, nx) to channels_out. Its kernels span points, not lengths, so it is valid only on
+    the training grid.
 
+    Parameters
+    ----------
+    channels_in : int
+        Input channels.
+    channels_out : int
+        Output channels.
+    width : int, default 31
+        Channels on the finest grid.
+
+    References
+    ----------
+    Ronneberger, Fischer & Brox 2015, doi:10.1007/978-3-319-24574-4_28.
+
+    Examples
+    --------
     >>> UNet(6, 2)(torch.zeros(1, 6, 51, 64)).shape
     torch.Size([1, 2, 51, 64])
     """
@@ -43,7 +58,16 @@ class UNet(nn.Module):
 
 
 class FourierLayer(nn.Module):
-    """Channels mixed mode by mode: the lowest `modes` of x and, of either sign, of y; the others are left out."""
+    """Linear map of the channels of each Fourier mode: the lowest `modes` of x and, of either sign, of y; the
+    others are dropped.
+
+    Parameters
+    ----------
+    width : int
+        Channels.
+    modes : int
+        Number of modes.
+    """
 
     def __init__(self, width: int, modes: int) -> None:
         super().__init__()
@@ -61,11 +85,30 @@ class FourierLayer(nn.Module):
 
 
 class FourierOperator(nn.Module):
-    """x ← act(F⁻¹ R F x + W x), four times: (batch, channels_in, ny, nx) to channels_out, on any grid with 2 `modes` points.
+    """Fourier neural operator: x ← act(F⁻¹ R F x + W x), on any grid with 2 `modes` points.
 
-    The field is continued by zeros over a fourth of its length, as it has no period.
-    Source: Li et al. 2021, arXiv:2010.08895.
+    Maps (batch, channels_in, ny, nx) to channels_out. The field, which is not periodic, is padded with zeros over a
+    fourth of its length.
 
+    Parameters
+    ----------
+    channels_in : int
+        Input channels.
+    channels_out : int
+        Output channels.
+    width : int, default 20
+        Channels inside.
+    blocks : int, default 4
+        Number of blocks.
+    modes : int, default 8
+        Number of Fourier modes.
+
+    References
+    ----------
+    Li et al. 2021, arXiv:2010.08895.
+
+    Examples
+    --------
     >>> FourierOperator(6, 2)(torch.zeros(1, 6, 51, 64)).shape
     torch.Size([1, 2, 51, 64])
     """

@@ -1,4 +1,4 @@
-"""A trained surrogate as files that need no PyTorch: NAME.onnx, and NAME.json that says what made it."""
+"""Export of a trained surrogate to files that need no PyTorch: NAME.onnx, and NAME.json, its model card."""
 
 from __future__ import annotations
 
@@ -21,10 +21,31 @@ OPSET = 17
 
 
 def export(model: Surrogate, folder: Path, name: str, card: Mapping[str, Any]) -> dict[str, Any]:
-    """Write NAME.onnx, `features` (batch, channels, ny, nx) → `mean`, `scale` (batch, answers, ny, nx), and then NAME.json, which
-    is returned: the card, with a digest of the weights.
+    """Write NAME.onnx and NAME.json.
 
-    One file serves any batch and grid. Raises `MissingExtra` without onnx.
+    The graph maps `features` (batch, channels, ny, nx) to `mean` and `scale` (batch, answers, ny, nx), for any
+    batch and grid.
+
+    Parameters
+    ----------
+    model : Surrogate
+        Trained surrogate.
+    folder : pathlib.Path
+        Folder of the files.
+    name : str
+        NAME.
+    card : dict of str to object
+        Content of the model card.
+
+    Returns
+    -------
+    dict of str to object
+        The written card: `card` and the SHA-256 of the weights.
+
+    Raises
+    ------
+    MissingExtra
+        onnx is not installed.
     """
     channels = model.centre.shape[1]
     folder.mkdir(parents=True, exist_ok=True)
@@ -35,9 +56,23 @@ def export(model: Surrogate, folder: Path, name: str, card: Mapping[str, Any]) -
 
 
 def write_onnx(net: nn.Module, file: Path, channels: int, names: list[str]) -> None:
-    """Write a network as ONNX for any batch and grid; `names` are those of what goes in, the first, and of what comes out.
+    """Write a network as ONNX for any batch and grid.
 
-    Raises `MissingExtra` without onnx.
+    Parameters
+    ----------
+    net : nn.Module
+        The network.
+    file : pathlib.Path
+        The file.
+    channels : int
+        Input channels.
+    names : list of str
+        Name of the input, then those of the outputs.
+
+    Raises
+    ------
+    MissingExtra
+        onnx is not installed.
     """
     require("onnx", "train")
     with warnings.catch_warnings():

@@ -1,12 +1,15 @@
-"""How weights are moved: Muon on those of layers, which are matrices, AdamW on biases and all else, one schedule for both.
+"""Optimisers: Muon for the weights of layers, which are matrices, AdamW for biases and all others, with one schedule.
 
-Muon steps along UVᵀ of the averaged gradient UΣVᵀ, so that all directions in a matrix learn alike. In four passes over 2900
-waves (width 24) the operator came to errors that were lower than AdamW's alone by 26 % for Gaussian spots, 13 % for inclusions and
-31 % for the spots' loss; after two of the four it was already ahead of where AdamW ended.
+Muon steps along UVᵀ of the averaged gradient UΣVᵀ, so that all directions in a matrix learn at the same rate. In
+four passes over 2900 waves (width 24) the errors of the operator were lower than with AdamW alone by 26 % for
+Gaussian inclusions, 13 % for sharp inclusions and 31 % for the loss of the Gaussian ones; after two of the four
+passes they were already below AdamW's final ones.
 
-PyTorch's own Muon finds UVᵀ in bfloat16, which most processors only imitate: 80 ms a step where float32 takes 9, in steps of 200.
+PyTorch's own Muon computes UVᵀ in bfloat16, which most processors only emulate: 80 ms a step where float32 takes 9,
+in steps of 200.
 
-Source: Jordan et al. 2024, https://kellerjordan.github.io/posts/muon; Loshchilov & Hutter 2019, arXiv:1711.05101.
+References ---------- Jordan et al. 2024, https://kellerjordan.github.io/posts/muon; Loshchilov & Hutter 2019,
+arXiv:1711.05101.
 """
 
 from __future__ import annotations
@@ -18,18 +21,27 @@ import torch
 from torch import nn
 
 MATRICES, BIASES = 0.01, 0.2
-"""Decay of matrices; learning rate of all else, over that of matrices."""
+"""Weight decay of matrices; learning rate of all other weights, relative to that of matrices."""
 QUINTIC, ROUNDS = (3.4445, -4.775, 2.0315), 5
-"""Of `polar_factor`."""
+"""Coefficients and iterations of `polar_factor`."""
 LONGEST = 3.0
-"""Gradients are cut to this length."""
+"""Norm to which gradients are clipped."""
 
 
 class Descent:
-    """Steps of a module's weights in a schedule of `steps`: up to `rate` in the first tenth, down to nothing at the end.
+    """Optimiser steps with a one-cycle schedule: up to `rate` in the first tenth, down to zero at the end.
 
-    module  stays as it is made: weights that are replaced, not filled, are lost to it
+    Parameters
+    ----------
+    module : nn.Module
+        The network; its parameters must not be replaced afterwards.
+    rate : float
+        Highest learning rate.
+    steps : int
+        Number of steps.
 
+    Examples
+    --------
     >>> line = nn.Linear(2, 1)
     >>> descent = Descent(line, 0.02, 100)
     >>> before = line.weight.clone()
@@ -51,7 +63,7 @@ class Descent:
             self._parts[f"{name}'s schedule"] = schedule
 
     def step(self, loss: torch.Tensor) -> bool:
-        """Move the weights down a loss, and the schedule on; where the slope is not finite they stay, and the answer is False."""
+        """One step along the gradient of a loss; returns False, with unchanged weights, where the gradient is not finite."""
         for p in self._all:
             p.grad = None
         loss.backward()
@@ -65,21 +77,26 @@ class Descent:
         return finite
 
     def state_dict(self) -> dict[str, Any]:
-        """All that a checkpoint needs."""
+        """State for a checkpoint."""
         return {name: each.state_dict() for name, each in self._parts.items()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from there."""
+        """Restore the state of a checkpoint."""
         for name, each in self._parts.items():
             each.load_state_dict(state[name])
 
 
 class Muon(torch.optim.Optimizer):
-    """Each weight of layers as matrices (outputs, all else), one for each of its groups of channels.
+    """Muon: each weight is treated as matrices (outputs, inputs), one for each of its channel groups.
 
-    layers  the number of groups of each weight
+    Learning rate and momentum of the averaged gradient can be scheduled as those of PyTorch's optimisers.
 
-    Of the averaged gradient `momentum` is kept from step to step, which schedules move as they do PyTorch's own.
+    Parameters
+    ----------
+    layers : dict of nn.Parameter to int
+        Weight → number of its channel groups.
+    rate : float
+        Learning rate.
     """
 
     def __init__(self, layers: dict[nn.Parameter, int], rate: float) -> None:
@@ -101,7 +118,7 @@ class Muon(torch.optim.Optimizer):
 
 
 def polar_factor(matrix: torch.Tensor) -> torch.Tensor:
-    """About UVᵀ of a matrix UΣVᵀ, singular values .7 to 1.2, by polynomials in it.
+    """Approximation of UVᵀ of a matrix UΣVᵀ by polynomials in it; its singular values are .7 to 1.2.
 
     >>> polar_factor(torch.tensor([[3.0, 0.0], [0.0, -0.2]])).round(decimals=0).tolist()
     [[1.0, 0.0], [0.0, -1.0]]
@@ -117,7 +134,7 @@ def polar_factor(matrix: torch.Tensor) -> torch.Tensor:
 
 
 def _layers(module: nn.Module) -> Iterator[tuple[nn.Parameter, int]]:
-    """Weights of layers that learn, and in how many groups of channels they come."""
+    """Trainable weights of layers, and their numbers of channel groups."""
     for part in module.modules():
         if isinstance(part, nn.Linear | nn.Conv2d) and part.weight.requires_grad:
             yield part.weight, getattr(part, "groups", 1)

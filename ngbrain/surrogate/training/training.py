@@ -1,12 +1,13 @@
-"""Training: noise, symmetries and phases new in every epoch, normalisers from training data alone, a checkpoint an epoch.
+"""Training: new noise, symmetries and phases in every epoch, normalisation from training data alone, a checkpoint per epoch.
 
-The operator's answer has a mean m and a scale s for every point of ln(modulus) and, for waves, G″/G′. With the truth t
+The operator predicts a mean m and a scale s for every point of ln(modulus) and, for waves, G″/G′. With the truth t
 
     loss = Σ_samples ln(‖exp m - exp t‖/‖exp t‖ + ε)  (storage; loss with half the weight)  +  w mean(((t - m̄)/s)²/2 + ln s)
 
-Logarithms, as a tenth less of an error is worth as much in a smooth square as in one with edges, whose errors are three times
-larger. With them and batches of 8 smooth squares were 17 % and inclusions 9 % better after four passes than without them and with
-batches of 16. m̄ is m that the second term cannot move, so that scales learn what errors are and not how to make them.
+Logarithms give a relative improvement of a smooth square the same weight as one of a square with edges, whose
+errors are three times larger. With them and batches of 8, smooth squares were 17 % and inclusions 9 % better after
+four passes than without them and with batches of 16. m̄ is m without gradient, so that scales learn the size of
+errors and do not influence the means.
 """
 
 from __future__ import annotations
@@ -34,21 +35,33 @@ from ngbrain.surrogate.training.optimisers import Descent
 
 Array = np.ndarray
 FLOOR = 0.003
-"""ε: errors below it are not worth having."""
+"""ε: smaller errors have little effect."""
 OF_SCALES = 0.15
-"""w."""
+"""Weight w."""
 LOSSLESS = 0.05
-"""Part of the storage that is added to a loss's norm: a body without loss has none to divide by."""
+"""Fraction of the storage modulus added to the norm of the loss modulus, which is zero for lossless bodies."""
 NARROW = -7.0
-"""Least ln of a scale."""
+"""Smallest ln of a scale."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Of a training: passes over the data, samples a step, highest learning rate (of `Descent`), noise from least to most.
+    """Settings of a training.
 
-    The noise's logarithm is uniform between them; its grain is the modality's. Families in `twice` are seen twice as often as
-    others, in as many steps.
+    Parameters
+    ----------
+    epochs : int, default 60
+        Passes over the data.
+    batch : int, default 8
+        Samples per step.
+    rate : float, default 0.02
+        Highest learning rate, see `Descent`.
+    noise : tuple of (float, float), default NOISE
+        Range of the relative noise, log-uniform; its correlation length is that of the modality.
+    seed : int, default 0
+        Seed of all random numbers.
+    twice : tuple of str, default ()
+        Families that appear twice as often as others, in as many steps.
     """
 
     epochs: int = 60
@@ -60,10 +73,14 @@ class Settings:
 
 
 class Surrogate(nn.Module):
-    """Features in their own units → means and ln of scales (batch, answers, n, n): an operator between its normalisers.
+    """Network between its normalisations: input channels → means and ln of scales (batch, answers, n, n).
 
-    operator  takes `Modality.channels`, gives twice the answers
-    kind      whose `estimates`, where it has some, are what the operator corrects; else it corrects the mean
+    Parameters
+    ----------
+    operator : nn.Module
+        Network from `Modality.channels` to twice the number of answers.
+    kind : Modality
+        Modality; the network corrects its `estimates` where it has some, else the mean.
     """
 
     def __init__(self, operator: nn.Module, kind: Modality) -> None:
@@ -74,7 +91,15 @@ class Surrogate(nn.Module):
             self.register_buffer(name, torch.ones(1, size, 1, 1))
 
     def fit(self, features: Array, targets: Array) -> None:
-        """Set the normalisers to mean and standard deviation of training data."""
+        """Set the normalisation to mean and standard deviation of training data.
+
+        Parameters
+        ----------
+        features : numpy.ndarray of shape (batch, channels, n, n)
+            Input channels.
+        targets : numpy.ndarray of shape (batch, answers, n, n)
+            Targets.
+        """
         for mean, deviation, values in (("centre", "spread", features), ("middle", "width", targets)):
             over = (0, 2, 3)
             getattr(self, mean).copy_(torch.from_numpy(values.mean(axis=over, keepdims=True)))
@@ -89,7 +114,22 @@ class Surrogate(nn.Module):
 
 
 def objective(mean: torch.Tensor, scale: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
-    """The loss of the module's head, averaged over the batch."""
+    """Loss of the training, averaged over the batch; see the module.
+
+    Parameters
+    ----------
+    mean : torch.Tensor
+        Means, of shape (batch, answers, n, n).
+    scale : torch.Tensor
+        ln of scales, of the same shape.
+    targets : torch.Tensor
+        Targets, of the same shape.
+
+    Returns
+    -------
+    torch.Tensor
+        The loss.
+    """
     found, true = torch.exp(mean[:, 0]), torch.exp(targets[:, 0])
     size = true.flatten(1).norm(dim=1)
     total = torch.log((found - true).flatten(1).norm(dim=1) / size + FLOOR).mean()
@@ -103,7 +143,17 @@ def objective(mean: torch.Tensor, scale: torch.Tensor, targets: torch.Tensor) ->
 
 @dataclass(frozen=True, eq=False)
 class Learner:
-    """A data set as an operator meets it."""
+    """Data set with its targets, as a source of training batches.
+
+    Parameters
+    ----------
+    data : DataSet
+        The data.
+    kind : Modality
+        Modality.
+    maps : numpy.ndarray of shape (samples, answers, n, n)
+        Targets.
+    """
 
     data: DataSet
     kind: Modality
@@ -111,19 +161,47 @@ class Learner:
 
     @staticmethod
     def from_data(data: DataSet) -> Learner:
-        """Targets in their units."""
+        """Compute the targets of a data set."""
         kind = modality(data.modality)
         unit = kind.unit(data.storage, data.frequency, DENSITY, data.side)
         return Learner(data, kind, kind.targets(data.storage, data.loss, unit))
 
     def draw_batch(self, rows: Array, noise: tuple[float, float], random: np.random.Generator) -> tuple[Array, Array]:
-        """Features and targets of samples, turned and spoilt at random."""
+        """Input channels and targets of samples, with random symmetries and noise.
+
+        Parameters
+        ----------
+        rows : numpy.ndarray
+            Numbers of the samples.
+        noise : tuple of (float, float)
+            Range of the relative noise.
+        random : np.random.Generator
+            Random numbers.
+
+        Returns
+        -------
+        tuple of (numpy.ndarray, numpy.ndarray)
+            Input channels and targets.
+        """
         u, maps = apply_random_symmetry(self.data.modality, self.data.displacement[rows], self.maps[rows], random)
         sigma = np.exp(random.uniform(np.log(noise[0]), np.log(noise[1]), len(rows)))
         return self.kind.features(self.kind.add_noise(u, sigma, random), self.data.poisson[rows]), maps
 
     def noisy_features(self, noise: float, seed: int = 0) -> Array:
-        """Features of all, as they lie, with that noise."""
+        """Input channels of all samples, without symmetries, with white noise.
+
+        Parameters
+        ----------
+        noise : float
+            Relative noise.
+        seed : int, default 0
+            Seed of the noise.
+
+        Returns
+        -------
+        numpy.ndarray
+            Input channels.
+        """
         random = np.random.default_rng(seed)
         u = add_noise(self.data.displacement, np.full(len(self.data), noise), random)
         return self.kind.features(u, self.data.poisson)
@@ -139,14 +217,38 @@ def train(
     callback: Callable[[dict[str, float]], None] = log_progress,
     start: Path | None = None,
 ) -> Surrogate:
-    """Train an operator, made by its numbers of channels in and out; go on where a checkpoint in the folder ends.
+    """Train an operator, or resume from the checkpoint in the folder.
 
-    start  checkpoint of an earlier training of the same data, with whose weights this one begins and whose curve comes first
+    After every epoch checkpoint.pt and curve.json are written; the latter has a record per epoch: the objective,
+    and validation errors at 1 % noise.
 
-    Writes checkpoint.pt and curve.json (a record for each epoch: the objective, validation errors at 1 % noise) after every epoch.
+    Parameters
+    ----------
+    operator : callable
+        Makes the network from its numbers of input and output channels.
+    training : DataSet
+        Training data.
+    validation : DataSet
+        Validation data.
+    folder : pathlib.Path
+        Folder of the checkpoint.
+    settings : Settings, default Settings()
+        Settings.
+    callback : callable, default log_progress
+        Called with the record of each epoch.
+    start : pathlib.Path, optional
+        Checkpoint of an earlier training on the same data; this training continues its weights and its curve.
 
-    Raises `InputError` when the data are of two modalities or without a family of `twice`, when the checkpoint is of other settings
-    or the start of other data.
+    Returns
+    -------
+    Surrogate
+        The trained surrogate.
+
+    Raises
+    ------
+    InputError
+        Data of two modalities or without a family of `twice`, a checkpoint of other settings, or a start of other
+        data.
     """
     if training.modality != validation.modality:
         raise InputError("validation", f"of {validation.modality}", f"{training.modality}, as the training data are")
@@ -205,7 +307,7 @@ def train(
 def _ahead(
     learner: Learner, batches: Sequence[Array], noise: tuple[float, float], random: np.random.Generator
 ) -> Iterator[tuple[Array, Array]]:
-    """What is seen of batches, the next one made while one is learnt."""
+    """Training batches, the next one prepared in a thread while one is used."""
     with ThreadPoolExecutor(1) as beside:
         coming = [beside.submit(learner.draw_batch, batches[0], noise, random)]
         for rows in (*batches[1:], None):
@@ -216,7 +318,22 @@ def _ahead(
 
 
 def predict_batches(model: Surrogate, features: Array, batch: int = 25) -> tuple[Array, Array]:
-    """Means and scales (not their logarithms) for many samples."""
+    """Means and standard deviations for many samples.
+
+    Parameters
+    ----------
+    model : Surrogate
+        The surrogate.
+    features : numpy.ndarray of shape (samples, channels, n, n)
+        Input channels.
+    batch : int, default 25
+        Samples at a time.
+
+    Returns
+    -------
+    tuple of (numpy.ndarray, numpy.ndarray)
+        Means and standard deviations, each of shape (samples, answers, n, n).
+    """
     model.eval()
     with torch.no_grad():
         parts = [model(torch.from_numpy(features[i : i + batch])) for i in range(0, len(features), batch)]
@@ -225,7 +342,7 @@ def predict_batches(model: Surrogate, features: Array, batch: int = 25) -> tuple
 
 
 def _means(off: Array, judge: Learner) -> dict[str, float]:
-    """Mean error of each answer, over all and by family."""
+    """Mean error of each answer, over all samples and by family."""
     found = {}
     for column, answer in enumerate(judge.kind.answers):
         found[answer] = float(np.nanmean(off[:, column]))
