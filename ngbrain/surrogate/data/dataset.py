@@ -295,13 +295,19 @@ def generate(
     blocks = list(parallel.run(tasks, executor, callback=callback, store=work).values())
     columns = {key: np.concatenate([block[key] for block in blocks]) for key in blocks[0]}
     columns["family"] = np.concatenate([np.full(count, i) for i, count in enumerate(families.values())])
-    told = {"modality": modality, "split": split, "seed": seed, "side": SIDES[modality], "families": list(families)}
-    told |= {f"version_{name}": number for name, number in versions().items()}
+    attributes = {
+        "modality": modality,
+        "split": split,
+        "seed": seed,
+        "side": SIDES[modality],
+        "families": list(families),
+    }
+    attributes |= {f"version_{name}": number for name, number in versions().items()}
 
     def fill(file: h5py.File) -> None:
         for key, values in columns.items():
             file.create_dataset(key, data=values)
-        file.attrs.update(told | {"sha256": digest(columns)})
+        file.attrs.update(attributes | {"sha256": digest(columns)})
 
     image = hdf5_image(fill)
     atomic_write(path, lambda part: part.write_bytes(image))
@@ -375,14 +381,14 @@ class DataSet:
             try:
                 with hdf5(path, "file") as file:
                     columns: dict[str, Any] = {key: file[key][:] for key in COLUMNS}
-                    told = {key: file.attrs[key] for key in ("modality", "split", "side", "sha256", "families")}
+                    attributes = {key: file.attrs[key] for key in ("modality", "split", "side", "sha256", "families")}
             except (KeyError, TypeError, ValueError) as error:
                 raise InputError(
                     "file", f"without {error}", "data that `ngbrain.surrogate.data.dataset` has written"
                 ) from error
-            if digest(columns) != told["sha256"]:
+            if digest(columns) != attributes["sha256"]:
                 raise InputError("sha256", "not that of the data", "a file that nobody has changed")
-        return DataSet(names=tuple(told.pop("families")), **told, **columns)
+        return DataSet(names=tuple(attributes.pop("families")), **attributes, **columns)
 
 
 COLUMNS = ("displacement", "storage", "loss", "frequency", "poisson", "family")

@@ -191,7 +191,7 @@ def slices(random: np.random.Generator, x: Array, y: Array) -> Array:
     side = 120  # voxels of 1 mm
     corner = [random.integers(max(1, n - side)) for n in labels.shape[:2]]
     i, j = (np.clip(c + side * t, 0, n - 1).astype(int) for c, t, n in zip(corner, (x, y), labels.shape, strict=False))
-    # Outside, fluid, grey, white, ventricles: what is not tissue is as soft as masses get.
+    # Outside, fluid, grey, white, ventricles: all but tissue have the lowest modulus of inclusions.
     stiffness = np.array([0.4, 0.4, *random.uniform(0.7, 1.6, 2), 0.4])
     field = stiffness[labels[i, j, z]]
     if random.random() < 0.5:

@@ -65,13 +65,13 @@ class Raster:
             flat = np.ptp(points, axis=0) < 1e-9
             if flat.sum() != 1:
                 raise InputError(
-                    "points", "in space", "a plane grid or one layer of it: the operator has learnt plane strain"
+                    "points", "in space", "a plane grid or one layer of it: the operator is trained for plane strain"
                 )
             points, u = points[:, ~flat], u[..., ~flat]
         grid = Grid.from_points(points)
         if grid is None:
             raise InputError(
-                "points", "no grid", "a plane grid, numbered along its first axis first: the operator knows no other"
+                "points", "no grid", "a plane grid, numbered along its first axis first: the operator accepts no other"
             )
         turn = np.where(np.abs(grid.axes) < UPRIGHT, 0, grid.axes)
         known = ~np.isnan(u)

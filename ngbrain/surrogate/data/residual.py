@@ -126,7 +126,7 @@ def compression_residual(u: Array, youngs: Array, poisson: float) -> tuple[float
     held = {"x": "bottom", "y": ".*"}
     try:
         fitted = solve_displacement(shear, 0.0, poisson, {".*": ngs.CF((0, axial))}, n, held, side)[..., 1].real / side
-    except SolverError:  # moduli of noise may be beyond what can be solved with
+    except SolverError:  # moduli predicted from noise may be unsolvable
         fitted = np.full((n, n), np.inf)
     size = np.sqrt((remove_affine(u[None]) ** 2).mean())
     plates = np.sqrt(max(float(np.var(u[end])) for end in (0, -1)))

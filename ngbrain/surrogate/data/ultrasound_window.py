@@ -91,7 +91,7 @@ def misfit(u: Array, youngs: Array, poisson: float) -> float:
     shear = youngs / (2 * (1 + poisson))
     try:
         fitted = solve_displacement(shear, 0.0, poisson, {".*": ngs.CF((x, y))}, n, ".*", side)[..., 1].real / side
-    except SolverError:  # moduli of noise may be beyond what can be solved with
+    except SolverError:  # moduli predicted from noise may be unsolvable
         return UNSOLVED
     size = np.sqrt((remove_affine(smooth[None, ..., None]) ** 2).mean())
     return float(np.sqrt(((fitted - smooth) ** 2).mean()) / size)

@@ -89,7 +89,7 @@ class Modality:
         """
         n, of = u.shape[1], _of_waves if self.name == "waves" else _of_compression
         found = np.empty((len(u), self.channels, n, n), np.float32)
-        for channels, each in zip(found, u[:, None], strict=True):  # what is made of one field stays in the cache
+        for channels, each in zip(found, u[:, None], strict=True):  # field by field, which stays in the CPU cache
             channels[:-4] = np.concatenate(of(each))
         found[:, -4] = np.linspace(-1, 1, n)
         found[:, -3] = found[:, -4].swapaxes(1, 2)
@@ -264,7 +264,7 @@ def partial_derivatives(
     >>> bool(np.allclose(found[1, 1], 2 * x) and np.allclose(found[2, 0], 2 * y))
     True
     """
-    if np.iscomplexobj(u):  # real matrices are not made complex for it
+    if np.iscomplexobj(u):  # keeps the matrices real
         parts = partial_derivatives(np.stack([u.real, u.imag]), half, ways, degree)
         return {way: each[0] + 1j * each[1] for way, each in parts.items()}
     n = u.shape[-1]
@@ -419,17 +419,17 @@ def _of_waves(u: Array) -> list[Array]:
     plain = found[SMALL, DEGREE]
     slopes = np.stack([*(_mirror(plain[way][0]) for way in OF_SLOPES[::-1]), *(plain[way][1] for way in OF_SLOPES)])
     slopes = slopes / np.sqrt((slopes**2).sum(axis=1).mean(axis=(0, 2, 3)))[:, None, None]
-    told = []
+    estimates = []
     for half, degree, _ in CURLS:
         curl, third, mixed = (found[half, degree][way] for way in OF_CURLS)
         bent = third + mixed
-        told.append(_products(curl[1] - _mirror(curl[0]), bent[1] - _mirror(bent[0])))
+        estimates.append(_products(curl[1] - _mirror(curl[0]), bent[1] - _mirror(bent[0])))
     for half, degree, _ in LAPLACIANS:
         along_x, along_y = (found[half, degree][way] for way in OF_LAPLACIANS)
         bent = along_x + along_y
-        told.append(_products(parts[:, 0], _mirror(bent[0])) + _products(parts[:, 1], bent[1]))
+        estimates.append(_products(parts[:, 0], _mirror(bent[0])) + _products(parts[:, 1], bent[1]))
     both = (each for way in (parts.swapaxes(0, 1), slopes) for each in way.reshape(-1, *u.shape[:3]))
-    return [*both, *_moduli(told)]
+    return [*both, *_moduli(estimates)]
 
 
 def _derivatives(fields: Array) -> dict[tuple[float, int], dict[tuple[int, int], Array]]:
@@ -450,7 +450,7 @@ def _products(q: Array, bent: Array) -> Array:
     return np.stack([(q**2).sum(axis=0), (q * bent).sum(axis=0), q[0] * bent[1] - q[1] * bent[0]])
 
 
-def _moduli(told: list[Array]) -> list[Array]:
+def _moduli(estimates: list[Array]) -> list[Array]:
     """ln |r| and arg r of r = -Σ |q|² / Σ conj(q) ∇²q over windows: least squares for 1/r, as the noise is in ∇²q
     rather than in q.
     """
@@ -458,11 +458,11 @@ def _moduli(told: list[Array]) -> list[Array]:
     made: dict[int, list[Array]] = {}
     for around in set(arounds):
         own = [i for i, each in enumerate(arounds) if each == around]
-        above, real, imaginary = partial_derivative(np.stack([told[i] for i in own], axis=1), around, 0, 0, 0)
+        above, real, imaginary = partial_derivative(np.stack([estimates[i] for i in own], axis=1), around, 0, 0, 0)
         size = above / np.maximum(np.sqrt(real**2 + imaginary**2), 1e-300)
         size, angle = np.log(np.clip(size, LEAST, MOST)), np.clip(np.arctan2(imaginary, -real), -STEEP, STEEP)
         made |= {i: [size[k], angle[k]] for k, i in enumerate(own)}
-    return [each for i in range(len(told)) for each in made[i]]
+    return [each for i in range(len(estimates)) for each in made[i]]
 
 
 def _of_compression(u: Array) -> list[Array]:

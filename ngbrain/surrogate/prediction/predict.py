@@ -151,17 +151,17 @@ def predict(data: WaveData, operator: Operator | None = None) -> Prediction:
         onnxruntime is not installed.
     """
     if data.symmetry != "isotropic":
-        raise InputError("symmetry", data.symmetry, "isotropic: the operator has learnt no fibres; `invert` knows them")
+        raise InputError("symmetry", data.symmetry, "isotropic: the operator is not trained with fibres; use `invert`")
     if data.motion == "anti_plane":
         raise InputError(
-            "motion", "anti_plane", "in_plane: the operator has learnt no motion through it; `invert` knows it"
+            "motion", "anti_plane", "in_plane: the operator is not trained with anti-plane motion; use `invert`"
         )
     moving = data.frequency > 0
     name = "waves" if moving.any() else "compression"
     if name == "compression" and data.rheology != "elastic":
-        raise InputError("rheology", f"{data.rheology}, at rest", "elastic: nothing at rest shows a loss")
+        raise InputError("rheology", f"{data.rheology}, at rest", "elastic: static data do not determine a loss")
     if data.lacks_imaginary(0.0 if data.noise is None else float(np.max(data.noise))):
-        wanted = "complex displacements, or elastic data: the operator reads a loss of next to nothing from real parts"
+        wanted = "complex displacements, or elastic data: from real parts alone the operator predicts almost no loss"
         raise InputError("displacement", "without imaginary parts", wanted)
     raster, views, notes, data = _views(data, name)
     operator = operator or Operator.load_default(name)
@@ -186,8 +186,8 @@ def predict(data: WaveData, operator: Operator | None = None) -> Prediction:
     if checks > 1 and _largest(of_cut) < _largest(of_loads):  # else plates, but for the noise
         found, of_loads, wide = cut, of_cut, WINDOW
         notes.append(
-            "the ends of the data do not move as plates do: they are taken as a window cut out of a larger body, of which "
-            "the strain over its smooth trend is looked at; a trend of stiffness is not seen, and contrasts come out up to "
+            "the ends of the data do not move as plates do: they are treated as a window of a larger body, of which "
+            "the strain over its smooth trend is used; a trend of stiffness is not recovered, and contrasts come out up to "
             "a quarter too near to 1; `invert` takes the rim as measured"
         )
     maps, deviations = _combined(data, raster, found)
@@ -196,7 +196,7 @@ def predict(data: WaveData, operator: Operator | None = None) -> Prediction:
     if left:
         notes.append(f"{left} of {len(data.points)} points lie in no square of measured points and are left out")
     if name == "compression":
-        notes.append("Young's modulus is known up to one factor: it is over its mean")
+        notes.append("Young's modulus is determined up to a constant factor: the map is divided by its mean")
     count = sum(len(each.tiles) for each in found)
     return Prediction(
         data,
@@ -219,7 +219,7 @@ def _views(data: WaveData, name: str) -> tuple[Raster, list[RasterField], list[s
     notes = list(raster.notes)
     loads = [load for load, frequency in enumerate(data.frequency) if (frequency > 0) == (name == "waves")]
     if len(loads) < data.loads:
-        notes.append(f"loads at rest are left out beside waves, {data.loads - len(loads)} of {data.loads}")
+        notes.append(f"static loads are left out beside waves, {data.loads - len(loads)} of {data.loads}")
     chosen = slice(None)
     if name == "compression":
         raster, data, note = _axial(raster, data)
@@ -251,7 +251,7 @@ def _axial(raster: Raster, data: WaveData) -> tuple[Raster, WaveData, str]:
         along = np.abs(raster.axes[axial]) > UPRIGHT
         if along.sum() == 1:
             data = replace(data, displacement=np.where(along, data.displacement, np.nan))
-        note = "of both components the operator takes the axial one alone, as it has learnt from ultrasound"
+        note = "only the axial component is used, as the operator is trained for ultrasound"
     else:
         axial = int(measured.argmax())
     raster = raster if axial == 1 else raster.transpose()

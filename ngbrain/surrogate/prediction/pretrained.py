@@ -42,21 +42,23 @@ class Card:
     def read(path: Path) -> Card:
         """Read a card; raises `InputError` where it is missing or malformed."""
         with file_context(path):
-            told = read_json(path, "card")
-            if not isinstance(told, dict) or told.get("modality") not in MODALITIES:
+            content = read_json(path, "card")
+            if not isinstance(content, dict) or content.get("modality") not in MODALITIES:
                 raise InputError("card", "of no modality", f"`modality`, one of {', '.join(MODALITIES)}")
-            card = Card(told)
+            card = Card(content)
             card.check()
         return card
 
     def check(self) -> None:
         """Raise `InputError` where the calibration results are malformed; they may be missing."""
-        count, told = len(self.kind.answers), self.content
-        wanted = "what `ngbrain.surrogate.prediction.trust.calibrate` has found"
-        if "temperature" in told and not (_numbers(told["temperature"], (count,)) and np.all(self.temperature > 0)):
-            raise InputError("temperature", brief(told["temperature"]), f"{count} positive numbers")
-        if "within" in told:
-            within = told["within"] if isinstance(told["within"], dict) else {}
+        count, content = len(self.kind.answers), self.content
+        wanted = "the output of `ngbrain.surrogate.prediction.trust.calibrate`"
+        if "temperature" in content and not (
+            _numbers(content["temperature"], (count,)) and np.all(self.temperature > 0)
+        ):
+            raise InputError("temperature", brief(content["temperature"]), f"{count} positive numbers")
+        if "within" in content:
+            within = content["within"] if isinstance(content["within"], dict) else {}
             shares = within.get("shares")
             if not (
                 isinstance(shares, list)
@@ -65,8 +67,8 @@ class Card:
                 and np.all(np.diff([0.0, *shares, 1.0]) > 0)
                 and _numbers(within.get("deviations"), (count, len(shares)))
             ):
-                raise InputError("within", brief(told["within"]), wanted)
-        if "trust" in told:
+                raise InputError("within", brief(content["within"]), wanted)
+        if "trust" in content:
             self._check_trust(wanted)
 
     def _check_trust(self, wanted: str) -> None:
@@ -108,22 +110,22 @@ class Card:
 
         Raises `InputError` before calibration, and for a share beyond the calibrated ones.
         """
-        told = self.content.get("within")
-        if told is None:
+        calibration = self.content.get("within")
+        if calibration is None:
             raise InputError(
-                "card", "without `within`", "weights that `ngbrain.surrogate.prediction.trust.calibrate` has seen"
+                "card", "without `within`", "weights calibrated by `ngbrain.surrogate.prediction.trust.calibrate`"
             )
-        least, most = told["shares"][0], told["shares"][-1]
+        least, most = calibration["shares"][0], calibration["shares"][-1]
         if not least <= share <= most:
             raise InputError("share", share, f"{least:g} to {most:g}, as the operator is calibrated")
-        return np.array([np.interp(share, told["shares"], of_answer) for of_answer in told["deviations"]])
+        return np.array([np.interp(share, calibration["shares"], row) for row in calibration["deviations"]])
 
     @property
     def trust(self) -> Mapping[str, Any]:
         """Ranges, bounds and threshold of `trust.calibrate`; raises `InputError` before calibration."""
         if "trust" not in self.content:
             raise InputError(
-                "card", "without trust", "weights that `ngbrain.surrogate.prediction.trust.calibrate` has seen"
+                "card", "without trust", "weights calibrated by `ngbrain.surrogate.prediction.trust.calibrate`"
             )
         return dict(self.content["trust"])
 

@@ -148,7 +148,10 @@ def predict_field(
         weight[here] += 1 / scale**2
         count[here[1:]] += 1
     with np.errstate(invalid="ignore", divide="ignore"):
-        mean, variance = total / weight, count / weight  # squares share their noise: several are no better than one
+        mean, variance = (
+            total / weight,
+            count / weight,
+        )  # squares share their noise: overlap does not reduce the variance
     looks = []
     for (i, j, n), (features, _, scale) in told.items():
         here = np.s_[:, i : i + n, j : j + n]

@@ -5,8 +5,8 @@ range a score is 0, a tenth beyond it 1.
 
 frequency   Hz, of the dynamically similar square of the training's size and density, against the training range
 softness    log10(1 - 2ν), likewise
-modulus     three percentiles of the predicted storage modulus (Pa, likewise), and `wavelength` in ρω²L²; for compression `contrast`,
-            of E over its mean
+modulus     three percentiles of the predicted storage modulus (Pa, likewise), and `wavelength` in ρω²L²; for compression
+            `contrast`, of E over its mean
 noise       residual of a local cubic fit of the displacement
 jump        the same in the worst patch, see `encoding.estimate_jump`: seam of two scans, phase-wrapped patch
 features    Mahalanobis distance of means and standard deviations of the channels over nine parts of the square from those of the
@@ -109,8 +109,8 @@ def calibrate(operator: Operator, training: DataSet, validation: DataSet, seed: 
     u = kind.add_noise(u, np.exp(random.uniform(np.log(NOISE[0]), np.log(NOISE[1]), len(some))), random)
     axes = _axes(kind, u, training.poisson[some])
     noise = np.concatenate([estimate_noise(each[None]) for each in u])
-    spoils = kind.add_noise(validation.displacement, np.full(len(validation), JUDGED), random)
-    validation = replace(validation, displacement=spoils)
+    noisy = kind.add_noise(validation.displacement, np.full(len(validation), JUDGED), random)
+    validation = replace(validation, displacement=noisy)
     looks = _looks(operator, validation)
     if not all(np.isfinite(look.mean).all() for look in looks):
         raise InputError("operator", "one whose answers are not finite", "an operator whose training has not failed")

@@ -69,7 +69,7 @@ class Descent:
         loss.backward()
         slope = nn.utils.clip_grad_norm_(self._all, LONGEST)
         finite = bool(torch.isfinite(slope))
-        if finite:  # else one bad step spoils all weights
+        if finite:  # else one bad step would make all weights NaN
             self._parts["muon"].step()
             self._parts["adamw"].step()
         self._parts["muon's schedule"].step()

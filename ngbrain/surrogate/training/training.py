@@ -255,7 +255,7 @@ def train(
     for name in settings.twice:
         if name not in training.names:
             raise InputError("twice", repr(name), nearest(name, list(training.names)))
-    learner, judge = Learner.from_data(training), Learner.from_data(validation)
+    learner, monitor = Learner.from_data(training), Learner.from_data(validation)
     folder.mkdir(parents=True, exist_ok=True)
     torch.manual_seed(settings.seed)
     kind, random = learner.kind, np.random.default_rng(settings.seed)
@@ -281,7 +281,7 @@ def train(
         model.load_state_dict(saved["model"])
         descent.load_state_dict(saved["descent"])
         curve = saved["curve"]
-    seen = judge.noisy_features(0.01)
+    seen = monitor.noisy_features(0.01)
     again = np.isin(training.family, [training.names.index(name) for name in settings.twice])
     shown = np.concatenate([np.arange(len(training)), np.flatnonzero(again)])
     for epoch in range(len(curve), last):
@@ -295,8 +295,8 @@ def train(
             value = objective(mean, scale, torch.from_numpy(targets))
             if descent.step(value):
                 losses.append(value.item())
-        off = relative_errors(predict_batches(model, seen)[0], judge.maps)
-        curve.append({"epoch": epoch + 1, "objective": float(np.mean(losses)), **_means(off, judge)})
+        off = relative_errors(predict_batches(model, seen)[0], monitor.maps)
+        curve.append({"epoch": epoch + 1, "objective": float(np.mean(losses)), **_means(off, monitor)})
         states = {"model": model.state_dict(), "descent": descent.state_dict()}
         atomic_write(checkpoint, partial(torch.save, {**states, "curve": curve, "made_by": made_by}))
         write_json(folder / "curve.json", curve)
@@ -341,11 +341,11 @@ def predict_batches(model: Surrogate, features: Array, batch: int = 25) -> tuple
     return mean, np.exp(scale)
 
 
-def _means(off: Array, judge: Learner) -> dict[str, float]:
+def _means(off: Array, monitor: Learner) -> dict[str, float]:
     """Mean error of each answer, over all samples and by family."""
     found = {}
-    for column, answer in enumerate(judge.kind.answers):
+    for column, answer in enumerate(monitor.kind.answers):
         found[answer] = float(np.nanmean(off[:, column]))
-        for i, name in enumerate(judge.data.names):
-            found[f"{answer} {name}"] = float(np.nanmean(off[judge.data.family == i, column]))
+        for i, name in enumerate(monitor.data.names):
+            found[f"{answer} {name}"] = float(np.nanmean(off[monitor.data.family == i, column]))
     return found

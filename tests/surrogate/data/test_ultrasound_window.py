@@ -58,7 +58,7 @@ def test_an_uneven_plate_is_no_reason_to_reject(pressed):
     lesion, uneven = contrast(pressed.points, found.maps["youngs"])
     assert found.usable and not found.reasons and found.scores["boundary"] == 0
     assert lesion == pytest.approx(CONTRAST, rel=0.15) and uneven < 0.3
-    assert any("window cut out of a larger body" in note and "`invert`" in note for note in found.warnings)
+    assert any("window of a larger body" in note and "`invert`" in note for note in found.warnings)
     level = scale_to_truth(pressed, "youngs", found.maps["youngs"])
     off = np.abs(level - pressed.truth["youngs"]) / (found.deviations["youngs"] * level / found.maps["youngs"])
     assert (off < 1.96).mean() > 0.85
