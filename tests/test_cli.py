@@ -157,7 +157,7 @@ def staged(tmp_path, monkeypatch):
             ),
             1.0,
         )
-        result = {"verb": "simulate", "answers": {"continuous": answer}, "worth": {}}
+        result = {"verb": "simulate", "answers": {"continuous": answer}, "error_budget": {}}
         for status in (["under way"] * 2, ["computed", "failed"]) if checks else (["not computed"] * 2,):
             result["check_status"] = dict(zip(("half steps", "other elements"), status, strict=True))
             checkpoint(result)
@@ -250,7 +250,7 @@ def simulate(*arguments):
 def numbers(out):
     """What a run found out: all of its result but how long it took."""
     result = json.loads((out / "result.json").read_text())
-    named = ("answers", "checks", "comparison", "material_band", "geometry", "model", "worth")
+    named = ("answers", "checks", "comparison", "material_uncertainty", "geometry", "model", "error_budget")
     return {name: result[name] for name in named}
 
 
@@ -284,11 +284,11 @@ def test_a_run_leaves_its_files_and_its_truths(finished):
     assert checks["force_while_off_N"] == 0 and checks["gap_while_off_mm"] > 0
     assert checks["first_peaks_differ"] < 1e-6 and checks["min_net_reaction_N"] > -1e-5
     assert checks["dt_halving"] < 0.03 and checks["order_plus_one"] < 0.1
-    peak = result["worth"]["peak_pressure_mmHg"]
+    peak = result["error_budget"]["peak_pressure_mmHg"]
     assert peak["value"] == result["answers"]["continuous"]["peak_pressure_mmHg"]
     assert 0 < peak["mesh"] < 0.3 * peak["value"] and 0 < peak["order"] < 0.1 * peak["value"] and peak["step"] > 0
     assert peak["material"][0] < peak["value"] < peak["material"][1]
-    assert all(of["numerics"] is not None for of in result["worth"].values())
+    assert all(of["numerics"] is not None for of in result["error_budget"].values())
     for answer in result["answers"].values():
         for threshold, ml in answer["volume_mps_above"].items():
             assert sum(v[threshold] for v in answer["volume_mps_above_by_region_ml"].values()) == pytest.approx(ml)
@@ -330,7 +330,7 @@ def test_without_checks_estimates_are_said_to_be_missing_and_a_resumed_run_adds_
     }
     assert result["answers"] == found["answers"] and not (tmp_path / "checks").exists()
     assert result["checks"] == found["checks"] | dict.fromkeys(("dt_halving", "order_plus_one", "other_elements"))
-    peak = result["worth"]["peak_pressure_mmHg"]
+    peak = result["error_budget"]["peak_pressure_mmHg"]
     assert peak["mesh"] is peak["order"] is peak["step"] is peak["numerics"] is None
     assert "Error estimates not computed: one order more" in (tmp_path / "report.html").read_text()
     written = (tmp_path / "continuous.vtkhdf").stat().st_mtime_ns
@@ -394,7 +394,7 @@ def test_a_retraction_says_what_it_leaves_unanswered_and_how_sure_it_is(tmp_path
     peak = {"value": 1.0, "mesh": 0.2, "order": 0.1, "step": None, "material": (0.5, 2.0)}
     result = {
         "answers": {"continuous": {**peaks, "dose_mmHg_min": 3.0, "mps_p95": 0.1}},
-        "worth": {"peak_pressure_mmHg": peak},
+        "error_budget": {"peak_pressure_mmHg": peak},
         "check_status": {"half steps": "computed"},
     }
 

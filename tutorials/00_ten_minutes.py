@@ -103,7 +103,7 @@ plt.show()
 # %% [markdown]
 # ## A whole operation
 # A scene is data. `ngbrain.simulate(scene, "out", threads=2)` runs its protocols and checks and returns the answers;
-# `python -m ngbrain simulate SCENE.toml` does the same and writes a report. `result["worth"]` says of every number what
+# `python -m ngbrain simulate SCENE.toml` does the same and writes a report. `result["error_budget"]` says of every number what
 # mesh, order and time steps move it by, and between what it lies with other published tissue: the peak of this scene, 121 mmHg, is
 # known to some 9, and lies between 21 and 130.
 

@@ -134,7 +134,7 @@ def _operate(scene: Scene, arguments: argparse.Namespace) -> int:
             )
     if failed := _checks_that(FAILED, result):
         LOG.warning("warning: checks that failed, so that error estimates are missing: %s", failed)
-    cautions = _worth(result["worth"])
+    cautions = _error_budget_cautions(result["error_budget"])
     if left_out := _checks_that(NOT_COMPUTED, result):
         cautions.append(f"error estimates not computed: {left_out}")
     conclude(arguments.quiet, [], cautions)
@@ -159,7 +159,7 @@ def _summary(answers: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _worth(errors: dict[str, Any]) -> list[str]:
+def _error_budget_cautions(errors: dict[str, Any]) -> list[str]:
     """Errors of peak pressure and strain, a line each, where they are known."""
     lines = []
     for key, name, unit in (("peak_pressure_mmHg", "peak", " mmHg"), ("mps_p95", "MPS p95", "")):

@@ -188,8 +188,12 @@ def _of_checks(
     return {
         "check_status": status,
         "checks": error_budget.checks(scene, runs, errors),
-        "worth": errors,
-        "material_band": material_uncertainty.material_band(model, driven, checked[MILLER], errors) if driven else {},
+        "error_budget": errors,
+        "material_uncertainty": material_uncertainty.compute_material_uncertainty(
+            model, driven, checked[MILLER], errors
+        )
+        if driven
+        else {},
     }
 
 

@@ -61,7 +61,7 @@ class Report:
         self._drawn = self._drawn or _pictures(folder, result)
         pictures, film, shown, time = self._drawn
         answers, comparison = result["answers"], result.get("comparison") or {}
-        status, band = result.get("check_status") or {}, result.get("material_band") or {}
+        status, band = result.get("check_status") or {}, result.get("material_uncertainty") or {}
         openings = [max(answer["series"]["blade_mm"]) for answer in answers.values()]
         return write_page(
             folder / "report.html",
@@ -81,8 +81,8 @@ class Report:
             response=result.get("dose_response") or {},
             missing=tables.missing(status),
             checks=tables.checks(result.get("checks") or {}, status),
-            peak_error=tables.peak_error_sentence(result.get("worth") or {}),
-            error_budget=tables.error_budget(result.get("worth") or {}),
+            peak_error=tables.peak_error_sentence(result.get("error_budget") or {}),
+            error_budget=tables.error_budget(result.get("error_budget") or {}),
             equal_work=comparison.get("dose_at_equal_working_time_mmHg_min") or {},
             band=band,
             laws=tables.band(band, status),

@@ -171,7 +171,9 @@ def moduli_near_site(model: RetractionModel, runs: Runs) -> Comparable:
     return comparable_moduli(name, model.tissue(name), model.scene.time.ramp)
 
 
-def material_band(model: RetractionModel, runs: Runs, miller: Answer | None, errors: Errors) -> dict[str, Any]:
+def compute_material_uncertainty(
+    model: RetractionModel, runs: Runs, miller: Answer | None, errors: Errors
+) -> dict[str, Any]:
     """Range of the peak pressure over Miller's exponent and published moduli, and the volume strained beyond the data.
 
     For a prescribed tool motion without inertia, all pressures are proportional to the moduli if their ratios (bulk to shear,
@@ -191,7 +193,7 @@ def material_band(model: RetractionModel, runs: Runs, miller: Answer | None, err
     Returns
     -------
     dict
-        The part `material_band` of `result.json`.
+        The part `material_uncertainty` of `result.json`.
     """
     first, parts = next(iter(runs.values())), model.parts()
     peak = max(float(to_mmHg(run.column("pressure").max())) for run in runs.values())

@@ -108,14 +108,14 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "geometry": geometry,
         "checks": {"reaction_balance": 3.2e-9, "dt_halving": 0.05, "gap_while_off_mm": None, "unheard_of": 1.5},
         "dose_response": dose_response_points(),
-        "worth": {
+        "error_budget": {
             "peak_pressure_mmHg": worth(146.04, 7.1, None, 0.8, 7.9, 60.0, 146.04),
             "mps_p95": worth(0.231, 0.004, 0.012, 0.0, 0.016, 0.231, 0.231),
             "volume_mps_above/0.34": worth(0.41, 0.02, 0.03, 0.01, 0.06, 0.2, 0.5)
             | {"quantity": "volume_mps_above", "part": "0.34"},
             "volumes_ml/window": worth(1.0, 0.1, 0.1, 0.1, 0.3, 1.0, 1.0),
         },
-        "material_band": {
+        "material_uncertainty": {
             "peak_pressure_mmHg": {"as given": 146.04, "Miller alpha -4.7": 60.0},
             "beyond_fit_ml": 6.31,
             "modulus_near_site_Pa": 1500.0,
@@ -164,14 +164,15 @@ def alone(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Report:
 
 def without_checks(result: dict, status: str) -> dict:
     """As a run leaves it in which one protocol is done, and no check."""
-    of_peak = result["worth"]["peak_pressure_mmHg"] | dict.fromkeys(KINDS[1:5])
+    of_peak = result["error_budget"]["peak_pressure_mmHg"] | dict.fromkeys(KINDS[1:5])
     return result | {
         "answers": {"continuous": result["answers"]["continuous"]},
         "comparison": answers.comparison({"continuous": None}, {}),
         "check_status": dict.fromkeys((ORDER, MESH, HALF, MILLER), status),
         "checks": {"reaction_balance": 3.2e-9, "dt_halving": None, "order_plus_one": None, "gap_while_off_mm": None},
-        "worth": {"peak_pressure_mmHg": of_peak},
-        "material_band": result["material_band"] | {"peak_pressure_mmHg": {"as given": 146.04, "Miller": None}},
+        "error_budget": {"peak_pressure_mmHg": of_peak},
+        "material_uncertainty": result["material_uncertainty"]
+        | {"peak_pressure_mmHg": {"as given": 146.04, "Miller": None}},
         "warnings": ["initial shear moduli outside of <what is published>"],
     }
 
@@ -213,9 +214,9 @@ def test_a_page_is_written_again_as_checks_end_with_the_same_pictures(
     path = alone.folder / "result.json"
     result, first = json.loads(path.read_text()), alone.write().read_text(encoding="utf-8")
     monkeypatch.setattr("ngbrain.report.pictures.figures.head", lambda *_: pytest.fail("drawn again"))
-    changed = without_checks(result | {"worth": result["worth"]}, UNDER_WAY)
+    changed = without_checks(result | {"error_budget": result["error_budget"]}, UNDER_WAY)
     changed["check_status"][MESH], changed["check_status"][HALF] = COMPUTED, FAILED
-    changed["worth"]["peak_pressure_mmHg"] |= {"mesh": 7.1, "numerics": 7.1}
+    changed["error_budget"]["peak_pressure_mmHg"] |= {"mesh": 7.1, "numerics": 7.1}
     try:
         path.write_text(json.dumps(changed))
         page = alone.write().read_text(encoding="utf-8")
@@ -253,7 +254,7 @@ def test_the_contents_lead_to_every_heading(page: str) -> None:
         re.findall(r'<h2 id="([^"]+)">(.*?)</h2>', page),
     )
     assert links == places and len(dict(links)) == page.count("<h2") > 8
-    assert {"risk", "worth"} < set(dict(links))
+    assert {"risk", "error_budget"} < set(dict(links))
 
 
 def test_the_page_stands_alone(page: str) -> None:

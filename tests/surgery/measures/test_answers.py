@@ -17,7 +17,7 @@ from ngbrain.surgery.measures.observer import StepRecord
 from ngbrain.surgery.measures.sampling import MeasureStatistics, TissuePart
 from ngbrain.surgery.model import RetractionModel
 from ngbrain.surgery.protocol_run import Peak, ProtocolResult
-from ngbrain.surgery.uncertainty.material_uncertainty import comparable_moduli, material_band
+from ngbrain.surgery.uncertainty.material_uncertainty import comparable_moduli, compute_material_uncertainty
 from ngbrain.units import mmHg
 
 T = np.array([0.0, 10.0, 1000.0])
@@ -111,7 +111,7 @@ def band(**errors):
         parts=lambda: parts, scene=Scene.shipped("idealised_fast"), tissue=lambda name: {"white": white}[name]
     )
     runs = {"soft": run([0.0, 30.0, 20.0]), "hard": run([0.0, 50.0, 20.0])}
-    return material_band(model, runs, {"peak_pressure_mmHg": 18.0}, errors)
+    return compute_material_uncertainty(model, runs, {"peak_pressure_mmHg": 18.0}, errors)
 
 
 def test_the_band_is_the_peak_times_published_moduli_over_that_near_the_site():
