@@ -200,4 +200,4 @@ def _changed(result: dict[str, Any], name: str) -> str:
         for place in places[:SHOWN]
     ]
     told += [f"{len(places) - SHOWN} more in result.json"] if len(places) > SHOWN else []
-    return f"{name} is not as in the labels by {sum(place['ml'] for place in places):.2g} ml: {'; '.join(told)}"
+    return f"{name} differs from the labels by {sum(place['ml'] for place in places):.2g} ml: {'; '.join(told)}"

@@ -64,7 +64,7 @@ class HeadMesh(FileResult):
     def reasons(self) -> list[str]:
         """Reasons not to use the mesh: folded elements, and regions that differ too much from their labels."""
         changed = [
-            f"{name} is not as in the labels by {ml:.2g} ml" for name, ml in self.data["checks"]["changed_ml"].items()
+            f"{name} differs from the labels by {ml:.2g} ml" for name, ml in self.data["checks"]["changed_ml"].items()
         ]
         folded = ["an element is folded"] if self.data["quality"]["min_jacobian"] <= 0 else []
         return [*super().reasons, *folded, *changed]

@@ -88,7 +88,7 @@ def test_a_result_says_which_regions_a_hull_has_not_and_which_are_off(tmp_path):
     assert (repair["region"], repair["kind"]) == ("ventricles", "left out")
     assert repair["ml"] == pytest.approx(1e-3 * (data == 3).sum()) and repair["at_mm"][2] == pytest.approx(18, abs=1.0)
     assert result["checks"]["changed_ml"] == {"ventricles": pytest.approx(repair["ml"])}
-    assert not result.usable and "ventricles is not as in the labels" in result.reasons[0]
+    assert not result.usable and "ventricles differs from the labels" in result.reasons[0]
     result = told(("grey", "white", "ventricles"), tmp_path, route="lattice", size=RadialSizeField(13e-3, 13e-3))
     assert max(abs(error) for error in result["checks"]["regions_off"].values()) > 0.1
 

@@ -315,8 +315,8 @@ def convergence(result: Mapping[str, Any]) -> bytes:
                 values = [weights[field] for weights in start["weights"]]
                 right.plot(rounds, values, color=colour, ls=dash, marker="o", ms=2.5, lw=1.2)
         left.axhline(1, color="#555555", lw=0.8)
-        left.set(xlabel="round", yscale="log", title="misfit over its expected level")
-        right.set(xlabel="round", yscale="log", title="weights of the regulariser")
+        left.set(xlabel="iteration", yscale="log", title="misfit over its expected value")
+        right.set(xlabel="iteration", yscale="log", title="regularisation weights")
         left.legend(frameon=False, fontsize=8.5)
         fields = next((list(s["weights"][0]) for s in starts.values() if s["weights"]), [])
         for field, dash in zip(fields, styles, strict=False):
