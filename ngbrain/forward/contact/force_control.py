@@ -98,13 +98,25 @@ class GivenForce:
         self.held: float | None = None
 
     def prescribed_force(self, t: float) -> float:
-        """Force (N) at time t (s); 0 where it is next to nothing."""
+        """Prescribed force (N) at time t (s); 0 where it is negligible."""
         forces = np.array([each.Get() if isinstance(each, ngs.Parameter) else each for each in self._made], float)
         force = float(np.interp(t, self._times, forces))
         return force if force > NOTHING * forces.max() else 0.0
 
     def gradient(self, t: float, parameter: object) -> float:
-        """How the force of time t changes with a `Parameter` that it is made of."""
+        """Derivative of the prescribed force with respect to a parameter of it.
+
+        Parameters
+        ----------
+        t : float
+            Time (s).
+        parameter : ngsolve.Parameter
+            One of those that `force` is made of.
+
+        Returns
+        -------
+        float
+        """
         return (
             float(np.interp(t, self._times, [float(each is parameter) for each in self._made]))
             if self.prescribed_force(t)
@@ -112,21 +124,42 @@ class GivenForce:
         )
 
     def set(self, t: float) -> None:
-        """Ask for the force of time t; without one the rigid body is held away."""
+        """Prescribe the force of time t; without one the rigid body is held away from the tissue."""
         self.force = self.prescribed_force(t)
         self.held = None if self.force else self.away
 
     def travel(self, start: float, end: float) -> float:
-        """Change of the force (N) between two times."""
+        """Change of the force between two times.
+
+        Parameters
+        ----------
+        start, end : float
+            Times (s).
+
+        Returns
+        -------
+        float
+            In newtons.
+        """
         return self.prescribed_force(end) - self.prescribed_force(start)
 
 
 class DrivenTool(Term):
-    """The rigid bodies of given force of a problem, whose way is its last unknown, in the present time step.
+    """Force-controlled rigid bodies of a problem in the current time step; their travel is the problem's last unknown.
 
-    layout, gfu  what the unknowns are, and where they stand
-    contacts, friction  of the problem; those count whose `way` is that of `given`
-    min_gap      says how far (m) the nearest rigid body is from the tissue
+    Parameters
+    ----------
+    given : GivenForce
+    layout : Layout
+    gfu : GridFunction
+        Current unknowns.
+    contacts : sequence
+        Contacts of the problem; those count whose `way` is that of `given`.
+    friction : Grip
+        Friction of the problem.
+    kinematics : SolidKinematics
+    min_gap : callable
+        Distance (m) of the nearest rigid body from the tissue.
     """
 
     weight = SHARE / LENGTH_SCALE**2
@@ -163,21 +196,35 @@ class DrivenTool(Term):
         self.given.parameter.Set(way if self.given.held is None else self.given.held)
 
     def hold_at(self, way: float) -> None:
-        """Hold them at a way (m) if they are without force."""
+        """Hold bodies without force at a travel (m)."""
         if self.given.held is not None:
             self.given.held = way
 
     def reaction_force(self) -> float:
-        """Force (N) along the way."""
+        """Reaction force (N) of the tissue along the travel."""
         return float(self._felt.Energy(self._gfu.vec))
 
     def force_residual(self) -> float:
-        """Force (N) that the way's equation misses; 0 where they are held."""
+        """Residual (N) of the force's equation; 0 where the bodies are held."""
         return 0.0 if self.given.held is not None else self.reaction_force() - self.given.force
 
     def bordered_solver(self, inner: Solve, free: Array) -> Solve:
-        """A solver of the body's tangent with the border of where it was made: of a stiff contact they cancel each other but for
-        a hundredth."""
+        """Solver of the bordered tangent, from a solver of the body's own tangent.
+
+        Border and tangent must belong to the same state: with stiff contact their contributions cancel to about a hundredth.
+
+        Parameters
+        ----------
+        inner : callable
+            Solver of the body's tangent.
+        free : array (n,)
+            1 for free unknowns, else 0.
+
+        Returns
+        -------
+        callable
+            Solver for the unknowns and the travel.
+        """
         self._felt.Apply(self._gfu.vec, self._vec)
         column = self._vec.FV().NumPy() * free
         follows = inner(column)
@@ -236,10 +283,23 @@ class DrivenTool(Term):
     def establish_contact(
         self, start: Array, solve: Callable[[Array], tuple[Array, bool]], stand: Callable[[Array], None]
     ) -> Array:
-        """Unknowns near `start` with rigid bodies that do not touch led to where they do: there the force depends on the way.
+        """Initial guess with the rigid bodies brought into contact: only there does the force depend on the travel.
 
-        `solve` finds equilibrium with the way held, from unknowns, and says whether there is one; `stand` puts the problem to some.
-        Tissue that other loads move may go away meanwhile.
+        Tissue that other loads move may recede meanwhile.
+
+        Parameters
+        ----------
+        start : array (n + 1,)
+            Unknowns to start from.
+        solve : callable
+            From unknowns, equilibrium with the travel held, and whether it converged.
+        stand : callable
+            Puts the problem to some unknowns.
+
+        Returns
+        -------
+        array (n + 1,)
+            `start` where no contact was found.
         """
         given, away, guess = self.given, False, start
         stand(start)

@@ -26,27 +26,41 @@ Moves = Callable[[CoefficientFunction, CoefficientFunction], CoefficientFunction
 
 @dataclass(frozen=True)
 class Friction:
-    """Coulomb friction in a `RigidContact`: the wall sticks to the body up to a traction μP, and slides with that.
+    """Coulomb friction in a `RigidContact`, with an elastic slip in place of the sharp stick-slip transition.
 
     With the elastic slip e and the displacement u₀ at the start of a time step, the body's own displacement b since then, and
     the contact's normal n = ∇φ, the traction per reference area on the wall is -τ,
 
         g = (1 - n⊗n)(e + u - u₀ - b),   τ = μP s(|g|/r) g/|g|,   s(y) = (3y - y³)/2 up to y = 1, and 1 beyond,
 
-    from an energy per area in g, which is convex and twice continuously differentiable. At the end of a step the elastic slip is
-    what of g is no longer than r, or none without a pressure: a wall that sticks goes no further than r, however many steps there
-    are, and comes back. P and n are those of the end of the step too, but are not varied: the tangent is symmetric and positive
-    semi-definite, and misses only what a change of P changes in τ.
+    from an energy per area in g that is convex and twice continuously differentiable. At the end of a step the elastic slip is
+    the part of g no longer than r, and zero without pressure: a sticking wall moves by at most r, whatever the number of steps,
+    and moves back. P and n are those at the end of the step but are not varied: the tangent is symmetric and positive
+    semi-definite, and omits only the dependence of τ on P.
 
-    contact      whose pressure P presses; it has to act on the same body
-    coefficient  μ, a number or a `Parameter`
-    slip         r (m), by which a wall gives before it slides
-    moves        x, way ↦ how far the body has gone at the contact's way: b is what is added in a step, so that a body may go
-                 down and then along; None: its surface stays, or moves along its normal
+    Parameters
+    ----------
+    contact : RigidContact
+        Contact whose pressure P acts; on the same problem.
+    coefficient : float or Parameter
+        Friction coefficient μ.
+    slip : float or Parameter
+        Elastic slip r (m) before sliding.
+    moves : callable, optional
+        x, way ↦ displacement of the body at the contact's travel; b is its increment in a step, so that a body may move down and
+        then sideways. None: the surface is at rest, or moves along its normal.
 
-    Raises `InputError` for a coefficient below 0 and a slip that is not above it. Source, with a penalty in place of the slip:
-    Simo and Laursen 1992, 10.1016/0045-7949(92)90540-G.
+    Raises
+    ------
+    InputError
+        For a coefficient below 0 or a slip that is not positive.
 
+    References
+    ----------
+    Simo and Laursen 1992, 10.1016/0045-7949(92)90540-G, with a penalty in place of the slip.
+
+    Examples
+    --------
     >>> plate = RigidContact("top", lambda x: 0.02 - x[2], 1e8, 1e-5)
     >>> Friction(plate, 0.1, 1e-5, lambda x, way: ngs.CF((way, 0, 0))).wall
     'top'
@@ -67,25 +81,58 @@ class Friction:
         return self.contact.wall
 
     def energy(self, g: CoefficientFunction, pressure: CoefficientFunction) -> CoefficientFunction:
-        """Energy per reference area (J/m²)."""
+        """Frictional energy per reference area (J/m²).
+
+        Parameters
+        ----------
+        g : CoefficientFunction
+            Tangential slip (m).
+        pressure : CoefficientFunction
+            Contact pressure (Pa).
+
+        Returns
+        -------
+        CoefficientFunction
+        """
         square = ngs.InnerProduct(g, g) / self.slip**2
         sticks, slides = square * (6 - square) / 8, _root(square) - 3 / 8
         return self.coefficient * self.slip * pressure * ngs.IfPos(square - 1, slides, sticks)
 
     def elastic(self, g: CoefficientFunction, pressure: CoefficientFunction) -> CoefficientFunction:
-        """What of g comes back (m)."""
+        """Elastic (reversible) part of the slip (m).
+
+        Parameters
+        ----------
+        g, pressure : CoefficientFunction
+            Tangential slip (m) and contact pressure (Pa).
+
+        Returns
+        -------
+        CoefficientFunction
+        """
         square = ngs.InnerProduct(g, g) / self.slip**2
         return ngs.IfPos(pressure, ngs.IfPos(square - 1, 1 / _root(square), 1), 0) * g
 
 
 class Grip(Term):
-    """The frictions of a problem in its present time step. Pressures and normals are those of the unknowns that stand.
+    """Friction terms of a problem in the current time step, with pressures and normals of the current unknowns.
 
-    layout     what the unknowns are
-    gfu        where they stand
-    frictions  what rubs, if anything
+    Parameters
+    ----------
+    layout : Layout
+    gfu : GridFunction
+        Current unknowns.
+    frictions : sequence of Friction
+    kinematics : SolidKinematics
 
-    Attributes: `form`, the energies alone; `rubs`, each friction with its fields; `start`, where the step began.
+    Attributes
+    ----------
+    form : BilinearForm
+        The friction energies alone.
+    rubs : list of Rub
+        Each friction with its fields.
+    start : GridFunction
+        Unknowns at the start of the step.
     """
 
     def __init__(
@@ -108,7 +155,15 @@ class Grip(Term):
             rub.join(form, self.layout)
 
     def join_driving(self, felt: ngs.BilinearForm, stiffness: ngs.BilinearForm, way: ngs.Parameter) -> None:
-        """Add the energies' first and second derivative by a way of contacts to forms of the problem's."""
+        """Add first and second derivatives of the energies with respect to a travel to forms of the problem.
+
+        Parameters
+        ----------
+        felt, stiffness : BilinearForm
+            Of the first and the second derivative.
+        way : ngsolve.Parameter
+            Travel of the contacts concerned.
+        """
         for rub in self.rubs:
             if rub.friction.contact.way is way:
                 rub.join_driving(felt, stiffness, self.layout)
@@ -182,16 +237,23 @@ class Grip(Term):
 
 
 class Slipping:
-    """A wall that rubs, as expressions of where it is, where the step began and with what elastic slip.
+    """Symbolic expressions of a wall with friction: slip, traction and elastic slip.
 
-    u, offset  displacement and offset of the contact
-    start      displacement at the start of the step
-    slip       elastic slip there
-    before     way of the rigid body at the start (m)
-    way        its way since then (m), a variable
+    Parameters
+    ----------
+    friction : Friction
+    u, offset : CoefficientFunction
+        Displacement and contact offset (m).
+    start, slip : CoefficientFunction
+        Displacement and elastic slip (m) at the start of the step.
+    before, way : CoefficientFunction
+        Travel of the rigid body (m) at the start, and since then; `way` is a variable.
 
-    Attributes: `gone`, how far along the body; `traction` τ (Pa) and `elastic`, the slip that comes back; `moves`, how far the
-    body goes per metre of its way.
+    Attributes
+    ----------
+    gone : tangential displacement relative to the body (m)
+    traction, elastic : τ (Pa), and the elastic slip (m)
+    moves : displacement of the body per metre of travel
     """
 
     def __init__(
@@ -221,7 +283,7 @@ class Slipping:
         return self._friction.energy(self.tangential(self._gone(u) + self._slip), self._pressure)
 
     def tangential(self, v: CoefficientFunction) -> CoefficientFunction:
-        """What of a vector is along the body's surface."""
+        """Component of a vector tangential to the body's surface."""
         n = self._normal
         return v - ngs.InnerProduct(n, v) / (ngs.InnerProduct(n, n) + TINY) * n
 
@@ -230,9 +292,21 @@ class Slipping:
 
 
 class Rub:
-    """One friction: its fields on the wall.
+    """One friction with its fields on the wall.
 
-    slip, before  e and τ at the start of the step, at the points of the wall's quadrature; start: the contact's way there
+    Parameters
+    ----------
+    friction : Friction
+    now : SolutionFields
+        Current unknowns.
+    start : GridFunction
+        Displacement at the start of the step.
+    kinematics : SolidKinematics
+
+    Attributes
+    ----------
+    slip, before : e and τ at the start of the step, at the wall's quadrature points
+    start : travel of the contact there
     """
 
     def __init__(
@@ -261,11 +335,24 @@ class Rub:
         return 0.0 if way is None else float(way.Get())
 
     def join(self, form: ngs.BilinearForm, layout: Layout) -> None:
-        """Add the energy to a form of the problem's."""
+        """Add the energy to a form of the problem.
+
+        Parameters
+        ----------
+        form : BilinearForm
+        layout : Layout
+        """
         form += ngs.Variation((self.weight * self._energy(form.space, layout)).Compile() * self.measure)
 
     def join_driving(self, felt: ngs.BilinearForm, stiffness: ngs.BilinearForm, layout: Layout) -> None:
-        """Add the energy's first and second derivative by the contact's way to forms of the problem's."""
+        """Add first and second derivatives of the energy with respect to the contact's travel to forms of the problem.
+
+        Parameters
+        ----------
+        felt, stiffness : BilinearForm
+            Of the first and the second derivative.
+        layout : Layout
+        """
         once = self._energy(felt.space, layout).Diff(self.way_gone)
         for form, derivative in ((felt, once), (stiffness, once.Diff(self.way_gone))):
             form += ngs.Variation((self.weight * derivative).Compile() * self.measure)

@@ -1,4 +1,4 @@
-"""How rigid bodies move."""
+"""Prescribed motion of rigid bodies."""
 
 from __future__ import annotations
 
@@ -7,14 +7,24 @@ from typing import Protocol
 
 
 class Motion(Protocol):
-    """How the rigid bodies move."""
+    """Prescribed motion of rigid bodies over time."""
 
     @property
     def events(self) -> Sequence[float]:
-        """Times (s) at which the motion changes; steps land on them exactly. The last one ends the run."""
+        """Times (s) at which the motion changes; time steps end on them. The last one ends the run."""
 
     def set(self, t: float) -> None:
-        """Put the bodies where they are at time t."""
+        """Move the bodies to their position at time t (s)."""
 
     def travel(self, start: float, end: float) -> float:
-        """How far (m) they move towards the tissue between two times; negative when they withdraw."""
+        """Travel (m) towards the tissue between two times; negative on withdrawal.
+
+        Parameters
+        ----------
+        start, end : float
+            Times (s).
+
+        Returns
+        -------
+        float
+        """

@@ -26,31 +26,39 @@ RULES = {shape: ngs.IntegrationRule(shape, SURFACE_ORDER) for shape in (ngs.SEGM
 
 @dataclass(frozen=True)
 class RigidContact:
-    """Unilateral, frictionless contact of a wall with a rigid body: a penalty, and an offset that makes up for it.
+    """Unilateral, frictionless contact of a wall with a rigid body: a penalty with an augmented-Lagrangian offset.
 
     With the depth d = a - φ(X + u), the pressure on the reference area is ψ'(d): 0 for d ≤ 0, ε d²/(2s) up to d = s and
-    ε (d - s/2) beyond: continuous with its derivative, so that a wall coming into touch does not unsettle Newton's
-    method, and exactly zero where there is a gap. The energy per area is
+    ε (d - s/2) beyond. It is continuously differentiable, which helps Newton's method at first touch, and exactly zero in a gap.
+    The energy per area is
 
         ψ(a - φ(X + u)) - ε a²/(2 θ) .
 
-    The offset a ≥ 0 (m) is a field on the wall by which the body stands further out, unknown like the displacements: the energy
-    is largest where a is θ/ε times the pressure, in the mean with each of its shape functions, and the wall then goes where
-    the body should have put it but for (1 - θ) of the penalty's mean depth and for half the softness. It is an augmented
-    Lagrangian, with the multiplier ε a/θ and θ just below 1, so that the equations of the offset keep a definite diagonal and
-    need no pivoting. Of the displacements' order it has no more equations than the wall has ways to go, and does not lock its
-    elements, as a multiplier at every point or a much higher penalty does. Forces, tangent and the offset's equation follow
-    from the energy.
+    The offset a ≥ 0 (m) is an unknown field on the wall by which the body stands further out. The energy is stationary where a is
+    θ/ε times the pressure, in the mean with each shape function. The remaining penetration is then (1 - θ) of the penalty's mean
+    depth and half the softness. This is an augmented Lagrangian with the multiplier ε a/θ; with θ just below 1 the diagonal of
+    the offset's equations is definite and needs no pivoting. An offset of the displacements' order does not lock the elements,
+    unlike a multiplier at every point or a much higher penalty.
 
-    wall       boundary name or pattern; it sees only this body
-    distance   x ↦ φ(x), signed distance (m) to the body at the current position x, negative inside; one that is looked up has
-               `follow(x, points, wall)` and `look()` besides (`surgery.tools.closed_surface`)
-    penalty    ε (Pa/m)
-    softness   s (m)
-    share      θ in [0, 1), of the depth that the offset makes up for; 0: a penalty alone, a = 0
-    way        Parameter that the body moves by, for its work
+    Parameters
+    ----------
+    wall : str
+        Boundary name or pattern; it meets this body only.
+    distance : callable
+        x ↦ φ(x), signed distance (m) to the body at the current position, negative inside. A tabulated one also has
+        `follow(x, points, wall)` and `look()` (`surgery.tools.closed_surface`).
+    penalty : float
+        ε (Pa/m).
+    softness : float
+        s (m).
+    share : float
+        θ in [0, 1), part of the depth that the offset makes up for; 0: a penalty alone, a = 0.
+    way : ngsolve.Parameter, optional
+        Parameter by which the body moves, for its work.
 
-    Source: Alart and Curnier 1991, 10.1016/0045-7825(91)90022-X.
+    References
+    ----------
+    Alart and Curnier 1991, 10.1016/0045-7825(91)90022-X.
     """
 
     wall: str
@@ -99,21 +107,59 @@ class RigidContact:
         return self.distance(ngs.CF((ngs.x, ngs.y, ngs.z)[: u.dim]) + u)
 
     def energy(self, u: CoefficientFunction, offset: CoefficientFunction = NO_OFFSET) -> CoefficientFunction:
-        """Energy per reference area (J/m²)."""
+        """Contact energy per reference area (J/m²).
+
+        Parameters
+        ----------
+        u, offset : CoefficientFunction
+            Displacement and offset (m).
+
+        Returns
+        -------
+        CoefficientFunction
+        """
         stored = soft_penalty(offset - self.gap(u), self.penalty, self.softness)
         return stored - self.penalty / (2 * self.share) * offset**2 if self.share else stored
 
     def pressure(self, u: CoefficientFunction, offset: CoefficientFunction = NO_OFFSET) -> CoefficientFunction:
-        """Contact force per reference area (Pa)."""
+        """Contact pressure on the reference area (Pa).
+
+        Parameters
+        ----------
+        u, offset : CoefficientFunction
+            Displacement and offset (m).
+
+        Returns
+        -------
+        CoefficientFunction
+        """
         d, s = offset - self.gap(u), self.softness
         return self.penalty * ngs.IfPos(d, ngs.IfPos(d - s, d - s / 2, d * d / (2 * s)), 0)
 
     def driving(self, u: CoefficientFunction, offset: CoefficientFunction = NO_OFFSET) -> CoefficientFunction:
-        """∂(energy)/∂way (J/m²): what moving the body takes, whatever its shape; 0 without a way."""
+        """Driving force per area, ∂(energy)/∂way (N/m²): the force that moving the body takes; 0 without a travel.
+
+        Parameters
+        ----------
+        u, offset : CoefficientFunction
+            Displacement and offset (m).
+
+        Returns
+        -------
+        CoefficientFunction
+        """
         return ngs.CF(0.0) if self.way is None else -self.pressure(u, offset) * self.gap(u).Diff(self.way)
 
     def join(self, form: ngs.BilinearForm, at: SolutionFields, kinematics: SolidKinematics) -> None:
-        """Add the energy to a form of a problem's."""
+        """Add the energy to a form of a problem.
+
+        Parameters
+        ----------
+        form : BilinearForm
+        at : SolutionFields
+            Trial functions.
+        kinematics : SolidKinematics
+        """
         form += ngs.Variation((kinematics.weight() * self.energy(at.u, at.offset)).Compile() * self.measure())
 
     def measure(self) -> ngs.comp.DifferentialSymbol:
@@ -123,16 +169,23 @@ class RigidContact:
 
 @dataclass(frozen=True)
 class Sliding:
-    """A wall that slides freely along the rigid surface that it lies on, and never leaves it: energy κ/2 (u · N)² per area.
+    """Bilateral sliding support along the rigid surface on which a wall lies: energy κ/2 (u · N)² per area.
 
-    As a brain does on the skull with a film of fluid between, which neither bears shear nor can open. For displacements that are
-    small beside the surface's radii: N is the normal at rest. It is continuous, made of the facets' by projection: facets that
-    meet at angles, each with its own, would hold a wall by its edges.
+    Models a brain on the skull with a fluid film that neither bears shear nor opens. For displacements small compared with the
+    surface's radii of curvature: N is the normal at rest, made continuous by projection. With the facets' own normals, facets that
+    meet at angles would constrain a wall at its edges.
 
-    wall       boundary name or pattern
-    stiffness  κ (Pa/m)
-    normal     N; `Sliding.on` makes it
+    Parameters
+    ----------
+    wall : str
+        Boundary name or pattern.
+    stiffness : float
+        κ (Pa/m).
+    normal : CoefficientFunction
+        N; `Sliding.on` makes it.
 
+    Examples
+    --------
     >>> from ngbrain.mesh import block
     >>> Sliding.on(block(maxh=0.02), "bottom", 1e8).wall
     'bottom'
@@ -154,7 +207,15 @@ class Sliding:
         return self.stiffness / 2 * ngs.InnerProduct(u, self.normal) ** 2
 
     def join(self, form: ngs.BilinearForm, at: SolutionFields, kinematics: SolidKinematics) -> None:
-        """Add the energy to a form of a problem's."""
+        """Add the energy to a form of a problem.
+
+        Parameters
+        ----------
+        form : BilinearForm
+        at : SolutionFields
+            Trial functions.
+        kinematics : SolidKinematics
+        """
         measure = self.measure(displacements(form).globalorder)
         form += ngs.Variation(kinematics.weight() * self.energy(at.u) * measure)
 
@@ -165,17 +226,25 @@ class Sliding:
 
 @dataclass(frozen=True)
 class Closing:
-    """Two walls of one body, plane and parallel at rest, that come to bear on each other when the cleft between them closes.
+    """Self-contact of two walls that are plane and parallel at rest, when the cleft between them closes.
 
-    The energy per area of `wall` is ψ(d) of `RigidContact` with d = (x - x') · N, for its current points x, those x' that lay
-    opposite on the other wall at rest, and the normal N at rest: for walls that slip along each other by less than what they
-    are uneven over. Neither friction nor offset; a point with nothing opposite within `reach` sees nothing.
+    The energy per area of `wall` is ψ(d) of `RigidContact` with d = (x - x') · N, for current points x, the points x' opposite
+    on the other wall at rest, and the normal N at rest: for walls that slide along each other by less than the scale of their
+    unevenness. Without friction and offset; points with nothing opposite within `reach` do not count.
 
-    wall, other  boundary names or patterns
-    penalty      ε (Pa/m)
-    softness     s (m)
-    reach        from wall to wall (m), at most
+    Parameters
+    ----------
+    wall, other : str
+        Boundary names or patterns.
+    penalty : float
+        ε (Pa/m).
+    softness : float
+        s (m).
+    reach : float
+        Largest distance from wall to wall (m).
 
+    Examples
+    --------
     >>> Closing("wall_plus", "wall_minus", 1e8, 1e-5, reach=6e-3).other
     'wall_minus'
     """
@@ -187,7 +256,20 @@ class Closing:
     reach: float
 
     def join(self, form: ngs.BilinearForm, at: SolutionFields, kinematics: SolidKinematics) -> ngs.comp.ContactBoundary:
-        """Add the energy to a form of a problem's; what comes back has to live as long as the form."""
+        """Add the energy to a form of a problem.
+
+        Parameters
+        ----------
+        form : BilinearForm
+        at : SolutionFields
+            Trial functions.
+        kinematics : SolidKinematics
+
+        Returns
+        -------
+        ContactBoundary
+            Must live as long as the form.
+        """
         mesh, space = form.space.mesh, displacements(form)
         pairs = ngs.comp.ContactBoundary(mesh.Boundaries(self.wall), mesh.Boundaries(self.other))
         x = ngs.CF((ngs.x, ngs.y, ngs.z)[: mesh.dim])
@@ -199,7 +281,21 @@ class Closing:
 
 
 def offsets(mesh: ngs.Mesh, contacts: Sequence[object], order: int, **options: bool) -> ngs.FESpace:
-    """Space of the offsets of all contacts that have one; without unknowns if none has."""
+    """Space of the contact offsets; empty if no contact has one.
+
+    Parameters
+    ----------
+    mesh : ngsolve.Mesh
+    contacts : sequence
+    order : int
+        Order of the displacements.
+    **options : bool
+        Such as complex=True.
+
+    Returns
+    -------
+    FESpace
+    """
     walls = "|".join(contact.wall for contact in contacts if isinstance(contact, RigidContact) and contact.share)
     return ngs.Compress(ngs.H1(mesh, order=order, definedon=mesh.Boundaries(walls), **options))
 

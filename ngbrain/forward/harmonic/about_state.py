@@ -30,10 +30,21 @@ Array = np.ndarray
 
 
 class AboutState:
-    """What waves about a body's equilibrium take from it.
+    """Matrices of small waves about a body's equilibrium.
 
-    loss     η, a number or a field
-    density  ρ (kg/m³) at rest
+    Parameters
+    ----------
+    body : Problem
+        Elastic, at equilibrium.
+    loss : float or CoefficientFunction
+        Loss factor η.
+    density : float or CoefficientFunction
+        ρ (kg/m³) at rest.
+
+    Raises
+    ------
+    InputError
+        For a viscoelastic body.
     """
 
     def __init__(self, body: Problem, loss: Value, density: Value) -> None:
@@ -117,7 +128,18 @@ class AboutState:
 
 
 def derivative_by_state(body: Problem, parts: Terms) -> Callable[[], ngs.BaseMatrix]:
-    """How terms with trial functions as the state, and test functions, change with the state: the matrix at the body's."""
+    """Assembler of the derivative, with respect to the state, of terms with trial functions as the state and test functions.
+
+    Parameters
+    ----------
+    body : Problem
+    parts : list of WorkIntegral
+
+    Returns
+    -------
+    callable
+        Gives the matrix at the body's current state.
+    """
     form = ngs.BilinearForm(body.fes)
     for part in parts:
         form += part.integral

@@ -29,9 +29,13 @@ pressures, where round-off grows with K/μ (4e-8 at 10⁸)."""
 
 
 class Factorised:
-    """A body's matrices at its present moduli, one for each frequency: all unknowns; factors on demand.
+    """Matrices of a harmonic problem at its current moduli, one for each frequency, factorised on demand.
 
-    solves  where they and their back-substitutions are counted
+    Parameters
+    ----------
+    body : HarmonicProblem
+    solves : Solves, optional
+        Where factorisations and back-substitutions are counted.
     """
 
     def __init__(self, body: HarmonicProblem, solves: Solves | None = None) -> None:
@@ -47,7 +51,19 @@ class Factorised:
         self._in, self._out = any_of_them.CreateColVector(), any_of_them.CreateColVector()
 
     def apply(self, number: int, x: Array, transposed: bool = False) -> Array:
-        """A x, or Aᵀ x, of the wave's matrix."""
+        """A x, or Aᵀ x.
+
+        Parameters
+        ----------
+        number : int
+            Index of the wave.
+        x : array (ndof,)
+        transposed : bool
+
+        Returns
+        -------
+        array (ndof,)
+        """
         if transposed and not self.body.symmetric:
             return np.asarray(self.matrix(number).T @ x)
         self._in.FV().NumPy()[:] = x
@@ -55,7 +71,20 @@ class Factorised:
         return self._out.FV().NumPy().copy()
 
     def reactions(self, number: int, x: Array, where: Array) -> Array:
-        """Aᵀ x at some unknowns (indices): of a few, in a fraction of the time of `apply`."""
+        """Aᵀ x at a few unknowns, in a fraction of the time of `apply`.
+
+        Parameters
+        ----------
+        number : int
+            Index of the wave.
+        x : array (ndof,)
+        where : array of int
+            Unknowns.
+
+        Returns
+        -------
+        array
+        """
         if not self.body.symmetric:
             return self.apply(number, x, transposed=True)[where]
         return np.asarray(rows(self._of(number), where) @ x)
@@ -65,7 +94,21 @@ class Factorised:
         return to_scipy(self._of(number))
 
     def solve(self, number: int, b: Array, purpose: str = "forward", transposed: bool = False) -> Array:
-        """x with A x = b, or Aᵀ x = b, in the free unknowns and x = 0 in the held ones; `purpose` as `Solves` has them."""
+        """Solve A x = b, or Aᵀ x = b, for the free unknowns; x = 0 for the constrained ones.
+
+        Parameters
+        ----------
+        number : int
+            Index of the wave.
+        b : array (ndof,)
+        purpose : str
+            A field of `Solves`.
+        transposed : bool
+
+        Returns
+        -------
+        array (ndof,)
+        """
         x = self._back(number, b, purpose, transposed)
         if self.body.waves[number].omega in self.improved:
             x += self._back(number, b - self.apply(number, x, transposed), "refinements", transposed)
@@ -92,9 +135,25 @@ class Factorised:
         return factor
 
     def solve_wave(self, number: int, g: Array) -> Array:
-        """The wave with held unknowns g and its own forces; `SolverError` if no factor solves for it.
+        """Solve for a wave with prescribed displacements and its own forces.
 
-        The first factor chooses no pivots. Where it leaves too much, the matrix is factorised once more with pivots.
+        The first factorisation does not pivot. Where its residual is too large, the matrix is factorised again with pivoting.
+
+        Parameters
+        ----------
+        number : int
+            Index of the wave.
+        g : array (ndof,)
+            Prescribed unknowns; zero elsewhere.
+
+        Returns
+        -------
+        array (ndof,)
+
+        Raises
+        ------
+        SolverError
+            Without a usable factorisation, as at a resonance.
         """
         omega = self.body.waves[number].omega
         b = self.body.load_vector(number) - self.apply(number, g)

@@ -17,9 +17,24 @@ Change: TypeAlias = Callable[[CoefficientFunction], CoefficientFunction]
 def derivative(
     work: CoefficientFunction, variable: CoefficientFunction, direction: CoefficientFunction, name: str
 ) -> CoefficientFunction:
-    """`work.Diff(variable, direction)`; `InputError` about `name` where a complex constant is in it, such as ngs.CF(2000 + 800j).
+    """Directional derivative `work.Diff(variable, direction)`.
 
-    NGSolve differentiates complex numbers and real constants, but no complex constant of its own.
+    NGSolve differentiates complex numbers and real constants, but not its own complex constants.
+
+    Parameters
+    ----------
+    work, variable, direction : CoefficientFunction
+    name : str
+        Argument named in the message.
+
+    Returns
+    -------
+    CoefficientFunction
+
+    Raises
+    ------
+    InputError
+        Where a complex constant is in `work`, such as ngs.CF(2000 + 800j).
     """
     try:
         return work.Diff(variable, direction)
@@ -36,7 +51,16 @@ def vanishes(work: CoefficientFunction) -> bool:
 
 
 def dot(a: CoefficientFunction, b: CoefficientFunction) -> CoefficientFunction:
-    """a·b without a conjugate, which InnerProduct would take."""
+    """Bilinear product a·b, without the complex conjugate of InnerProduct.
+
+    Parameters
+    ----------
+    a, b : CoefficientFunction
+
+    Returns
+    -------
+    CoefficientFunction
+    """
     if a.dim == 1:
         return a * b
     first, *rest = (a[i] * b[i] for i in range(a.dim))

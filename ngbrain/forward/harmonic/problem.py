@@ -246,16 +246,38 @@ class HarmonicProblem:
         return u, p if self.mixed else None, gradient(u) if known else ngs.Grad(u)
 
     def strain(self, u: CoefficientFunction, grad: CoefficientFunction) -> CoefficientFunction:
-        """ε(u): 2×2 in plane strain, else 3×3."""
+        """Small strain ε(u).
+
+        Parameters
+        ----------
+        u, grad : CoefficientFunction
+            Displacement (m) and its gradient.
+
+        Returns
+        -------
+        CoefficientFunction
+            2×2 in plane strain, else 3×3.
+        """
         if isinstance(self.kinematics, PlaneStrain):
             return ngs.Sym(grad)
         return ngs.Sym(self.kinematics.gradient(u, grad)) - ngs.Id(3)
 
     def works(self, omega: float, trial: CoefficientFunction, test: CoefficientFunction) -> list[CoefficientFunction]:
-        """The integrands over volume, bilinear in `trial` and `test`; from the energy, by differentiation.
+        """Volume integrands, bilinear in `trial` and `test`, by differentiation of the energy.
 
-        Apart, not summed: NGSolve evaluates an integrand for each pair of entries of all the gradients and values in it. In space,
-        where multiplying is dearer than evaluating, what has the same gradients is one: cubes of third order take .35 s, not .56.
+        They are not summed: NGSolve evaluates an integrand for each pair of entries of all gradients and values in it. In space,
+        where multiplication costs more than evaluation, integrands of the same gradients are merged: cubes of third order take
+        .35 s, not .56.
+
+        Parameters
+        ----------
+        omega : float
+            Angular frequency (rad/s).
+        trial, test : CoefficientFunction
+
+        Returns
+        -------
+        list of CoefficientFunction
         """
         (u, p, grad_u), (v, q, grad_v) = self.split(trial), self.split(test)
         strain, along = self.strain(u, grad_u).MakeVariable(), self.strain(v, grad_v)
@@ -276,13 +298,37 @@ class HarmonicProblem:
         return [self.kinematics.weight() * work for work in works]
 
     def inertia(self, u: CoefficientFunction, v: CoefficientFunction) -> CoefficientFunction:
-        """ρ u·v of two displacements."""
+        """Inertia integrand ρ u·v.
+
+        Parameters
+        ----------
+        u, v : CoefficientFunction
+            Displacements.
+
+        Returns
+        -------
+        CoefficientFunction
+        """
         return self.density * dot(u, v)
 
     def terms(
         self, omega: float, trial: CoefficientFunction, test: CoefficientFunction, change: Change
     ) -> Terms | None:
-        """All integrals; `change` may turn an integrand into its derivative. None where nothing is left."""
+        """All integrals of the bilinear form.
+
+        Parameters
+        ----------
+        omega : float
+            Angular frequency (rad/s).
+        trial, test : CoefficientFunction
+        change : callable
+            Applied to each integrand, such as a derivative.
+
+        Returns
+        -------
+        SumOfIntegrals or None
+            None if all vanish.
+        """
         changed = map(change, self.works(omega, trial, test))
         integrals = [work * ngs.dx(intrules=self.rules) for work in changed if not vanishes(work)]
         u, v = self.split(trial)[0], self.split(test)[0]
@@ -310,7 +356,7 @@ class HarmonicProblem:
         return assembled
 
     def factorise(self, solves: Solves | None = None) -> Factorised:
-        """Matrices of the moduli (and of the equilibrium) as they now are, and their factors, counted in `solves`."""
+        """Matrices at the current moduli (and equilibrium), with factorisations counted in `solves`."""
         return Factorised(self, solves)
 
     def solve(self, executor: parallel.AnyExecutor = None) -> list[ngs.GridFunction]:
@@ -338,7 +384,7 @@ class HarmonicProblem:
         return found
 
     def load_vector(self, number: int) -> Array:
-        """∫ f·v + ∫ t·v of a wave."""
+        """Load vector ∫ f·v + ∫ t·v of a wave."""
         wave, test = self.waves[number], self.split(self.fes.TestFunction())[0]
         if wave.force is None and not wave.traction:
             return np.zeros(self.fes.ndof, complex)

@@ -19,7 +19,18 @@ NEARLY = 100.0
 
 
 def shear_stiffness(body: HarmonicProblem, omega: float) -> ngs.CoefficientFunction:
-    """g (Pa, complex): twice the energy of a unit shear, the mean over the planes that coordinates span."""
+    """Shear modulus g (Pa, complex): twice the energy of a unit shear, averaged over the coordinate planes.
+
+    Parameters
+    ----------
+    body : HarmonicProblem
+    omega : float
+        Angular frequency (rad/s).
+
+    Returns
+    -------
+    CoefficientFunction
+    """
     law = law_of(body, omega)
     n = 2 if body.mesh.dim == 2 and isinstance(body.kinematics, PlaneStrain) else 3
     planes = [(i, j) for i in range(n) for j in range(i)]
@@ -32,19 +43,52 @@ def shear_stiffness(body: HarmonicProblem, omega: float) -> ngs.CoefficientFunct
 
 
 def law_of(body: HarmonicProblem, omega: float) -> SmallStrainLaw:
-    """The law at an angular frequency (rad/s)."""
+    """Material law at an angular frequency.
+
+    Parameters
+    ----------
+    body : HarmonicProblem
+    omega : float
+        rad/s.
+
+    Returns
+    -------
+    SmallStrainLaw
+    """
     return body.law if isinstance(body.law, SmallStrainLaw) else body.law(omega)
 
 
 def unit(n: int, entry: tuple[int, int], value: float) -> ngs.CoefficientFunction:
-    """(n, n) with one entry that is not 0."""
+    """Matrix (n, n) with one nonzero entry.
+
+    Parameters
+    ----------
+    n : int
+    entry : tuple of int
+        Row and column.
+    value : float
+
+    Returns
+    -------
+    CoefficientFunction
+    """
     values = np.zeros((n, n))
     values[entry] = value
     return ngs.CF(tuple(values.ravel()), dims=(n, n))
 
 
 def element_means(body: HarmonicProblem, integrand: ngs.CoefficientFunction) -> ngs.GridFunction:
-    """Size of the mean over each element: enough to precondition with, and an integrand is evaluated once at each point."""
+    """Modulus of an integrand's mean over each element: accurate enough for a preconditioner.
+
+    Parameters
+    ----------
+    body : HarmonicProblem
+    integrand : CoefficientFunction
+
+    Returns
+    -------
+    GridFunction
+    """
     space = ngs.L2(body.mesh, order=0, complex=True)
     sums, sizes = (ngs.LinearForm(space) for _ in range(2))
     sums += (integrand + 0j * ngs.x).Compile() * space.TestFunction() * ngs.dx(intrules=body.rules)
@@ -57,9 +101,21 @@ def element_means(body: HarmonicProblem, integrand: ngs.CoefficientFunction) -> 
 
 
 def elastic(body: HarmonicProblem, load: int, order: int) -> sp.csr_array:
-    """The matrix of 1/(ρω² V) ∫ K (tr ε)² + 2 g ε:ε dx for displacements of an order, V the volume of the body.
+    """Scaled elastic stiffness matrix, of 1/(ρω² V) ∫ K (tr ε)² + 2 g ε:ε dx with V the volume of the body.
 
-    At 0 Hz with the frequency of the slowest wave of shear that fits in.
+    At 0 Hz the frequency of the slowest shear mode is used.
+
+    Parameters
+    ----------
+    body : HarmonicProblem
+    load : int
+        Index of the wave.
+    order : int
+        Order of the displacements.
+
+    Returns
+    -------
+    csr_array
     """
     omega, mesh = body.waves[load].omega, body.mesh
     shear = element_means(body, shear_stiffness(body, omega))

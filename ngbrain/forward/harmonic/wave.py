@@ -88,7 +88,27 @@ def vector(value: Vector) -> CoefficientFunction:
 
 
 def held_axes(mesh: ngs.Mesh, names: str, waves: Sequence[Wave], held: str | Mapping[str, str]) -> dict[str, str]:
-    """What waves hold, a pattern for each axis of these names; `InputError` unless it and what drives them make sense."""
+    """Dirichlet boundaries of the waves, a pattern for each axis, checked.
+
+    Parameters
+    ----------
+    mesh : ngsolve.Mesh
+    names : str
+        Names of the axes.
+    waves : sequence of Wave
+    held : str or dict
+        A pattern, or axis → pattern.
+
+    Returns
+    -------
+    dict
+        Axis → pattern.
+
+    Raises
+    ------
+    InputError
+        Without waves, for unknown axes or patterns, and loads that do not fit.
+    """
     if not waves:
         raise InputError("waves", "none", "one Wave or more")
     axes = dict.fromkeys(names, held) if isinstance(held, str) else dict(held)

@@ -78,7 +78,7 @@ class Observed(ABC):
         """
 
     def weight_change(self, state: Motion, *along: Motion) -> Terms:
-        """As `functional`, with weights as they change along the way; nothing where they do not."""
+        """As `functional`, with the change of the weights along the direction of `aim`; empty where they are constant."""
         return []
 
 
@@ -155,7 +155,14 @@ class Observable(ABC):
 
 
 class Linear(Observed):
-    """Values B x."""
+    """Linear observable, B x.
+
+    Parameters
+    ----------
+    problem : Problem
+    matrix : csr_array (size, n)
+        B.
+    """
 
     matrix: sp.csr_array
 

@@ -96,7 +96,16 @@ class Moment(Observable):
 
 
 class Reaction(Observed):
-    """The work of the forces on a boundary for motions of it."""
+    """Generalised reaction forces: work of the forces on a boundary for given motions of it.
+
+    Parameters
+    ----------
+    problem : Problem
+    boundary : str
+        Name or pattern.
+    motions : sequence
+        Vectors or CoefficientFunctions.
+    """
 
     motions: Array
 

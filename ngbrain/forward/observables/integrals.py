@@ -91,7 +91,14 @@ class StrainEnergy(Observable):
 
 
 class Integrals(Symbolic):
-    """Integrals over one problem's mesh."""
+    """Integrals over one problem's mesh.
+
+    Parameters
+    ----------
+    problem : Problem
+    integrands : sequence of callable
+        See `Functional`.
+    """
 
     def __init__(self, problem: Problem, integrands: Sequence[Integrand]) -> None:
         super().__init__(problem)

@@ -138,8 +138,20 @@ class StressPercentile(Quantile):
 
 
 def weighted_percentile(values: Array, weights: Array, percent: float) -> float:
-    """The value below which this part of the weights lies, between values by interpolation.
+    """Weighted percentile, interpolated between values.
 
+    Parameters
+    ----------
+    values, weights : array (n,)
+    percent : float
+        0 to 100.
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
     >>> weighted_percentile(np.array([3.0, 1.0, 2.0]), np.array([1.0, 1.0, 2.0]), 50)
     2.0
     """
@@ -150,7 +162,18 @@ def weighted_percentile(values: Array, weights: Array, percent: float) -> float:
 
 
 class Percentile(Observed):
-    """A `Quantile` of one problem."""
+    """A `Quantile` of one problem.
+
+    Parameters
+    ----------
+    problem : Problem
+    asked : Quantile
+
+    Raises
+    ------
+    InputError
+        For a region and a distance without points of the body.
+    """
 
     size, shaped = 1, False
 
@@ -216,8 +239,13 @@ class Percentile(Observed):
 class Strains(Symbolic, Percentile):
     """A `StrainPercentile` of one problem.
 
-    About where the problem stands, with the axes n, m and their strains e as they are there, the principal strain of E along n is
-    n·En + Σ (n·Em)²/(e_n - e_m), with all that is of up to second order in E.
+    About the current state, with principal axes n, m and strains e, the principal strain of E along n is, to second order in E,
+    n·En + Σ (n·Em)²/(e_n - e_m).
+
+    Parameters
+    ----------
+    problem : Problem
+    asked : StrainPercentile
     """
 
     def __init__(self, problem: Problem, asked: StrainPercentile) -> None:
@@ -285,7 +313,18 @@ class Strains(Symbolic, Percentile):
 
 
 class Stresses(Symbolic, Percentile):
-    """A `StressPercentile` of one problem."""
+    """A `StressPercentile` of one problem.
+
+    Parameters
+    ----------
+    problem : Problem
+    asked : StressPercentile
+
+    Raises
+    ------
+    InputError
+        For viscoelastic tissue.
+    """
 
     def __init__(self, problem: Problem, asked: StressPercentile) -> None:
         super().__init__(problem, asked)

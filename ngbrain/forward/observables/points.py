@@ -74,7 +74,23 @@ class SolutionUnknowns(Observable):
 
 
 def axis(direction: Sequence[float], dim: int) -> Array:
-    """A direction as it is, as an array; `InputError` for one that is zero or has other components than a mesh."""
+    """Direction as an array, not normalised.
+
+    Parameters
+    ----------
+    direction : sequence of float
+    dim : int
+        Dimension of the mesh.
+
+    Returns
+    -------
+    array (dim,)
+
+    Raises
+    ------
+    InputError
+        For a zero vector or one of another dimension.
+    """
     found = np.asarray(direction, float)
     if found.shape != (dim,) or not np.any(found):
         raise InputError("direction", list(direction), f"a vector of {dim} components that is not zero")

@@ -50,7 +50,19 @@ class Ratio(Observable):
 
 
 class Quotient(Observed):
-    """N/D of one problem. Its functional has the first derivatives of that, where the problem stands when it is weighed."""
+    """Ratio N/D of one problem; its functional has the first derivatives of N/D at the state at which `weigh` was called.
+
+    Parameters
+    ----------
+    problem : Problem
+    numerator, denominator : Observable
+        Of one number each.
+
+    Raises
+    ------
+    InputError
+        For observables of several numbers.
+    """
 
     size = 1
 
@@ -104,7 +116,15 @@ class Quotient(Observed):
         return [each.on(self.problem) for each in self._made_of]
 
     def aim(self, change: Array, along: Along) -> None:
-        """Slopes change as N and D do."""
+        """Set the direction of second derivatives: the weights of N and D change along it.
+
+        Parameters
+        ----------
+        change : array (n,)
+            Change of the unknowns.
+        along : callable
+            From integrals to their change with the parameters.
+        """
         if not self._changes:
             self._changes = [along(part.functional(self.problem.gfu)) for part in self._others]
         one, moved = np.ones(1), list[float]()
@@ -118,5 +138,5 @@ class Quotient(Observed):
             part.weigh(np.array([w * bend]))
 
     def weight_change(self, state: Motion, *along: Motion) -> Terms:
-        """Of both, weighed by how the slopes change."""
+        """Integrals of N and D, weighted by the change of the quotient's derivatives."""
         return [term for part in self._others for term in part.functional(state, *along)]

@@ -71,7 +71,13 @@ class WallIntegral(Observable):
 
 
 class WallSum(Symbolic):
-    """A `WallIntegral` of one problem."""
+    """A `WallIntegral` of one problem.
+
+    Parameters
+    ----------
+    problem : Problem
+    asked : WallIntegral
+    """
 
     size = 1
 
@@ -213,7 +219,18 @@ class OfPatches(WallIntegral):
 
     @abstractmethod
     def density(self, problem: Problem, patch: Patch) -> Density:
-        """Per area at rest."""
+        """Density per reference area.
+
+        Parameters
+        ----------
+        problem : Problem
+        patch : Patch
+
+        Returns
+        -------
+        callable
+            From a `FieldState` to a CoefficientFunction.
+        """
 
 
 class NormalForce(OfPatches):
@@ -227,7 +244,17 @@ class NormalForce(OfPatches):
         return self._named("normal force")
 
     def density(self, problem: Problem, patch: Patch) -> Density:
-        """The pressure."""
+        """The contact pressure (Pa).
+
+        Parameters
+        ----------
+        problem : Problem
+        patch : Patch
+
+        Returns
+        -------
+        callable
+        """
         return lambda at: patch.where * patch.contact.pressure(at.u, at.offset)
 
 
@@ -242,7 +269,17 @@ class CurrentArea(OfPatches):
         return self._named("current area")
 
     def density(self, problem: Problem, patch: Patch) -> Density:
-        """|cof F N|."""
+        """Area ratio |cof F N|.
+
+        Parameters
+        ----------
+        problem : Problem
+        patch : Patch
+
+        Returns
+        -------
+        callable
+        """
         return lambda at: patch.where * at.area_ratio(at.u)
 
 
@@ -257,7 +294,17 @@ class PressedIn(OfPatches):
         return self._named("work of the depth")
 
     def density(self, problem: Problem, patch: Patch) -> Density:
-        """Pressure times depth."""
+        """Pressure times penetration (N/m).
+
+        Parameters
+        ----------
+        problem : Problem
+        patch : Patch
+
+        Returns
+        -------
+        callable
+        """
         return lambda at: patch.where * patch.contact.pressure(at.u, at.offset) * -patch.contact.gap(at.u)
 
 
@@ -282,7 +329,17 @@ class ContactForce(OfPatches):
         return self._named("contact force") + self._along(self.direction)
 
     def density(self, problem: Problem, patch: Patch) -> Density:
-        """Pressure times how the distance changes along the direction."""
+        """Pressure times the derivative of the distance along the direction (Pa).
+
+        Parameters
+        ----------
+        problem : Problem
+        patch : Patch
+
+        Returns
+        -------
+        callable
+        """
         along = self._direction(self.direction, problem, patch) / len(self.patches)
 
         def pushed(at: FieldState) -> ngs.CoefficientFunction:
@@ -304,7 +361,17 @@ class DrivingForce(OfPatches):
         return self._named("driving force")
 
     def density(self, problem: Problem, patch: Patch) -> Density:
-        """∂ energy / ∂ way."""
+        """Derivative of the contact energy with respect to the travel.
+
+        Parameters
+        ----------
+        problem : Problem
+        patch : Patch
+
+        Returns
+        -------
+        callable
+        """
         return lambda at: patch.where * patch.contact.driving(at.u, at.offset)
 
 
@@ -327,7 +394,17 @@ class PatchDisplacement(OfPatches):
         return self._named("mean displacement") + self._along(self.direction)
 
     def density(self, problem: Problem, patch: Patch) -> Density:
-        """Of one patch its share in the mean."""
+        """Displacement along the direction over the patch's area.
+
+        Parameters
+        ----------
+        problem : Problem
+        patch : Patch
+
+        Returns
+        -------
+        callable
+        """
         along = self._direction(self.direction, problem, patch)
         boundary, weight = problem.mesh.Boundaries(patch.wall), problem.kinematics.weight()
         size = ngs.Integrate(weight * patch.where, problem.mesh, definedon=boundary, order=SURFACE_ORDER)
@@ -360,7 +437,17 @@ class ContactArea(OfPatches):
         return "" if self.smoothed else "smoothed=True: a point is in touch or it is not"
 
     def density(self, problem: Problem, patch: Patch) -> Density:
-        """Of points that are pressed."""
+        """Area ratio where the pressure is positive, or its smoothed form.
+
+        Parameters
+        ----------
+        problem : Problem
+        patch : Patch
+
+        Returns
+        -------
+        callable
+        """
         contact = patch.contact
 
         def sharp(at: FieldState) -> ngs.CoefficientFunction:

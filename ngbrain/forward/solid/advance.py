@@ -22,9 +22,19 @@ that is right for the pressure is followed by a larger one along the wall."""
 
 
 class LoadHistory:
-    """Load factors at times (s), straight in between: how boundary conditions and loads grow, and fall.
+    """Piecewise linear load factor over time, of boundary conditions and loads.
 
-    Raises `InputError` unless times increase and there is a factor for each.
+    Parameters
+    ----------
+    times : array (n,)
+        Increasing times (s).
+    factors : array (n,)
+        Load factors.
+
+    Raises
+    ------
+    InputError
+        Unless times increase and there is a factor for each.
     """
 
     def __init__(self, times: Sequence[float] | Array, factors: Sequence[float] | Array) -> None:
@@ -66,13 +76,36 @@ class LoadProgram:
         self.problem.factor.Set(self.factor(t))
 
     def prescribe(self, x: Array, t: float) -> Array:
-        """Unknowns x with the displacements that are prescribed at a time, and rigid bodies and loads put there."""
+        """Unknowns with the displacements prescribed at a time; moves rigid bodies and sets the loads.
+
+        Parameters
+        ----------
+        x : array (n,)
+            Unknowns.
+        t : float
+            Time (s) or load factor.
+
+        Returns
+        -------
+        array (n,)
+        """
         if self.motion is not None:
             self.motion.set(t)
         return self.problem.load(x, self.factor(t))
 
     def travel(self, start: float, end: float) -> float:
-        """How far (m) rigid bodies move towards the tissue between two times."""
+        """Travel of rigid bodies towards the tissue between two times.
+
+        Parameters
+        ----------
+        start, end : float
+            Times (s).
+
+        Returns
+        -------
+        float
+            In metres.
+        """
         return 0.0 if self.motion is None else self.motion.travel(start, end)
 
     @property
@@ -84,7 +117,16 @@ class LoadProgram:
 
 @dataclass(frozen=True)
 class StepResult:
-    """What became of a step: the state at its end, or that at its start where `failure` says why there is none; Newton's record."""
+    """Result of a time step.
+
+    Parameters
+    ----------
+    state : State
+        At the end of the step; at its start if it failed.
+    record : NewtonRecord
+    failure : Breakdown, optional
+        Reason of a failure.
+    """
 
     state: State
     record: NewtonRecord

@@ -25,13 +25,18 @@ CONDENSE_UP_TO = 1e6
 
 
 class MixedDiscretisation:
-    """Spaces and unknowns of a problem.
+    """Finite-element spaces and unknowns of a problem.
 
-    through_time   whether tissue keeps a history at its quadrature points
-    rigid          contacts with rigid bodies, whose offsets are unknowns
-    cavities       how many pressures of cavities are
-
-    The rest is what `Problem` takes, and says.
+    Parameters
+    ----------
+    mesh, materials, conditions, element, kinematics
+        See `Problem`.
+    through_time : bool
+        Whether tissue has internal variables at its quadrature points.
+    rigid : sequence of RigidContact
+        Contacts, whose offsets are unknowns.
+    cavities : int
+        Number of cavity pressures.
     """
 
     tool: DrivenTool | None = None

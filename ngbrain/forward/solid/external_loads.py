@@ -16,9 +16,21 @@ from ngbrain.forward.contact.rigid import Touch
 
 
 class ExternalLoads(Term):
-    """Contacts and loads, whose energies and virtual work remember nothing.
+    """Contacts and loads: terms without internal variables.
 
-    factor   load factor (`ngs.Parameter`)
+    Parameters
+    ----------
+    fes : FESpace
+    layout : Layout
+    kinematics : SolidKinematics
+    order : int
+        Order of the displacements.
+    loads, contacts : sequence
+
+    Attributes
+    ----------
+    factor : ngsolve.Parameter
+        Load factor.
     """
 
     def __init__(
@@ -45,7 +57,19 @@ class ExternalLoads(Term):
         return not any(isinstance(load, PressureLoad) for load in self.loads)
 
     def place(self, u: ngs.CoefficientFunction, v: ngs.CoefficientFunction | None = None) -> Place:
-        """Where loads act, for a displacement and a test function."""
+        """Context in which loads are evaluated.
+
+        Parameters
+        ----------
+        u : CoefficientFunction
+            Displacement (m).
+        v : CoefficientFunction, optional
+            Test function.
+
+        Returns
+        -------
+        Place
+        """
         return Place(self.fes.mesh, self.kinematics, self.factor, u, v, self.order)
 
     def join(self, form: ngs.BilinearForm) -> None:

@@ -22,11 +22,18 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class MotionRates:
-    """How unknowns u move after a step of length `dt` (s).
+    """Velocity and accelerations after a step.
 
-    velocity      v
-    acceleration  ü, that of the forces there
-    average       a, what the scheme goes on from: ü near t + (α_m - α_f) dt
+    Parameters
+    ----------
+    velocity : array (n,)
+        v (m/s).
+    acceleration : array (n,)
+        ü (m/s²), of the forces there.
+    average : array (n,)
+        a (m/s²), the scheme's averaged acceleration: ü near t + (α_m - α_f) dt.
+    dt : float
+        Length of the step (s).
     """
 
     velocity: np.ndarray
@@ -88,7 +95,21 @@ class GeneralizedAlpha:
         return (1 - self.alpha_m) / ((1 - self.alpha_f) * self.beta * dt**2)
 
     def begin(self, u: np.ndarray, pace: MotionRates, dt: float) -> InertiaStep:
-        """A step of `dt` seconds from u."""
+        """Begin a time step.
+
+        Parameters
+        ----------
+        u : array (n,)
+            Displacement (m) at its start.
+        pace : MotionRates
+            Velocity and accelerations there.
+        dt : float
+            Length (s).
+
+        Returns
+        -------
+        InertiaStep
+        """
         if pace.dt:
             average = pace.acceleration + (pace.average - pace.acceleration) * (dt / pace.dt)
             pace = MotionRates(pace.velocity, pace.acceleration, average, dt)
@@ -97,7 +118,18 @@ class GeneralizedAlpha:
 
 @dataclass(frozen=True)
 class InertiaStep:
-    """A step from u; it ends where F(u') + c M (u' - û) = 0."""
+    """A time step from u; it ends where F(u') + c M (u' - û) = 0.
+
+    Parameters
+    ----------
+    scheme : GeneralizedAlpha
+    u : array (n,)
+        Displacement (m) at the start.
+    pace : MotionRates
+        Velocity and accelerations at the start.
+    dt : float
+        Length (s).
+    """
 
     scheme: GeneralizedAlpha
     u: np.ndarray
@@ -106,13 +138,13 @@ class InertiaStep:
 
     @property
     def target(self) -> np.ndarray:
-        """û, where u goes if nothing pulls at the end of the step."""
+        """û, the displacement at the end of the step without forces there."""
         s, pace = self.scheme, self.pace
         late = (s.alpha_m * pace.average - s.alpha_f * pace.acceleration) / (1 - s.alpha_m)
         return self._drift() - s.beta * self.dt**2 * late
 
     def end(self, u: np.ndarray) -> MotionRates:
-        """The pace at its end u."""
+        """Velocity and accelerations at the end displacement u."""
         s, average = self.scheme, self._average(u)
         velocity = self.pace.velocity + self.dt * ((1 - s.gamma) * self.pace.average + s.gamma * average)
         return MotionRates(velocity, s.weight(self.dt) * (u - self.target), average, self.dt)
@@ -134,18 +166,25 @@ class InertiaStep:
 
 @dataclass(frozen=True)
 class Inertia:
-    """The mass of a body that a `TimeStepper` moves: c/2 ∫ ρ |u - û|² dV more energy in each step (`GeneralizedAlpha`).
+    """Mass of a body for a `TimeStepper`: adds c/2 ∫ ρ |u - û|² dV to the energy of each step (`GeneralizedAlpha`).
 
-    density    ρ (kg/m³) at rest: a number, a CoefficientFunction, or region pattern → one of these
-    scheme     how a step goes; by default motions that are much faster than a step end at once, as a boundary that sets off at a
-               speed lets nodes ring with any other
-    amplitude  displacement (m) that a step's error from inertia is judged against, by `ErrorControl`
+    One for each body, which is at rest before its first step unless `Problem.start` gives it a velocity. Pressures enforce the
+    volume at the end of a step. Resolved oscillations last as long as the tissue's damping allows, and keep steps short: ρ_∞ = 0
+    lets steps grow soonest. At large strains no ρ_∞ bounds the energy; with 1 it grows first. Forces on a moving boundary
+    include the inertia of its nodes.
 
-    One for each body, which is at rest before its first step unless `Problem.start` sets it moving. Pressures hold the volume at
-    the end of a step. Swinging that steps resolve goes on as long as the tissue lets it, and keeps steps short: ρ_∞ = 0 lets them
-    grow soonest. Far from small strains no ρ_∞ bounds the energy; 1 gains it first. Forces on a boundary that is moved include what
-    it takes to speed up its nodes.
+    Parameters
+    ----------
+    density : float, CoefficientFunction or dict
+        ρ (kg/m³) at rest, or region pattern → density.
+    scheme : GeneralizedAlpha
+        Time integration. By default motions much faster than a step are damped at once, as a boundary that starts with a velocity
+        makes nodes oscillate with any other.
+    amplitude : float
+        Displacement (m) relative to which `ErrorControl` judges the error from inertia.
 
+    Examples
+    --------
     >>> import ngsolve as ngs
     >>> from ngbrain.forward.common.material import Material
     >>> from ngbrain.forward.solid.problem import Problem
@@ -167,7 +206,24 @@ class Inertia:
 
 
 class Momentum(Term):
-    """The inertia of a problem in its present time step."""
+    """Inertia term of a problem in the current time step.
+
+    Parameters
+    ----------
+    layout : Layout
+    gfu : GridFunction
+        Current unknowns.
+    masses : sequence of Inertia
+        Exactly one.
+    kinematics : SolidKinematics
+    order : int
+        Order of the displacements.
+
+    Raises
+    ------
+    InputError
+        For several masses, and a density that is not positive.
+    """
 
     instant = 1e-9
     """Time (s) in which no tissue relaxes."""
@@ -213,17 +269,49 @@ class Momentum(Term):
     def work(
         self, u: CoefficientFunction, motion: CoefficientFunction
     ) -> tuple[CoefficientFunction, ngs.comp.DifferentialSymbol]:
-        """The virtual work of c M (u - û) for a motion: its density, and what that is over."""
+        """Virtual work of c M (u - û).
+
+        Parameters
+        ----------
+        u, motion : CoefficientFunction
+            Displacement (m) and virtual displacement.
+
+        Returns
+        -------
+        density : CoefficientFunction
+        measure : DifferentialSymbol
+        """
         return self.heft(u - self._target, motion)
 
     def heft(
         self, way: CoefficientFunction, motion: CoefficientFunction
     ) -> tuple[CoefficientFunction, ngs.comp.DifferentialSymbol]:
-        """The same of c M times any way."""
+        """Virtual work of c M times any displacement.
+
+        Parameters
+        ----------
+        way, motion : CoefficientFunction
+            Displacement (m) and virtual displacement.
+
+        Returns
+        -------
+        density : CoefficientFunction
+        measure : DifferentialSymbol
+        """
         return self._weight * self._density * ngs.InnerProduct(way, motion), self._measure
 
     def start(self, velocity: Sequence[Value] | CoefficientFunction, forces: Array, free: Array) -> None:
-        """Move at a velocity (m/s), with the acceleration that nodal forces (N) give."""
+        """Set the initial velocity, with the acceleration that nodal forces give.
+
+        Parameters
+        ----------
+        velocity : vector
+            In m/s.
+        forces : array (n,)
+            Nodal forces (N).
+        free : array (n,)
+            1 for free unknowns, else 0.
+        """
         free, field, answer = free[: self._n], self._moved, self._moved.vec.CreateVector()
         field.Set(velocity if isinstance(velocity, CoefficientFunction) else ngs.CF(tuple(velocity)))
         v = field.vec.FV().NumPy() * free

@@ -22,13 +22,25 @@ Density = Callable[[Deformation, CoefficientFunction | None], CoefficientFunctio
 def stresses(
     density: Density, F: Callable[[], CoefficientFunction], p: CoefficientFunction | None
 ) -> CoefficientFunction:
-    """∂W/∂F (Pa), nine entries by rows, and ∂W/∂p; `F` gives the deformation gradient, a new one each time: a variable is one
-    wherever it is used.
+    """Symbolic stresses ∂W/∂F (Pa), nine entries by rows, and ∂W/∂p.
 
-    Where the derivatives are taken decides what they cost: NGSolve keeps the derivative of a tensor by a tensor as 81
-    entries, so none is asked for but that of C by F, which is ∂W/∂F = 2F sym ∂W/∂C (a law of single entries of C leaves
-    it unsymmetric). Of C̄ = s(C) C only s is derived: of s ∂W/∂C̄ : C, a derivative by C would carry 81 entries all through
-    the law. C̄, C, J and F are each held while W is derived by another.
+    The order of differentiation decides the cost: NGSolve stores the derivative of a tensor with respect to a tensor as 81
+    entries. So only that of C with respect to F is taken, in closed form: ∂W/∂F = 2F sym ∂W/∂C (a law of single entries of C
+    leaves it unsymmetric). Of C̄ = s(C) C only s is differentiated: of s ∂W/∂C̄ : C, a derivative with respect to C would carry
+    81 entries through the law. C̄, C, J and F are each fixed while W is differentiated with respect to another.
+
+    Parameters
+    ----------
+    density : callable
+        Energy density (Pa) of a `Deformation` and p.
+    F : callable
+        Gives the deformation gradient, a new expression at each call: a variable is one wherever it is used.
+    p : CoefficientFunction, optional
+        Pressure (Pa).
+
+    Returns
+    -------
+    CoefficientFunction (9,) or (10,)
     """
     shape, C = isochoric(right_cauchy_green(F())).MakeVariable(), right_cauchy_green(F()).MakeVariable()
     moving, J, pressure = F().MakeVariable(), ngs.Det(F()).MakeVariable(), p if p is None else p.MakeVariable()
@@ -41,14 +53,20 @@ def stresses(
 
 
 class Forces:
-    """∫ ∂W/∂F : ∇v + ∂W/∂p q over the elements, for every test function.
+    """Internal nodal forces ∫ ∂W/∂F : ∇v + ∂W/∂p q, for every test function.
 
     A form of the energy evaluates it once for each of the ten entries; here all of them are evaluated together.
 
-    layout     what the unknowns of `gfu` are
-    gfu        the state
-    densities  region pattern → `Density`
-    space      quadrature points, with their rules
+    Parameters
+    ----------
+    layout : Layout
+    gfu : GridFunction
+        Current unknowns.
+    densities : dict
+        Region pattern → energy density.
+    space : IntegrationRuleSpace
+        Quadrature points, with their rules.
+    kinematics : SolidKinematics
     """
 
     def __init__(

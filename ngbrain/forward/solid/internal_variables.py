@@ -20,13 +20,18 @@ REST = 1e30
 
 
 class History:
-    """H_k, S̄_k per hereditary branch, `Flows` of the Maxwell ones, C̄; the part of a time step's energy made of them.
+    """Internal variables of viscoelastic tissue at the quadrature points, and their part of a step's energy.
 
-    mesh       NGSolve mesh
-    regions    region pattern → `Viscous`
-    order      order of the quadrature-point space (order 1: the 4-point rule on tetrahedra)
+    H_k and S̄_k of hereditary branches, `Flows` of Maxwell ones, and C̄. Tensors are stored by their `to_voigt` entries:
+    `stress` S̄_k and `overstress` H_k (branches, 6, points) in Pa, `strain` C̄.
 
-    Tensors are kept by their `to_voigt` entries: `stress` S̄_k and `overstress` H_k (branches, 6, points) in Pa, `strain` C̄.
+    Parameters
+    ----------
+    mesh : ngsolve.Mesh
+    regions : dict
+        Region pattern → `Viscous`.
+    order : int
+        Order of the quadrature-point space (order 1: the 4-point rule on tetrahedra).
     """
 
     def __init__(self, mesh: ngs.Mesh, regions: dict[str, Viscous], order: int) -> None:
@@ -81,11 +86,33 @@ class History:
         return field.vec.FV().NumPy().copy()
 
     def energy(self, region: Viscous, C: CoefficientFunction) -> CoefficientFunction:
-        """½ Σ (e_k H_k - β_k S̄_k) : C̄ + Maxwell branches, but for a constant; one `pull` holds the sum over k."""
+        """Incremental energy ½ Σ (e_k H_k - β_k S̄_k) : C̄ + Maxwell branches, up to a constant; one `pull` holds the sum over k.
+
+        Parameters
+        ----------
+        region : Viscous
+        C : CoefficientFunction
+            C̄.
+
+        Returns
+        -------
+        CoefficientFunction
+        """
         return self._pulled(region, C) + (self.flows.energy(C) if region.maxwell_branches else 0.0)
 
     def work(self, region: Viscous, C: CoefficientFunction) -> CoefficientFunction:
-        """What has the slope of `energy` at the present state, for forces alone."""
+        """Expression with the derivative of `energy` at the current state, for forces only.
+
+        Parameters
+        ----------
+        region : Viscous
+        C : CoefficientFunction
+            C̄.
+
+        Returns
+        -------
+        CoefficientFunction
+        """
         return self._pulled(region, C) + (self.flows.work(C) if region.maxwell_branches else 0.0)
 
     def _pulled(self, region: Viscous, C: CoefficientFunction) -> CoefficientFunction:

@@ -170,7 +170,20 @@ class Problem(Card, Stateful):
         } | ({"loads and contacts": ", ".join(acting)} if acting else {})
 
     def load(self, x: Array, t: float) -> Array:
-        """Set the load factor; x with what is prescribed at t."""
+        """Set the load factor, and the prescribed displacements in the unknowns.
+
+        Parameters
+        ----------
+        x : array (n,)
+            Unknowns.
+        t : float
+            Load factor.
+
+        Returns
+        -------
+        array (n,)
+            A copy with the prescribed values at t.
+        """
         self.factor.Set(t)
         x = x.copy()
         x[: len(self.held)][self.held] = t * self.prescribed[self.held]
@@ -189,10 +202,22 @@ class Problem(Card, Stateful):
         return r if self.tool is None else np.append(r, self.tool.force_residual()), size
 
     def factorise(self, x: Array, r: Array | None = None) -> linear.Solve:
-        """Solver with the tangent at x, where the residual is r.
+        """Solver with the tangent at x.
 
-        That of `refactorise` if what it gives for r will do (`partial` says so); of large bodies without a focus an old factor as
-        preconditioner where that is worth it and will do; else a new factor.
+        It is that of `refactorise` if accurate enough for r (`partial` says so). For large bodies without a focus an old
+        factorisation serves as a preconditioner where that pays off; otherwise the tangent is factorised anew.
+
+        Parameters
+        ----------
+        x : array (n,)
+            Unknowns.
+        r : array (n,), optional
+            Residual there.
+
+        Returns
+        -------
+        callable
+            r ↦ K⁻¹ r.
         """
         self.partial = False
         if self._tangent is not None:
@@ -220,9 +245,19 @@ class Problem(Card, Stateful):
         return self._bordered(self._timed(self._kept))
 
     def refactorise(self, x: Array, r: Array | None = None) -> linear.Solve | None:
-        """The same with the tangent renewed where `focus` says, and elsewhere as it was when factorised.
+        """Solver with the tangent renewed in the elements of `focus`, and as last factorised elsewhere.
 
-        None without a focus or a factorisation, and if what it gives for r is too rough.
+        Parameters
+        ----------
+        x : array (n,)
+            Unknowns.
+        r : array (n,), optional
+            Residual there.
+
+        Returns
+        -------
+        callable or None
+            None without a focus or a factorisation, and if the solution for r is too inaccurate.
         """
         if not self.focused:
             return None
@@ -260,7 +295,7 @@ class Problem(Card, Stateful):
         return self.new_factor()
 
     def invalidate_tangent(self) -> None:
-        """Say that parameters did: the tangent and the factor that are there, `assembled` and `factored`, are of others."""
+        """Mark tangent and factorisation as out of date, after a change of parameters."""
         self.assembled = self.factored = False
 
     # Where the tangent is renewed, and what takes part.
@@ -359,7 +394,20 @@ class Problem(Card, Stateful):
 def check_contacts(
     mesh: ngs.Mesh, conditions: Mapping[str, Support], contacts: Sequence[Touch | Friction | GivenForce]
 ) -> None:
-    """Refuse walls that are held, walls that slide and meet a rigid body, and more than one given force."""
+    """Check contacts against supports and each other.
+
+    Parameters
+    ----------
+    mesh : ngsolve.Mesh
+    conditions : dict
+        Boundary pattern → support.
+    contacts : sequence
+
+    Raises
+    ------
+    InputError
+        For walls in contact that are constrained, sliding walls that meet a rigid body, and several prescribed forces.
+    """
     if not contacts:
         return
     rigid = [each for each in contacts if isinstance(each, RigidContact)]

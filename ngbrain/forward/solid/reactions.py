@@ -80,7 +80,20 @@ class Reactions(MixedDiscretisation):
         return self.unshared_forces(boundary) * self.reaction_shares(boundary)
 
     def unshared_forces(self, boundary: str, tissue: Array | None = None) -> Array:
-        """The same where no support shares a node with others; `tissue` are `tissue_forces`, where they are known."""
+        """As `nodal_forces`, where no support shares a node with others.
+
+        Parameters
+        ----------
+        boundary : str
+            Name or pattern.
+        tissue : array, optional
+            `tissue_forces`, where known.
+
+        Returns
+        -------
+        array
+            In newtons, one for each displacement unknown.
+        """
         forces = self.tissue_forces() if tissue is None else tissue
         for pattern, acting in self.acting:
             if not self._on(boundary, pattern):
@@ -112,7 +125,19 @@ class Reactions(MixedDiscretisation):
         return np.array([self.conjugate(_unit(i, self.mesh.dim), boundary) for i in range(self.mesh.dim)])
 
     def conjugate(self, motion: CoefficientFunction, boundary: str) -> float:
-        """Work (J) of the outer forces on a boundary for a motion (m) of it: the force that is conjugate to its amplitude."""
+        """Generalised force: work (J) of the external forces on a boundary for a unit of a motion.
+
+        Parameters
+        ----------
+        motion : CoefficientFunction
+            Motion of the boundary (m).
+        boundary : str
+            Name or pattern.
+
+        Returns
+        -------
+        float
+        """
         field = ngs.GridFunction(self.u.space)
         field.Set(motion, definedon=self.mesh.Boundaries(boundary), dual=True)
         return float(field.vec.FV().NumPy() @ self.nodal_forces(boundary))

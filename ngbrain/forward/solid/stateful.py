@@ -74,7 +74,15 @@ class Stateful(Reactions):
         return {name: value for term in self.terms for name, value in term.frozen.items()}
 
     def freeze(self, x: Array, energy: Mapping[str, Any]) -> None:
-        """Go back to unknowns x and what the energy (`frozen`) was made of there."""
+        """Restore unknowns and the coefficients of a step's energy.
+
+        Parameters
+        ----------
+        x : array (n,)
+            Unknowns.
+        energy : dict
+            As `frozen` gave it there.
+        """
         self.x = x
         for term in self.terms:
             term.frozen = energy

@@ -17,7 +17,24 @@ ROUGH = 0.4
 
 
 def factor(form: ngs.BilinearForm, free: ngs.BitArray) -> Solve:
-    """Factorisation of an assembled symmetric, quasi-definite matrix, which needs no pivoting."""
+    """Factorise an assembled symmetric, quasi-definite matrix, without pivoting.
+
+    Parameters
+    ----------
+    form : BilinearForm
+    free : BitArray
+        Free unknowns.
+
+    Returns
+    -------
+    callable
+        r ↦ M⁻¹ r, zero at constrained unknowns.
+
+    Raises
+    ------
+    Breakdown
+        If the factorisation fails.
+    """
     try:
         inverse = form.mat.Inverse(free, inverse="sparsecholesky")
     except Exception as error:  # NGSolve raises bare exceptions of several kinds here
@@ -34,17 +51,25 @@ def factor(form: ngs.BilinearForm, free: ngs.BitArray) -> Solve:
 
 
 class Tangent:
-    """The factorised tangent K of a form, made new as a whole or only in the part where it changes most.
+    """Factorised tangent K of a form, renewed as a whole or only in the part of the body where it changes most.
 
-    Elements far from a retractor are most of a head, and their tangent hardly changes. With the kept factor M₀ of the
-    whole and the factor M₁ of the current K on the unknowns inside the part, a solve is x = M₁⁻¹r, x += M₀⁻¹(r - K x),
-    x += M₁⁻¹(r - K x): a symmetric Schwarz method, exact where nothing outside the part has changed since and the whole
-    sees the part as it was; `refresh` measures what is left.
+    Elements far from a retractor are most of a head, and their tangent hardly changes. With the factor M₀ of the whole, of an
+    earlier state, and the factor M₁ of the current K on the unknowns inside the part, a solve is x = M₁⁻¹r, x += M₀⁻¹(r - K x),
+    x += M₁⁻¹(r - K x): a symmetric multiplicative Schwarz method. It is exact where nothing outside the part has changed since and
+    the whole has the part as it was; `refresh` measures the remaining error.
 
-    whole   form that is factorised; free: its free unknowns
-    part    form over the same space that integrates what changes, or None
-    inside  free unknowns that only the part's elements have
-    weights  diagonal of the inner product that measures solutions
+    Parameters
+    ----------
+    whole : BilinearForm
+        The form to be factorised.
+    free : BitArray
+        Its free unknowns.
+    weights : array (n,)
+        Diagonal of the inner product that measures solutions.
+    part : BilinearForm, optional
+        Form over the same space with the part that changes.
+    inside : BitArray, optional
+        Free unknowns that only the part's elements have.
     """
 
     def __init__(
@@ -71,7 +96,20 @@ class Tangent:
         return self._kept
 
     def refresh(self, at: ngs.BaseVector, r: np.ndarray | None = None) -> Solve | None:
-        """Factorise the part beside the whole as it was; None if there is no whole or what they give for r is too rough."""
+        """Factorise the part, beside the earlier factorisation of the whole.
+
+        Parameters
+        ----------
+        at : BaseVector
+            Current unknowns.
+        r : array (n,), optional
+            Residual with which the accuracy is tested.
+
+        Returns
+        -------
+        callable or None
+            None without a factorisation, or if the solution for r is too inaccurate.
+        """
         if self.part is None or self._kept is None:
             return None
         self.part.AssembleLinearization(at)

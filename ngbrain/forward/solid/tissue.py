@@ -29,12 +29,30 @@ Remembered = Callable[[Viscous, CoefficientFunction], CoefficientFunction]
 
 
 class TissueTerm(Term):
-    """Energy Σ_regions W(C̄; history) + U(J), or + p(J - 1) - p²/2K, over the elements.
+    """Tissue term of a problem: energy Σ_regions W(C̄; history) + U(J), or + p(J - 1) - p²/2K.
 
-    Tissue that goes through time keeps a `History`, whose quadrature points carry the energy, and evaluates stresses once a point;
-    an elastic body that only bears loads has a rule of order 2k (+ `bonus`) and lets NGSolve derive its forces.
+    Viscoelastic tissue has a `History`, at whose quadrature points the energy is integrated and stresses are evaluated once
+    each. An elastic body under loads alone has a rule of order 2k (+ `bonus`), and NGSolve derives its forces.
 
-    Attributes: `rules` (element shape → quadrature), `history` (None without), `points` (all quadrature points).
+    Parameters
+    ----------
+    layout : Layout
+    gfu : GridFunction
+        Current unknowns.
+    kinematics : SolidKinematics
+    materials : dict
+        Region pattern → `Material`.
+    element : ElementPair
+    through_time : bool
+        Whether there is a history.
+    bonus : int
+        Additional orders of quadrature.
+
+    Attributes
+    ----------
+    rules : element shape → quadrature
+    history : `History` or None
+    points : all quadrature points
     """
 
     def __init__(
@@ -94,7 +112,19 @@ class TissueTerm(Term):
         return found
 
     def density(self, material: Material, remembered: Remembered) -> Density:
-        """Energy density (Pa) in the present time step."""
+        """Energy density in the current time step.
+
+        Parameters
+        ----------
+        material : Material
+        remembered : callable
+            `History.energy`, or `History.work` for forces alone.
+
+        Returns
+        -------
+        callable
+            From a `Deformation` and p to Pa.
+        """
         law, history = material.viscous, self.history
         assert history is not None
 
@@ -193,9 +223,19 @@ class TissueTerm(Term):
 
 
 def history_order(mesh: ngs.Mesh, k: int) -> int:
-    """Half the order of the history's quadrature for displacements of order k.
+    """Half the order of the history's quadrature.
 
-    With a point less each way, quadrilaterals and hexahedra have motions without energy.
+    With one point fewer in each direction quadrilaterals and hexahedra have hourglass modes.
+
+    Parameters
+    ----------
+    mesh : ngsolve.Mesh
+    k : int
+        Order of the displacements.
+
+    Returns
+    -------
+    int
     """
     simplices = {each.type for each in mesh.Elements()} <= {ngs.TRIG, ngs.TET}
     return max(k - simplices, 1)

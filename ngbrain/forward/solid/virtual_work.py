@@ -32,13 +32,32 @@ Integrand: TypeAlias = "Callable[[FieldState], ngs.comp.SumOfIntegrals]"
 
 @dataclass(frozen=True)
 class WorkIntegral:
-    """An integral: its integrand and what it is over."""
+    """An integral: integrand and measure.
+
+    Parameters
+    ----------
+    coef : CoefficientFunction
+        Integrand.
+    over : DifferentialSymbol
+        Measure, dx or ds.
+    """
 
     coef: CoefficientFunction
     over: ngs.comp.DifferentialSymbol
 
     def derivative(self, variable: CoefficientFunction, direction: CoefficientFunction | None = None) -> WorkIntegral:
-        """Its derivative by a number or a field, along a direction."""
+        """Derivative with respect to a number or a field.
+
+        Parameters
+        ----------
+        variable : CoefficientFunction
+        direction : CoefficientFunction, optional
+            Direction, of a field.
+
+        Returns
+        -------
+        WorkIntegral
+        """
         slope = self.coef.Diff(variable) if direction is None else self.coef.Diff(variable, direction)
         return WorkIntegral(slope, self.over)
 
@@ -74,7 +93,18 @@ def terms(integrals: ngs.comp.SumOfIntegrals) -> Terms:
 def derivatives(
     parts: Iterable[WorkIntegral], variable: CoefficientFunction, direction: CoefficientFunction | None = None
 ) -> Terms:
-    """Derivatives of all parts, those that vanish left out."""
+    """Derivatives of several integrals, without those that vanish.
+
+    Parameters
+    ----------
+    parts : iterable of WorkIntegral
+    variable : CoefficientFunction
+    direction : CoefficientFunction, optional
+
+    Returns
+    -------
+    list of WorkIntegral
+    """
     return [slope for part in parts if not (slope := part.derivative(variable, direction)).vanishes]
 
 
@@ -83,11 +113,19 @@ LONE = Layout(pressure=False, offset=False, cavities=0)
 
 @dataclass(frozen=True)
 class FieldState(Place):
-    """A body's state where a functional looks at it, moved by numbers or not.
+    """State of a body in which functionals are evaluated, perturbed by numbers or not.
 
-    u, grad     displacement and its gradient; F is 3×3
-    p, offset, cavities  pressures, offset of contacts, cavities' pressures, where there are any
-    along       gradient along boundaries, `area` and `slope` give it out
+    Parameters
+    ----------
+    mesh, kinematics, factor, u, v, order
+        See `Place`.
+    grad : CoefficientFunction
+        Displacement gradient; F is 3×3.
+    along : CoefficientFunction
+        Tangential gradient on boundaries.
+    rest : sequence of CoefficientFunction
+        Pressure, contact offset and cavity pressures, as far as present.
+    layout : Layout
     """
 
     grad: CoefficientFunction = None
@@ -121,18 +159,44 @@ class FieldState(Place):
 
 
 class StateView:
-    """States of a `Problem` as functionals see them, moved by numbers."""
+    """States of a `Problem` for functionals, perturbed by numbers."""
 
     def __init__(self, body: Problem) -> None:
         self.body = body
 
     def functional(self, integrand: Integrand, state: Motion, *along: Motion) -> Terms:
-        """A functional of a state, ∫ q, and for each motion its derivative along it."""
+        """A functional ∫ q of a state, differentiated along motions.
+
+        Parameters
+        ----------
+        integrand : callable
+            From a `FieldState` to integrals.
+        state : Motion
+        *along : Motion
+            One derivative along each.
+
+        Returns
+        -------
+        list of WorkIntegral
+        """
         at, numbers = self.perturb_state(state, along)
         return differentiate(terms(integrand(at)), numbers)
 
     def perturb_state(self, state: Motion, motions: Sequence[Motion]) -> tuple[FieldState, list[ngs.Parameter]]:
-        """A state moved by numbers, all zero; and these. `v` is the first motion."""
+        """State perturbed by numbers times motions.
+
+        Parameters
+        ----------
+        state : Motion
+        motions : sequence of Motion
+            The first one is the test function `v`.
+
+        Returns
+        -------
+        state : FieldState
+        numbers : list of ngsolve.Parameter
+            All zero.
+        """
         body, numbers = self.body, [ngs.Parameter(0.0) for _ in motions]
         states = self.parts(state)
         moves = [self.parts(motion) for motion in motions]
@@ -167,6 +231,19 @@ class StateView:
 class VirtualWork(StateView):
     """Virtual work of a `Problem` with all its loads, or with some of them.
 
+    Parameters
+    ----------
+    body : Problem
+    loads, contacts : sequence, optional
+        Those that count; all by default.
+
+    Raises
+    ------
+    InputError
+        With friction, self-contact or inertia.
+
+    Examples
+    --------
     >>> import ngsolve as ngs
     >>> from ngbrain.forward.common.material import Material
     >>> from ngbrain.materials import NeoHooke
@@ -207,7 +284,19 @@ class VirtualWork(StateView):
 
 
 def acting(body: Problem, at: FieldState, loads: Sequence[Load], contacts: Sequence[Touch]) -> tuple[Terms, Terms]:
-    """Energies of some loads and contacts of a body, walls that close left out, and virtual work of those that have none."""
+    """Energies of loads and contacts of a body, and virtual work of loads without an energy; self-contact is left out.
+
+    Parameters
+    ----------
+    body : Problem
+    at : FieldState
+    loads, contacts : sequence
+        Those that count.
+
+    Returns
+    -------
+    energies, works : list of WorkIntegral
+    """
     energies, followers = list[WorkIntegral](), list[WorkIntegral]()
     weight, mine = at.kinematics.weight(), {id(load) for load in loads}
     for contact in contacts:
@@ -228,14 +317,35 @@ def acting(body: Problem, at: FieldState, loads: Sequence[Load], contacts: Seque
 
 
 def differentiate(parts: Terms, numbers: Sequence[ngs.Parameter]) -> Terms:
-    """Derivatives by numbers, one after the other."""
+    """Derivatives with respect to numbers, one after the other.
+
+    Parameters
+    ----------
+    parts : list of WorkIntegral
+    numbers : sequence of ngsolve.Parameter
+
+    Returns
+    -------
+    list of WorkIntegral
+    """
     for number in numbers:
         parts = derivatives(parts, number)
     return parts
 
 
 def vector(space: ngs.FESpace, parts: Terms) -> Callable[[], Array]:
-    """What assembles the linear form of terms with test functions of a space, as often as it is asked: (ndof,)."""
+    """Assembler of the linear form of integrals with test functions.
+
+    Parameters
+    ----------
+    space : FESpace
+    parts : list of WorkIntegral
+
+    Returns
+    -------
+    callable
+        Gives the vector (ndof,).
+    """
     form = ngs.LinearForm(space)
     for part in parts:
         form += part.integral
@@ -250,7 +360,18 @@ def vector(space: ngs.FESpace, parts: Terms) -> Callable[[], Array]:
 
 
 def slope(body: Problem, parts: Terms) -> Callable[[], Array]:
-    """The same for the derivative, at a body's state, of terms with its trial functions by these: (ndof,)."""
+    """Assembler of the derivative, at a body's state, of integrals with its trial functions.
+
+    Parameters
+    ----------
+    body : Problem
+    parts : list of WorkIntegral
+
+    Returns
+    -------
+    callable
+        Gives the vector (ndof,).
+    """
     form = ngs.BilinearForm(body.fes)
     for part in parts:
         form += ngs.Variation(part.integral)

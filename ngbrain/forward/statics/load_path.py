@@ -160,13 +160,41 @@ class LoadPath:
         return self.problem.weights
 
     def load(self, x: np.ndarray, t: float) -> np.ndarray:
-        """Unknowns x with what is prescribed at a load factor, and rigid bodies put where they are there."""
+        """Unknowns with what is prescribed at a load factor; moves rigid bodies.
+
+        Parameters
+        ----------
+        x : array (n,)
+            Unknowns.
+        t : float
+            Load factor.
+
+        Returns
+        -------
+        array (n,)
+        """
         return self.program.prescribe(x, t)
 
     def step(
         self, newton: Newton, x: np.ndarray, t: float, goal: float, guess: np.ndarray
     ) -> tuple[np.ndarray, NewtonRecord]:
-        """From equilibrium x at a load factor to the one at another."""
+        """Load step from one equilibrium to another.
+
+        Parameters
+        ----------
+        newton : Newton
+        x : array (n,)
+            Equilibrium at `t`.
+        t, goal : float
+            Load factors.
+        guess : array (n,)
+            Initial guess at `goal`.
+
+        Returns
+        -------
+        x : array (n,)
+        record : NewtonRecord
+        """
         start = State(t, x, self.problem.state(t).internal)
         made = advance(self.problem, start, goal - t, self.program, lambda: newton.solve(self.problem, guess))
         return made.state.x, made.record
@@ -174,7 +202,22 @@ class LoadPath:
     def follow(
         self, newton: Newton, steps: int = 1, callback: Callable[[float, np.ndarray], None] | None = None
     ) -> tuple[np.ndarray, PathRecord]:
-        """From rest to load factor 1 as far as it goes; `newton` keeps the last factor, and nothing is raised."""
+        """Follow the path from rest towards load factor 1; does not raise.
+
+        Parameters
+        ----------
+        newton : Newton
+            It keeps the last factorisation.
+        steps : int
+            Load steps to try first.
+        callback : callable, optional
+            Called with load factor and unknowns after every step.
+
+        Returns
+        -------
+        x : array (n,)
+        record : PathRecord
+        """
         self.problem.rest()
         newton.inverse, newton.largest = None, 0.0
         return continuation.follow(self, newton, np.zeros(len(self.problem.weights)), steps, callback)

@@ -51,7 +51,7 @@ def softest(body: Problem) -> tuple[float, ngs.GridFunction]:
 
 
 def compressed_fraction(body: Problem) -> float:
-    """Share of a body's volume whose smallest principal stretch is below `CREASE`."""
+    """Volume fraction of a body whose smallest principal stretch is below `CREASE`."""
     F = body.kinematics.gradient(body.u, ngs.Grad(body.u))
     least = principal_values(right_cauchy_green(F))[2]
     return _share(least, body, order=4)

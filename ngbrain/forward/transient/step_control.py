@@ -1,4 +1,4 @@
-"""How long time steps are: chosen beforehand from the motion, or by the error that they make."""
+"""Time-step control: steps chosen beforehand from the motion, or by an estimate of their error."""
 
 from __future__ import annotations
 
@@ -24,10 +24,23 @@ OVER = 2.0
 
 @dataclass
 class StepperProgress:
-    """Where a run stands; what a checkpoint has to hold besides the body's own arrays.
+    """Progress of a run: what a checkpoint holds besides the problem's own arrays.
 
-    factor     by which the next step may be longer than the last one, where steps are chosen by their error
-    largest    overstress (Pa, rms over quadrature points) of the steps so far
+    Parameters
+    ----------
+    t, dt : float
+        Time and last step length (s).
+    event : int
+        Index of the next event.
+    touching, rested, cut : bool
+        Whether rigid bodies touch, an event was just reached, and the last step was shortened.
+    steps, rejected, newton : int
+        Accepted and rejected steps, Newton iterations.
+    factor : float
+        Growth allowed for the next step, where steps are chosen by their error.
+    largest : float
+        Largest overstress so far (Pa, rms over quadrature points).
+    work : SolverWork
     """
 
     t: float = 0.0
@@ -45,7 +58,7 @@ class StepperProgress:
 
 
 class Control(Protocol):
-    """What chooses the steps of a `TimeStepper`."""
+    """Time-step controller of a `TimeStepper`."""
 
     @property
     def touch(self) -> float:
@@ -56,10 +69,36 @@ class Control(Protocol):
         """Step (s) below which the run gives up."""
 
     def propose_step(self, at: StepperProgress, travel: Callable[[float], float]) -> float:
-        """The next step (s); `travel` says how far (m) bodies come nearer in a time from now."""
+        """Length of the next step.
+
+        Parameters
+        ----------
+        at : StepperProgress
+        travel : callable
+            Time ahead (s) → travel of the rigid bodies (m).
+
+        Returns
+        -------
+        float
+            In seconds.
+        """
 
     def check_step(self, problem: Problem, before: np.ndarray, at: StepperProgress) -> str:
-        """What is wrong with the step from a state to the body's; a note of its error is left in `at`."""
+        """Check a completed step; an estimate of its error is stored in `at`.
+
+        Parameters
+        ----------
+        problem : Problem
+            At the end of the step.
+        before : array (n,)
+            Unknowns at its start.
+        at : StepperProgress
+
+        Returns
+        -------
+        str
+            Why the step is rejected; empty if it is accepted.
+        """
 
     def halve(self) -> Control:
         """Steps of about half the length, for measuring what the step length costs in accuracy."""
@@ -67,15 +106,24 @@ class Control(Protocol):
 
 @dataclass(frozen=True)
 class StepControl:
-    """Time steps, chosen beforehand from the motion; one that fails is cut.
+    """Steps chosen beforehand from the motion; a step that fails is shortened.
 
-    contact_dt   longest step (s) while a body moves in touch with the tissue
-    first        first step after touch, as a fraction of contact_dt; grows from there by `touch_growth` a step
-    restart      first step when a body that rested in touch moves again, as a fraction of contact_dt
-    release_growth   the same while a body in touch withdraws
-    growth       factor from step to step while nothing is pushed (holds, rests)
-    dt_max       longest step (s) there
-    smallest     fraction of contact_dt below which the run gives up
+    Parameters
+    ----------
+    contact_dt : float
+        Longest step (s) while a body moves in contact.
+    first : float
+        First step after touch, as a fraction of contact_dt; it grows from there by `touch_growth` a step.
+    restart : float
+        First step when a body at rest in contact moves again, as a fraction of contact_dt.
+    touch_growth, release_growth : float
+        Growth per step while a body in contact advances, and while it withdraws.
+    growth : float
+        Growth per step while nothing is pushed (holds, rests).
+    dt_max : float
+        Longest step (s) there.
+    smallest : float
+        Fraction of contact_dt below which the run gives up.
     """
 
     contact_dt: float
@@ -98,7 +146,19 @@ class StepControl:
         return self.contact_dt * self.smallest
 
     def propose_step(self, at: StepperProgress, travel: Callable[[float], float]) -> float:
-        """Touch gently, push evenly, rest with growing steps."""
+        """Short steps after touch, even ones while pushing, growing ones at rest.
+
+        Parameters
+        ----------
+        at : StepperProgress
+        travel : callable
+            Time ahead (s) → travel (m).
+
+        Returns
+        -------
+        float
+            In seconds.
+        """
         moved = travel(self.contact_dt)
         if at.touching and moved:
             start = self.contact_dt * self.restart
@@ -109,7 +169,18 @@ class StepControl:
         return start if at.rested else min(at.dt * (1.0 if at.cut else growth), longest)
 
     def check_step(self, problem: Problem, before: np.ndarray, at: StepperProgress) -> str:
-        """Nothing: these steps do not look at their error."""
+        """Always accepted: these steps have no error estimate.
+
+        Parameters
+        ----------
+        problem : Problem
+        before : array (n,)
+        at : StepperProgress
+
+        Returns
+        -------
+        str
+        """
         return ""
 
     def halve(self) -> StepControl:
@@ -119,25 +190,38 @@ class StepControl:
 
 @dataclass(frozen=True)
 class ErrorControl:
-    """Time steps as long as their error allows, from milliseconds to as long as a hold.
+    """Steps as long as their estimated error allows, from milliseconds to the length of a hold.
 
-    tolerance   of a step's error: rms over quadrature points of the difference of its overstress from that of two half steps along
-                the same straight path, over the largest rms of the overstress so far; with `Inertia` also of the largest
-                displacement's error, over its `amplitude`
-    touch       first step (s) after touch, and after each event
-    longest     step (s)
-    shortest    step (s) below which the run gives up
-    pushing     longest step (s) while a body moves in touch with the tissue,
-    way         and furthest (m) that it goes in one; half of both while it withdraws, as the work of the step in which it
-                leaves is wrong by what it loses there
+    The internal variables are integrated with second order, so a step's error grows with the third power of its length: the next
+    step is 0.9 (tolerance/error)^⅓ times as long. Curvature of the path is not estimated; after first touch steps grow from
+    `touch` again.
 
-    The history is of second order, so a step's error grows with its third power: the next is 0.9 (tolerance/error)^⅓ times as
-    long. That the path is not straight is not seen; after first touch steps grow from `touch` again. Raises `InputError` unless
-    0 < tolerance < 1 and 0 < shortest ≤ touch ≤ longest and pushing.
+    Parameters
+    ----------
+    tolerance : float
+        Relative error of a step: rms over quadrature points of the difference of its overstress from that of two half steps
+        along the same straight path, over the largest rms overstress so far; with `Inertia` also the largest displacement error
+        over its `amplitude`.
+    touch : float
+        First step (s) after touch, and after each event.
+    longest, shortest : float
+        Longest step (s), and the one below which the run gives up.
+    pushing, way : float
+        Longest step (s) and largest travel (m) in a step while a body moves in contact; half of both on withdrawal, as the work
+        of the step in which it loses contact is inaccurate.
 
-    Source: Hairer, Nørsett, Wanner 1993, 10.1007/978-3-540-78862-1, II.4 (error per step, factors).
+    Raises
+    ------
+    InputError
+        Unless 0 < tolerance < 1 and 0 < shortest ≤ touch ≤ longest and pushing.
 
-    >>> ErrorControl(1e-3, touch=0.05).halved().tolerance
+    References
+    ----------
+    Hairer, Nørsett, Wanner 1993, 10.1007/978-3-540-78862-1, II.4 (error per step, factors).
+
+    Examples
+    --------
+    >>> ErrorControl(1e-3, touch=0.05).halve().tolerance
     0.000125
     """
 
@@ -158,7 +242,19 @@ class ErrorControl:
             raise InputError("ErrorControl.way", self.way, "a way > 0 (m)")
 
     def propose_step(self, at: StepperProgress, travel: Callable[[float], float]) -> float:
-        """`touch` after an event, else by the error of the last step; no further than `way`."""
+        """`touch` after an event, else by the error of the last step; at most `way` in travel.
+
+        Parameters
+        ----------
+        at : StepperProgress
+        travel : callable
+            Time ahead (s) → travel (m).
+
+        Returns
+        -------
+        float
+            In seconds.
+        """
         moved = travel(self.touch) if at.touching else 0.0
         longest = self.longest
         if moved:
@@ -166,7 +262,18 @@ class ErrorControl:
         return min(self.touch if at.rested else at.dt * (1.0 if at.cut else at.factor), longest)
 
     def check_step(self, problem: Problem, before: np.ndarray, at: StepperProgress) -> str:
-        """Whether the error is over `OVER` times the tolerance."""
+        """Rejected if the error exceeds `OVER` times the tolerance.
+
+        Parameters
+        ----------
+        problem : Problem
+        before : array (n,)
+        at : StepperProgress
+
+        Returns
+        -------
+        str
+        """
         change, overstress = problem.halving(before)
         largest = max(at.largest, overstress)
         error = max(change / largest if largest else 0.0, problem.path_error())
@@ -207,11 +314,32 @@ class GivenSteps:
         return self.touch / 64
 
     def propose_step(self, at: StepperProgress, travel: Callable[[float], float]) -> float:
-        """To the next time, which is an event of the load history's."""
+        """To the next time, which is an event of the load history.
+
+        Parameters
+        ----------
+        at : StepperProgress
+        travel : callable
+
+        Returns
+        -------
+        float
+        """
         return np.inf
 
     def check_step(self, problem: Problem, before: np.ndarray, at: StepperProgress) -> str:
-        """Nothing: these steps do not look at their error."""
+        """Always accepted: these steps have no error estimate.
+
+        Parameters
+        ----------
+        problem : Problem
+        before : array (n,)
+        at : StepperProgress
+
+        Returns
+        -------
+        str
+        """
         return ""
 
     def halve(self) -> GivenSteps:

@@ -36,17 +36,29 @@ Watch = Callable[[Problem, StepperProgress, NewtonRecord], None]
 
 
 class TimeStepper:
-    """A `Problem` through time: quasi-static or with inertia, under a `Motion` of rigid bodies, a `LoadHistory`, or both.
+    """Adaptive time stepping of a `Problem`: quasi-static or with inertia, under a `Motion`, a `LoadHistory`, or both.
 
-    problem             what moves
-    motion              of rigid bodies, of which contacts are made; None: nothing moves
-    control             how long steps are
-    penetration_limit   a step that ends with tissue further (m) inside a rigid body is rejected
-    newton              settings
-    loads               of boundary conditions and loads; None: at load factor 1 from the start
+    `run` raises `ConvergenceError`, `InvertedElementError` or `ContactError` when steps get too short; the problem is then at
+    the end of the last accepted step.
 
-    `run` raises `ConvergenceError`, `InvertedElementError` or `ContactError` when steps get too short; the problem then
-    stands at the end of the last accepted step. `InputError` for a body that nothing holds.
+    Parameters
+    ----------
+    problem : Problem
+    motion : Motion, optional
+        Of the rigid bodies in its contacts; None: they are at rest.
+    control : Control
+        Time-step controller.
+    penetration_limit : float
+        Steps that end with a deeper penetration (m) are rejected.
+    newton : Newton, optional
+        Settings.
+    loads : LoadHistory, optional
+        Of boundary conditions and loads; None: load factor 1 from the start.
+
+    Raises
+    ------
+    InputError
+        For a body with a free rigid motion, neither motion nor loads, or a `GivenForce` in only one of motion and contacts.
     """
 
     def __init__(
@@ -82,14 +94,22 @@ class TimeStepper:
             problem.tool.hold_at(x[-1])
 
     def run(self, observe: Watch, until: float = float("inf")) -> None:
-        """Step to the last event (or to `until`, s), calling `observe` after every accepted step."""
+        """Step to the last event.
+
+        Parameters
+        ----------
+        observe : callable
+            Called with problem, progress and Newton's record after every accepted step.
+        until : float
+            Earlier end (s).
+        """
         end = min(until, self.events[-1])
         while self.progress.t < end:
             record = self.step()
             observe(self.problem, self.progress, record)
 
     def step(self) -> NewtonRecord:
-        """One accepted step, cut as often as needed."""
+        """One accepted step, shortened as often as needed."""
         at = self.progress
         start, dt = self.problem.state(at.t), self._propose()
         at.cut, tries = False, 0
@@ -249,7 +269,17 @@ class TimeStepper:
         return self.problem.min_det(x)
 
     def factorise(self, x: np.ndarray, r: np.ndarray) -> Solve:
-        """The body's factorisation; where it was made is kept so that a restart makes the same one."""
+        """The problem's factorisation; its state is recorded so that a restart reproduces it.
+
+        Parameters
+        ----------
+        x, r : array (n,)
+            Unknowns and residual.
+
+        Returns
+        -------
+        callable
+        """
         solve = self.problem.factorise(x, r)
         self._factored = [*(self._factored[:1] if self.problem.partial else []), self._here(x)]
         self._wholes += not self.problem.partial
@@ -309,12 +339,37 @@ def run_load_history(
     newton: Newton | None = None,
     motion: Motion | None = None,
 ) -> list[Any]:
-    """From rest at times[0] through the times (s) with the load factor at each; what `observe` gives after every one.
+    """Run a problem through given times with given load factors.
 
-    `motion` says where what moves of its own is at every time.
+    The steps are between the times, of second order; a step that fails is shortened.
 
-    Steps are the caller's, and second order; one that fails is cut. Raises `InputError` and `ConvergenceError` as `TimeStepper`.
+    Parameters
+    ----------
+    problem : Problem
+        At rest at times[0].
+    times : array (n,)
+        Increasing times (s).
+    factors : array (n,)
+        Load factor at each.
+    observe : callable
+        Called with the time after each of them.
+    newton : Newton, optional
+        Settings.
+    motion : Motion, optional
+        Of rigid bodies.
 
+    Returns
+    -------
+    list
+        What `observe` gave.
+
+    Raises
+    ------
+    InputError, ConvergenceError
+        As `TimeStepper`.
+
+    Examples
+    --------
     >>> from ngbrain.forward.common.material import Material
     >>> from ngbrain.materials import NeoHooke, Prony
     >>> from ngbrain.mesh import block
