@@ -17,7 +17,8 @@ from scipy.sparse import csr_array
 from scipy.spatial import KDTree
 
 from ngbrain.errors import InputError
-from ngbrain.inverse.data.smoothing import SmoothField, fit_smooth_field
+from ngbrain.inverse.data.smooth_field import SmoothField
+from ngbrain.inverse.data.smoothing import fit_smooth_field
 from ngbrain.io.waves.data import WaveData
 from ngbrain.io.waves.grid import Grid
 

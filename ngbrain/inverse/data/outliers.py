@@ -9,7 +9,8 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from ngbrain.errors import InputError
-from ngbrain.inverse.data.smoothing import fit_splines, moving_least_squares, supports_splines
+from ngbrain.inverse.data.moving_least_squares import moving_least_squares
+from ngbrain.inverse.data.smoothing import fit_splines, supports_splines
 from ngbrain.io.waves import WaveData
 
 FAR = 5.0
@@ -85,7 +86,7 @@ def remove_outliers(data: WaveData, far: float = FAR) -> WaveData:
         supports_splines(data) and number < least
     ):  # what varies faster than the smallest spline would count as an outlier
         raise InputError(
-            "mask", f"true at {number} measured points", f"at least {np.ceil(least):.0f} to tell gross errors by"
+            "mask", f"true at {number} measured points", f"at least {np.ceil(least):.0f} to detect gross errors"
         )
     out = none
     for near in (0.0, NEAR):  # suspects, then the outliers among them

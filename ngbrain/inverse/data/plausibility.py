@@ -65,7 +65,9 @@ def wavelength_notes(data: WaveData, shear: float) -> list[str]:
     if not SOFT <= shear <= STIFF:
         notes.append(f"{means}, which few tissues have: is the frequency in Hz, are the points in m?")
     if (along := _length(data, shear) / data.point_spacing) < FEW:
-        notes.append(f"{means}, and {along:.1f} distances between points: what is shorter cannot be told from it")
+        notes.append(
+            f"{means}, and {along:.1f} distances between points: shorter waves cannot be distinguished from it"
+        )
     return notes
 
 

@@ -206,7 +206,7 @@ def octahedral_shear_strain(data: WaveData, relative: RelativeNoise) -> Octahedr
     try:
         gradient = fit_smooth_field(data).gradient()
     except NgbrainError as error:
-        return OctahedralShearStrain(oss, snr, f"{NO_STRAIN}, as no smooth field can be laid through the data: {error}")
+        return OctahedralShearStrain(oss, snr, f"{NO_STRAIN}, as no smooth field fits the data: {error}")
     noise = gradient_noise(noise_deviation(data, relative), _spacing(data))
     volume, turn = list[np.ndarray](), list[np.ndarray]()
     for load in loads:
@@ -354,10 +354,10 @@ def noise_level(data: WaveData, given: float | None) -> tuple[RelativeNoise, str
             warnings.simplefilter("ignore")
             found = fit_smooth_field(data).noise
     except NgbrainError:
-        return 0.01, "noise is taken as 1 %: it was not given, and no smooth field could be laid through the data"
+        return 0.01, "noise is taken as 1 %: it was not given, and no smooth field fits the data"
     measured = np.isfinite(found) & (data.rms[:, 0] > 0)
     noise = float(np.median(found[measured] / data.rms[:, 0][measured]))
     return (
         noise,
-        f"noise was not given: a smooth field through the data leaves {100 * noise:.3g} %, then the misfit tells",
+        f"noise was not given: a smooth field through the data leaves {100 * noise:.3g} %, then the misfit decides",
     )

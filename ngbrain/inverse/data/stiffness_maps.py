@@ -124,7 +124,7 @@ def read_stiffness(
     stiffness, damping_ratio : path
         NIfTI or MGH, also each in a ZIP archive of its own; 0 or NaN where nothing was measured.
     unit : str, optional
-        Of the stiffness, Pa or kPa. Left out, it is told by the values' size, and the note says so.
+        Of the stiffness, Pa or kPa. By default it follows from the size of the values, and the note says so.
 
     Returns
     -------

@@ -281,7 +281,7 @@ def _of_slices(axis: int, number: int, through: float | None) -> str:
         "one as anti-plane shear, which takes tissue and waves as the same through them"
     )
     if through is None:
-        return f"{words}; three slices or more would tell how far that is so"
+        return f"{words}; three slices or more would show how far that is so"
     share = f"the second derivative through the slices is {100 * through:.2g} % of the Laplacian"
     return f"{words}; {share}, by which moduli are too large"
 

@@ -20,7 +20,9 @@ from ngbrain.forward.harmonic.problem import HarmonicProblem, LawOfFrequency
 from ngbrain.forward.harmonic.stiffness import definite, elastic
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, WaveModel
-from ngbrain.inverse.data.smoothing import SmoothField, fit_splines, moving_least_squares
+from ngbrain.inverse.data.moving_least_squares import moving_least_squares
+from ngbrain.inverse.data.smooth_field import SmoothField
+from ngbrain.inverse.data.smoothing import fit_splines
 from ngbrain.inverse.objective.parameters import ParameterFields, ScaledTransform, Transform, Unknown
 from ngbrain.inverse.problem.discretisation import Discretisation, has_unknown_scale, measures_all_components
 from ngbrain.inverse.problem.properties import (

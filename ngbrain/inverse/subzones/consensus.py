@@ -150,7 +150,7 @@ class SharedWeights(WeightPolicy):
             (unknowns,) where.
         level : MisfitLevel
             Misfit and its expected value.
-        factor : EffectiveParameterCounter
+        counter : EffectiveParameterCounter
             The factorised Hessian.
         random : numpy.random.Generator
             For stochastic traces.

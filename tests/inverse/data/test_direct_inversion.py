@@ -15,7 +15,8 @@ from ngbrain.inverse.data.direct_inversion import (
     navier,
     uniform_modulus,
 )
-from ngbrain.inverse.data.smoothing import fit_splines, moving_least_squares
+from ngbrain.inverse.data.moving_least_squares import moving_least_squares
+from ngbrain.inverse.data.smoothing import fit_splines
 
 G = 2000 + 800j
 LARGE = 40 * G  # λ + 2G of a wave that is 6 times as long

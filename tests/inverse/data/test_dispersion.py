@@ -61,5 +61,5 @@ def test_gross_errors_hide_nothing():
 def test_an_exponent_is_found():
     found = invert(waves(1.2, 0.01), noise=0.01, uniform=False, regulariser="smooth", max_iterations=12)
     assert found.checks["exponent"] == pytest.approx(1.2, abs=0.1)
-    assert any("an exponent of frequency is looked for" in note for note in found.warnings)
+    assert any("an exponent of frequency is an unknown" in note for note in found.warnings)
     assert np.median(found.maps["storage"]) == pytest.approx(SHEAR.real, rel=0.05)

@@ -6,13 +6,8 @@ from planewaves import grid, relative, shear_waves, wave_number, waves
 from regridded import rotation
 
 from ngbrain.errors import InputError
-from ngbrain.inverse.data.smoothing import (
-    LeastSquaresField,
-    SplineField,
-    fit_smooth_field,
-    fit_splines,
-    moving_least_squares,
-)
+from ngbrain.inverse.data.moving_least_squares import LeastSquaresField, moving_least_squares
+from ngbrain.inverse.data.smoothing import SplineField, fit_smooth_field, fit_splines
 
 G = 2000 + 800j
 
