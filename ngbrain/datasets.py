@@ -22,7 +22,8 @@ from types import MappingProxyType
 from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError, nearest
 from ngbrain.image.read.nifti import write_nifti
-from ngbrain.image.read.volume import Scan, mni152, read_scan
+from ngbrain.image.read.template import mni152
+from ngbrain.image.read.volume import Scan, read_scan
 from ngbrain.io.waves import WaveData, read_waves
 
 __all__ = ["DATASETS", "Dataset", "load_head", "load_waves", "write"]

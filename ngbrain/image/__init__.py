@@ -10,6 +10,7 @@
 
 from ngbrain.image.preprocess.brain import find_brain
 from ngbrain.image.preprocess.check_brain import check_extracted
-from ngbrain.image.read.volume import Scan, Volume, border_value, mni152, read_scan, resample_to_ras
+from ngbrain.image.read.template import mni152
+from ngbrain.image.read.volume import Scan, Volume, border_value, read_scan, resample_to_ras
 
 __all__ = ["Scan", "Volume", "border_value", "check_extracted", "find_brain", "mni152", "read_scan", "resample_to_ras"]

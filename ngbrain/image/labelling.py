@@ -14,7 +14,8 @@ from ngbrain.errors import InputError, file_context
 from ngbrain.image.preprocess import bias_field, brain, check_brain, contrast, mni_landmarks, registration, skull_strip
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.read.label_schemes import TISSUES
-from ngbrain.image.read.volume import Scan, Volume, mni152
+from ngbrain.image.read.template import mni152
+from ngbrain.image.read.volume import Scan, Volume
 from ngbrain.image.segment import tissue_classes, topology, ventricles
 from ngbrain.image.segment.partial_volume import correct_partial_volume
 from ngbrain.image.structures import atlas, midsurface
@@ -134,7 +135,7 @@ def template_affine(scan: Scan) -> np.ndarray:
 def label_structures(scan: Scan) -> Structures:
     """Segment the tissues and structures of a scan (`label_tissues`, then `segment_structures`); raises what they raise.
 
-    >>> from ngbrain.image.read.volume import mni152
+    >>> from ngbrain.image.read.template import mni152
     >>> label_structures(mni152()).labels.regions[:4]
     ('csf', 'ventricles', 'grey_left', 'grey_right')
     """

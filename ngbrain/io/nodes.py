@@ -75,7 +75,7 @@ class QuadraticGrid:
         self.mesh = mesh
         self.arrays = mesh_arrays(mesh)
         if not np.array_equal(topology, _topology(build_mesh(self.arrays))):
-            wanted = "one whose numbering survives a file: mesh = mesh_of(mesh_arrays(mesh)) before any space"
+            wanted = "one whose numbering survives a file: mesh = build_mesh(mesh_arrays(mesh)) before any space"
             raise InputError("mesh", "refined or renumbered", wanted)
         self.region_names: tuple[str, ...] = tuple(mesh.GetMaterials())
         self.region: npt.NDArray[np.int32] = np.array([el.index for el in elements], dtype=np.int32)

@@ -11,7 +11,8 @@ from scipy import ndimage
 
 from ngbrain.image.preprocess import mni_landmarks
 from ngbrain.image.preprocess.registration import downsample
-from ngbrain.image.read.volume import Volume, mni152, template_map
+from ngbrain.image.read.template import mni152, template_map
+from ngbrain.image.read.volume import Volume
 
 TISSUES = ("fluid", "grey", "white")
 _T1 = (0, 1, 2)

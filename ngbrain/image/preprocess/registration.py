@@ -95,7 +95,7 @@ def align(head: Volume, template: Volume, start: np.ndarray | None = None, far: 
 
     Examples
     --------
-    >>> from ngbrain.image.read.volume import mni152
+    >>> from ngbrain.image.read.template import mni152
     >>> template = mni152().volume
     >>> np.abs(align(template, template).affine[:3, 3]).max() < 1e-3
     np.True_

@@ -9,7 +9,8 @@ from ngbrain.errors import InputError, file_context, require
 from ngbrain.image.preprocess.bias_field import correct_bias_field
 from ngbrain.image.preprocess.contrast import TISSUES, measure_contrast
 from ngbrain.image.preprocess.registration import ALIKE, Alignment, align, downsample
-from ngbrain.image.read.volume import Scan, Volume, mni152
+from ngbrain.image.read.template import mni152
+from ngbrain.image.read.volume import Scan, Volume
 
 _WANTED = "a T1 of a whole head or brain"
 _T1 = "a T1, in which white matter is brightest"

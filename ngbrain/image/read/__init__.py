@@ -8,6 +8,7 @@
 - `landmarks`: Named points of a head.
 - `nifti`: Write NIfTI files, and resample label maps.
 - `property_maps`: Maps of a measured quantity, such as shear stiffness.
+- `template`: The MNI152 template.
 - `volume`: Volumes on a voxel grid, and T1 scans.
 """
 
@@ -20,5 +21,6 @@ __all__ = [
     "landmarks",
     "nifti",
     "property_maps",
+    "template",
     "volume",
 ]

@@ -11,7 +11,8 @@ from ngbrain.errors import InputError
 from ngbrain.image.preprocess.registration import ALIKE, align
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.read.nifti import resample_labels
-from ngbrain.image.read.volume import Volume, mni152
+from ngbrain.image.read.template import mni152
+from ngbrain.image.read.volume import Volume
 from ngbrain.image.segment.ventricles import find_ventricles, ventricle_distance
 
 FLUID, VENTRICLES, GREY, WHITE = "csf", "ventricles", "grey", "white"

@@ -51,7 +51,7 @@ def propagate_labels(labels: LabelMap, template: Volume, brain: Volume, method: 
 
     Examples
     --------
-    >>> from ngbrain.image.read.volume import mni152
+    >>> from ngbrain.image.read.template import mni152
     >>> scan = mni152().volume
     >>> halves = LabelMap(Volume((scan.data > 0) * (1 + (np.indices(scan.data.shape)[0] > 98)), scan.affine), {1: "l", 2: "r"})
     >>> moved = propagate_labels(halves, scan, scan, "affine")

@@ -15,7 +15,8 @@ from ngbrain.errors import InputError, require
 from ngbrain.image.preprocess import mni_landmarks
 from ngbrain.image.preprocess.registration import ALIKE, INSIDE, Alignment, align, correlation_inside
 from ngbrain.image.read.label_map import LabelMap
-from ngbrain.image.read.volume import Volume, mni152
+from ngbrain.image.read.template import mni152
+from ngbrain.image.read.volume import Volume
 from ngbrain.image.segment.nuclei import segment_nuclei
 from ngbrain.image.segment.tissue_classes import CSF, GREY, VENTRICLE, WHITE
 from ngbrain.image.structures.midsurface import MidSurface

@@ -103,7 +103,7 @@ class StiffnessMap:
         ----------
         affine : numpy.ndarray
             (4, 4), takes points (m) of the maps' space to points of the head: for a T1,
-            `ngbrain.image.labelling.template_place`.
+            `ngbrain.image.labelling.template_affine`.
 
         Returns
         -------

@@ -254,14 +254,14 @@ class WaveData(Card):
         """Size, frequencies and material in words."""
         where = "plane" if self.dim == 2 else "space"
         hertz = ", ".join(f"{f:g}" for f in np.unique(self.frequency))
-        told = {
+        words = {
             "points": f"{len(self.points)} points in {'the ' if self.dim == 2 else ''}{where}",
             "loads": f"{self.loads} load{'s' if self.loads > 1 else ''}",
             "frequency": f"{hertz} Hz",
             "amplitude": f"{1e6 * float(np.max(self.rms)):.3g} µm rms",
             "material": f"{self.symmetry}, {self.rheology}",
         }
-        return told | ({"tissue": self.tissue} if self.tissue else {})
+        return words | ({"tissue": self.tissue} if self.tissue else {})
 
     def plot(self) -> Any:
         """Amplitude of the first load (µm); in space that of the middle layer."""

@@ -7,7 +7,8 @@ from scipy import ndimage
 
 from ngbrain.image.preprocess import registration as module
 from ngbrain.image.preprocess.registration import align, downsample, normalise_locally
-from ngbrain.image.read.volume import Volume, mni152
+from ngbrain.image.read.template import mni152
+from ngbrain.image.read.volume import Volume
 
 
 @pytest.fixture

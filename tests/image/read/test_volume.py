@@ -12,7 +12,7 @@ from scipy import ndimage
 
 from ngbrain.errors import InputError
 from ngbrain.image import Volume, border_value, mni152, read_scan, resample_to_ras
-from ngbrain.image.read.volume import template_map
+from ngbrain.image.read.template import template_map
 
 MM = np.diag([1e3, 1e3, 1e3, 1])
 BOX = (slice(22, 175), slice(23, 212), slice(0, 159))  # the brain and 4 mm around it; none below the brain stem

@@ -8,7 +8,8 @@ from regridded import rotation
 from ngbrain.image.preprocess.contrast import tissue_maps
 from ngbrain.image.preprocess.mni_landmarks import ventricle
 from ngbrain.image.read.label_map import LabelMap
-from ngbrain.image.read.volume import Volume, mni152
+from ngbrain.image.read.template import mni152
+from ngbrain.image.read.volume import Volume
 from ngbrain.image.segment.fluid import label_sulcal_fluid, label_ventricles
 
 
