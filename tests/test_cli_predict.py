@@ -17,7 +17,7 @@ from ngbrain.surrogate.prediction.pretrained import Operator
 
 @pytest.fixture(autouse=True)
 def unweighted(monkeypatch):
-    monkeypatch.setattr(Operator, "shipped", staticmethod(algebraic))
+    monkeypatch.setattr(Operator, "load_default", staticmethod(algebraic))
     monkeypatch.setattr("ngbrain.cli.predict.runtime_version", lambda: "none")
 
 

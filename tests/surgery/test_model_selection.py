@@ -59,8 +59,12 @@ def test_elements_get_smaller_down_to_the_scenes_own() -> None:
 def test_models_leave_out_what_they_say() -> None:
     scene = asked(PEAK)
     operation = Operation(replace(scene, tools=(replace(scene.tool, friction=0.2),)))
-    whole = operation.made({"mesh": "0", "tissue": "each", "stiffening": "all", "time": "flowing", "friction": "all"})
-    poor = operation.made({"mesh": "0", "tissue": "one", "stiffening": "none", "time": "relaxed", "friction": "none"})
+    whole = operation.build_model(
+        {"mesh": "0", "tissue": "each", "stiffening": "all", "time": "flowing", "friction": "all"}
+    )
+    poor = operation.build_model(
+        {"mesh": "0", "tissue": "one", "stiffening": "none", "time": "relaxed", "friction": "none"}
+    )
     assert whole.scene.tissues == scene.tissues and whole.scene.tool.friction == 0.2
     assert poor.scene.tool.friction == 0.0
     white = next(tissue for tissue in scene.tissues if tissue.region == "white")

@@ -158,7 +158,7 @@ def test_a_map_in_the_template_goes_where_the_template_lies_in_the_head(tmp_path
     write_nifti(tmp_path / "map.nii.gz", stiffening())
     place = np.diag([0.9, 1.1, 1.0, 1.0])
     place[:3, 3] = 0.01, 0.02, 0.03
-    monkeypatch.setattr("ngbrain.surgery.head_models.template_place", lambda scan: place)
+    monkeypatch.setattr("ngbrain.surgery.head_models.template_affine", lambda scan: place)
     told = {"kind": "scan", "image": "t1.nii", "stiffness_map": str(tmp_path / "map.nii.gz")}
     moved, still = (_stiffness(Geometry(**told, stiffness_map_space=space), None) for space in ("mni152", "head"))
     point = np.array([[5e-3, 4e-3, 3e-3]])

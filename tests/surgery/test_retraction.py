@@ -46,7 +46,7 @@ def staged_run(monkeypatch):
     model = Namespace(
         scene=scene, head=Namespace(pictures=dict), program=lambda *_: None, run=lambda _: None, stiffness_map=dict
     )
-    monkeypatch.setattr(retraction.Model, "of", lambda scene: model)
+    monkeypatch.setattr(retraction.RetractionModel, "from_scene", lambda scene: model)
     monkeypatch.setattr(retraction, "check_moduli", lambda model: ["stiff"])
     monkeypatch.setattr(retraction, "check_corridor", lambda model: [])
     monkeypatch.setattr(retraction, "_tasks", lambda *args: args[-1])

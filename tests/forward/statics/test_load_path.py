@@ -280,7 +280,7 @@ def test_a_reused_factor_leads_to_the_same_state(monkeypatch):
         found.append(reused(*arguments))
         return found[-1]
 
-    monkeypatch.setattr(linear, "reused", spy)
+    monkeypatch.setattr(linear, "reuse_factor", spy)
     for worth in (10**9, 0):
         monkeypatch.setattr("ngbrain.forward.solid.problem.WORTH_REUSING", worth)
         pressing = {"bottom": 0, "top": (0, 0, -0.02)}

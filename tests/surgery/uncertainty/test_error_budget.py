@@ -91,7 +91,7 @@ def test_other_elements_are_so_everywhere_and_a_hold_is_run_only_where_no_protoc
     monkeypatch.setattr(
         verification_runs, "_held", lambda model, name, *_: ran.append((name, model.scene.mesh)) or held(40.0)
     )
-    monkeypatch.setattr(verification_runs.Model, "of", lambda scene, head: Namespace(scene=scene))
+    monkeypatch.setattr(verification_runs.RetractionModel, "from_scene", lambda scene, head: Namespace(scene=scene))
     own, _ = verification_runs.other_elements(Namespace(scene=scene, head=None), None, False, lambda *_: None)
     name, other = ran[-1]
     assert name == MESH and [name for name, _ in ran[:-1]] == ["hold"] * protocols and (own is None) == (not protocols)
@@ -103,7 +103,7 @@ def test_a_check_that_has_no_mesh_is_missing_and_the_result_stands(monkeypatch):
     def none(scene, head):
         raise InputError("body.far_mm", 85, "less")
 
-    monkeypatch.setattr(verification_runs.Model, "of", none)
+    monkeypatch.setattr(verification_runs.RetractionModel, "from_scene", none)
     model = Namespace(scene=Scene.shipped("idealised_fast"), head=None)
     with pytest.raises(SolverError, match=r"no mesh for a check.*far_mm"):
         verification_runs.other_elements(model, None, False, lambda *_: None)
