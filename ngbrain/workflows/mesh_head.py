@@ -327,7 +327,7 @@ def write_subject(
         The mesh file: .vtkhdf, which `ngbrain.io.load` reads exactly, or a suffix of `ngbrain.io.exchange`.
     route : str
         Meshing route.
-    size : Graded, optional
+    size : RadialSizeField, optional
         Element sizes.
     curve : bool
         Move the interfaces, with second order, closer to the interfaces of the labels (`ngbrain.mesh.improve.curving`); the mesh
