@@ -119,10 +119,10 @@ def test_a_way_that_stays_lowers_that_of_second_derivatives(monkeypatch, rng):
 
 
 def test_what_is_not_derived_is_refused():
-    with pytest.raises(InputError, match="motion is a force that returns after it was none"):
+    with pytest.raises(InputError, match="motion is a force that returns after it was zero"):
         forced(rubs=True, program=AGAIN)
     of = forced()
-    with pytest.raises(InputError, match="motion is GivenForce; wanted: the GivenForce that is among"):
+    with pytest.raises(InputError, match="motion is GivenForce; wanted: the GivenForce among"):
         other = GivenForce((0.0, 8.0), (0.0, 1.0), away=-1e-3, nudge=1e-6)
         RunModel(of.body, other, GRID, {"mu": of.parameters["mu"]}, [Force("bottom")])
     with pytest.raises(InputError, match=r"parameters\.way is the motion's own parameter"):
