@@ -87,8 +87,8 @@ class Equilibrium:
             ):
                 raise InputError(
                     "parameters",
-                    "node positions",
-                    f"parameters other than these, as {type(seen).__name__} has no shape derivative",
+                    "of type NodePositions",
+                    f"others: {type(seen).__name__} has no shape derivative",
                 )
         self.adjoint, self.change = ngs.GridFunction(self.body.fes), ngs.GridFunction(self.body.fes)
         self.inverse: Solve | None = None

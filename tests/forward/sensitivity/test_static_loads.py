@@ -320,7 +320,9 @@ def observation_forgotten(patch):
 
     def wrong(self, state, *along):
         parts = functional(self, state, *along)
-        return parts[sum(len(seen.functional(state)) for seen in self.observables) :] if state is self.body.gfu else parts
+        return (
+            parts[sum(len(seen.functional(state)) for seen in self.observables) :] if state is self.body.gfu else parts
+        )
 
     patch.setattr(Equilibrium, "lagrangian", wrong)
 

@@ -148,8 +148,8 @@ class _Outer:
         if shapes and not (observed.symbolic and observed.shaped):
             raise InputError(
                 "parameters",
-                "node positions",
-                f"parameters other than these, as {type(observed).__name__} has no shape derivative",
+                "of type NodePositions",
+                f"others: {type(observed).__name__} has no shape derivative",
             )
         if observed.symbolic:
             self._slopes = [part.gradient(observed.functional(body.gfu), body.mesh) for part in parts.values()]
