@@ -1,14 +1,14 @@
-"""Error bars of property maps: what `invert` found, with its `Posterior`, in the units of the maps.
+"""Error bars of the property maps of `invert`, from its `Posterior`, in the units of the maps.
 
-Bands are those of each point by itself, given noise, weights and elements as they were in the inversion; the displacements of
-the boundary, which are unknown too, may be anything that fits.
+Intervals are pointwise. They take noise, weights and mesh as in the inversion; the boundary displacements, which are unknown too,
+are marginalised.
 
-What was assumed is what the regulariser says. `smooth` takes fields for rough, the more so the finer the mesh: where the truth is
-smooth, its bands at points cover more than they say. Unless told otherwise, Gaussian fields of the length and variances that fit
-the data best take its place where they fit better (`evidence`), and the maps are then those of that prior.
-Errors of the model are no part of a band: another rheology, a bulk modulus that is off (see the inversion's notes), elements that
-are too coarse. At 6.5 points per wave these move the mean modulus by .5 %, which noise of 2 % leaves uncertain by .1 %; at 13
-points they are not seen.
+The regulariser states the prior assumption. `smooth` assumes rough fields, the more so the finer the mesh: where the truth is
+smooth, its pointwise intervals cover more than their level. By default, Gaussian fields with the correlation length and variances
+that fit the data best replace the regulariser where they fit better (`evidence`); the maps are then those of that prior.
+Model errors are not part of an interval: another rheology, a wrong bulk modulus (see the notes of the inversion), a coarse mesh.
+At 6.5 points per wavelength the mesh changes the mean modulus by 0.5 %, which noise of 2 % leaves uncertain by 0.1 %; at 13 points
+the change is not visible.
 """
 
 from __future__ import annotations
@@ -35,88 +35,156 @@ from ngbrain.inverse.objective.regularisation import nodes
 from ngbrain.inverse.problem.properties import Property, as_moduli
 from ngbrain.inverse.uncertainty.evidence import best_prior
 from ngbrain.inverse.uncertainty.interval import LEVEL, CredibleInterval
-from ngbrain.inverse.uncertainty.posterior import DRAWS, LEAST, Posterior
+from ngbrain.inverse.uncertainty.posterior import DRAWS, MIN_EIGENVALUE, Posterior
 from ngbrain.inverse.uncertainty.randomised_eigenvalues import BLOCK
 from ngbrain.result import Status
 
 Array = np.ndarray
-EIGENVALUES = 1.8
-"""Eigenvalues above `LEAST` for each number that the data determine: 1.7 and 1.8 on CV-G, 25 and 51 points wide."""
-PART = 4096
-"""Points of which draws are held at a time."""
-SOME = 200
-"""Points at which the variance that is left is compared with that assumed."""
-LOOSE = 1.1
-"""Of the misfit: what it may grow by when maps move to another prior by one step."""
+EIGENVALUES_PER_PARAMETER = 1.8
+"""Eigenvalues above `MIN_EIGENVALUE` per effective parameter: 1.7 and 1.8 on CV-G, 25 and 51 points wide."""
+POINTS_PER_BATCH = 4096
+"""Points whose draws are in memory at a time."""
+SAMPLE_POINTS = 200
+"""Points at which the remaining variance is compared with the prior variance."""
+MAX_MISFIT_FACTOR = 1.1
+"""Factor by which the misfit may grow when the maps move to another prior by one step."""
 PRIORS = ("best", "own")
-TIMED = 2
-"""Products that are timed."""
+TIMED_PRODUCTS = 2
+"""Hessian products that are timed."""
 
 
 class Uncertainty:
-    """Error bars of `found`; `uncertainty` makes them.
+    """Error bars of an inversion; made by `uncertainty`.
 
-    posterior  of all unknowns, held displacements of the boundary included
+    Parameters
+    ----------
+    found : Inversion
+        Result of `invert`.
+    posterior : Posterior
+        Posterior of all unknowns, unknown boundary displacements included.
     """
 
     def __init__(self, found: Inversion, posterior: Posterior) -> None:
         assert found.final_state is not None
         self.found, self.data, self.problem, self.posterior = found, found.data, found.final_state.problem, posterior
-        self._sought = {quantity.name: quantity for quantity in self.problem.properties}
+        self._quantities = {quantity.name: quantity for quantity in self.problem.properties}
 
     def interval(self, name: str, level: float = LEVEL) -> CredibleInterval:
-        """Of a map at the points of the data (n,), NaN where they are left out; in the map's unit.
+        """Pointwise credible interval of a map, in the unit of the map.
 
-        Raises `InputError` for a quantity that was not looked for.
+        Parameters
+        ----------
+        name : str
+            Name of an unknown quantity.
+        level : float
+            Probability.
+
+        Returns
+        -------
+        CredibleInterval
+            Arrays (n,) at the points of the data, NaN at points that are left out.
+
+        Raises
+        ------
+        InputError
+            If the quantity was not an unknown.
         """
-        if name not in self._sought:
-            raise InputError("map", repr(name), nearest(name, self._sought))
-        band, inside, parts = (
-            self._map_interval(self._rows[name], self._sought[name], level),
+        if name not in self._quantities:
+            raise InputError("map", repr(name), nearest(name, self._quantities))
+        interval, inside, parts = (
+            self._interval(self._rows[name], self._quantities[name], level),
             self.problem.inside,
             [],
         )
-        for values in vars(band).values():
+        for values in vars(interval).values():
             parts.append(np.full(len(inside), np.nan))
             parts[-1][inside] = values
         return CredibleInterval(*parts)
 
     def functions(self, field: str, level: float = LEVEL) -> dict[str, ngs.GridFunction]:
-        """`value`, `deviation`, `low` and `high` of a field (a quantity, or `storage 3` of a label) in the space of fields.
+        """Value, standard deviation and interval ends of a field, as functions in the space of the fields.
 
-        They interpolate: of first order at the vertices, of higher order between them too.
-        Raises `InputError` for another name.
+        The functions interpolate: at the vertices for first order, and between them too for higher order.
+
+        Parameters
+        ----------
+        field : str
+            Name of a field: a quantity, or for example `storage 3` of a label.
+        level : float
+            Probability.
+
+        Returns
+        -------
+        dict of str to GridFunction
+            `value`, `deviation`, `low` and `high`.
+
+        Raises
+        ------
+        InputError
+            If there is no such field.
         """
         composition = self.problem.composition
-        known = {each.name: q for q in self._sought.values() for each in composition.fields(q.name)}
+        known = {each.name: q for q in self._quantities.values() for each in composition.fields(q.name)}
         if field not in known:
             raise InputError("field", repr(field), "one of " + ", ".join(known))
         space, found = self.problem.space, {}
         at = evaluation(space, nodes(space))
         fit = scipy.sparse.linalg.splu(sp.csc_array(at.T @ at))
-        for name, values in vars(self._map_interval(self._values(field, at), known[field], level)).items():
+        for name, values in vars(self._interval(self._values(field, at), known[field], level)).items():
             found[name] = ngs.GridFunction(space)
             found[name].vec.FV().NumPy()[:] = fit.solve(at.T @ values)
         return found
 
     def draws(self, number: int = DRAWS, seed: int = 0) -> dict[str, Array]:
-        """So many maps of each property (number, points inside); storage and loss too where magnitude and phase were looked for."""
+        """Draw property maps from the posterior.
+
+        Storage and loss are included where magnitude and phase were the unknowns.
+
+        Parameters
+        ----------
+        number : int
+            Number of draws.
+        seed : int
+            Seed.
+
+        Returns
+        -------
+        dict of str to array (number, points inside)
+        """
         x = self.posterior.draws(number, seed)
-        return as_moduli({name: q.transform.value((self._rows[name] @ x.T).T) for name, q in self._sought.items()})
+        return as_moduli({name: q.transform.value((self._rows[name] @ x.T).T) for name, q in self._quantities.items()})
 
     def mean(
         self, name: str, where: Array | None = None, level: float = LEVEL, number: int = DRAWS
     ) -> CredibleInterval:
-        """Of the mean of a property over points (n,) bool, by default all, from so many draws.
+        """Credible interval of the mean of a property over points, from draws.
 
-        Raises `InputError` for another name, or where none of the points counts.
+        Parameters
+        ----------
+        name : str
+            Name of the property.
+        where : array (n,) of bool, optional
+            Points. Default all.
+        level : float
+            Probability.
+        number : int
+            Number of draws.
+
+        Returns
+        -------
+        CredibleInterval
+
+        Raises
+        ------
+        InputError
+            If there is no such property, or none of the points is part of the map.
         """
         inside = self.problem.inside
         chosen = np.ones(int(inside.sum()), bool) if where is None else np.asarray(where, bool)[inside]
         if not chosen.any():
-            raise InputError("where", "no point of the map", "some that count")
+            raise InputError("where", "no point of the map", "at least one point of the map")
         value = as_moduli(
-            {each: q.transform.value(self._rows[each] @ self.posterior.x) for each, q in self._sought.items()}
+            {each: q.transform.value(self._rows[each] @ self.posterior.x) for each, q in self._quantities.items()}
         )
         if name not in value:
             raise InputError("map", repr(name), nearest(name, value))
@@ -125,9 +193,9 @@ class Uncertainty:
         )
 
     def with_best_prior(self) -> Uncertainty:
-        """Under Gaussian fields, where these fit better, are not all but uniform, and explain the data; else these bars.
+        """Error bars under the best Gaussian prior; self unless it fits better, varies, and explains the data.
 
-        `found` then has the maps of that prior.
+        The maps of `found` are then those of that prior.
         """
         found, posterior, begun = self.found, self.posterior, time.process_time()
         assert found.final_state is not None
@@ -146,11 +214,11 @@ class Uncertainty:
             return self
         moved = posterior.with_regularisers(gaussian.regularisers, gaussian.weights)
         determined = moved.effective_parameters
-        if min(determined.values()) < FEW:  # uniform around a mean that would count as known
+        if min(determined.values()) < FEW:  # it would be uniform around a mean that counts as known
             return self
         data = problem.model.evaluate(unknowns.theta(moved.x)).data
         before, misfit = found.chosen_start, reduced.misfit.weighted_squares(data)
-        if misfit > LOOSE * max(before.misfit, before.expected):
+        if misfit > MAX_MISFIT_FACTOR * max(before.misfit, before.expected):
             return self
         reduced = Reduced(reduced.model, reduced.misfit, unknowns, gaussian.regularisers, gaussian.weights)
         predicted = np.full_like(found.predicted, np.nan)
@@ -181,20 +249,21 @@ class Uncertainty:
 
     @property
     def notes(self) -> list[str]:
-        """Those of the posterior, and fields of which so little is known that they are taken for uniform."""
+        """Notes of the posterior, and fields that are assumed to be nearly uniform because little is known of them."""
         few = [name for name, number in self.posterior.effective_parameters.items() if number < FEW]
         left = {}
         for name, rows in self._rows.items():
-            some = rows[:: max(1, rows.shape[0] // SOME)]
+            some = rows[:: max(1, rows.shape[0] // SAMPLE_POINTS)]
             left[name] = self.posterior.mean_remaining_variance(some)
         return self.posterior.describe_remaining_variance(left) + [
-            f"{name} is taken for nearly uniform: its bands say how well its level is known, and are too narrow where it differs"
+            f"{name} is assumed to be nearly uniform: its intervals show how well its mean is known, "
+            "and are too narrow where it varies"
             for name in few
         ]
 
     @property
     def by_label(self) -> dict[str, dict[int, CredibleInterval]]:
-        """Name of a map → label → its mean; empty without labels."""
+        """Credible interval of the mean of each map over each label; empty without labels."""
         labels = self.data.labels
         if labels is None:
             return {}
@@ -202,54 +271,58 @@ class Uncertainty:
         return {name: {label: self.mean(name, labels == label) for label in numbers} for name in self.found.maps}
 
     def arrays(self) -> dict[str, Array]:
-        """`NAME_low` and `NAME_high` of every map at the points of the data (n,): 95 % credible intervals in the map's unit.
+        """95 % credible intervals `NAME_low` and `NAME_high` of every map at the points of the data (n,), in its unit.
 
-        Of the maps that were looked for, and by draws of all that follow from them.
+        Maps of unknown quantities have analytical intervals, derived maps those of draws.
         """
-        return dict(self._ends)
+        return dict(self._interval_ends)
 
     @cached_property
-    def _ends(self) -> dict[str, Array]:
-        bands = {name: self.interval(name) for name in self._sought} | self._following()
-        return {f"{name}_{end}": getattr(band, end) for name, band in bands.items() for end in ("low", "high")}
+    def _interval_ends(self) -> dict[str, Array]:
+        intervals = {name: self.interval(name) for name in self._quantities} | self._derived_intervals()
+        return {
+            f"{name}_{end}": getattr(interval, end) for name, interval in intervals.items() for end in ("low", "high")
+        }
 
     def result(self) -> dict[str, Any]:
-        """For result.json: map → mean over all points and over each label, `value, deviation, low, high`."""
+        """Means for result.json: for each map its mean over all points and over each label, as `value, deviation, low, high`."""
         labels = self.by_label
         return {
             name: {
                 "mean": vars(self.mean(name)),
-                "by_label": {label: vars(band) for label, band in labels.get(name, {}).items()},
+                "by_label": {label: vars(interval) for label, interval in labels.get(name, {}).items()},
             }
             for name in self.found.maps
         }
 
-    def _following(self, level: float = LEVEL) -> dict[str, CredibleInterval]:
-        """Of other maps that are given, point by point from `DRAWS` draws, by parts of the points as many draws are large."""
+    def _derived_intervals(self, level: float = LEVEL) -> dict[str, CredibleInterval]:
+        """Pointwise intervals of derived maps from `DRAWS` draws, in batches of points because draws are large."""
         x, inside = self.posterior.draws(DRAWS).T, np.flatnonzero(self.problem.inside)
         tails = (1 - level) / 2, (1 + level) / 2
         middle = {**self.found.maps, **self.found.derived_maps}
-        found = {name: np.full((4, len(self.problem.inside)), np.nan) for name in middle if name not in self._sought}
-        for part in np.array_split(np.arange(len(inside)), -(-len(inside) // PART)):
-            drawn = {name: q.transform.value(self._rows[name][part] @ x) for name, q in self._sought.items()}
+        found = {
+            name: np.full((4, len(self.problem.inside)), np.nan) for name in middle if name not in self._quantities
+        }
+        for part in np.array_split(np.arange(len(inside)), -(-len(inside) // POINTS_PER_BATCH)):
+            drawn = {name: q.transform.value(self._rows[name][part] @ x) for name, q in self._quantities.items()}
             maps = as_moduli(drawn)
             values = {**maps, **compute_derived_maps(self.data, maps)}
-            for name, band in found.items():
+            for name, interval in found.items():
                 own = inside[part]
-                band[0, own], band[1, own] = middle[name][own], values[name].std(axis=1)
-                band[2:, own] = np.quantile(values[name], tails, axis=1)
-        return {name: CredibleInterval(*band) for name, band in found.items()}
+                interval[0, own], interval[1, own] = middle[name][own], values[name].std(axis=1)
+                interval[2:, own] = np.quantile(values[name], tails, axis=1)
+        return {name: CredibleInterval(*interval) for name, interval in found.items()}
 
-    def _map_interval(self, rows: sp.csr_array, quantity: Property, level: float) -> CredibleInterval:
+    def _interval(self, rows: sp.csr_array, quantity: Property, level: float) -> CredibleInterval:
         deviation = np.sqrt(self.posterior.variance(rows))
         return CredibleInterval.from_gaussian(rows @ self.posterior.x, deviation, quantity.transform, level)
 
     @cached_property
     def _rows(self) -> dict[str, sp.csr_array]:
-        """Quantity → the matrix from x to its variable (ln of it, say) at the points inside."""
+        """Matrix from x to the transformed quantity (for example its logarithm) at the points inside, by quantity."""
         at = evaluation(self.problem.space, self.problem.model.points)
         one, composition, rows = np.ones(at.shape[0]), self.problem.composition, {}
-        for quantity in self._sought:
+        for quantity in self._quantities:
             names = [field.name for field in composition.fields(quantity)]
             shares = {name: composition.point_values({each: one * (each == name) for each in names}) for name in names}
             parts = [self._values(name, sp.csr_array(sp.diags_array(share) @ at)) for name, share in shares.items()]
@@ -260,16 +333,32 @@ class Uncertainty:
         return sp.csr_array(at @ self.posterior.selection_matrix(field))
 
 
-def uncertainty(found: Inversion, min_eigenvalue: float = LEAST, prior: str = "best") -> Uncertainty:
-    """Error bars of what `invert` found, at the weights that it ended with.
+def uncertainty(found: Inversion, min_eigenvalue: float = MIN_EIGENVALUE, prior: str = "best") -> Uncertainty:
+    """Compute the error bars of an inversion, with the weights at its end.
 
-    least   see `Posterior`
-    prior   best: that of the inversion, or Gaussian fields where they fit better, see `evidence`; own: that of the inversion
+    It takes one Gauss-Newton product per boundary displacement (real and imaginary parts), and two per effective parameter or a few
+    times as many: in the plane one to three times the time of the inversion, in 3-D far more.
 
-    It takes one Gauss-Newton product for each displacement of the boundary (real and imaginary parts), and two for each number
-    that the data determine, or a few times as many: in the plane once to three times what the inversion took, in space far more.
-    Raises `InputError` for an inversion of zones or slices, which has no unknowns in common.
+    Parameters
+    ----------
+    found : Inversion
+        Result of `invert`.
+    min_eigenvalue : float
+        See `Posterior`.
+    prior : str
+        "best": the prior of the inversion, or a Gaussian prior where it fits better, see `evidence`. "own": always the former.
 
+    Returns
+    -------
+    Uncertainty
+
+    Raises
+    ------
+    InputError
+        If the inversion is one of zones or slices, which have no unknowns in common.
+
+    Examples
+    --------
     >>> from ngbrain.inverse.elastography.invert import invert
     >>> from ngbrain.io.waves import WaveData
     >>> grid = np.array([[x, y] for y in range(12) for x in range(12)]) * 4e-3
@@ -283,33 +372,33 @@ def uncertainty(found: Inversion, min_eigenvalue: float = LEAST, prior: str = "b
     """
     if prior not in PRIORS:
         raise InputError("prior", repr(prior), nearest(prior, PRIORS))
-    bars = Uncertainty(found, Posterior(_ended(found), min_eigenvalue))
+    bars = Uncertainty(found, Posterior(_final_point(found), min_eigenvalue))
     return bars.with_best_prior() if prior == "best" else bars
 
 
 def count_hessian_products(found: Inversion) -> int:
-    """About how many Gauss-Newton products `uncertainty` takes, see there; `InputError` for an inversion of zones or slices."""
+    """Estimate the number of Gauss-Newton products of `uncertainty`; `InputError` for an inversion of zones or slices."""
     if found.final_state is None:
         raise InputError("found", "an inversion of zones or slices", "one of a single body")
     unknowns, held = found.final_state.reduced.unknowns.blocks, found.final_state.reduced.regularisers
     loose = sum(block.stop - block.start for name, block in unknowns.items() if name not in held)
-    informed = min(len(found.final_state.x) - loose, EIGENVALUES * sum(found.determined.values()) + BLOCK)
+    informed = min(len(found.final_state.x) - loose, EIGENVALUES_PER_PARAMETER * sum(found.determined.values()) + BLOCK)
     return round(loose + 2 * informed)
 
 
 def estimate_seconds(found: Inversion) -> float:
-    """About how long `uncertainty` takes on this machine as it is, by the clock, from two products. Errors as of `products_of`."""
-    number, point = count_hessian_products(found), _ended(found)
+    """Estimate the wall-clock time (s) of `uncertainty` from two products; errors as of `count_hessian_products`."""
+    number, point = count_hessian_products(found), _final_point(found)
     probe = np.random.default_rng(0).normal(size=len(point.x))
-    point.product(probe)  # makes what all products share
+    point.product(probe)  # sets up what all products share
     begun = time.perf_counter()
-    for _ in range(TIMED):
+    for _ in range(TIMED_PRODUCTS):
         point.product(probe)
-    return number * (time.perf_counter() - begun) / TIMED
+    return number * (time.perf_counter() - begun) / TIMED_PRODUCTS
 
 
-def _ended(found: Inversion) -> Point:
-    """Where an inversion ended, at the weights that it ended with."""
+def _final_point(found: Inversion) -> Point:
+    """Point of the objective where the inversion ended, with its weights."""
     if found.final_state is None:
         raise InputError("found", "an inversion of zones or slices", "one of a single body")
     reduced = found.final_state.reduced

@@ -1,4 +1,4 @@
-"""What is known of a number, or of each of many by itself: its value, how far it may be off, and between which ends it lies."""
+"""Credible intervals of a number, or of each entry of an array: value, standard deviation and interval ends."""
 
 from __future__ import annotations
 
@@ -12,14 +12,24 @@ from ngbrain.inverse.objective.parameters import ScaledTransform, Transform
 
 Array = np.ndarray
 LEVEL = 0.95
-"""Probability of a credible interval, unless another one is asked for."""
+"""Default probability of a credible interval."""
 NODES = 40
-"""Of the quadrature for moments."""
+"""Quadrature nodes of moments."""
 
 
 @dataclass(frozen=True)
 class CredibleInterval:
-    """What is known of one number, or of each of many: value at x*, standard deviation, ends of a credible interval."""
+    """Credible interval of a number, or of each entry of an array.
+
+    Parameters
+    ----------
+    value : array or float
+        Value at x*.
+    deviation : array or float
+        Standard deviation.
+    low, high : array or float
+        Ends of the interval.
+    """
 
     value: Array | float
     deviation: Array | float
@@ -30,11 +40,33 @@ class CredibleInterval:
     def from_gaussian(
         centre: Array, deviation: Array, transform: Transform | None = None, level: float = LEVEL
     ) -> CredibleInterval:
-        """Of θ = transform(x), x Gaussian: the interval of x transformed, and θ's own deviation by quadrature.
+        """Interval of θ = transform(x) for Gaussian x: transformed interval of x, standard deviation of θ by quadrature.
 
+        Parameters
+        ----------
+        centre : array
+            Mean of x.
+        deviation : array
+            Standard deviation of x.
+        transform : Transform, optional
+            Change of variable. Default identity.
+        level : float
+            Probability.
+
+        Returns
+        -------
+        CredibleInterval
+
+        Raises
+        ------
+        InputError
+            If `level` is not between 0 and 1.
+
+        Examples
+        --------
         >>> from ngbrain.inverse.objective.parameters import LogTransform
-        >>> band = CredibleInterval.from_gaussian(np.zeros(1), np.ones(1), LogTransform())
-        >>> float(band.low[0]), float(band.high[0]), float(band.deviation[0])  # e^-1.96, e^1.96, √(e² - e)
+        >>> interval = CredibleInterval.from_gaussian(np.zeros(1), np.ones(1), LogTransform())
+        >>> float(interval.low[0]), float(interval.high[0]), float(interval.deviation[0])  # e^-1.96, e^1.96, √(e² - e)
         (0.1408635, 7.0990713, 2.16119742)
         """
         if not 0 < level < 1:
@@ -45,13 +77,27 @@ class CredibleInterval:
         )
         nodes, weights = np.polynomial.hermite_e.hermegauss(NODES)
         weights = weights / weights.sum()
-        with np.errstate(over="ignore", invalid="ignore"):  # of a logarithm that nothing holds
+        with np.errstate(over="ignore", invalid="ignore"):  # of an undetermined logarithm
             values = np.array([transform.value(centre + node * deviation) for node in nodes])
             spread = np.sqrt(weights @ (values - weights @ values) ** 2)
         return CredibleInterval(transform.value(centre), spread, ends[0], ends[1])
 
     @staticmethod
     def from_samples(value: Array | float, draws: Array, level: float = LEVEL) -> CredibleInterval:
-        """From draws (number, ...): their deviation and quantiles."""
+        """Interval from samples: their standard deviation and quantiles.
+
+        Parameters
+        ----------
+        value : array or float
+            Value at x*.
+        draws : array (number, ...)
+            Samples.
+        level : float
+            Probability.
+
+        Returns
+        -------
+        CredibleInterval
+        """
         low, high = np.quantile(draws, [0.5 - level / 2, 0.5 + level / 2], axis=0)
         return CredibleInterval(value, draws.std(axis=0), low, high)

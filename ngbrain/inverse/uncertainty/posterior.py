@@ -1,16 +1,19 @@
-"""How far unknowns may be off, to second order around the point where an inversion ended: N(x*, H⁻¹), H = JᵀWJ + Σ αR.
+"""Laplace approximation N(x*, H⁻¹) of the posterior around the end of an inversion, with H = JᵀWJ + Σ αR.
 
-Σ αR is the inverse of the covariance that was assumed before anything was measured. Unknowns without a regulariser are
-eliminated: with H_bb their own part of H and T = H_bb⁻¹ H_bf, the others have S + R, S = (JᵀWJ)_ff - H_fb T. By the eigenvalues
+Σ αR is the inverse of the prior covariance. Unknowns without a regulariser are eliminated: with H_bb their part of H and
+T = H_bb⁻¹ H_bf, the others have S + R, S = (JᵀWJ)_ff - H_fb T. By the eigenvalues
 
-    S v_i = λ_i R v_i ,   v_i·R v_j = δ_ij ,      (S + R)⁻¹ ≈ R⁻¹ - Σ λ_i/(1 + λ_i) v_i v_iᵀ     over all λ_i > `least`
+    S v_i = λ_i R v_i ,   v_i·R v_j = δ_ij ,      (S + R)⁻¹ ≈ R⁻¹ - Σ λ_i/(1 + λ_i) v_i v_iᵀ     over all λ_i > `min_eigenvalue`
 
-the data take a share λ/(1 + λ) of the variance along v_i away. What is neglected is positive, and hardly more than `least` of
-R: a standard deviation is never too small, and too large by a factor of about √(1 + least) at most.
+the data remove a share λ/(1 + λ) of the variance along v_i. The neglected part is positive and hardly more than `min_eigenvalue` of
+R: a standard deviation is never too small, and too large by a factor of at most about √(1 + min_eigenvalue).
 
-Weights of regularisers and the level of noise count as known. With edges, R is the matrix of the last step.
-Sources: Bui-Thanh, Ghattas, Martin, Stadler 2013, 10.1137/12089586X; Spantini et al. 2015, 10.1137/140977308; Villa, Petra,
-Ghattas 2021, 10.1145/3428447.
+Regularisation weights and the noise level count as known. For edge-preserving regularisers, R is the matrix of the last step.
+
+References
+----------
+Bui-Thanh, Ghattas, Martin, Stadler 2013, 10.1137/12089586X; Spantini et al. 2015, 10.1137/140977308; Villa, Petra, Ghattas 2021,
+10.1145/3428447.
 """
 
 from __future__ import annotations
@@ -34,19 +37,29 @@ from ngbrain.inverse.uncertainty.interval import LEVEL, CredibleInterval
 from ngbrain.inverse.uncertainty.randomised_eigenvalues import eigenpairs
 
 Array = np.ndarray
-LEAST = 0.1
-"""Eigenvalue below which data are neglected: standard deviations are 5 % too large at most."""
+MIN_EIGENVALUE = 0.1
+"""Eigenvalue below which data are neglected: standard deviations are at most 5 % too large."""
 BATCH = 256
-"""Rows of which variances are computed at a time."""
+"""Rows whose variances are computed at a time."""
 EXACT, DRAWS = 20_000, 1000
-"""Rows up to which variances are exact; of more they are those of so many draws, within 2.2 % (one standard error)."""
+"""Number of rows up to which variances are exact; of more rows they come from so many draws, within 2.2 % (one standard error)."""
 SINGULAR = 1e-13
-"""Pivot of a matrix with ones on its diagonal, below which an unknown counts as not determined."""
+"""Pivot of a matrix with unit diagonal below which an unknown counts as undetermined."""
 
 
 @dataclass(frozen=True)
 class InformedDirection:
-    """A direction of x: what data say of it in units of what was assumed (λ), and the blocks that it lies in (shares)."""
+    """Direction of x that the data inform.
+
+    Parameters
+    ----------
+    eigenvalue : float
+        Information of the data relative to the prior, λ.
+    x : array (n,)
+        Direction.
+    shares : dict of str to float
+        Share of each block in it.
+    """
 
     eigenvalue: float
     x: Array
@@ -54,34 +67,48 @@ class InformedDirection:
 
     @property
     def name(self) -> str:
-        """Such as "storage 0.93, loss 0.07"."""
+        """Largest shares, for example "storage 0.93, loss 0.07"."""
         largest = sorted(self.shares.items(), key=lambda share: -share[1])
         return ", ".join(f"{name} {share:.2f}" for name, share in largest if share >= 0.005)
 
 
 class Posterior:
-    """N(x*, C) of a point.
+    """Gaussian posterior N(x*, C) at a point of any model.
 
-    point   of any model; it has to be at hand only while this is made
-    least   eigenvalue below which data are neglected; 0: none are
-    seed    of the eigensolver's random vectors
+    It takes one Gauss-Newton product per unknown without a regulariser, and two per eigenvalue.
 
-    `regular` is Σ αR of all regularised unknowns, `reference` the values that it draws them to.
+    Parameters
+    ----------
+    point : Point
+        Point of the objective; the model has to stay there only during construction.
+    min_eigenvalue : float
+        Eigenvalue below which data are neglected; with 0, none are.
+    seed : int
+        Seed of the random vectors of the eigensolver.
 
-    It takes one Gauss-Newton product for each unknown without a regulariser, and two for each eigenvalue found.
+    Attributes
+    ----------
+    regular : sparse array
+        Σ αR of all regularised unknowns.
+    reference : array
+        Reference values of their regularisers.
 
-    Raises `InputError` where a regulariser leaves something free (its matrix is singular), and where an unknown without one is
-    not determined by the data.
+    Raises
+    ------
+    InputError
+        If a regulariser is singular, or the data do not determine an unknown without a regulariser.
 
+    Examples
+    --------
     >>> from ngbrain.inverse.phantoms.benchmark import Phantom
     >>> inversion = Phantom.from_name("CV-G", 5).simulate_measurements(0.01).inversion()
     >>> posterior = Posterior(inversion.reduced.evaluate(inversion.start))
-    >>> band = posterior.interval("storage")
-    >>> bool(np.all((0 < band.low) & (band.low < band.value) & (band.value < band.high)))
+    >>> interval = posterior.interval("storage")
+    >>> bool(np.all((0 < interval.low) & (interval.low < interval.value) & (interval.value < interval.high)))
     True
     """
 
-    def __init__(self, point: Point, min_eigenvalue: float = LEAST, seed: int = 0) -> None:
+    def __init__(self, point: Point, min_eigenvalue: float = MIN_EIGENVALUE, seed: int = 0) -> None:
         reduced = point.reduced
         self.unknowns, self.x, self.blocks = reduced.unknowns, point.x.copy(), dict(reduced.unknowns.blocks)
         self.regularised = [name for name in self.blocks if name in reduced.regularisers]
@@ -111,9 +138,9 @@ class Posterior:
 
     @cached_property
     def data_coordinates(self) -> tuple[Array, Array]:
-        """What data say of the regularised unknowns f, as far as it is known: numbers y = Uᵀf + e, e of unit variance; U and y.
+        """U and y of the data y = Uᵀf + e on the regularised unknowns f, with e of unit variance, along the known eigenvectors.
 
-        So S = U Uᵀ, and x* is where its regularisers and these numbers balance.
+        Hence S = U Uᵀ, and at x* the regularisers balance these data.
         """
         vectors, root = self._vectors(), np.sqrt(self.eigenvalues)
         U = (self.regular @ vectors) * root
@@ -122,9 +149,25 @@ class Posterior:
     def with_regularisers(
         self, regularisers: Mapping[str, QuadraticRegulariser], weights: Mapping[str, float]
     ) -> Posterior:
-        """The same data with other regularisers of the same blocks. x* moves to where they balance then.
+        """Posterior of the same data with other regularisers of the same blocks; x* moves to their new balance.
 
-        Exact for data that are linear in x, else one Gauss-Newton step. Raises `InputError` for a singular matrix.
+        Exact for data that are linear in x, otherwise one Gauss-Newton step.
+
+        Parameters
+        ----------
+        regularisers : mapping of str to QuadraticRegulariser
+            Regulariser of each block.
+        weights : mapping of str to float
+            Weight of each block.
+
+        Returns
+        -------
+        Posterior
+
+        Raises
+        ------
+        InputError
+            If a regulariser is singular.
         """
         U, y = self.data_coordinates
         parts = [weights[name] * regularisers[name].matrix(np.zeros(0)) for name in self.regularised]
@@ -150,16 +193,16 @@ class Posterior:
 
     @property
     def variance_reduction(self) -> Array:
-        """λ/(1 + λ): the share of the variance that data take away, by direction."""
+        """Share λ/(1 + λ) of the prior variance that the data remove, by direction."""
         return self.eigenvalues / (1 + self.eigenvalues)
 
     @property
     def informed_directions(self) -> list[InformedDirection]:
-        """Directions along which data say more than was assumed, λ > 1, most of it first."""
+        """Directions along which the data are more informative than the prior, λ > 1, in descending order."""
         return [self.direction(i) for i in range(int(np.sum(self.eigenvalues > 1)))]
 
     def direction(self, i: int) -> InformedDirection:
-        """That of the i-th eigenvalue, one standard deviation of what was assumed long."""
+        """Direction of the i-th eigenvalue, one prior standard deviation long."""
         v = self._vectors(slice(i, i + 1))[:, 0]
         x = np.zeros(len(self.x))
         x[self._held], x[self._loose] = v, -self._response @ v
@@ -170,49 +213,46 @@ class Posterior:
 
     @property
     def effective_parameters(self) -> dict[str, float]:
-        """How many numbers of each regularised block the data determine, n - tr(R_b C_bb), as far as eigenvalues are known."""
+        """Effective number of parameters of each regularised block, n - tr(R_b C_bb), from the known eigenvalues."""
         vectors = self._vectors()
         parts = vectors * (self.regular @ vectors)
         return {name: float(parts[self._of(name)].sum(axis=0) @ self.variance_reduction) for name in self.regularised}
 
     @cached_property
     def remaining_variance(self) -> dict[str, float]:
-        """Block → share of the assumed variance that is left, its mean over the block: 1 where data say nothing.
+        """Share of the prior variance that remains, averaged over each block: 1 where the data are uninformative.
 
-        It is 0 for blocks without a regulariser, of which nothing was assumed.
+        It is 0 for blocks without a regulariser, which have no prior.
         """
         return dict.fromkeys(self.blocks, 0.0) | {
             name: self.mean_remaining_variance(self.selection_matrix(name)) for name in self.regularised
         }
 
     def mean_remaining_variance(self, rows: sp.csr_array) -> float:
-        """Of the variance that was assumed of B x, regularised unknowns alone, the share that is left, its mean over the rows."""
+        """Share of the prior variance of B x that remains (regularised unknowns only), averaged over the rows of B."""
         taken = float(np.sum((rows[:, self._held] @ self._vectors()) ** 2 @ self.variance_reduction))
         return 1 - taken / (taken + float(np.sum(self.variance(rows))))
 
     @property
     def notes(self) -> list[str]:
-        """What the data tell and what they do not, in words."""
+        """What the data determine and what they do not, in words."""
         return self.describe_remaining_variance(self.remaining_variance)
 
     def describe_remaining_variance(self, left: Mapping[str, float]) -> list[str]:
-        """So of fields whose unknowns are no values: name → the share of the variance assumed of its values that is left."""
+        """Notes from the remaining share of the prior variance of each field, for fields whose coefficients are not values."""
         number, notes = int(np.sum(self.eigenvalues > 1)), []
         if self.regularised:
-            told = ", ".join(f"{value:.1f} of {name}" for name, value in self.effective_parameters.items())
-            notes.append(f"data inform {number} directions more than was assumed; numbers determined: {told}")
+            numbers = ", ".join(f"{value:.1f} of {name}" for name, value in self.effective_parameters.items())
+            notes.append(f"data inform {number} directions more than the prior; effective parameters: {numbers}")
         for name, share in left.items():
             if share > 0.5:
                 notes.append(
-                    f"of the variance assumed of {name}, {100 * share:.0f} % is left: its bands are mostly assumed"
+                    f"{100 * share:.0f} % of the prior variance of {name} remains: its intervals are mostly prior"
                 )
         return notes
 
     def variance(self, rows: sp.csr_array | Array) -> Array:
-        """Variance (m,) of linear functions of x, B x with B (m, unknowns).
-
-        Raises `InputError` for another number of columns.
-        """
+        """Variance (m,) of linear functions B x, with B (m, unknowns); `InputError` for another number of columns."""
         rows = sp.csr_array(rows)
         if rows.shape[1] != len(self.x):
             raise InputError("rows", f"of {rows.shape[1]} columns", f"{len(self.x)}, one for each unknown")
@@ -222,7 +262,7 @@ class Posterior:
         return np.concatenate([self._variance(rows[i : i + BATCH]) for i in starts] or [np.empty(0)])
 
     def covariance(self) -> Array:
-        """Of all unknowns (n, n): of few, as each pair takes a row of `variance`."""
+        """Covariance of all unknowns (n, n), for few: each pair takes a row of `variance`."""
         n = len(self.x)
         i, j = np.triu_indices(n, 1)
         own = self.variance(np.eye(n))
@@ -236,25 +276,51 @@ class Posterior:
         return np.sqrt(self.variance(self.selection_matrix(name)))
 
     def selection_matrix(self, name: str) -> sp.csr_array:
-        """The matrix that takes a block out of x; `InputError` for a name that is none."""
+        """Matrix that selects a block of x; `InputError` for an unknown name."""
         if name not in self.blocks:
             raise InputError("block", repr(name), "one of " + ", ".join(self.blocks))
         return sp.csr_array(sp.eye_array(len(self.x), format="csr")[self.blocks[name]])
 
     def interval(self, name: str, level: float = LEVEL) -> CredibleInterval:
-        """Of the values looked for in a block, in their own units: the interval of x through the change of variable.
+        """Credible interval of the values of a block, in their own units.
 
-        Raises `InputError` unless unknowns are `Fields`.
+        Parameters
+        ----------
+        name : str
+            Name of the block.
+        level : float
+            Probability.
+
+        Returns
+        -------
+        CredibleInterval
+
+        Raises
+        ------
+        InputError
+            If the unknowns are not `ParameterFields`, or there is no such block.
         """
         if not isinstance(self.unknowns, ParameterFields):
-            raise InputError("unknowns", type(self.unknowns).__name__, "Fields: others say nothing of their transforms")
+            raise InputError("unknowns", type(self.unknowns).__name__, "ParameterFields, which have transforms")
         rows = self.selection_matrix(name)
         return CredibleInterval.from_gaussian(
             rows @ self.x, np.sqrt(self.variance(rows)), self.unknowns.unknowns[name].transform, level
         )
 
     def draws(self, number: int, seed: int = 0) -> Array:
-        """So many x of the posterior (number, unknowns)."""
+        """Draw x from the posterior.
+
+        Parameters
+        ----------
+        number : int
+            Number of draws.
+        seed : int
+            Seed.
+
+        Returns
+        -------
+        array (number, unknowns)
+        """
         random = np.random.default_rng(seed)
         x = np.tile(self.x, (number, 1))
         if self._metric is not None:
@@ -270,15 +336,28 @@ class Posterior:
     def linearised_interval(
         self, function: Callable[[Array], float], gradient: Callable[[Array], Array], level: float = LEVEL
     ) -> CredibleInterval:
-        """Of a number computed from θ, by its slope: right where it is nearly linear within the band.
+        """Credible interval of a function of θ by linear error propagation; accurate where it is nearly linear within the interval.
 
-        function, gradient   θ ↦ a number and its derivatives by θ, see `adjoint.check.taylor`
+        Parameters
+        ----------
+        function : callable
+            θ ↦ a number.
+        gradient : callable
+            θ ↦ its derivative with respect to θ, see `adjoint.check.taylor`.
+        level : float
+            Probability.
+
+        Returns
+        -------
+        CredibleInterval
         """
         theta = self.unknowns.theta(self.x)
         slope = self.unknowns.jacobian(self.x).T @ gradient(theta)
         deviation = np.sqrt(self.variance(slope[None]))
-        band = CredibleInterval.from_gaussian(np.array([function(theta)]), deviation, None, level)
-        return CredibleInterval(float(band.value[0]), float(deviation[0]), float(band.low[0]), float(band.high[0]))  # type: ignore[index]
+        interval = CredibleInterval.from_gaussian(np.array([function(theta)]), deviation, None, level)
+        return CredibleInterval(
+            float(interval.value[0]), float(deviation[0]), float(interval.low[0]), float(interval.high[0])
+        )  # type: ignore[index]
 
     def sampled_interval(
         self,
@@ -288,9 +367,24 @@ class Posterior:
         seed: int = 0,
         executor: parallel.AnyExecutor = None,
     ) -> CredibleInterval:
-        """Of numbers computed from θ, by as many draws: whatever function it is.
+        """Credible interval of any function of θ, by sampling.
 
-        executor  who calls it, a task for each draw (`parallel.run`); by default this process. Others find functions of modules
+        Parameters
+        ----------
+        function : callable
+            θ ↦ a number or an array.
+        level : float
+            Probability.
+        number : int
+            Number of draws.
+        seed : int
+            Seed.
+        executor : executor or int, optional
+            Evaluates the function, one task per draw (`parallel.run`). Default this process. Others need functions of modules.
+
+        Returns
+        -------
+        CredibleInterval
         """
         every = [self.x, *self.draws(number, seed)]
         if executor in (None, 1):
@@ -311,13 +405,15 @@ class Posterior:
         own = columns[self._loose]
         scale = np.sqrt(np.maximum(np.diag(own), 0))
         try:
-            with np.errstate(invalid="ignore"):  # of one that nothing depends on
+            with np.errstate(invalid="ignore"):  # of an unknown without influence
                 root = np.linalg.cholesky((own + own.T) / (2 * np.outer(scale, scale)))
             if not np.all(np.diag(root) ** 2 > SINGULAR):
                 raise np.linalg.LinAlgError
         except np.linalg.LinAlgError:
             names = ", ".join(name for name in self.blocks if name not in self.regularised)
-            raise InputError("regularisers", f"none for {names}", "one: the data do not determine it") from None
+            raise InputError(
+                "regularisers", f"none for {names}", "a regulariser: the data do not determine it"
+            ) from None
         self._factor = scale[:, None] * root
         self._response = scipy.linalg.cho_solve((self._factor, True), columns[self._held].T)
 
@@ -340,11 +436,11 @@ class Posterior:
         return white if self._metric is None else self._metric.unwhiten(white)
 
     def block_indices(self, name: str) -> Array:
-        """Where (indices) a regularised block is among all that are."""
+        """Indices of a regularised block among all regularised unknowns."""
         return np.flatnonzero(self._of(name))
 
     def _of(self, name: str) -> Array:
-        """Where a regularised block is among all that are."""
+        """Mask of a regularised block among all regularised unknowns."""
         block = self.blocks[name]
         return (self._held >= block.start) & (self._held < block.stop)
 
@@ -362,4 +458,4 @@ def _metric(regular: sp.csr_array) -> Metric:
             return metric
     except RuntimeError:
         pass
-    raise InputError("regularisers", "singular", "one that leaves no unknown of its block free")
+    raise InputError("regularisers", "singular", "regularisers with a non-singular matrix")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ngbrain.inverse.uncertainty.randomised_eigenvalues import OVER, eigenpairs
+from ngbrain.inverse.uncertainty.randomised_eigenvalues import OVERSAMPLING, eigenpairs
 
 SIZE = 300
 
@@ -32,7 +32,7 @@ def test_all_above_the_least(fall, rng):
     assert found[:informed] == pytest.approx(wanted[:informed], rel=0.01)
     assert found == pytest.approx(wanted[: len(found)], rel=0.15)
     assert np.abs(vectors.T @ vectors - np.eye(len(found))).max() < 1e-12
-    assert len(products) <= 2 * (len(wanted) + 32 + OVER)
+    assert len(products) <= 2 * (len(wanted) + 32 + OVERSAMPLING)
 
 
 @pytest.mark.parametrize("fall", FALLING)
