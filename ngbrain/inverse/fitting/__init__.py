@@ -1,10 +1,8 @@
-"""Parameters of any model from measured data.
+"""Parameters of any model, and of glued tissue specimens, from measured data.
 
-- `bonded_specimen`: Constants of a law from tests of blocks that stick to their plates, as soft tissue is glued: by
-  the whole field of each block.
-- `defect_correction`: What a better model's data at the point found would change of it, without an inversion by that
-  model.
-- `estimate`: Any model inverted by one call: its parameters from what was measured and how noisy that is.
+- `estimate`: Parameters of a static or transient model by one call, with credible intervals.
+- `bonded_specimen`: Material parameters from tests of specimens glued to their plates, by the full field of each specimen.
+- `defect_correction`: Correction of an estimate by the data of a more accurate model.
 """
 
 __all__ = ["bonded_specimen", "defect_correction", "estimate"]

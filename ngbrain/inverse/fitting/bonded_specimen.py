@@ -1,11 +1,13 @@
-"""Constants of a law from tests of blocks that stick to their plates, as soft tissue is glued: by the whole field of each block.
+"""Material parameters from tests of specimens glued to their plates, as soft tissue is, by the full field of each specimen.
 
-    P = F/A,  F the force on the upper plate and A the area that is glued, of a body in equilibrium under each deformation
+    P = F/A,  F the force on the upper plate and A the glued area, of a body in equilibrium under each deformation
 
-A block that sticks cannot widen at its ends when it is pressed, and its free sides do not shear: fits that take it for
-homogeneous (`materials.lab.fit`) put that into the constants.
+A glued specimen cannot widen at its ends in compression, and its free sides do not shear. Fits that assume homogeneous deformation
+(`materials.lab.fit`) attribute this to the parameters.
 
-Source of the tests: Budday et al. 2017, 10.1016/j.actbio.2016.10.036.
+References
+----------
+Tests: Budday et al. 2017, 10.1016/j.actbio.2016.10.036.
 """
 
 from __future__ import annotations
@@ -32,26 +34,38 @@ from ngbrain.mesh import block
 
 Array = np.ndarray
 MOTIONS = {"uniaxial": (0.0, 0.0, 1.0), "shear": (1.0, 0.0, 0.0)}
-"""Where the upper plate goes, by test."""
+"""Direction of the upper plate, by test."""
 STIFF = 1e4
-"""K/μ of a block whose bulk modulus is not given, with the μ that a fit begins with; a tenth of it moves stresses by .7 %."""
+"""K/μ of a specimen without a given bulk modulus, with the initial guess of μ; a tenth of it changes stresses by 0.7 %."""
 
 
 @dataclass(frozen=True)
 class BondedSpecimen:
-    """A block between two plates that it sticks to.
+    """Block between two plates that it is glued to.
 
-    size    edges along x, y, z (m); the plates are at the ends of z, and one moves along z ("uniaxial") or x ("shear")
-    bulk    K (Pa); by default 10 000 times the initial shear modulus
-    maxh    of its elements (m); by default a third of the shortest edge
-    form    as `Problem` takes it
-    levels  deformations computed for each curve on each side of rest; between them goes a polynomial through rest
+    Parameters
+    ----------
+    size : tuple of float
+        Edge lengths along x, y, z (m). The plates are at the ends of z; one moves along z ("uniaxial") or x ("shear").
+    bulk : float, optional
+        Bulk modulus K (Pa). Default 10 000 times the initial shear modulus.
+    maxh : float, optional
+        Element size (m). Default a third of the shortest edge.
+    form : str
+        Element, as for `Problem`.
+    levels : int
+        Deformations that are computed for each curve on each side of rest; a polynomial through rest interpolates.
 
-    Raises `InputError` for an edge or a number of levels that is not positive.
+    Raises
+    ------
+    InputError
+        If an edge length or the number of levels is not positive.
 
+    Examples
+    --------
     >>> from ngbrain.materials import NeoHooke, lab
     >>> cube, law = BondedSpecimen((0.005, 0.005, 0.005), maxh=0.005, levels=1), NeoHooke(1000.0)
-    >>> bool(cube.stress(law, "uniaxial", [0.9])[0] < lab.stress(law, "uniaxial", [0.9])[0])  # pressed, it resists more
+    >>> bool(cube.stress(law, "uniaxial", [0.9])[0] < lab.stress(law, "uniaxial", [0.9])[0])  # stiffer in compression
     True
     """
 
@@ -63,12 +77,27 @@ class BondedSpecimen:
 
     def __post_init__(self) -> None:
         if len(self.size) != 3 or not all(edge > 0 for edge in self.size):
-            raise InputError("Bonded.size", self.size, "three lengths in m")
+            raise InputError("BondedSpecimen.size", self.size, "three lengths in m")
         if not self.levels >= 1:
-            raise InputError("Bonded.levels", self.levels, "at least 1")
+            raise InputError("BondedSpecimen.levels", self.levels, "at least 1")
 
     def stress(self, law: Law, mode: str, stretches: object) -> Array:
-        """Nominal stress (Pa, (n,)) at stretches λ or shears γ (n,), as `lab.stress` gives it for a homogeneous body."""
+        """Nominal stress of the specimen, as `lab.stress` gives it for a homogeneous body.
+
+        Parameters
+        ----------
+        law : Law
+            Constitutive law.
+        mode : str
+            "uniaxial" or "shear".
+        stretches : array-like (n,)
+            Stretches λ or shears γ.
+
+        Returns
+        -------
+        array (n,)
+            Nominal stress (Pa).
+        """
         where = find_mode(mode).check_stretches(stretches)
         bodies, matrix = self._tests(mode, where, Material(law, self._bulk(law)))
         for body in bodies:
@@ -85,10 +114,35 @@ class BondedSpecimen:
         weights: Mapping[str, float] | None = None,
         seed: int = 0,
     ) -> Fit:
-        """As `lab.fit`, of elastic curves in uniaxial tests and shear, with exact derivatives; `law` takes ngsolve `Parameter`s.
+        """Fit a law to elastic curves of uniaxial tests and shear, as `lab.fit`, with exact derivatives.
 
-        Begin with what `lab.fit` finds. Intervals know nothing of the mesh: by default stresses are about 1 % too high. Raises
-        `InputError` for curves with times and for other tests.
+        Start from the result of `lab.fit`. The intervals do not account for the mesh: by default stresses are about 1 % too high.
+
+        Parameters
+        ----------
+        law : callable
+            Constructor of the law, which takes ngsolve `Parameter` objects.
+        data : iterable of Curve
+            Measured curves.
+        start : mapping of str to float
+            Initial guess of the parameters.
+        bounds : mapping of str to Bounds, optional
+            Bounds of the parameters.
+        starts : int
+            Number of initial guesses.
+        weights : mapping of str to float, optional
+            Weights of the curves.
+        seed : int
+            Seed of the random initial guesses.
+
+        Returns
+        -------
+        Fit
+
+        Raises
+        ------
+        InputError
+            For curves with times, and for other tests.
         """
         return BondedFit(self, law, check_curves(data), dict(start), bounds or {}, weights or {}).best(starts, seed)
 
@@ -96,7 +150,7 @@ class BondedSpecimen:
         return STIFF * float(initial_modulus(law)) if self.bulk is None else self.bulk
 
     def _tests(self, mode: str, stretches: Array, material: Material) -> tuple[list[Problem], Array]:
-        """Bodies of one test, and the matrix from their forces (N) to nominal stresses (Pa) at all stretches."""
+        """Problems of one test, and the matrix from their forces (N) to nominal stresses (Pa) at all stretches."""
         if mode not in MOTIONS:
             raise InputError("mode", repr(mode), f"a test between plates: {' or '.join(MOTIONS)}")
         mesh = block(self.size, self.maxh or min(self.size) / 3)
@@ -107,7 +161,7 @@ class BondedSpecimen:
 
 
 def _levels(strains: Array, most: int) -> tuple[Array, Array]:
-    """Where a curve is computed, and the matrix from values there to values at all strains; at rest there is nothing."""
+    """Deformations to compute, and the interpolation matrix from values there to values at all strains; zero at rest."""
     levels, columns = [], []
     for side in (-1, 1):
         mine = side * strains > 0
@@ -129,7 +183,28 @@ def _powers(x: Array, most: int) -> Array:
 
 
 class BondedFit(CurveFit):
-    """A fit's misfits with blocks in place of homogeneous specimens; `model` is all of them."""
+    """Curve fit with bonded specimens in place of homogeneous ones; `model` contains all specimens.
+
+    Parameters
+    ----------
+    plates : BondedSpecimen
+        Specimen.
+    law : callable
+        Constructor of the law.
+    curves : list of Curve
+        Measured curves.
+    start : dict of str to float
+        Initial guess of the parameters.
+    bounds : mapping of str to Bounds
+        Bounds of the parameters.
+    weights : mapping of str to float
+        Weights of the curves.
+
+    Raises
+    ------
+    InputError
+        If a curve has times or no deformation, or the law is viscoelastic.
+    """
 
     ends: Mapping[str, float] = {"xtol": 1e-6, "ftol": 1e-9, "gtol": 1e-9}
 
@@ -151,14 +226,16 @@ class BondedFit(CurveFit):
         super().__init__(law, curves, start, bounds, weights)
 
     def prepare(self) -> None:
-        """One model of all blocks."""
+        """Build one static model of all specimens."""
         law = self.law(**{name: parameter.Get() for name, parameter in self.parameters.items()})
         if isinstance(law, Viscous):
-            raise InputError("law", "a relaxing one", "an elastic one")
+            raise InputError("law", "a viscoelastic one", "an elastic one")
         material = Material(self.law(**self.parameters), self._plates._bulk(law))
         tests = [self._plates._tests(curve.mode, curve.stretches, material) for curve in self.curves]
-        seen = [Force("top", motions=(MOTIONS[curve.mode],)) for curve in self.curves]
-        cases = [LoadCase(body, [force]) for (bodies, _), force in zip(tests, seen, strict=True) for body in bodies]
+        observables = [Force("top", motions=(MOTIONS[curve.mode],)) for curve in self.curves]
+        cases = [
+            LoadCase(body, [force]) for (bodies, _), force in zip(tests, observables, strict=True) for body in bodies
+        ]
         self.model = StaticModel(cases, self.parameters)
         self._matrices = [matrix for _, matrix in tests]
         ends = np.cumsum([0, *(matrix.shape[1] for matrix in self._matrices)])
@@ -167,11 +244,11 @@ class BondedFit(CurveFit):
 
     def stresses(self, values: Mapping[str, float]) -> list[Array]:
         """Nominal stress (Pa) along each curve."""
-        self.law(**values)  # a law checks numbers
+        self.law(**values)  # the law checks its parameters
         return self._along(self._at(np.array(list(values.values()), float)).data)
 
     def gradient(self, x: Array) -> Array:
-        """Derivative of the misfits (data, parameters)."""
+        """Derivative of the residuals (data, parameters)."""
         there = self._at(x)
         return np.array([self.scale_stresses(self._along(there.jvp(unit))) for unit in np.eye(len(x))]).T
 

@@ -1,4 +1,4 @@
-"""What a better model's data at the point found would change of it, without an inversion by that model."""
+"""Correction of an estimate by the data of a more accurate model, without an inversion by that model."""
 
 from __future__ import annotations
 
@@ -11,30 +11,30 @@ Array = np.ndarray
 
 
 def defect_correction_step(point: Point, posterior: Posterior, better: Array) -> tuple[Array, Array]:
-    """One step of Gauss and Newton from where an inversion ended, with data of a better model there: x - C Jᵀ W (d_better - d).
+    """Take one Gauss-Newton step with the data of a more accurate model: x - C Jᵀ W (d_better - d).
 
-    The model's own derivatives stand for the better one's, so that this costs one run of it. Of errors that go with the square of
-    the elements' size, elements 1/√2 as large have half: as much again is left as this moves.
+    The derivatives are those of the original model, so that one run of the more accurate model suffices. For errors that are
+    quadratic in the element size, elements 1/√2 as large have half the error: the remaining error equals the correction.
 
     Parameters
     ----------
     point : Point
-        Where an inversion ended, the objective's slope being 0; with `jacobian` ∂θ/∂x of few unknowns.
+        Minimum of the objective, with `jacobian` ∂θ/∂x of few unknowns.
     posterior : Posterior
-        Of that point, for the covariance C.
+        Posterior at that point, for the covariance C.
     better : array
-        What the better model's data are there, of the shape of `point.state.data`.
+        Data of the more accurate model at the point, of the shape of `point.state.data`.
 
     Returns
     -------
     moved : array (n,)
-        By how much x changes.
+        Change of x.
     data : array
-        The better model's data then, to first order.
+        Data of the more accurate model after the change, to first order.
 
     References
     ----------
-    Defect correction: Stetter 1978, 10.1007/BF01432879. Errors of the model as a part of the covariance: Kaipio and Somersalo 2007,
+    Defect correction: Stetter 1978, 10.1007/BF01432879. Model error as a part of the covariance: Kaipio and Somersalo 2007,
     10.1016/j.cam.2005.09.027.
 
     Examples

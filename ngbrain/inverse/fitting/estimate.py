@@ -1,7 +1,7 @@
-"""Any model inverted by one call: its parameters from what was measured and how noisy that is.
+"""Parameters of a static or transient model by one call, from measured data and their noise.
 
-What is usual is taken: values that are positive where the search begins stay so (ln), fields are smooth, how much by the evidence,
-numbers are held by the data alone, Levenberg and Marquardt go down. `Reduced` and the optimisers are there for all else.
+The usual choices are made: parameters that are positive initially stay positive (logarithm), fields are smooth with a weight from
+the evidence, numbers have no prior, and the optimiser is Levenberg-Marquardt. For other choices use `Reduced` and the optimisers.
 """
 
 from __future__ import annotations
@@ -28,21 +28,27 @@ from ngbrain.progress import log_progress, reporting
 from ngbrain.result import Result
 
 Array = np.ndarray
-Holds = Callable[[ngs.FESpace, Array], Regulariser]
+RegulariserFactory = Callable[[ngs.FESpace, Array], Regulariser]
 DETERMINED = 2.0
-"""A positive number counts as determined where its 95 % interval spans less than this factor."""
+"""A positive number counts as determined if its 95 % interval spans less than this factor."""
 FIRST = 0.05
-"""Weight of regularisers to begin with, for each number of data."""
+"""Initial weight of regularisers, per datum."""
 
 
 @dataclass(repr=False, eq=False)
 class ParameterEstimate(Result):
-    """What was found. The model's parameters have these values now.
+    """Estimated parameters; the parameters of the model have these values.
 
-    values   name → a number, or the unknowns of a field
-    misfit   over what noise leaves: 1 where the data are fitted as well as it allows, more where the model misses something
-    problem  the objective, for optimisers and bars of one's own
-    x        its unknowns there
+    Parameters
+    ----------
+    values : dict of str to float or array
+        Number, or coefficients of a field, by name.
+    misfit : float
+        Misfit over its expected value: 1 where the data are fitted to their noise, more where the model has an error.
+    problem : Reduced
+        Objective, for other optimisers and intervals.
+    x : array (n,)
+        Unknowns of the objective.
     """
 
     values: dict[str, float | Array]
@@ -52,28 +58,28 @@ class ParameterEstimate(Result):
 
     @property
     def value(self) -> dict[str, float | Array]:
-        """Of each parameter."""
+        """Value of each parameter."""
         return self.values
 
     @property
     def statistics(self) -> dict[str, float]:
-        """Of the search."""
+        """Number of iterations and CPU time."""
         return {"iterations": len(self.history), "cpu_s": self.history[-1].cpu_s}
 
     def plot(self) -> Any:
-        """The misfit over iterations."""
+        """Figure of the misfit over the iterations."""
         return plot_misfit_history(self.history)
 
     @cached_property
     def posterior(self) -> Posterior:
-        """Error bars: `recovered.posterior.interval("mu")`. Raises `InputError` where data leave a number open."""
+        """Posterior, for example `found.posterior.interval("mu")`; `InputError` where the data leave a number undetermined."""
         return Posterior(self.problem.evaluate(self.x))
 
     @cached_property
     def undetermined(self) -> dict[str, str]:
-        """Numbers that the data do not determine, positive ones not within a factor of `DETERMINED`: why, by name.
+        """Numbers that the data do not determine, with the reason; positive ones not within a factor of `DETERMINED`.
 
-        Whatever their values are: another start may end elsewhere at the same misfit.
+        Their values are arbitrary: another initial guess may lead to others with the same misfit.
         """
         numbers = {name: value for name, value in self.values.items() if isinstance(value, float)}
         try:
@@ -87,12 +93,12 @@ class ParameterEstimate(Result):
         }
 
     def _interval(self, name: str) -> tuple[float, float]:
-        """95 % of a number."""
-        band = self.posterior.interval(name)
-        return float(np.ravel(band.low)[0]), float(np.ravel(band.high)[0])
+        """95 % interval of a number."""
+        interval = self.posterior.interval(name)
+        return float(np.ravel(interval.low)[0]), float(np.ravel(interval.high)[0])
 
     def __str__(self) -> str:
-        """Each number with its 95 % interval, or that it is not determined; fields by their mean."""
+        """Each number with its 95 % interval or that it is not determined; fields by their mean."""
         lines = []
         for name, value in self.values.items():
             if not isinstance(value, float):
@@ -103,7 +109,7 @@ class ParameterEstimate(Result):
                 low, high = self._interval(name)
                 lines.append(f"{name}: {value:.4g}, 95 % between {low:.4g} and {high:.4g}")
         settled = "" if self.converged else f", {self.status}"
-        return "\n".join([*lines, f"misfit {self.misfit:.2g} times what noise leaves{settled}"])
+        return "\n".join([*lines, f"misfit {self.misfit:.2g} times its expected value{settled}"])
 
 
 @reporting()
@@ -113,19 +119,40 @@ def estimate(
     noise: float | Array,
     *,
     unknowns: Mapping[str, Unknown] | None = None,
-    regulariser: Holds = smooth,
+    regulariser: RegulariserFactory = smooth,
     callback: Callable[[Iteration], None] = log_progress,
 ) -> ParameterEstimate:
-    """Parameters of a model such that its data are the measured ones, from the values that they have now.
+    """Estimate the parameters of a model from measured data, starting from their current values.
 
-    measured     as `model.evaluate(θ).data`; NaN where nothing was measured
-    noise        relative, of the rms of each observation; or standard deviations, shaped as the data
-    unknowns     name → `Unknown`, where a start or a change of variable is not as usual
-    regulariser  of fields, from their space and where they start: one of `regularise`
+    Parameters
+    ----------
+    model : StaticModel or RunModel
+        Model.
+    measured : array
+        Measured data, shaped as `model.evaluate(θ).data`. NaN where nothing was measured.
+    noise : float or array
+        Relative noise, of the rms of each observation; or standard deviations, shaped as the data.
+    unknowns : mapping of str to Unknown, optional
+        Parameters with an initial guess or transform other than the default.
+    regulariser : callable
+        Regulariser of fields, from their space and initial guess; see `objective.regularisation`.
+    callback : callable
+        Called with each `Iteration`.
 
-    Raises `InputError` for data or noise of another shape, a noise that is not positive, a parameter that starts at nothing and
-    is not among `unknowns`; `ConvergenceError` where no step lowers the misfit; what the model raises at its start.
+    Returns
+    -------
+    ParameterEstimate
 
+    Raises
+    ------
+    InputError
+        For data or noise of another shape, noise that is not positive, or a parameter that is zero initially and not among
+        `unknowns`.
+    ConvergenceError
+        If no step lowers the misfit. Errors of the model at the initial guess are raised too.
+
+    Examples
+    --------
     >>> import ngsolve as ngs
     >>> from ngbrain.forward.sensitivity.static_model import LoadCase
     >>> from ngbrain.forward.common.material import Material
@@ -155,25 +182,25 @@ def estimate(
     held = {name: regulariser(space, fields.start[fields.blocks[name]]) for name, space in spaces.items()}
     problem = Reduced(model, misfit, fields, held, dict.fromkeys(held, FIRST * misfit.count))
     found = levenberg_marquardt(problem, fields.start, callback=callback)
-    problem.evaluate(found.x)  # the parameters have what was found
+    problem.evaluate(found.x)  # sets the parameters of the model
     values = {name: v if name in spaces else float(v[0]) for name, v in fields.values(found.x).items()}
     return ParameterEstimate(values, found.level.ratio, problem, found.x, status=found.status, history=found.history)
 
 
 def _spaces(model: StaticModel | RunModel) -> dict[str, ngs.FESpace]:
-    """Of the parameters that are fields."""
+    """Spaces of the parameters that are fields."""
     parts = model.parts if isinstance(model, StaticModel) else model.parameters
     fields = {name: getattr(part, "gfu", part) for name, part in parts.items()}
     return {name: gfu.space for name, gfu in fields.items() if isinstance(gfu, ngs.GridFunction)}
 
 
 def _usual(name: str, start: Array) -> Unknown:
-    """What is positive stays so; what is not is looked for in units of its size."""
+    """Default unknown: positive parameters by their logarithm, others scaled by their size."""
     if np.all(start > 0):
         return Unknown(start, LogTransform())
     if not np.any(start):
-        wanted = "a start of its size, or `unknowns` with an Unknown(start, Scaled(size))"
-        raise InputError(f"parameters.{name}", "nothing where the search begins", wanted)
+        wanted = "an initial value of its size, or `unknowns` with an Unknown(start, ScaledTransform(size))"
+        raise InputError(f"parameters.{name}", "zero initially", wanted)
     return Unknown(start, ScaledTransform(float(np.abs(start).max())))
 
 
@@ -182,7 +209,7 @@ def _deviations(model: StaticModel | RunModel, measured: Array, noise: float | A
     if np.ndim(noise):
         return np.asarray(noise, float)
     if not noise > 0:
-        raise InputError("noise", noise, "a positive part of the rms of each observation, or standard deviations")
+        raise InputError("noise", noise, "a positive share of the rms of each observation, or standard deviations")
     sigma = np.empty(measured.shape)
     for where in model.observation_slices:
         sigma[..., where] = noise * np.sqrt(np.nanmean(measured[..., where] ** 2))

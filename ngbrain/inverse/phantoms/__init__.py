@@ -1,9 +1,7 @@
-"""Phantoms with known truth: published benchmarks, and draws from the prior.
+"""Phantoms with known properties: published benchmarks, and draws from the prior.
 
-- `benchmark`: Phantoms of elastography: squares whose waves are computed, spoilt with noise, and looked at as if they
-  were measured.
-- `prior_draws`: Phantoms whose truth is drawn from what inversions assume of it: there intervals of 95 % have to hold
-  95 % of the truth.
+- `benchmark`: Square elastography phantoms with simulated, noisy measurements.
+- `prior_draws`: Phantoms whose properties are drawn from the prior, for which 95 % intervals must cover 95 % of the truth.
 """
 
 __all__ = ["benchmark", "prior_draws"]

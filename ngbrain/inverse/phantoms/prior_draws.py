@@ -1,4 +1,4 @@
-"""Phantoms whose truth is drawn from what inversions assume of it: there intervals of 95 % have to hold 95 % of the truth."""
+"""Phantoms whose properties are drawn from the prior, for which 95 % intervals must cover 95 % of the truth."""
 
 from __future__ import annotations
 
@@ -20,11 +20,25 @@ Array = np.ndarray
 def draw_phantom(
     phantom: Phantom, regularised: Callable[[ngs.FESpace, Array], Regulariser], weight: float, seed: int
 ) -> Phantom:
-    """The phantom with x = x̄ + (αR)^(-½) ξ in place of its truth, ξ white, x̄ where inversions of it start.
+    """Draw the properties of a phantom from the prior: x = x̄ + (αR)^(-½) ξ with white ξ, around the initial guess x̄.
 
-    regularised  a space and x̄ → a regulariser, as `Measured.inversion` takes it
-    weight       α, of each field
+    Parameters
+    ----------
+    phantom : Phantom
+        Phantom whose properties are replaced.
+    regularised : callable
+        Constructor of a regulariser from a space and x̄, as for `PhantomData.inversion`.
+    weight : float
+        Weight α of each field.
+    seed : int
+        Seed.
 
+    Returns
+    -------
+    Phantom
+
+    Examples
+    --------
     >>> from ngbrain.inverse.objective.regularisation import matern
     >>> phantom = draw_phantom(Phantom.from_name("CV-G", 9), lambda space, x: matern(space, x, 0.03), 5.0, seed=0)
     >>> log = np.log(phantom.simulate_measurements().truth["storage"] / 1e4)

@@ -355,9 +355,8 @@ class Posterior:
         slope = self.unknowns.jacobian(self.x).T @ gradient(theta)
         deviation = np.sqrt(self.variance(slope[None]))
         interval = CredibleInterval.from_gaussian(np.array([function(theta)]), deviation, None, level)
-        return CredibleInterval(
-            float(interval.value[0]), float(deviation[0]), float(interval.low[0]), float(interval.high[0])
-        )  # type: ignore[index]
+        value, low, high = (float(np.ravel(each)[0]) for each in (interval.value, interval.low, interval.high))
+        return CredibleInterval(value, float(deviation[0]), low, high)
 
     def sampled_interval(
         self,

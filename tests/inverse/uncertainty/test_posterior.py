@@ -149,11 +149,11 @@ def test_directions_are_named():
 
 def test_what_data_do_not_tell_is_said():
     reduced, _ = linear("ab")
-    assert not any("assumed of b" in note for note in at_start(reduced).notes)
+    assert not any("variance of b" in note for note in at_start(reduced).notes)
     reduced.model.matrix[:, reduced.unknowns.blocks["b"]] *= 1e-3
     posterior = at_start(reduced)
     assert posterior.remaining_variance["b"] > 0.95 and posterior.remaining_variance["a"] < 0.2
-    assert any(note.startswith("of the variance assumed of b, 100 %") for note in posterior.notes)
+    assert any(note.startswith("100 % of the prior variance of b remains") for note in posterior.notes)
 
 
 def test_many_rows_are_drawn(monkeypatch):
