@@ -5,13 +5,14 @@ d' = T(d(θ)) ,    J' δθ = T' J δθ ,    J'ᵀ w = Re Jᵀ conj(T'ᵀ w) ,   
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from ngbrain.adjoint.derived_quantity import DerivedQuantity
 from ngbrain.adjoint.reduced import Model
 from ngbrain.adjoint.time_curve import Interpolation, TimeCurve
 from ngbrain.errors import InputError, check_shape
@@ -19,83 +20,9 @@ from ngbrain.materials.base import check_parameter
 
 Array = np.ndarray
 CLOSE = 1e-4
-"""Of two arguments of the logistic function: nearer ones have their means by a series."""
+"""Difference of two arguments of the logistic function below which means are computed by a series."""
 GAUSS = 24
-"""Points in each interval of a cubic at which it is asked whether it is above a threshold."""
-
-
-class DerivedQuantity(ABC):
-    """Real numbers T(d) derived from a model's data d.
-
-    Attributes
-    ----------
-    name : str
-        Name for reports.
-    """
-
-    name: str
-
-    @abstractmethod
-    def value(self, data: Array) -> Array:
-        """The quantity T(d), real."""
-
-    @abstractmethod
-    def jvp(self, data: Array, change: Array) -> Array:
-        """Jacobian-vector product T' δd.
-
-        Parameters
-        ----------
-        data : array
-            Data d of the model.
-        change : array
-            Direction δd, of the shape of `data`.
-
-        Returns
-        -------
-        array
-            Of the shape of `value`.
-        """
-
-    @abstractmethod
-    def vjp(self, data: Array, w: Array) -> Array:
-        """Vector-Jacobian product T'ᵀ w, such that Re Σ conj(T'ᵀw) · δd = w · T' δd.
-
-        Parameters
-        ----------
-        data : array
-            Data d of the model.
-        w : array
-            Weights, of the shape of `value`.
-
-        Returns
-        -------
-        array
-            Of the shape of `data`.
-        """
-
-    def bend(self, data: Array, w: Array, change: Array) -> Array:
-        """Derivative of `vjp` with respect to the data, in a direction.
-
-        Parameters
-        ----------
-        data : array
-            Data d of the model.
-        w : array
-            Weights, of the shape of `value`.
-        change : array
-            Direction δd.
-
-        Returns
-        -------
-        array
-            Of the shape of `data`.
-
-        Raises
-        ------
-        InputError
-            For a quantity without second derivatives.
-        """
-        raise InputError(type(self).__name__, "asked for second derivatives", "a quantity that has them")
+"""Gauss points in each interval of a cubic."""
 
 
 class OfWaves(DerivedQuantity):

@@ -1,8 +1,8 @@
-"""What every problem is posed with.
+"""What all problems share.
 
-`kinematics` (space, plane strain, axisymmetric, anti-plane), `material` by region, `dirichlet` conditions and `loads` by boundary,
-`regions` (names and patterns), `boundaries` of a mesh, `rigid_motions` that nothing prevents, finite `elements` and the choice of
-them (`element_choice`), `unknowns` of a space, `interpolation` at points, the `penalty` of contact, `solve_counts`.
+`kinematics` (3-D, plane strain, axisymmetric, anti-plane), `material` of a region, `dirichlet` conditions, `loads`, `regions`
+(names and patterns), `boundaries` of a mesh, `rigid_motions` that no support prevents, `elements` (finite elements, inf-sup
+test) and `element_choice`, `unknowns` and `state` of a problem, `interpolation` at points, `penalty` of contact, `solve_counts`.
 """
 
 __all__ = [
@@ -18,5 +18,6 @@ __all__ = [
     "regions",
     "rigid_motions",
     "solve_counts",
+    "state",
     "unknowns",
 ]

@@ -1,7 +1,7 @@
-"""Rigid bodies that tissue meets.
+"""Contact with rigid bodies.
 
-`rigid` (contact with a signed distance function, sliding walls, self-contact), Coulomb `friction`, the `motion` of rigid bodies,
-`force_control`, where their force is given and not their way, and the numerical `parameters` of contact.
+`rigid` (contact by a signed distance function, sliding walls, self-contact), Coulomb `friction`, prescribed `motion` of rigid
+bodies, and `force_control` (prescribed force, unknown travel).
 """
 
 __all__ = ["force_control", "friction", "motion", "parameters", "rigid"]

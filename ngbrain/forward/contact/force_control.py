@@ -1,12 +1,12 @@
-"""Rigid bodies whose force is given: how far they have gone is one more unknown, and its equation is the force's.
+"""Force-controlled rigid bodies: their travel is an additional unknown, determined by the prescribed force.
 
-With the energy Π(x, s) of a body's unknowns x and a rigid body's way s, the force that the rigid body feels is ∂Π/∂s, so that
+With the energy Π(x, s) of a body's unknowns x and a rigid body's travel s, the force on the rigid body is ∂Π/∂s, so that
 
     ∂Π/∂x = 0 ,   ∂Π/∂s = f(t)
 
-are the equations of Π - f s, and their tangent is symmetric: the body's own K, bordered by ∂²Π/∂x∂s. It is solved by what K's
-factorisation does, and one more back-substitution for each. Where nothing is touched nothing depends on s: a rigid
-body of no force is taken away, and one that is to press again is first led to touch.
+are the equations of Π - f s, and their tangent is symmetric: the body's own K, bordered by ∂²Π/∂x∂s. The bordered system is solved
+with K's factorisation and one more back-substitution for each body. Without contact nothing depends on s: a rigid body without
+force is moved away, and one that is to press again is first brought into contact.
 
 Source: Keller 1977, bordered systems, in Applications of Bifurcation Theory, Academic Press, 359-384.
 """

@@ -1,4 +1,4 @@
-"""Coulomb friction between a wall and a rigid body: one more boundary energy in every time step."""
+"""Coulomb friction between a wall and a rigid body: a boundary energy in each time step."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A rigid body against a named wall: a boundary energy of its signed distance and of what makes up for its penalty."""
+"""Contact of a wall with a rigid body: a boundary energy of the signed distance, with an augmented-Lagrangian offset."""
 
 from __future__ import annotations
 

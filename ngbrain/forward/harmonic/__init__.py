@@ -1,3 +1,7 @@
-"""Waves of one frequency: the `problem`, its `factors`, and a body's `stiffness` by elements."""
+"""Harmonic waves at one frequency.
 
-__all__ = ["factors", "problem", "stiffness"]
+`problem` (`HarmonicProblem`), `wave` (excitation, absorbing boundaries), `factors` (matrices and factorisations), `integrands`,
+`stiffness` of a body by elements, `about_state` (small waves on a deformed body).
+"""
+
+__all__ = ["about_state", "factors", "integrands", "problem", "stiffness", "wave"]

@@ -1,6 +1,6 @@
-"""Matrices of a harmonic body, one for each frequency, and their factors: one serves adjoints too.
+"""System matrices of a harmonic problem, one for each frequency, and their factorisations, which also serve adjoints.
 
-Matrices are complex-symmetric, but about a body under a pressure that follows it.
+Matrices are complex-symmetric, except about a body under a follower pressure.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Integrands of waves: how they are differentiated, and products without conjugates."""
+"""Integrands of harmonic problems: differentiation, and products without complex conjugates."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How stiff a body is, element by element, and the elastic energy that smooths its displacements."""
+"""Elementwise stiffness of a body, and the elastic energy that regularises displacements."""
 
 from __future__ import annotations
 

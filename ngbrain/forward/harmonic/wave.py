@@ -1,4 +1,4 @@
-"""What drives a body at one frequency, and boundaries that let waves out."""
+"""Harmonic excitation at one frequency, and absorbing boundaries."""
 
 from __future__ import annotations
 

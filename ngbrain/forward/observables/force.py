@@ -1,4 +1,4 @@
-"""Forces and moments on boundaries."""
+"""Reaction forces and moments on boundaries."""
 
 from __future__ import annotations
 

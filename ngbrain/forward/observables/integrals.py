@@ -1,4 +1,4 @@
-"""Any integral of the state."""
+"""Integrals of the state."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is seen of walls that rigid bodies press: forces, areas, pressures and ways of patches, in one pass over each wall."""
+"""Observables of walls in contact: forces, areas, pressures and displacements of patches, in one pass over each wall."""
 
 from __future__ import annotations
 
@@ -250,10 +250,6 @@ class NormalForce(OfPatches):
         ----------
         problem : Problem
         patch : Patch
-
-        Returns
-        -------
-        callable
         """
         return lambda at: patch.where * patch.contact.pressure(at.u, at.offset)
 
@@ -275,10 +271,6 @@ class CurrentArea(OfPatches):
         ----------
         problem : Problem
         patch : Patch
-
-        Returns
-        -------
-        callable
         """
         return lambda at: patch.where * at.area_ratio(at.u)
 
@@ -300,10 +292,6 @@ class PressedIn(OfPatches):
         ----------
         problem : Problem
         patch : Patch
-
-        Returns
-        -------
-        callable
         """
         return lambda at: patch.where * patch.contact.pressure(at.u, at.offset) * -patch.contact.gap(at.u)
 

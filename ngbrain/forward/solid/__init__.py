@@ -1,9 +1,9 @@
-"""The one nonlinear solid, and one step of it.
+"""The nonlinear solid, and one step of it.
 
 `problem` (`Problem`: residual and tangent) is built on its `discretisation`, the `reactions` of its supports and its states
-(`stateful`). Its parts: `tissue` with `internal_forces` and `internal_variables`, `inertia`, `external_loads` (contacts and loads)
-and the factorised `tangent`. `virtual_work` has its work as expressions to be differentiated. `advance` makes a step; load paths,
-time stepping and replays are controllers over it.
+(`stateful`). Its terms are `tissue` with `internal_forces` and `internal_variables`, `inertia`, and `external_loads` (contacts and
+loads); `tangent` is the factorised tangent. `virtual_work` has the virtual work as symbolic expressions, for derivatives.
+`advance` makes one step; load paths, time stepping and replays are controllers of it.
 """
 
 __all__ = [

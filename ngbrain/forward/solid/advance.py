@@ -1,4 +1,4 @@
-"""One step of a problem, and what is prescribed in it: load paths, time stepping and replays are made of these."""
+"""One step of a problem under prescribed motion and loads: the basis of load paths, time stepping and replays."""
 
 from __future__ import annotations
 
@@ -66,11 +66,11 @@ class LoadProgram:
     loads: LoadHistory | None = None
 
     def factor(self, t: float) -> float:
-        """Load factor at a time."""
+        """Load factor at a time (s)."""
         return 1.0 if self.loads is None else self.loads.factor(t)
 
     def set(self, t: float) -> None:
-        """Put rigid bodies and the load factor where they are at a time."""
+        """Set the load factor, and move rigid bodies, to a time (s)."""
         if self.motion is not None:
             self.motion.set(t)
         self.problem.factor.Set(self.factor(t))
@@ -110,7 +110,7 @@ class LoadProgram:
 
     @property
     def events(self) -> tuple[float, ...]:
-        """Times (s) at which the motion or the loads change, in order; the last one is the end."""
+        """Times (s) at which motion or loads change, in order; the last one is the end."""
         motion = () if self.motion is None else self.motion.events
         return tuple(sorted({*motion, *(() if self.loads is None else self.loads.times[1:].tolist())}))
 
@@ -196,6 +196,6 @@ def advance(
 
 
 def newton_for(problem: Problem, **settings: Any) -> Newton:
-    """Newton's method as the problem's element needs it, with settings such as rtol=1e-10."""
+    """Newton's method with the settings that the problem's element needs, and others such as rtol=1e-10."""
     rubs = RUBBING if problem.friction.frictions else 0
     return Newton(**{"max_climbs": UPHILL if problem.element.pressure is None else rubs, **settings})

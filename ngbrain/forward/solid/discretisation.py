@@ -1,4 +1,4 @@
-"""The finite elements of a problem: which were chosen, its unknowns, and what is prescribed of them."""
+"""Finite-element discretisation of a problem: elements, unknowns, Dirichlet values."""
 
 from __future__ import annotations
 

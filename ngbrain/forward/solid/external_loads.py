@@ -1,4 +1,4 @@
-"""What acts on a problem's body: its contacts and its loads."""
+"""External actions on a problem: contacts and loads."""
 
 from __future__ import annotations
 

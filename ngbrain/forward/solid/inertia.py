@@ -1,4 +1,4 @@
-"""Inertia: how the generalised-α method steps, and what it adds to the energy of a step."""
+"""Inertia: generalised-α time integration, and its contribution to the energy of a step."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A body's nodal forces from its energy: stresses derived symbolically, evaluated once a point, then integrated."""
+"""Internal nodal forces from the energy: stresses derived symbolically, evaluated at quadrature points, then integrated."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The memory of relaxing tissue at every quadrature point: H_k and S̄_k of hereditary branches, C_v of Maxwell ones."""
+"""Internal variables of viscoelastic tissue at quadrature points: H_k and S̄_k of hereditary branches, C_v of Maxwell branches."""
 
 from __future__ import annotations
 

@@ -40,10 +40,10 @@ ROUGHLY, AT_MOST = 0.1, 6
 
 
 class Problem(Card, Stateful):
-    """A body: energy Σ W(F; history) + U(J) or p(J - 1) - p²/2K, + loads + contacts + inertia; equilibrium where it is stationary.
+    """Nonlinear solid: energy Σ W(F; history) + U(J) or p(J - 1) - p²/2K, + loads + contacts + inertia, stationary at equilibrium.
 
-    It has neither time nor loop: steps are made by `advance`, of a `LoadPath` that makes loads grow, or a `TimeStepper`. Its
-    GridFunctions show the state that it was last put to.
+    It has no solution loop: steps are made by `advance`, in a `LoadPath` or a `TimeStepper`. Its GridFunctions hold the state that
+    was last set.
 
     Parameters
     ----------
@@ -57,11 +57,10 @@ class Problem(Card, Stateful):
     loads : sequence
         Of `ngbrain.forward.common.loads`, and one `Inertia`.
     contacts : sequence
-        Rigid bodies that walls meet, their friction, walls that slide, walls that close on each other, and one `GivenForce` of
-        rigid bodies that are driven by it.
+        `RigidContact`, `Friction`, `Sliding`, `Closing` (self-contact), and one `GivenForce` of force-controlled rigid bodies.
     element : str or ElementPair
-        "P2/P1", "P4/L2(2)", "P3", …, or "auto"; refused if its inf-sup constant falls with the mesh. An `ElementPair` is taken at
-        its word.
+        "P2/P1", "P4/L2(2)", "P3", …, or "auto"; refused if its inf-sup constant decreases under refinement. An `ElementPair`
+        is used as it is.
     kinematics : SolidKinematics
         `PlaneStrain` (default in the plane), `Axisymmetric`.
     solver : str

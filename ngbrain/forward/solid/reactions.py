@@ -1,4 +1,4 @@
-"""What supports, contacts and loads exert on a problem's body, and what else is asked of its state."""
+"""Reaction forces of supports, contacts and loads, and other quantities of a problem's state."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a problem stands in time: its state as a value, and the beginning and end of a step."""
+"""State of a problem as a value, and the beginning and end of a time step."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The tangent of a body's equilibrium, factorised: as a whole, or again only where it changes."""
+"""Factorised tangent of a body: as a whole, or renewed only where it changes."""
 
 from __future__ import annotations
 

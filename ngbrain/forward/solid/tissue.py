@@ -1,4 +1,4 @@
-"""The tissue of a problem: its energy, what it remembers at quadrature points, its nodal forces and stress."""
+"""Tissue term of a problem: energy, internal variables at quadrature points, nodal forces and stress."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
-"""Virtual work of a body as a functional of its state, differentiated as often as one likes, by symbols alone.
+"""Virtual work of a body as a functional of its state, differentiated symbolically to any order.
 
     R(u)[v] = d/ds E(u + s v) at s = 0 ,    R'(u)[v, a] = d/dr R(u + r a)[v] at r = 0 , …
 
-Fields are moved by numbers s, r, …, and the energy is differentiated by these: what a law makes of a deformation stays as it
-is, and the derivative of a part that is used many times is made once. By a field instead, the third derivative of Ogden's
-energy takes 144 000 operations at each point, by numbers 2 400.
+Fields are perturbed by numbers s, r, …, and the energy is differentiated with respect to these: expressions of a law stay as they
+are, and the derivative of a shared subexpression is made once. With fields instead, the third derivative of Ogden's energy takes
+144 000 operations at each point, with numbers 2 400.
 """
 
 from __future__ import annotations

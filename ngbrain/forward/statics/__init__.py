@@ -1,3 +1,3 @@
-"""Equilibrium: `load_path` to it, and whether it is stable (`stability`)."""
+"""Equilibrium: `load_path` (load stepping) and `stability` (smallest eigenvalue, compressed and creased fractions)."""
 
 __all__ = ["load_path", "stability"]

@@ -1,4 +1,4 @@
-"""Equilibrium of a problem whose boundary conditions and loads grow with a factor from 0 to 1."""
+"""Load stepping to equilibrium: boundary conditions and loads grow with a factor from 0 to 1."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether an equilibrium is stable, and how much of a body is pressed so far that one has to ask."""
+"""Stability of an equilibrium, and how much of a body is compressed far enough to ask for it."""
 
 from __future__ import annotations
 

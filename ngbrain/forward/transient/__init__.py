@@ -1,3 +1,3 @@
-"""Through time: `time_stepper`, and what chooses its steps (`step_control`)."""
+"""Time stepping: `time_stepper` (`TimeStepper`, `run_load_history`) and the controllers of its steps, `step_control`."""
 
 __all__ = ["step_control", "time_stepper"]
