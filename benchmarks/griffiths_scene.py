@@ -158,7 +158,7 @@ def columns() -> Iterator[dict]:
         for share in PRESSED:
             start = time.process_time()
             fine, coarse = (
-                Column(law, A_SIDE / share, "planar", steps).jvp(continuous_retraction(A_SIDE, RAMP, END))
+                Column(law, A_SIDE / share, "planar", steps).push(continuous_retraction(A_SIDE, RAMP, END))
                 for steps in (32, 16)
             )
             left, rough = (c.pressure[-1] / c.pressure.max() for c in (fine, coarse))

@@ -347,7 +347,7 @@ def courses(axes: Any) -> None:
     one, many = continuous_retraction(OPENING, RAMP, RAMP + WORK), rests(*PATTERNS[0])
     steps = staged_retraction(OPENING, RAMP, RAMP + 240 + WORK, 5, 60.0)
     for protocol, label in ((one, "one hold"), (many, "holds with rests"), (steps, "staged")):
-        course = column.jvp(protocol)
+        course = column.push(protocol)
         axes.plot(to_minutes(course.t), to_mmHg(course.pressure), label=label, lw=1.3)
     axes.set(xlabel="time (min)", ylabel="pressure (mmHg)", title="White matter, 10 % of the depth in 10 s")
     axes.legend(fontsize=8)

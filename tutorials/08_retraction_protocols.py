@@ -34,7 +34,7 @@ white = constants("griffiths2024:white_matter")
 column = Column(white.law(), depth=50e-3, mode="planar", steps=12)
 one = continuous_retraction(5e-3, 10.0, 1810.0)
 rests = intermittent_retraction(5e-3, 10.0, 6 * 310 + 5 * 310, 300.0, 310.0)
-hold, six = column.jvp(one), column.jvp(rests)
+hold, six = column.push(one), column.push(rests)
 peaks = six.peaks() / hold.pressure.max()
 print(f"first peak {to_mmHg(hold.pressure.max()):.1f} mmHg; of it, the six openings: {peaks.round(2)}")
 print(f"left after half an hour: {hold.pressure[-1] / hold.pressure.max():.2f}")
@@ -50,7 +50,7 @@ more_work = dose(six.curve) / dose(hold.curve)
 same_time = dose(six.curve, 1810.0) / dose(hold.curve)
 print(f"dose of as much work (half an hour of holds): {more_work:.3f}")
 print(f"dose of as much time (half an hour, rests included): {same_time:.3f}")
-steps = column.jvp(staged_retraction(5e-3, 10.0, 2050.0, 5, 60.0))
+steps = column.push(staged_retraction(5e-3, 10.0, 2050.0, 5, 60.0))
 print(f"five stages, a minute between: peak {steps.pressure.max() / hold.pressure.max():.2f}")
 for recovery in (5, 60, 600):
     ratio = dose_with_recovery(six.curve, 60 * recovery) / dose(hold.curve)
@@ -78,7 +78,7 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore", RangeWarning)
     deep = Column(white.law(), depth=25e-3, mode="planar", steps=8)
     for protocol in (one, rests):
-        total, longest = deep.jvp(protocol).curve.above(20.0)
+        total, longest = deep.push(protocol).curve.above(20.0)
         print(f"{protocol.name:<13} above 20 mmHg {to_minutes(total):.1f} min, longest {to_minutes(longest):.1f} min")
 
 # %% [markdown]
@@ -92,7 +92,7 @@ for protocol in (one, rests):
     t = np.unique(np.concatenate([np.arange(0, protocol.times[-1], 0.2), protocol.times]))
     strain = np.maximum(np.interp(t, protocol.times, protocol.advance), 0) / 5e-3 * 1e-7
     put_back = np.maximum(lab.history(linear, "shear", t, strain), 0) / (1380 * 1e-7)
-    free = Column(linear, 50.0, "planar", steps=12).jvp(protocol)
+    free = Column(linear, 50.0, "planar", steps=12).push(protocol)
     sudden = to_mmHg(4 * 1380 * 1e-4)
     print(
         f"{protocol.name:<13} put back {to_minutes(np.trapezoid(put_back, t)):.2f}, let go {dose(free.curve) / sudden:.2f} min"
@@ -115,7 +115,7 @@ def half_time(course):
 for name in ("griffiths2024:white_matter", "miller2002:brain"):
     tissue = Column(constants(name).law(), 50e-3, "planar", steps=12)
     for rise in (2.0, 10.0, 40.0):
-        course = tissue.jvp(continuous_retraction(5e-3, rise, rise + 1800))
+        course = tissue.push(continuous_retraction(5e-3, rise, rise + 1800))
         left = course.pressure[-1] / course.pressure.max()
         print(f"{name:<27} opened in {rise:2.0f} s: half after {half_time(course):5.2f} min, {left:.2f} left")
 
