@@ -171,7 +171,7 @@ def _of_field(
         stiffness = element_means(body, shear_stiffness(body, wave.omega))
         squared = (
             squared
-            + element_means(body, stress_sensitivity_squared(body, wave.omega, u, model.fields[name]))
+            + element_means(body, squared_stress_sensitivity(body, wave.omega, u, model.fields[name]))
             / stiffness**2
             * density[k]
         )
@@ -194,7 +194,7 @@ def _of_boundary(loads: list[Apply], inner: sp.csr_array) -> Apply:
     return apply
 
 
-def stress_sensitivity_squared(
+def squared_stress_sensitivity(
     body: HarmonicProblem, omega: float, u: ngs.GridFunction, field: ngs.GridFunction
 ) -> ngs.CoefficientFunction:
     """Squared stress sensitivity |∂σ/∂θ|² of the deviatoric stress at a strain, by differentiation of the energy.
