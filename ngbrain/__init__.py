@@ -1,30 +1,44 @@
-"""In silico brain surgery on NGSolve: from a scan to a mesh, from waves to tissue properties, and from both to a retraction.
+"""Brain biomechanics on NGSolve: head meshes from scans, tissue properties from elastography, simulated brain retraction.
 
 >>> import ngbrain as nb
 >>> scene = nb.Scene.shipped("idealised")
 >>> scene.tool.travel
 0.005
 
-What do you have?
+Where to begin
+--------------
+- a T1-weighted scan or a label map: `nb.mesh_head("t1.nii.gz", "head.vtkhdf")` makes a mesh; `nb.read_scan` and `nb.segment`
+  are its first steps
+- displacements of waves or of a compression: `nb.invert(nb.read_waves("waves.npz"))` estimates property maps; `nb.predict` does
+  so in hundredths of a second by a trained neural operator
+- a retraction described in a scene file (TOML): `nb.preview` draws it, `nb.simulate("scene.toml", "out")` computes it,
+  `nb.calibrate` fits tissue stiffness to measured forces and displacements
+- many subjects: `nb.cohort`
+- a boundary-value problem of your own: `nb.Problem` with `nb.Material`, solved by `nb.LoadPath` (quasi-static) or
+  `nb.TimeStepper` (transient), and `nb.HarmonicProblem` for waves; `nb.estimate` fits parameters to data
 
-- a T1 or labels: `nb.mesh_head("t1.nii.gz", "head.vtkhdf")`; step by step `nb.read_scan`, `nb.segment`
-- waves or strain images: `nb.invert(nb.read_waves("waves.npz"))`; in hundredths of a second `nb.predict`
-- a scene (TOML): `nb.simulate("scene.toml", "out")`, drawn first by `nb.preview`; what was seen in surgery: `nb.calibrate`
-- many of these: `nb.cohort`
-- an energy of your own: `nb.Problem` of `nb.Material`, driven by `nb.LoadPath`, `nb.TimeStepper` or, for waves,
-  `nb.HarmonicProblem`; its parameters from data: `nb.estimate`
+Tutorials are in `tutorials/`, guides and a glossary in `tutorials/guide/`. `help(nb.materials)` and so on list the modules of
+a package.
 
-Packages, each with its table of contents in `help`:
+Packages
+--------
+- `nb.materials`: material laws as energy densities, published constants, homogeneous tests and fits
+- `nb.image`: reading, preprocessing and segmentation of medical images
+- `nb.mesh`: tetrahedral meshes of heads
+- `nb.forward`: nonlinear solids in statics, in time and in harmonic motion; contact, observables, sensitivities
+- `nb.adjoint`, `nb.solvers`: reduced objectives with checked derivatives; linear and nonlinear solvers
+- `nb.inverse`: elastography, parameter estimation, optimisers, uncertainty
+- `nb.surrogate`: a neural operator for property maps, and its training
+- `nb.scene`, `nb.surgery`: scene files; retraction, measures of tissue injury, uncertainty and calibration
+- `nb.ladder`: model selection by estimated model error
+- `nb.workflows`, `nb.cli`, `nb.report`: complete jobs, the command line, HTML reports
+- `nb.io`, `nb.parallel`, `nb.interop`: files, executors, optimisers and frameworks of other libraries
+- `nb.datasets`, `nb.units`, `nb.viz`, `nb.errors`: sample data, units, visualisation, exceptions
 
-- `nb.materials`: energies, the catalogue of published constants, tests of a specimen
-- `nb.image`, `nb.mesh`: scans, labels, meshes
-- `nb.forward`: the one nonlinear solid, statics, waves, time; observables and derivatives
-- `nb.inverse`: elastography, optimisers, uncertainty
-- `nb.scene`, `nb.surgery`, `nb.ladder`: jobs, operations, the cheapest adequate model
-- `nb.io`, `nb.datasets`, `nb.units`, `nb.viz`, `nb.errors`: files, sample data, units, pictures, exceptions
-
-Lengths are m, stresses Pa, times s inside; `nb.units` has kPa, mm, mmHg. Long work logs to `logging.getLogger("ngbrain")`.
-`nb.set_threads` sets threads at run time; `nb.show_versions()` prints what a report of a fault needs.
+Conventions
+-----------
+Internal units are SI (m, Pa, s); `nb.units` has kPa, mm, mmHg. Long computations log to `logging.getLogger("ngbrain")`.
+`nb.set_threads` sets the number of threads; `nb.show_versions()` prints what a bug report needs.
 """
 
 from importlib import import_module
@@ -127,10 +141,10 @@ _HOME = {
     "simulate": "workflows.simulate",
 }
 
-if not TYPE_CHECKING:  # who checks types sees the names above and the package's modules, and no others
+if not TYPE_CHECKING:  # type checkers see only the names above and the modules
 
     def __getattr__(name: str) -> Any:
-        """Names and modules of the package, imported when they are first used: all at once they take more than a second."""
+        """Import names and modules on first use: importing all of them takes more than a second."""
         if name in _HOME:
             module, _, own = _HOME[name].partition(":")
             return getattr(import_module(f"ngbrain.{module}"), own or name)

@@ -300,5 +300,5 @@ def _largest(of_loads: Sequence[dict[str, float]]) -> float:
     return max(max(each.values()) for each in of_loads)
 
 
-def _middle(told: Sequence[dict[str, float]]) -> dict[str, float]:
-    return {name: float(np.median([each[name] for each in told])) for name in told[0]}
+def _middle(scores_of_tiles: Sequence[dict[str, float]]) -> dict[str, float]:
+    return {name: float(np.median([each[name] for each in scores_of_tiles])) for name in scores_of_tiles[0]}

@@ -131,17 +131,17 @@ def predict_field(
     places = squares(view.counts, _most(operator, view, density))
     seen = {(i, j, n): _seen(view.displacement[i : i + n, j : j + n], window) for i, j, n in places}
     said = [_said(operator, seen, size, poisson) for size in sorted({n for *_, n in places})]
-    told = {place: each for part in said for place, each in part.items()}
+    predictions = {place: each for part in said for place, each in part.items()}
     if kind.name == "waves":
         level = {
             (i, j, n): np.log(density * (2 * np.pi * view.frequency * (n - 1) * view.spacing) ** 2)
             for i, j, n in places
         }
     else:
-        level = align_levels({place: mean[0] for place, (_, mean, _) in told.items()})
+        level = align_levels({place: mean[0] for place, (_, mean, _) in predictions.items()})
     shape = (len(kind.answers), *view.counts.shape)
     total, weight, count = np.zeros(shape), np.zeros(shape), np.zeros(view.counts.shape)
-    for (i, j, n), (_, mean, scale) in told.items():
+    for (i, j, n), (_, mean, scale) in predictions.items():
         here = np.s_[:, i : i + n, j : j + n]
         mean = np.concatenate([mean[:1] + level[i, j, n], mean[1:]])
         total[here] += mean / scale**2
@@ -153,7 +153,7 @@ def predict_field(
             count / weight,
         )  # squares share their noise: overlap does not reduce the variance
     looks = []
-    for (i, j, n), (features, _, scale) in told.items():
+    for (i, j, n), (features, _, scale) in predictions.items():
         here = np.s_[:, i : i + n, j : j + n]
         blended = np.concatenate([mean[here][:1] - level[i, j, n], mean[here][1:]])
         side = (n - 1) * view.spacing
