@@ -20,7 +20,7 @@ from scipy.integrate import solve_ivp
 
 from ngbrain.errors import require
 from ngbrain.materials import Flow, Maxwell, Ogden
-from ngbrain.materials.flow import ENTRIES, tensors
+from ngbrain.materials.maxwell import ENTRIES, tensors
 from ngbrain.materials.points import Points
 
 MU, ALPHA, END, POINTS = 1000.0, -18.0, 2.0, 1000

@@ -26,7 +26,7 @@ STYLE = {
 """Settings of matplotlib."""
 
 
-class Card:
+class NotebookCard:
     """Representation of an object by a few words: one line as text, a table with a thumbnail in a notebook.
 
     Subclasses define `summary`, and `plot` where there is something to see.

@@ -17,7 +17,7 @@ from ngbrain.errors import InputError
 from ngbrain.image.read.volume import read_scan
 from ngbrain.io.waves import read_waves
 from ngbrain.reading import gunzip, read_bytes, read_json, read_npz, read_text
-from ngbrain.reading_hdf5 import hdf5
+from ngbrain.reading.hdf5 import hdf5
 
 
 class Runs:

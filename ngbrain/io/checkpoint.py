@@ -35,7 +35,7 @@ from ngbrain.io.mesh_arrays import build_mesh
 from ngbrain.io.nodes import QuadraticGrid
 from ngbrain.io.state import pack, read_array, unpack, write_array
 from ngbrain.reading import check_regular
-from ngbrain.reading_hdf5 import hdf5
+from ngbrain.reading.hdf5 import hdf5
 
 Array = npt.NDArray[Any]
 

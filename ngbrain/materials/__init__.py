@@ -3,7 +3,7 @@
 - `base`: interface of a law, sums and multiples of laws
 - `isotropic`, `fibre`, `linear`: elastic laws
 - `volumetric`: volumetric energies
-- `viscous`, `flow`: hereditary and finite viscoelasticity
+- `viscous`, `maxwell`: hereditary and finite viscoelasticity
 - `modulus`: complex shear modulus of harmonic problems
 - `families`: scaling, merging and mixing of laws
 - `catalogue`: published constants
@@ -16,9 +16,9 @@ from ngbrain.materials.base import Deformation, Law, Scaled, Sum, density
 from ngbrain.materials.catalogue import CATALOGUE, constants, find_entry
 from ngbrain.materials.families import RelaxingOgden, mix
 from ngbrain.materials.fibre import Fung, Guccione, HolzapfelGasserOgden
-from ngbrain.materials.flow import Flow, Flows, Maxwell
 from ngbrain.materials.isotropic import Demiray, Gent, MooneyRivlin, NeoHooke, Ogden, Polynomial, UnsplitNeoHooke, Yeoh
 from ngbrain.materials.linear import LinearElastic, SaintVenant, Shearing, TransverselyIsotropic
+from ngbrain.materials.maxwell import Flow, Flows, Maxwell
 from ngbrain.materials.modulus import fourier
 from ngbrain.materials.viscous import Branch, Prony, RelaxingPolynomial, Viscous, step_factors
 from ngbrain.materials.volumetric import (

@@ -18,8 +18,8 @@ from ngsolve import CoefficientFunction
 from ngbrain.errors import InputError
 from ngbrain.materials.base import Composite, Deformation, Law, Scaled, Sum, Value, density, density_of_log_strains
 from ngbrain.materials.fibre import Fung, Guccione, HolzapfelGasserOgden
-from ngbrain.materials.flow import Maxwell
 from ngbrain.materials.isotropic import Demiray, Gent, MooneyRivlin, NeoHooke, Ogden, Polynomial, UnsplitNeoHooke
+from ngbrain.materials.maxwell import Maxwell
 from ngbrain.materials.points import initial_modulus
 from ngbrain.materials.viscous import Branch, Viscous, step_factors, viscous
 

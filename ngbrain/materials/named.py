@@ -11,7 +11,7 @@ from typing import Any
 from ngbrain.errors import InputError, nearest
 from ngbrain.materials import admission
 from ngbrain.materials.base import Law
-from ngbrain.materials.flow import Maxwell
+from ngbrain.materials.maxwell import Maxwell
 from ngbrain.materials.registry import (
     REGISTRY,
     LawEntry,

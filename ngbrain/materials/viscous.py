@@ -23,8 +23,8 @@ from ngsolve import CoefficientFunction
 from ngbrain.arguments import check_sequence
 from ngbrain.errors import InputError
 from ngbrain.materials.base import Deformation, Law, Scaled, Sum, Value, check_parameter, check_positive, density
-from ngbrain.materials.flow import Maxwell
 from ngbrain.materials.isotropic import Polynomial
+from ngbrain.materials.maxwell import Maxwell
 from ngbrain.materials.points import Points, number
 from ngbrain.tensors import lagrangian_deviator
 

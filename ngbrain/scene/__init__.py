@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from ngbrain.errors import InputError, nearest
-from ngbrain.look import Card
+from ngbrain.look import NotebookCard
 from ngbrain.materials.registry import reading
 from ngbrain.mesh.geometry.primitives import Ellipsoids
 from ngbrain.scene.conditions import DisplacementBC, Given, Gravity, Pressure, Traction, depends_on_time
@@ -58,7 +58,7 @@ __all__ = [
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Scene(Card, Document):
+class Scene(NotebookCard, Document):
     """One job: a body under loads, or an operation (a scene with a cleft and a tool). Invalid input raises `InputError`.
 
     Parameters

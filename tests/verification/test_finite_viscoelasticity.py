@@ -19,7 +19,7 @@ from ngbrain.materials import (
     fourier,
     lab,
 )
-from ngbrain.materials.flow import PLANE, tensors
+from ngbrain.materials.maxwell import PLANE, tensors
 from ngbrain.materials.points import Points
 
 ENTRIES = [(0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)]

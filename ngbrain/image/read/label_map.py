@@ -12,11 +12,11 @@ from scipy import ndimage
 
 from ngbrain.errors import InputError
 from ngbrain.image.read.volume import Volume, reorient_to_ras
-from ngbrain.look import Card, slices
+from ngbrain.look import NotebookCard, slices
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LabelMap(Card):
+class LabelMap(NotebookCard):
     """Region of each voxel.
 
     Parameters

@@ -13,7 +13,7 @@ from scipy import ndimage
 
 from ngbrain.errors import InputError, require
 from ngbrain.image.read.dicom import is_dicom, read_series
-from ngbrain.look import Card, grey_slices
+from ngbrain.look import NotebookCard, grey_slices
 from ngbrain.reading import check_regular, gunzip, read_bytes, unzip
 
 _GRID = 1e-3  # m
@@ -27,7 +27,7 @@ _MGH = b"\0\0\0\1\0\0"  # version 1, big-endian, and the size along the first ax
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Volume(Card):
+class Volume(NotebookCard):
     """Values on a voxel grid.
 
     Parameters
@@ -107,7 +107,7 @@ class Volume(Card):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Scan(Card):
+class Scan(NotebookCard):
     """A T1 scan.
 
     Parameters

@@ -12,7 +12,7 @@ from scipy.spatial import KDTree
 
 from ngbrain.errors import InputError, nearest
 from ngbrain.io.waves.grid import Grid, hull
-from ngbrain.look import Card, scatter
+from ngbrain.look import NotebookCard, scatter
 
 SYMMETRIES = ("isotropic", "transversely_isotropic")
 RHEOLOGIES = ("elastic", "viscoelastic")
@@ -28,7 +28,7 @@ _POSITIVE = ("youngs", "shear", "mu")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class WaveData(Card):
+class WaveData(NotebookCard):
     """Displacements u(x, t) = Re(u(x) e^{iωt}) at points, and known properties of the material.
 
     Parameters

@@ -21,7 +21,7 @@ from ngbrain.io.waves.nifti import read_nifti, write_nifti_waves
 from ngbrain.io.waves.samples import SAMPLED, samples_to_amplitudes
 from ngbrain.io.waves.volumes import IN_VOLUMES, REQUIRED, convert_to_metres, missing_keys, voxels_to_points
 from ngbrain.reading import check_regular, read_npz
-from ngbrain.reading_hdf5 import hdf5
+from ngbrain.reading.hdf5 import hdf5
 
 _OPTIONAL = (
     "poisson",

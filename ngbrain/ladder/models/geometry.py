@@ -23,7 +23,7 @@ from ngbrain.mesh.routes.registry import mesh_elements
 from ngbrain.mesh.surface.head_outlines import BRAIN
 from ngbrain.mesh.tet_mesh import centres
 from ngbrain.reading import check_regular
-from ngbrain.reading_hdf5 import check_in_subprocess
+from ngbrain.reading.hdf5 import check_in_subprocess
 from ngbrain.scene import Geometry
 from ngbrain.units import LARGEST_BODY
 

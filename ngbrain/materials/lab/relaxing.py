@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike
 
 from ngbrain.errors import InputError
 from ngbrain.materials.base import Deformation
-from ngbrain.materials.flow import REST, SUDDEN, Flow, Flows
 from ngbrain.materials.lab.modes import Mode, find_mode
 from ngbrain.materials.lab.specimen import STATIONARY, Specimen, check_homogeneous, describe_law, warn_beyond
+from ngbrain.materials.maxwell import REST, SUDDEN, Flow, Flows
 from ngbrain.materials.modulus import PronySeries
 from ngbrain.materials.points import Points, initial_modulus, number
 from ngbrain.materials.viscous import Viscous, step_factors

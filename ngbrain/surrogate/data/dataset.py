@@ -36,7 +36,7 @@ from ngbrain.io.versions import versions
 from ngbrain.materials import Shearing
 from ngbrain.mesh.geometry.structured import rectangles
 from ngbrain.progress import log_progress, reporting
-from ngbrain.reading_hdf5 import hdf5
+from ngbrain.reading.hdf5 import hdf5
 from ngbrain.surrogate.data.random_fields import FAMILIES, family
 
 Array = np.ndarray

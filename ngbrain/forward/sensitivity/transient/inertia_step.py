@@ -21,7 +21,7 @@ from ngbrain.forward.solid.virtual_work import Motion, Terms, WorkIntegral, vect
 Array = np.ndarray
 
 
-class InertiaStep:
+class InertiaSensitivity:
     """Derivatives of inertia's part of a step, with the body at its end.
 
     Carried variables are one array (3 n,): velocity, acceleration and its average; so are their weights.

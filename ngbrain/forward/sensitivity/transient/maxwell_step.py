@@ -20,7 +20,7 @@ from ngsolve import CoefficientFunction
 
 from ngbrain.materials import Maxwell
 from ngbrain.materials.base import Value
-from ngbrain.materials.flow import PLANE, SMALL
+from ngbrain.materials.maxwell import PLANE, SMALL
 from ngbrain.materials.points import initial_modulus
 from ngbrain.tensors import principal_values
 

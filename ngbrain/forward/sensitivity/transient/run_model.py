@@ -34,7 +34,7 @@ from ngbrain.forward.sensitivity.parameter_blocks import (
     parameter_block,
 )
 from ngbrain.forward.sensitivity.transient.friction_step import FrictionStep
-from ngbrain.forward.sensitivity.transient.inertia_step import InertiaStep
+from ngbrain.forward.sensitivity.transient.inertia_step import InertiaSensitivity
 from ngbrain.forward.sensitivity.transient.replay import TIGHT, Replay, ReplayStep
 from ngbrain.forward.sensitivity.transient.run_linearisation import RunLinearisation
 from ngbrain.forward.sensitivity.transient.run_observables import RunObservables
@@ -47,7 +47,7 @@ from ngbrain.forward.solid.problem import Problem
 from ngbrain.solvers.newton import Newton
 
 Array = np.ndarray
-Carried: TypeAlias = FrictionStep | InertiaStep
+Carried: TypeAlias = FrictionStep | InertiaSensitivity
 
 
 class RunModel:
@@ -162,7 +162,7 @@ class RunModel:
         self.carried: list[Carried] = [] if friction is None else [friction]
         """Further internal variables: friction and inertia."""
         if body.inertia is not None:
-            self.carried.append(InertiaStep(body, made_of))
+            self.carried.append(InertiaSensitivity(body, made_of))
         for name in self.shapes if self.carried else ():
             raise InputError(
                 f"parameters.{name}", "of type NodePositions", "others, for a body with friction or inertia"

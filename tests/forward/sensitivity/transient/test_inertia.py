@@ -11,7 +11,7 @@ from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.friction import Friction
 from ngbrain.forward.contact.rigid import RigidContact
 from ngbrain.forward.observables import Displacements, Force
-from ngbrain.forward.sensitivity.transient.inertia_step import InertiaStep
+from ngbrain.forward.sensitivity.transient.inertia_step import InertiaSensitivity
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.inertia import GeneralizedAlpha, Inertia
 from ngbrain.forward.solid.problem import Problem
@@ -82,8 +82,10 @@ def test_rate_by_density(rng):
 
 
 def test_a_forgotten_speed_lowers_it(rng, monkeypatch):
-    remembered = InertiaStep.carried_state_gradient
-    monkeypatch.setattr(InertiaStep, "carried_state_gradient", lambda self, weights: 0 * remembered(self, weights))
+    remembered = InertiaSensitivity.carried_state_gradient
+    monkeypatch.setattr(
+        InertiaSensitivity, "carried_state_gradient", lambda self, weights: 0 * remembered(self, weights)
+    )
     assert rates_by_density(rng)[1] < 1.5
 
 
@@ -135,8 +137,10 @@ def test_second_derivatives(how, rng):
 
 
 def test_a_mass_that_stays_lowers_their_rate(rng, monkeypatch):
-    turned = InertiaStep.gradient_derivatives
+    turned = InertiaSensitivity.gradient_derivatives
     monkeypatch.setattr(
-        InertiaStep, "gradient_derivatives", lambda self, a, m: type(f := turned(self, a, m))(*(0 * part for part in f))
+        InertiaSensitivity,
+        "gradient_derivatives",
+        lambda self, a, m: type(f := turned(self, a, m))(*(0 * part for part in f)),
     )
     assert rates_twice(rng)[0][-1] < 1.3

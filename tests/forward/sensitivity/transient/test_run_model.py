@@ -26,7 +26,7 @@ from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.step_control import StepControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import NeoHooke, Prony
-from ngbrain.materials.flow import Flow
+from ngbrain.materials.maxwell import Flow
 from ngbrain.mesh import block
 from ngbrain.result import Status
 from ngbrain.solvers.newton import Newton

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ngbrain.errors import InputError
-from ngbrain.reading import MOST, check_regular, check_size
+from ngbrain.reading.files import MOST, check_regular, check_size
 
 if TYPE_CHECKING:
     import h5py
@@ -22,7 +22,7 @@ PATIENCE = 20
 """CPU time (s) within which a library must read a file that may be damaged."""
 _TRIAL = """import sys
 sys.path[:] = sys.argv[2:]
-from ngbrain.reading_hdf5 import _begin
+from ngbrain.reading.hdf5 import _begin
 _begin()
 from {0} import {1}
 {1}(sys.argv[1])

@@ -1,0 +1,37 @@
+"""Files as data: what they would take in memory is checked before it is taken, nothing in them is run, nothing is created.
+
+- `files`: bytes, text, JSON, tables, NumPy archives, zip and gzip.
+- `hdf5`: HDF5 files, looked through in a process of its own first.
+"""
+
+from ngbrain.reading.files import (
+    MOST,
+    MOST_TEXT,
+    Table,
+    check_regular,
+    check_size,
+    gunzip,
+    npz_arrays,
+    read_bytes,
+    read_json,
+    read_npz,
+    read_table,
+    read_text,
+    unzip,
+)
+
+__all__ = [
+    "MOST",
+    "MOST_TEXT",
+    "Table",
+    "check_regular",
+    "check_size",
+    "gunzip",
+    "npz_arrays",
+    "read_bytes",
+    "read_json",
+    "read_npz",
+    "read_table",
+    "read_text",
+    "unzip",
+]
