@@ -23,7 +23,7 @@ from ngbrain.forward.solid.inertia import Inertia, Momentum
 from ngbrain.forward.solid.stateful import Stateful
 from ngbrain.forward.solid.tangent import Tangent
 from ngbrain.forward.solid.tissue import TissueTerm
-from ngbrain.look import Card
+from ngbrain.look import NotebookCard
 from ngbrain.solvers import linear
 from ngbrain.solvers.record import Clock
 
@@ -39,7 +39,7 @@ ROUGHLY, AT_MOST = 0.1, 6
 """it has to bring the first residual down to this share in so many iterations."""
 
 
-class Problem(Card, Stateful):
+class Problem(NotebookCard, Stateful):
     """Nonlinear solid: energy Σ W(F; history) + U(J) or p(J - 1) - p²/2K, + loads + contacts + inertia, stationary at equilibrium.
 
     It has no solution loop: steps are made by `advance`, in a `LoadPath` or a `TimeStepper`. Its GridFunctions hold the state that
