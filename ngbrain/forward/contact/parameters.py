@@ -9,14 +9,14 @@ from __future__ import annotations
 PENALTY = 600.0
 """Contact stiffness in initial shear moduli per travel.
 
-The offset of the contact (`Contact.share`) compensates for it. With three times this stiffness, on the mesh of the full
+The offset of the contact (`RigidContact.share`) compensates for it. With three times this stiffness, on the mesh of the full
 demonstration scene: pressure on the patch 0.5 % higher (fast scene: 0.2 % lower), deepest penetration 0.66 instead of 0.99 % of the
 travel, and nearly twice as many factorisations.
 """
 SOFTNESS = 0.001
 """Penetration over which the contact pressure sets in smoothly, in travels."""
 OFFSET_SHARE = 0.995
-"""Share of the penalty's penetration that the contact offset compensates for (θ of `Contact`).
+"""Share of the penalty's penetration that the contact offset compensates for (θ of `RigidContact`).
 
 The remaining penetration is 0.17 % of the travel on average where the body presses. Its maximum, at the corners of a blade's
 rounded edges that elements cannot resolve, is 1.0 % (with 4 mm elements: 0.4 and 2.1 %).

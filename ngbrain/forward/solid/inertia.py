@@ -94,7 +94,7 @@ class GeneralizedAlpha:
         """c (1/s²)."""
         return (1 - self.alpha_m) / ((1 - self.alpha_f) * self.beta * dt**2)
 
-    def begin(self, u: np.ndarray, pace: MotionRates, dt: float) -> InertiaStep:
+    def begin(self, u: np.ndarray, pace: MotionRates, dt: float) -> GeneralizedAlphaStep:
         """Begin a time step.
 
         Parameters
@@ -108,16 +108,16 @@ class GeneralizedAlpha:
 
         Returns
         -------
-        InertiaStep
+        GeneralizedAlphaStep
         """
         if pace.dt:
             average = pace.acceleration + (pace.average - pace.acceleration) * (dt / pace.dt)
             pace = MotionRates(pace.velocity, pace.acceleration, average, dt)
-        return InertiaStep(self, u, pace, dt)
+        return GeneralizedAlphaStep(self, u, pace, dt)
 
 
 @dataclass(frozen=True)
-class InertiaStep:
+class GeneralizedAlphaStep:
     """A time step from u; it ends where F(u') + c M (u' - û) = 0.
 
     Parameters
