@@ -154,7 +154,7 @@ def test_what_it_takes_is_known_before(nodal):
     assert count_hessian_products(nodal.found) == pytest.approx(done, rel=0.25)
     assert len(posterior.eigenvalues) > 0 and estimate_seconds(nodal.found) > 0
     with pytest.raises(InputError, match="zones or slices"):
-        count_hessian_products(replace(nodal.found, end=None))
+        count_hessian_products(replace(nodal.found, final_state=None))
 
 
 def test_bad_input(nodal):
@@ -167,4 +167,4 @@ def test_bad_input(nodal):
     with pytest.raises(InputError, match="where"):
         nodal.mean("storage", np.zeros(121, bool))
     with pytest.raises(InputError, match="zones"):
-        uncertainty(replace(nodal.found, end=None))
+        uncertainty(replace(nodal.found, final_state=None))
