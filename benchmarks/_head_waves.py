@@ -60,7 +60,7 @@ class Head:
     def smooth_at(self, x: Array) -> Array:
         """The measured map itself (Pa)."""
         assert self.measured is not None
-        return self.measured.evaluate(x)
+        return self.measured.interpolate(x)
 
     def label_at(self, x: Array) -> Array:
         """Which of `NAMES` points (n, 3) m are, as numbers (n,): what is neither white nor in a ventricle counts as grey."""

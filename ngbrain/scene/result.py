@@ -33,7 +33,7 @@ class SceneResult(FileResult):
     @property
     def headline(self) -> str:
         """Peak pressure and force of each protocol of an operation, else each answer."""
-        return ", ".join(f"{name} {_told(answer)}" for name, answer in self.value.items())
+        return ", ".join(f"{name} {_format_answer(answer)}" for name, answer in self.value.items())
 
     @property
     def statistics(self) -> dict[str, float]:
@@ -53,7 +53,7 @@ class SceneResult(FileResult):
         return curves(lines, "time, s", "pressure, mmHg")
 
 
-def _told(answer: Any) -> str:
+def _format_answer(answer: Any) -> str:
     if isinstance(answer, Mapping):
         return f"{answer['peak_pressure_mmHg']:.4g} mmHg, {answer['peak_force_N']:.3g} N"
     return f"{answer:.4g}"
