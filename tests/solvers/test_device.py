@@ -109,7 +109,7 @@ def test_waves_and_their_derivatives(cudss, rng):
 @pytest.mark.parametrize(("dense", "off"), [(0, 1e-5), (1000, 1e-8)])  # conjugate gradients magnify round-off
 def test_a_whole_inversion_by_levenberg_and_marquardt(dense, off, cudss):
     both = [small(device) for device in (CPU, Device.from_name("cuda"))]
-    there, here = (levenberg_marquardt(each.reduced, each.start, FixedWeights(), dense=dense) for each in both)
+    there, here = (levenberg_marquardt(each.reduced, each.start, FixedWeights(), max_dense=dense) for each in both)
     done = both[1].model.solves
     assert len(cudss.made) - 1 == done.factorisations  # all of it there; one for trying the device
     assert cudss.solves - 1 == done.back_substitutions

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
 
-from ngbrain import adjoint
+from ngbrain.adjoint.check import taylor
 from ngbrain.errors import CollapseWarning, ConvergenceError, InputError
 from ngbrain.forward.common.kinematics import Axisymmetric
 from ngbrain.forward.common.loads import (
@@ -91,7 +91,7 @@ def test_residual_and_tangent_are_derivatives_of_the_energy(options, rng):
         return body.energy
 
     r = body.residual(x)[0]
-    rates = adjoint.check.taylor(energy, r, x, dx, first=0.1)
+    rates = taylor(energy, r, x, dx, first=0.1)
     assert np.all(np.abs(rates - 2) < 0.1), rates
     solve = body.factorise(x, r)
     steps = [np.linalg.norm(size * (solve((body.residual(x + h * dx)[0] - r) / h) - dx)) for h in (1e-2, 5e-3)]
