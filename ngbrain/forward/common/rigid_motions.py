@@ -21,23 +21,23 @@ ALMOST = 1e-6
 
 
 def check_held(supports: Supports, loads: Sequence[Load], kinematics: SolidKinematics, axes: str = "xyz") -> None:
-    """Refuse a body that can move without straining.
+    """Check that supports prevent all rigid motions.
 
     Parameters
     ----------
     supports : Supports
-        What is held, of which mesh.
+        Dirichlet conditions, with their mesh.
     loads : sequence of Load
-        Those that act; where one of them may hold the body, nothing is refused.
+        Loads; if one of them may support the body, nothing is refused.
     kinematics : SolidKinematics
-        What the mesh stands for.
+        Kinematics of the mesh.
     axes : str
-        What the mesh's axes are called in messages.
+        Names of the axes in messages.
 
     Raises
     ------
     InputError
-        Nothing prevents a motion; the message names all of them, or the region that hangs loose.
+        For free rigid motions; the message names all of them, or the unsupported region.
     """
     if not all(isinstance(load, NO_HOLD) for load in loads) or isinstance(kinematics, Axisymmetric):
         return

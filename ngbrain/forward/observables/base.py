@@ -86,7 +86,7 @@ class Symbolic(Observed):
     """An observable with a `functional`, whose gradient follows from that."""
 
     def gradient(self, weights: Array) -> Array:
-        """By symbols."""
+        """By symbolic differentiation."""
         self.weigh(weights)
         return self._slope()
 
@@ -101,7 +101,7 @@ class Observable(ABC):
     Attributes
     ----------
     name, unit : str
-        In words; of SI.
+        Name for reports, and SI unit.
     """
 
     unit: str
@@ -109,7 +109,7 @@ class Observable(ABC):
     @property
     @abstractmethod
     def name(self) -> str:
-        """In words."""
+        """Name for reports."""
 
     @abstractmethod
     def on(self, problem: Problem) -> Observed:

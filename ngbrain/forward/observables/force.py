@@ -39,7 +39,7 @@ class Force(Observable):
     Raises
     ------
     InputError
-        When told of a problem, for a pattern that matches nothing and a direction that is zero.
+        When evaluated on a problem, for a pattern that matches nothing and a direction that is zero.
     """
 
     boundary: str
@@ -49,7 +49,7 @@ class Force(Observable):
 
     @property
     def name(self) -> str:
-        """In words."""
+        """Name for reports."""
         return f"force on {self.boundary}{along_axis(self.direction)}"
 
     def on(self, problem: Problem) -> Reaction:
@@ -80,7 +80,7 @@ class Moment(Observable):
 
     @property
     def name(self) -> str:
-        """In words."""
+        """Name for reports."""
         return f"moment on {self.boundary} about ({', '.join(f'{1e3 * c:g}' for c in self.centre)}) mm"
 
     def on(self, problem: Problem) -> Reaction:

@@ -24,7 +24,7 @@ class Functional(Observable):
     *integrands : callable
         From a `virtual_work.FieldState` (u, F, p, …) to an integral over `dx(region)` or `ds(boundary)`.
     name, unit : str
-        In words; of SI.
+        Name for reports, and SI unit.
 
     Examples
     --------
@@ -36,7 +36,7 @@ class Functional(Observable):
 
     @property
     def name(self) -> str:
-        """In words."""
+        """Name for reports."""
         return self._name
 
     def on(self, problem: Problem) -> Integrals:
@@ -63,7 +63,7 @@ class StrainEnergy(Observable):
     Raises
     ------
     InputError
-        When told of a problem, for tissue that relaxes: it has no unique free energy.
+        When evaluated on a problem, for tissue that relaxes: it has no unique free energy.
     """
 
     region: str = ".*"
@@ -71,7 +71,7 @@ class StrainEnergy(Observable):
 
     @property
     def name(self) -> str:
-        """In words."""
+        """Name for reports."""
         return f"strain energy of {self.region}"
 
     def on(self, problem: Problem) -> Integrals:
@@ -117,6 +117,6 @@ class Integrals(Symbolic):
             weight.Set(float(value))
 
     def functional(self, state: Motion, *along: Motion) -> Terms:
-        """Weighed."""
+        """Weighted integrals."""
         weighed = zip(self._weights, self._integrands, strict=True)
         return [part.times(weight) for weight, q in weighed for part in self._work.functional(q, state, *along)]

@@ -106,7 +106,7 @@ class StrainPercentile(Quantile):
 
     @property
     def name(self) -> str:
-        """In words."""
+        """Name for reports."""
         octahedral = self.measure == "octahedral"
         return self._named("octahedral shear strain" if octahedral else f"largest {self.measure} strain")
 
@@ -122,14 +122,14 @@ class StressPercentile(Quantile):
     Raises
     ------
     InputError
-        When told of a problem with tissue that relaxes: its stress is not that of the state alone.
+        When evaluated on a problem with tissue that relaxes: its stress is not that of the state alone.
     """
 
     unit = "Pa"
 
     @property
     def name(self) -> str:
-        """In words."""
+        """Name for reports."""
         return self._named("von Mises stress")
 
     def on(self, problem: Problem) -> Stresses:
@@ -289,7 +289,7 @@ class Strains(Symbolic, Percentile):
         ).T
 
     def _weighed(self, at: FieldState) -> ngs.comp.SumOfIntegrals:
-        """Strains, each as much as its point's share has been set to."""
+        """Strains, each weighted by its point's share."""
         change = self.asked.factor * (at.F - ngs.Id(3))
         E = (change + change.trans) / 2
         if self.asked.measure != "small":
@@ -336,7 +336,7 @@ class Stresses(Symbolic, Percentile):
         self._now = now.coef.Compile()
 
     def _weighed(self, at: FieldState) -> ngs.comp.SumOfIntegrals:
-        """Stresses, each as much as its point's share has been set to."""
+        """Stresses, each weighted by its point's share."""
         stress = self.problem.mesh.MaterialCF(
             {pattern: self._von_mises(material, at) for pattern, material in self.problem.materials.items()}
         )

@@ -31,7 +31,7 @@ class Displacements(Observable):
     Raises
     ------
     InputError
-        When told of a problem, for points outside of its mesh and a direction that is zero.
+        When evaluated on a problem, for points outside of its mesh and a direction that is zero.
     """
 
     points: Sequence[Sequence[float]] | Array
@@ -40,7 +40,7 @@ class Displacements(Observable):
 
     @property
     def name(self) -> str:
-        """In words."""
+        """Name for reports."""
         n = len(self.points)
         return f"displacement at {n} point{'s' * (n != 1)}{along_axis(self.direction)}"
 

@@ -25,12 +25,12 @@ class Ratio(Observable):
     numerator, denominator : Observable
         Integrals, or others with a `functional`.
     name, unit : str
-        In words; of SI.
+        Name for reports, and SI unit.
 
     Raises
     ------
     InputError
-        When told of a problem, for observables of more numbers than one.
+        When evaluated on a problem, for observables of more numbers than one.
 
     Examples
     --------

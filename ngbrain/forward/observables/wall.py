@@ -35,7 +35,7 @@ class Patch:
     where : float or CoefficientFunction
         1 on the patch and 0 elsewhere, of places at rest; all of the wall by default.
     name : str
-        In words; the wall's by default.
+        Name for reports; the wall's by default.
     """
 
     contact: RigidContact
@@ -56,7 +56,7 @@ class WallIntegral(Observable):
     Attributes
     ----------
     jumps : str
-        Why it has no gradient; empty where it has one.
+        Reason why it has no gradient; empty where it has one.
     """
 
     jumps = ""
@@ -93,7 +93,7 @@ class WallSum(Symbolic):
         return self._pass()
 
     def gradient(self, weights: Array) -> Array:
-        """By symbols; `InputError` of what jumps."""
+        """By symbolic differentiation; `InputError` for a discontinuous observable."""
         if self._asked.jumps:
             raise InputError(type(self._asked).__name__, "asked for its gradient", self._asked.jumps)
         return super().gradient(weights)
@@ -103,7 +103,7 @@ class WallSum(Symbolic):
         self._weight.Set(float(weights[0]))
 
     def functional(self, state: Motion, *along: Motion) -> Terms:
-        """Weighed."""
+        """Weighted integrals."""
         return [
             term.times(self._weight)
             for wall, density in self._densities.items()
@@ -179,7 +179,7 @@ def _over_each_other(value: float, under: float = 1.0) -> float:
 
 @dataclass(frozen=True, eq=False)
 class OfPatches(WallIntegral):
-    """What is summed over patches.
+    """Integral over patches.
 
     Parameters
     ----------
@@ -240,7 +240,7 @@ class NormalForce(OfPatches):
 
     @property
     def name(self) -> str:
-        """In words."""
+        """Name for reports."""
         return self._named("normal force")
 
     def density(self, problem: Problem, patch: Patch) -> Density:
@@ -261,7 +261,7 @@ class CurrentArea(OfPatches):
 
     @property
     def name(self) -> str:
-        """In words."""
+        """Name for reports."""
         return self._named("current area")
 
     def density(self, problem: Problem, patch: Patch) -> Density:
@@ -282,7 +282,7 @@ class PressedIn(OfPatches):
 
     @property
     def name(self) -> str:
-        """In words."""
+        """Name for reports."""
         return self._named("work of the depth")
 
     def density(self, problem: Problem, patch: Patch) -> Density:
@@ -313,7 +313,7 @@ class ContactForce(OfPatches):
 
     @property
     def name(self) -> str:
-        """In words."""
+        """Name for reports."""
         return self._named("contact force") + self._along(self.direction)
 
     def density(self, problem: Problem, patch: Patch) -> Density:
@@ -339,13 +339,13 @@ class ContactForce(OfPatches):
 
 
 class DrivingForce(OfPatches):
-    """What moving rigid bodies takes (N), whatever their shape: how the contact's energy changes with their way."""
+    """Driving force (N) of rigid bodies: derivative of the contact energy with respect to their travel."""
 
     unit = "N"
 
     @property
     def name(self) -> str:
-        """In words."""
+        """Name for reports."""
         return self._named("driving force")
 
     def density(self, problem: Problem, patch: Patch) -> Density:
@@ -378,7 +378,7 @@ class PatchDisplacement(OfPatches):
 
     @property
     def name(self) -> str:
-        """In words."""
+        """Name for reports."""
         return self._named("mean displacement") + self._along(self.direction)
 
     def density(self, problem: Problem, patch: Patch) -> Density:
@@ -416,7 +416,7 @@ class ContactArea(OfPatches):
 
     @property
     def name(self) -> str:
-        """In words."""
+        """Name for reports."""
         return self._named("area in touch" + (" (smoothed)" if self.smoothed else ""))
 
     @property
