@@ -127,7 +127,7 @@ def estimate_by_adjoint(hierarchy: ModelHierarchy, model: Model, richer: Model, 
         x = interpolate_state(state, body, SMALL if richer["strain"] == "linear" else 1.0)
         try:
             if not body.min_det(x) > 0:
-                raise Breakdown("the small strains, taken as finite strains, invert elements")
+                raise Breakdown("the small strains, taken as finite strains, fold the body")
             with np.errstate(over="raise"):
                 first, second, share = _steps(body, x, state)
             if share > TRUSTED:
@@ -180,7 +180,7 @@ def _steps(body: Problem, x: Array, state: BodyState) -> tuple[Array, Array, flo
 def _both(body: Problem, x: Array, r: Array, inverse: Solve) -> tuple[Array, Array, float]:
     first = -inverse(r)
     if not body.min_det(x + first) > 0:
-        raise Breakdown("the Newton step inverts elements")
+        raise Breakdown("the Newton step folds the body")
     second = -inverse(body.residual(x + first)[0])
     return first, second, float(np.sqrt((body.weights @ second**2) / max(body.weights @ first**2, 1e-300)))
 
