@@ -194,7 +194,7 @@ def test_a_fold_is_no_estimate() -> None:
         quantities=quantity,
     )
     found = estimate(SolutionCache(ModelHierarchy(scene)), cheapest(axes_of(scene)), axes_of(scene)["strain"])
-    assert np.isinf(found.change).all() and "taken for finite" in found.doubt
+    assert np.isinf(found.change).all() and "taken as finite" in found.doubt
 
 
 def test_elements_in_space_are_judged_in_the_section() -> None:
