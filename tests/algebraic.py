@@ -8,7 +8,7 @@ import numpy as np
 from ngbrain.io.waves import WaveData
 from ngbrain.surrogate.data.dataset import DENSITY, SIDES, DataSet, sample, solve_displacement
 from ngbrain.surrogate.operator.encoding import add_noise
-from ngbrain.surrogate.prediction.pretrained import Card, Operator
+from ngbrain.surrogate.prediction.pretrained import ModelCard, Operator
 from ngbrain.surrogate.prediction.trust import calibrate
 
 LINE = np.linspace(0, 1, 5)
@@ -53,9 +53,9 @@ def few(modality, split="train", count=6, across=31):
 @lru_cache
 def algebraic(modality="waves"):
     """An operator of a modality, calibrated on few squares."""
-    bare = Operator(Card({"modality": modality}), {"waves": OfWaves, "compression": OfCompression}[modality]())
+    bare = Operator(ModelCard({"modality": modality}), {"waves": OfWaves, "compression": OfCompression}[modality]())
     found = calibrate(bare, few(modality), few(modality, "validation"))
-    return replace(bare, card=Card({**bare.card.content, **found}))
+    return replace(bare, card=ModelCard({**bare.card.content, **found}))
 
 
 def uniform(shear=6e3 * (1 + 0.2j), frequency=50.0, across=41, **changes):

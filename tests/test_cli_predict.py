@@ -93,7 +93,7 @@ def test_compression_comes_back_as_images(tmp_path, capsys):
     status, out, errors = run(capsys, tmp_path / "echo.nii.gz", "-o", tmp_path / "out", "-q")
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     assert status == 0 and not out and errors == [f"ngbrain: note: {note}" for note in result["warnings"]]
-    assert result["solves"]["forward"] == 1 and any("up to one factor" in note for note in result["warnings"])
+    assert result["solves"]["forward"] == 1 and any("up to a constant factor" in note for note in result["warnings"])
     assert result["answers"]["youngs"]["relative_l2_error"] < 0.45
     (shown,) = (float(note.split("shown as ")[1].split()[0]) for note in result["warnings"] if "shown as" in note)
     import nibabel

@@ -21,7 +21,7 @@ from ngbrain.io import load
 from ngbrain.io.waves import read_waves
 from ngbrain.scene import Scene
 from ngbrain.surgery.observations import Observations
-from ngbrain.surrogate.prediction.pretrained import Card
+from ngbrain.surrogate.prediction.pretrained import ModelCard
 
 READ = {
     "waves.npz": read_waves,
@@ -31,7 +31,7 @@ READ = {
     "retraction.toml": Scene.from_toml,
     "retraction_force.csv": lambda path: Observations.read(None, path),
     "retraction_landmarks.csv": lambda path: Observations.read(path, None),
-    "card.json": Card.read,
+    "card.json": ModelCard.read,
     "run.vtkhdf": load,
     "scan.nii.gz": read_scan,
 }

@@ -14,7 +14,7 @@ from ngbrain.io.waves import WaveData
 from ngbrain.look import maps as drawn
 from ngbrain.result import Result, Status
 from ngbrain.surrogate.data.raster import UPRIGHT, Raster
-from ngbrain.surrogate.prediction.pretrained import Card, Operator
+from ngbrain.surrogate.prediction.pretrained import ModelCard, Operator
 from ngbrain.surrogate.prediction.tiling import FieldPrediction, RasterField, predict_field
 from ngbrain.surrogate.prediction.trust import scores
 
@@ -60,7 +60,7 @@ class Prediction(Result):
 
     data: WaveData
     modality: str
-    card: Card
+    card: ModelCard
     maps: dict[str, Array]
     deviations: dict[str, Array]
     scores: dict[str, float]

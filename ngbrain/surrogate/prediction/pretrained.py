@@ -27,7 +27,7 @@ BATCH = 16
 
 
 @dataclass(frozen=True, eq=False)
-class Card:
+class ModelCard:
     """Model card, NAME.json beside the weights.
 
     Parameters
@@ -39,13 +39,13 @@ class Card:
     content: Mapping[str, Any]
 
     @staticmethod
-    def read(path: Path) -> Card:
+    def read(path: Path) -> ModelCard:
         """Read a card; raises `InputError` where it is missing or malformed."""
         with file_context(path):
             content = read_json(path, "card")
             if not isinstance(content, dict) or content.get("modality") not in MODALITIES:
                 raise InputError("card", "of no modality", f"`modality`, one of {', '.join(MODALITIES)}")
-            card = Card(content)
+            card = ModelCard(content)
             card.check()
         return card
 
@@ -142,7 +142,7 @@ class Operator:
         Session of onnxruntime.
     """
 
-    card: Card
+    card: ModelCard
     session: Any
 
     @staticmethod
@@ -181,7 +181,7 @@ class Operator:
         """
         runtime = require("onnxruntime", "surrogate")
         weights = folder / f"{name}.onnx"
-        card, raw = Card.read(weights.with_suffix(".json")), read_bytes(weights, "weights", MOST_WEIGHTS)
+        card, raw = ModelCard.read(weights.with_suffix(".json")), read_bytes(weights, "weights", MOST_WEIGHTS)
         if card.content.get(DIGEST) != hashlib.sha256(raw).hexdigest():
             found = (
                 "not those that the card was written for"

@@ -60,7 +60,7 @@ def test_several_loads_are_averaged_by_their_certainty():
     assert np.median(two.deviations["loss"] / one.deviations["loss"]) == pytest.approx(2**-0.5, rel=0.03)
     resting = replace(doubled, frequency=[50.0, 0.0])
     found = predict(resting, algebraic())
-    assert any("at rest are left out" in note for note in found.warnings)
+    assert any("static loads are left out" in note for note in found.warnings)
     np.testing.assert_allclose(found.maps["storage"], one.maps["storage"])
     half = doubled.displacement.copy()
     half[1, :, 0] = np.nan
@@ -108,7 +108,7 @@ def test_compression_is_known_up_to_a_factor():
     found = predict(pressed(), algebraic("compression"))
     assert set(found.maps) == {"youngs"} and np.mean(found.maps["youngs"]) == pytest.approx(1)
     assert found.solves.forward == found.solves.factorisations == 1
-    assert any("up to one factor" in note for note in found.warnings)
+    assert any("up to a constant factor" in note for note in found.warnings)
 
 
 def test_a_shear_modulus_that_is_assumed_at_rest_is_said():

@@ -11,7 +11,7 @@ from algebraic import algebraic, few, noisy
 
 from ngbrain.errors import InputError
 from ngbrain.surrogate.operator.encoding import GRAIN, MODALITIES, add_noise, modality
-from ngbrain.surrogate.prediction.pretrained import DIGEST, WEIGHTS, Card, Operator
+from ngbrain.surrogate.prediction.pretrained import DIGEST, WEIGHTS, ModelCard, Operator
 from ngbrain.surrogate.prediction.tiling import TilePrediction
 from ngbrain.surrogate.prediction.trust import auc, calibrate, scores
 
@@ -50,12 +50,12 @@ def test_scales_are_calibrated_so_that_they_cover_what_they_say():
 
 
 def test_shares_between_those_of_the_calibration_and_beyond_them():
-    card = Card({"within": {"shares": [0.5, 0.9], "deviations": [[0.4, 1.2], [1.0, 2.0]]}})
+    card = ModelCard({"within": {"shares": [0.5, 0.9], "deviations": [[0.4, 1.2], [1.0, 2.0]]}})
     np.testing.assert_allclose(card.coverage_factors(0.7), [0.8, 1.5])
     with pytest.raises(InputError, match=r"share is 0\.95; wanted: 0\.5 to 0\.9"):
         card.coverage_factors(0.95)
     with pytest.raises(InputError, match="card is without `within`"):
-        Card({}).coverage_factors(0.5)
+        ModelCard({}).coverage_factors(0.5)
 
 
 def test_what_was_validated_on_is_within_its_bounds():
@@ -138,7 +138,7 @@ def test_area_under_the_curve():
 
 def test_a_card_that_was_not_calibrated_says_so():
     with pytest.raises(InputError, match="without trust"):
-        Card({"modality": "waves"}).trust  # noqa: B018
+        ModelCard({"modality": "waves"}).trust  # noqa: B018
 
 
 def test_an_operator_that_answers_nothing_is_not_calibrated():
@@ -156,9 +156,9 @@ def test_cards_and_weights_that_are_none(tmp_path):
         Operator.load(tmp_path, "waves")
     (tmp_path / "waves.json").write_text('{"modality": "sound"}')
     with pytest.raises(InputError, match=r"waves\.json.*modality"):
-        Card.read(tmp_path / "waves.json")
+        ModelCard.read(tmp_path / "waves.json")
     with pytest.raises(InputError, match="missing"):
-        Card.read(tmp_path / "other.json")
+        ModelCard.read(tmp_path / "other.json")
 
 
 def told_otherwise(card, path, value):
@@ -180,7 +180,7 @@ def test_a_card_with_anything_else_in_it_is_refused(tmp_path, name):
     card = json.loads((WEIGHTS / f"{name}.json").read_text())
     path = tmp_path / f"{name}.json"
     path.write_text(json.dumps(card))
-    Card.read(path)
+    ModelCard.read(path)
     some = next(key for key in card["trust"]["ranges"])
     places = [
         ("temperature",),
@@ -202,7 +202,7 @@ def test_a_card_with_anything_else_in_it_is_refused(tmp_path, name):
                 continue  # a card may come before calibration
             path.write_text(json.dumps(told_otherwise(card, place, value)))
             with pytest.raises(InputError, match=f"{name}.json: (within|trust|temperature)"):
-                Card.read(path)
+                ModelCard.read(path)
 
 
 def test_weights_that_are_not_those_of_the_card_are_refused(tmp_path):
