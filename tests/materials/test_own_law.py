@@ -86,7 +86,7 @@ def test_in_an_inversion(rng):
     truth = 600.0 + 3e4 * ngs.x
     fine = seen(square(12, size=SIDE), "P3/P2", LopezPamies(truth, ngs.CF(9.0)), {"none": ngs.Parameter(0.0)})
     data = fine.evaluate(fine.theta).data
-    for where in fine.observed:
+    for where in fine.observation_slices:
         data[where] += 0.005 * np.sqrt(np.mean(data[where] ** 2)) * rng.normal(size=where.stop - where.start)
     mesh = square(8, size=SIDE)
     mu, a = ngs.GridFunction(ngs.H1(mesh, order=1)), ngs.Parameter(4.0)
