@@ -50,7 +50,11 @@ def constructor(node: ast.ClassDef) -> list[str]:
         return []
     fields = [i for i in node.body if isinstance(i, ast.AnnAssign) and isinstance(i.target, ast.Name)]
     return [
-        i.target.id for i in fields if not i.target.id.startswith("_") and "ClassVar" not in ast.unparse(i.annotation)
+        i.target.id
+        for i in fields
+        if not i.target.id.startswith("_")
+        and "ClassVar" not in ast.unparse(i.annotation)
+        and not (i.value and "init=False" in ast.unparse(i.value))
     ]
 
 

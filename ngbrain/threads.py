@@ -22,6 +22,8 @@ def set_threads(n: int) -> None:
 
     Threads of OpenBLAS inside threads of the assembly would compete for the cores. Loaded libraries are found in the process
     map, which only Linux has; on other systems set OPENBLAS_NUM_THREADS=1.
+
+    >>> set_threads(1)
     """
     ngs.SetNumThreads(max(1, int(n)))
     maps = Path("/proc/self/maps")

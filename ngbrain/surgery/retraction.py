@@ -85,7 +85,7 @@ def solve(
         Called with (run, its time in s, share done) after every step.
     checks : bool
         False leaves the checks out: no error estimates of mesh, order and time steps, nor another exponent of the law.
-    callback : callable, optional
+    checkpoint : callable, optional
         Called with the result so far, when the protocols are done and again after each check.
     executor : int or concurrent.futures.Executor, optional
         Who computes protocols and checks (`ngbrain.parallel.run`), each on one thread and with the same bits whoever it is; by

@@ -87,6 +87,8 @@ class Cohort(Result):
     folder : Path
     group : str
         The column of the groups; empty without groups.
+    status : Status
+        How it ended.
     """
 
     rows: list[ResultRow]

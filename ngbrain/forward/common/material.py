@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import ngsolve as ngs
@@ -36,12 +36,18 @@ class Material:
         element. Re-entrant corners of a cut need it, a smooth scene does not.
     change : callable
         Volumetric energy U(J) of bulk modulus K, `quadratic` or `squared_log`; with a pressure, its mixed form.
+
+    Examples
+    --------
+    >>> from ngbrain.materials import NeoHooke, Prony
+    >>> Material(Prony(NeoHooke(1e3), [0.5], [10.0]), bulk=1e6).viscous.branches[0].tau
+    10.0
     """
 
     law: Viscous | Law
     bulk: Value
     pointwise: Value = 0.0
-    change: Change = quadratic
+    change: Change = field(default=quadratic, repr=False)
 
     def __post_init__(self) -> None:
         if not any(hasattr(self.law, name) for name in ("energy", "density", "branches")):

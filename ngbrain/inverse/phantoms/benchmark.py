@@ -227,6 +227,8 @@ class PhantomData:
         Root mean square of each component without noise (m).
     noise : float
         Noise level relative to it.
+    truth : mapping
+        Property → true values at the points; made from the phantom.
     """
 
     phantom: Phantom

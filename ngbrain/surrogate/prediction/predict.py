@@ -149,6 +149,16 @@ def predict(data: WaveData, operator: Operator | None = None) -> Prediction:
         across.
     MissingExtra
         onnxruntime is not installed.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from ngbrain import datasets, read_waves
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path, *_ = datasets.write("waves_plane", folder)
+    ...     found = predict(read_waves(path))
+    >>> sorted(found.maps)
+    ['loss', 'storage']
     """
     if data.symmetry != "isotropic":
         raise InputError("symmetry", data.symmetry, "isotropic: the operator is not trained with fibres; use `invert`")
