@@ -1,4 +1,10 @@
-"""Models and objectives as differentiable functions of other libraries.
+"""Models and objectives as differentiable functions of other libraries, one module each.
 
-`function` (the common interface), `jax`, `scipy`, `torch`, `umbridge` (UM-Bridge over HTTP): one module for each library.
+- `function`: the interface that all of them adapt.
+- `jax`: JAX, with derivatives of both directions.
+- `scipy`: objectives for `scipy.optimize`.
+- `torch`: PyTorch autograd.
+- `umbridge`: UM-Bridge, models over HTTP.
 """
+
+__all__ = ["function", "jax", "scipy", "torch", "umbridge"]
