@@ -53,6 +53,9 @@ NOISE, SEEDS = (0.01, 0.02), 5
 OTHERS = {name.lower(): search for name, search in OPTIMISERS.items() if name != "Levenberg-Marquardt"}
 OURS = "levenberg-marquardt"
 
+LOST = 0.5
+"""Largest relative error of a parameter above which a search has failed, whatever it says of itself."""
+
 
 @dataclass(frozen=True)
 class Grid:
@@ -285,7 +288,8 @@ def chart(records: list[Record], png: str) -> None:
                 continue
             x = i + 0.17 * (k - 2)
             third.bar(x, r["in_runs"], 0.15, color=colour, label=method if i == 0 else None)
-            text = f"{r['in_runs']:.0f}" if r["converged"] else f"{r['in_runs']:.0f}\nnot settled"
+            failed = "not settled" if not r["converged"] else f"{r['error']:.0%} off" if r["error"] > LOST else ""
+            text = f"{r['in_runs']:.0f}" + (f"\n{failed}" if failed else "")
             third.text(x, r["in_runs"], text, ha="center", va="bottom", fontsize=6)
     third.set_xticks(range(len(PROBLEMS)), [name.replace(" ", "\n", 1) for name in PROBLEMS])
     third.set(ylabel="CPU time over that of a run", title=f"Cost, elements of {COARSE.name}")
