@@ -19,7 +19,7 @@ FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.M | re.S)
 LINK = re.compile(r"\]\(([^)\s]+)\)|src=\"([^\"]+)\"")
 OUTPUT = re.compile(r"-o (\S+)")
 SET_UP = re.compile(r"make \w+ ")
-LONG = re.compile(r"^ngbrain (mesh|invert|simulate|calibrate|demo) |ngbrain\.simulate\(|\binvert\(", re.M)
+LONG = re.compile(r"^ngbrain (mesh|invert|simulate|calibrate|demo) |nb\.simulate\(|\binvert\(", re.M)
 """What takes more than a few seconds."""
 OFF = 0.05
 """By which part a number may differ from the one that README prints: machines and versions differ in last digits, not in these."""
