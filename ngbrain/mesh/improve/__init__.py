@@ -4,7 +4,7 @@
 - `guarded_moves`: vertex moves that never make a bad tetrahedron.
 - `octree`: a body-centred cubic lattice of tetrahedra on an octree, graded by a size field.
 - `reconnection`: edge and face swaps that replace the worst tetrahedra.
-- `smoothing`: optimisation-based vertex smoothing that keeps interfaces.
+- `vertex_relocation`: optimisation-based vertex smoothing that keeps interfaces.
 - `snapped_lattice`: a lattice whose vertices are moved onto the interfaces of volume fractions.
 - `snapping`: snapping of vertices to interfaces, and cuts of the edges that still cross one.
 - `volume_matching`: interface moves that give regions their target volumes.
@@ -15,7 +15,7 @@ __all__ = [
     "guarded_moves",
     "octree",
     "reconnection",
-    "smoothing",
+    "vertex_relocation",
     "snapped_lattice",
     "snapping",
     "volume_matching",

@@ -7,7 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
-from ngbrain.mesh.improve.smoothing import FLATTEST, Stars, shape_quality
+from ngbrain.mesh.improve.vertex_relocation import FLATTEST, Stars, shape_quality
 
 LARGEST = 7
 """Largest number of tetrahedra around an edge that is removed; with more, the new ones are worse."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ngbrain.mesh.improve.smoothing import FLATTEST, shape_quality
+from ngbrain.mesh.improve.vertex_relocation import FLATTEST, shape_quality
 from ngbrain.mesh.labels.volume_zones import Zones
 
 FURTHEST = 0.2
@@ -28,7 +28,7 @@ def match_volumes(
     In each zone, an interface moves by the same part of the element size everywhere. This corrects two errors: plane facets cut
     corners, so that regions with convex interfaces are too small, and films too thin for the mesh are assigned to their
     neighbours. A region whose volume cannot be matched within `FURTHEST` leaves the rest to the region with the largest common
-    interface. No tetrahedron gets a shape quality (`smoothing.shape_quality`) below `sound`, unless it already has it.
+    interface. No tetrahedron gets a shape quality (`vertex_relocation.shape_quality`) below `sound`, unless it already has it.
 
     Parameters
     ----------

@@ -9,7 +9,7 @@ from ngbrain.errors import InputError
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.mesh.geometry.sizing import SizeField, sample_sizes
 from ngbrain.mesh.improve.reconnection import Reconnection
-from ngbrain.mesh.improve.smoothing import FLATTEST, shape_quality, smooth_vertices
+from ngbrain.mesh.improve.vertex_relocation import FLATTEST, shape_quality, smooth_vertices
 from ngbrain.mesh.improve.volume_matching import INSIDE, match_volumes
 from ngbrain.mesh.labels.indicators import SMOOTHING, Indicators, Points
 from ngbrain.mesh.labels.sampling import sample_interfaces, sample_interior

@@ -10,7 +10,7 @@ from ngbrain.image.read.label_map import LabelMap
 from ngbrain.mesh.geometry.level_set import LevelSet
 from ngbrain.mesh.geometry.sizing import SizeField, sample_sizes
 from ngbrain.mesh.improve.reconnection import Reconnection
-from ngbrain.mesh.improve.smoothing import smooth_vertices
+from ngbrain.mesh.improve.vertex_relocation import smooth_vertices
 from ngbrain.mesh.routes.cleft_head import Hull, inner_surface, match_enclosed_volume, wall_name
 from ngbrain.mesh.routes.conforming import PER_CUBE
 from ngbrain.mesh.surface.head_outlines import BRAIN, changes, outlines

@@ -25,9 +25,9 @@ from ngbrain.mesh.improve import (
     guarded_moves,
     octree,
     reconnection,
-    smoothing,
     snapped_lattice,
     snapping,
+    vertex_relocation,
     volume_matching,
 )
 from ngbrain.mesh.labels import indicators, sampling, volume_fractions, volume_zones
@@ -127,7 +127,7 @@ ROUTES: Mapping[str, Route] = {
         5e-3,
         17e-3,
         "sulci, hollows (filled), and surfaces between tissues: inside the hull a point takes the tissue of the label there",
-        (hull, cleft_head, head_outlines, level_set, manifold, smoothing, remeshing, conforming, reconnection),
+        (hull, cleft_head, head_outlines, level_set, manifold, vertex_relocation, remeshing, conforming, reconnection),
     ),
     "lattice": Route(
         lambda labels, size: _latticed(lattice.lattice(labels, size)),
@@ -141,7 +141,16 @@ ROUTES: Mapping[str, Route] = {
         4e-3,
         20e-3,
         "folds and films thinner than elements",
-        (conforming, indicators, reconnection, smoothing, sampling, volume_fractions, volume_matching, volume_zones),
+        (
+            conforming,
+            indicators,
+            reconnection,
+            vertex_relocation,
+            sampling,
+            volume_fractions,
+            volume_matching,
+            volume_zones,
+        ),
     ),
 }
 

@@ -4,7 +4,7 @@
 - `mask_surface`: the surface of a voxel mask, with the topology of the mask.
 - `remeshing`: triangles on a smooth level set, graded by a size field.
 - `manifold`: sets of tetrahedra whose boundary is made a manifold.
-- `self_intersections`: intersecting triangles, and smoothing that avoids them.
+- `smoothing`: smoothing that avoids self-intersections, and where triangles intersect.
 - `head_outlines`: smooth outlines of a head, its ventricles and lesions, and their repairs.
 - `cortex`: white, pial and outer surface, and cortical thickness.
 - `cortex_refinement`: placement of the white and pial surface by the grey values of a scan.
@@ -19,6 +19,6 @@ __all__ = [
     "manifold",
     "mask_surface",
     "remeshing",
-    "self_intersections",
+    "smoothing",
     "triangle_mesh",
 ]

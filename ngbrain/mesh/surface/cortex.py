@@ -12,7 +12,7 @@ from ngbrain.errors import InputError
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.segment.topology_correction import NEIGHBOURS, correct_topology, largest_filled_component
 from ngbrain.mesh.surface.mask_surface import contour
-from ngbrain.mesh.surface.self_intersections import smooth_surfaces
+from ngbrain.mesh.surface.smoothing import smooth_surfaces
 from ngbrain.mesh.surface.triangle_mesh import SurfaceMesh
 
 WHITE = ("white", "corpus_callosum", "deep_grey", "brain_stem", "ventricles")

@@ -10,7 +10,7 @@ from scipy import ndimage, sparse
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.read.volume import Volume
 from ngbrain.mesh.surface.cortex import FLUID, Cortex, part_of, thickness
-from ngbrain.mesh.surface.self_intersections import resolve_intersections
+from ngbrain.mesh.surface.smoothing import resolve_intersections
 from ngbrain.mesh.surface.triangle_mesh import SurfaceMesh
 
 REACH, STEP = 1.5e-3, 0.1e-3

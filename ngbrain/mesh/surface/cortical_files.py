@@ -13,7 +13,7 @@ from ngbrain.image.read.volume import Volume
 from ngbrain.io.surfacefile import write_surface, write_values
 from ngbrain.mesh.surface.cortex import THICKEST, Cortex, spherical_cortex
 from ngbrain.mesh.surface.cortex_refinement import refine_cortex
-from ngbrain.mesh.surface.self_intersections import crossings
+from ngbrain.mesh.surface.smoothing import crossings
 
 
 def write_cortex(labels: LabelMap, t1: Volume | None, folder: Path, stem: str) -> dict[str, Any]:

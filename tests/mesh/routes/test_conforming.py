@@ -12,7 +12,7 @@ from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.read.volume import Volume
 from ngbrain.mesh.geometry.sizing import RadialSizeField
 from ngbrain.mesh.improve.reconnection import Reconnection
-from ngbrain.mesh.improve.smoothing import shape_quality, smooth_vertices
+from ngbrain.mesh.improve.vertex_relocation import shape_quality, smooth_vertices
 from ngbrain.mesh.labels.indicators import MOST, Indicators
 from ngbrain.mesh.labels.volume_zones import Zones
 from ngbrain.mesh.quality import Quality, deviations, interfaces, volume_errors

@@ -9,10 +9,10 @@ from ngbrain.errors import InputError
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.read.volume import Volume
 from ngbrain.image.segment.topology_correction import NEIGHBOURS
-from ngbrain.mesh.surface import self_intersections as crossing
+from ngbrain.mesh.surface import smoothing as crossing
 from ngbrain.mesh.surface.cortex import cortex, spherical_cortex
 from ngbrain.mesh.surface.mask_surface import contour
-from ngbrain.mesh.surface.self_intersections import crossings, smooth_surfaces
+from ngbrain.mesh.surface.smoothing import crossings, smooth_surfaces
 from ngbrain.mesh.surface.triangle_mesh import SurfaceMesh
 
 NAMES = {1: "csf", 2: "grey", 3: "white", 4: "ventricles"}

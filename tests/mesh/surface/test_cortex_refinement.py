@@ -13,7 +13,7 @@ from ngbrain.mesh.geometry.sizing import RadialSizeField
 from ngbrain.mesh.surface.cortex import spherical_cortex
 from ngbrain.mesh.surface.cortex_refinement import refine_cortex
 from ngbrain.mesh.surface.cortical_files import write_cortex
-from ngbrain.mesh.surface.self_intersections import crossings
+from ngbrain.mesh.surface.smoothing import crossings
 from ngbrain.workflows.mesh_head import Subject, write_subject
 
 GREY_VALUES = {"air": 0.0, "csf": 0.3, "grey": 0.72, "white": 1.0}
