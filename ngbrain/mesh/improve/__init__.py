@@ -15,8 +15,8 @@ __all__ = [
     "guarded_moves",
     "octree",
     "reconnection",
-    "vertex_relocation",
     "snapped_lattice",
     "snapping",
+    "vertex_relocation",
     "volume_matching",
 ]
