@@ -311,7 +311,8 @@ def chart(records: list[Record], png: str) -> None:
         search.text(where, r["sets"] + 4, f"{r['error']:.1%}", ha="center", fontsize=5.5, rotation=90)
     search.set_xticks(range(len(names)), names)
     search.set(title="optimisers, with errors", ylabel="CPU time in sets of equilibria")
-    search.legend(frameon=False, fontsize=7)
+    search.set_ylim(top=1.6 * max(r["sets"] for r in compared))
+    search.legend(frameon=False, fontsize=7, loc="upper left", ncols=2)
     rows = [r for r in records if r["problem"] == "unloaded shape"]
     rows = [r for r in rows if r["ndof"] == rows[-1]["ndof"]]
     shape.barh([r["method"].removeprefix("ngbrain:") for r in rows], [r["error"] for r in rows], color="#0072B2")
