@@ -32,7 +32,7 @@ OWN = """
 import os
 from ngbrain import parallel
 
-def work(*, tell):
+def work(*, callback):
     return os.getpid()
 
 found = parallel.run([("a", work, ()), ("b", work, ())], 2)
@@ -60,7 +60,7 @@ def compute():
     if how == "serial thread":
         parallel.run([("a", ticks, (60,))], 1)
     tasks = [("a", waits, (60,)), ("b", waits, (60,))][: 1 if how == "deaf" else 2]
-    parallel.run(tasks, 2, tell=lambda pid: print(pid, flush=True))
+    parallel.run(tasks, 2, callback=lambda pid: print(pid, flush=True))
 
 print("begun", flush=True)
 if how.endswith("thread"):
