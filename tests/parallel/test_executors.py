@@ -158,7 +158,7 @@ def test_a_killed_rank_ends_the_job_in_one_line_and_the_next_goes_on(tmp_path, c
     tasks = [(f"task {i}", counts, (tmp_path / "begun", i)) for i in range(1, 4)]
     tasks += [("killer", dies_once, (tmp_path / "begun", 0))]
     with parallel.open_executor("mpi:1") as executor:
-        words = r"^killer: a rank died: Killed \(signal 9\), which ends the MPI job; started again"
+        words = r"^killer: a rank died: Killed \(signal 9\), which ends the MPI job; a restart continues"
         with pytest.raises(SolverError, match=words):
             parallel.run(tasks, executor, store=work)
         with pytest.raises(SolverError, match="which ends the MPI job"):

@@ -55,7 +55,7 @@ def test_bad_input():
     with pytest.raises(InputError, match=r"nodes is 'mu'; wanted: the name of a parameter NodePositions\(mesh\)"):
         Positions(hung(), "mu", SEEN)
     for seen in ([Displacements(SEEN), Force("top")], [Displacements(SEEN[:2])]):
-        with pytest.raises(InputError, match="other observations; wanted: Displacements of the 3 points alone"):
+        with pytest.raises(InputError, match="other observables; wanted: only Displacements of the 3 points"):
             Positions(hung(*seen), "nodes", SEEN)
-    with pytest.raises(InputError, match="other observations; wanted: Displacements of the 1 points alone"):
+    with pytest.raises(InputError, match="other observables; wanted: only Displacements of the 1 points"):
         Positions(hung(Force("top")), "nodes", SEEN[:1])  # as many numbers
