@@ -100,7 +100,7 @@ class Unsteady:
             raise SolverError("equilibrium has no derivative")
         return w
 
-    push = pull = gradient
+    jvp = vjp = gradient
 
 
 def test_an_equilibrium_without_a_derivative_is_turned_back_from():
@@ -358,7 +358,7 @@ def test_quadrature_of_the_parameters_own_order_is_not_the_energys():
     there = model.evaluate(model.theta)
     right, each, mu = there.gradient(np.ones(6)), model.equilibria[0], model.parts["mu"].gfu
     naive = ngs.LinearForm(mu.space)
-    for part in each.functional(body.gfu):
+    for part in each.lagrangian(body.gfu):
         if not (slope := part.derivative(mu, mu.space.TestFunction())).vanishes:
             naive += slope.coef.Compile() * ngs.dx
     naive.Assemble()
