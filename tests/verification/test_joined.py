@@ -128,7 +128,7 @@ def test_a_strut_buckles_where_it_should(slenderness):
     guides = {"bottom": (None, 0), "top": (None, 2 * (critical - 1) * length)}
     # A soft spring keeps the strut from drifting sideways; what bends need not stretch it.
     body, pressed = Problem(mesh, tissue, guides, [Spring("bottom", MU)], element="P4/P3"), []
-    record = LoadPath(body).solve(steps=15, eigenvalues=True, checkpoint=lambda t: pressed.append(body.force("top")[1]))
+    record = LoadPath(body).solve(steps=15, eigenvalues=True, callback=lambda t: pressed.append(body.force("top")[1]))
     t, found = np.array(record.eigenvalues).T
     stretch = 1 + 2 * t * (critical - 1)
     crossing = 1 - np.interp(0.0, -found, 1 - stretch)
