@@ -5,12 +5,12 @@ from __future__ import annotations
 import base64
 import io
 from collections.abc import Mapping, Sequence
-from html import escape
 from typing import Any
 
 import numpy as np
 
 from ngbrain.errors import MissingExtra, require
+from ngbrain.result import html_table
 
 STYLE = {
     "font.family": "DejaVu Sans",
@@ -44,9 +44,7 @@ class NotebookCard:
         return f"{type(self).__name__}: {'; '.join(self.summary().values())}"
 
     def _repr_html_(self) -> str:
-        rows = self.summary().items()
-        cells = "".join(f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>" for name, text in rows)
-        return f"<table><caption>{type(self).__name__}</caption>{cells}</table>{self._thumbnail()}"
+        return html_table(type(self).__name__, self.summary()) + self._thumbnail()
 
     def _thumbnail(self) -> str:
         """The plot as a small embedded image; nothing where there is none, or no matplotlib."""

@@ -132,12 +132,32 @@ class Result:
     def _repr_html_(self) -> str:
         rows = {"value": self.headline, "status": str(self.status), "usable": "yes" if self.usable else "no"}
         rows |= {name.replace("_", " "): f"{number:g}" for name, number in self.statistics.items()}
-        cells = "".join(f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>" for name, text in rows.items())
         lines = [*(f"Not usable: {reason}" for reason in self.reasons), *self.warnings]
         notes = "".join(f"<li>{escape(line)}</li>" for line in lines)
-        return f"<table><caption>{type(self).__name__}</caption>{cells}</table>" + (
-            f"<ul>{notes}</ul>" if notes else ""
-        )
+        return html_table(type(self).__name__, rows) + (f"<ul>{notes}</ul>" if notes else "")
+
+
+def html_table(caption: str, rows: Mapping[str, str]) -> str:
+    """Table of names and texts, as a notebook shows it.
+
+    Parameters
+    ----------
+    caption : str
+    rows : mapping
+        Name → text.
+
+    Returns
+    -------
+    str
+        HTML.
+
+    Examples
+    --------
+    >>> html_table("Body", {"mesh": "a < b"})
+    '<table><caption>Body</caption><tr><th>mesh</th><td>a &lt; b</td></tr></table>'
+    """
+    cells = "".join(f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>" for name, text in rows.items())
+    return f"<table><caption>{caption}</caption>{cells}</table>"
 
 
 def _short(value: Any) -> str:

@@ -67,11 +67,6 @@ def from_voigt(entries: CoefficientFunction) -> CoefficientFunction:
     return ngs.CF((xx, xy, xz, xy, yy, yz, xz, yz, zz), dims=(3, 3))
 
 
-def green_lagrange(F: CoefficientFunction) -> CoefficientFunction:
-    """Green-Lagrange strain E = (FᵀF - 1)/2."""
-    return 0.5 * (F.trans * F - ngs.Id(3))
-
-
 def deviator(A: CoefficientFunction) -> CoefficientFunction:
     """Deviator A - (tr A / 3) 1."""
     return A - ngs.Trace(A) / 3 * ngs.Id(3)

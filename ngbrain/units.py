@@ -77,11 +77,6 @@ def gf(value: T) -> T:
     return value * N_PER_GF  # type: ignore
 
 
-def to_gf(value: T) -> T:
-    """Newtons to grams-force."""
-    return value / N_PER_GF  # type: ignore
-
-
 def to_minutes(value: T) -> T:
     """Seconds to minutes."""
     return value / MINUTE  # type: ignore

@@ -299,23 +299,6 @@ class SolverCost:
     factor_s: float
     solve_s: float
 
-    def step_s(self, loads: int, iterations: int) -> float:
-        """CPU time (s) of a Gauss-Newton step: two solves per load and conjugate-gradient iteration.
-
-        Parameters
-        ----------
-        loads : int
-            Number of loads.
-        iterations : int
-            Conjugate-gradient iterations of the step.
-
-        Returns
-        -------
-        float
-            CPU time (s).
-        """
-        return self.factor_s + 2 * loads * (iterations + 1) * self.solve_s
-
 
 def estimate_solver_cost(body: HarmonicProblem) -> SolverCost:
     """Estimate the cost of factorising the wave operator of a body, extrapolated from head meshes with P2 elements.
