@@ -102,7 +102,7 @@ finer = MakeStructured2DMesh(quads=False, nx=9, ny=9, mapping=lambda x, y: (0.1 
 rising = 800 + 4000 * ngs.x
 exact = seen(pressed(finer, Quartic(rising, ngs.CF(0.8)), "P3/P2"), {"none": ngs.Parameter(0.0)})
 data = exact.evaluate(exact.theta).data
-for where in exact.observed:
+for where in exact.observation_slices:
     data[where] += 0.01 * np.sqrt(np.mean(data[where] ** 2)) * rng.normal(size=where.stop - where.start)
 mu.Set(1500.0)
 own = estimate(model, data, noise=0.01)
