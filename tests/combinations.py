@@ -1,6 +1,6 @@
 """Every ingredient of a `Problem` with every controller, on every kind of mesh: what works, and what is refused in one line.
 
-python tests/combinations.py     writes the table of the guide's page `tutorials/guide/combinations.md`
+python tests/combinations.py     writes the table of the guide's page `tutorials/guide/reference/combinations.md`
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from ngbrain.forward.transient.time_stepper import LoadHistory, TimeStepper, run
 from ngbrain.materials import Branch, Maxwell, NeoHooke, Viscous
 
 SIDE, GAP, MU, BULK = 0.02, 0.004, 1e3, 2e4
-PAGE = Path(__file__).parents[1] / "tutorials" / "guide" / "combinations.md"
+PAGE = Path(__file__).parents[1] / "tutorials" / "guide" / "reference" / "combinations.md"
 MESHES = ("plane strain, triangles", "plane strain, quadrilaterals", "axisymmetric, triangles", "axisymmetric, quadrilaterals",
           "space, tetrahedra", "space, hexahedra")  # fmt: skip
 WORKS = "works"

@@ -1,6 +1,6 @@
 """Every parameter of every term: derivatives of an equilibrium and of a run, once and twice, by Taylor rates.
 
-python tests/derivatives.py     writes the table of the guide's page `tutorials/guide/combinations.md`
+python tests/derivatives.py     writes the table of the guide's page `tutorials/guide/reference/combinations.md`
 """
 
 from __future__ import annotations

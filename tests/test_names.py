@@ -10,7 +10,7 @@ import pytest
 import ngbrain
 
 PACKAGE = Path(ngbrain.__file__).parent
-GLOSSARY = Path(__file__).parents[1] / "tutorials" / "guide" / "glossary.md"
+GLOSSARY = Path(__file__).parents[1] / "tutorials" / "guide" / "reference" / "glossary.md"
 PLAIN = Path(__file__).with_name("plain_words.txt")
 MODULES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted(PACKAGE.rglob("*.py"))}
 PACKAGES = sorted(path.parent for path in MODULES if path.name == "__init__.py")

@@ -76,7 +76,7 @@ def test_every_key_is_described():
 
 
 def test_the_page_is_what_the_code_says():
-    assert (ROOT / "tutorials" / "guide" / "scene.md").read_text() == reference(Scene)
+    assert (ROOT / "tutorials" / "guide" / "reference" / "scene.md").read_text() == reference(Scene)
 
 
 def test_templates_and_schema_are_printed(capsys):

@@ -1,6 +1,6 @@
 """Conventions that codes and papers differ in: ours, and that the other one is noticed or gives another number.
 
-The table of tutorials/guide/conventions.md names a test for each, most of them here.
+The table of tutorials/guide/reference/conventions.md names a test for each, most of them here.
 """
 
 import re
@@ -35,7 +35,7 @@ from ngbrain.surgery.measures.injury import Strain, von_mises
 from ngbrain.tensors import octahedral_shear
 
 ROOT = Path(__file__).parents[2]
-PAGE = ROOT / "tutorials/guide/conventions.md"
+PAGE = ROOT / "tutorials/guide/reference/conventions.md"
 POINTS = np.array([[x, y] for y in range(16) for x in range(16)]) * 3e-3
 WAVENUMBER = 2 * np.pi * 60 * np.sqrt(1000 / (2500 + 500j))  # 1/m of G* = 2500 + 500i Pa at 60 Hz
 AMPLITUDE = 1e-5 * np.stack([np.exp(-1j * WAVENUMBER * POINTS[:, k]) for k in (1, 0)], axis=1)  # m, Re(u e^{+iωt})
