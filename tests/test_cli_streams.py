@@ -62,7 +62,7 @@ def test_a_pipe_that_is_not_read_on_is_no_fault():
 
 
 def test_work_goes_on_when_nobody_reads(scene, tmp_path):
-    done = shell(f"set -o pipefail; {PYTHON} simulate {scene} -o {tmp_path / 'out'} | true")
+    done = shell(f"set -o pipefail; {PYTHON} simulate {scene} --as-described -q -o {tmp_path / 'out'} | true")
     assert (done.returncode, done.stderr) == (0, "")
     assert "answers" in json.loads((tmp_path / "out" / "result.json").read_text())
 
@@ -75,7 +75,7 @@ def test_a_full_standard_output_is_one_line():
 @pytest.mark.parametrize("closed", ["2>&-", ">&- 2>&-", "<&- >&- 2>&-"])
 def test_closed_streams_hurt_nobody(scene, tmp_path, closed):
     out = tmp_path / "out"
-    assert shell(f"{PYTHON} simulate {scene} -o {out} {closed}").returncode == 0
+    assert shell(f"{PYTHON} simulate {scene} --as-described -o {out} {closed}").returncode == 0
     json.loads((out / "result.json").read_text())
     assert shell(f"{PYTHON} simulate {scene}x -o {out} {closed}").returncode == 2
 
@@ -117,7 +117,7 @@ def test_results_are_not_replaced_unasked(scene, tmp_path, capsys):
     (out / "result.json").write_text("{}")
     assert "results are already" in refused(capsys, "simulate", scene, "-o", out)
     assert (out / "result.json").read_text() == "{}"
-    assert main(["simulate", str(scene), "-o", str(out), "--force", "-q"]) == 0
+    assert main(["simulate", str(scene), "--as-described", "-o", str(out), "--force", "-q"]) == 0
     capsys.readouterr()  # it may doubt its answer
     assert (out / "result.json").read_text() != "{}"
     for verb, option in (("mesh", "--force"), ("invert", "--force"), ("predict", "--force")):
@@ -150,7 +150,7 @@ def test_one_command_at_a_time(scene, tmp_path, capsys):
     fcntl.flock(number, fcntl.LOCK_EX)
     assert "another ngbrain is at work" in refused(capsys, "simulate", scene, "-o", out)
     os.close(number)
-    assert main(["simulate", str(scene), "-o", str(out), "-q"]) == 0
+    assert main(["simulate", str(scene), "--as-described", "-o", str(out), "-q"]) == 0
 
 
 # --- a full disk ------------------------------------------------------------------------------------------------------
@@ -200,7 +200,7 @@ def test_a_full_disk_is_one_line_of_the_command(scene, tmp_path):
     def limit():
         resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000))
 
-    command = [*COMMAND, "simulate", str(scene), "-o", str(tmp_path / "out")]
+    command = [*COMMAND, "simulate", str(scene), "--as-described", "-o", str(tmp_path / "out")]
     done = subprocess.run(command, capture_output=True, text=True, preexec_fn=limit)
     assert done.returncode == 2 and done.stderr.count("\n") == 1 and "File too large" in done.stderr
     assert not (tmp_path / "out").exists() or os.listdir(tmp_path / "out") == []

@@ -139,6 +139,7 @@ def test_a_judge_that_fails_is_an_unknown_error():
     assert found.error.tolist() == [np.inf] and any("does not converge" in flag for flag in found.warnings)
 
 
+@pytest.mark.slow
 def test_an_unknown_error_is_said_and_ends_with_3(tmp_path, capsys, monkeypatch):
     path = tmp_path / "scene.toml"
     path.write_text(

@@ -118,7 +118,7 @@ def ellipsoid(shape):
         ),
         pytest.param("ball", f"({UNLIKE}|{ORDER})", marks=pytest.mark.slow),
         pytest.param("onion", f"({UNLIKE}|{ORDER}|{ALIKE})", marks=pytest.mark.slow),
-        ("other contrast", f"({UNLIKE}|{ORDER})"),
+        pytest.param("other contrast", f"({UNLIKE}|{ORDER})", marks=pytest.mark.slow),
     ],
 )
 def test_other_pictures_are_refused(head, coarse, rng, kind, words):
