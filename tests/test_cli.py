@@ -384,7 +384,7 @@ def test_a_stopped_run_goes_on_to_the_same_on_two_threads(finished, tmp_path, st
         said = run.communicate(timeout=30)[1]
     assert not (tmp_path / "result.json").exists()
     if stop == signal.SIGINT:
-        assert run.returncode == 130 and said == f"ngbrain: stopped; go on with --resume -o {tmp_path}\n"
+        assert run.returncode == 130 and said == f"ngbrain: stopped; continue with --resume -o {tmp_path}\n"
     simulate(scene, tmp_path, "--resume", "--threads", "2")
     assert alike(numbers(tmp_path), numbers(out))
 

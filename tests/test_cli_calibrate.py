@@ -79,16 +79,16 @@ def test_choices_reach_the_search_and_its_findings_the_files(files, searched, ca
     assert again.tissues[1].initial_modulus == pytest.approx(white["modulus_Pa"])
     page = (files / "out" / "report.html").read_text()
     assert white["moved_by_finer_elements"] == 0.95 and "white by -5.0 %." in page
-    assert "0.6 to 0.8" in page and "3 times what the measurements" in page
+    assert "0.6 to 0.8" in page and "3 times its expected value" in page
     assert "http" not in re.sub(r"base64,[^\"]+|http-equiv", "", page)
     said = capsys.readouterr().out
-    assert "0.6 to 0.8" in said and "note: what is missed" in said and "scene.toml" in said
+    assert "0.6 to 0.8" in said and "note: the misfit" in said and "scene.toml" in said
 
 
 def test_a_stopped_search_goes_on_from_its_last_round(files, searched, capsys):
     assert called(files, "-q") == 0 and searched["start"] is None
     out, err = capsys.readouterr()
-    assert not out and err.startswith("ngbrain: note: what is missed is 3 times")  # never silenced
+    assert not out and err.startswith("ngbrain: note: the misfit is 3 times")  # never silenced
     assert called(files, "-q", "--resume") == 0 and searched["start"] == {"white": 0.8}
 
 

@@ -60,7 +60,7 @@ def interrupted(work, grace, times):
             error = process.communicate(timeout=30)[1]
         finally:
             process.kill()
-    assert process.returncode == 130 and error == "ngbrain: stopped; go on with --resume -o there\n"
+    assert process.returncode == 130 and error == "ngbrain: stopped; continue with --resume -o there\n"
 
 
 @pytest.mark.parametrize(

@@ -52,7 +52,7 @@ def test_constants_are_shown_as_the_law_has_them(capsys):
     )
     text = said(capsys, "miller1997:brain")
     assert (
-        "at once: c10 = 263 Pa, c01 = 263 Pa, c20 = 491 Pa, c02 = 491 Pa" in text
+        "instantaneous: c10 = 263 Pa, c01 = 263 Pa, c20 = 491 Pa, c02 = 491 Pa" in text
         and "branch 2: g = 0.365, τ = 50 s" in text
     )
     assert "μ = 2249.3, 4575.84 Pa, α = 4.309, 7.736" in said(capsys, "franceschini2006:brain")

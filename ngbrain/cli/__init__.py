@@ -45,8 +45,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments.verb is None:
         command.print_help()
         return 0
-    resumed = f"; go on with --resume -o {arguments.output}" if hasattr(arguments, "resume") else ""
-    resumed = "; the same command goes on with it" if arguments.verb == "cohort" else resumed
+    resumed = f"; continue with --resume -o {arguments.output}" if hasattr(arguments, "resume") else ""
+    resumed = "; the same command continues it" if arguments.verb == "cohort" else resumed
     stopped = f"ngbrain: stopped{resumed}"
     try:
         with guard_stdout(), interruptible(stopped):

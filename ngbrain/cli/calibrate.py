@@ -71,13 +71,13 @@ def _checked(arguments: argparse.Namespace) -> tuple[Scene, Observations, int]:
     for package in ("matplotlib", "jinja2"):
         require(package, "report")
     if not (arguments.landmarks or arguments.force):
-        raise InputError("--landmarks", "missing", "it or --force, or both")
+        raise InputError("--landmarks", "missing", "--landmarks, --force or both")
     for option, table, deviation in (
         ("--landmark-sd", arguments.landmarks, arguments.landmark_sd),
         ("--force-sd", arguments.force, arguments.force_sd),
     ):
         if table and not 0 < (deviation or 0) < math.inf:
-            raise InputError(option, deviation, "how far a measurement may well be off, a finite number above 0")
+            raise InputError(option, deviation, "a standard deviation, a finite number above 0")
     scene = Scene.from_toml(arguments.scene)
     names = [protocol.name for protocol in scene.protocols]
     if arguments.protocol and arguments.protocol not in names:
@@ -140,11 +140,11 @@ def _warnings(found: Calibrated) -> list[str]:
     notes = list(found.warnings)
     if found.level.ratio > page.UNEXPLAINED:
         notes.append(
-            f"what is missed is {found.level.ratio:.3g} times what the measurements' errors explain: elements, laws or the "
-            "blade's place differ from what was seen; intervals count it as noise"
+            f"the misfit is {found.level.ratio:.3g} times its expected value: elements, laws or the blade's position differ "
+            "from those of the operation; intervals count the excess as noise"
         )
     if not found.converged:
-        notes.append("the search was still on its way when it ended")
+        notes.append("the optimisation stopped before it converged")
     return notes
 
 
@@ -155,6 +155,6 @@ def summary(result: dict[str, Any]) -> list[str]:
         interval = f"{of['low']:.3g} to {of['high']:.3g}"
         lines.append(f"{name:<24}{of['value']:>8.3g}{interval:>18}{of['modulus_Pa'] / 1000:>14.3g} kPa")
     lines.append(
-        f"misfit: {result['misfit']['ratio']:.3g} times what is expected, after {len(result['rounds'])} rounds"
+        f"misfit: {result['misfit']['ratio']:.3g} times its expected value, after {len(result['rounds'])} iterations"
     )
     return lines

@@ -118,12 +118,14 @@ def _usable(data: WaveData, arguments: argparse.Namespace) -> tuple[WaveData, li
     """The data without the parts to be left out, and notes on these."""
     notes = list[str]()
     check_passive(data)
-    if arguments.drop_outliers and moving_axis(data) is None:  # slices look for themselves
+    if arguments.drop_outliers and moving_axis(data) is None:  # slices are screened one by one
         data, notes = screen_outliers(data)
     if arguments.oss_snr is not None:
         strained = strain_snr_mask(data, arguments.noise, arguments.oss_snr)
-        words = f"{int((data.mask & ~strained).sum())} of {int(data.mask.sum())} points are left out, around the part that is"
-        notes.append(f"{words} strained by {arguments.oss_snr:g} times the noise or more (OSS-SNR)")
+        words = (
+            f"{int((data.mask & ~strained).sum())} of {int(data.mask.sum())} points are left out, outside the part with"
+        )
+        notes.append(f"{words} octahedral shear strains of at least {arguments.oss_snr:g} times the noise (OSS-SNR)")
         data = replace(data, mask=strained, dirichlet=hull(data.points, data.grid, strained))
     return data, notes
 
@@ -180,14 +182,16 @@ def _checked(arguments: argparse.Namespace) -> WaveData:
     if arguments.oss_snr is not None and not 0 < arguments.oss_snr < np.inf:
         raise InputError("--oss-snr", arguments.oss_snr, "a positive number, such as 3")
     if arguments.start and arguments.starts != "auto":
-        raise InputError("--starts", arguments.starts, "left out with --start: there is no other start then")
+        raise InputError("--starts", arguments.starts, "left out with --start, which is the only initial guess then")
     if arguments.start:
         runtime_version()
     if arguments.subzones:
         for option, wanted in IN_ZONES.items():
             given = getattr(arguments, option.removeprefix("--").replace("-", "_"))
             if given not in wanted:
-                raise InputError(option, given, f"{wanted[0] or 'left out'} with --subzones: zones have no other")
+                raise InputError(
+                    option, given, f"{wanted[0] or 'left out'} with --subzones, which accept no other value"
+                )
     Device.from_name(arguments.device)
     data = read_waves(arguments.data)
     data = data.conjugate() if arguments.conjugate else data
@@ -210,12 +214,12 @@ def summary(result: dict[str, Any]) -> list[str]:
         line = f"{f'{row.name} {row.unit}':<34}{median:>9}{iqr:>9}{error:>12}"
         lines.append(f"{line}   {ends[i]}" if ends else line)
     symbols = [parameters.PARAMETERS[name].symbol for name in result["answers"]]
-    heads = [*(f"{symbol} error" for symbol in symbols), "misfit/exp", "J", "rounds", "settled", "CPU s"]
+    heads = [*(f"{symbol} error" for symbol in symbols), "misfit/exp", "J", "iterations", "converged", "CPU s"]
     lines += ["", f"{'start':<34}" + "".join(f"{head:>11}" for head in heads)]
     for row in parameters.starts(result):
         name = f"{row.name} *" if row.unit else row.name
         lines.append(f"{name:<34}" + "".join(f"{text:>11}" for text, _ in row.cells))
-    lines += ["* kept", ""]
+    lines += ["* selected", ""]
     lines += [f"{name}: {text}" for name, text in parameters.facts(result)]
     return [
         *lines,

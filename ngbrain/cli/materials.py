@@ -26,7 +26,7 @@ EVIDENCE = {
     "source": "numbers read at the source",
     "transcription": "numbers from others' public code",
     "refit": "fitted for this package to the source's curves",
-    "recalled": "recalled: look the numbers up before you quote them",
+    "recalled": "recalled: check the numbers at the source before quoting them",
 }
 SNIPPET = """\
 In a scene of `ngbrain simulate`:
@@ -74,7 +74,7 @@ def draw(entries: list[Published], file: Path, replace: bool) -> None:
     if file.suffix.casefold() not in PICTURES:
         raise InputError("--plot", str(file), f"a name that ends in {', '.join(PICTURES)}")
     if file.exists() and not replace:
-        raise InputError("--plot", f"{file}, which is there", "--force to replace it, or another name")
+        raise InputError("--plot", f"{file}, which exists", "--force to replace it, or another name")
     if len(entries) > MOST:
         raise InputError(
             "NAME", f"of {len(entries)} entries", f"a part of the names of at most {MOST}, such as a region"
@@ -110,8 +110,8 @@ def catalogue_table(entries: list[Published]) -> str:
         [
             *lines,
             "",
-            "μ₀: shear modulus at rest, of a sudden small strain; μ∞: what is left of it in the end, of laws that relax.",
-            "`ngbrain materials NAME` says all about one of them, and how a scene takes it.",
+            "μ₀: initial shear modulus at small strain; μ∞: long-term shear modulus, for laws that relax.",
+            "`ngbrain materials NAME` shows an entry in full, with the lines for a scene.",
         ]
     )
 
@@ -136,9 +136,9 @@ def describe_tissue(entry: Published) -> str:
 
 def describe_entry(entry: Published) -> str:
     """All data of an entry, and the lines for a scene."""
-    law, modulus = viscous(entry.law()), f"{_kPa(entry.initial_modulus)} kPa at rest"
+    law, modulus = viscous(entry.law()), f"{_kPa(entry.initial_modulus)} kPa initially"
     if law.branches:
-        modulus += f", of a sudden strain; {_kPa(shear_modulus(law.equilibrium))} kPa in the end"
+        modulus += f"; {_kPa(shear_modulus(law.equilibrium))} kPa in the long term"
     volume = [f"K = {entry.bulk:.4g} Pa"] if entry.bulk else []
     volume += [f"Poisson's ratio {entry.poisson:g}"] if entry.poisson else []
     rows = [
@@ -158,12 +158,12 @@ def describe_entry(entry: Published) -> str:
     lines = [f"  {name:<15}{text}" for name, text in rows if text]
     if entry.bulk or not entry.poisson:
         ratio = entry.bulk / entry.initial_modulus if entry.bulk else NEARLY_INCOMPRESSIBLE
-        whence = "the source's" if entry.bulk else "nearly incompressible"
-        resists = f"bulk_to_shear_ratio = {ratio:<5.6g} # bulk modulus / initial shear modulus: {whence}"
+        source = "the source's" if entry.bulk else "nearly incompressible"
+        volume_line = f"bulk_to_shear_ratio = {ratio:<5.6g} # bulk modulus / initial shear modulus: {source}"
     else:
-        resists = f"poissons_ratio = {entry.poisson:<10g} # the source has it"
+        volume_line = f"poissons_ratio = {entry.poisson:<10g} # from the source"
     region = '"ventricle.*"' if entry.region == "ventricles" else '"white"'
-    snippet = SNIPPET.format(name=entry.name, region=region, volume=resists)
+    snippet = SNIPPET.format(name=entry.name, region=region, volume=volume_line)
     return "\n".join([entry.name, *lines, "", snippet]).rstrip()
 
 
@@ -188,7 +188,7 @@ def _constants(law: Viscous) -> list[str]:
         shares = [branch.law.factor for branch in law.hereditary_branches if isinstance(branch.law, Scaled)]
         series = zip(shares, law.hereditary_branches, strict=True)
         return [
-            f"at once: {_values(stays.law)}",
+            f"instantaneous: {_values(stays.law)}",
             *(f"branch {k}: g = {g:g}, τ = {branch.tau:g} s" for k, (g, branch) in enumerate(series, 1)),
         ]
     found = [("stays: " if law.branches else "") + _values(stays)]

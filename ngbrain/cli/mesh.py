@@ -122,9 +122,9 @@ def _alone(arguments: argparse.Namespace, what: str, options: tuple[str, ...], s
     """`InputError` for options that do not apply to the input, and for more than one file unless `several`."""
     for name in options:
         if getattr(arguments, name) not in (None, False, [], (None, {})):
-            raise InputError(f"--{name}", f"given with {what}", "it left out: it has no meaning there")
+            raise InputError(f"--{name}", f"given with {what}", "left out: it does not apply")
     if len(arguments.images) > 1 and not several:
-        raise InputError("IMAGE", f"{len(arguments.images)} files", "one, or closed surfaces alone")
+        raise InputError("IMAGE", f"{len(arguments.images)} files", "one file, or closed surfaces only")
 
 
 def _part(text: str) -> tuple[str, Path]:
@@ -183,11 +183,11 @@ def summary(result: dict[str, Any]) -> list[str]:
 
 def cautions(result: dict[str, Any]) -> list[str]:
     """Regions that the mesh represents poorly, and those that were changed too much."""
-    changed = [f"do not use without a look: {_changed(result, name)}" for name in result["checks"]["changed_ml"]]
+    changed = [f"do not use without checking: {_changed(result, name)}" for name in result["checks"]["changed_ml"]]
     if crossed := result.get("surfaces", {}).get("crossings"):
         changed.append(f"the white and pial surfaces cross at {crossed} pairs of triangles")
     return changed + [
-        f"{name} is off by {error:+.0%} in volume: too thin for such elements, or too close to what is around"
+        f"the volume of {name} is off by {error:+.0%}: too thin for such elements, or too close to its neighbours"
         for name, error in result["checks"]["regions_off"].items()
     ]
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from ngbrain.errors import InputError
 
 RESULT = "result.json"
-"""The file by which a folder counts as having results."""
+"""The file whose presence marks a folder with results."""
 
 
 @contextmanager
@@ -33,7 +33,7 @@ def reserve_output(arguments: argparse.Namespace) -> Iterator[None]:
     if folder.exists() and not folder.is_dir():
         raise InputError("-o", str(output), "a folder, or a name that is free")
     if (folder / RESULT).exists() and not (arguments.overwrite or getattr(arguments, "resume", False)):
-        instead = "--resume to go on, " if hasattr(arguments, "resume") else ""
+        instead = "--resume to continue, " if hasattr(arguments, "resume") else ""
         option = "--overwrite" if arguments.verb == "calibrate" else "--force"
         wanted = f"{instead}{option} to replace them, or another {'folder' if not is_file else 'place'}"
         raise InputError("-o", f"{output}, where results are already ({folder / RESULT})", wanted)
@@ -44,19 +44,19 @@ def reserve_output(arguments: argparse.Namespace) -> Iterator[None]:
 @contextmanager
 def lock_folder(folder: Path) -> Iterator[None]:
     """Make a folder and lock it; raises `InputError` where it cannot be written to or is locked already."""
-    made = _made(folder)
+    made = _make_folders(folder)
     try:
-        with _alone(folder):
+        with _locked(folder):
             yield
     finally:
-        for each in made:  # what nothing was written to
+        for each in made:  # those that are still empty
             try:
                 each.rmdir()
             except OSError:
                 break
 
 
-def _made(folder: Path) -> list[Path]:
+def _make_folders(folder: Path) -> list[Path]:
     """The folders that had to be made, innermost first; raises for one that cannot be written to."""
     missing = [each for each in (folder, *folder.parents) if not each.exists()]
     try:
@@ -70,10 +70,10 @@ def _made(folder: Path) -> list[Path]:
 
 
 @contextmanager
-def _alone(folder: Path) -> Iterator[None]:
+def _locked(folder: Path) -> Iterator[None]:
     try:
         import fcntl
-    except ImportError:  # Windows: files are whole there too, the last one stays
+    except ImportError:  # Windows: files are written atomically there too, and the last one wins
         yield
         return
     number = os.open(folder, os.O_RDONLY)
@@ -81,7 +81,7 @@ def _alone(folder: Path) -> Iterator[None]:
         try:
             fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            raise InputError("-o", f"{folder}, where another ngbrain is at work", "another place") from error
+            raise InputError("-o", f"{folder}, in which another ngbrain command is running", "another place") from error
         except OSError:  # a file system without locks
             pass
         yield

@@ -125,7 +125,7 @@ def scale_to_level(found: Prediction) -> tuple[dict[str, np.ndarray], dict[str, 
         return found.maps, found.deviations, found.warnings
     level = float(np.real(found.data.youngs_of(uniform_shear(found.data))))
     maps, deviations = ({name: level * v for name, v in each.items()} for each in (found.maps, found.deviations))
-    note = f"its mean is shown as {1e-3 * level:.4g} kPa, where `invert` starts too, and errors are without that factor"
+    note = f"the mean is set to {1e-3 * level:.4g} kPa, the initial level of `invert`; errors are computed without that factor"
     return maps, deviations, [*found.warnings, note]
 
 
@@ -156,7 +156,7 @@ def surrogate_start(data: WaveData) -> Start:
         maps["loss"] = np.where(np.isnan(least), np.nan, np.maximum(maps["loss"], least))
         if raised:
             notes.append(
-                f"its loss is below {100 * LOSSLESS:g} % of the storage at {raised} points and starts from there"
+                f"the loss modulus is below {100 * LOSSLESS:g} % of the storage modulus at {raised} points and is raised to it"
             )
     return Start(maps, notes)
 
@@ -187,7 +187,7 @@ def summary(result: dict[str, Any]) -> list[str]:
     for row in parameters.parameters(result):
         median, iqr, error = (text for text, _ in row.cells)
         lines.append(f"{f'{row.name} {row.unit}':<34}{median:>9}{iqr:>9}{error:>12}")
-    lines += ["", f"{'trust':<50}{'over its bound':>14}"]
+    lines += ["", f"{'trust score':<47}{'relative to bound':>17}"]
     lines += [f"{row.name:<50}{row.cells[0][0]:>14}" for row in prediction.trust(result)]
     lines += ["", *(f"{name}: {text}" for name, text in prediction.facts(result))]
     return [*lines, f"Time: {result['time_s']:.2f} s"]

@@ -60,11 +60,11 @@ def _preview(scene: Scene, arguments: argparse.Namespace) -> int:
 def _answer(scene: Scene, arguments: argparse.Namespace) -> int:
     """Answer the requested quantities by the cheapest model within the tolerances."""
     if arguments.resume:
-        raise InputError("--resume", "given", "this option left out: a scene that asks quantities starts anew")
+        raise InputError("--resume", "given", "this option left out: a scene with quantities cannot be resumed")
     folder: Path = arguments.output
 
     def extend(found: dict[str, Any]) -> None:
-        """A model more: what is stopped leaves a report of what it has."""
+        """Write the report after each model, so that an interrupted search leaves one."""
         page.build(folder / "report.html", found)
 
     with Progress(terminal(arguments.quiet)) as line, open_executor(arguments.executor) as executor:
@@ -83,7 +83,7 @@ def _answer(scene: Scene, arguments: argparse.Namespace) -> int:
     doubts = [f"doubt: {flag}" for flag in result["flags"]]
     conclude(arguments.quiet, [*_answers(result), f"report: {report}"], doubts)
     if unknown := [each["quantity"] for each in result["answers"] if each["error_estimate"] is None]:
-        LOG.warning("how far these are off is not known: %s", ", ".join(unknown))
+        LOG.warning("the errors of these are not known: %s", ", ".join(unknown))
         return EXIT_SOLVER
     return 0
 
@@ -94,7 +94,7 @@ def _answers(result: dict[str, Any]) -> list[str]:
     lines += [
         f"{name:<44}{value:>14}{error:>10}{tolerance:>11}" for name, value, error, tolerance in page.answers(result)
     ]
-    lines += ["", f"{'left out':<58}{'would change':>12}"]
+    lines += ["", f"{'omitted effect':<58}{'change':>12}"]
     lines += [f"{what:<58}{change:>12}" for what, change, *_ in page.omitted_effects(result)]
     return [*lines, "", "model: " + ", ".join(f"{axis} {level}" for axis, level in result["model"].items())]
 
@@ -109,7 +109,7 @@ def _operate(scene: Scene, arguments: argparse.Namespace) -> int:
     with Progress(terminal(arguments.quiet), runs, "head and mesh") as progress:
 
         def extend(result: dict[str, Any]) -> None:
-            """The protocols are done, or one check more."""
+            """Write the report after the protocols and after each check."""
             result["verb"] = arguments.verb
             write_json(folder / "result.json", result)
             written.append(report.write())
@@ -167,6 +167,8 @@ def _error_budget_cautions(errors: dict[str, Any]) -> list[str]:
         parts = [f"{kind} {of[kind]:.2g}" for kind in ("mesh", "order", "step") if of.get(kind) is not None]
         if parts:
             low, high = of["material"]
-            between = f"with other published tissue {low:.3g} to {high:.3g}{unit}"
-            lines.append(f"of a hold: {name} {of['value']:.3g}{unit}, moved by {', '.join(parts)}{unit}; {between}")
+            between = f"other published tissue: {low:.3g} to {high:.3g}{unit}"
+            lines.append(
+                f"opening held to the end: {name} {of['value']:.3g}{unit}, errors: {', '.join(parts)}{unit}; {between}"
+            )
     return lines

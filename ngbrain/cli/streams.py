@@ -36,7 +36,7 @@ def guard_stdout() -> Iterator[None]:
     stream = sys.stdout
     write, flush = stream.write, stream.flush
 
-    def patient(function: Callable[..., Any]) -> Callable[..., Any]:
+    def tolerant(function: Callable[..., Any]) -> Callable[..., Any]:
         def call(*args: Any) -> Any:
             try:
                 return function(*args)
@@ -49,8 +49,8 @@ def guard_stdout() -> Iterator[None]:
         return call
 
     try:
-        stream.write, stream.flush = patient(write), patient(flush)  # type: ignore[method-assign]
-    except AttributeError:  # a stream of another kind, which a caller has put there
+        stream.write, stream.flush = tolerant(write), tolerant(flush)  # type: ignore[method-assign]
+    except AttributeError:  # a stream of another kind, set by the caller
         yield
         return
     try:

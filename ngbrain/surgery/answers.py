@@ -33,7 +33,7 @@ SAME = 1e-6
 LEFT_OUT = (
     "friction between blade and tissue",
     "blood flow and drainage of tissue fluid; ventricles are a soft drained filling",
-    "damage: the tissue recovers whatever it was strained to",
+    "damage: tissue recovers from any strain",
 )
 
 
@@ -170,7 +170,7 @@ def _inertia(made: RetractionModel, runs: Runs) -> str:
     )
     if ratio >= SLOW:
         return f"inertia: {text}"
-    return f"inertia, which matters here: {text}; pressures are those of a slow blade (a Problem with Inertia has mass)"
+    return f"inertia, which matters here: {text}; pressures are quasi-static (a `Problem` with `Inertia` has mass)"
 
 
 def model_summary(made: RetractionModel, runs: Runs) -> dict[str, Any]:
@@ -222,7 +222,7 @@ def comparison(runs: Runs, numbers: dict[str, Answer]) -> dict[str, Any]:
         return {}
     findings, ways = [], {name: float(to_mm(run.column("advance").max())) for name, run in runs.items()}
     if max(ways.values()) - min(ways.values()) > SAME * max(ways.values()):
-        findings.append("Not at equal openings: way of the blade (mm) " + _listed(ways) + ".")
+        findings.append("Openings differ: travel of the blade (mm) " + _listed(ways) + ".")
     for metric, text in (
         ("peak_pressure_mmHg", "Peak pressure (mmHg)"),
         ("peak_tip_pressure_mmHg", "Peak pressure at the tip (mmHg)"),

@@ -88,7 +88,7 @@ class Calibrated(Result):
     def headline(self) -> str:
         """The factors with their intervals."""
         bands = [f"{name} {band.value:.3g} ({band.low:.3g} to {band.high:.3g})" for name, band in self.factors.items()]
-        return ", ".join([*bands, f"misfit {self.level.ratio:.3g} times what is expected"])
+        return ", ".join([*bands, f"misfit {self.level.ratio:.3g} times its expected value"])
 
     @property
     def statistics(self) -> dict[str, float]:
@@ -133,7 +133,9 @@ class Retracted:
         scene = model.scene
         program = model.program(scene, scene.protocols[protocol])
         if not isinstance(program, ToolMotion) or scene.tool.friction:
-            raise InputError("scene", "with a blade of given force or with friction", "a given way, without friction")
+            raise InputError(
+                "scene", "with a prescribed force or friction", "a prescribed travel of the blade, without friction"
+            )
         if not (np.min(times) > 0 and np.max(times) <= program.times[-1]):
             between = f"{np.min(times):g} to {np.max(times):g} s"
             raise InputError("times", between, f"after 0 and up to {program.times[-1]:g} s, when {program.name} ends")
@@ -142,7 +144,7 @@ class Retracted:
         names = tissues or [tissue.region for tissue in scene.tissues]
         if mapped := [tissue.region for tissue in scene.tissues if tissue.shear_modulus_map and tissue.region in names]:
             raise InputError(
-                "tissues", f"{mapped[0]}, which has a shear_modulus_map", "tissues whose level is not measured already"
+                "tissues", f"{mapped[0]}, which has a shear_modulus_map", "tissues without a shear_modulus_map"
             )
         self.factors = {name: ngs.Parameter(1.0) for name in names}
         run = model.run(program, materials=model.scaled_materials(self.factors))
@@ -222,36 +224,38 @@ def calibrate(
     retracted = Retracted(model, np.asarray(seen.landmarks, float), np.asarray(seen.times, float), tissues, protocol)
     run = retracted.run
     fields = ParameterFields(run.theta, run.blocks, {name: Unknown(1.0, LogTransform()) for name in retracted.factors})
-    held = {name: ridge(fields.start[place]) for name, place in fields.blocks.items()}
-    weights = dict.fromkeys(held, 1 / math.log(spread) ** 2)
+    priors = {name: ridge(fields.start[place]) for name, place in fields.blocks.items()}
+    weights = dict.fromkeys(priors, 1 / math.log(spread) ** 2)
 
-    def told(iteration: Iteration) -> None:
+    def record(iteration: Iteration) -> None:
         callback(iteration, {name: factor.Get() for name, factor in retracted.factors.items()})
 
     first = np.log([(start or {}).get(name, 1.0) for name in retracted.factors])
-    found = search(Reduced(run, seen.misfit(), fields, held, weights), first, FixedWeights(), told)
-    missed = math.sqrt(max(1.0, found.level.ratio))
-    point = Reduced(run, seen.misfit(missed), fields, held, weights).evaluate(found.x)
+    found = search(Reduced(run, seen.misfit(), fields, priors, weights), first, FixedWeights(), record)
+    excess = math.sqrt(max(1.0, found.level.ratio))
+    point = Reduced(run, seen.misfit(excess), fields, priors, weights).evaluate(found.x)
     posterior = Posterior(point, min_eigenvalue=0.0)
     moved, fitted, notes = np.zeros(len(found.x)), point.state.data, list[str]()
     if finer:
         try:
             moved, fitted = _finer(model, retracted, point, posterior)
         except (InputError, SolverError) as error:
-            notes.append(f"intervals are without the error of elements, of which finer ones give none: {error}")
+            notes.append(
+                f"intervals do not include the discretisation error: the run on finer elements failed ({error})"
+            )
     off = np.sqrt(posterior.variance(np.eye(len(found.x))) + moved**2)
     bands = {
-        name: _single(
+        name: _scalar(
             CredibleInterval.from_gaussian((found.x + moved)[place], off[place], fields.unknowns[name].transform, level)
         )
         for name, place in fields.blocks.items()
     }
-    parts = [_stiff(t, float(bands[t.region].value)) if t.region in bands else t for t in model.scene.tissues]
-    stiff = replace(model.scene, tissues=tuple(parts))
+    parts = [_scaled(t, float(bands[t.region].value)) if t.region in bands else t for t in model.scene.tissues]
+    calibrated = replace(model.scene, tissues=tuple(parts))
     by = {name: float(np.exp(moved[place])[0]) for name, place in fields.blocks.items()}
     return Calibrated(
         bands,
-        stiff,
+        calibrated,
         fitted,
         found.level,
         by if finer and not notes else None,
@@ -276,10 +280,11 @@ def _finer(model: RetractionModel, retracted: Retracted, point: Point, posterior
     return defect_correction_step(point, posterior, other.run.evaluate(point.reduced.unknowns.theta(point.x)).data)
 
 
-def _stiff(tissue: Tissue, factor: float) -> Tissue:
+def _scaled(tissue: Tissue, factor: float) -> Tissue:
     """A tissue with another stiffness and the same bulk modulus, as in the search."""
     return replace(tissue.with_scale(factor), bulk_to_shear_ratio=tissue.volume_ratio / factor, poissons_ratio=None)
 
 
-def _single(band: CredibleInterval) -> CredibleInterval:
+def _scalar(band: CredibleInterval) -> CredibleInterval:
+    """An interval of scalars from one of arrays with a single value."""
     return CredibleInterval(*(float(np.ravel(value)[0]) for value in (band.value, band.deviation, band.low, band.high)))

@@ -63,7 +63,8 @@ FIRST, SHORTEST = 0.1, 0.01
 relative to the first, at which a run gives up.
 """
 FURTHEST = 0.25 * (1 + 1e-6)
-"""Largest advance of the blade in a step, relative to the opening; half of it during release. Round-off splits no quarter in two.
+"""Largest advance of the blade in a step, relative to the opening; half of it during release. The small excess over a quarter keeps
+round-off from splitting a step.
 
 A coarse head opened and released by 2 mm in 2 s has its work in balance to 0.2 %; with steps of any advance, to 4 %.
 """

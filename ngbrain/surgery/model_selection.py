@@ -39,9 +39,9 @@ from ngbrain.surgery.plausibility import check_moduli
 from ngbrain.surgery.protocol_run import ProtocolRun
 
 FACTORS = (2.0, math.sqrt(2), 1.0)
-"""Element sizes of the levels, relative to the scene's,"""
+"""Element sizes of the levels, relative to the scene's."""
 LARGEST = {"wall": 6e-3, "craniotomy": 14e-3, "largest": 36e-3}
-"""but no larger (m) than this unless the scene's are: larger elements would cut off parts of the brain."""
+"""Largest element sizes (m) of the levels, unless the scene's are larger: such elements would cut off parts of the brain."""
 ALIKE = 0.85
 """Ratio of element sizes above which two meshes count as equal."""
 
@@ -129,7 +129,7 @@ def solve(
     Raises
     ------
     InputError
-        The scene asks nothing or cannot be built.
+        The scene has no quantities or cannot be built.
     SolverError
         The cheapest model has no solution.
 

@@ -58,7 +58,7 @@ class Observations:
 
     def __post_init__(self) -> None:
         times = numbers("Observations.times", self.times, (None,), "growing times (s) of at least 0")
-        landmarks = numbers("Observations.landmarks", self.landmarks, (None, 3), "finite places (n, 3), m")
+        landmarks = numbers("Observations.landmarks", self.landmarks, (None, 3), "finite positions (n, 3), m")
         sigma = numbers("Observations.sigma", self.sigma, (2,), "two positive standard deviations (m, N), finite")
         m, n = len(times), len(landmarks)
         for name, value, shape in (
@@ -68,7 +68,7 @@ class Observations:
         ):
             found = getattr(value, "shape", None)
             if found != shape or value.dtype.kind not in "iuf":
-                wanted = f"an array of numbers of shape {shape}: times and landmarks say so"
+                wanted = f"an array of numbers of shape {shape}, as given by times and landmarks"
                 raise InputError(f"Observations.{name}", f"of shape {found}" if found else type(value).__name__, wanted)
         if not np.all(times >= 0) or not np.all(np.diff(times) > 0):
             raise InputError("Observations.times", times, "growing times (s) of at least 0")
@@ -133,17 +133,17 @@ def _table(path: Path, columns: tuple[str, ...], keys: int) -> Array:
         values = [_number(cells[at], columns[i], line, path, i >= keys, mark == ";") for i, at in enumerate(places)]
         key = tuple(values[:keys])
         if key in lines:
-            raise InputError(f"line {line}", f"of what line {lines[key]} is of", "one line for each", path)
+            raise InputError(f"line {line}", f"a repetition of line {lines[key]}", "one line for each", path)
         if not values[0] >= last.get(key[1:], 0.0):
-            wanted = "a time (s) of at least 0, and none before those above for the same thing"
+            wanted = "a time (s) of at least 0, not before those in the lines above"
             raise InputError(f"line {line}, {columns[0]}", cells[places[0]], wanted, path)
         lines[key], last[key[1:]] = line, values[0]
         rows.append(values)
     if not rows:
-        raise InputError("table", "without a line", f"lines of {', '.join(columns)}", path)
+        raise InputError("table", "without a row", f"rows of {', '.join(columns)}", path)
     table = np.array(rows)
     if np.isnan(table[:, keys:]).all():
-        raise InputError("table", f"without a number in {', '.join(columns[keys:])}", "one at least", path)
+        raise InputError("table", f"without a number in {', '.join(columns[keys:])}", "at least one number", path)
     return table
 
 

@@ -31,9 +31,9 @@ from ngbrain.tensors import deformation_gradient, right_cauchy_green
 from ngbrain.units import to_ml, to_mmHg
 
 FRAME_SPACING = 1 / 12
-"""A frame is stored at events and at least once in this fraction of the run,"""
+"""A frame is stored at events and at least once in this fraction of the run."""
 FRAME_WAY = 1 / 4
-"""and whenever the advance or the force has changed by this fraction of its maximum."""
+"""A frame is also stored when the advance or the force has changed by this fraction of its maximum."""
 LARGEST = ("von_mises", "rate")
 """Measures (`TissueSample.spreads`) that are stored at the step where their own 95th percentile is largest."""
 
@@ -150,7 +150,7 @@ class ProtocolResult(Result):
 
     @property
     def statistics(self) -> dict[str, float]:
-        """What its steps took."""
+        """Computational work of its steps."""
         return {
             "time_steps": self.steps,
             "rejected": self.rejected,

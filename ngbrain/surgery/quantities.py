@@ -21,9 +21,9 @@ THRESHOLDS_MMHG = (20.0, 30.0)
 class Scaling(Enum):
     """How a number changes when all moduli are multiplied by one factor, for a prescribed tool motion."""
 
-    STAYS = "it stays"
-    MODULI = "it is as many times as large"
-    PRESSURE = "it follows from the pressure over time"
+    UNCHANGED = "unchanged"
+    MODULI = "proportional to the moduli"
+    PRESSURE = "computed from the pressure over time"
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class ProtocolQuantity:
     key: str
     name: str
     unit: str = ""
-    scaling: Scaling = Scaling.STAYS
+    scaling: Scaling = Scaling.UNCHANGED
     describes: bool = False
 
 
@@ -113,7 +113,7 @@ def _spread(
         "max_over_0_5_ml": (f"largest mean of the {name} over 0.5 ml", lambda spread: spread.largest),
     }
     stress = unit == "kPa"
-    scaling, to_unit = (Scaling.MODULI, to_kPa) if stress else (Scaling.STAYS, float)
+    scaling, to_unit = (Scaling.MODULI, to_kPa) if stress else (Scaling.UNCHANGED, float)
 
     def made(part: str, words: str, value: Callable[[MeasureStatistics], float]) -> RunQuantity:
         return RunQuantity(f"{key}_{part}{end}", words, unit, scaling, of=lambda run: to_unit(value(of(run))))
@@ -129,23 +129,30 @@ QUANTITIES: Mapping[str, ProtocolQuantity] = {
     each.key: each
     for each in (
         PressureQuantity("peak_pressure_mmHg", "peak pressure under the blade", "mmHg", of=lambda curve: curve.peak),
-        PressureQuantity("dose_mmHg_min", "dose of pressure", "mmHg min", of=dose),
+        PressureQuantity("dose_mmHg_min", "pressure dose", "mmHg min", of=dose),
         *(each for threshold in THRESHOLDS_MMHG for each in _above(threshold)),
         PressureQuantity(
             "margin_to_20_mmHg", "margin to 20 mmHg", "mmHg", of=lambda curve: THRESHOLDS_MMHG[0] - curve.peak
         ),
         PressureQuantity(f"s_perfusion_below_{LOW_MMHG:.0f}_mmHg", "time with little perfusion", "s"),
         PressureQuantity(f"longest_s_perfusion_below_{LOW_MMHG:.0f}_mmHg", "longest time with little perfusion", "s"),
-        PressureQuantity("min_perfusion_reserve_mmHg", "smallest reserve of perfusion", "mmHg"),
-        PressureQuantity(f"pressure_held_{HELD_MINUTES:.0f}_min_mmHg", "pressure held for 15 minutes", "mmHg"),
-        PressureQuantity("pressed_min", "time pressed", "min", describes=True),
-        PressureQuantity("infarct_probability_95_at_held", "interval of an infarct's probability at the pressure held"),
-        PressureQuantity("infarct_probability_95", "interval of an infarct's probability"),
+        PressureQuantity("min_perfusion_reserve_mmHg", "smallest perfusion reserve", "mmHg"),
+        PressureQuantity(f"pressure_held_{HELD_MINUTES:.0f}_min_mmHg", "pressure sustained for 15 minutes", "mmHg"),
+        PressureQuantity("pressed_min", "loading time", "min", describes=True),
+        PressureQuantity(
+            "infarct_probability_95_at_held", "interval of the infarct probability at the sustained pressure"
+        ),
+        PressureQuantity("infarct_probability_95", "interval of the infarct probability"),
         _extreme("peak_tip_pressure_mmHg", "peak pressure at the tip", "mmHg", "tip_pressure", to_mmHg),
         _extreme("peak_centre_pressure_mmHg", "peak pressure in the middle", "mmHg", "centre_pressure", to_mmHg),
         _extreme("peak_force_N", "peak force of the blade", "N", "force"),
         _extreme(
-            "largest_contact_area_mm2", "largest area in touch", "mm²", "area", lambda area: 1e6 * area, Scaling.STAYS
+            "largest_contact_area_mm2",
+            "largest contact area",
+            "mm²",
+            "area",
+            lambda area: 1e6 * area,
+            Scaling.UNCHANGED,
         ),
         RunQuantity(
             "min_net_reaction_N",
@@ -159,8 +166,8 @@ QUANTITIES: Mapping[str, ProtocolQuantity] = {
         _moment("strain_peak_at_s", "strain", lambda run: run.peak.t),
         *_spread("von_mises", "von Mises stress", "kPa", lambda run: run.largest["von_mises"], "_kPa"),
         _moment("von_mises_peak_at_s", "von Mises stress", lambda run: run.largest["von_mises"].t),
-        *_spread("strain_rate", "rate of strain", "1/s", lambda run: run.largest["rate"], "_per_s"),
-        _moment("strain_rate_peak_at_s", "rate of strain", lambda run: run.largest["rate"].t),
+        *_spread("strain_rate", "strain rate", "1/s", lambda run: run.largest["rate"], "_per_s"),
+        _moment("strain_rate_peak_at_s", "strain rate", lambda run: run.largest["rate"].t),
         RunQuantity(
             "volume_mps_above",
             "volume of tissue strained beyond",
@@ -182,7 +189,7 @@ QUANTITIES: Mapping[str, ProtocolQuantity] = {
             of=lambda run: sum(run.peak.creased.values()),
         ),
         RunQuantity("region_ml", "volume of each tissue", "ml", describes=True, of=lambda run: run.peak.tissue),
-        RunQuantity("volumes_ml", "volume that moves", "ml", of=lambda run: run.peak.volume),
+        RunQuantity("volumes_ml", "displaced volume", "ml", of=lambda run: run.peak.volume),
         RunQuantity("min_det_F", "smallest det F", describes=True, of=lambda run: float(run.column("min_det_F").min())),
         RunQuantity("working_s", "time at full opening", "s", describes=True, of=lambda run: run.working_s),
     )

@@ -68,28 +68,28 @@ def solve(
     checkpoint: Callable[[dict[str, Any]], None] | None = None,
     executor: parallel.AnyExecutor = None,
 ) -> SceneResult:
-    """Run every protocol of a scene, then the checks of what its numbers are worth.
+    """Run every protocol of a scene, then the verification runs.
 
     Parameters
     ----------
     scene : Scene
-        What to do (`Scene.from_toml`, `Scene.shipped`).
+        The operation.
     folder : str or Path, optional
         Where run files (`NAME.vtkhdf`, restartable), those of the checks (`checks/`) and `result.json` go. `result.json` is
-        there as soon as the protocols are done, and is written again after each check. None writes nothing.
+        written after the protocols, and again after each check. None writes nothing.
     threads : int
-        Processes side by side; the last ones use the threads that are left over, and differ by round-off from one's results.
+        Number of processes. The last ones use the threads of finished ones; their results then differ by round-off.
     resume : bool
-        Go on from the run files in `folder`.
+        Continue from the run files in `folder`.
     callback : callable, optional
-        Called with (run, its time in s, share done) after every step.
+        Called after every step with the name of the run, its time (s) and the fraction done.
     checks : bool
-        False leaves the checks out: no error estimates of mesh, order and time steps, nor another exponent of the law.
+        Whether to compute the verification runs: error estimates of mesh, order and time step, and another exponent of the law.
     checkpoint : callable, optional
-        Called with the result so far, when the protocols are done and again after each check.
+        Called with the present result after the protocols, and again after each check.
     executor : int or concurrent.futures.Executor, optional
-        Who computes protocols and checks (`ngbrain.parallel.run`), each on one thread and with the same bits whoever it is; by
-        default `threads` processes of this machine. Run files are written by the workers, who have to see `folder`.
+        Computes protocols and checks (`ngbrain.parallel.run`), each on one thread and with the same bits for every executor; by
+        default `threads` processes of this machine. Workers write the run files, and need access to `folder`.
 
     Returns
     -------
@@ -100,7 +100,7 @@ def solve(
     Raises
     ------
     InputError
-        The scene cannot be built, or a shear modulus in it cannot be that of brain.
+        The scene cannot be built, or a shear modulus is implausible for brain.
     SolverError
         A protocol's run gives up.
 
@@ -114,12 +114,12 @@ def solve(
     """
     started = time.perf_counter()
     ngsglobals.msg_level = 0
-    where = None if folder is None else Path(folder).absolute()  # workers elsewhere stand in another folder
+    where = None if folder is None else Path(folder).absolute()  # workers may have another working folder
     if where is not None:
         where.mkdir(parents=True, exist_ok=True)
     model = RetractionModel.from_scene(scene)
     warned = check_moduli(model) + check_corridor(model) + relative_stiffness.summary_lines(model.stiffness_map())
-    model.run(model.program(scene, scene.protocols[0]))  # refuses unknown regions and boundaries before hours are spent
+    model.run(model.program(scene, scene.protocols[0]))  # reports unknown regions and boundaries before the computation
     if where is not None:
         _write_pictures(where / PICTURES, model.head.pictures())
     protocols = [protocol.name for protocol in scene.protocols]
@@ -184,15 +184,17 @@ def _of_checks(
     scene = model.scene
     factors = material_uncertainty.moduli_near_site(model, runs).factors.values()
     errors = error_budget.errors(error_budget.hold_answer(scene, found, checked), checked, factors, scene.patient)
-    driven = {p.name: runs[p.name] for p in scene.protocols if p.kind != "force"}  # whose way the moduli do not change
+    prescribed = {
+        p.name: runs[p.name] for p in scene.protocols if p.kind != "force"
+    }  # prescribed motion, independent of the moduli
     return {
         "check_status": status,
         "checks": error_budget.checks(scene, runs, errors),
         "error_budget": errors,
         "material_uncertainty": material_uncertainty.compute_material_uncertainty(
-            model, driven, checked[MILLER], errors
+            model, prescribed, checked[MILLER], errors
         )
-        if driven
+        if prescribed
         else {},
     }
 
@@ -215,16 +217,18 @@ def _tasks(model: RetractionModel, folder: Path | None, resume: bool, checks: bo
     following: list[Task] = []
     for programs in groups.values():
         first, *others = sorted(programs, key=lambda p: -len(p.times))
-        begun = [_BEGINNING + first.name] if others else []
-        shared += [Task(name, _begin, (model, first, folder, resume), memory=memory) for name in begun]
-        leading.append(Task(first.name, _go, (model, first, folder, resume), begun, memory))
-        following += [Task(other.name, _go, (model, other, folder, resume), begun, memory) for other in others]
+        beginning = [_BEGINNING + first.name] if others else []
+        shared += [Task(name, _run_first_piece, (model, first, folder, resume), memory=memory) for name in beginning]
+        leading.append(Task(first.name, _run_protocol, (model, first, folder, resume), beginning, memory))
+        following += [
+            Task(other.name, _run_protocol, (model, other, folder, resume), beginning, memory) for other in others
+        ]
     leading.sort(key=lambda task: -len(task.args[1].times))
-    after = [Task(_CHECK + name, _check, (model, name, folder, resume)) for name in _CHECKS if checks]
+    after = [Task(_CHECK + name, _run_check, (model, name, folder, resume)) for name in _CHECKS if checks]
     return [*shared, *leading, *following, *after]
 
 
-def _begin(
+def _run_first_piece(
     model: RetractionModel,
     program: ToolMotion | ForceProtocol,
     folder: Path | None,
@@ -236,11 +240,11 @@ def _begin(
     run = ProtocolRun(model, program, folder, resume)
     if run.transient.progress.t > program.times[1]:
         return None
-    with share_threads(callback) as told:
-        return run.go(told, program.times[1]).snapshot()
+    with share_threads(callback) as progress:
+        return run.go(progress, program.times[1]).snapshot()
 
 
-def _go(
+def _run_protocol(
     model: RetractionModel,
     program: ToolMotion | ForceProtocol,
     folder: Path | None,
@@ -250,18 +254,18 @@ def _go(
     callback: Callback,
 ) -> ProtocolResult:
     """A run, from the end of a shared beginning if there is one."""
-    with share_threads(callback) as told:
-        return ProtocolRun(model, program, folder, resume, start).go(told).result()
+    with share_threads(callback) as progress:
+        return ProtocolRun(model, program, folder, resume, start).go(progress).result()
 
 
-def _check(model: RetractionModel, name: str, folder: Path | None, resume: bool, callback: Callback) -> Any:
+def _run_check(model: RetractionModel, name: str, folder: Path | None, resume: bool, callback: Callback) -> Any:
     if folder is not None:
         folder = folder / "checks"
         folder.mkdir(exist_ok=True)
     try:
-        with share_threads(callback) as told:
-            value = _CHECKS[name](model, folder, resume, lambda _, t, share: told(_CHECK + name, t, share))
-    except SolverError:  # what a check could not compute is reported as missing; the protocols' answers stand
+        with share_threads(callback) as progress:
+            value = _CHECKS[name](model, folder, resume, lambda _, t, share: progress(_CHECK + name, t, share))
+    except SolverError:  # a failed check is reported as missing; the protocols' answers are valid
         value = None
     callback(_CHECK + name, 0.0, 1.0)
     return value

@@ -107,12 +107,12 @@ def _check_folder(folder: Path) -> None:
     if folder.exists() and not folder.is_dir():
         raise InputError("-o", str(folder), "a folder, or a name that is free")
     if (folder / ROWS).exists() and not (folder / ROWS / MARK).exists():
-        raise InputError("-o", f"{folder}, where {ROWS} is of something else", "the folder of a cohort, or another")
+        raise InputError("-o", f"{folder}, where {ROWS} is not of a cohort", "the folder of a cohort, or another")
     if (folder / RESULT).exists():
         found = read_json(folder / RESULT, "result")
         if not isinstance(found, dict) or found.get("verb") != "cohort":
             raise InputError(
-                "-o", f"{folder}, where results of something else are", "the folder of a cohort, or another"
+                "-o", f"{folder}, with results that are not of a cohort", "the folder of a cohort, or another"
             )
 
 
@@ -120,7 +120,7 @@ def _computed(
     cases: Sequence[CohortCase], folder: Path, executor: AnyExecutor, again: bool, callback: Callable[..., Any]
 ) -> tuple[dict[str, Record], set[str]]:
     """Records of all rows, and the names of those that were computed now."""
-    callback("looking for what is finished")
+    callback("looking for finished rows")
     if not (folder / ROWS).exists():
         (folder / ROWS).mkdir()
         (folder / ROWS / MARK).write_text(MARK_SAYS, encoding="utf-8")
@@ -146,15 +146,15 @@ def _computed(
         now = ", ".join(name for name in under_way if name not in ended)
         return f"{len(finished) + len(ended)} of {len(cases)} rows done" + (f"; {now}" if now else "")
 
-    def begun(name: str) -> None:
+    def on_start(name: str) -> None:
         under_way.append(name)
         callback(words())
 
-    def over(name: str, _: Any) -> None:
+    def on_end(name: str, _: Any) -> None:
         ended.append(name)
         callback(words())
 
-    found = _run(tasks, executor, begun, over) if tasks else {}
+    found = _run(tasks, executor, on_start, on_end) if tasks else {}
     for name, outcome in found.items():
         lost = isinstance(outcome, BaseException)
         finished[name] = (
@@ -164,13 +164,13 @@ def _computed(
 
 
 def _run(
-    tasks: Sequence[tuple[Any, ...]], executor: AnyExecutor, begun: Callable[..., Any], over: Callable[..., Any]
+    tasks: Sequence[tuple[Any, ...]], executor: AnyExecutor, on_start: Callable[..., Any], on_end: Callable[..., Any]
 ) -> dict[str, Any]:
     """Run tasks in separate processes if a number of them is given, also one: a crash ends only its own row."""
     if not isinstance(executor, int):
-        return run(tasks, executor, callback=begun, finished=over, on_error="return")
+        return run(tasks, executor, callback=on_start, finished=on_end, on_error="return")
     with ProcessExecutor(min(executor, len(tasks))) as processes:
-        return run(tasks, processes, callback=begun, finished=over, on_error="return")
+        return run(tasks, processes, callback=on_start, finished=on_end, on_error="return")
 
 
 def _row(case: CohortCase, record: Record, group: str, folder: Path, computed: bool) -> ResultRow:

@@ -149,7 +149,7 @@ class _Reader:
 
     def case(self, line: int, cells: list[str]) -> CohortCase:
         values = {name: cell.strip() for name, cell in zip(self._columns, cells, strict=True)}
-        name = self._named(line, values[NAME])
+        name = self._check_name(line, values[NAME])
         verb = values.get(VERB) or self._verb or ""
         if verb not in self._options:
             raise self._fault(line, name, VERB, repr(verb) if verb else "missing", nearest(verb, VERBS))
@@ -166,15 +166,15 @@ class _Reader:
             if column not in taken:
                 wanted = f"an empty cell: {verb} has no such option"
                 raise self._fault(line, name, column, repr(value[:60]), wanted)
-            given = self._given(line, name, column, taken[column], value)
+            given = self._arguments(line, name, column, taken[column], value)
             if is_path(taken[column]):
-                files.append(self._there(line, name, column, value))
+                files.append(self._find_file(line, name, column, value))
                 given = [f"--{column}={files[-1]}"]
-            if said := self._refused(parser, [verb, *inputs, *given]):
+            if said := self._parser_error(parser, [verb, *inputs, *given]):
                 own = f"; a column of your own that is called so begins with {FREE}"
                 raise self._fault(line, name, column, repr(value[:60]), said + own)
             options += given
-        if said := self._refused(parser, [verb, *inputs, *options]):
+        if said := self._parser_error(parser, [verb, *inputs, *options]):
             raise self._fault(line, name, "options", " ".join(options) or "none", said)
         about = {self._shown(each): values[each] for each in self._own}
         return CohortCase(name, verb, inputs, tuple(options), about, tuple(files))
@@ -183,7 +183,7 @@ class _Reader:
         """The original name of a free column, without its prefix."""
         return self._table.columns[self._columns.index(column)].removeprefix(FREE)
 
-    def _named(self, line: int, name: str) -> str:
+    def _check_name(self, line: int, name: str) -> str:
         if not re.fullmatch(rf"\w[\w.-]{{0,{MOST_NAME - 1}}}", name):
             wanted = f"at most {MOST_NAME} letters, digits, . - _, as it names a folder"
             raise self._fault(line, "", NAME, repr(name[: 2 * MOST_NAME]) if name else "missing", wanted)
@@ -199,11 +199,11 @@ class _Reader:
         for part in parts:
             called, equals, file = part.partition("=")
             plain = not (several and equals and called) or (self._path.parent / part).exists()
-            files.append(self._there(line, name, INPUT, part if plain else file))
+            files.append(self._find_file(line, name, INPUT, part if plain else file))
             given.append(str(files[-1]) if plain else f"{called}={files[-1]}")
         return tuple(given), files
 
-    def _there(self, line: int, name: str, column: str, text: str) -> Path:
+    def _find_file(self, line: int, name: str, column: str, text: str) -> Path:
         """A file or folder, relative to the list."""
         if not text:
             raise self._fault(line, name, column, "missing", "a file, relative to the list")
@@ -212,7 +212,7 @@ class _Reader:
             raise self._fault(line, name, column, f"{text[:200]!r}, which is missing", "a file, relative to the list")
         return found
 
-    def _given(self, line: int, name: str, column: str, action: argparse.Action, value: str) -> list[str]:
+    def _arguments(self, line: int, name: str, column: str, action: argparse.Action, value: str) -> list[str]:
         """The command-line arguments of a cell."""
         if action.nargs == 0:
             if value.lower() in YES:
@@ -226,7 +226,7 @@ class _Reader:
         return [f"--{column}={part.strip()}" for part in (value.split(PART) if several else [value])]
 
     @staticmethod
-    def _refused(parser: argparse.ArgumentParser, argv: list[str]) -> str:
+    def _parser_error(parser: argparse.ArgumentParser, argv: list[str]) -> str:
         """Error message of the verb's parser for a command; empty if it is accepted."""
         said = io.StringIO()
         try:

@@ -357,7 +357,9 @@ def write_subject(
             "--curve", "given with the route hull", "lattice or conforming, whose tissues meet in interfaces"
         )
     if curve and opening:
-        raise InputError("--curve", "given with --cut", "one of them: what is curved would leave the walls' planes")
+        raise InputError(
+            "--curve", "given with --cut", "one of them: curving would move nodes off the planes of the walls"
+        )
     files.check_writable(path)  # before the work, not after it
     clean, tidying = clean_labels(LabelMap(_numbered(subject.labels), dict(enumerate(subject.labels.regions, 1))))
     if not clean.regions:
@@ -448,7 +450,7 @@ def _within(made: Elements, labels: LabelMap) -> str:
     """Ventricles and lesions that are missing from a hull mesh, in words."""
     asked = [name for name in labels.regions if name == VENTRICLES or LESION.fullmatch(name)]
     lost = [name for name in asked if name not in made.regions]
-    return f"; {' and '.join(lost)}, too thin or too close to what is around" if lost else ""
+    return f"; {' and '.join(lost)}, too thin or too close to their neighbours" if lost else ""
 
 
 def _off(regions: Mapping[str, Mapping[str, float]]) -> dict[str, float]:

@@ -47,7 +47,7 @@ def preview(scene: Scene | str | Path, folder: str | Path) -> Path:
     Raises
     ------
     InputError
-        A scene that means nothing: what a run would refuse before it solves is refused here too.
+        A scene that is not meaningful; all checks that precede a computation are made.
 
     Examples
     --------
@@ -87,7 +87,7 @@ def _body(scene: Scene) -> Drawing:
         words = f"{pressure.toml_value('value')} Pa, into the body"
         conditions.append(Condition("pressure", words, _matching(pressure.boundary, names)))
     for body in scene.contacts:
-        words = f"{body.shape} that goes {_listed(body.toml_value('travel'))} mm, friction {body.friction:g}"
+        words = f"{body.shape} that moves by {_listed(body.toml_value('travel'))} mm, friction {body.friction:g}"
         conditions.append(Condition("contact", words, _matching(body.boundary, names)))
     solids = [_rigid(body, hierarchy.longest, scene) for body in scene.contacts]
     points = [quantity.point for quantity in scene.quantities if quantity.point]
@@ -113,8 +113,10 @@ def _operation(scene: Scene) -> Drawing:
     names = sorted(set(model.mesh.GetBoundaries()))
     conditions = [
         Condition("held", "held", tuple(model.held.split("|"))) if model.held else None,
-        Condition("slides", "slides along what holds it", tuple(model.sliding.split("|"))) if model.sliding else None,
-        Condition("walls of the cleft", "what the tool pushes, and what faces it", _matching("wall_.*", names)),
+        Condition("slides", "slides along a fixed surface", tuple(model.sliding.split("|"))) if model.sliding else None,
+        Condition(
+            "walls of the cleft", "the wall that the tool pushes, and the opposite one", _matching("wall_.*", names)
+        ),
     ]
     made, cleft = geometry(model)["blade"], model.cleft
     at, end = (tool_drawings(made, cleft, way) for way in (0.0, scene.tool.travel))
@@ -163,7 +165,7 @@ def _displacement(bc: DisplacementBC, names: Sequence[str], scene: Scene) -> Con
     along = "" if bc.components == "xyz" else f" along {', '.join(bc.components)}"
     if bc.rotation is not None:
         about = f"({_listed(bc.axis or ())}) through ({_listed(bc.toml_value('centre') or (0, 0, 0))}) mm"
-        words = f"turned by {bc.toml_value('rotation')}° about {about}"
+        words = f"rotated by {bc.toml_value('rotation')}° about {about}"
         return Condition("turned", words, mine)
     if not any(bc.value):
         return Condition("held", f"held{along}", mine)
@@ -220,21 +222,25 @@ def _tables(scene: Scene, mesh: ngs.Mesh, conditions: Sequence[Condition]) -> di
     found: dict[str, list[tuple[str, ...]]] = {
         "Tissues": regions,
         "Regions of the mesh": [(name, f"{volume:.4g} ml") for name, volume in volumes.items()],
-        "What holds and moves it": [(", ".join(each.boundaries) or "no boundary", each.words) for each in conditions],
+        "Boundary conditions and loads": [
+            (", ".join(each.boundaries) or "no boundary", each.words) for each in conditions
+        ],
     }
     if scene.gravity:
-        found["What holds and moves it"].append(("everywhere", f"gravity {_listed(scene.gravity.acceleration)} m/s²"))
+        found["Boundary conditions and loads"].append(
+            ("everywhere", f"gravity {_listed(scene.gravity.acceleration)} m/s²")
+        )
     if scene.is_operation:
         tool, cleft = scene.tool, scene.operated
         found["Operation"] = [
             ("cleft", f"{cleft.toml_value('width'):g} mm wide, {cleft.toml_value('gap'):g} mm between its walls"),
             ("craniotomy", f"{cleft.toml_value('craniotomy_diameter'):g} mm"),
-            ("tool", f"{tool.kind}, {tool.toml_value('width'):g} mm wide, goes {tool.toml_value('travel'):g} mm"),
+            ("tool", f"{tool.kind}, {tool.toml_value('width'):g} mm wide, travels {tool.toml_value('travel'):g} mm"),
             *((f"protocol {each.name}", each.kind) for each in scene.protocols),
         ]
     time = scene.time
     wave = f"{time.frequency:g} Hz" if time.frequency else f"loads grow in {time.ramp:g} s, until {time.end:g} s"
-    found["Time and questions"] = [
+    found["Time and quantities"] = [
         ("time", wave),
         *((quantity.label, f"tolerance {100 * quantity.tolerance:g} %") for quantity in scene.quantities),
     ]

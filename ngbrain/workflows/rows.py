@@ -114,7 +114,9 @@ def run_row(case: CohortCase, folder: str, digest: str, *, callback: Callback) -
     arguments.overwrite = True
     if hasattr(arguments, "resume"):
         arguments.resume = again
-    if hasattr(arguments, "threads"):  # rows are computed side by side, each the same whatever is beside it
+    if hasattr(
+        arguments, "threads"
+    ):  # rows run in parallel, each on one thread, which gives the same result in any company
         arguments.threads = 1
     record = Record(digest, runs=before.runs + 1 if before and again else 1)
     record.write(place)
@@ -133,7 +135,7 @@ def run_row(case: CohortCase, folder: str, digest: str, *, callback: Callback) -
     notes = tuple(_notes(place / LOG))
     if error is None:
         outcome = EXCLUDED if status else USABLE
-        record = replace(record, outcome=outcome, notes=notes, reason=_against(notes) if status else "")
+        record = replace(record, outcome=outcome, notes=notes, reason=_exclusion_reason(notes) if status else "")
     else:
         known = isinstance(error, ERRORS)
         reason = notes[-1] if known and notes else " ".join(f"{type(error).__name__}: {error}".split())
@@ -165,10 +167,10 @@ def _notes(log: Path) -> Iterator[str]:
             yield line.removeprefix(SIGNS).removeprefix("warning: ")
 
 
-def _against(notes: tuple[str, ...]) -> str:
+def _exclusion_reason(notes: tuple[str, ...]) -> str:
     """Why a verb advises against its answer."""
     said = [note for note in notes if note.startswith("do not use")]
-    return "; ".join(said) or (notes[-1] if notes else "its verb does not want the answer used")
+    return "; ".join(said) or (notes[-1] if notes else "its verb advises against using the answer")
 
 
 def _files(path: Path) -> Iterator[Path]:
@@ -184,7 +186,7 @@ def _files(path: Path) -> Iterator[Path]:
         found[each] = None
         stem = each.name.partition(".")[0]
         waiting += [there for suffix in COMPANIONS if (there := each.with_name(stem + suffix)).is_file()]
-        waiting += [there for text in _texts(each) for there in _named(text, each)]
+        waiting += [there for text in _texts(each) for there in _files_named_in(text, each)]
     yield from found
 
 
@@ -206,7 +208,7 @@ def _texts(path: Path) -> list[str]:
     return found
 
 
-def _named(text: str, by: Path) -> Iterator[Path]:
+def _files_named_in(text: str, by: Path) -> Iterator[Path]:
     """Files that a text may refer to, relative to its file or to the working folder."""
     for folder in (by.parent, Path()):
         with suppress(OSError, ValueError):

@@ -71,7 +71,7 @@ def main_numbers(result: Mapping[str, Any]) -> dict[str, Number]:
         if verb == "mesh"
         else _maps
         if verb in ("invert", "predict")
-        else _asked
+        else _quantities
         if isinstance(result["answers"], list)
         else _operation
     )
@@ -81,12 +81,12 @@ def main_numbers(result: Mapping[str, Any]) -> dict[str, Number]:
 def cautions(result: Mapping[str, Any]) -> list[str]:
     """Warnings of the verb on an answer that can be used."""
     off = result.get("checks", {}).get("regions_off", {})
-    # What waves cannot tell, whoever looks at them, is said of all maps.
+    # Warnings on maps concern what waves cannot determine, and apply to every row.
     warnings = [] if result["verb"] in ("invert", "predict") else result.get("warnings", [])
     return [
         *(str(text) for text in warnings),
         *(f"doubt: {text}" for text in result.get("flags", [])),
-        *(f"{name} is off by {error:+.0%} in volume" for name, error in off.items()),
+        *(f"the volume of {name} is off by {error:+.0%}" for name, error in off.items()),
     ]
 
 
@@ -120,7 +120,10 @@ def _maps(result: Mapping[str, Any]) -> Iterator[Number]:
         yield Number("noise_found", "Noise found", "", result["noise"]["found"])
     if "score" in result.get("checks", {}):
         yield Number(
-            "trust_score", "Unlikeness to what was learnt (1: not to be trusted)", "", result["checks"]["score"]
+            "trust_score",
+            "Largest trust score relative to its bound (above 1: not to be trusted)",
+            "",
+            result["checks"]["score"],
         )
 
 
@@ -132,7 +135,7 @@ def _spread(name: str, answer: Mapping[str, float], region: str = "") -> Iterato
             yield Number(column, f"{shown.name}, {words}", shown.unit, shown.factor * answer[key], region)
 
 
-def _asked(result: Mapping[str, Any]) -> Iterator[Number]:
+def _quantities(result: Mapping[str, Any]) -> Iterator[Number]:
     for each in result["answers"]:
         name, (unit, factor) = each["quantity"], display_unit(each["unit"])
         yield Number(f"{name} ({unit})" if unit else name, name[:1].upper() + name[1:], unit, each["value"] * factor)

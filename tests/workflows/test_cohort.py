@@ -188,7 +188,7 @@ def test_a_row_whose_process_dies(study, performed):
 def test_folders_of_others(study, tmp_path):
     (study / "out").mkdir()
     (study / "out" / "result.json").write_text('{"verb": "invert"}')
-    with pytest.raises(InputError, match="results of something else"):
+    with pytest.raises(InputError, match="results that are not of a cohort"):
         done(study)
     (study / "out" / "result.json").unlink()
     with lock_folder(study / "out"), pytest.raises(InputError, match="another ngbrain is at work"):
@@ -258,6 +258,6 @@ def test_statistics_by_group_and_outliers(study, performed):
     spreads = {spread.group: spread for spread in found.spreads if spread.key == "storage_kPa_median"}
     assert spreads["old"].n == 7 and spreads["old"].median == 60.5 and spreads["young"].n == 8
     page = (study / "out" / "report.html").read_text()
-    assert "15 of 15 rows are usable, 1 of them to look at." in page and page.count(">p7</span>") == 2
+    assert "15 of 15 rows are usable, 1 of them with a warning." in page and page.count(">p7</span>") == 2
     assert "half of the rows have the same value" in page
     assert ngbrain.cohort is cohort

@@ -81,7 +81,7 @@ def test_all_that_can_act_is_drawn(tmp_path):
     page = preview(made, tmp_path)
     for kind in ("turned", "traction", "pressure", "contact"):
         assert any(seen(page, KINDS[kind], picture) > 0.001 for picture in (1, 2)), kind
-    assert seen(page, TOOL, 1) > 0.002 and "turned by 5*t° about (0, 0, 1)" in page.read_text()
+    assert seen(page, TOOL, 1) > 0.002 and "rotated by 5*t° about (0, 0, 1)" in page.read_text()
 
 
 def test_what_a_run_refuses_is_refused(tmp_path):

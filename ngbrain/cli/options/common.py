@@ -13,7 +13,7 @@ from ngbrain.cli.options.cohort import add_cohort
 from ngbrain.cli.options.simulate import add_laws, add_simulate
 
 PLACE = "X,Y,Z"
-# Names that the library has in tables, which take a second to import; a test holds these to them.
+# Names in tables of the library, whose import would take a second; a test compares them.
 ROUTES = ("hull", "lattice", "conforming")
 SCHEMES = ("freesurfer", "synthseg", "muse", "spm", "cat", "fast", "ngbrain")
 UNITS = ("m", "cm", "mm", "um")
@@ -266,7 +266,7 @@ def _invert(verbs: Any) -> argparse.ArgumentParser:
         "--oss-snr",
         type=float,
         metavar="LEAST",
-        help="restrict to the part with this signal-to-noise ratio of octahedral shear strain in some load (for example 3)",
+        help="restrict to points with at least this signal-to-noise ratio of octahedral shear strain in some load (such as 3)",
     )
     parser.add_argument(
         "--by-label",

@@ -178,7 +178,7 @@ def space(elements: Elements, at: Floats) -> bytes:
         for column, title in enumerate(("The surface", "Cut open: regions and elements")):
             axes = page.add_axes((0.005 + 0.5 * column, 0.02, 0.49, 0.90))
             wide, tall = inches(axes)
-            camera = Camera.look(middle, toward, up, reach * wide / tall, reach)
+            camera = Camera.look_at(middle, toward, up, reach * wide / tall, reach)
             if column:
                 # Keep what lies behind the coronal plane, seen from the viewer.
                 level = at[1] + 1e-7 - elements.points[:, 1]

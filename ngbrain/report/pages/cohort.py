@@ -17,7 +17,7 @@ MOST_DOTS = 150
 """Number of rows above which only those outside the middle nine tenths are drawn."""
 BEYOND = 1.5
 """Half-width of the outlier strips in limits; dots beyond are drawn at the ends."""
-WORDS = {"ok": "ok", "warning": "to look at", "excluded": "excluded", "failed": "failed"}
+WORDS = {"ok": "ok", "warning": "with a warning", "excluded": "excluded", "failed": "failed"}
 
 
 @dataclass(frozen=True)
@@ -159,11 +159,11 @@ def conclusion(checks: Mapping[str, Any]) -> str:
     """How many rows are usable, as a sentence.
 
     >>> conclusion({"rows": 4, "ok": 1, "warning": 1, "excluded": 0, "failed": 2})
-    '2 of 4 rows are usable, 1 of them to look at; 2 failed.'
+    '2 of 4 rows are usable, 1 of them with a warning; 2 failed.'
     """
     usable = checks["ok"] + checks["warning"]
     text = f"{usable} of {checks['rows']} rows are usable" + (
-        f", {checks['warning']} of them to look at" * bool(checks["warning"])
+        f", {checks['warning']} of them with a warning" * bool(checks["warning"])
     )
     return text + "".join(f"; {checks[word]} {word}" for word in ("excluded", "failed") if checks[word]) + "."
 

@@ -284,7 +284,10 @@ def residuals(result: Mapping[str, Any], residual: Floats) -> bytes:
         axes = page.add_axes((0.075, 0.17, 0.55, 0.74))
         axes.hist(np.clip(left, -5, 5), np.linspace(-5, 5, 81), density=True, color="#9db3c4", label="residuals")
         at = np.linspace(-5, 5, 301)
-        for spread, dash, label in ((1.0, ":", "noise"), (width, "-", "noise less what a fit uses up")):
+        for spread, dash, label in (
+            (1.0, ":", "noise"),
+            (width, "-", "noise, with the fitted degrees of freedom removed"),
+        ):
             density = np.exp(-((at / spread) ** 2) / 2) / (spread * np.sqrt(2 * np.pi))
             axes.plot(at, density, color="#B2182B", ls=dash, lw=1.4, label=label)
         axes.set(xlabel="(measured − fitted) / noise, real and imaginary parts", ylabel="density", xlim=(-5, 5))
@@ -294,7 +297,7 @@ def residuals(result: Mapping[str, Any], residual: Floats) -> bytes:
             f"mean {left.mean():+.3f}".replace("-", "−"),
             f"standard deviation {left.std():.3f}, expected {width:.3f}",
             f"beyond ±3: {100 * float(np.mean(np.abs(left) > 3)):.2f} % (noise: 0.27 %)",
-            "What is beyond ±5 stands at the ends.",
+            "Values beyond ±5 are counted in the end bins.",
         ]
         page.text(0.655, 0.86, "\n".join(lines), va="top", fontsize=9)
         return png(page)

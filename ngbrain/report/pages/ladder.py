@@ -52,7 +52,7 @@ def build(path: str | os.PathLike[str], result: Mapping[str, Any]) -> Path:
     return write_page(
         Path(path),
         "ladder.html",
-        {"way": _way(result)},
+        {"way": _plot_search(result)},
         result=result,
         answers=answers(result),
         left_out=omitted_effects(result),
@@ -93,7 +93,7 @@ def _worst(rung: Mapping[str, Any]) -> float:
     return MOST if found is None else found
 
 
-def _way(result: Mapping[str, Any]) -> bytes:
+def _plot_search(result: Mapping[str, Any]) -> bytes:
     """Plot the estimated error of each model over the time spent."""
     with style():
         made = figure(4.2)

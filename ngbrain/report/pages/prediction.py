@@ -92,7 +92,7 @@ WORDS = {
     "noise": "Noise of the displacement",
     "jump": "Jump of the displacement, which is continuous",
     "features": "Distance of the input from the training data",
-    "deviation": "Standard deviation that is stated",
+    "deviation": "Predicted standard deviation",
     "residual": "Residual of the equations of motion",
     "boundary": "Boundary conditions of the square",
 }

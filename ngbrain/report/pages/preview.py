@@ -228,7 +228,7 @@ def _slice(drawing: Drawing, normal: int, across: int, up: int) -> bytes:
     x, y = (middle[axis] + size[axis] / 2 * np.array([-1, 1]) for axis in flat)
     axes.set(xlim=x[::-1] if drawing.head else x, ylim=y)
     axes.set_aspect("equal")
-    _furnish(axes, drawing, across, up)
+    _decorate(axes, drawing, across, up)
     return png(made)
 
 
@@ -255,7 +255,7 @@ def _scan(axes: Any, image: ScanImage, normal: int, across: int, up: int, where:
             )
 
 
-def _furnish(axes: Any, drawing: Drawing, across: int, up: int) -> None:
+def _decorate(axes: Any, drawing: Drawing, across: int, up: int) -> None:
     dark = drawing.image is not None
     ink = "white" if dark else "#222222"
     axes.set_facecolor("black" if dark else "white")
@@ -299,7 +299,7 @@ def _space(drawing: Drawing) -> bytes:
     reach = 1.18 * float(np.linalg.norm(every - middle, axis=1).max())
     side = np.sign(drawing.focus[0] - middle[0]) or 1.0
     toward = np.array([0.75 * side, 0.75, 0.65]) if drawing.head else np.array([0.6, -1.0, 0.7])
-    camera = Camera.look(middle, toward, np.array([0, 0, 1.0]), reach, reach)
+    camera = Camera.look_at(middle, toward, np.array([0, 0, 1.0]), reach, reach)
     layers = []
     colors = require("matplotlib.colors", "report")
     for name, tris in drawing.faces.items():

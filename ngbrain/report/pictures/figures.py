@@ -78,7 +78,7 @@ def pressure(answers: Mapping[str, Any]) -> bytes:
             upper, lower = page.add_subplot(grid[0, column]), page.add_subplot(grid[1, column])
             lines = pressures(upper, answers, span)
             for name, answer in answers.items():
-                s, look = answer["series"], _look(name, answers)
+                s, look = answer["series"], _line_style(name, answers)
                 t, opened = course(answer, "opening_mm")
                 lower.plot(t / span.seconds, opened, **look)
                 lower.plot(np.array(s["t_s"]) / span.seconds, s["blade_mm"], color=look["color"], lw=0.9, ls=":")
@@ -128,7 +128,7 @@ def pressures(axes: Any, answers: Mapping[str, Any], span: Span) -> list[Any]:
     lines = []
     for name, answer in answers.items():
         t, values = course(answer, "pressure_mmHg")
-        lines += axes.plot(t / span.seconds, values, **_look(name, answers))
+        lines += axes.plot(t / span.seconds, values, **_line_style(name, answers))
     top = 1.08 * max([THRESHOLDS[-1] * 1.1, *(max(a["series"]["pressure_mmHg"]) for a in answers.values())])
     for threshold in THRESHOLDS:
         axes.axhline(threshold, color="#555555", lw=1.0, ls=(0, (2, 2)), zorder=1)
@@ -140,7 +140,7 @@ def pressures(axes: Any, answers: Mapping[str, Any], span: Span) -> list[Any]:
     return lines
 
 
-def _look(name: str, answers: Mapping[str, Any]) -> dict[str, Any]:
+def _line_style(name: str, answers: Mapping[str, Any]) -> dict[str, Any]:
     return {"color": colour(name, answers), "ls": DASHES.get(name, "-"), "lw": 1.9, "label": name}
 
 
@@ -207,9 +207,9 @@ def strain_slice(peak: DeformedHead, scale: StrainScale) -> bytes:
         blade = peak.blades[0]
         height = min(peak.cleft.depth + 9e-3, blade.top)
         x = 1e3 * blade.across(height)
-        _say(near, peak.tool, (x, 1e3 * height), (x - 12, 1e3 * (peak.cleft.depth + 11e-3)))
+        _annotate(near, peak.tool, (x, 1e3 * height), (x - 12, 1e3 * (peak.cleft.depth + 11e-3)))
         window = 1e3 * peak.craniotomy / 2
-        _say(
+        _annotate(
             near,
             "edge of the\ncraniotomy",
             (-window, 1e3 * peak.cleft.depth - 1.5),
@@ -235,7 +235,7 @@ def _ends(axes: Any, peak: DeformedHead) -> None:
     )
 
 
-def _say(axes: Any, text: str, point: tuple[float, float], at: tuple[float, float]) -> None:
+def _annotate(axes: Any, text: str, point: tuple[float, float], at: tuple[float, float]) -> None:
     line = {"arrowstyle": "-", "color": "#222222", "lw": 0.8, "shrinkA": 1, "shrinkB": 0}
     halo = require("matplotlib.patheffects", "report").withStroke(linewidth=3, foreground="white")
     axes.annotate(

@@ -164,7 +164,7 @@ def slices(image: ScanImage, peak: DeformedHead) -> bytes:
                     page.text(box[0], box[1] + box[3] + 0.06 / height, title, ha="left", va="bottom", fontsize=9)
                 middle = (low[up] + high[up]) / 2
                 axes.set(xlim=(high[across], low[across]), ylim=(middle - tall / 2, middle + tall / 2))
-                _furnish(axes, peak, across, up)
+                _decorate(axes, peak, across, up)
         target = _line(TARGET, "target", ls="", marker="o", ms=4)
         for row, text in enumerate(("Scan (T1) and labels", "Undeformed mesh on the scan")):
             top = (foot + (2 - row) * scale * tall + (1 - row) * between) / height
@@ -257,7 +257,7 @@ def _mesh(axes: Any, peak: DeformedHead, where: float, normal: int, flat: list[i
     return [_line(colour, text, lw=max(width, 0.8)) for _, colour, width, text in kinds]
 
 
-def _furnish(axes: Any, peak: DeformedHead, across: int, up: int) -> None:
+def _decorate(axes: Any, peak: DeformedHead, across: int, up: int) -> None:
     """Draw target, orientation letters and scale bar."""
     axes.set_facecolor("black")
     axes.tick_params(left=False, bottom=False, labelleft=False, labelbottom=False)

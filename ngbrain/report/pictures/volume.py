@@ -52,7 +52,7 @@ def head(peak: DeformedHead, scale: StrainScale) -> bytes:
         reach = float(np.linalg.norm(peak.rest - middle, axis=1).max()) * 1.12
         axes = page.add_axes((0.0, 0.03, 0.475, 0.87))
         shape = inches(axes)
-        camera = Camera.look(middle + 0.10 * reach * up, toward, up, reach * shape[0] / shape[1], reach)
+        camera = Camera.look_at(middle + 0.10 * reach * up, toward, up, reach * shape[0] / shape[1], reach)
         opened = _opened_layers(peak, scale)
         skull = peak.skull()
         hull = Layer(peak.points, skull, BONE, vertex_normals(peak.points, skull), opacity=0.42)
@@ -104,7 +104,7 @@ def _cutaway(axes: Any, peak: DeformedHead, scale: StrainScale) -> None:
     wide, tall = inches(axes)
     reach = 31e-3 / min(wide, tall)
     centre = cleft.target + (0.5 * cleft.depth + 5e-3) * cleft.out
-    camera = Camera.look(centre, toward, cleft.out, reach * wide, reach * tall)
+    camera = Camera.look_at(centre, toward, cleft.out, reach * wide, reach * tall)
     skull = peak.skull()
     hull = Layer(peak.points, skull, BONE, vertex_normals(peak.points, skull), clip=level)
     cut = cut_volume(peak.tets, level)

@@ -39,7 +39,7 @@ class Camera:
     half_height: float
 
     @classmethod
-    def look(cls, centre: Floats, toward: Floats, up: Floats, half_width: float, half_height: float) -> Camera:
+    def look_at(cls, centre: Floats, toward: Floats, up: Floats, half_width: float, half_height: float) -> Camera:
         """A camera with the `up` nearest to a given direction.
 
         Parameters

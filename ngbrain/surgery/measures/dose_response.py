@@ -12,15 +12,15 @@ from ngbrain.units import MINUTE
 
 CONFIDENCE = 0.95
 HELD_MINUTES = 15.0
-"""Duration of retraction in each animal (minutes),"""
+"""Duration of retraction in each animal (minutes)."""
 MISSING = 0.05
-"""and the fraction of it that a sustained pressure may miss, for the loading ramp."""
+"""Fraction of that duration that a sustained pressure may miss, for the loading ramp."""
 HALVINGS = 40
 """Bisection steps in the search for a sustained pressure."""
 COUNTS = {20.0: (1, 6), 30.0: (5, 6), 40.0: (6, 6)}
 """Retraction pressure (mmHg) → rats with an infarct, out of how many: Rosenorn & Diemer 1985, 10.3171/jns.1985.63.4.0608."""
 SOURCE = "Rosenørn & Diemer 1985, 10.3171/jns.1985.63.4.0608"
-CONDITIONS = f"rats, an even pressure for {HELD_MINUTES:.0f} minutes, 6 animals at each"
+CONDITIONS = f"rats, a constant pressure for {HELD_MINUTES:.0f} minutes, 6 animals at each"
 
 
 def interval(infarcts: int, animals: int) -> tuple[float, float]:
@@ -150,16 +150,16 @@ def evidence(even: float, peak: float, minutes: float) -> str:
     >>> evidence(21.5, 28.0, 15.0)
     'at least as harmful as 20 mmHg (1 of 6 rats), at most as harmful as 30 mmHg (5 of 6 rats)'
     >>> evidence(0.0, 146.0, 60.0)
-    'nothing: not held at 20 mmHg or more for 15 minutes on end, and pressed longer or harder than any rat'
+    'no bound: not sustained at 20 mmHg or more for 15 minutes, but loaded longer or more strongly than any rat'
     """
     if peak <= 0:
-        return "nothing presses"
+        return "no pressure"
     below = max((dose for dose in COUNTS if dose <= even), default=None)
     above = min((dose for dose in COUNTS if dose >= peak), default=None) if minutes <= HELD_MINUTES else None
     bounds = [("at least", below), ("at most", above)]
     said = [f"{word} as harmful as {dose:g} mmHg ({_counted(dose)})" for word, dose in bounds if dose is not None]
-    least = f"not held at {min(COUNTS):g} mmHg or more for {HELD_MINUTES:g} minutes on end"
-    return ", ".join(said) or f"nothing: {least}, and pressed longer or harder than any rat"
+    least = f"not sustained at {min(COUNTS):g} mmHg or more for {HELD_MINUTES:g} minutes"
+    return ", ".join(said) or f"no bound: {least}, but loaded longer or more strongly than any rat"
 
 
 def _counted(dose: float) -> str:

@@ -27,9 +27,9 @@ from ngbrain.surgery.measures.sampling import TissuePart, tissue_percentiles
 from ngbrain.surgery.tools import RigidTool, patch
 
 PATCH_MARGIN = 1e-3
-"""Distance (m) of the pressure patch from the face's edges; its part next to the tip has a separate pressure,"""
+"""Distance (m) of the pressure patch from the edges of the tool's face."""
 CENTRE = FACED / 2
-"""and so has its centre: the points within this distance (m) of its centroid on the unloaded wall."""
+"""The centre pressure is over points within this distance (m) of the patch's centroid on the unloaded wall."""
 
 
 @dataclass(frozen=True)

@@ -53,8 +53,7 @@ def errors(own: Answer | None, checked: Mapping[str, Any], factors: Iterable[flo
 
     - mesh: change on other elements everywhere, see `verification_runs.OTHER`
     - order: change with elements one order higher near the cleft, elastic, on a coarse mesh; numbers that follow from the pressure
-      over
-      time change as if all pressures changed by the relative change of the peak
+      over time change as if all pressures changed by the relative change of the peak
     - step: change with half the time step, on a coarse mesh
     - numerics: the sum of those that are known
     - material: the lowest and highest value with Miller's exponent and with moduli multiplied by `factors`

@@ -28,7 +28,7 @@ MATTER = {
 LIKE_STRAIN, LEAST_STRAIN = (0.5, 3.0), 0.05
 """Range of comparable data strains relative to the scene's own, and the lowest strain where that has none."""
 SUDDEN = 1.0
-"""Ramp (s) up to which a law of a sudden strain is comparable."""
+"""Ramp (s) up to which a law of instantaneous strain is comparable."""
 SOFTENED = 0.5
 """Weight of preconditioned tissue."""
 
@@ -124,11 +124,11 @@ def comparable_moduli(name: str, tissue: Tissue, ramp: float) -> Comparable:
         left_out,
         (
             f"published for {f'{group} matter' if group else 'brain tissue'} or for brain as a whole, {species}, {strains}",
-            f"moduli are those after the ramp of {ramp:g} s; a law of a sudden strain alone is left out of one of more than "
-            f"{SUDDEN:g} s, one of a drained skeleton always",
-            "recalled numbers, and laws of compression or tension alone, are left out",
-            f"what was preconditioned, which softens it, counts {SOFTENED:g} in the mean",
-            "beside them one run has the exponent -4.7 that Miller found for swine, with the scene's own moduli",
+            f"moduli are those after the ramp of {ramp:g} s; laws of instantaneous strain are excluded if it is longer than "
+            f"{SUDDEN:g} s, laws of the drained skeleton always",
+            "numbers quoted from memory, and laws of compression or tension alone, are excluded",
+            f"preconditioned tissue, which is softer, has the weight {SOFTENED:g} in the mean",
+            "in addition, one run has the exponent -4.7 of Miller for swine, with the scene's own moduli",
         ),
     )
 
@@ -145,7 +145,7 @@ def _unlike(entry: Published, species: str, low: float, high: float, ramp: float
     if not low <= entry.fitted_strain <= high:
         return f"measured to {100 * entry.fitted_strain:.3g} % strain"
     if entry.pace == "drained" or (entry.pace == "sudden" and ramp > SUDDEN):
-        return f"of {'a drained skeleton' if entry.pace == 'drained' else 'a sudden strain alone'}"
+        return f"of {'a drained skeleton' if entry.pace == 'drained' else 'an instantaneous strain alone'}"
     return ""
 
 

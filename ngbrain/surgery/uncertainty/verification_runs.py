@@ -33,9 +33,9 @@ Point = tuple[float, np.ndarray]
 Pair = tuple[Answer | None, Answer]
 """The answer before a change, None where that is the scene's own hold; and after it."""
 ORDER, HALF, MESH, MILLER = "one order more", "half steps", "other elements", "Miller's exponent"
-"""Names of the verification runs,"""
+"""Names of the verification runs."""
 WHOLE, OWN = "whole steps", "hold"
-"""and of the reference runs for half steps and other elements."""
+"""Names of the reference runs for half steps and other elements."""
 MILLER_ALPHA = -4.7
 """Ogden exponent of Miller & Chinzei 2002, 10.1016/S0021-9290(01)00201-X, fitted over a wider range of strain."""
 COARSE = {"wall": 4e-3, "craniotomy": 10e-3, "largest": 26e-3}

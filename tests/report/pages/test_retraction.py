@@ -310,7 +310,7 @@ def test_the_page_has_every_protocol_and_the_numbers(page: str) -> None:
     assert "cortex continuous, intermittent, my own &lt;way&gt; 0.50 0.11 1.3 " in text
     assert "white continuous, intermittent 1.6 0.30 5.0 white my own &lt;way&gt; 2.6 0.30 5.0 " in text
     assert "continuous 21.5 mmHg 16 min at least as harmful as 20 mmHg (1 of 6 rats) intermittent none 16 min" in text
-    assert "in rats, an even pressure for 15 minutes" in text and "infarcts in 1 of 6 at 20 mmHg," in text
+    assert "in rats, a constant pressure for 15 minutes" in text and "infarcts in 1 of 6 at 20 mmHg," in text
     assert not re.search(r"probability (of|at)|\d to \d+(\.\d)? %", text)  # six rats at 20 mmHg decide nothing
     assert "as stiff as somebody1999:brain 750 Pa 73.0" in text
     assert "stand here: published for white matter; recalled numbers are left out." in text

@@ -112,7 +112,7 @@ def test_the_nearer_of_two_squares_is_seen_and_a_clipped_one_is_not() -> None:
     square = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
     tris = np.array([[0, 1, 2], [0, 2, 3]])
     x, y, z = np.eye(3)
-    camera = renderer.Camera.look(np.zeros(3), z, y, 2.0, 2.0)
+    camera = renderer.Camera.look_at(np.zeros(3), z, y, 2.0, 2.0)
     assert np.allclose(camera.right, x)
     red = renderer.Layer(square, tris, np.array([1.0, 0, 0]), lit=0)
     blue = renderer.Layer(square + 0.5 * z, tris, np.array([0, 0, 1.0]), lit=0, clip=square[:, 0])

@@ -97,7 +97,7 @@ def test_only_equal_openings_are_compared_at_equal_work():
     fair, unfair = compared(5e-3), compared(2.1e-3)
     assert "dose_at_equal_working_time_mmHg_min" in fair and "Not at equal" not in " ".join(fair["findings"])
     assert "dose_at_equal_working_time_mmHg_min" not in unfair
-    assert unfair["findings"][0] == "Not at equal openings: way of the blade (mm) intermittent 2.1, continuous 5."
+    assert unfair["findings"][0] == "Openings differ: travel of the blade (mm) intermittent 2.1, continuous 5."
 
 
 def test_without_a_patient_no_perfusion():

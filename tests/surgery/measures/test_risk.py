@@ -18,7 +18,7 @@ from ngbrain.surgery.measures.dose_response import (
 )
 from ngbrain.surgery.measures.perfusion import perfusion
 
-NOTHING = "nothing: not held at 20 mmHg or more for 15 minutes on end, and pressed longer or harder than any rat"
+NOTHING = "no bound: not sustained at 20 mmHg or more for 15 minutes, but loaded longer or more strongly than any rat"
 
 
 def course(*corners):
@@ -118,7 +118,7 @@ def test_a_probability_is_stated_only_where_the_counts_say_which_is_more_likely(
         ([(0, 25), (5, 25)], "at most as harmful as 30 mmHg (5 of 6 rats)"),
         ([(0, 45), (15, 45)], "at least as harmful as 40 mmHg (6 of 6 rats)"),
         ([(0, 45), (5, 45)], NOTHING),
-        ([(0, 0), (60, 0)], "nothing presses"),
+        ([(0, 0), (60, 0)], "no pressure"),
     ],
 )  # fmt: skip
 def test_the_counts_that_bound_a_course_are_said_in_words(corners, said):
