@@ -14,6 +14,7 @@ the page or its charts are of.
 from __future__ import annotations
 
 import argparse
+import hashlib
 import importlib
 import json
 import re
@@ -89,9 +90,14 @@ def made_of(benchmarks: Iterable[str]) -> str:
         bare = any(not list(_runs(record)) for record in found)
         cells = [_told((run.get(key) for run in runs), bare) for key in ("machine", "commit", "date")]
         versions = [f"{program} {version}" for program, version in _versions(found)]
-        link = f"[{benchmark}](../{benchmark}.json)"
+        link = f"[{benchmark}](../{benchmark}.json), {len(found)}, {checksum(benchmark)}"
         rows.append([link, cells[0], ", ".join(versions) or UNKNOWN, *cells[1:]])
-    return table(("records", "machine", "versions", "commit", "date"), rows)
+    return table(("file, records, checksum", "machine", "versions", "commit", "date"), rows)
+
+
+def checksum(benchmark: str) -> str:
+    """The first digits of the SHA-256 of a file of records, by which a page knows that any number of it has changed."""
+    return hashlib.sha256((FOLDER / f"{benchmark}.json").read_bytes()).hexdigest()[:8]
 
 
 @cache

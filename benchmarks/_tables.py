@@ -8,6 +8,8 @@ from typing import Any
 
 OURS = "ngbrain"
 MISSING = "–"
+ROUNDING = 1e-12
+"""Shares up to which nothing but rounding is left."""
 SAME = (0.95, 1.05)
 """Ratios of costs between which they are about the same."""
 Record = dict[str, Any]
@@ -61,7 +63,7 @@ def count(value: float | None) -> str:
 
 def percent(value: float | None, digits: int = 2) -> str:
     """A share as a percentage."""
-    return MISSING if value is None else f"{number(100 * value, digits)} %"
+    return MISSING if value is None else f"{number(100 * value if abs(value) > ROUNDING else 0, digits)} %"
 
 
 def seconds(value: float | None, digits: int = 2) -> str:

@@ -46,8 +46,7 @@ def test_another_number_in_the_records_makes_another_page(pages, monkeypatch, tm
     shutil.copytree(BENCHMARKS / "pages", tmp_path / "pages")
     for path in BENCHMARKS.glob("statics_*.json"):
         shutil.copy(path, tmp_path)
-    best = min((r for r in records if r["converged"]), key=lambda r: r["error"])
-    best["error"] *= 0.9
+    records[0]["error"] *= 1.001
     (tmp_path / "statics_cook.json").write_text(json.dumps(records))
     monkeypatch.setattr(pages, "FOLDER", tmp_path)
     pages._load.cache_clear()
