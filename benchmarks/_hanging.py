@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
 
 from ngbrain.adjoint.reduced import Reduced
-from ngbrain.forward.common.loads import Weight
+from ngbrain.forward.common.loads import BodyForce
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables import Displacements
 from ngbrain.forward.sensitivity.reference_shape import Positions
@@ -69,7 +69,7 @@ class Hanging:
     def _model(self, mesh: ngs.Mesh, form: str) -> Positions:
         nodes = NodePositions(mesh)
         tissue = {".*": Material(NeoHooke(600.0), 3e4)}
-        body = Problem(mesh, tissue, {"top": 0}, [Weight((0, -9810.0))], element=form)
+        body = Problem(mesh, tissue, {"top": 0}, [BodyForce((0, -9810.0))], element=form)
         model = StaticModel([LoadCase(body, [Displacements(self.square)])], {"nodes": nodes}, steps=4)
         return Positions(model, "nodes", self.square)
 

@@ -19,7 +19,7 @@ from _command import main
 from scipy.integrate import solve_ivp
 
 from ngbrain.errors import require
-from ngbrain.materials import Flow, Maxwell, Ogden
+from ngbrain.materials import Maxwell, MaxwellVariables, Ogden
 from ngbrain.materials.maxwell import ENTRIES, tensors
 from ngbrain.materials.points import Points
 
@@ -74,7 +74,7 @@ def explicit(eta: float, n: int) -> np.ndarray:
     return kirchhoff(b)[0]
 
 
-class BackwardEuler(Flow):
+class BackwardEuler(MaxwellVariables):
     """The textbook's step: no flow before it, κ = η/Δt."""
 
     def begin(self, dt: float, shapes: np.ndarray) -> None:
@@ -83,7 +83,7 @@ class BackwardEuler(Flow):
         self.kappa = self.eta / dt
 
 
-def stepped(kind: type[Flow], eta: float, n: int) -> np.ndarray:
+def stepped(kind: type[MaxwellVariables], eta: float, n: int) -> np.ndarray:
     """n steps of a branch, all points."""
     flow = kind(Points.line(POINTS), Maxwell(Ogden(MU, ALPHA), eta).slopes, eta)
     before = six(np.eye(3))
@@ -104,7 +104,7 @@ def six(C: np.ndarray) -> np.ndarray:
 
 
 METHODS: dict[str, tuple[int, Callable[[float, int], np.ndarray]]] = {
-    "ngbrain:Maxwell": (2, lambda eta, n: stepped(Flow, eta, n)),
+    "ngbrain:Maxwell": (2, lambda eta, n: stepped(MaxwellVariables, eta, n)),
     "ngbrain:backward Euler": (1, lambda eta, n: stepped(BackwardEuler, eta, n)),
     "numpy Runge-Kutta": (4, explicit),
 }

@@ -32,7 +32,7 @@ from netgen.occ import Box, Glue, OCCGeometry, X, Y, Z
 
 from ngbrain.errors import NgbrainError
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.rigid import RigidContact, Sliding
+from ngbrain.forward.contact.rigid import RigidContact, SlidingSupport
 from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.problem import Problem
@@ -137,7 +137,7 @@ def model(problem: Case, values: Numbers, grid: Grid) -> RunModel:
     tissues, drive = problem.tissues(p), Drive(PRESS)
     mesh = eighth(list(tissues), problem.heights, grid)
     plate = RigidContact("top", lambda x: SIDE - drive.parameter - x[2], PENALTY, SOFT)
-    films = [Sliding.on(mesh, wall, FILM) for wall in ("left", "front")]
+    films = [SlidingSupport.on(mesh, wall, FILM) for wall in ("left", "front")]
     materials = {name: Material(law, BULK) for name, law in tissues.items()}
     body = Problem(mesh, materials, {"bottom": 0}, contacts=[plate, *films], element=f"P{grid.order}/P{grid.order - 1}")
     observables = [Force("top", (0, 0, 1))] if problem.whole else [Force("top", (0, 0, 1)), Displacements(POINTS)]

@@ -26,7 +26,7 @@ from ngbrain import parallel
 from ngbrain.errors import SolverError
 from ngbrain.ladder.axes import axes_of, richest
 from ngbrain.ladder.estimates import SOLVED, relative_difference
-from ngbrain.ladder.model_search import Climb, climb
+from ngbrain.ladder.model_search import SearchResult, search_models
 from ngbrain.ladder.models.hierarchy import ModelHierarchy
 from ngbrain.ladder.solutions import SolutionCache
 from ngbrain.scene import Scene
@@ -53,7 +53,7 @@ def of_scene(name: str, case: Case) -> list[Record]:
     found = []
     for tolerance in TOLERANCES:
         begun = time.process_time()
-        got = climb(asked(case.scene, tolerance), case.richest)
+        got = search_models(asked(case.scene, tolerance), case.richest)
         cost = time.process_time() - begun
         chosen = got.chosen
         error = float(np.max(np.abs(relative_difference(chosen.answers, rich.answers))))
@@ -86,7 +86,7 @@ def asked(scene: Scene, tolerance: float) -> Scene:
     return replace(scene, quantities=tuple(replace(quantity, tolerance=tolerance) for quantity in scene.quantities))
 
 
-def staircase(got: Climb, answers: np.ndarray) -> list[dict[str, Any]]:
+def staircase(got: SearchResult, answers: np.ndarray) -> list[dict[str, Any]]:
     """Error against cost, rung by rung."""
     return [
         {
@@ -99,7 +99,7 @@ def staircase(got: Climb, answers: np.ndarray) -> list[dict[str, Any]]:
     ]
 
 
-def pairs(got: Climb, truth: SolutionCache) -> list[dict[str, Any]]:
+def pairs(got: SearchResult, truth: SolutionCache) -> list[dict[str, Any]]:
     """Estimated and true change of every axis at every rung, for the question that changes most."""
     found = []
     for k, rung in enumerate(got.history):

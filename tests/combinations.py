@@ -15,11 +15,11 @@ from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
 
 from ngbrain.errors import InputError
 from ngbrain.forward.common.kinematics import Axisymmetric
-from ngbrain.forward.common.loads import CavityVolume, PressureLoad, RigidFace, Spring, TractionLoad, Weight
+from ngbrain.forward.common.loads import BodyForce, CavityVolume, PressureLoad, RigidFace, Spring, TractionLoad
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.force_control import GivenForce
+from ngbrain.forward.contact.force_control import PrescribedForce
 from ngbrain.forward.contact.friction import Friction
-from ngbrain.forward.contact.rigid import Closing, RigidContact, Sliding
+from ngbrain.forward.contact.rigid import RigidContact, SelfContact, SlidingSupport
 from ngbrain.forward.observables import Force
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.inertia import Inertia
@@ -157,7 +157,7 @@ class Body:
 def run(kind: str, ingredients: set[str], controller: str) -> None:
     """One scene of some ingredients, driven by a controller."""
     closing, moving = "walls that close" in ingredients, controller in ("moving tool", "differentiated run")
-    body, given = Body(kind, ingredients), GivenForce((0.0, 1.0, 2.0), (0.0, 2e-3, 2e-3), away=-1e-3, nudge=1e-6)
+    body, given = Body(kind, ingredients), PrescribedForce((0.0, 1.0, 2.0), (0.0, 2e-3, 2e-3), away=-1e-3, nudge=1e-6)
     dim, forced = body.dim, "tool of given force" in ingredients
     tool = Tool(dim, body.height)
     loads = [load for name, load in loads_of(body).items() if name in ingredients]
@@ -169,12 +169,12 @@ def run(kind: str, ingredients: set[str], controller: str) -> None:
     if "friction" in ingredients:
         contacts.append(Friction(contacts[0], 0.3, 2e-4, lambda x, way: way * ngs.CF((1.0,) + (0.0,) * (dim - 1))))
     if "sliding wall" in ingredients:
-        contacts.append(Sliding.on(body.mesh, body.right if body.right != body.top else "axis", 1e7))
+        contacts.append(SlidingSupport.on(body.mesh, body.right if body.right != body.top else "axis", 1e7))
     supports = dict(body.supports)
     if "sliding wall" in ingredients:
         supports.pop("axis", None)
     if closing:
-        contacts.append(Closing("lower", "upper", 1e6, 1e-5, SIDE / 10))
+        contacts.append(SelfContact("lower", "upper", 1e6, 1e-5, SIDE / 10))
         if not plated:
             supports["top"] = up(dim, -1e-3)
         elif "springs" not in ingredients:
@@ -215,7 +215,7 @@ def loads_of(body: Body) -> dict[str, Any]:
     right, dim = body.right, body.dim
     return {
         "traction": TractionLoad(right, up(dim, 20.0)),
-        "weight": Weight(up(dim, -2e3)),
+        "weight": BodyForce(up(dim, -2e3)),
         "follower pressure": PressureLoad(right, 20.0),
         "cavity of given volume": CavityVolume("inner", body.growth),
         "springs": Spring(right, 1e4),
@@ -224,7 +224,9 @@ def loads_of(body: Body) -> dict[str, Any]:
     }
 
 
-def drive(problem: Problem, controller: str, tool: Tool, given: GivenForce | None, loaded: bool, tooled: bool) -> None:
+def drive(
+    problem: Problem, controller: str, tool: Tool, given: PrescribedForce | None, loaded: bool, tooled: bool
+) -> None:
     """To the end; `loaded`: boundary conditions grow while a tool moves."""
     if controller == "load path":
         LoadPath(problem, tool).solve()

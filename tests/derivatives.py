@@ -16,6 +16,7 @@ from rubbing import Sliding
 
 from ngbrain.errors import InputError
 from ngbrain.forward.common.loads import (
+    BodyForce,
     CavityPressure,
     CavityVolume,
     PressureLoad,
@@ -23,13 +24,12 @@ from ngbrain.forward.common.loads import (
     RigidFace,
     Spring,
     TractionLoad,
-    Weight,
 )
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.force_control import GivenForce
+from ngbrain.forward.contact.force_control import PrescribedForce
 from ngbrain.forward.contact.friction import Friction
-from ngbrain.forward.contact.rigid import Closing, RigidContact
-from ngbrain.forward.contact.rigid import Sliding as Film
+from ngbrain.forward.contact.rigid import RigidContact, SelfContact
+from ngbrain.forward.contact.rigid import SlidingSupport as Film
 from ngbrain.forward.observables import Force, Functional
 from ngbrain.forward.sensitivity.parameter_blocks import NodePositions, PrescribedDisplacement
 from ngbrain.forward.sensitivity.static_model import LoadCase, StaticModel
@@ -115,7 +115,7 @@ class Scene:
         aside = (1.0, *(0.0,) * (dim - 1))
         made: dict[str, Callable[[], Any]] = {
             "traction": lambda: TractionLoad(of.right, tuple(value * c for c in aside)),
-            "weight": lambda: Weight(tuple(value * c for c in up(dim, -1.0))),
+            "weight": lambda: BodyForce(tuple(value * c for c in up(dim, -1.0))),
             "follower pressure": lambda: PressureLoad(of.right, value),
             "pressure of a cavity": lambda: CavityPressure("inner", value),
             "cavity of given volume": lambda: CavityVolume("inner", of.growth * value),
@@ -138,7 +138,7 @@ class Scene:
         if term == "tool of given force":
             force = self.parameter
             force.Set({"space": 0.02, "axisymmetric": 0.05}.get(of.mesh_kind.split(",")[0], 0.5))
-            self.motion = GivenForce((0.0, 1.0, 8.0), (0.0, force, force), away=-1e-3, nudge=1e-5)
+            self.motion = PrescribedForce((0.0, 1.0, 8.0), (0.0, force, force), away=-1e-3, nudge=1e-5)
             down = self.motion.parameter
         name = "contact with offset" if term == "contact with offset" else "contact by penalty"
         way, lift = self.of_term(name, "travel", 1.0), self.of_term(name, "shape", 1e-4)
@@ -155,7 +155,7 @@ class Scene:
         if term == "sliding wall":
             found.append(Film.on(of.mesh, of.right, self.parameter))
         if term == "walls that close":
-            found.append(Closing("lower", "upper", self.parameter, 1e-5, SIDE / 10))
+            found.append(SelfContact("lower", "upper", self.parameter, 1e-5, SIDE / 10))
         return [*found, self.motion] if term == "tool of given force" else found
 
     def models(self) -> Any:

@@ -5,7 +5,7 @@ import numpy as np
 
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.friction import Friction
-from ngbrain.forward.contact.rigid import RigidContact, Sliding
+from ngbrain.forward.contact.rigid import RigidContact, SlidingSupport
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.step_control import StepControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
@@ -45,8 +45,8 @@ class Drag:
 def on_a_rail(drag, coefficient, share=0.0, maxh=SIDE):
     """A block that slides freely on its bottom and along its front, held by a spring on its left; the plate rubs on its top."""
     mesh, contact = block((SIDE,) * 3, maxh), drag.contact(share=share)
-    rail = [Sliding.on(mesh, wall, 1e7 * MU) for wall in ("bottom", "front")]
-    spring, friction = Sliding.on(mesh, "left", SPRING), drag.friction(contact, coefficient)
+    rail = [SlidingSupport.on(mesh, wall, 1e7 * MU) for wall in ("bottom", "front")]
+    spring, friction = SlidingSupport.on(mesh, "left", SPRING), drag.friction(contact, coefficient)
     return Problem(
         mesh, {"tissue": Material(NeoHooke(MU), BULK)}, {}, contacts=[contact, friction, *rail, spring], element="P2/P1"
     )

@@ -4,7 +4,7 @@ import ngsolve as ngs
 from statics import square
 
 from ngbrain.forward.common.elements import ElementPair
-from ngbrain.forward.common.loads import Weight
+from ngbrain.forward.common.loads import BodyForce
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.statics.load_path import LoadPath
@@ -28,7 +28,7 @@ def moved(n, form, nu):
     lam = 2 * nu / (1 - 2 * nu)
     alone = isinstance(form, str) and ElementPair.named(form).pressure is None
     material = Material(LinearElastic(1.0, lam), 0.0) if alone else Material(LinearElastic(1.0), lam)
-    weight = Weight(((ALONE if alone else AMPLITUDE) * WEIGHT).Compile())
+    weight = BodyForce(((ALONE if alone else AMPLITUDE) * WEIGHT).Compile())
     body = Problem(square(n), {".*": material}, {".*": 0}, [weight], element=form)
     LoadPath(body).solve(newton=Newton(rtol=1e-6, xtol=1e-7))
     return body

@@ -9,7 +9,7 @@ from ngbrain.adjoint.check import taylor
 from ngbrain.forward.common.kinematics import Axisymmetric
 from ngbrain.forward.common.loads import CavityVolume, PressureLoad
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.force_control import GivenForce
+from ngbrain.forward.contact.force_control import PrescribedForce
 from ngbrain.forward.contact.friction import Friction
 from ngbrain.forward.contact.rigid import RigidContact
 from ngbrain.forward.observables import Displacements, Force, Functional
@@ -45,7 +45,7 @@ def forced(
     p = numbers(law, [name for name in SIZES if extra.get(name, True)])
     p["force"].Set({"space": 0.02, "axisymmetric": 0.1}.get(kind, SIZES["force"]))
     times, parts = program
-    given = GivenForce(times, [p["force"] if part else 0.0 for part in parts], away=-1e-3, nudge=1e-6)
+    given = PrescribedForce(times, [p["force"] if part else 0.0 for part in parts], away=-1e-3, nudge=1e-6)
     oblique = p["lift"] * (1 + (0 if kind == "axisymmetric" else ngs.x / SIDE))
     plate = RigidContact(
         "top", lambda x: SIDE - given.parameter + oblique - x[last], p["penalty"], 2e-5, share, given.parameter

@@ -58,13 +58,13 @@ def perturb(seed: int) -> pytest.MonkeyPatch:
     import ngsolve as ngs
     from netgen import meshing
 
-    from ngbrain.forward.contact.force_control import GivenForce
+    from ngbrain.forward.contact.force_control import PrescribedForce
     from ngbrain.forward.harmonic.problem import HarmonicProblem
     from ngbrain.forward.solid.inertia import GeneralizedAlpha
     from ngbrain.forward.solid.internal_variables import History
     from ngbrain.forward.solid.problem import Problem
     from ngbrain.forward.transient.time_stepper import TimeStepper
-    from ngbrain.materials.lab.relaxing import _March
+    from ngbrain.materials.lab.relaxing import _TimeMarch
     from ngbrain.parallel import processes
     from ngbrain.surgery.protocols import ToolMotion
 
@@ -100,10 +100,10 @@ def perturb(seed: int) -> pytest.MonkeyPatch:
         (HarmonicProblem, ["_prescribed", "load_vector"], answer),
         (TimeStepper, ["_propose"], answer),
         (ToolMotion, ["value"], answer),
-        (GivenForce, ["prescribed_force"], answer),
+        (PrescribedForce, ["prescribed_force"], answer),
         (History, ["begin"], last),
         (GeneralizedAlpha, ["begin", "weight"], last),
-        (_March, ["begin"], last),
+        (_TimeMarch, ["begin"], last),
     ):
         for name in names:
             patch.setattr(owner, name, partialmethod(by, getattr(owner, name)))

@@ -6,9 +6,9 @@ import ngsolve as ngs
 import numpy as np
 from netgen.occ import Box, Glue, OCCGeometry, Z
 
-from ngbrain.forward.common.loads import Spring, TractionLoad, Weight
+from ngbrain.forward.common.loads import BodyForce, Spring, TractionLoad
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.rigid import RigidContact, Sliding
+from ngbrain.forward.contact.rigid import RigidContact, SlidingSupport
 from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.problem import Problem
@@ -103,7 +103,7 @@ def touched():
 
     def contacts(drive):
         distance = lambda x: SIDE - p["way"] * drive.parameter - p["rise"] - x[2]  # noqa: E731
-        film = Sliding.on(mesh, "left", p["film"])
+        film = SlidingSupport.on(mesh, "left", p["film"])
         return [RigidContact("top", distance, p["penalty"], 2e-5, 0.9), film]
 
     return mesh, materials, p, protocol, contacts
@@ -117,7 +117,7 @@ def loaded():
     def acts(drive):
         at = drive.parameter
         plate = Spring("top", p["stuck"], (0.2 * at, 0.0, -p["way"] * at))
-        return [TractionLoad("right", (p["pull"] * at, 0.0, 0.0)), Weight((0.0, -p["heavy"], 0.0)), plate]
+        return [TractionLoad("right", (p["pull"] * at, 0.0, 0.0)), BodyForce((0.0, -p["heavy"], 0.0)), plate]
 
     return mesh, materials, p, protocol, acts
 
@@ -144,7 +144,7 @@ def model(kind="relaxing", grid=GRID, **options):
     mesh, materials, parameters, protocol, contacts = (KINDS | PLAIN)[kind]()
     drive = Drive(protocol)
     acts = contacts(drive)
-    on_walls = [each for each in acts if isinstance(each, (RigidContact, Sliding))]
+    on_walls = [each for each in acts if isinstance(each, (RigidContact, SlidingSupport))]
     body = Problem(
         mesh,
         materials,

@@ -22,7 +22,7 @@ from ngbrain.inverse.objective.regularisation import smooth
 from ngbrain.inverse.phantoms.benchmark import Phantom
 from ngbrain.ladder.axes import Axis
 from ngbrain.ladder.levels import PresenceLevel
-from ngbrain.ladder.model_search import climb_along
+from ngbrain.ladder.model_search import search_along
 from ngbrain.ladder.models.hierarchy import Solution
 from ngbrain.ladder.solutions import SolutionCache
 from ngbrain.materials import NeoHooke
@@ -151,5 +151,5 @@ class Beam:
 @pytest.mark.parametrize(("slenderness", "level"), [(1.0, "all"), (30.0, "none")])
 def test_an_axis_is_levels_an_estimator_and_what_they_mean(slenderness, level):
     shear = Axis("shear", tuple(PresenceLevel), ("shear",), ("solve",), (1.0,))
-    climb = climb_along({"shear": shear}, SolutionCache(Beam(slenderness)), np.array([0.05]), lambda _: None)
-    assert climb.chosen.model["shear"] == level and climb.converged
+    found = search_along({"shear": shear}, SolutionCache(Beam(slenderness)), np.array([0.05]), lambda _: None)
+    assert found.chosen.model["shear"] == level and found.converged

@@ -78,7 +78,7 @@ def test_every_result_of_the_library_says_what_its_value_is_and_what_was_counted
         "Calibrated",
         "Fit",
     }
-    assert names >= {"Climb", "ProtocolResult", "SceneResult", "Segmentation", "LabelMesh", "HeadMesh"}
+    assert names >= {"SearchResult", "ProtocolResult", "SceneResult", "Segmentation", "LabelMesh", "HeadMesh"}
     for each in set(own) - {FileResult}:
         assert each.value is not Result.value and each.statistics is not Result.statistics, each
         assert each.__repr__ is Result.__repr__, each

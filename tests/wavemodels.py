@@ -6,7 +6,7 @@ from waves import cube, square
 
 from ngbrain.forward.common.kinematics import Axisymmetric
 from ngbrain.forward.harmonic.problem import HarmonicProblem
-from ngbrain.forward.harmonic.wave import Absorbing, Wave
+from ngbrain.forward.harmonic.wave import AbsorbingBoundary, Wave
 from ngbrain.forward.sensitivity.harmonic.wave_model import WaveModel
 from ngbrain.materials import Shearing, TransverselyIsotropic
 from ngbrain.mesh.geometry.structured import rectangles
@@ -87,7 +87,7 @@ MODELS = {
     "mixed bulk": lambda: model("bulk", "P2/P1"),
     "grid": lambda: model(form="Q1/L2(0)", quadrature=1, mesh=rectangles(*[np.linspace(0, SIDE, 5)] * 2)),
     "revolution": lambda: model("lossy fibres", kinematics=Axisymmetric()),
-    "absorbing": lambda: model(absorbing=[Absorbing("left", 2000 + 700j, 1e4)]),
+    "absorbing": lambda: model(absorbing=[AbsorbingBoundary("left", 2000 + 700j, 1e4)]),
     "space": lambda: model(
         "lossy fibres", "P2/P1", cube(1, SIDE), [Wave(60.0, {"top": (1e-3, 0, 0)})], held="bottom|top"
     ),

@@ -17,7 +17,7 @@ import ngsolve as ngs
 import numpy as np
 from ngsolve.meshes import MakeStructured2DMesh
 
-from ngbrain.forward import Absorbing, HarmonicProblem, LoadPath, Material, Problem, Wave, WaveModel
+from ngbrain.forward import AbsorbingBoundary, HarmonicProblem, LoadPath, Material, Problem, Wave, WaveModel
 from ngbrain.materials import NeoHooke, Shearing, TransverselyIsotropic
 from ngbrain.materials.modulus import shear_wave
 
@@ -93,7 +93,13 @@ print(f"without loss, nearest resonance: {100 * stiff.factorise().detuning(0):.1
 mesh = MakeStructured2DMesh(quads=True, nx=8, ny=1, mapping=lambda x, y: (0.1 * x, 0.01 * y))
 held, driven = {"x": ".*", "y": "left"}, Wave(HERTZ, {"left": (0, 1e-3)})
 open_ = HarmonicProblem(
-    mesh, Shearing(2000.0), [driven], bulk=1e5, form="P6", held=held, absorbing=[Absorbing("right", 2000.0, 1e5)]
+    mesh,
+    Shearing(2000.0),
+    [driven],
+    bulk=1e5,
+    form="P6",
+    held=held,
+    absorbing=[AbsorbingBoundary("right", 2000.0, 1e5)],
 )
 leaving = 1e-3 * ngs.CF((0, ngs.exp(-1j * OMEGA * np.sqrt(RHO / 2000.0) * ngs.x)))
 print(f"a wave that leaves: error {off(open_.solve()[0], leaving):.1e}")

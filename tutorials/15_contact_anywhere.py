@@ -20,9 +20,9 @@ from ngbrain.forward import (
     Axisymmetric,
     ErrorControl,
     Friction,
-    GivenForce,
     Inertia,
     Material,
+    PrescribedForce,
     Problem,
     RigidContact,
     StepControl,
@@ -86,14 +86,14 @@ assert abs(tangential[-1] / normal[-1] - coefficient) < 1e-6 * coefficient
 
 # %% [markdown]
 # ## An indenter of given force, axisymmetric, a body with mass
-# `GivenForce` gives a force over time; how far the indenter goes is one more unknown. `Inertia` is a load like others. Steps are as
-# long as their error allows: milliseconds while it swings, then as long as what is left of the run.
+# `PrescribedForce` prescribes the force over time; the indenter's travel is an additional unknown. `Inertia` is given among the loads.
+# Steps are as long as their error allows: milliseconds while the body oscillates, in the end as long as the rest of the run.
 
 # %%
 half = MakeStructured2DMesh(quads=True, nx=8, ny=8, mapping=lambda x, y: (SIDE * x, SIDE * y))  # the half plane (r, z)
 ways = {}
 for name, ramp in (("sudden", 0.05), ("slow", 5.0)):
-    press = GivenForce((0.0, ramp, ramp + 1.0), (0.0, 2e-2, 2e-2), away=-1e-3, nudge=1e-6)
+    press = PrescribedForce((0.0, ramp, ramp + 1.0), (0.0, 2e-2, 2e-2), away=-1e-3, nudge=1e-6)
     ball = RigidContact(
         "top", lambda x, p=press: ngs.Norm(x - ngs.CF((0.0, SIDE + 5e-3 - p.parameter))) - 5e-3, 1e9, 1e-6, 0.9, press.parameter
     )  # fmt: skip

@@ -25,7 +25,7 @@ GAUSS = 24
 """Gauss points in each interval of a cubic."""
 
 
-class OfWaves(DerivedQuantity):
+class WaveQuantity(DerivedQuantity):
     """A number for each complex displacement (m) of a wave.
 
     Raises
@@ -42,7 +42,7 @@ class OfWaves(DerivedQuantity):
         return size
 
 
-class Amplitude(OfWaves):
+class Amplitude(WaveQuantity):
     """|u|."""
 
     name = "amplitude"
@@ -97,7 +97,7 @@ class Amplitude(OfWaves):
         return np.asarray(w * (change - data * (np.conj(data) * change).real / size**2) / size)
 
 
-class Phase(OfWaves):
+class Phase(WaveQuantity):
     """arg u (rad, -π to π)."""
 
     name = "phase"
@@ -151,7 +151,7 @@ class Phase(OfWaves):
         return np.asarray(-1j * w * np.conj(change) / np.conj(data) ** 2)
 
 
-class OverTime(DerivedQuantity):
+class TimeQuantity(DerivedQuantity):
     """One number for each column of a run's data (m, k): an integral over time.
 
     A run begins at rest at 0 s, where the data are taken to be 0.
@@ -227,8 +227,8 @@ class OverTime(DerivedQuantity):
         return self.gradient(data) * w
 
 
-class Dose(OverTime):
-    """Time integral ∫ d dt, such as the dose of a pressure (Pa s); parameters as `OverTime`.
+class Dose(TimeQuantity):
+    """Time integral ∫ d dt, such as the dose of a pressure (Pa s); parameters as `TimeQuantity`.
 
     Examples
     --------
@@ -269,7 +269,7 @@ class Dose(OverTime):
 
 
 @dataclass
-class _Above:
+class _SmoothedTime:
     """∫ 1/(1 + exp(-x)) over intervals in which x goes evenly from a to b: mean, and slopes by a and b."""
 
     mean: Array
@@ -277,7 +277,7 @@ class _Above:
     by_end: Array
 
 
-class TimeAbove(OverTime):
+class TimeAbove(TimeQuantity):
     """Time (s) that data spend above a threshold, smoothed.
 
     The time itself has no derivative where data touch the threshold. Here time counts by the logistic function
@@ -286,7 +286,7 @@ class TimeAbove(OverTime):
     Parameters
     ----------
     times, interpolation, events
-        See `OverTime`.
+        See `TimeQuantity`.
     threshold : float
         In the unit of the data.
     width : float
@@ -332,7 +332,7 @@ class TimeAbove(OverTime):
         count = (points + 1) / 2, weights / 2
         return [curve.smoothed_time_above(count, self.threshold, self.width) for curve in self.curves(data)]
 
-    def _above(self, data: Array) -> _Above:
+    def _above(self, data: Array) -> _SmoothedTime:
         a, b = ((side - self.threshold) / self.width for side in self.sides(data))
         apart = b - a
         near = np.abs(apart) < CLOSE
@@ -341,7 +341,7 @@ class TimeAbove(OverTime):
         mean = np.where(near, middle, (np.logaddexp(0, b) - np.logaddexp(0, a)) / safe)
         flat = middle * (1 - middle) / 2
         by_begin, by_end = (mean - count_a) / safe, (count_b - mean) / safe
-        return _Above(mean, np.where(near, flat, by_begin), np.where(near, flat, by_end))
+        return _SmoothedTime(mean, np.where(near, flat, by_begin), np.where(near, flat, by_end))
 
 
 class Derived:

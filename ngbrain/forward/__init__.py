@@ -4,15 +4,15 @@ Problems
     `Problem` (nonlinear solid), `Material` by region, `PlaneStrain`, `Axisymmetric`, `AntiPlane`; `Inertia` with
     `GeneralizedAlpha` time integration.
 Loads
-    `TractionLoad`, `PressureLoad`, `Weight`, `Spring`, `RigidFace`, `RigidBody`, `CavityPressure`, `CavityVolume`.
+    `TractionLoad`, `PressureLoad`, `BodyForce`, `Spring`, `RigidFace`, `RigidBody`, `CavityPressure`, `CavityVolume`.
 Contact
-    `RigidContact`, `Sliding`, `Closing` (self-contact), `Friction`, `GivenForce` (force-controlled rigid bodies).
+    `RigidContact`, `SlidingSupport`, `SelfContact` (self-contact), `Friction`, `PrescribedForce` (force-controlled rigid bodies).
 Solution
-    `LoadPath` (equilibrium), `TimeStepper` and `run_load_history` (time), with `StepControl`, `ErrorControl` or `GivenSteps`.
+    `LoadPath` (equilibrium), `TimeStepper` and `run_load_history` (time), with `StepControl`, `ErrorControl` or `PrescribedSteps`.
     For a loop of your own: `advance` makes one step from one `State` to the next under a `LoadProgram`; `newton_for` gives
     Newton's method with the settings that the element needs.
 Harmonic waves
-    `HarmonicProblem` with `Wave` and `Absorbing` boundaries; `HarmonicProblem.about` for small waves on a deformed body.
+    `HarmonicProblem` with `Wave` and `AbsorbingBoundary` boundaries; `HarmonicProblem.about` for small waves on a deformed body.
 Differentiable models
     `StaticModel` of equilibria (`LoadCase`), `RunModel` of runs in time, `WaveModel` of harmonic waves.
 
@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from ngbrain.forward.common.kinematics import AntiPlane, Axisymmetric, PlaneStrain
     from ngbrain.forward.common.loads import (
+        BodyForce,
         CavityPressure,
         CavityVolume,
         PressureLoad,
@@ -32,13 +33,12 @@ if TYPE_CHECKING:
         RigidFace,
         Spring,
         TractionLoad,
-        Weight,
     )
     from ngbrain.forward.common.material import Material
     from ngbrain.forward.common.state import State
-    from ngbrain.forward.contact.force_control import GivenForce
+    from ngbrain.forward.contact.force_control import PrescribedForce
     from ngbrain.forward.contact.friction import Friction
-    from ngbrain.forward.contact.rigid import Closing, RigidContact, Sliding
+    from ngbrain.forward.contact.rigid import RigidContact, SelfContact, SlidingSupport
     from ngbrain.forward.harmonic.problem import HarmonicProblem
     from ngbrain.forward.harmonic.wave import Wave
     from ngbrain.forward.sensitivity.harmonic.wave_model import WaveModel
@@ -48,45 +48,43 @@ if TYPE_CHECKING:
     from ngbrain.forward.solid.inertia import GeneralizedAlpha, Inertia
     from ngbrain.forward.solid.problem import Problem
     from ngbrain.forward.statics.load_path import LoadPath
-    from ngbrain.forward.transient.step_control import ErrorControl, GivenSteps, StepControl
+    from ngbrain.forward.transient.step_control import ErrorControl, PrescribedSteps, StepControl
     from ngbrain.forward.transient.time_stepper import TimeStepper, run_load_history
 
 _HOME = {
-    "contact.rigid": ("Closing", "RigidContact", "Sliding"),
-    "contact.force_control": ("GivenForce",),
+    "contact.rigid": ("SelfContact", "RigidContact", "SlidingSupport"),
+    "contact.force_control": ("PrescribedForce",),
     "contact.friction": ("Friction",),
     "harmonic.problem": ("HarmonicProblem",),
-    "harmonic.wave": ("Absorbing", "Wave"),
+    "harmonic.wave": ("AbsorbingBoundary", "Wave"),
     "sensitivity.static_model": ("LoadCase", "StaticModel"),
     "solid.inertia": ("GeneralizedAlpha", "Inertia"),
     "common.kinematics": ("AntiPlane", "Axisymmetric", "PlaneStrain"),
     "statics.load_path": ("LoadPath",),
     "common.loads": (
-        "CavityPressure", "CavityVolume", "PressureLoad", "RigidBody", "RigidFace", "Spring", "TractionLoad", "Weight",
+        "CavityPressure", "CavityVolume", "PressureLoad", "RigidBody", "RigidFace", "Spring", "TractionLoad", "BodyForce",
     ),
     "common.material": ("Material",),
     "common.state": ("State",),
     "solid.advance": ("LoadHistory", "LoadProgram", "advance", "newton_for"),
     "solid.problem": ("Problem",),
     "sensitivity.harmonic.wave_model": ("WaveModel",),
-    "transient.step_control": ("ErrorControl", "GivenSteps", "StepControl"),
+    "transient.step_control": ("ErrorControl", "PrescribedSteps", "StepControl"),
     "sensitivity.transient.run_model": ("RunModel",),
     "transient.time_stepper": ("TimeStepper", "run_load_history"),
 }  # fmt: skip
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
-    "Absorbing",
+    "AbsorbingBoundary",
     "AntiPlane",
     "Axisymmetric",
+    "BodyForce",
     "CavityPressure",
     "CavityVolume",
-    "Closing",
     "ErrorControl",
     "Friction",
     "GeneralizedAlpha",
-    "GivenForce",
-    "GivenSteps",
     "HarmonicProblem",
     "Inertia",
     "LoadCase",
@@ -95,13 +93,16 @@ __all__ = [
     "LoadProgram",
     "Material",
     "PlaneStrain",
+    "PrescribedForce",
+    "PrescribedSteps",
     "PressureLoad",
     "Problem",
     "RigidBody",
     "RigidContact",
     "RigidFace",
     "RunModel",
-    "Sliding",
+    "SelfContact",
+    "SlidingSupport",
     "Spring",
     "State",
     "StaticModel",
@@ -110,7 +111,6 @@ __all__ = [
     "TractionLoad",
     "Wave",
     "WaveModel",
-    "Weight",
     "advance",
     "newton_for",
     "run_load_history",

@@ -63,7 +63,7 @@ def model(of: Model | Reduced, start: Array, name: str = "ngbrain") -> Any:
         Without umbridge.
     """
     umbridge = require("umbridge", "interop")
-    f: Function = _Walled(of) if isinstance(of, Reduced) else DataFunction(of)
+    f: Function = _PenalisedObjective(of) if isinstance(of, Reduced) else DataFunction(of)
     start = np.array(start, float)
     y = f.value(start)
     try:
@@ -119,7 +119,7 @@ def model(of: Model | Reduced, start: Array, name: str = "ngbrain") -> Any:
     return Served(name)
 
 
-class _Walled(ObjectiveFunction):
+class _PenalisedObjective(ObjectiveFunction):
     """J that is high where there is no solution, with the Gauss-Newton matrix where a model has no second derivatives."""
 
     def value(self, x: Array) -> Array:

@@ -27,10 +27,10 @@ from ngbrain import parallel
 from ngbrain.io import versions, write_json
 from ngbrain.ladder.axes import axes_of
 from ngbrain.ladder.levels import Model
-from ngbrain.ladder.model_search import Climb, Rung, assess, climb
+from ngbrain.ladder.model_search import Rung, SearchResult, assess, search_models
 from ngbrain.ladder.models.hierarchy import ModelHierarchy
 from ngbrain.ladder.quantities import Asked, Question
-from ngbrain.ladder.summary import AskedFor, summarise
+from ngbrain.ladder.summary import RequestedQuantity, summarise
 from ngbrain.progress import log_progress, reporting
 from ngbrain.result import Status
 from ngbrain.scene import Scene
@@ -38,7 +38,16 @@ from ngbrain.scene.result import SceneResult
 from ngbrain.scene.tissues import DENSITY
 from ngbrain.threads import threads as using
 
-__all__ = ["AskedFor", "Climb", "ModelHierarchy", "Question", "Rung", "climb", "run_search", "solve"]
+__all__ = [
+    "ModelHierarchy",
+    "Question",
+    "RequestedQuantity",
+    "Rung",
+    "SearchResult",
+    "run_search",
+    "search_models",
+    "solve",
+]
 
 
 @reporting()
@@ -113,11 +122,11 @@ def solve(
         folder,
         threads,
         lambda watch: (
-            climb(scene, richest, callback, executor=executor, questions=questions, watch=watch)
+            search_models(scene, richest, callback, executor=executor, questions=questions, watch=watch)
             if model is None
             else assess(scene, model, executor, questions)
         ),
-        [AskedFor.from_quantity(quantity) for quantity in asked],
+        [RequestedQuantity.from_quantity(quantity) for quantity in asked],
         _assumed_density(scene),
         checkpoint,
     )
@@ -135,8 +144,8 @@ def run_search(
     scene: Scene,
     folder: str | Path | None,
     threads: int,
-    find: Callable[[Callable[[Climb], Any]], Climb],
-    questions: Sequence[AskedFor],
+    find: Callable[[Callable[[SearchResult], Any]], SearchResult],
+    questions: Sequence[RequestedQuantity],
     warnings: Sequence[str] = (),
     checkpoint: Callable[[dict[str, Any]], None] | None = None,
 ) -> SceneResult:
@@ -150,7 +159,7 @@ def run_search(
     threads : int
     find : callable
         Runs the search; its argument is to be called with an unfinished search, whose result is written and given to `checkpoint`.
-    questions : sequence of AskedFor
+    questions : sequence of RequestedQuantity
         The requested quantities.
     warnings : sequence of str
         In addition to the scene's.
@@ -163,7 +172,7 @@ def run_search(
     started = time.perf_counter()
     ngsglobals.msg_level = 0
 
-    def written(found: Climb) -> dict[str, Any]:
+    def written(found: SearchResult) -> dict[str, Any]:
         result = _result(scene, threads, found, questions, warnings, time.perf_counter() - started)
         if folder is not None:
             Path(folder).mkdir(parents=True, exist_ok=True)
@@ -179,7 +188,12 @@ def run_search(
 
 
 def _result(
-    scene: Scene, threads: int, found: Climb, questions: Sequence[AskedFor], warnings: Sequence[str], seconds: float
+    scene: Scene,
+    threads: int,
+    found: SearchResult,
+    questions: Sequence[RequestedQuantity],
+    warnings: Sequence[str],
+    seconds: float,
 ) -> dict[str, Any]:
     return {
         "verb": "simulate",

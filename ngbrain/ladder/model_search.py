@@ -86,7 +86,7 @@ class Rung:
 
 
 @dataclass(repr=False, eq=False)
-class Climb(Result):
+class SearchResult(Result):
     """Result of a search: all models (`history`, the last one chosen), the scene's axes, and `warnings` on the answer's
     reliability.
     """
@@ -115,15 +115,15 @@ class Climb(Result):
         return rung
 
 
-def climb(
+def search_models(
     scene: Scene,
     richest: Model | None = None,
     callback: Callable[[Rung], None] = lambda _: None,
     keeper: SolutionCache | None = None,
     executor: parallel.AnyExecutor = None,
     questions: Sequence[Question] = (),
-    watch: Callable[[Climb], Any] = lambda _: None,
-) -> Climb:
+    watch: Callable[[SearchResult], Any] = lambda _: None,
+) -> SearchResult:
     """Search for the cheapest model that is accurate enough.
 
     Parameters
@@ -143,7 +143,7 @@ def climb(
 
     Returns
     -------
-    Climb
+    SearchResult
 
     Raises
     ------
@@ -153,18 +153,18 @@ def climb(
     asked: list[Asked] = [*scene.quantities, *questions]
     tolerances = np.array([quantity.tolerance for quantity in asked])
     axes = axes_of(scene, richest, questions)
-    return climb_along(
+    return search_along(
         axes, keeper or SolutionCache(ModelHierarchy(scene, questions), executor), tolerances, callback, watch
     )
 
 
-def climb_along(
+def search_along(
     axes: Mapping[str, Axis],
     keeper: SolutionCache,
     tolerances: Array,
     callback: Callable[[Rung], None],
-    watch: Callable[[Climb], Any] = lambda _: None,
-) -> Climb:
+    watch: Callable[[SearchResult], Any] = lambda _: None,
+) -> SearchResult:
     """Search along given axes.
 
     Parameters
@@ -174,11 +174,11 @@ def climb_along(
     tolerances : (n,) array
         Relative tolerance of each answer.
     callback, watch : callable
-        See `climb`.
+        See `search_models`.
 
     Returns
     -------
-    Climb
+    SearchResult
     """
     model, rungs, begun = cheapest(axes), list[Rung](), keeper.clock()
     refused: dict[str, str] = {}
@@ -195,7 +195,9 @@ def climb_along(
         rung.taken = _next(open_axes, rung, tolerances)
         callback(rung)
         watch(
-            Climb(dict(axes), status=Status.STOPPED, history=list(rungs), warnings=[UNDER_WAY, *_doubts(keeper, rung)])
+            SearchResult(
+                dict(axes), status=Status.STOPPED, history=list(rungs), warnings=[UNDER_WAY, *_doubts(keeper, rung)]
+            )
         )
         richer = {**model, **{name: _towards(axes[name], rung, tolerances) for name in rung.taken}}
         try:
@@ -218,7 +220,7 @@ def climb_along(
     within = bool(np.all(rungs[-1].missing <= tolerances))
     reason = "" if within else f"{_percent(rungs[-1].missing)} may be missing, of {_percent(tolerances)} asked for"
     status = Status.CONVERGED if within else Status.INACCURATE
-    return Climb(dict(axes), status=status, reason=reason, history=rungs, warnings=flags)
+    return SearchResult(dict(axes), status=status, reason=reason, history=rungs, warnings=flags)
 
 
 def _percent(errors: Array) -> str:
@@ -240,7 +242,7 @@ def _rung(keeper: SolutionCache, model: Model, above: Mapping[str, Axis]) -> Run
 
 def assess(
     scene: Scene, model: Model, executor: parallel.AnyExecutor = None, questions: Sequence[Question] = ()
-) -> Climb:
+) -> SearchResult:
     """Estimate the error of a given model, without a search.
 
     Parameters
@@ -253,7 +255,7 @@ def assess(
 
     Returns
     -------
-    Climb
+    SearchResult
         With one model.
     """
     return assess_along(
@@ -261,7 +263,7 @@ def assess(
     )
 
 
-def assess_along(axes: Mapping[str, Axis], keeper: SolutionCache, model: Model) -> Climb:
+def assess_along(axes: Mapping[str, Axis], keeper: SolutionCache, model: Model) -> SearchResult:
     """Estimate the error of a given model along given axes.
 
     Parameters
@@ -273,7 +275,7 @@ def assess_along(axes: Mapping[str, Axis], keeper: SolutionCache, model: Model) 
 
     Returns
     -------
-    Climb
+    SearchResult
 
     Raises
     ------
@@ -285,7 +287,7 @@ def assess_along(axes: Mapping[str, Axis], keeper: SolutionCache, model: Model) 
     begun = keeper.clock()
     rung = _rung(keeper, model, {name: axis for name, axis in axes.items() if axis.next_level(model[name])})
     rung.cost_s = keeper.clock() - begun
-    return Climb(dict(axes), status=Status.CONVERGED, history=[rung], warnings=_doubts(keeper, rung))
+    return SearchResult(dict(axes), status=Status.CONVERGED, history=[rung], warnings=_doubts(keeper, rung))
 
 
 def _doubts(keeper: SolutionCache, rung: Rung) -> list[str]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.forward.observables import Displacements, Force, Observable, StrainPercentile
-from ngbrain.forward.observables.percentiles import Percentile
+from ngbrain.forward.observables.percentiles import ProblemPercentile
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials.base import check_parameter
 from ngbrain.scene import Quantity, Scene
@@ -229,7 +229,11 @@ def evaluate(quantity: Asked, state: BodyState) -> float:
         return quantity.value(state)
     state.apply()
     observed = observable(quantity, state).on(state.body)
-    return observed.raw if isinstance(observed, Percentile) else float(observed.value()[0]) * _times(quantity, state)
+    return (
+        observed.raw
+        if isinstance(observed, ProblemPercentile)
+        else float(observed.value()[0]) * _times(quantity, state)
+    )
 
 
 def gradient(quantity: Asked, state: BodyState) -> Array:

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from ngbrain.ladder.model_search import Climb
+from ngbrain.ladder.model_search import SearchResult
 from ngbrain.ladder.quantities import Asked, Question
 
 Array = np.ndarray
 
 
 @dataclass(frozen=True)
-class AskedFor:
+class RequestedQuantity:
     """A requested quantity as described in `result.json`.
 
     Parameters
@@ -40,26 +40,26 @@ class AskedFor:
     tolerance: float
 
     @classmethod
-    def from_quantity(cls, asked: Asked) -> AskedFor:
+    def from_quantity(cls, asked: Asked) -> RequestedQuantity:
         """From a scene's quantity or a `Question`."""
         if isinstance(asked, Question):
             return cls(asked.label, asked.observable.name, "", asked.when, asked.observable.unit, asked.tolerance)
         return cls(asked.label, asked.name, asked.where, asked.moment, asked.unit, asked.tolerance)
 
 
-def summarise(climb: Climb, questions: Sequence[AskedFor]) -> dict[str, Any]:
+def summarise(search: SearchResult, questions: Sequence[RequestedQuantity]) -> dict[str, Any]:
     """A search as plain data: answers, model, what was left out and its estimated effect, all models.
 
     Parameters
     ----------
-    climb : Climb
-    questions : sequence of AskedFor
+    search : SearchResult
+    questions : sequence of RequestedQuantity
 
     Returns
     -------
     dict
     """
-    answers, errors = climb.chosen.answers.tolist(), _plain(climb.error)
+    answers, errors = search.chosen.answers.tolist(), _plain(search.error)
     return {
         "answers": [
             {
@@ -71,23 +71,23 @@ def summarise(climb: Climb, questions: Sequence[AskedFor]) -> dict[str, Any]:
                 "unit": each.unit,
                 "tolerance": each.tolerance,
                 "error_estimate": error,
-                "model": climb.chosen.model,
-                "warnings": list(climb.warnings),
+                "model": search.chosen.model,
+                "warnings": list(search.warnings),
             }
             for each, value, error in zip(questions, answers, errors, strict=True)
         ],
-        "model": climb.chosen.model,
+        "model": search.chosen.model,
         "left_out": [
             {
-                "what": climb.axes[name].left_out[climb.axes[name].index(climb.chosen.model[name])],
+                "what": search.axes[name].left_out[search.axes[name].index(search.chosen.model[name])],
                 "axis": name,
                 "change": _plain(each.change),
                 "how": each.how,
                 "doubt": each.doubt,
             }
-            for name, each in climb.chosen.estimates.items()
+            for name, each in search.chosen.estimates.items()
         ],
-        "flags": climb.warnings,
+        "flags": search.warnings,
         "rungs": [
             {
                 "model": rung.model,
@@ -101,7 +101,7 @@ def summarise(climb: Climb, questions: Sequence[AskedFor]) -> dict[str, Any]:
                     for name, each in rung.estimates.items()
                 },
             }
-            for rung in climb.history
+            for rung in search.history
         ],
     }
 

@@ -18,7 +18,7 @@ from ngbrain.materials.families import RelaxingOgden, mix
 from ngbrain.materials.fibre import Fung, Guccione, HolzapfelGasserOgden
 from ngbrain.materials.isotropic import Demiray, Gent, MooneyRivlin, NeoHooke, Ogden, Polynomial, UnsplitNeoHooke, Yeoh
 from ngbrain.materials.linear import LinearElastic, SaintVenant, Shearing, TransverselyIsotropic
-from ngbrain.materials.maxwell import Flow, Flows, Maxwell
+from ngbrain.materials.maxwell import Maxwell, MaxwellTerm, MaxwellVariables
 from ngbrain.materials.modulus import fourier
 from ngbrain.materials.viscous import Branch, Prony, RelaxingPolynomial, Viscous, step_factors
 from ngbrain.materials.volumetric import (
@@ -37,8 +37,6 @@ __all__ = [
     "Compressible",
     "Deformation",
     "Demiray",
-    "Flow",
-    "Flows",
     "Fung",
     "Gent",
     "Guccione",
@@ -46,6 +44,8 @@ __all__ = [
     "Law",
     "LinearElastic",
     "Maxwell",
+    "MaxwellTerm",
+    "MaxwellVariables",
     "MooneyRivlin",
     "NeoHooke",
     "Ogden",

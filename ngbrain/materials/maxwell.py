@@ -115,7 +115,7 @@ class Maxwell:
             Overstress (Pa).
         """
         histories = points(to_voigt(C)).reshape(6, -1, len(times))
-        flow = Flow(Points.line(histories.shape[1]), self.slopes, number(self.eta))
+        flow = MaxwellVariables(Points.line(histories.shape[1]), self.slopes, number(self.eta))
         answer = np.empty((*histories.shape[1:], 3, 3))
         before = np.outer(REST, np.ones(histories.shape[1]))
         for n, dt in enumerate(np.diff(times, prepend=times[0] - SUDDEN * number(self.tau))):
@@ -127,7 +127,7 @@ class Maxwell:
         return answer
 
 
-class Flow:
+class MaxwellVariables:
     """Internal variables of a Maxwell branch at n points, and their update in a time step.
 
     Tensors C̄ are arrays of their Voigt entries (6, n). After `relax`, `energy` (n,) is the minimum of W + κ|x -
@@ -342,7 +342,7 @@ def _last(e: np.ndarray, slopes: np.ndarray, where: np.ndarray, step: np.ndarray
     e[:, where] += step
 
 
-class Flows:
+class MaxwellTerm:
     """All Maxwell branches at the same points, as one term of the energy of a time step.
 
     The energy is the quadratic function a + b·d + ½ d·Dd of d, the six entries of C̄ minus those of the present
@@ -354,11 +354,11 @@ class Flows:
     ----------
     points : Points
         Evaluation points.
-    flows : sequence of Flow
+    flows : sequence of MaxwellVariables
         The branches.
     """
 
-    def __init__(self, points: Points, flows: Sequence[Flow]) -> None:
+    def __init__(self, points: Points, flows: Sequence[MaxwellVariables]) -> None:
         n = len(points.mapped)
         self.points, self.flows = points, tuple(flows)
         self._stiffness = np.zeros((n, 6, 6))

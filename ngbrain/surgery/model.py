@@ -12,10 +12,10 @@ import numpy as np
 
 from ngbrain.errors import InputError, nearest
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.force_control import GivenForce
+from ngbrain.forward.contact.force_control import PrescribedForce
 from ngbrain.forward.contact.friction import Friction, Moves
 from ngbrain.forward.contact.parameters import OFFSET_SHARE, PENALTY, SLIP, SOFTNESS
-from ngbrain.forward.contact.rigid import Closing, RigidContact, Sliding, Touch
+from ngbrain.forward.contact.rigid import RigidContact, SelfContact, SlidingSupport, WallContact
 from ngbrain.forward.solid.advance import newton_for
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.step_control import Control, ErrorControl
@@ -285,12 +285,12 @@ class RetractionModel:
             if scene.tool.friction
         ]
         slides = self.sliding
-        films = [Sliding.on(self.mesh, slides, FILM * stiffest)] if slides else []
-        meeting = Closing(*WALLS, hard, soft, 1.5 * self.cleft.opening)
+        films = [SlidingSupport.on(self.mesh, slides, FILM * stiffest)] if slides else []
+        meeting = SelfContact(*WALLS, hard, soft, 1.5 * self.cleft.opening)
         order = order or scene.mesh.order
         materials = materials or self.materials(order)
-        touches: list[Touch | Friction | GivenForce] = [*contacts, *rubs, *films, meeting]
-        if isinstance(drive, GivenForce):
+        touches: list[WallContact | Friction | PrescribedForce] = [*contacts, *rubs, *films, meeting]
+        if isinstance(drive, PrescribedForce):
             touches.append(drive)
         parts = (self.mesh, materials, {self.held: 0} if self.held else {}, (), touches, f"P{order}/P{order - 1}")
         near = self.cleft.distance_to_walls(centres(self.mesh)) < FOCUS

@@ -21,10 +21,10 @@ import numpy as np
 
 from ngbrain import parallel
 from ngbrain.errors import InputError
-from ngbrain.ladder import AskedFor, run_search
+from ngbrain.ladder import RequestedQuantity, run_search
 from ngbrain.ladder.axes import Axis, check_levels, restrict
 from ngbrain.ladder.levels import HALVINGS, MeshLevel, Model, PresenceLevel, TimeLevel, TissueLevel
-from ngbrain.ladder.model_search import Rung, assess_along, climb_along
+from ngbrain.ladder.model_search import Rung, assess_along, search_along
 from ngbrain.ladder.models.hierarchy import Solution
 from ngbrain.ladder.quantities import BodyState
 from ngbrain.ladder.solutions import SolutionCache
@@ -147,13 +147,13 @@ def solve(
     axes, keeper = axes_of(scene, richest), SolutionCache(operation, executor)
     check_moduli(operation.build_model({"mesh": "0"}))
     tolerances = np.array([quantity.tolerance for quantity in operation.questions])
-    asked = [AskedFor.from_quantity(quantity) for quantity in operation.questions]
+    asked = [RequestedQuantity.from_quantity(quantity) for quantity in operation.questions]
     if model is None:
         return run_search(
             scene,
             folder,
             threads,
-            lambda watch: climb_along(axes, keeper, tolerances, callback, watch),
+            lambda watch: search_along(axes, keeper, tolerances, callback, watch),
             asked,
             checkpoint=checkpoint,
         )

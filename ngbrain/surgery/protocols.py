@@ -10,7 +10,7 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import InputError
-from ngbrain.forward.contact.force_control import GivenForce
+from ngbrain.forward.contact.force_control import PrescribedForce
 from ngbrain.scene.protocols import CLEAR
 
 PROBE_DEPTH = 1e-5
@@ -122,9 +122,9 @@ class ForceProtocol:
         """Key of the first piece; protocols with equal keys can share its computation."""
         return "force", self.times[:2], self.force[:2]
 
-    def drive(self, limit: float = np.inf) -> GivenForce:
+    def drive(self, limit: float = np.inf) -> PrescribedForce:
         """The force control, which advances the blade no farther than `limit` (m)."""
-        return GivenForce(self.times, self.force, -CLEAR, PROBE_DEPTH, limit)
+        return PrescribedForce(self.times, self.force, -CLEAR, PROBE_DEPTH, limit)
 
 
 def _check(name: str, times: Sequence[float], values: Sequence[float], what: str) -> None:

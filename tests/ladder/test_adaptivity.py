@@ -8,7 +8,7 @@ import pytest
 from ngbrain.ladder.adaptivity import mark_elements
 from ngbrain.ladder.axes import axes_of, cheapest
 from ngbrain.ladder.estimates import Estimate, relative_difference
-from ngbrain.ladder.model_search import Rung, _towards, climb
+from ngbrain.ladder.model_search import Rung, _towards, search_models
 from ngbrain.ladder.models.bodies import SMALL, linear_state
 from ngbrain.ladder.models.hierarchy import ModelHierarchy, solve
 from ngbrain.ladder.quantities import BodyState, evaluate, gradient
@@ -119,7 +119,7 @@ def test_a_climb_goes_over_a_part_and_is_as_accurate_as_asked() -> None:
     asked = scene(replace(FORCE, tolerance=0.03))
     bounds = {"order": "2", "mesh": "1", "strain": "linear", "extent": "near"}
     keeper = SolutionCache(ModelHierarchy(asked))
-    found = climb(asked, bounds, keeper=keeper)
+    found = search_models(asked, bounds, keeper=keeper)
     assert found.chosen.model["mesh"] == "0+"
     rich = keeper({**found.chosen.model, "order": "2", "mesh": "1"}).answers
     assert np.abs(relative_difference(found.chosen.answers, rich)).max() < 0.03

@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 from ngbrain.errors import SolverError
 from ngbrain.ladder.axes import axes_of
 from ngbrain.ladder.estimates import relative_difference
-from ngbrain.ladder.model_search import climb
+from ngbrain.ladder.model_search import search_models
 from ngbrain.ladder.models.hierarchy import ModelHierarchy
 from ngbrain.ladder.solutions import SolutionCache
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Time, Tissue, Traction
@@ -119,7 +119,7 @@ def outcome(seed):
     if seed % 10 == 0:
         scene, truth = bar(np.random.default_rng([12, seed]))
         scene = replace(scene, quantities=(replace(scene.quantities[0], tolerance=TOLERANCE),))
-        found = climb(scene)
+        found = search_models(scene)
     else:
         scene = drawn(seed)
         axes = axes_of(scene, RICHEST)
@@ -127,7 +127,7 @@ def outcome(seed):
             truth = SolutionCache(ModelHierarchy(scene))({name: axis.levels[-1] for name, axis in axes.items()}).answers
         except SolverError:
             return None
-        found = climb(scene, RICHEST)
+        found = search_models(scene, RICHEST)
     error = float(np.abs(relative_difference(found.chosen.answers, truth)).max())
     return Outcome(seed, error, float(found.error.max()), list(found.warnings))
 
@@ -163,7 +163,7 @@ def test_an_answer_takes_hardly_more_unknowns_than_an_experts_first_guess():
         first, truth = guess({**best, "mesh": "0", "order": "2"}), guess(best)
         if np.abs(relative_difference(first.answers, truth.answers)).max() > TOLERANCE:
             raise ValueError("the first guess does not meet the tolerance")
-        climb(scene, RICHEST, keeper=keeper)
+        search_models(scene, RICHEST, keeper=keeper)
         dearer.append(sum(found.ndof for found in keeper.kept.values()) / first.ndof)
     print(dearer)
     assert np.median(dearer) < 1.2

@@ -12,7 +12,7 @@ from ngbrain.errors import InputError, SolverError
 from ngbrain.ladder.axes import AXES, axes_of, cheapest
 from ngbrain.ladder.estimates import NOTHING
 from ngbrain.ladder.levels import PresenceLevel
-from ngbrain.ladder.model_search import climb_along
+from ngbrain.ladder.model_search import search_along
 from ngbrain.ladder.models.hierarchy import ModelHierarchy, Solution
 from ngbrain.ladder.solutions import SolutionCache
 from ngbrain.scene import DisplacementBC, Geometry, Gravity, MeshSize, Quantity, Scene, Time, Tissue, Traction
@@ -135,7 +135,7 @@ def test_a_judge_that_fails_is_an_unknown_error():
     axes["contact"] = type(axes["contact"])(
         "contact", tuple(PresenceLevel), ("that tissue slides",), ("solve",), (2.0,)
     )
-    found = climb_along(axes, SolutionCache(Failing()), np.array([0.1]), lambda _: None)
+    found = search_along(axes, SolutionCache(Failing()), np.array([0.1]), lambda _: None)
     assert found.error.tolist() == [np.inf] and any("does not converge" in flag for flag in found.warnings)
 
 

@@ -13,7 +13,17 @@ from ngbrain.errors import InputError
 from ngbrain.ladder.axes import AXES, OF_WAVES, Axis, axes_of, cheapest, restrict, richest
 from ngbrain.ladder.estimates import ESTIMATORS, SOLVED, Estimate, relative_difference
 from ngbrain.ladder.levels import MeshLevel, Model, TimeLevel
-from ngbrain.ladder.model_search import Rung, _as_order, _confirmed, _judge, _learnt, _next, _rung, climb, climb_along
+from ngbrain.ladder.model_search import (
+    Rung,
+    _as_order,
+    _confirmed,
+    _judge,
+    _learnt,
+    _next,
+    _rung,
+    search_along,
+    search_models,
+)
 from ngbrain.ladder.models.hierarchy import ModelHierarchy, Solution
 from ngbrain.ladder.quantities import BodyState
 from ngbrain.ladder.solutions import SolutionCache
@@ -38,14 +48,14 @@ def squeezed(mm: float, stuff: Tissue, tolerance: float = 0.05) -> Scene:
 
 def test_small_strains_stay_linear_and_large_ones_do_not() -> None:
     budday = Tissue(mu=(1e3,), alpha=(-19.0,), poissons_ratio=0.45)
-    assert climb(squeezed(0.02, budday), BOUNDS).chosen.model["strain"] == "linear"
-    assert climb(squeezed(4, budday), BOUNDS).chosen.model["strain"] == "finite"
+    assert search_models(squeezed(0.02, budday), BOUNDS).chosen.model["strain"] == "linear"
+    assert search_models(squeezed(4, budday), BOUNDS).chosen.model["strain"] == "finite"
 
 
 @pytest.mark.parametrize("tolerance", [0.3, 0.05])
 def test_the_chosen_model_is_as_accurate_as_asked(tolerance: float) -> None:
     scene = squeezed(1, Tissue(mu=(1e3,), alpha=(-19.0,), poissons_ratio=0.3), tolerance)
-    found = climb(scene, BOUNDS)
+    found = search_models(scene, BOUNDS)
     rich = SolutionCache(ModelHierarchy(scene))(richest(axes_of(scene, BOUNDS)))
     off = np.abs(relative_difference(found.chosen.answers, rich.answers))
     assert off.max() <= tolerance
@@ -54,23 +64,23 @@ def test_the_chosen_model_is_as_accurate_as_asked(tolerance: float) -> None:
 
 
 def test_it_takes_what_gains_most_for_its_cost_and_knows_each_rung() -> None:
-    found = climb(squeezed(2, Tissue(poissons_ratio=0.49, mu=(1e3,))), BOUNDS)
+    found = search_models(squeezed(2, Tissue(poissons_ratio=0.49, mu=(1e3,))), BOUNDS)
     assert found.history[0].model == cheapest(found.axes)
     for before, after in zip(found.history, found.history[1:], strict=False):
         changed = {name for name in before.model if before.model[name] != after.model[name]}
         assert changed == set(before.taken)
         assert after.cost_s > before.cost_s
     assert found.chosen.taken == ()
-    assert found.usable and repr(found).startswith("Climb: ") and f"{len(found.history)} rungs" in repr(found)
+    assert found.usable and repr(found).startswith("SearchResult: ") and f"{len(found.history)} rungs" in repr(found)
 
 
 def test_more_missing_than_asked_for_is_said() -> None:
-    found = climb(squeezed(2, Tissue(poissons_ratio=0.49, mu=(1e3,)), 1e-4), {"order": "1", "mesh": "1"})
+    found = search_models(squeezed(2, Tissue(poissons_ratio=0.49, mu=(1e3,)), 1e-4), {"order": "1", "mesh": "1"})
     assert found.status is Status.INACCURATE and not found.usable and "0.01 % asked for" in found.reason
 
 
 def test_a_course_without_end_is_said_where_nothing_is_richer() -> None:
-    found = climb(squeezed(2, Tissue(poissons_ratio=0.49, mu=(1e3,)), 1e-4), {"order": "1", "mesh": "1"})
+    found = search_models(squeezed(2, Tissue(poissons_ratio=0.49, mu=(1e3,)), 1e-4), {"order": "1", "mesh": "1"})
     assert any(flag.startswith("mesh") for flag in found.warnings)
 
 
@@ -108,7 +118,7 @@ def test_contact_counts_where_tissue_would_slide() -> None:
         scene, displacement_bcs=(scene.displacement_bcs[0], replace(scene.displacement_bcs[1], contact="frictionless"))
     )
     assert "contact" not in axes_of(scene)
-    found = climb(touching, {**BOUNDS, "space": "plane"})
+    found = search_models(touching, {**BOUNDS, "space": "plane"})
     assert found.chosen.model["contact"] == "all"
     assert abs(next(rung for rung in found.history if "contact" in rung.taken).estimates["contact"].change[0]) > 0.03
 
@@ -122,7 +132,7 @@ def test_inertia_counts_where_loads_are_as_fast_as_waves() -> None:
     )
     fast = replace(slow, time=Time(ramp=0.01, end=0.01))
     assert "inertia" not in axes_of(slow)
-    found = climb(fast, {"order": "1", "mesh": "0", "space": "plane"})
+    found = search_models(fast, {"order": "1", "mesh": "0", "space": "plane"})
     assert found.chosen.model["inertia"] == "all"
     before = next(rung for rung in found.history if "inertia" in rung.taken)
     assert before.estimates["inertia"].change[0] > 0.3
@@ -245,7 +255,7 @@ def test_elements_that_are_only_halved_as_a_whole_are_not_climbed_one_way_after_
     axes["time"] = Axis("time", (TimeLevel.FLOWING,), (), (), ())
     for tolerance, way in ((0.05, [("1", "0"), ("2", "1")]), (0.07, [("1", "0"), ("2", "0")])):
         bench = Written({("1", "0"): 1.11, ("2", "0"): 1.04, ("1", "1"): 1.07, ("2", "1"): 1.0})
-        found = climb_along(axes, SolutionCache(bench), np.full(1, tolerance), lambda _: None)
+        found = search_along(axes, SolutionCache(bench), np.full(1, tolerance), lambda _: None)
         assert bench.flowed == way
         assert abs(found.chosen.answers[0] - 1) <= tolerance
 
@@ -339,7 +349,7 @@ def test_elements_that_may_lock_are_doubted_and_solved_for_before_a_climb_ends()
         assert not any(
             each.doubt for each in _rung(keeper, {**model, "pressure": "unknown"}, elements).estimates.values()
         )
-        climbed = climb_along(axes, keeper, np.full(1, 0.1), lambda _: None).chosen
+        climbed = search_along(axes, keeper, np.full(1, 0.1), lambda _: None).chosen
     assert climbed.model == model and {each.how for each in climbed.estimates.values()} == {SOLVED}
 
 
@@ -358,10 +368,10 @@ def test_halved_elements_change_at_least_half_of_what_a_higher_order_does() -> N
 
 def test_what_comes_near_the_tolerance_is_said() -> None:
     scene = squeezed(1, Tissue(mu=(1e3,), alpha=(-19.0,), poissons_ratio=0.3))
-    missing = climb(scene, BOUNDS).error[0]
+    missing = search_models(scene, BOUNDS).error[0]
     for share, said in ((0.9, "nearly"), (0.5, "")):
         asked = replace(scene, quantities=(replace(scene.quantities[0], tolerance=float(missing / share)),))
-        found = climb(asked, BOUNDS)
+        found = search_models(asked, BOUNDS)
         assert found.error[0] == pytest.approx(missing)
         assert any("missing" in flag and said in flag for flag in found.warnings) == bool(said)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ngbrain.ladder.model_search import climb
+from ngbrain.ladder.model_search import search_models
 from ngbrain.ladder.models.hierarchy import ModelHierarchy, solve
 from ngbrain.ladder.singular_edges import find_singular_edges
 from ngbrain.mesh import block
@@ -70,4 +70,6 @@ def test_the_force_grows_without_end_and_the_ladder_says_so() -> None:
         forces.append(solve(bench, model).answers[0])
     steps = np.diff(forces)
     assert abs(steps[1]) > 0.8 * abs(steps[0]) > 0.05 * abs(forces[0])
-    assert any("bottom and left meet at an edge" in flag for flag in climb(of, {"order": "1", "mesh": "0"}).warnings)
+    assert any(
+        "bottom and left meet at an edge" in flag for flag in search_models(of, {"order": "1", "mesh": "0"}).warnings
+    )

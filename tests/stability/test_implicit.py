@@ -9,7 +9,7 @@ from statics import cube, square
 
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import ConvergenceError, InputError, SolverError
-from ngbrain.forward.common.loads import TractionLoad, Weight
+from ngbrain.forward.common.loads import BodyForce, TractionLoad
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity import tangent_inverse as implicit_solve
@@ -64,7 +64,7 @@ def plain_newton(body):
 def heavy():
     mu = ngs.Parameter(1e3)
     supports = {"bottom": 0, "left|right": (0, None)}
-    body = Problem(MESH, {".*": Material(NeoHooke(mu), 5 * mu)}, supports, [Weight((0, -3e4))], element="P2")
+    body = Problem(MESH, {".*": Material(NeoHooke(mu), 5 * mu)}, supports, [BodyForce((0, -3e4))], element="P2")
     return StaticModel([LoadCase(body, [SEEN])], {"mu": mu}), body, mu
 
 

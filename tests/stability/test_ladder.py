@@ -6,7 +6,7 @@ import pytest
 from ngbrain.ladder.adaptivity import SHARE, mark_elements
 from ngbrain.ladder.axes import axes_of, cheapest, richest
 from ngbrain.ladder.estimates import relative_difference
-from ngbrain.ladder.model_search import climb
+from ngbrain.ladder.model_search import search_models
 from ngbrain.ladder.models.geometry import Meshes
 from ngbrain.ladder.models.hierarchy import ModelHierarchy, solve
 from ngbrain.ladder.solutions import SolutionCache
@@ -29,7 +29,7 @@ def test_a_linear_model_that_serves_palpation_fails_a_deep_press(mm, cheap_enoug
     keeper, axes = SolutionCache(ModelHierarchy(scene)), axes_of(scene, BOUNDS)
     rich = keeper({**richest(axes), "space": "solid"}).answers
     naive = keeper({**richest(axes), "strain": "linear"}).answers
-    found = climb(scene, BOUNDS, keeper=keeper)
+    found = search_models(scene, BOUNDS, keeper=keeper)
     off = float(np.abs(relative_difference(naive, rich)).max())
     assert off < 0.01 if cheap_enough else off > 0.4
     assert np.abs(relative_difference(found.chosen.answers, rich)).max() < TOLERANCE

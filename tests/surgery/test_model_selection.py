@@ -9,7 +9,7 @@ import ngbrain
 from ngbrain.errors import InputError
 from ngbrain.ladder.axes import richest
 from ngbrain.ladder.estimates import relative_difference
-from ngbrain.ladder.model_search import climb_along
+from ngbrain.ladder.model_search import search_along
 from ngbrain.ladder.solutions import SolutionCache
 from ngbrain.materials.families import is_neo_hooke
 from ngbrain.scene import Quantity, Scene
@@ -109,7 +109,7 @@ def test_the_chosen_model_of_an_operation_is_as_accurate_as_asked() -> None:
     scene = asked(replace(PEAK, tolerance=0.1), Quantity(name="mps_p95", tolerance=0.1))
     scene = replace(scene, tools=(replace(scene.tool, travel=5e-3),), time=replace(scene.time, end=120.0))
     axes, keeper = axes_of(scene), SolutionCache(Operation(scene))
-    found = climb_along(axes, keeper, np.full(2, 0.1), lambda _: None)
+    found = search_along(axes, keeper, np.full(2, 0.1), lambda _: None)
     rich = keeper(richest(axes)).answers
     assert np.abs(relative_difference(found.chosen.answers, rich)).max() < 0.1
     assert found.chosen.model["stiffening"] == "all" and found.chosen.model != richest(axes)

@@ -8,9 +8,9 @@ from scipy.integrate import solve_ivp
 from ngbrain import adjoint
 from ngbrain.errors import InputError
 from ngbrain.materials import (
-    Flow,
     HolzapfelGasserOgden,
     Maxwell,
+    MaxwellVariables,
     MooneyRivlin,
     NeoHooke,
     Ogden,
@@ -30,7 +30,7 @@ class Sample:
 
     def __init__(self, law, eta, n=1):
         self.points = Points.line(n)
-        self.flow = Flow(self.points, Maxwell(law, eta).slopes, eta)
+        self.flow = MaxwellVariables(self.points, Maxwell(law, eta).slopes, eta)
 
     def step(self, dt, before, after):
         """S̄ (n, 3, 3) at the end of a step from one shape to another."""

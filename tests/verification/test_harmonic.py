@@ -11,7 +11,7 @@ from waves import cube, displacement, error, number, plane_wave, square
 from ngbrain.forward.common.kinematics import Axisymmetric
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.harmonic.problem import HarmonicProblem
-from ngbrain.forward.harmonic.wave import Absorbing, Wave
+from ngbrain.forward.harmonic.wave import AbsorbingBoundary, Wave
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.materials import NeoHooke, Shearing, TransverselyIsotropic
@@ -45,7 +45,7 @@ def test_slab_driven_on_both_faces():
 
 @pytest.mark.parametrize("modulus", [2000 + 0j, G])
 def test_half_space(modulus):
-    body = slab({"left": 1e-3}, modulus=modulus, absorbing=[Absorbing("right", modulus, 1e5)])
+    body = slab({"left": 1e-3}, modulus=modulus, absorbing=[AbsorbingBoundary("right", modulus, 1e5)])
     exact = 1e-3 * ngs.CF((0, ngs.exp(-1j * number(modulus, OMEGA) * ngs.x)))
     assert error(displacement(body), exact, body.mesh) < 5e-5
 
@@ -56,7 +56,7 @@ def test_a_pressure_wave_leaves_a_half_space_too():
     held = {"x": "left", "y": "left|bottom|top"}
     wave = Wave(HERTZ, {"left": (1e-3, 0)})
     body = HarmonicProblem(
-        mesh, Shearing(G), [wave], bulk=bulk, form="P6", held=held, absorbing=[Absorbing("right", G, bulk)]
+        mesh, Shearing(G), [wave], bulk=bulk, form="P6", held=held, absorbing=[AbsorbingBoundary("right", G, bulk)]
     )
     assert error(displacement(body), 1e-3 * ngs.CF((ngs.exp(-1j * k * ngs.x), 0)), mesh) < 5e-5
 

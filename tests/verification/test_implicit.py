@@ -8,7 +8,7 @@ import pytest
 from equilibria import field, tight
 from statics import SIDE, cube, square
 
-from ngbrain.forward.common.loads import TractionLoad, Weight
+from ngbrain.forward.common.loads import BodyForce, TractionLoad
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables import Force, Functional
 from ngbrain.forward.sensitivity.static_model import LoadCase, PrescribedDisplacement, StaticModel
@@ -52,7 +52,7 @@ def test_of_the_whole_potential_only_the_explicit_part_is_left(rng):
     """dE(u(θ), θ)/dθ = ∂E/∂θ, as u is stationary: what the adjoint adds has to vanish."""
     mesh = square(3, size=SIDE)
     mu, pull = field(mesh, 1e3), ngs.Parameter(60.0)
-    loads = [TractionLoad("right", ngs.CF((pull, 10.0))), Weight((0, -500.0))]
+    loads = [TractionLoad("right", ngs.CF((pull, 10.0))), BodyForce((0, -500.0))]
     material = Material(NeoHooke(mu), 5e4)
     body = Problem(mesh, {".*": material}, {"left": 0}, loads, element="P2/P1")
 

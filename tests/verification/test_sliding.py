@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 
 from ngbrain.errors import InputError
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.rigid import Closing, RigidContact, Sliding
+from ngbrain.forward.contact.rigid import RigidContact, SelfContact, SlidingSupport
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.step_control import StepControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
@@ -40,7 +40,7 @@ def pressed(walls, share=0.0):
     """A block on some sliding walls, under a plate that presses it to 0.9 of its height: plate and body."""
     drive, mesh = Drive(ToolMotion("press", (0.0, 1.0), (0.0, SIDE * (1 - SHORT)))), block((SIDE,) * 3, SIDE / 2)
     plate = RigidContact("top", lambda x: SIDE - drive.parameter - x[2], 1e10, 1e-7, share)
-    sliding = [Sliding.on(mesh, wall, 1e7 * MU) for wall in walls]
+    sliding = [SlidingSupport.on(mesh, wall, 1e7 * MU) for wall in walls]
     body = Problem(mesh, {"tissue": Material(NeoHooke(MU), BULK)}, {}, contacts=[plate, *sliding], element="P2/P1")
     TimeStepper(body, drive, StepControl(0.5), 1e-3).run(lambda *_: None)
     return plate, body
@@ -81,7 +81,7 @@ def test_a_ball_turns_where_it_lies():
         mesh,
         {"tissue": Material(NeoHooke(MU), BULK)},
         {},
-        contacts=[Sliding.on(mesh, "skull", 1e5 * MU)],
+        contacts=[SlidingSupport.on(mesh, "skull", 1e5 * MU)],
         element="P2/P1",
     )
     c, s = math.cos(angle), math.sin(angle)
@@ -109,9 +109,9 @@ def test_halves_that_meet_bear_what_a_whole_does(closing):
     way, mesh = gap + 2 * SIDE * (1 - SHORT), halves(gap)
     drive = Drive(ToolMotion("press", (0.0, 1.0), (0.0, way)))
     plate = RigidContact("top", lambda x: 2 * SIDE + gap - drive.parameter - x[2], 1e10, 1e-7)
-    walls = [Sliding.on(mesh, wall, 1e7 * MU) for wall in ("bottom", "left", "front")]
-    thread = Sliding.on(mesh, "roof", 100.0)  # a weak spring, which what floats hangs on
-    meeting = [Closing("floor", "roof", 1e8, 2e-5, 2 * gap)] if closing else []
+    walls = [SlidingSupport.on(mesh, wall, 1e7 * MU) for wall in ("bottom", "left", "front")]
+    thread = SlidingSupport.on(mesh, "roof", 100.0)  # a weak spring, which what floats hangs on
+    meeting = [SelfContact("floor", "roof", 1e8, 2e-5, 2 * gap)] if closing else []
     body = Problem(
         mesh, {"tissue": Material(NeoHooke(MU), BULK)}, {}, contacts=[plate, *walls, thread, *meeting], element="P2/P1"
     )
@@ -131,7 +131,7 @@ def test_a_wall_that_is_held_does_not_slide():
             mesh,
             {"tissue": Material(NeoHooke(MU), BULK)},
             {"bottom": 0},
-            contacts=[Sliding.on(mesh, "bottom", 1.0)],
+            contacts=[SlidingSupport.on(mesh, "bottom", 1.0)],
             element="P2/P1",
         )
 
@@ -143,6 +143,6 @@ def test_a_wall_that_is_not_there_does_not_slide():
             mesh,
             {"tissue": Material(NeoHooke(MU), BULK)},
             {"bottom": 0},
-            contacts=[Sliding.on(mesh, "skull", 1.0)],
+            contacts=[SlidingSupport.on(mesh, "skull", 1.0)],
             element="P2/P1",
         )

@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 from statics import CUBE, SIDE, bonded, cook, cube, tight
 
 from ngbrain.forward.common.elements import ElementPair
-from ngbrain.forward.common.loads import Spring, TractionLoad, Weight
+from ngbrain.forward.common.loads import BodyForce, Spring, TractionLoad
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.statics.load_path import LoadPath
@@ -115,7 +115,7 @@ def test_a_column_under_its_own_weight(form):
     # Between rollers: u = -f (L z - z²/2) / (K + 4μ/3).
     mu, bulk, f = 1e3, 5e4, 20.0
     sides = {"back|front": (0, None, None), "left|right": (None, 0, None), "bottom": (None, None, 0)}
-    body = Problem(cube(2), {".*": Material(NeoHooke(mu), bulk)}, sides, [Weight((0, 0, -f))], element=form)
+    body = Problem(cube(2), {".*": Material(NeoHooke(mu), bulk)}, sides, [BodyForce((0, 0, -f))], element=form)
     LoadPath(body).solve(newton=tight())
     for height in (0.03, 0.1):
         wanted = -f * (SIDE * height - height**2 / 2) / (bulk + 4 / 3 * mu)
@@ -123,7 +123,7 @@ def test_a_column_under_its_own_weight(form):
 
 
 def test_the_foot_bears_the_whole_weight():
-    body = Problem(cube(2), CUBE, {"bottom": 0}, [Weight((0, 0, -20.0))])
+    body = Problem(cube(2), CUBE, {"bottom": 0}, [BodyForce((0, 0, -20.0))])
     LoadPath(body).solve(newton=tight())
     assert body.force("bottom")[2] == pytest.approx(20 * SIDE**3, rel=1e-8)
 

@@ -29,7 +29,7 @@ BONUS = 2
 
 
 @dataclass(frozen=True)
-class Place:
+class LoadContext:
     """Context in which a load is evaluated: mesh, kinematics, load factor, trial and test displacement.
 
     The same quadrature serves forces, tangents and derivatives with respect to parameters.
@@ -113,13 +113,13 @@ class TractionLoad:
     boundary: str
     value: Vector
 
-    def energy(self, at: Place) -> Terms:
+    def energy(self, at: LoadContext) -> Terms:
         """Potential (J)."""
         return -at.factor * at.kinematics.weight() * ngs.InnerProduct(_vector(self.value), at.u) * at.ds(self.boundary)
 
 
 @dataclass(frozen=True)
-class Weight:
+class BodyForce:
     """Body force per reference volume, such as ρg; potential -∫ f·u dV.
 
     Parameters
@@ -133,7 +133,7 @@ class Weight:
     value: Vector
     region: str = ".*"
 
-    def energy(self, at: Place) -> Terms:
+    def energy(self, at: LoadContext) -> Terms:
         """Potential (J)."""
         work = at.factor * at.kinematics.weight() * ngs.InnerProduct(_vector(self.value), at.u)
         return -work * at.dx(self.region)
@@ -160,7 +160,7 @@ class RigidFace:
     by: tuple[float, ...]
     stiffness: float
 
-    def energy(self, at: Place) -> Terms:
+    def energy(self, at: LoadContext) -> Terms:
         """Penalty energy (J)."""
         far = math.hypot(*self.by)
         way = ngs.CF(tuple(component / far for component in self.by))
@@ -197,7 +197,7 @@ class RigidBody:
     stiffness: Value
     softness: float
 
-    def energy(self, at: Place) -> Terms:
+    def energy(self, at: LoadContext) -> Terms:
         """Penalty energy (J)."""
         depth = -self.distance(at.kinematics.position(at.u), at.factor)
         return at.kinematics.weight() * soft_penalty(depth, self.stiffness, self.softness) * at.ds(self.boundary)
@@ -221,7 +221,7 @@ class Spring:
     stiffness: Value
     to: Vector | None = None
 
-    def energy(self, at: Place) -> Terms:
+    def energy(self, at: LoadContext) -> Terms:
         """Stored energy (J)."""
         stretch = at.u if self.to is None else at.u - _vector(self.to)
         stored = self.stiffness / 2 * ngs.InnerProduct(stretch, stretch)
@@ -246,7 +246,7 @@ class PressureLoad:
     boundary: str
     value: Value
 
-    def work(self, at: Place) -> Terms:
+    def work(self, at: LoadContext) -> Terms:
         """Contribution to the residual, internal less external virtual work (J)."""
         pushed = ngs.InnerProduct(at.area(at.u, self.boundary), at.v)
         return at.factor * at.kinematics.weight() * self.value * pushed * at.ds(self.boundary)
@@ -267,7 +267,7 @@ class CavityPressure:
     boundary: str
     value: Value
 
-    def energy(self, at: Place) -> Terms:
+    def energy(self, at: LoadContext) -> Terms:
         """-P V (J), V the enclosed volume."""
         return -at.factor * self.value * enclosed_volume_density(at, at.u, self.boundary) * at.ds(self.boundary)
 
@@ -289,12 +289,12 @@ class CavityVolume:
     boundary: str
     change: Value
 
-    def energy(self, at: Place, pressure: CoefficientFunction) -> Terms:
+    def energy(self, at: LoadContext, pressure: CoefficientFunction) -> Terms:
         """Energy (J) of displacement and cavity pressure.
 
         Parameters
         ----------
-        at : Place
+        at : LoadContext
         pressure : CoefficientFunction
             P (Pa).
 
@@ -307,24 +307,24 @@ class CavityVolume:
         return -pressure * (enclosed_volume_density(at, at.u, self.boundary) - wanted) * at.ds(self.boundary)
 
 
-class Own(Protocol):
+class CustomLoad(Protocol):
     """User-defined load with an energy."""
 
-    def energy(self, at: Place) -> Terms:
+    def energy(self, at: LoadContext) -> Terms:
         """Energy (J)."""
 
 
-Stored: TypeAlias = TractionLoad | Weight | RigidFace | RigidBody | Spring | CavityPressure | Own
+EnergyLoad: TypeAlias = TractionLoad | BodyForce | RigidFace | RigidBody | Spring | CavityPressure | CustomLoad
 """Loads with an energy of the displacement."""
-Load: TypeAlias = Stored | PressureLoad | CavityVolume
+Load: TypeAlias = EnergyLoad | PressureLoad | CavityVolume
 
 
-def enclosed_volume_density(at: Place, u: CoefficientFunction, boundary: str) -> CoefficientFunction:
+def enclosed_volume_density(at: LoadContext, u: CoefficientFunction, boundary: str) -> CoefficientFunction:
     """Density on a cavity's wall whose integral is the volume between the wall and the origin: -x·n da/3, in the plane area.
 
     Parameters
     ----------
-    at : Place
+    at : LoadContext
     u : CoefficientFunction
         Displacement (m).
     boundary : str
@@ -340,12 +340,12 @@ def enclosed_volume_density(at: Place, u: CoefficientFunction, boundary: str) ->
     return -at.kinematics.weight() * ngs.InnerProduct(x, at.area(u, boundary)) / dims
 
 
-def volume(at: Place, gfu: ngs.GridFunction | None, boundary: str) -> float:
+def volume(at: LoadContext, gfu: ngs.GridFunction | None, boundary: str) -> float:
     """Volume that a boundary encloses.
 
     Parameters
     ----------
-    at : Place
+    at : LoadContext
     gfu : GridFunction, optional
         Displacement (m); None: at rest.
     boundary : str

@@ -12,9 +12,9 @@ from scipy.sparse.csgraph import connected_components
 from ngbrain.errors import InputError
 from ngbrain.forward.common.dirichlet import Supports
 from ngbrain.forward.common.kinematics import Axisymmetric, SolidKinematics
-from ngbrain.forward.common.loads import CavityPressure, CavityVolume, Load, PressureLoad, TractionLoad, Weight
+from ngbrain.forward.common.loads import BodyForce, CavityPressure, CavityVolume, Load, PressureLoad, TractionLoad
 
-NO_HOLD = (CavityPressure, CavityVolume, PressureLoad, TractionLoad, Weight)
+NO_HOLD = (CavityPressure, CavityVolume, PressureLoad, TractionLoad, BodyForce)
 """Loads that push and do not hold; of any other nothing is known, and it may."""
 ALMOST = 1e-6
 """Singular value, of motions of length 1, below which a motion is not prevented."""

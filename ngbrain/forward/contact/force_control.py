@@ -23,8 +23,8 @@ from ngbrain.errors import Breakdown
 from ngbrain.forward.common.kinematics import SolidKinematics
 from ngbrain.forward.common.state import Term
 from ngbrain.forward.common.unknowns import Layout
-from ngbrain.forward.contact.friction import Grip
-from ngbrain.forward.contact.rigid import RigidContact, Touch
+from ngbrain.forward.contact.friction import FrictionTerm
+from ngbrain.forward.contact.rigid import RigidContact, WallContact
 
 Array = np.ndarray
 Solve = Callable[[Array], Array]
@@ -46,7 +46,7 @@ LANDINGS = 5
 """Ways that a rigid body of given force is led to the tissue by; each as long as the gap that is left."""
 
 
-class GivenForce:
+class PrescribedForce:
     """Rigid bodies whose force is given over time: a `Motion`, and one of a `Problem`'s contacts beside those that it moves.
 
     Its `travel` is in newtons, and the rigid bodies are where the solution puts them. Several that share the way share the work,
@@ -77,7 +77,7 @@ class GivenForce:
     >>> from ngbrain.forward import RigidContact, Material, Problem, StepControl, TimeStepper
     >>> from ngbrain.materials import NeoHooke, Prony
     >>> from ngbrain.mesh import block
-    >>> press = GivenForce((0.0, 4.0, 60.0), (0.0, 1e-3, 1e-3), away=-1e-3, nudge=1e-6)
+    >>> press = PrescribedForce((0.0, 4.0, 60.0), (0.0, 1e-3, 1e-3), away=-1e-3, nudge=1e-6)
     >>> plate = RigidContact("top", lambda x: 0.02 - press.parameter - x[2], 1e9, 1e-7, way=press.parameter)
     >>> tissue, cube = {"tissue": Material(Prony(NeoHooke(1000.0), g=[0.5], tau=[5.0]), 1e6)}, block((0.02, 0.02, 0.02), 0.02)
     >>> body = Problem(cube, tissue, {"bottom": 0}, contacts=[plate, press], element="P2/P1")
@@ -144,18 +144,18 @@ class GivenForce:
         return self.prescribed_force(end) - self.prescribed_force(start)
 
 
-class DrivenTool(Term):
+class ForceControlledTool(Term):
     """Force-controlled rigid bodies of a problem in the current time step; their travel is the problem's last unknown.
 
     Parameters
     ----------
-    given : GivenForce
+    given : PrescribedForce
     layout : Layout
     gfu : GridFunction
         Current unknowns.
     contacts : sequence
         Contacts of the problem; those count whose `way` is that of `given`.
-    friction : Grip
+    friction : FrictionTerm
         Friction of the problem.
     kinematics : SolidKinematics
     min_gap : callable
@@ -167,11 +167,11 @@ class DrivenTool(Term):
 
     def __init__(
         self,
-        given: GivenForce,
+        given: PrescribedForce,
         layout: Layout,
         gfu: ngs.GridFunction,
-        contacts: Sequence[Touch],
-        friction: Grip,
+        contacts: Sequence[WallContact],
+        friction: FrictionTerm,
         kinematics: SolidKinematics,
         min_gap: Callable[[], float],
     ) -> None:

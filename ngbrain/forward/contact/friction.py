@@ -114,7 +114,7 @@ class Friction:
         return ngs.IfPos(pressure, ngs.IfPos(square - 1, 1 / _root(square), 1), 0) * g
 
 
-class Grip(Term):
+class FrictionTerm(Term):
     """Friction terms of a problem in the current time step, with pressures and normals of the current unknowns.
 
     Parameters
@@ -129,7 +129,7 @@ class Grip(Term):
     ----------
     form : BilinearForm
         The friction energies alone.
-    rubs : list of Rub
+    rubs : list of FrictionFields
         Each friction with its fields.
     start : GridFunction
         Unknowns at the start of the step.
@@ -140,12 +140,12 @@ class Grip(Term):
     ) -> None:
         self.layout, self.frictions, self._gfu = layout, frictions, gfu
         self.form = ngs.BilinearForm(gfu.space, symmetric=True)
-        self.rubs: list[Rub] = []
+        self.rubs: list[FrictionFields] = []
         self.slips: list[np.ndarray] = []
         if frictions:
             self.start, self._vec = ngs.GridFunction(gfu.space), gfu.vec.CreateVector()
             start = layout.fields(self.start).u
-            self.rubs = [Rub(friction, layout.fields(gfu), start, kinematics) for friction in frictions]
+            self.rubs = [FrictionFields(friction, layout.fields(gfu), start, kinematics) for friction in frictions]
             self.join(self.form)
         self.finish()
 
@@ -236,7 +236,7 @@ class Grip(Term):
                 _values(rub.slip)[:], _values(rub.before)[:] = slip
 
 
-class Slipping:
+class FrictionExpressions:
     """Symbolic expressions of a wall with friction: slip, traction and elastic slip.
 
     Parameters
@@ -291,7 +291,7 @@ class Slipping:
         return u - self._start - self._moved
 
 
-class Rub:
+class FrictionFields:
     """One friction with its fields on the wall.
 
     Parameters
@@ -323,7 +323,7 @@ class Rub:
         self.start = ngs.Parameter(self.way)
         # A variable of its own, by which the energy is derived while pressure and normal stay.
         self.way_gone = (ngs.CF(0.0) if contact.way is None else contact.way - self.start).MakeVariable()
-        self.now = Slipping(friction, u, now.offset, start, self.slip, self.start, self.way_gone)
+        self.now = FrictionExpressions(friction, u, now.offset, start, self.slip, self.start, self.way_gone)
         self._elastic, self._traction = self.now.elastic.Compile(), self.now.traction.Compile()
         self.work = (ngs.InnerProduct(self.now.traction + self.before, self.now.gone) / 2).Compile()
         self.driving = (-ngs.InnerProduct(self.now.traction, self.now.moves)).Compile()

@@ -168,7 +168,7 @@ class RigidContact:
 
 
 @dataclass(frozen=True)
-class Sliding:
+class SlidingSupport:
     """Bilateral sliding support along the rigid surface on which a wall lies: energy κ/2 (u · N)² per area.
 
     Models a brain on the skull with a fluid film that neither bears shear nor opens. For displacements small compared with the
@@ -182,12 +182,12 @@ class Sliding:
     stiffness : float
         κ (Pa/m).
     normal : CoefficientFunction
-        N; `Sliding.on` makes it.
+        N; `SlidingSupport.on` makes it.
 
     Examples
     --------
     >>> from ngbrain.mesh import block
-    >>> Sliding.on(block(maxh=0.02), "bottom", 1e8).wall
+    >>> SlidingSupport.on(block(maxh=0.02), "bottom", 1e8).wall
     'bottom'
     """
 
@@ -196,7 +196,7 @@ class Sliding:
     normal: CoefficientFunction
 
     @classmethod
-    def on(cls, mesh: ngs.Mesh, wall: str, stiffness: float) -> Sliding:
+    def on(cls, mesh: ngs.Mesh, wall: str, stiffness: float) -> SlidingSupport:
         """With the normals of a mesh."""
         normal = ngs.GridFunction(ngs.VectorH1(mesh, order=2))
         normal.Set(ngs.specialcf.normal(mesh.dim), definedon=mesh.Boundaries(wall))
@@ -225,7 +225,7 @@ class Sliding:
 
 
 @dataclass(frozen=True)
-class Closing:
+class SelfContact:
     """Self-contact of two walls that are plane and parallel at rest, when the cleft between them closes.
 
     The energy per area of `wall` is ψ(d) of `RigidContact` with d = (x - x') · N, for current points x, the points x' opposite
@@ -245,7 +245,7 @@ class Closing:
 
     Examples
     --------
-    >>> Closing("wall_plus", "wall_minus", 1e8, 1e-5, reach=6e-3).other
+    >>> SelfContact("wall_plus", "wall_minus", 1e8, 1e-5, reach=6e-3).other
     'wall_minus'
     """
 
@@ -300,7 +300,7 @@ def offsets(mesh: ngs.Mesh, contacts: Sequence[object], order: int, **options: b
     return ngs.Compress(ngs.H1(mesh, order=order, definedon=mesh.Boundaries(walls), **options))
 
 
-Touch = RigidContact | Sliding | Closing
+WallContact = RigidContact | SlidingSupport | SelfContact
 """What acts on walls."""
 
 

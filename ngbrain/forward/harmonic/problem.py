@@ -30,7 +30,7 @@ from ngbrain.forward.common.regions import boundaries
 from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.forward.harmonic.factors import Factorised
 from ngbrain.forward.harmonic.integrands import Change, Terms, derivative, dot, gradient, same, vanishes
-from ngbrain.forward.harmonic.wave import Absorbing, Wave, held_axes, vector
+from ngbrain.forward.harmonic.wave import AbsorbingBoundary, Wave, held_axes, vector
 from ngbrain.materials.base import Value, check_positive
 from ngbrain.materials.linear import SmallStrainLaw
 from ngbrain.solvers.device import CPU, Device
@@ -65,7 +65,7 @@ class HarmonicProblem:
     held : str or dict
         Boundaries whose displacement each wave prescribes (0 where it says nothing): a pattern, or patterns for single components,
         {"x": "side|top", "y": "top"}.
-    absorbing : sequence of Absorbing
+    absorbing : sequence of AbsorbingBoundary
         Boundaries that let waves out.
     kinematics : SolidKinematics, optional
         Of a plane mesh: `PlaneStrain()` (default), `Axisymmetric()`, `AntiPlane()`.
@@ -99,7 +99,7 @@ class HarmonicProblem:
     state: AboutState | None = None
     """The deformed body whose equilibrium waves are about; None at rest."""
     bulk: Value | None = None
-    absorbing: tuple[Absorbing, ...] = ()
+    absorbing: tuple[AbsorbingBoundary, ...] = ()
     translation = False
 
     def __init__(
@@ -112,7 +112,7 @@ class HarmonicProblem:
         density: Value = 1000.0,
         form: str = "P4",
         held: str | Mapping[str, str] = ".*",
-        absorbing: Sequence[Absorbing] = (),
+        absorbing: Sequence[AbsorbingBoundary] = (),
         kinematics: SolidKinematics | None = None,
         quadrature: int | None = None,
         device: Device = CPU,

@@ -54,7 +54,7 @@ class Wave:
 
 
 @dataclass(frozen=True)
-class Absorbing:
+class AbsorbingBoundary:
     """A boundary that lets plane waves out: z_p = √(ρ(K + 4G/3)) along its normal, z_s = √(ρG) across (Pa s/m).
 
     Exact for waves that meet it squarely.

@@ -1,20 +1,20 @@
-"""What is asked of a problem's state: numbers with a unit, and how they change with the unknowns.
+"""Observables: quantities of a problem's state, with unit and gradient with respect to the unknowns.
 
-`base` has the interface, `Observable` of any problem and `Observed` of one. `points`: `Displacements`, `SolutionUnknowns`; `force`:
-`Force`, `Moment`; `integrals`: `Functional`, any integral of the state, `StrainEnergy`, `region_volume`; `percentiles`:
-`StrainPercentile`, `StressPercentile`; `ratio`: `Ratio`; `wall`, of what rigid bodies press: `patch_pressure`, `NormalForce`,
-`ContactForce`, `ContactArea`, `CurrentArea`, `PatchDisplacement`, `mean_depth`, each on a `Patch` or several; a user's own is a
-`WallIntegral`, and a `WallPass` evaluates many at once.
+`base`: the interface, `Observable` of any problem and `ProblemObservable` of one. `points`: `Displacements`,
+`SolutionUnknowns`; `force`: `Force`, `Moment`; `integrals`: `Functional`, any integral of the state, `StrainEnergy`,
+`region_volume`; `percentiles`: `StrainPercentile`, `StressPercentile`; `ratio`: `Ratio`; `wall`, for walls in contact with
+rigid bodies: `patch_pressure`, `NormalForce`, `ContactForce`, `ContactArea`, `CurrentArea`, `PatchDisplacement`, `mean_depth`,
+each on one `Patch` or several. A user-defined one is a `WallIntegral`; `WallPass` evaluates many at once.
 
-    Force("top", (0, 0, 1)).value(problem)                     where it stands, or at a `State`
-    StrainPercentile(95, band=0.05).gradient(problem)          by all unknowns
+    Force("top", (0, 0, 1)).value(problem)                     at the current state, or at a `State`
+    StrainPercentile(95, band=0.05).gradient(problem)          with respect to all unknowns
 
-Dose, time above a threshold, amplitude and phase are made of what models show: `ngbrain.adjoint.derived`.
+Dose, time above a threshold, amplitude and phase are derived from a model's data: `ngbrain.adjoint.derived`.
 
-One of a user's own is a class with `name`, `unit` and `on`; where it is an integral, `Functional` is all it takes.
+A user-defined observable is a class with `name`, `unit` and `on`; for an integral, `Functional` is enough.
 """
 
-from ngbrain.forward.observables.base import Observable, Observed
+from ngbrain.forward.observables.base import Observable, ProblemObservable
 from ngbrain.forward.observables.force import Force, Moment
 from ngbrain.forward.observables.integrals import Functional, StrainEnergy, region_volume
 from ngbrain.forward.observables.percentiles import StrainPercentile, StressPercentile
@@ -43,9 +43,9 @@ __all__ = [
     "Moment",
     "NormalForce",
     "Observable",
-    "Observed",
     "Patch",
     "PatchDisplacement",
+    "ProblemObservable",
     "Ratio",
     "SolutionUnknowns",
     "StrainEnergy",

@@ -19,7 +19,7 @@ Array = np.ndarray
 Along: TypeAlias = Callable[[Terms], Callable[[], float]]
 
 
-class Observed(ABC):
+class ProblemObservable(ABC):
     """An observable of one problem, at the state where it stands.
 
     Attributes
@@ -82,7 +82,7 @@ class Observed(ABC):
         return []
 
 
-class Symbolic(Observed):
+class SymbolicObservable(ProblemObservable):
     """An observable with a `functional`, whose gradient follows from that."""
 
     def gradient(self, weights: Array) -> Array:
@@ -112,7 +112,7 @@ class Observable(ABC):
         """Name for reports."""
 
     @abstractmethod
-    def on(self, problem: Problem) -> Observed:
+    def on(self, problem: Problem) -> ProblemObservable:
         """This observable of one problem."""
 
     def value(self, problem: Problem, state: State | None = None) -> Array:
@@ -154,7 +154,7 @@ class Observable(ABC):
         return observed.gradient(np.asarray(weights, float) if len(weights) else np.ones(observed.size))
 
 
-class Linear(Observed):
+class LinearObservable(ProblemObservable):
     """Linear observable, B x.
 
     Parameters

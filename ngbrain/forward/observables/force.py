@@ -12,8 +12,8 @@ import numpy as np
 from ngbrain.errors import InputError
 from ngbrain.forward.common.loads import Load, Vector
 from ngbrain.forward.common.regions import boundaries
-from ngbrain.forward.contact.rigid import Touch
-from ngbrain.forward.observables.base import Observable, Observed
+from ngbrain.forward.contact.rigid import WallContact
+from ngbrain.forward.observables.base import Observable, ProblemObservable
 from ngbrain.forward.observables.points import along_axis, axis
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.virtual_work import Motion, Terms, VirtualWork
@@ -95,7 +95,7 @@ class Moment(Observable):
         return Reaction(problem, self.boundary, [ngs.CF((b * z - c * y, c * x - a * z, a * y - b * x))])
 
 
-class Reaction(Observed):
+class Reaction(ProblemObservable):
     """Generalised reaction forces: work of the forces on a boundary for given motions of it.
 
     Parameters
@@ -126,7 +126,7 @@ class Reaction(Observed):
         return np.array(field.vec.FV().NumPy())
 
     @property
-    def elsewhere(self) -> tuple[list[Load], list[Touch]]:
+    def elsewhere(self) -> tuple[list[Load], list[WallContact]]:
         """Loads and contacts on other boundaries: what they exert on nodes that are shared counts as the body's own."""
         loads = [load for load in self.problem.loads if self._apart(getattr(load, "boundary", None))]
         return loads, [contact for contact in self.problem.contacts if self._apart(contact.wall)]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.forward.observables.base import Observable, Symbolic
+from ngbrain.forward.observables.base import Observable, SymbolicObservable
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.virtual_work import FieldState, Integrand, Motion, StateView, Terms
 from ngbrain.materials.base import Deformation
@@ -39,9 +39,9 @@ class Functional(Observable):
         """Name for reports."""
         return self._name
 
-    def on(self, problem: Problem) -> Integrals:
+    def on(self, problem: Problem) -> ProblemIntegrals:
         """By quadrature."""
-        return Integrals(problem, self.integrands)
+        return ProblemIntegrals(problem, self.integrands)
 
 
 def region_volume(region: str = ".*") -> Functional:
@@ -74,7 +74,7 @@ class StrainEnergy(Observable):
         """Name for reports."""
         return f"strain energy of {self.region}"
 
-    def on(self, problem: Problem) -> Integrals:
+    def on(self, problem: Problem) -> ProblemIntegrals:
         """By the quadrature of the problem's own energy."""
         within = problem.mesh.Materials(self.region)
 
@@ -87,10 +87,10 @@ class StrainEnergy(Observable):
             ]
             return sum(parts[1:], parts[0])
 
-        return Integrals(problem, [stored])
+        return ProblemIntegrals(problem, [stored])
 
 
-class Integrals(Symbolic):
+class ProblemIntegrals(SymbolicObservable):
     """Integrals over one problem's mesh.
 
     Parameters

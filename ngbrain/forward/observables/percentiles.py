@@ -13,7 +13,7 @@ import numpy as np
 from ngbrain.errors import InputError
 from ngbrain.forward.common.interpolation import quadrature_points
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.observables.base import Observable, Observed, Symbolic
+from ngbrain.forward.observables.base import Observable, ProblemObservable, SymbolicObservable
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.virtual_work import FieldState, Motion, StateView, Terms
 from ngbrain.materials.base import Deformation, check_parameter
@@ -32,12 +32,12 @@ STILL = 1e-8
 
 
 @dataclass(frozen=True)
-class Quantile(Observable):
-    """A percentile over a region's volume at rest of a number that each of its points has.
+class RegionPercentile(Observable):
+    """A percentile of a scalar field over a region, by reference volume.
 
-    What so much of the volume has less than has no gradient; the mean of the percentiles about it has, weighed by
-    3/4 (1 - s²) with s from -1 to 1 over a band of percentiles. Its value is that mean; `Percentile.raw` is without. Derivatives
-    are those of points that keep their ranks, second ones too: what they add up to where many ranks are swapped is not in them.
+    A single percentile has no gradient. The value is therefore a mean of the percentiles in a band, with weights
+    3/4 (1 - s²), s from -1 to 1 across the band; `ProblemPercentile.raw` is the percentile without this smoothing. First and
+    second derivatives are those at fixed ranks of the points; a change of many ranks is not included.
 
     Parameters
     ----------
@@ -83,8 +83,8 @@ class Quantile(Observable):
 
 
 @dataclass(frozen=True)
-class StrainPercentile(Quantile):
-    """A percentile of the largest principal strain, or of the octahedral shear strain, see `Quantile`.
+class StrainPercentile(RegionPercentile):
+    """A percentile of the largest principal strain, or of the octahedral shear strain, see `RegionPercentile`.
 
     Parameters
     ----------
@@ -110,14 +110,14 @@ class StrainPercentile(Quantile):
         octahedral = self.measure == "octahedral"
         return self._named("octahedral shear strain" if octahedral else f"largest {self.measure} strain")
 
-    def on(self, problem: Problem) -> Strains:
+    def on(self, problem: Problem) -> ProblemStrainPercentile:
         """At quadrature points of order 2."""
-        return Strains(problem, self)
+        return ProblemStrainPercentile(problem, self)
 
 
 @dataclass(frozen=True)
-class StressPercentile(Quantile):
-    """A percentile of von Mises' stress √(3/2 dev σ : dev σ) (Pa), σ the Cauchy stress, see `Quantile`.
+class StressPercentile(RegionPercentile):
+    """A percentile of von Mises' stress √(3/2 dev σ : dev σ) (Pa), σ the Cauchy stress, see `RegionPercentile`.
 
     Raises
     ------
@@ -132,9 +132,9 @@ class StressPercentile(Quantile):
         """Name for reports."""
         return self._named("von Mises stress")
 
-    def on(self, problem: Problem) -> Stresses:
+    def on(self, problem: Problem) -> ProblemStressPercentile:
         """At quadrature points of order 2."""
-        return Stresses(problem, self)
+        return ProblemStressPercentile(problem, self)
 
 
 def weighted_percentile(values: Array, weights: Array, percent: float) -> float:
@@ -161,13 +161,13 @@ def weighted_percentile(values: Array, weights: Array, percent: float) -> float:
     return float(np.interp(percent / 100 * share[-1], share - weights / 2, values[order]))
 
 
-class Percentile(Observed):
-    """A `Quantile` of one problem.
+class ProblemPercentile(ProblemObservable):
+    """A `RegionPercentile` of one problem.
 
     Parameters
     ----------
     problem : Problem
-    asked : Quantile
+    asked : RegionPercentile
 
     Raises
     ------
@@ -177,7 +177,7 @@ class Percentile(Observed):
 
     size, shaped = 1, False
 
-    def __init__(self, problem: Problem, asked: Quantile) -> None:
+    def __init__(self, problem: Problem, asked: RegionPercentile) -> None:
         super().__init__(problem)
         self._of, mesh = asked, problem.mesh
         self._space, points = quadrature_points(mesh, ORDER)
@@ -236,7 +236,7 @@ class Percentile(Observed):
         return self._volumes()[self._counted]
 
 
-class Strains(Symbolic, Percentile):
+class ProblemStrainPercentile(SymbolicObservable, ProblemPercentile):
     """A `StrainPercentile` of one problem.
 
     About the current state, with principal axes n, m and strains e, the principal strain of E along n is, to second order in E,
@@ -312,7 +312,7 @@ class Strains(Symbolic, Percentile):
         return self._view.functional(self._weighed, state, *along)
 
 
-class Stresses(Symbolic, Percentile):
+class ProblemStressPercentile(SymbolicObservable, ProblemPercentile):
     """A `StressPercentile` of one problem.
 
     Parameters

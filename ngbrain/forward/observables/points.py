@@ -11,7 +11,7 @@ import scipy.sparse as sp
 
 from ngbrain.errors import InputError
 from ngbrain.forward.common.interpolation import evaluation
-from ngbrain.forward.observables.base import Linear, Observable
+from ngbrain.forward.observables.base import LinearObservable, Observable
 from ngbrain.forward.solid.problem import Problem
 
 Array = np.ndarray
@@ -44,7 +44,7 @@ class Displacements(Observable):
         n = len(self.points)
         return f"displacement at {n} point{'s' * (n != 1)}{along_axis(self.direction)}"
 
-    def on(self, problem: Problem) -> Linear:
+    def on(self, problem: Problem) -> LinearObservable:
         """A matrix of interpolation."""
         points, dim = np.asarray(self.points, float), problem.mesh.dim
         scalar = evaluation(ngs.H1(problem.mesh, order=problem.element.order), points)
@@ -58,7 +58,7 @@ class Displacements(Observable):
         else:
             matrix = sp.csr_array(sp.hstack([part * scalar for part in axis(self.direction, dim)]))
         matrix.resize((matrix.shape[0], problem.fes.ndof))
-        return Linear(problem, matrix)
+        return LinearObservable(problem, matrix)
 
 
 @dataclass(frozen=True)
@@ -68,9 +68,9 @@ class SolutionUnknowns(Observable):
     unit = "various"
     name = "all unknowns"
 
-    def on(self, problem: Problem) -> Linear:
+    def on(self, problem: Problem) -> LinearObservable:
         """The identity."""
-        return Linear(problem, sp.eye_array(problem.fes.ndof, format="csr"))
+        return LinearObservable(problem, sp.eye_array(problem.fes.ndof, format="csr"))
 
 
 def axis(direction: Sequence[float], dim: int) -> Array:

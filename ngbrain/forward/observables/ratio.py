@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ngbrain.errors import InputError
-from ngbrain.forward.observables.base import Along, Observable, Observed
+from ngbrain.forward.observables.base import Along, Observable, ProblemObservable
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.virtual_work import Motion, Terms
 
@@ -49,7 +49,7 @@ class Ratio(Observable):
         return Quotient(problem, self.numerator, self.denominator)
 
 
-class Quotient(Observed):
+class Quotient(ProblemObservable):
     """Ratio N/D of one problem; its functional has the first derivatives of N/D at the state at which `weigh` was called.
 
     Parameters
@@ -111,7 +111,7 @@ class Quotient(Observed):
         return [term for part in self._parts for term in part.functional(state, *along)]
 
     @cached_property
-    def _others(self) -> list[Observed]:
+    def _others(self) -> list[ProblemObservable]:
         """The same again, to be weighed by changes of the slopes."""
         return [each.on(self.problem) for each in self._made_of]
 

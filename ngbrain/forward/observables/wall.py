@@ -12,7 +12,7 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.forward.contact.rigid import RULES, SURFACE_ORDER, RigidContact
-from ngbrain.forward.observables.base import Observable, Symbolic
+from ngbrain.forward.observables.base import Observable, SymbolicObservable
 from ngbrain.forward.observables.points import along_axis, axis
 from ngbrain.forward.observables.ratio import Ratio
 from ngbrain.forward.solid.problem import Problem
@@ -65,12 +65,12 @@ class WallIntegral(Observable):
     def densities(self, problem: Problem) -> Mapping[str, Density]:
         """Wall → what is integrated over it."""
 
-    def on(self, problem: Problem) -> WallSum:
+    def on(self, problem: Problem) -> ProblemWallIntegral:
         """By quadrature of order 8."""
-        return WallSum(problem, self)
+        return ProblemWallIntegral(problem, self)
 
 
-class WallSum(Symbolic):
+class ProblemWallIntegral(SymbolicObservable):
     """A `WallIntegral` of one problem.
 
     Parameters
@@ -178,7 +178,7 @@ def _over_each_other(value: float, under: float = 1.0) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class OfPatches(WallIntegral):
+class PatchIntegral(WallIntegral):
     """Integral over patches.
 
     Parameters
@@ -233,7 +233,7 @@ class OfPatches(WallIntegral):
         """
 
 
-class NormalForce(OfPatches):
+class NormalForce(PatchIntegral):
     """Normal force (N) of rigid bodies on patches, whatever its direction: ∫ p dA."""
 
     unit = "N"
@@ -254,7 +254,7 @@ class NormalForce(OfPatches):
         return lambda at: patch.where * patch.contact.pressure(at.u, at.offset)
 
 
-class CurrentArea(OfPatches):
+class CurrentArea(PatchIntegral):
     """Current area (m²) of patches."""
 
     unit = "m²"
@@ -275,7 +275,7 @@ class CurrentArea(OfPatches):
         return lambda at: patch.where * at.area_ratio(at.u)
 
 
-class PressedIn(OfPatches):
+class PenetrationWork(PatchIntegral):
     """∫ p d dA (N m) over patches, of the depth d (m) that tissue is inside a rigid body where it presses."""
 
     unit = "N m"
@@ -297,7 +297,7 @@ class PressedIn(OfPatches):
 
 
 @dataclass(frozen=True, eq=False)
-class ContactForce(OfPatches):
+class ContactForce(PatchIntegral):
     """Force (N) that rigid bodies exert on patches along a direction, without friction; the mean over the patches.
 
     `Force` is what contacts, supports and loads exert on a boundary together, read off the tissue's own forces there.
@@ -338,7 +338,7 @@ class ContactForce(OfPatches):
         return pushed
 
 
-class DrivingForce(OfPatches):
+class DrivingForce(PatchIntegral):
     """Driving force (N) of rigid bodies: derivative of the contact energy with respect to their travel."""
 
     unit = "N"
@@ -364,7 +364,7 @@ class DrivingForce(OfPatches):
 
 
 @dataclass(frozen=True, eq=False)
-class PatchDisplacement(OfPatches):
+class PatchDisplacement(PatchIntegral):
     """Mean displacement (m) of patches along a direction, summed over them: what their walls open a cleft by.
 
     Parameters
@@ -400,7 +400,7 @@ class PatchDisplacement(OfPatches):
 
 
 @dataclass(frozen=True, eq=False)
-class ContactArea(OfPatches):
+class ContactArea(PatchIntegral):
     """Current area (m²) of patches in touch.
 
     A point is in touch or it is not: the area under quadrature points jumps, and has no gradient. Smoothed, points count by the
@@ -464,7 +464,7 @@ def patch_pressure(of: RigidContact | Sequence[Patch], where: Value = 1.0) -> Ra
 
 def mean_depth(patches: Sequence[Patch]) -> Ratio:
     """How far (m) tissue is inside rigid bodies where it presses, in the mean ∫ p d / ∫ p; not a number where nothing does."""
-    return Ratio(PressedIn(patches), NormalForce(patches), f"depth in what presses {_words(patches)}", "m")
+    return Ratio(PenetrationWork(patches), NormalForce(patches), f"depth in what presses {_words(patches)}", "m")
 
 
 def _words(patches: Sequence[Patch]) -> str:

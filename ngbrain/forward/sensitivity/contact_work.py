@@ -12,8 +12,8 @@ import scipy.sparse as sp
 
 from ngbrain.errors import InputError
 from ngbrain.forward.common.loads import Load
-from ngbrain.forward.contact.force_control import GivenForce
-from ngbrain.forward.contact.rigid import Closing, RigidContact, Touch
+from ngbrain.forward.contact.force_control import PrescribedForce
+from ngbrain.forward.contact.rigid import RigidContact, SelfContact, WallContact
 from ngbrain.forward.sensitivity.parameter_blocks import ParameterBlock, Scalar
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.virtual_work import Motion, StateView, Terms, acting, derivatives, differentiate, vector
@@ -34,7 +34,7 @@ class ContactForms:
         Blocks of θ.
     loads : sequence of Load, optional
         Some of the loads; all by default.
-    contacts : sequence of Touch, optional
+    contacts : sequence of WallContact, optional
         Some of the contacts; all by default.
 
     Raises
@@ -48,15 +48,17 @@ class ContactForms:
         body: Problem,
         parts: Mapping[str, ParameterBlock],
         loads: Sequence[Load] | None = None,
-        contacts: Sequence[Touch] | None = None,
+        contacts: Sequence[WallContact] | None = None,
     ) -> None:
         self._loads = body.loads if loads is None else loads
         self._contacts = body.contacts if contacts is None else contacts
         for contact in self._contacts:
-            if isinstance(contact, Closing):
+            if isinstance(contact, SelfContact):
                 for name in ("penalty", "softness"):
                     if not isinstance(found := getattr(contact, name), Real):
-                        raise InputError(f"Closing.{name}", type(found).__name__, "a number, for derivatives of a run")
+                        raise InputError(
+                            f"SelfContact.{name}", type(found).__name__, "a number, for derivatives of a run"
+                        )
         self._body, self._parts, self._motion = body, list(parts.values()), ngs.GridFunction(body.fes)
         self._view, self._way = StateView(body), ngs.Parameter(0.0)
         self._slopes = [part.gradient(self.weighted_work(), body.mesh) for part in self._parts]
@@ -117,7 +119,7 @@ class ContactForms:
         return Scalar(self._given.parameter).gradient(self.tool_force(), self._body.mesh)
 
     @property
-    def _given(self) -> GivenForce:
+    def _given(self) -> PrescribedForce:
         assert self._body.tool is not None
         return self._body.tool.given
 

@@ -14,7 +14,7 @@ from ngbrain.forward.common.elements import ElementPair, check_elements
 from ngbrain.forward.common.kinematics import SolidKinematics, kinematics_of
 from ngbrain.forward.common.material import Material, stiffness
 from ngbrain.forward.common.unknowns import Layout
-from ngbrain.forward.contact.force_control import DrivenTool
+from ngbrain.forward.contact.force_control import ForceControlledTool
 from ngbrain.forward.contact.rigid import RigidContact, offsets
 from ngbrain.forward.solid.tissue import history_order
 from ngbrain.solvers import linear
@@ -39,7 +39,7 @@ class MixedDiscretisation:
         Number of cavity pressures.
     """
 
-    tool: DrivenTool | None = None
+    tool: ForceControlledTool | None = None
 
     def __init__(
         self,

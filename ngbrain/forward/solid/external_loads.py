@@ -9,10 +9,10 @@ from weakref import WeakKeyDictionary
 import ngsolve as ngs
 
 from ngbrain.forward.common.kinematics import SolidKinematics
-from ngbrain.forward.common.loads import CavityVolume, Load, Place, PressureLoad
+from ngbrain.forward.common.loads import CavityVolume, Load, LoadContext, PressureLoad
 from ngbrain.forward.common.state import Term
 from ngbrain.forward.common.unknowns import Layout
-from ngbrain.forward.contact.rigid import Touch
+from ngbrain.forward.contact.rigid import WallContact
 
 
 class ExternalLoads(Term):
@@ -40,7 +40,7 @@ class ExternalLoads(Term):
         kinematics: SolidKinematics,
         order: int,
         loads: Sequence[Load],
-        contacts: Sequence[Touch],
+        contacts: Sequence[WallContact],
     ) -> None:
         self.fes, self.layout, self.kinematics, self.order = fes, layout, kinematics, order
         self.loads, self.contacts = tuple(loads), tuple(contacts)
@@ -56,7 +56,7 @@ class ExternalLoads(Term):
         """Whether all have an energy: a pressure that follows has none."""
         return not any(isinstance(load, PressureLoad) for load in self.loads)
 
-    def place(self, u: ngs.CoefficientFunction, v: ngs.CoefficientFunction | None = None) -> Place:
+    def place(self, u: ngs.CoefficientFunction, v: ngs.CoefficientFunction | None = None) -> LoadContext:
         """Context in which loads are evaluated.
 
         Parameters
@@ -68,9 +68,9 @@ class ExternalLoads(Term):
 
         Returns
         -------
-        Place
+        LoadContext
         """
-        return Place(self.fes.mesh, self.kinematics, self.factor, u, v, self.order)
+        return LoadContext(self.fes.mesh, self.kinematics, self.factor, u, v, self.order)
 
     def join(self, form: ngs.BilinearForm) -> None:
         """Add all to a form of the problem's."""
@@ -92,7 +92,7 @@ class ExternalLoads(Term):
             found.append((contact.wall, form))
         return found
 
-    def _add(self, form: ngs.BilinearForm, contact: Touch) -> None:
+    def _add(self, form: ngs.BilinearForm, contact: WallContact) -> None:
         pairs = contact.join(form, self.layout.fields(self.fes.TrialFunction()), self.kinematics)
         self._pairs.setdefault(form, []).append(pairs)
 

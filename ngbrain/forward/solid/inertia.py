@@ -205,7 +205,7 @@ class Inertia:
         check_positive(self.amplitude, "amplitude")
 
 
-class Momentum(Term):
+class InertiaTerm(Term):
     """Inertia term of a problem in the current time step.
 
     Parameters

@@ -52,7 +52,7 @@ def stresses(
     return (P.Reshape((9,)) if pressure is None else ngs.CF((P.Reshape((9,)), energy.Diff(pressure)))).Compile()
 
 
-class Forces:
+class InternalForces:
     """Internal nodal forces ∫ ∂W/∂F : ∇v + ∂W/∂p q, for every test function.
 
     A form of the energy evaluates it once for each of the ten entries; here all of them are evaluated together.

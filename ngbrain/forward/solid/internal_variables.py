@@ -10,7 +10,7 @@ import numpy as np
 from ngsolve import CoefficientFunction
 from ngsolve.comp import IntegrationRuleSpace
 
-from ngbrain.materials import Flow, Flows, Viscous, step_factors
+from ngbrain.materials import MaxwellTerm, MaxwellVariables, Viscous, step_factors
 from ngbrain.materials.base import Value
 from ngbrain.materials.points import Points
 from ngbrain.tensors import from_voigt, to_voigt
@@ -22,7 +22,7 @@ REST = 1e30
 class History:
     """Internal variables of viscoelastic tissue at the quadrature points, and their part of a step's energy.
 
-    H_k and S̄_k of hereditary branches, `Flows` of Maxwell ones, and C̄. Tensors are stored by their `to_voigt` entries:
+    H_k and S̄_k of hereditary branches, `MaxwellTerm` of Maxwell ones, and C̄. Tensors are stored by their `to_voigt` entries:
     `stress` S̄_k and `overstress` H_k (branches, 6, points) in Pa, `strain` C̄.
 
     Parameters
@@ -44,7 +44,7 @@ class History:
         self.n_branches = max((len(region.hereditary_branches) for region in regions.values()), default=0)
         self.shares = [ngs.GridFunction(self.space) for _ in range(self.n_branches)]
         most = max((len(region.maxwell_branches) for region in regions.values()), default=0)
-        self.flows = Flows(self.points, [self._flow(k) for k in range(most)])
+        self.flows = MaxwellTerm(self.points, [self._flow(k) for k in range(most)])
         self.rest()
         self._stress_cf: list[CoefficientFunction] = []
         self._shape_cf: CoefficientFunction = to_voigt(ngs.Id(3))
@@ -69,7 +69,7 @@ class History:
         etas = {name: r.maxwell_branches[k].eta for name, r in self.regions.items() if len(r.maxwell_branches) > k}
         return self._values(etas, 0.0)
 
-    def _flow(self, k: int) -> Flow:
+    def _flow(self, k: int) -> MaxwellVariables:
         """The k-th Maxwell branch of all regions that have one; stiff without viscosity elsewhere, so that it rests."""
         branches = {name: r.maxwell_branches[k] for name, r in self.regions.items() if len(r.maxwell_branches) > k}
         absent = ngs.CF((0.0, 0.0, 0.0, 1.0, 0.0, 1.0))
@@ -78,7 +78,7 @@ class History:
             parts = {name: branch.slopes(strain) for name, branch in branches.items()}
             return self.mesh.MaterialCF(parts, default=absent)
 
-        return Flow(self.points, slopes, self._viscosity(k))
+        return MaxwellVariables(self.points, slopes, self._viscosity(k))
 
     def _values(self, by_region: dict[str, Value], default: float) -> np.ndarray:
         field = ngs.GridFunction(self.space)

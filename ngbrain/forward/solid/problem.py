@@ -15,11 +15,11 @@ from ngbrain.forward.common.kinematics import SolidKinematics
 from ngbrain.forward.common.loads import CavityVolume, Load
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.common.regions import boundaries, check_apart, check_regions, check_types
-from ngbrain.forward.contact.force_control import DrivenTool, GivenForce
-from ngbrain.forward.contact.friction import Friction, Grip
-from ngbrain.forward.contact.rigid import RigidContact, Sliding, Touch
+from ngbrain.forward.contact.force_control import ForceControlledTool, PrescribedForce
+from ngbrain.forward.contact.friction import Friction, FrictionTerm
+from ngbrain.forward.contact.rigid import RigidContact, SlidingSupport, WallContact
 from ngbrain.forward.solid.external_loads import ExternalLoads
-from ngbrain.forward.solid.inertia import Inertia, Momentum
+from ngbrain.forward.solid.inertia import Inertia, InertiaTerm
 from ngbrain.forward.solid.stateful import Stateful
 from ngbrain.forward.solid.tangent import Tangent
 from ngbrain.forward.solid.tissue import TissueTerm
@@ -57,7 +57,7 @@ class Problem(NotebookCard, Stateful):
     loads : sequence
         Of `ngbrain.forward.common.loads`, and one `Inertia`.
     contacts : sequence
-        `RigidContact`, `Friction`, `Sliding`, `Closing` (self-contact), and one `GivenForce` of force-controlled rigid bodies.
+        `RigidContact`, `Friction`, `SlidingSupport`, `SelfContact`, and one `PrescribedForce` of force-controlled rigid bodies.
     element : str or ElementPair
         "P2/P1", "P4/L2(2)", "P3", …, or "auto"; refused if its inf-sup constant decreases under refinement. An `ElementPair`
         is used as it is.
@@ -109,7 +109,7 @@ class Problem(NotebookCard, Stateful):
         materials: Mapping[str, Material],
         boundary_conditions: Mapping[str, Support] | None = None,
         loads: Sequence[Load | Inertia] = (),
-        contacts: Sequence[Touch | Friction | GivenForce] = (),
+        contacts: Sequence[WallContact | Friction | PrescribedForce] = (),
         element: str | ElementPair = "auto",
         kinematics: SolidKinematics | None = None,
         solver: str = "auto",
@@ -125,7 +125,7 @@ class Problem(NotebookCard, Stateful):
         check_contacts(mesh, conditions, contacts)
         masses = [load for load in loads if isinstance(load, Inertia)]
         self.loads = tuple(load for load in loads if not isinstance(load, Inertia))
-        self.contacts = tuple(each for each in contacts if not isinstance(each, (Friction, GivenForce)))
+        self.contacts = tuple(each for each in contacts if not isinstance(each, (Friction, PrescribedForce)))
         rigid = [each for each in self.contacts if isinstance(each, RigidContact)]
         self._cavities = [load for load in self.loads if isinstance(load, CavityVolume)]
         relaxes = any(m.viscous.branches for m in materials.values())
@@ -134,14 +134,14 @@ class Problem(NotebookCard, Stateful):
         self.clock, self.partial = Clock(), False
         parts, solid = (self.layout, self.gfu), self.kinematics
         self.tissue = TissueTerm(*parts, solid, materials, self.element, through_time, bonus)
-        self.friction = Grip(*parts, [each for each in contacts if isinstance(each, Friction)], solid)
-        self.inertia = Momentum(*parts, masses, solid, self.element.order) if masses else None
+        self.friction = FrictionTerm(*parts, [each for each in contacts if isinstance(each, Friction)], solid)
+        self.inertia = InertiaTerm(*parts, masses, solid, self.element.order) if masses else None
         self.external = ExternalLoads(self.fes, self.layout, solid, self.element.order, self.loads, self.contacts)
         self.factor = self.external.factor
         self.gaps = [each.gaps(self.u) for each in rigid]
-        given = next((each for each in contacts if isinstance(each, GivenForce)), None)
+        given = next((each for each in contacts if isinstance(each, PrescribedForce)), None)
         if given is not None:
-            self.tool = DrivenTool(given, *parts, self.contacts, self.friction, solid, self.min_gap)
+            self.tool = ForceControlledTool(given, *parts, self.contacts, self.friction, solid, self.min_gap)
         self.terms = tuple(
             term for term in (self.tissue, self.external, self.friction, self.inertia, self.tool) if term is not None
         )
@@ -391,7 +391,7 @@ class Problem(NotebookCard, Stateful):
 
 
 def check_contacts(
-    mesh: ngs.Mesh, conditions: Mapping[str, Support], contacts: Sequence[Touch | Friction | GivenForce]
+    mesh: ngs.Mesh, conditions: Mapping[str, Support], contacts: Sequence[WallContact | Friction | PrescribedForce]
 ) -> None:
     """Check contacts against supports and each other.
 
@@ -411,11 +411,11 @@ def check_contacts(
         return
     rigid = [each for each in contacts if isinstance(each, RigidContact)]
     held = {p for p, components in Supports(mesh, conditions).held.items() if len(components) == mesh.dim}
-    walls = [each.wall for each in contacts if not isinstance(each, GivenForce)]
+    walls = [each.wall for each in contacts if not isinstance(each, PrescribedForce)]
     check_apart(mesh, "|".join(held), walls)
-    for film in (each for each in contacts if isinstance(each, Sliding)):
+    for film in (each for each in contacts if isinstance(each, SlidingSupport)):
         check_apart(mesh, film.wall, [each.wall for each in rigid])
-    given = [each for each in contacts if isinstance(each, GivenForce)]
+    given = [each for each in contacts if isinstance(each, PrescribedForce)]
     if len(given) > 1:
         raise InputError("contacts", f"with {len(given)} given forces", "one for each body")
     if given and not any(each.way is given[0].parameter for each in rigid):

@@ -12,10 +12,10 @@ from ngsolve import CoefficientFunction
 from ngbrain.forward.common.loads import CavityVolume, volume
 from ngbrain.forward.common.regions import boundaries
 from ngbrain.forward.common.state import Term
-from ngbrain.forward.contact.friction import Grip
+from ngbrain.forward.contact.friction import FrictionTerm
 from ngbrain.forward.solid.discretisation import MixedDiscretisation
 from ngbrain.forward.solid.external_loads import ExternalLoads
-from ngbrain.forward.solid.inertia import Momentum
+from ngbrain.forward.solid.inertia import InertiaTerm
 from ngbrain.forward.solid.tissue import TissueTerm
 
 Array = np.ndarray
@@ -25,8 +25,8 @@ class Reactions(MixedDiscretisation):
     """Forces and energies of a `Problem` where it stands."""
 
     tissue: TissueTerm
-    friction: Grip
-    inertia: Momentum | None
+    friction: FrictionTerm
+    inertia: InertiaTerm | None
     external: ExternalLoads
     form: ngs.BilinearForm
     terms: tuple[Term, ...]

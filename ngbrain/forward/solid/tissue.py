@@ -15,7 +15,7 @@ from ngbrain.forward.common.kinematics import SolidKinematics
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.common.state import Term
 from ngbrain.forward.common.unknowns import Layout
-from ngbrain.forward.solid.internal_forces import Density, Forces
+from ngbrain.forward.solid.internal_forces import Density, InternalForces
 from ngbrain.forward.solid.internal_variables import History
 from ngbrain.materials import Viscous
 from ngbrain.materials.base import Deformation
@@ -24,7 +24,7 @@ from ngbrain.result import Status
 from ngbrain.tensors import isochoric, right_cauchy_green
 
 Array = np.ndarray
-Remembered = Callable[[Viscous, CoefficientFunction], CoefficientFunction]
+HistoryEnergy = Callable[[Viscous, CoefficientFunction], CoefficientFunction]
 """A part of the energy that a law's history makes of C̄: `History.energy`, or `History.work` for forces alone."""
 
 
@@ -86,11 +86,11 @@ class TissueTerm(Term):
     def make(self) -> None:
         """Make the forms; again when materials are others."""
         self.terms = self.energies()
-        self._forces: Forces | None = None
+        self._forces: InternalForces | None = None
         self.form: ngs.BilinearForm | None = None
         if self.history is not None:
             densities = {name: self.density(m, self.history.work) for name, m in self.materials.items()}
-            self._forces = Forces(self.layout, self.gfu, densities, self.history.space, self.kinematics)
+            self._forces = InternalForces(self.layout, self.gfu, densities, self.history.space, self.kinematics)
             return
         self.form = ngs.BilinearForm(self.gfu.space, symmetric=True)
         for term in self.terms:
@@ -111,7 +111,7 @@ class TissueTerm(Term):
             found.append(term)
         return found
 
-    def density(self, material: Material, remembered: Remembered) -> Density:
+    def density(self, material: Material, remembered: HistoryEnergy) -> Density:
         """Energy density in the current time step.
 
         Parameters

@@ -18,9 +18,9 @@ import numpy as np
 from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
-from ngbrain.forward.common.loads import CavityVolume, Load, Place, PressureLoad
+from ngbrain.forward.common.loads import CavityVolume, Load, LoadContext, PressureLoad
 from ngbrain.forward.common.unknowns import Layout
-from ngbrain.forward.contact.rigid import NO_OFFSET, Closing, RigidContact, Sliding, Touch
+from ngbrain.forward.contact.rigid import NO_OFFSET, RigidContact, SelfContact, SlidingSupport, WallContact
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials.base import Deformation
 
@@ -112,13 +112,13 @@ LONE = Layout(pressure=False, offset=False, cavities=0)
 
 
 @dataclass(frozen=True)
-class FieldState(Place):
+class FieldState(LoadContext):
     """State of a body in which functionals are evaluated, perturbed by numbers or not.
 
     Parameters
     ----------
     mesh, kinematics, factor, u, v, order
-        See `Place`.
+        See `LoadContext`.
     grad : CoefficientFunction
         Displacement gradient; F is 3×3.
     along : CoefficientFunction
@@ -256,12 +256,12 @@ class VirtualWork(StateView):
     """
 
     def __init__(
-        self, body: Problem, loads: Sequence[Load] | None = None, contacts: Sequence[Touch] | None = None
+        self, body: Problem, loads: Sequence[Load] | None = None, contacts: Sequence[WallContact] | None = None
     ) -> None:
         super().__init__(body)
         self._loads = body.loads if loads is None else loads
         self._contacts = body.contacts if contacts is None else contacts
-        if body.friction.frictions or any(isinstance(contact, Closing) for contact in body.contacts):
+        if body.friction.frictions or any(isinstance(contact, SelfContact) for contact in body.contacts):
             raise InputError(
                 "contacts", "with friction or walls that close", "others, for derivatives of an equilibrium"
             )
@@ -283,7 +283,9 @@ class VirtualWork(StateView):
         return differentiate(derivatives(energies + stored, numbers[0]) + followers, numbers[1:])
 
 
-def acting(body: Problem, at: FieldState, loads: Sequence[Load], contacts: Sequence[Touch]) -> tuple[Terms, Terms]:
+def acting(
+    body: Problem, at: FieldState, loads: Sequence[Load], contacts: Sequence[WallContact]
+) -> tuple[Terms, Terms]:
     """Energies of loads and contacts of a body, and virtual work of loads without an energy; self-contact is left out.
 
     Parameters
@@ -302,7 +304,7 @@ def acting(body: Problem, at: FieldState, loads: Sequence[Load], contacts: Seque
     for contact in contacts:
         if isinstance(contact, RigidContact):
             energies.append(WorkIntegral(weight * contact.energy(at.u, at.offset), contact.measure()))
-        elif isinstance(contact, Sliding):
+        elif isinstance(contact, SlidingSupport):
             energies.append(WorkIntegral(weight * contact.energy(at.u), contact.measure(body.element.order)))
     cavities = iter(at.cavities)
     for load in body.loads:

@@ -298,7 +298,7 @@ class ErrorControl:
 
 
 @dataclass(frozen=True)
-class GivenSteps:
+class PrescribedSteps:
     """From each of some increasing times (s) to the next."""
 
     times: np.ndarray
@@ -342,7 +342,7 @@ class GivenSteps:
         """
         return ""
 
-    def halve(self) -> GivenSteps:
+    def halve(self) -> PrescribedSteps:
         """Two for each."""
         middles = (self.times[1:] + self.times[:-1]) / 2
-        return GivenSteps(np.sort(np.concatenate([self.times, middles])))
+        return PrescribedSteps(np.sort(np.concatenate([self.times, middles])))

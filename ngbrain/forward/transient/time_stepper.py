@@ -12,12 +12,12 @@ import numpy as np
 from ngbrain.errors import Breakdown, ContactError, InputError, solver_error
 from ngbrain.forward.common.rigid_motions import check_held
 from ngbrain.forward.common.state import State
-from ngbrain.forward.contact.force_control import DrivenTool, GivenForce
+from ngbrain.forward.contact.force_control import ForceControlledTool, PrescribedForce
 from ngbrain.forward.contact.motion import Motion
 from ngbrain.forward.solid.advance import LoadHistory, LoadProgram, StepResult, advance, newton_for
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.tangent import Solve
-from ngbrain.forward.transient.step_control import Control, GivenSteps, StepperProgress
+from ngbrain.forward.transient.step_control import Control, PrescribedSteps, StepperProgress
 from ngbrain.result import Status
 from ngbrain.solvers.newton import Newton
 from ngbrain.solvers.record import NewtonRecord, SolverWork
@@ -58,7 +58,7 @@ class TimeStepper:
     Raises
     ------
     InputError
-        For a body with a free rigid motion, neither motion nor loads, or a `GivenForce` in only one of motion and contacts.
+        For a body with a free rigid motion, neither motion nor loads, or a `PrescribedForce` in only one of motion and contacts.
 
     Examples
     --------
@@ -70,7 +70,7 @@ class TimeStepper:
     >>> law = Prony(NeoHooke(1e3), [0.5], [0.5])
     >>> body = Problem(block((0.01,) * 3, 0.01), {".*": Material(law, bulk=1e5)}, {"bottom": 0, "top": (0, 0, 1e-3)})
     >>> force, times = [], np.linspace(0.0, 4.0, 9)
-    >>> stepper = TimeStepper(body, None, GivenSteps(times), loads=LoadHistory(times, np.minimum(times, 1.0)))
+    >>> stepper = TimeStepper(body, None, PrescribedSteps(times), loads=LoadHistory(times, np.minimum(times, 1.0)))
     >>> stepper.run(lambda problem, progress, record: force.append(problem.force("top")[2]))
     >>> bool(force[1] > 1.2 * force[-1] > 0)  # force on the plate, N
     True
@@ -91,7 +91,9 @@ class TimeStepper:
             raise InputError("motion", None, "a motion of rigid bodies, or a history of loads")
         if (None if problem.tool is None else problem.tool.given) is not (motion if _forced(motion) else None):
             raise InputError(
-                "motion", type(motion).__name__, "the GivenForce that is among the problem's contacts, or none in both"
+                "motion",
+                type(motion).__name__,
+                "the PrescribedForce that is among the problem's contacts, or none in both",
             )
         self.problem, self.motion, self.control = problem, motion, control
         self.program = LoadProgram(problem, motion, loads)
@@ -213,7 +215,7 @@ class TimeStepper:
             guess = start + self.drift * self._slowing(at.t, at.t + dt)
         return guess if guess is start or self.problem.min_det(guess) > self.newton.min_det else start
 
-    def _landed(self, start: Array, tool: DrivenTool) -> Array:
+    def _landed(self, start: Array, tool: ForceControlledTool) -> Array:
         """With a rigid body that does not touch led to where it does."""
 
         def solve(guess: Array) -> tuple[Array, bool]:
@@ -336,7 +338,7 @@ class TimeStepper:
 
 
 def _forced(motion: Motion | None) -> bool:
-    return isinstance(motion, GivenForce)
+    return isinstance(motion, PrescribedForce)
 
 
 def _error(failed: Breakdown, record: NewtonRecord, t: float, dt: float) -> Exception:
@@ -396,6 +398,6 @@ def run_load_history(
     """
     found: list[Any] = []
     loads = LoadHistory(times, factors)
-    stepper = TimeStepper(problem, motion, GivenSteps(loads.times), newton=newton, loads=loads)
+    stepper = TimeStepper(problem, motion, PrescribedSteps(loads.times), newton=newton, loads=loads)
     stepper.run(lambda body, at, record: found.append(observe(at.t)) if at.rested else None)
     return found

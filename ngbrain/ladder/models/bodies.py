@@ -13,7 +13,7 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.forward.common.dirichlet import Support
-from ngbrain.forward.common.loads import Load, PressureLoad, RigidFace, TractionLoad, Weight
+from ngbrain.forward.common.loads import BodyForce, Load, PressureLoad, RigidFace, TractionLoad
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.common.rigid_motions import check_held
 from ngbrain.forward.contact.friction import Friction
@@ -337,7 +337,7 @@ class SceneBodies:
         if model.get("inertia") == "all":
             loads.append(Inertia(density))
         if scene.gravity:
-            loads.append(Weight(density * ngs.CF(mesh_components(scene.gravity.acceleration, plane))))
+            loads.append(BodyForce(density * ngs.CF(mesh_components(scene.gravity.acceleration, plane))))
         stiffest = max(self.tissue(region, model).initial_modulus for region in materials)
         touches = [
             each

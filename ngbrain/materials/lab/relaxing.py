@@ -11,7 +11,7 @@ from ngbrain.errors import InputError
 from ngbrain.materials.base import Deformation
 from ngbrain.materials.lab.modes import Mode, find_mode
 from ngbrain.materials.lab.specimen import STATIONARY, Specimen, check_homogeneous, describe_law, warn_beyond
-from ngbrain.materials.maxwell import REST, SUDDEN, Flow, Flows
+from ngbrain.materials.maxwell import REST, SUDDEN, MaxwellTerm, MaxwellVariables
 from ngbrain.materials.modulus import PronySeries
 from ngbrain.materials.points import Points, initial_modulus, number
 from ngbrain.materials.viscous import Viscous, step_factors
@@ -149,7 +149,7 @@ def press(material: Viscous, mode: str, times: ArrayLike, stretches: ArrayLike) 
     values = _checked_histories(test, times, stretches)
     warn_beyond(material, test, np.minimum(values, test.rest))
     rows = values.reshape(-1, len(times))
-    march = _March(material, test, len(rows))
+    march = _TimeMarch(material, test, len(rows))
     specimen = march.specimen
     specimen.state = test.isotropic(np.full(len(rows), test.rest))
     found, stress = np.empty_like(rows), np.empty_like(rows)
@@ -202,7 +202,7 @@ def creep(material: Viscous, mode: str, stress: ArrayLike, times: ArrayLike) -> 
     loads = np.asarray(stress, dtype=float)
     if loads.shape not in ((), times.shape) or not np.isfinite(loads).all():
         raise InputError("stress", stress, "a finite number (Pa), or one for each time")
-    march = _March(material, test, 1)
+    march = _TimeMarch(material, test, 1)
     march.specimen.state = test.isotropic(np.array([test.rest]))
     stretches = []
     for dt, load in zip(np.diff(times, prepend=times[0]), np.broadcast_to(loads, times.shape), strict=True):
@@ -287,7 +287,7 @@ def _symmetric(material: Viscous, test: Mode, times: np.ndarray, stretches: np.n
 
 def _stepped(material: Viscous, test: Mode, times: np.ndarray, stretches: np.ndarray) -> np.ndarray:
     """Stress by time steps, each with its own transverse equilibrium."""
-    march = _March(material, test, len(stretches))
+    march = _TimeMarch(material, test, len(stretches))
     answer = np.empty_like(stretches)
     for n, dt in enumerate(np.diff(times, prepend=times[0])):
         march.begin(dt)
@@ -299,7 +299,7 @@ def _stepped(material: Viscous, test: Mode, times: np.ndarray, stretches: np.nda
     return answer
 
 
-class _March:
+class _TimeMarch:
     """Time steps as energies, W_∞ + Σ β_k W_k + ½ Σ (e_k H_k - β_k S̄_k) : C + Maxwell branches; the first step is sudden."""
 
     def __init__(self, material: Viscous, test: Mode, count: int) -> None:
@@ -309,8 +309,9 @@ class _March:
         points = Points.line(count)
         self._memory = points.field(np.zeros((9, count)))
         memory = ngs.CF(tuple(self._memory[i] for i in range(9)), dims=(3, 3))
-        self._flows = Flows(
-            points, [Flow(points, branch.slopes, number(branch.eta)) for branch in material.maxwell_branches]
+        self._flows = MaxwellTerm(
+            points,
+            [MaxwellVariables(points, branch.slopes, number(branch.eta)) for branch in material.maxwell_branches],
         )
         self._sudden = SUDDEN * min((number(branch.tau) for branch in material.maxwell_branches), default=1.0)
 

@@ -7,9 +7,9 @@ from pressing import Failing, force
 
 from ngbrain.errors import ContactError, ConvergenceError, InputError
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.force_control import CLOSE, GivenForce
+from ngbrain.forward.contact.force_control import CLOSE, PrescribedForce
 from ngbrain.forward.contact.friction import Friction
-from ngbrain.forward.contact.rigid import RigidContact, Sliding
+from ngbrain.forward.contact.rigid import RigidContact, SlidingSupport
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.step_control import ErrorControl, StepControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
@@ -28,10 +28,10 @@ def pressing(
     law, program=PRESS, control=STEPS, share=0.98, films=(), penalty=1e8, softness=2e-5, nudge=NUDGE, limit=np.inf
 ):
     """A plate on a bonded block, or on one that slides."""
-    press = GivenForce(*program, AWAY, nudge, limit)
+    press = PrescribedForce(*program, AWAY, nudge, limit)
     plate = RigidContact("top", lambda x: SIZE - press.parameter - x[2], penalty, softness, share, press.parameter)
     mesh = block((SIZE,) * 3, SIZE)
-    slides = [Sliding.on(mesh, wall, 1e9) for wall in films]
+    slides = [SlidingSupport.on(mesh, wall, 1e9) for wall in films]
     supports = {} if films else {"bottom": 0}
     body = Problem(
         mesh, {"tissue": Material(law, 1e3 * MU)}, supports, contacts=[plate, *slides, press], element="P2/P1"
@@ -178,7 +178,7 @@ def test_a_force_that_goes_too_far_is_one_error(relaxing):
 @pytest.mark.parametrize("coefficient", [0.1, 0.3])
 def test_a_given_force_bears_pressure_and_friction(coefficient):
     """A plate that goes along the top as far as it goes down, and slides: f = N + μN."""
-    press = GivenForce((0.0, 4.0, 8.0), (0.0, 2e-2, 2e-2), AWAY, NUDGE)
+    press = PrescribedForce((0.0, 4.0, 8.0), (0.0, 2e-2, 2e-2), AWAY, NUDGE)
     plate = RigidContact("top", lambda x: SIZE - press.parameter - x[2], 1e6, 2e-5, 0.0, press.parameter)
     rubs = Friction(plate, coefficient, 1e-6, lambda x, way: way * ngs.CF((1.0, 0.0, 0.0)))
     tissue = {"tissue": Material(NeoHooke(MU), 20 * MU)}
@@ -192,7 +192,7 @@ def test_a_given_force_bears_pressure_and_friction(coefficient):
 
 
 def test_given_forces_have_a_contact_and_a_run_of_their_own():
-    press, other = (GivenForce(*PRESS, AWAY, NUDGE) for _ in range(2))
+    press, other = (PrescribedForce(*PRESS, AWAY, NUDGE) for _ in range(2))
     plate = RigidContact("top", lambda x: SIZE - press.parameter - x[2], 1e8, 2e-5, 0.0, press.parameter)
     mesh, tissue = block((SIZE,) * 3, SIZE), {"tissue": Material(NeoHooke(MU), 1e3 * MU)}
     parts, element = (mesh, tissue, {"bottom": 0}), {"element": "P2/P1"}
@@ -200,7 +200,7 @@ def test_given_forces_have_a_contact_and_a_run_of_their_own():
         Problem(*parts, contacts=[plate, other], **element)
     with pytest.raises(InputError, match="2 given forces"):
         Problem(*parts, contacts=[plate, press, other], **element)
-    with pytest.raises(InputError, match="the GivenForce that is among"):
+    with pytest.raises(InputError, match="the PrescribedForce that is among"):
         TimeStepper(Problem(*parts, contacts=[plate], **element), press, StepControl(1.0))
-    with pytest.raises(InputError, match="the GivenForce that is among"):
+    with pytest.raises(InputError, match="the PrescribedForce that is among"):
         TimeStepper(Problem(*parts, contacts=[plate, press], **element), other, StepControl(1.0))

@@ -9,7 +9,7 @@ from ngbrain.adjoint.check import dot, taylor
 from ngbrain.errors import InputError
 from ngbrain.forward.common.kinematics import AntiPlane
 from ngbrain.forward.harmonic.problem import HarmonicProblem
-from ngbrain.forward.harmonic.wave import Absorbing, Wave
+from ngbrain.forward.harmonic.wave import AbsorbingBoundary, Wave
 from ngbrain.forward.sensitivity.harmonic.wave_model import WaveModel
 from ngbrain.materials import Shearing
 
@@ -75,7 +75,7 @@ def model(mesh, translation=False):
         form="P3",
         held="bottom|top",
         kinematics=AntiPlane(),
-        absorbing=[Absorbing("left", 2000 + 700j)],
+        absorbing=[AbsorbingBoundary("left", 2000 + 700j)],
         translation=translation,
     )
     return WaveModel(body, fields, np.array([[0.01, 0.02], [0.03, 0.011], [0.04, 0.04]]))

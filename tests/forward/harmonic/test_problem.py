@@ -11,7 +11,7 @@ from ngbrain.errors import InputError, SolverError
 from ngbrain.forward.common.kinematics import Axisymmetric
 from ngbrain.forward.harmonic import factors
 from ngbrain.forward.harmonic.problem import HarmonicProblem
-from ngbrain.forward.harmonic.wave import Absorbing, Wave
+from ngbrain.forward.harmonic.wave import AbsorbingBoundary, Wave
 from ngbrain.materials import NeoHooke, Shearing, TransverselyIsotropic
 from ngbrain.mesh.geometry.structured import rectangles
 from ngbrain.solvers.device import CpuFactor, Device
@@ -31,7 +31,7 @@ REFUSED = {
     "unknown axis": (lambda: body(held={"z": "top"}), "axes among x, y"),
     "not held": (lambda: body(held="bottom"), "boundaries among those held"),
     "unknown traction": (lambda: body(waves=[Wave(1.0, traction={"up": (0, 1)})]), "boundary"),
-    "unknown edge": (lambda: body(absorbing=[Absorbing("up", 1.0)]), "boundary"),
+    "unknown edge": (lambda: body(absorbing=[AbsorbingBoundary("up", 1.0)]), "boundary"),
     "pressure without bulk": (lambda: body(bulk=None, form="P2/P1"), "bulk"),
     "unstable pair": (lambda: body(form="P2/L2(1)"), "stable pair"),
     "no such form": (lambda: body(form="T2"), "element"),

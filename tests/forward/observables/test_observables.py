@@ -11,7 +11,7 @@ from replayed import GRID, SIDE, directions, loaded, relaxing, touched, weights
 from ngbrain.adjoint.check import dot, taylor
 from ngbrain.errors import InputError
 from ngbrain.forward.common.kinematics import Axisymmetric
-from ngbrain.forward.common.loads import PressureLoad, TractionLoad, Weight
+from ngbrain.forward.common.loads import BodyForce, PressureLoad, TractionLoad
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.rigid import RigidContact
 from ngbrain.forward.observables import (
@@ -36,8 +36,8 @@ from ngbrain.forward.observables import (
     patch_pressure,
     region_volume,
 )
-from ngbrain.forward.observables.base import Linear
-from ngbrain.forward.observables.percentiles import Percentile
+from ngbrain.forward.observables.base import LinearObservable
+from ngbrain.forward.observables.percentiles import ProblemPercentile
 from ngbrain.forward.observables.ratio import Quotient
 from ngbrain.forward.sensitivity.parameter_blocks import NodePositions
 from ngbrain.forward.sensitivity.static_model import LoadCase, StaticModel
@@ -64,7 +64,7 @@ def cube(acting=(), contacts=(), element="P2/P1", mesh=None):
 
 def pressed_and_loaded():
     soft = RigidContact("left", lambda x: x[0] + SIDE / 100, 1e6, 2e-4, 0.9)
-    return cube([TractionLoad("right", (60.0, 0, 0)), Weight((0, -2e4, 0))], [soft])
+    return cube([TractionLoad("right", (60.0, 0, 0)), BodyForce((0, -2e4, 0))], [soft])
 
 
 def flat(kinematics, quads=False):
@@ -136,7 +136,9 @@ def test_gradients_pass_taylors_test(asked, body, rng):
     observed, rest = asked.on(body), body.x
     x, first = rest + moved(body, rng, 1e-3 * SIDE), 0.1  # no two points have the same strain by symmetry
     w, dx = rng.normal(size=observed.size), moved(body, rng, 1e-3 * SIDE)
-    while isinstance(observed, Percentile) and not np.array_equal(*(ranks(observed, x + s * dx) for s in (0, first))):
+    while isinstance(observed, ProblemPercentile) and not np.array_equal(
+        *(ranks(observed, x + s * dx) for s in (0, first))
+    ):
         first /= 2
 
     def value(at):
@@ -173,7 +175,7 @@ def test_forces_and_moments_balance_loads_in_closed_form():
     push, heavy, r = 40.0, 3e4, np.array([0.0, 0.0, 0.0])
     mesh = block((SIDE,) * 3, SIDE / 2)
     body = Problem(
-        mesh, {".*": Material(NeoHooke(5e4), 2e5)}, {"bottom": 0}, [TractionLoad("right", (0, push, 0)), Weight((0, 0, -heavy))],
+        mesh, {".*": Material(NeoHooke(5e4), 2e5)}, {"bottom": 0}, [TractionLoad("right", (0, push, 0)), BodyForce((0, 0, -heavy))],
         element="P2",
     )  # fmt: skip
     LoadPath(body).solve()
@@ -349,7 +351,7 @@ class TipDrop(Observable):
 
     def on(self, problem):
         seen = Displacements([[SIDE / 2, SIDE / 2, SIDE]], (0, 0, -1)).on(problem)
-        return Linear(problem, seen.matrix)
+        return LinearObservable(problem, seen.matrix)
 
 
 def test_one_of_a_users_own_is_asked_like_all_others():
@@ -405,7 +407,7 @@ def test_second_derivatives_of_all_kinds_of_data_of_an_equilibrium(rng):
     small = StrainPercentile(50, band=0.3, measure="small", factor=3.0)
     asked = [SWELLING, TipDrop(), STRAIN, STRESS, small, energy]
     model = StaticModel([LoadCase(body, asked)], p, newton_for(body, rtol=1e-12, xtol=1e-12))
-    percentiles = [seen for seen in model.equilibria[0].observables if isinstance(seen, Percentile)]
+    percentiles = [seen for seen in model.equilibria[0].observables if isinstance(seen, ProblemPercentile)]
     start, there = model.theta.copy(), model.evaluate(model.theta)
     w = weights(there.data[None], rng)[0]
     direction = start * rng.uniform(0.5, 1, 2)

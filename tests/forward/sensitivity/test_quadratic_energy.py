@@ -5,7 +5,7 @@ import pytest
 from equilibria import SIDE, field, seen, tight, verify, weights
 from statics import cube, square
 
-from ngbrain.forward.common.loads import PressureLoad, RigidFace, TractionLoad, Weight
+from ngbrain.forward.common.loads import BodyForce, PressureLoad, RigidFace, TractionLoad
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.sensitivity.static_model import LoadCase, StaticModel
 from ngbrain.forward.solid.problem import Problem
@@ -43,7 +43,7 @@ def assemblies(of, monkeypatch):
 @pytest.mark.parametrize("where", MESHES)
 def test_derivatives_are_right_and_take_no_tangent(where, rng, monkeypatch):
     dim = 2 if where == "plane" else 3
-    of = linear(where, [Weight((0, -9810.0, 0)[:dim]), TractionLoad("right", (20.0, 0, 0)[:dim])])
+    of = linear(where, [BodyForce((0, -9810.0, 0)[:dim]), TractionLoad("right", (20.0, 0, 0)[:dim])])
     assert of.equilibria[0].quadratic
     there = of.evaluate(of.theta)
     made, count = of.solves.factorisations, assemblies(of, monkeypatch)

@@ -7,7 +7,7 @@ from statics import square
 
 from ngbrain.adjoint.check import dot, taylor
 from ngbrain.errors import InputError
-from ngbrain.forward.common.loads import Weight
+from ngbrain.forward.common.loads import BodyForce
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity.reference_shape import Positions
@@ -22,7 +22,7 @@ def hung(*seen):
     mesh = square(2, size=SIDE)
     nodes = NodePositions(mesh)
     bodies = [
-        Problem(mesh, {".*": Material(NeoHooke(1e3), 5e3)}, {"top": 0}, [Weight((0, w))], element="P2")
+        Problem(mesh, {".*": Material(NeoHooke(1e3), 5e3)}, {"top": 0}, [BodyForce((0, w))], element="P2")
         for w in (-3e3, 2e3)
     ]
     return StaticModel(

@@ -12,13 +12,13 @@ from ngbrain.errors import InputError, InvertedElementError, SolverError
 from ngbrain.forward.common.elements import ElementPair
 from ngbrain.forward.common.kinematics import Axisymmetric
 from ngbrain.forward.common.loads import (
+    BodyForce,
     CavityPressure,
     CavityVolume,
     PressureLoad,
     RigidBody,
     Spring,
     TractionLoad,
-    Weight,
 )
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables import Displacements, Force
@@ -56,7 +56,7 @@ def traction():
 def weight():
     heavy = field(MESH, 900.0)
     varied = heavy * ngs.exp(40 * ngs.x)
-    return scene([Weight(ngs.CF((0, -varied)))], {"heavy": heavy}, PRESSED, bonus=2)
+    return scene([BodyForce(ngs.CF((0, -varied)))], {"heavy": heavy}, PRESSED, bonus=2)
 
 
 def spring():
@@ -72,7 +72,7 @@ def follower(form):
 def loaded():
     hard, mu = number(60.0), number(1e3)
     seeing = [Force("right"), Force("bottom"), Displacements([[0.09, 0.06]])]
-    loads = [PressureLoad("right", hard), Weight((0, -500.0)), Spring("right", 2e4)]
+    loads = [PressureLoad("right", hard), BodyForce((0, -500.0)), Spring("right", 2e4)]
     return scene(loads, {"hard": hard, "mu": mu}, of=NeoHooke(mu), observations=seeing)
 
 
@@ -197,7 +197,11 @@ def shaped(dim, form):
     nodes, mu = NodePositions(mesh), field(mesh, 1e3)
     nodes.set_value(2e-3 * np.random.default_rng(4).uniform(-1, 1, nodes.size))
     still = (0.0,) * (dim - 2)
-    loads = [PressureLoad("right", 40.0), TractionLoad("top", (20.0, *still, 5.0)), Weight((0.0, *still, -3e3 * ngs.x))]
+    loads = [
+        PressureLoad("right", 40.0),
+        TractionLoad("top", (20.0, *still, 5.0)),
+        BodyForce((0.0, *still, -3e3 * ngs.x)),
+    ]
     body = Problem(mesh, {".*": Material(NeoHooke(mu), 5e3)}, {"bottom": 0}, loads, element=form)
     return StaticModel([LoadCase(body, seen(dim))], {"nodes": nodes, "mu": mu}, tight(body))
 

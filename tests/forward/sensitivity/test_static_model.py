@@ -17,7 +17,16 @@ from ngbrain.inverse.objective.misfit import LeastSquares
 from ngbrain.materials import Demiray, HolzapfelGasserOgden, NeoHooke, Ogden
 
 FORMS = {"displacements": "P2", "continuous pressure": "P2/P1", "condensed pressure": ElementPair(2, 0, False)}
-RELAXING = {"Branch", "Flow", "Flows", "Maxwell", "Prony", "RelaxingOgden", "RelaxingPolynomial", "Viscous"}
+RELAXING = {
+    "Branch",
+    "MaxwellVariables",
+    "MaxwellTerm",
+    "Maxwell",
+    "Prony",
+    "RelaxingOgden",
+    "RelaxingPolynomial",
+    "Viscous",
+}
 """Laws that equilibrium knows nothing of."""
 OTHER = {"Deformation", "Law"}
 

@@ -6,7 +6,7 @@ import pytest
 from ngsolve.meshes import MakeStructured2DMesh
 
 from ngbrain.errors import Breakdown
-from ngbrain.forward import Friction, GeneralizedAlpha, GivenForce, Inertia, Material, Problem, RigidContact
+from ngbrain.forward import Friction, GeneralizedAlpha, Inertia, Material, PrescribedForce, Problem, RigidContact
 from ngbrain.forward.solid.advance import LoadHistory, LoadProgram, advance, newton_for
 from ngbrain.materials import Branch, Maxwell, NeoHooke, Viscous
 from ngbrain.result import Status
@@ -17,7 +17,7 @@ SIDE = 0.02
 def pressed(forced=False):
     """Hereditary and Maxwell branches, mass, and a plate that rubs: of given way, or force."""
     law = Viscous(NeoHooke(400.0), (Branch(NeoHooke(300.0), 1.0), Maxwell(NeoHooke(300.0), 600.0)))
-    given, way = GivenForce((0.0, 1.0, 9.0), (0.0, 0.05, 0.05), -1e-3, 1e-6), ngs.Parameter(0.0)
+    given, way = PrescribedForce((0.0, 1.0, 9.0), (0.0, 0.05, 0.05), -1e-3, 1e-6), ngs.Parameter(0.0)
 
     class Plate:
         events = (9.0,)

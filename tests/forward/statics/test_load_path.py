@@ -11,13 +11,13 @@ from ngbrain.adjoint.check import taylor
 from ngbrain.errors import CollapseWarning, ConvergenceError, InputError
 from ngbrain.forward.common.kinematics import Axisymmetric
 from ngbrain.forward.common.loads import (
+    BodyForce,
     CavityPressure,
     CavityVolume,
     RigidBody,
     RigidFace,
     Spring,
     TractionLoad,
-    Weight,
 )
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.solid.problem import Problem
@@ -81,7 +81,7 @@ RESPONSES = {
 
 @pytest.mark.parametrize("options", RESPONSES.values(), ids=RESPONSES)
 def test_residual_and_tangent_are_derivatives_of_the_energy(options, rng):
-    loads = [TractionLoad("right", (20.0, 5.0)), Weight((0, -30.0)), Spring("top", 1e4)]
+    loads = [TractionLoad("right", (20.0, 5.0)), BodyForce((0, -30.0)), Spring("top", 1e4)]
     body = Problem(square(2), SOFT, **{"boundary_conditions": {"bottom": 0}, "loads": loads} | options)
     size = np.where(body.is_u, 1e-3, 50.0) * (body.weights > 0)
     x, dx = (body.load(size * rng.uniform(-1, 1, body.fes.ndof), 0.7) for _ in range(2))
@@ -99,7 +99,7 @@ def test_residual_and_tangent_are_derivatives_of_the_energy(options, rng):
 
 
 def test_a_foot_bears_all_that_acts_also_where_loads_share_its_nodes():
-    loads = [Weight((0, -30.0)), TractionLoad("right", (20.0, 0))]
+    loads = [BodyForce((0, -30.0)), TractionLoad("right", (20.0, 0))]
     body = Problem(square(), SOFT, {"bottom": 0}, loads, element="P2/P1")
     LoadPath(body).solve(newton=Newton(rtol=1e-11, xtol=1e-10))
     assert body.force("bottom") == pytest.approx((-20 * 0.1, 30 * 0.01), rel=1e-8)
@@ -141,7 +141,7 @@ def test_a_rigid_plate_is_a_rigid_face_that_is_half_its_softness_deeper(kinemati
 
 
 def test_springs_exert_their_force():
-    body = Problem(square(), SOFT, {"left": (0, None)}, [Spring("bottom", 1e4), Weight((0, -30.0))], element="P2/P1")
+    body = Problem(square(), SOFT, {"left": (0, None)}, [Spring("bottom", 1e4), BodyForce((0, -30.0))], element="P2/P1")
     LoadPath(body).solve(newton=Newton(rtol=1e-11, xtol=1e-10))
     assert body.force("bottom")[1] == pytest.approx(30 * 0.01, rel=1e-8)
 
@@ -183,7 +183,7 @@ def test_newtons_settings_serve_several_bodies():
 def test_a_body_that_nothing_acts_on_is_at_rest_at_once(form):
     """Residual and reactions are round-off, so that neither is small beside the other."""
     heard = []
-    for loads in ((), (Weight((0, 0)),)):
+    for loads in ((), (BodyForce((0, 0)),)):
         body = Problem(square(), SOFT, {"bottom": 0}, loads, element=form)
         record = LoadPath(body).solve(steps=3, callback=heard.append)
         assert record.converged and record.factor == 1 and record.work.factorisations == 1 and not record.tried

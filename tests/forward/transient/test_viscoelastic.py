@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from ngbrain.errors import InputError, SolverError
-from ngbrain.forward.common.loads import Spring, TractionLoad, Weight
+from ngbrain.forward.common.loads import BodyForce, Spring, TractionLoad
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables import Displacements
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
@@ -89,7 +89,7 @@ def test_times_have_to_increase():
 def test_a_body_of_contacts_bears_loads_as_this_one_does():
     """A block that sticks to a plate, is pulled aside and heavy."""
     mesh, tissue, grid = block((0.02,) * 3, 0.02), Material(Prony(NeoHooke(1e3), [0.5], [3.0]), 1e6), [0, 1, 2.5, 4, 40]
-    weight = Weight((0.0, -9e3, 0.0))
+    weight = BodyForce((0.0, -9e3, 0.0))
     supports, loads = {"bottom": 0, "top": (4e-4, 0, -2e-3)}, [TractionLoad("right", (900.0, 0, 0)), weight]
     one = Problem(mesh, {".*": tissue}, supports, loads, element="P2/P1")
     point, share = mesh(0.013, 0.01, 0.012), lambda t: min(t / 4, 1.0)
@@ -98,7 +98,7 @@ def test_a_body_of_contacts_bears_loads_as_this_one_does():
     drive = Drive(ToolMotion("hold", (0.0, 4.0, 40.0), (0.0, 1.0, 1.0)))
     a = drive.parameter
     plate = Spring("top", 1e10, (4e-4 * a, 0.0, -2e-3 * a))
-    loads = [TractionLoad("right", (900.0 * a, 0.0, 0.0)), Weight((0.0, -9e3 * a, 0.0)), plate]
+    loads = [TractionLoad("right", (900.0 * a, 0.0, 0.0)), BodyForce((0.0, -9e3 * a, 0.0)), plate]
     other = Problem(mesh, {"tissue": tissue}, {"bottom": 0}, loads, element="P2/P1")
     of = RunModel(other, drive, grid, {"none": ngs.Parameter(0.0)}, [Displacements([[0.013, 0.01, 0.012]])])
     assert of.evaluate(of.theta).data == pytest.approx(np.array(wanted), abs=1e-5 * np.abs(wanted).max())

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ngbrain.errors import InputError
-from ngbrain.ladder import climb
+from ngbrain.ladder import search_models
 from ngbrain.ladder.axes import axes_of
 from ngbrain.ladder.models.hierarchy import ModelHierarchy
 from ngbrain.ladder.models.motions import characteristic_time
@@ -124,7 +124,7 @@ def test_what_poor_elements_cannot_solve_is_tried_in_better_ones(tmp_path):
         geometry=Geometry(kind="mesh", unit="m", file=str(tmp_path / "long.vol")),
         quantities=(Quantity(name="force", boundary="top", tolerance=0.1),),
     )
-    found = climb(made, {"mesh": "0"})
+    found = search_models(made, {"mesh": "0"})
     assert [rung.taken for rung in found.history[:3]] == [("strain",), ("pressure",), ("strain",)]
     assert found.chosen.model["strain"] == "finite"
 
@@ -135,7 +135,7 @@ def test_the_ladder_sees_that_a_twist_is_finite(shaft):
     turned = DisplacementBC(boundary="top", rotation=60, axis=(0, 0, 2))
     along = Quantity(name="force", boundary="top", tolerance=0.1)
     made = scene(FOOT, turned, tissue=Tissue(mu=1000.0, bulk_to_shear_ratio=1e4), geometry=shaft, quantities=(along,))
-    found = climb(made, {"mesh": "0"}).chosen
+    found = search_models(made, {"mesh": "0"}).chosen
     timed = replace(made, displacement_bcs=(FOOT, replace(turned, rotation="12*t")))
     assert ModelHierarchy(timed).solve(found.model).answers == pytest.approx(found.answers, rel=1e-6)
     assert found.model["strain"] == "finite" and found.model["pressure"] == "unknown"
@@ -317,7 +317,7 @@ def test_the_ladder_climbs_what_touches():
     )
     axes = axes_of(made)
     assert axes["strain"].levels == ("finite",) and axes["mesh"].levels == ("0", "1", "2") and "extent" not in axes
-    found = climb(made, {"mesh": "1", "order": "2"}).chosen
+    found = search_models(made, {"mesh": "1", "order": "2"}).chosen
     best = answers(made, strain="finite", space="solid", order="3", mesh="1", pressure="unknown")[0]
     assert abs(found.answers[0] / best - 1) < 0.05 and {each.how for each in found.estimates.values()} <= {
         "solved",

@@ -12,7 +12,7 @@ from ngbrain.image.read.nifti import write_nifti  # noqa: E402
 from ngbrain.image.read.volume import Volume  # noqa: E402
 from ngbrain.ladder.axes import axes_of, cheapest  # noqa: E402
 from ngbrain.ladder.estimates import relative_difference  # noqa: E402
-from ngbrain.ladder.model_search import climb, estimate  # noqa: E402
+from ngbrain.ladder.model_search import estimate, search_models  # noqa: E402
 from ngbrain.ladder.models.geometry import Meshes  # noqa: E402
 from ngbrain.ladder.models.hierarchy import ModelHierarchy, solve  # noqa: E402
 from ngbrain.ladder.models.property_maps import interpolate_map, read_modulus_map  # noqa: E402
@@ -82,7 +82,7 @@ def test_a_map_is_taken_where_it_is_worth_it_and_foretold(stiffening) -> None:
     assert found.change == pytest.approx(true, rel=1e-3) and true[0] == pytest.approx(2 / (3 * np.log(2)) - 1, rel=0.1)
     bounds = {"order": "2", "mesh": "0", "space": "plane"}
     for tolerance, level in ((0.01, "map"), (0.2, "each")):
-        assert climb(pulled(stiffening, tolerance), bounds).chosen.model["tissue"] == level
+        assert search_models(pulled(stiffening, tolerance), bounds).chosen.model["tissue"] == level
 
 
 def test_several_tissues_have_all_three_levels(stiffening) -> None:

@@ -9,7 +9,7 @@ import ngbrain
 from ngbrain import ladder
 from ngbrain.errors import InputError
 from ngbrain.forward.observables import Displacements, Force, Functional, Observable, StrainPercentile, region_volume
-from ngbrain.forward.observables.base import Linear
+from ngbrain.forward.observables.base import LinearObservable
 from ngbrain.ladder import Question
 from ngbrain.ladder.axes import axes_of, cheapest
 from ngbrain.ladder.models.bodies import SMALL, linear_state
@@ -41,7 +41,7 @@ class Drop(Observable):
     name = "drop of a point"
 
     def on(self, problem):
-        return Linear(problem, Displacements([self.point], (0, 0, -1)).on(problem).matrix)
+        return LinearObservable(problem, Displacements([self.point], (0, 0, -1)).on(problem).matrix)
 
 
 def test_a_users_own_is_answered_as_the_scenes_own_questions_are():

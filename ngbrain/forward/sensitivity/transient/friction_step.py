@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.forward.contact.friction import Rub, Slipping
+from ngbrain.forward.contact.friction import FrictionExpressions, FrictionFields
 from ngbrain.forward.sensitivity.parameter_blocks import ParameterBlock
 from ngbrain.forward.sensitivity.transient.quadrature_blocks import unknowns
 from ngbrain.forward.solid.problem import Problem
@@ -50,7 +50,7 @@ class CarriedGradients(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Shift:
+class StepPerturbation:
     """Perturbation of a step's end and start, of the slip and of a tool's displacement at the start.
 
     Parameters
@@ -146,17 +146,17 @@ class FrictionStep:
     @cached_property
     def _by_start(self) -> Callable[[], Array]:
         test = self.body.fes.TestFunction()
-        return vector(self.body.fes, derivatives(self._work([Shift(self._y, start=test)]), self._y))
+        return vector(self.body.fes, derivatives(self._work([StepPerturbation(self._y, start=test)]), self._y))
 
     @cached_property
     def _by_before(self) -> Callable[[], Array]:
-        return self._number(derivatives(self._work([Shift(self._y, before=1.0)]), self._y))
+        return self._number(derivatives(self._work([StepPerturbation(self._y, before=1.0)]), self._y))
 
     @cached_property
     def _by_end(self) -> Callable[[], Array]:
         """Of the slips alone: along a test function, with λ = 0."""
         test = self.body.fes.TestFunction()
-        return vector(self.body.fes, derivatives(self._slipped([Shift(self._x, end=test)]), self._x))
+        return vector(self.body.fes, derivatives(self._slipped([StepPerturbation(self._x, end=test)]), self._x))
 
     @cached_property
     def _by_way(self) -> Callable[[], Array]:
@@ -227,9 +227,9 @@ class FrictionStep:
         if self._way is not None:
             self._parts[-1].set_direction(end[self._n :])
 
-    def _begun(self, number: ngs.Parameter, end: bool = False) -> Shift:
+    def _begun(self, number: ngs.Parameter, end: bool = False) -> StepPerturbation:
         """Perturbation along the direction that was set."""
-        return Shift(number, self._moving if end else None, self._starting, True, self._before)
+        return StepPerturbation(number, self._moving if end else None, self._starting, True, self._before)
 
     @cached_property
     def _changed(self) -> Callable[[], Array]:
@@ -252,7 +252,7 @@ class FrictionStep:
             found.append(sum((term.coef for term in change), 0 * rub.rub.slip).Compile())
         return found
 
-    def _turned(self, of: Callable[..., Terms], shift: Shift) -> Terms:
+    def _turned(self, of: Callable[..., Terms], shift: StepPerturbation) -> Terms:
         """Derivative of integrals along a perturbation and along the direction of the parameters."""
         return derivatives(of(shift), shift.number) + [
             term for part in self._parts for term in part.directional_derivative(of())
@@ -291,15 +291,17 @@ class FrictionStep:
         test, nothing = self.body.fes.TestFunction(), self._number([])
         aimed = self._begun(self._s, end=True)
 
-        def bent(*more: Shift) -> Terms:
+        def bent(*more: StepPerturbation) -> Terms:
             return self._turned(lambda *shifts: self._work((*more, *shifts)), aimed)
 
-        end, start = Shift(self._x, end=test), Shift(self._y, start=test)
+        end, start = StepPerturbation(self._x, end=test), StepPerturbation(self._y, start=test)
         still, parts = bent(), self._parts
         return (
             vector(self.body.fes, derivatives(bent(end), self._x)),
             vector(self.body.fes, derivatives(bent(start), self._y)),
-            self._number(derivatives(bent(Shift(self._y, before=1.0)), self._y)) if self._way is not None else nothing,
+            self._number(derivatives(bent(StepPerturbation(self._y, before=1.0)), self._y))
+            if self._way is not None
+            else nothing,
             self._number(derivatives(still, self._way)) if self._way is not None else nothing,
             [part.gradient(still, self.body.mesh) for part in parts],
         )
@@ -323,7 +325,7 @@ class FrictionStep:
     def join_tangent(self, form: ngs.BilinearForm) -> None:
         """Add the consistent tangent of friction, with changing pressure and normal, to a form."""
         trial, test = self.body.fes.TnT()
-        for term in derivatives(self._tractions(test, [Shift(self._x, end=trial)]), self._x):
+        for term in derivatives(self._tractions(test, [StepPerturbation(self._x, end=trial)]), self._x):
             form += term.integral
 
     @cached_property
@@ -335,7 +337,7 @@ class FrictionStep:
     def tool_row(self) -> Callable[[], Array]:
         """Derivative of the tool force with respect to x (ndof,)."""
         test = self.body.fes.TestFunction()
-        return vector(self.body.fes, derivatives(self._driving([Shift(self._x, end=test)]), self._x))
+        return vector(self.body.fes, derivatives(self._driving([StepPerturbation(self._x, end=test)]), self._x))
 
     @cached_property
     def tool_stiffness(self) -> Callable[[], Array]:
@@ -345,8 +347,8 @@ class FrictionStep:
     # Expressions.
 
     def _slipping(
-        self, rub: _Fields, shifts: Sequence[Shift] = (), slip: ngs.CoefficientFunction | None = None
-    ) -> Slipping:
+        self, rub: _Fields, shifts: Sequence[StepPerturbation] = (), slip: ngs.CoefficientFunction | None = None
+    ) -> FrictionExpressions:
         """Friction at a perturbed state."""
         body, layout, of = self.body, self.body.layout, rub.rub
         u, offset, y = body.u, body.offset, layout.fields(body.friction.start).u
@@ -361,9 +363,9 @@ class FrictionStep:
                 slip = slip + shift.number * rub.change
             if self._way is not None and of.friction.contact.way is self._way:
                 start, way, moved = start + shift.number * shift.before, way - shift.number * shift.before, True
-        return Slipping(of.friction, u, offset, y, slip, start, way.MakeVariable() if moved else way)
+        return FrictionExpressions(of.friction, u, offset, y, slip, start, way.MakeVariable() if moved else way)
 
-    def _density(self, rub: _Fields, at: Slipping) -> ngs.CoefficientFunction:
+    def _density(self, rub: _Fields, at: FrictionExpressions) -> ngs.CoefficientFunction:
         """Integrand of ℓ."""
         pushed = at.tangential(self.body.layout.fields(self._motion).u)
         if self._drives(rub):
@@ -377,15 +379,15 @@ class FrictionStep:
         weight = self.body.kinematics.weight()
         return [WorkIntegral(weight * density(rub), rub.rub.measure) for rub in self._rubs]
 
-    def _work(self, shifts: Sequence[Shift] = ()) -> Terms:
+    def _work(self, shifts: Sequence[StepPerturbation] = ()) -> Terms:
         """ℓ."""
         return self._over(lambda rub: self._density(rub, self._slipping(rub, shifts)))
 
-    def _slipped(self, shifts: Sequence[Shift] = ()) -> Terms:
+    def _slipped(self, shifts: Sequence[StepPerturbation] = ()) -> Terms:
         """∫ M · E dA."""
         return self._over(lambda rub: ngs.InnerProduct(rub.weight, self._slipping(rub, shifts).elastic))
 
-    def _tractions(self, test: Motion, shifts: Sequence[Shift] = ()) -> Terms:
+    def _tractions(self, test: Motion, shifts: Sequence[StepPerturbation] = ()) -> Terms:
         """∫ τ · λ_t dA of a test function."""
 
         def density(rub: _Fields) -> ngs.CoefficientFunction:
@@ -394,7 +396,7 @@ class FrictionStep:
 
         return self._over(density)
 
-    def _driving(self, shifts: Sequence[Shift] = ()) -> Terms:
+    def _driving(self, shifts: Sequence[StepPerturbation] = ()) -> Terms:
         """Force of friction on the tool: -∫ τ · b' dA."""
 
         def density(rub: _Fields) -> ngs.CoefficientFunction:
@@ -407,7 +409,7 @@ class FrictionStep:
 class _Fields:
     """Weights and change of one friction law's slip at the points of its wall; `slip` is the variable for derivatives."""
 
-    def __init__(self, rub: Rub) -> None:
+    def __init__(self, rub: FrictionFields) -> None:
         self.rub = rub
         self.weight, self.change, self._found = (ngs.GridFunction(rub.slip.space) for _ in range(3))
         self.slip = ngs.CF(tuple(rub.slip[i] for i in range(rub.slip.dim))).MakeVariable()

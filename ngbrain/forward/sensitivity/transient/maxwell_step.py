@@ -1,4 +1,4 @@
-"""One time step of a nonlinear Maxwell branch (`materials.flow.Flow`) as an expression to differentiate.
+"""One time step of a nonlinear Maxwell branch (`materials.flow.MaxwellVariables`) as an expression to differentiate.
 
 The step is a minimisation; it is differentiated through its equation ∂W(e) = 2κ (x - e). From the converged e₀, one Newton step
 leads to the minimum of any neighbouring equation,
@@ -106,7 +106,7 @@ class MaxwellStart:
     shape, G : CoefficientFunction
         C̄ and G at the start.
     settled : CoefficientFunction
-        What `Flow.settled` has: the strains at which parameters are differentiated, and a fraction.
+        What `MaxwellVariables.settled` has: the strains at which parameters are differentiated, and a fraction.
     moved : callable
         From `made` and `law` to `made` with perturbed parameters.
 

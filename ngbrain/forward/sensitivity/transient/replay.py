@@ -127,7 +127,7 @@ class Replay:
         loads: LoadHistory | None = None,
     ) -> None:
         if body.tool is not None and motion is not body.tool.given:
-            raise InputError("motion", type(motion).__name__, "the GivenForce among the body's contacts")
+            raise InputError("motion", type(motion).__name__, "the PrescribedForce among the body's contacts")
         grid = np.asarray(grid, float)
         if grid.ndim != 1 or len(grid) < 2 or grid[0] != 0 or not np.all(np.diff(grid) > 0):
             raise InputError("grid", f"of shape {grid.shape}", "two or more increasing times (s) from 0 on")

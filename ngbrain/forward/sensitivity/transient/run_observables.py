@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ngbrain.errors import InputError
-from ngbrain.forward.observables.base import Along, Observable, Observed
+from ngbrain.forward.observables.base import Along, Observable, ProblemObservable
 from ngbrain.forward.observables.force import Reaction
 from ngbrain.forward.sensitivity.contact_work import ContactForms
 from ngbrain.forward.sensitivity.parameter_blocks import NodePositions, ParameterBlock, block_slices
@@ -133,7 +133,7 @@ class RunObservables:
 class _Outer:
     """One observable without the tissue's forces."""
 
-    def __init__(self, observed: Observed, parts: Mapping[str, ParameterBlock]) -> None:
+    def __init__(self, observed: ProblemObservable, parts: Mapping[str, ParameterBlock]) -> None:
         self._observed, body = observed, observed.problem
         self._forms: ContactForms | None = None
         self._slopes: list[Callable[[], Array]] = []

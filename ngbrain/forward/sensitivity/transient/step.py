@@ -39,7 +39,7 @@ from ngbrain.forward.sensitivity.transient.quadrature_blocks import (
     unknowns,
     weighted_functions,
 )
-from ngbrain.forward.solid.internal_forces import Density, Forces
+from ngbrain.forward.solid.internal_forces import Density, InternalForces
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials.base import Deformation, density
 from ngbrain.materials.viscous import overstress
@@ -110,10 +110,10 @@ class StepForms:
             ngs.LinearForm(self.body.kinematics.weight() * test * ngs.dx(intrules=rules)).Assemble()
         ).copy()
 
-    def nodal_forces(self, densities: dict[str, Density]) -> Forces:
+    def nodal_forces(self, densities: dict[str, Density]) -> InternalForces:
         """Nodal forces of energy densities (region → `Density`) at the body's state."""
         body = self.body
-        return Forces(body.layout, body.gfu, densities, body.history.space, body.kinematics)
+        return InternalForces(body.layout, body.gfu, densities, body.history.space, body.kinematics)
 
     def deformation_gradient(self, u: CoefficientFunction) -> CoefficientFunction:
         """Deformation gradient F of a displacement."""

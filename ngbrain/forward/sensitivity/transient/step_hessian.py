@@ -17,7 +17,7 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import InputError
-from ngbrain.forward.contact.rigid import Closing
+from ngbrain.forward.contact.rigid import SelfContact
 from ngbrain.forward.sensitivity.contact_work import ContactForms
 from ngbrain.forward.sensitivity.parameter_blocks import ParameterBlock
 from ngbrain.forward.sensitivity.transient.quadrature_blocks import unknowns
@@ -58,7 +58,7 @@ class StepHessian:
     ) -> None:
         self._parts, self._contacts, self._seen, body = list(parts.values()), contacts, seen, forms.body
         self._mesh = body.mesh
-        if any(isinstance(contact, Closing) for contact in body.contacts):
+        if any(isinstance(contact, SelfContact) for contact in body.contacts):
             raise InputError("body", "with self-contact", "a body without it, for second derivatives of a run")
         of_tissue = {name: parts[name] for name in forms.parameters}
         self._tissues = (

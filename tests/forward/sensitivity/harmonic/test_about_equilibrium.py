@@ -12,7 +12,7 @@ from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import InputError, SolverError
 from ngbrain.forward.common.elements import ElementPair
 from ngbrain.forward.common.kinematics import Axisymmetric
-from ngbrain.forward.common.loads import CavityVolume, PressureLoad, TractionLoad, Weight
+from ngbrain.forward.common.loads import BodyForce, CavityVolume, PressureLoad, TractionLoad
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.rigid import RigidContact
 from ngbrain.forward.harmonic.problem import HarmonicProblem
@@ -149,7 +149,7 @@ def test_waves_may_be_held_elsewhere(rng):
 def test_around_an_axis(rng):
     mesh, mu = square(2, size=SIDE), ngs.Parameter(1e3)
     rollers = {"bottom": (None, 0), "left": (0, None), "top": (None, 0)}
-    sinking, around = [Weight((0.0, -2e3))], Axisymmetric()
+    sinking, around = [BodyForce((0.0, -2e3))], Axisymmetric()
     body = Problem(mesh, {".*": Material(NeoHooke(mu), 5e4)}, rollers, sinking, element="P2/P1", kinematics=around)
     about = HarmonicProblem.about(body, [Wave(20.0, {"top": (0, 1e-6)})], loss=0.1)
     verify(WaveModel(about, {"mu": mu}, POINTS[:, :2]), rng)

@@ -12,7 +12,7 @@ from ngbrain.adjoint.check import dot, taylor
 from ngbrain.errors import ConvergenceError, InputError
 from ngbrain.forward.harmonic.factors import Factorised
 from ngbrain.forward.harmonic.problem import HarmonicProblem
-from ngbrain.forward.harmonic.wave import Absorbing
+from ngbrain.forward.harmonic.wave import AbsorbingBoundary
 from ngbrain.forward.sensitivity.harmonic import wave_model as sensitivity
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, WaveLinearisation, WaveModel
 from ngbrain.materials import Shearing
@@ -55,7 +55,7 @@ def test_the_products_are_transposes_and_the_gradient_is_one(name, rng):
 def test_absorbing_edges_of_fields(rng):
     mesh = square(3, SIDE)
     storage = field(mesh, "storage")
-    law, edge = Shearing(storage * (1 + 0.3j)), Absorbing("left|right", storage * (1 + 0.3j), 1e4)
+    law, edge = Shearing(storage * (1 + 0.3j)), AbsorbingBoundary("left|right", storage * (1 + 0.3j), 1e4)
     body = HarmonicProblem(mesh, law, WAVES, bulk=9e3, form="P2", held="bottom|top", absorbing=[edge])
     of = WaveModel(body, {"storage": storage}, np.array([[0.01, 0.02], [0.03, 0.011]]))
     value, gradient = misfit(of, wanted(of, rng))
@@ -224,7 +224,7 @@ def test_bad_input():
 
 def test_a_complex_constant_of_a_wall_is_told():
     """It waits until derivatives are asked for: waves themselves do not differentiate it."""
-    at = (made := model(absorbing=[Absorbing("left", ngs.CF(2000 + 700j), 1e4)])).evaluate(made.theta)
+    at = (made := model(absorbing=[AbsorbingBoundary("left", ngs.CF(2000 + 700j), 1e4)])).evaluate(made.theta)
     for product in (at.gradient, at.vjp):
         with pytest.raises(InputError, match="absorbing is made of a complex constant"):
             product(at.data)

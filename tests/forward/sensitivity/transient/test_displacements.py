@@ -8,7 +8,7 @@ from rubbing import VALUES, Sliding, law_of, mesh_of
 
 from ngbrain.forward.common.loads import PressureLoad
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.force_control import GivenForce
+from ngbrain.forward.contact.force_control import PrescribedForce
 from ngbrain.forward.contact.friction import Friction
 from ngbrain.forward.contact.rigid import RigidContact
 from ngbrain.forward.observables import Force
@@ -30,7 +30,7 @@ def pushed(what):
     plate, loads, contacts = Sliding(5e-4, 1e-3), [], []
     motion, deep, way = plate, plate.down, plate.along
     if what == "given force":
-        motion = GivenForce((0.0, 1.0, 8.0), (0.0, 0.3, 0.3), away=-1e-3, nudge=1e-5)
+        motion = PrescribedForce((0.0, 1.0, 8.0), (0.0, 0.3, 0.3), away=-1e-3, nudge=1e-5)
         deep = way = motion.parameter
     if what != "alone":
         contacts = [RigidContact("top", lambda x: SIDE - deep - x[1], p["penalty"], 2e-5, 0.9, way=way)]

@@ -7,12 +7,12 @@ from rubbing import SIDE, Sliding, law_of, mesh_of
 
 from ngbrain.adjoint.check import taylor
 from ngbrain.forward.common.kinematics import Axisymmetric
-from ngbrain.forward.common.loads import PressureLoad, Spring, TractionLoad, Weight
+from ngbrain.forward.common.loads import BodyForce, PressureLoad, Spring, TractionLoad
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.force_control import GivenForce
+from ngbrain.forward.contact.force_control import PrescribedForce
 from ngbrain.forward.contact.friction import Friction
 from ngbrain.forward.contact.rigid import RigidContact, surface_rules
-from ngbrain.forward.contact.rigid import Sliding as Film
+from ngbrain.forward.contact.rigid import SlidingSupport as Film
 from ngbrain.forward.observables import Displacements, Force, Functional, Ratio, region_volume
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.inertia import Inertia
@@ -49,7 +49,7 @@ def drawn(seed):
     material = Material(law_of(law, p | {"g": p.get("g", 0.5)}), 2e4)
     across, down = (1.0, *(0.0,) * last), (*(0.0,) * last, -1.0)
     if forced:
-        motion = GivenForce((0.0, 1.0, 8.0), (0.0, p["force"], p["force"]), away=-1e-3, nudge=1e-5)
+        motion = PrescribedForce((0.0, 1.0, 8.0), (0.0, p["force"], p["force"]), away=-1e-3, nudge=1e-5)
         deep, way = motion.parameter, motion.parameter
     else:
         motion, deep, way = plate, p["way"] * plate.down, plate.along
@@ -60,7 +60,7 @@ def drawn(seed):
     if "traction" in loads:
         acting.append(TractionLoad("right", tuple(p["traction"] * c for c in across)))
     if "weight" in loads:
-        acting.append(Weight(tuple(p["weight"] * c for c in down)))
+        acting.append(BodyForce(tuple(p["weight"] * c for c in down)))
     if "springs" in loads:
         acting.append(Spring("right", p["springs"]))
     if "film" in loads:

@@ -6,7 +6,7 @@ from forcing import AGAIN, GRID, HELD, checked, forced, weighed
 
 from ngbrain.adjoint.check import taylor
 from ngbrain.errors import InputError
-from ngbrain.forward.contact.force_control import GivenForce
+from ngbrain.forward.contact.force_control import PrescribedForce
 from ngbrain.forward.observables import Force
 from ngbrain.forward.sensitivity.contact_work import ContactForms
 from ngbrain.forward.sensitivity.transient.friction_step import FrictionStep
@@ -80,7 +80,7 @@ def free_border(patch):
 
 def free_force(patch):
     """The force asked for stays."""
-    patch.setattr(GivenForce, "gradient", lambda self, t, parameter: 0.0)
+    patch.setattr(PrescribedForce, "gradient", lambda self, t, parameter: 0.0)
 
 
 def forgotten_way(patch):
@@ -122,8 +122,8 @@ def test_what_is_not_derived_is_refused():
     with pytest.raises(InputError, match="motion is a force that returns after it was zero"):
         forced(rubs=True, program=AGAIN)
     of = forced()
-    with pytest.raises(InputError, match="motion is GivenForce; wanted: the GivenForce among"):
-        other = GivenForce((0.0, 8.0), (0.0, 1.0), away=-1e-3, nudge=1e-6)
+    with pytest.raises(InputError, match="motion is PrescribedForce; wanted: the PrescribedForce among"):
+        other = PrescribedForce((0.0, 8.0), (0.0, 1.0), away=-1e-3, nudge=1e-6)
         RunModel(of.body, other, GRID, {"mu": of.parameters["mu"]}, [Force("bottom")])
     with pytest.raises(InputError, match=r"parameters\.way is the motion's own parameter"):
         RunModel(of.body, of.replay.motion, GRID, {"way": of.replay.motion.parameter}, [Force("bottom")])

@@ -6,7 +6,7 @@ import pytest
 from rubbing import SIDE, Sliding, law_of, mesh_of
 
 from ngbrain.adjoint.check import taylor
-from ngbrain.forward.common.loads import TractionLoad, Weight
+from ngbrain.forward.common.loads import BodyForce, TractionLoad
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.friction import Friction
 from ngbrain.forward.contact.rigid import RigidContact
@@ -95,7 +95,7 @@ def test_a_rigid_body_goes_by_its_weight_over_its_mass():
     force, rho = ngs.Parameter(50.0), ngs.Parameter(1e3)
     supports = {".*": (None, 0)}
     body = Problem(
-        mesh, {".*": Material(NeoHooke(1e3), 5e3)}, supports, [Inertia(rho, GeneralizedAlpha(0.6)), Weight((force, 0))],
+        mesh, {".*": Material(NeoHooke(1e3), 5e3)}, supports, [Inertia(rho, GeneralizedAlpha(0.6)), BodyForce((force, 0))],
         element="P2",
     )  # fmt: skip
     seen = [Displacements([[SIDE / 2, SIDE / 2]], (1, 0))]

@@ -8,7 +8,7 @@ from replayed import GRID, HOLD, KINDS, PLAIN, SEEN, SIDE, directions, field, mo
 from ngbrain.adjoint.check import dot, taylor
 from ngbrain.errors import ConvergenceError, InputError
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.rigid import Closing
+from ngbrain.forward.contact.rigid import SelfContact
 from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.observables.force import Reaction
 from ngbrain.forward.sensitivity.static_model import NodePositions
@@ -26,7 +26,7 @@ from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.step_control import StepControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import NeoHooke, Prony
-from ngbrain.materials.maxwell import Flow
+from ngbrain.materials.maxwell import MaxwellVariables
 from ngbrain.mesh import block
 from ngbrain.result import Status
 from ngbrain.solvers.newton import Newton
@@ -205,14 +205,14 @@ def test_second_derivatives_by_differences_are_those_by_symbols(monkeypatch, rng
 def test_second_derivatives_that_are_not_there_are_refused():
     mesh, materials, parameters, protocol, _ = relaxing()
     drive = Drive(protocol)
-    walls = [plate(drive), Closing("left", "right", 1e8, 1e-5, reach=1e-3)]
+    walls = [plate(drive), SelfContact("left", "right", 1e8, 1e-5, reach=1e-3)]
     of = RunModel(
         Problem(mesh, materials, {"bottom": 0}, contacts=walls, element="P2/P1"), drive, SHORT, parameters, SEEN
     )
     with pytest.raises(InputError, match="with self-contact"):
         of.evaluate(of.theta).hvp(np.ones((3, 8)), of.theta)
-    walls[1] = Closing("left", "right", 1e8 * parameters["g"], 1e-5, reach=1e-3)
-    with pytest.raises(InputError, match=r"Closing\.penalty is .*a number"):
+    walls[1] = SelfContact("left", "right", 1e8 * parameters["g"], 1e-5, reach=1e-3)
+    with pytest.raises(InputError, match=r"SelfContact\.penalty is .*a number"):
         RunModel(
             Problem(mesh, materials, {"bottom": 0}, contacts=walls, element="P2/P1"), drive, SHORT, parameters, SEEN
         )
@@ -368,8 +368,12 @@ def stale_factor(patch):
 
 def unsettled(patch):
     """A step's own minimum differentiated where it is not."""
-    settled = Flow.step_solution.fget
-    patch.setattr(Flow, "step_solution", property(lambda self: settled(self) * np.array([[0.5], [0.5], [1], [1], [1]])))
+    settled = MaxwellVariables.step_solution.fget
+    patch.setattr(
+        MaxwellVariables,
+        "step_solution",
+        property(lambda self: settled(self) * np.array([[0.5], [0.5], [1], [1], [1]])),
+    )
 
 
 def rest_forgotten(patch):
