@@ -87,7 +87,7 @@ class Tool:
         """With a wall."""
         down = way or self.down
         return RigidContact(
-            wall, lambda x: self.height - down - x[self.dim - 1], 1e7, 1e-5, share, way=way or self.along
+            wall, lambda x: self.height - down - x[self.dim - 1], 1e7, 1e-5, share, travel=way or self.along
         )
 
 

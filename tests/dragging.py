@@ -66,4 +66,4 @@ def forces(body):
     """What the plate does to the top (N): along x by friction, and down by the contact."""
     contact = body.contacts[0]
     down = ngs.Integrate(contact.pressure(body.u, body.offset) * contact.measure(), body.mesh)
-    return body.friction_driving(), down
+    return body.friction_driving_force(), down

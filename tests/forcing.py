@@ -72,7 +72,9 @@ def inflated(kind, element="P2/P1", law="Prony", rubs=False, cavity=True):
     of = Body(kind, {"cavity of given volume"} if cavity else set())
     p, plate = numbers(law, ["mu", "g", "tau", "push", "penalty", *["friction"] * rubs]), Sliding(1e-3, 1e-3)
     last = of.dim - 1
-    contacts = [RigidContact(of.top, lambda x: of.height - plate.down - x[last], p["penalty"], 2e-5, way=plate.along)]
+    contacts = [
+        RigidContact(of.top, lambda x: of.height - plate.down - x[last], p["penalty"], 2e-5, travel=plate.along)
+    ]
     if rubs:
         aside = ngs.CF((1.0, *(0.0,) * last))
         contacts.append(Friction(contacts[0], p["friction"], 5e-5, lambda x, way: way * aside))

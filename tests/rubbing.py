@@ -60,7 +60,7 @@ def model(
     mesh, plate = mesh_of(kind, n, wide), plate or Sliding()
     p = {name: ngs.Parameter(value) for name, value in (VALUES | values).items()}
     last = mesh.dim - 1
-    contact = RigidContact("top", lambda x: SIDE - plate.down - x[last], p["penalty"], 2e-5, share, way=plate.along)
+    contact = RigidContact("top", lambda x: SIDE - plate.down - x[last], p["penalty"], 2e-5, share, travel=plate.along)
     aside = (1.0, *(0.0,) * last)
     rubbing = Friction(contact, p["friction"], p["slip"], lambda x, way: way * ngs.CF(aside))
     supports = {"bottom": 0} | ({"left": (0, None)} if kind == "axisymmetric" else {})

@@ -21,7 +21,7 @@ from ngbrain.forward.common.loads import CavityPressure, CavityVolume, Spring, T
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.statics.load_path import LoadPath
-from ngbrain.forward.statics.stability import softest
+from ngbrain.forward.statics.stability import smallest_eigenvalue
 from ngbrain.materials import NeoHooke, UnsplitNeoHooke, squared_log
 from ngbrain.mesh import block
 
@@ -123,7 +123,7 @@ except ConvergenceError as error:
 
 # %% [markdown]
 # ## Is it stable?
-# Newton's method converges to straight columns far beyond Euler's load. The softest mode says so.
+# Newton's method converges to straight columns far beyond Euler's load. The mode of the smallest eigenvalue says so.
 
 # %%
 column = MakeStructured2DMesh(quads=True, nx=2, ny=30, mapping=lambda x, y: (x, 30 * y))
@@ -131,7 +131,7 @@ euler = 4 * np.pi**2 / 12 / 30**2
 for share in (0.9, 1.1):
     pressed = Problem(column, rubber, {"bottom": 0, "top": (0, -share * euler * 30)}, element="P3/P2")
     LoadPath(pressed).solve()
-    print(f"{share:.1f} of Euler's load: smallest eigenvalue {softest(pressed)[0]:+.2e} Pa/m²")
+    print(f"{share:.1f} of Euler's load: smallest eigenvalue {smallest_eigenvalue(pressed)[0]:+.2e} Pa/m²")
 
 # %% [markdown]
 # ## Cook's membrane

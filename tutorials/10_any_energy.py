@@ -24,7 +24,7 @@ from ngbrain.adjoint.check import taylor
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.rigid import RigidContact
 from ngbrain.forward.observables import Displacements, Force, Observable, StrainPercentile
-from ngbrain.forward.observables.base import Linear
+from ngbrain.forward.observables.base import LinearObservable
 from ngbrain.forward.sensitivity.static_model import LoadCase, StaticModel
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.problem import Problem
@@ -245,7 +245,7 @@ class Stretch(Observable):
     def on(self, problem):
         """The difference of two displacements."""
         ends = Displacements([[0.02, 0.05], [0.08, 0.05]], (1, 0)).on(problem).matrix
-        return Linear(problem, ends[[1]] - ends[[0]])
+        return LinearObservable(problem, ends[[1]] - ends[[0]])
 
 
 mu.Set(1000.0)

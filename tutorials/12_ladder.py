@@ -20,7 +20,7 @@ import ngbrain
 from ngbrain import ladder
 from ngbrain.forward import LoadCase, Material, Problem, StaticModel
 from ngbrain.forward.observables import Displacements, Force, Observable
-from ngbrain.forward.observables.base import Linear
+from ngbrain.forward.observables.base import LinearObservable
 from ngbrain.inverse.fitting.estimate import estimate
 from ngbrain.materials import NeoHooke
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Time, Tissue
@@ -148,7 +148,7 @@ class Bulging(Observable):
     def on(self, problem: Problem) -> Linear:
         """A displacement over a length."""
         outwards = Displacements([(0.03, 0.0, self.height)], (1, 0, 0)).on(problem)
-        return Linear(problem, outwards.matrix / self.way)
+        return LinearObservable(problem, outwards.matrix / self.way)
 
 
 SOFT, WAY = Tissue(mu=(1000.0,), poissons_ratio=0.4), 0.2e-3

@@ -63,7 +63,7 @@ class Plate:
 square = MakeStructured2DMesh(quads=False, nx=6, ny=6, mapping=lambda x, y: (SIDE * x, SIDE * y))
 plate, coefficient = Plate(), 0.1
 contact = RigidContact(
-    "top", lambda x: SIDE - plate.down - x[1], penalty=1e7, softness=1e-5, share=0.9, way=plate.along
+    "top", lambda x: SIDE - plate.down - x[1], penalty=1e7, softness=1e-5, share=0.9, travel=plate.along
 )
 rubbing = Friction(contact, coefficient, slip=5e-5, moves=lambda x, way: way * ngs.CF((1.0, 0.0)))
 relaxing = {".*": Material(Prony(NeoHooke(1e3), g=[0.5], tau=[2.0]), bulk=1e4)}
@@ -86,8 +86,9 @@ assert abs(tangential[-1] / normal[-1] - coefficient) < 1e-6 * coefficient
 
 # %% [markdown]
 # ## An indenter of given force, axisymmetric, a body with mass
-# `PrescribedForce` prescribes the force over time; the indenter's travel is an additional unknown. `Inertia` is given among the loads.
-# Steps are as long as their error allows: milliseconds while the body oscillates, in the end as long as the rest of the run.
+# `PrescribedForce` prescribes the force over time; the indenter's travel is an additional unknown. `Inertia` is given among
+# the loads. Steps are as long as their error allows: milliseconds while the body oscillates, in the end as long as the rest
+# of the run.
 
 # %%
 half = MakeStructured2DMesh(quads=True, nx=8, ny=8, mapping=lambda x, y: (SIDE * x, SIDE * y))  # the half plane (r, z)

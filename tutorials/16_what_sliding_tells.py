@@ -63,7 +63,7 @@ def run(values, cells, element, steps, seen):
     """A block in plane strain between its base and the plate, as a function of its parameters."""
     mesh = MakeStructured2DMesh(quads=False, nx=2 * cells, ny=cells, mapping=lambda x, y: (WIDTH * x, HEIGHT * y))
     numbers, plate = {name: ngs.Parameter(value) for name, value in values.items()}, Plate()
-    contact = RigidContact("top", lambda x: HEIGHT - plate.down - x[1], 2e7, 1e-5, share=0.9, way=plate.along)
+    contact = RigidContact("top", lambda x: HEIGHT - plate.down - x[1], 2e7, 1e-5, share=0.9, travel=plate.along)
     rubbing = Friction(contact, numbers["friction"], slip=5e-5, moves=lambda x, way: way * ngs.CF((1.0, 0.0)))
     tissue = Material(Prony(NeoHooke(numbers["mu"]), g=[numbers["g"]], tau=[numbers["tau"]]), bulk=5e4)
     block = Problem(mesh, {".*": tissue}, {"bottom": 0}, contacts=[contact, rubbing], element=element)

@@ -108,7 +108,7 @@ class PathRecord(Result):
         What was chosen, and why.
     pressed, creased : float
         Fractions of the body's volume, and of its free surface, compressed by more than 35 %.
-    softest : float
+    smallest_eigenvalue : float
         Smallest eigenvalue of the tangent (Pa/m²), computed where one of these is large; else NaN.
     eigenvalues : list of (float, float)
         Load factor and smallest eigenvalue of each step, if requested.
@@ -126,7 +126,7 @@ class PathRecord(Result):
     solver: str = ""
     pressed: float = 0.0
     creased: float = 0.0
-    softest: float = float("nan")
+    smallest_eigenvalue: float = float("nan")
     eigenvalues: list[tuple[float, float]] = field(default_factory=list)
     guard: str = ""
 

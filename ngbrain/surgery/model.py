@@ -275,7 +275,12 @@ class RetractionModel:
         hard, soft = PENALTY * stiffest / opening, SOFTNESS * opening
         contacts = [
             RigidContact(
-                wall, blade.distance(drive.parameter / len(self.blades)), hard, soft, OFFSET_SHARE, way=drive.parameter
+                wall,
+                blade.distance(drive.parameter / len(self.blades)),
+                hard,
+                soft,
+                OFFSET_SHARE,
+                travel=drive.parameter,
             )
             for wall, blade in self.blades.items()
         ]

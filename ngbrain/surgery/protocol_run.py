@@ -200,7 +200,7 @@ class ProtocolRun:
         self.path = None if folder is None else folder / f"{protocol.name}.vtkhdf"
         self.transient: TimeStepper = model.run(protocol, control, materials, order)
         body = self.transient.problem
-        self._way = next(c.way for c in body.contacts if isinstance(c, RigidContact) and c.way)
+        self._way = next(c.travel for c in body.contacts if isinstance(c, RigidContact) and c.travel)
         self.observer = Observer(body, model.blades, model.held)
         self.sampler = Sampler(body, model.cleft, model.parts(order))
         self._moving = {name: (sign, of.on(body)) for name, (sign, of) in VOLUMES.items()}

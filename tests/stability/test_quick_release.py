@@ -33,7 +33,7 @@ def test_the_work_of_a_quick_release_is_in_balance():
         time=replace(scene.time, ramp=2.0, end=24.0),
     )
     model = RetractionModel.from_scene(scene)
-    naive = lost(model, replace(model.control(), way=np.inf))
+    naive = lost(model, replace(model.control(), max_travel=np.inf))
     ours = lost(model, model.control())
     print(naive, ours)
     assert naive > 0.01 and ours < 0.005

@@ -39,7 +39,7 @@ def stepped(theta):
     body, drive, p = pressed()
     for parameter, value in zip(p.values(), theta, strict=True):
         parameter.Set(value)
-    body.history.rest()
+    body.history.reset()
     seen = Force("top", (0, 0, 1)).on(body)
     transient = TimeStepper(body, drive, CONTROL, 1e-3, Newton(rtol=1e-10, max_iter=80))
     grid = accepted_times(transient)

@@ -113,7 +113,7 @@ def pressed(tool, way=None):
     mesh = block((0.03, 0.03, 0.02), 0.005)
     cleft = Cleft(np.array([0.008, 0.015, 0.023]), np.array([1.0, 0, 0]), np.array([0, 0, -1.0]), 0.03, 6e-3, 14e-3)
     way = ngs.Parameter(0.0) if way is None else way
-    contact = RigidContact("top", tool(cleft).distance(way), 1e6, 1e-5, way=way)
+    contact = RigidContact("top", tool(cleft).distance(way), 1e6, 1e-5, travel=way)
     material = {".*": Material(NeoHooke(1e3), 1e4)}
     return Problem(mesh, material, {"bottom": 0}, contacts=[contact], element="P2/P1"), way
 
@@ -154,7 +154,7 @@ def test_what_is_looked_up_has_its_derivatives(ball_file, rng):
     assert tried == pytest.approx(wanted, rel=5e-3)
     body.residual(x)
     contact = body.contacts[0]
-    driving = ngs.Integrate(contact.driving(body.u) * contact.measure(), body.mesh)
+    driving = ngs.Integrate(contact.driving_force(body.u) * contact.measure(), body.mesh)
 
     def stored(at):
         way.Set(at)

@@ -15,7 +15,7 @@ def dragged(request):
     rows, last, works = [], [np.zeros(body.fes.components[0].ndof)] * 2 + [0.0, 0.0], np.zeros(3)
 
     def watch(body, at, record):
-        now = [body.u.vec.FV().NumPy().copy(), body.tissue_forces(), drag.way.Get(), body.friction_driving()]
+        now = [body.u.vec.FV().NumPy().copy(), body.tissue_forces(), drag.way.Get(), body.friction_driving_force()]
         tissue, plate = (np.sum((now[k + 1] + last[k + 1]) / 2 * (now[k] - last[k])) for k in (0, 2))
         last[:], works[:] = now, works + np.array((body.friction_work(), tissue, plate))
         rows.append((at.t, drag.way.Get(), *forces(body), works[0], body.contact_energy(), *works[1:]))

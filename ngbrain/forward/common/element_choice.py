@@ -12,11 +12,11 @@ from ngbrain.forward.common.boundaries import sides, wall
 from ngbrain.forward.common.elements import ElementPair
 
 COMPRESSIBLE = 20.0
-"""K/μ up to which displacements alone do."""
+"""K/μ up to which a displacement element is adequate."""
 LARGE = 20_000
-"""Elements from which on P4/L2(2) is no longer cheap: 700 000 unknowns in space."""
+"""Number of elements above which P4/L2(2) is too expensive: 700 000 unknowns in 3-D."""
 STEEP = 220.0
-"""Degrees inside a body beyond which an edge is taken for re-entrant, not for a curve cut into facets."""
+"""Interior angle (degrees) above which an edge counts as re-entrant and not as part of a faceted curve."""
 
 
 def automatic(mesh: ngs.Mesh, ratio: float, held: Mapping[str, Any]) -> tuple[ElementPair, str]:
@@ -81,7 +81,7 @@ def rough(mesh: ngs.Mesh, held: Mapping[str, Any]) -> str:
 
 
 def _edges(mesh: ngs.Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Boundary number of each surface element, pairs of neighbours among them, the angle (°) of the body between each two."""
+    """Boundary number of each surface element, pairs of adjacent ones, and the interior angle (°) between each pair."""
     elements, middles, outwards = wall(mesh, ".*")
     corners = np.array([vertex.point for vertex in mesh.vertices])
     normals = np.array([_normal(corners[[v.nr for v in e.vertices]]) for e in elements])

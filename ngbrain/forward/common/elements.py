@@ -42,7 +42,8 @@ class ElementPair:
 
     @classmethod
     def named(cls, name: str) -> ElementPair:
-        """From a name: "P2/P1" (Taylor-Hood), "P4/L2(2)" (discontinuous pressure) or "P3" (displacement); Q means the same as P."""
+        """Element pair of a name: "P2/P1" (Taylor-Hood), "P4/L2(2)" (discontinuous pressure) or "P3" (displacement); Q means
+        the same as P."""
         if not isinstance(name, str):
             raise InputError("element", repr(name), "a name such as P2/P1 or P3, or auto")
         match = re.fullmatch(r"[PQ](\d)(?:/(?:[PQ](\d)|L2\((\d)\)))?", name)
@@ -83,7 +84,7 @@ class ElementPair:
             spaces.append(ngs.H1(mesh, order=self.pressure))
         elif self.pressure is not None:
             spaces.append(ngs.L2(mesh, order=self.pressure))
-            if not condense:  # beside a bulk modulus that is infinite there is nothing to eliminate them with
+            if not condense:  # with an infinite bulk modulus the pressure block is zero and cannot be eliminated
                 for dof in range(spaces[1].ndof):
                     spaces[1].SetCouplingType(dof, ngs.COUPLING_TYPE.INTERFACE_DOF)
         return spaces

@@ -23,7 +23,7 @@ Vector: TypeAlias = tuple[Value, ...] | CoefficientFunction
 Terms: TypeAlias = ngs.comp.SumOfIntegrals
 
 TOUCHING = 1e-12
-"""Distance (m) up to which a face touches: at rest its stiffness counts."""
+"""Gap (m) up to which a face is in contact, so that its stiffness is active in the reference configuration."""
 BONUS = 2
 """Orders of quadrature on a boundary beyond twice the displacements' order: follower loads are products of many factors."""
 
@@ -141,10 +141,9 @@ class BodyForce:
 
 @dataclass(frozen=True)
 class RigidFace:
-    """Rigid plane face against which a boundary lies at rest, and that pushes it: ∫ k/2 ⟨t|by| - u·n⟩² dA, n along `by`.
+    """Rigid plane face, in contact with a boundary at rest, that pushes it: ∫ k/2 ⟨t|by| - u·n⟩² dA, n along `by`.
 
-    ⟨x⟩ = max(x, 0): the boundary slides along the face without friction, and separates where it would have to be pulled. The
-    penetration is the pressure over k.
+    ⟨x⟩ = max(x, 0): frictionless, unilateral contact. The penetration is the pressure over k.
 
     Parameters
     ----------
@@ -205,7 +204,7 @@ class RigidBody:
 
 @dataclass(frozen=True)
 class Spring:
-    """Elastic foundation: springs between a boundary and its rest position, or a moved one; energy ∫ k/2 |u - to|² dA.
+    """Elastic foundation: springs between a boundary and its reference position, or a displaced one; energy ∫ k/2 |u - to|² dA.
 
     Parameters
     ----------
@@ -214,7 +213,7 @@ class Spring:
     stiffness : float, Parameter or CoefficientFunction
         k (Pa/m).
     to : vector, optional
-        Displacement of the foundation (m), as of a plate that the boundary sticks to.
+        Displacement of the foundation (m), such as that of a bonded plate.
     """
 
     boundary: str
@@ -276,7 +275,7 @@ class CavityPressure:
 class CavityVolume:
     """Prescribed change of a cavity's volume; the cavity's pressure P is an additional unknown.
 
-    Energy -P (V - V₀ - t change): a limit point of the pressure is none of the volume.
+    Energy -P (V - V₀ - t change): a limit point under prescribed pressure is a regular point under prescribed volume.
 
     Parameters
     ----------

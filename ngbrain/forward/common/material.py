@@ -33,7 +33,7 @@ class Material:
         Bulk modulus K (Pa); inf: incompressible, with mixed elements only.
     pointwise : float
         κ (Pa) of a `barrier` that prevents collapse of J at single points, where a pressure controls it only in the mean over an
-        element. Re-entrant corners of a cut need it, a smooth scene does not.
+        element. Needed at re-entrant corners, such as those of a cut; not in smooth bodies.
     change : callable
         Volumetric energy U(J) of bulk modulus K, `quadratic` or `squared_log`; with a pressure, its mixed form.
 
@@ -70,7 +70,7 @@ class Material:
     def elastic(self) -> Law:
         """Elastic isochoric law; `InputError` for a viscoelastic one."""
         if isinstance(self.law, Viscous) and self.law.branches:
-            raise InputError("material", "a relaxing law", "an elastic one, such as its `equilibrium`")
+            raise InputError("material", "a viscoelastic law", "an elastic one, such as its `equilibrium`")
         return self.viscous.equilibrium
 
     def energy(self, at: Deformation, p: CoefficientFunction | None) -> CoefficientFunction:

@@ -49,7 +49,7 @@ def check_regions(mesh: ngs.Mesh, patterns: Iterable[str], kind: str = "tissue")
     Raises
     ------
     InputError
-        For a region with none or two, and a pattern that matches nothing.
+        For a region that no pattern or several match, and a pattern that matches nothing.
     """
     names, covered = mesh.GetMaterials(), set[int]()
     for pattern in patterns:
@@ -78,7 +78,7 @@ def boundaries(mesh: ngs.Mesh, pattern: str) -> set[int]:
     Raises
     ------
     InputError
-        If it matches none, or is no pattern.
+        If it matches none, or is not a valid pattern.
     """
     return _matches("boundary", pattern, mesh.Boundaries, mesh.GetBoundaries())
 
@@ -101,13 +101,15 @@ def check_apart(mesh: ngs.Mesh, held: str, touched: Iterable[str]) -> None:
     """
     names, loose = mesh.GetBoundaries(), set[int]().union(*(boundaries(mesh, t) for t in touched))
     if both := boundaries(mesh, held) & loose if held else set():
-        wanted = f"a pattern without {', '.join(sorted({names[i] for i in both}))}, which a rigid body touches"
+        wanted = (
+            f"a pattern without {', '.join(sorted({names[i] for i in both}))}, which is in contact with a rigid body"
+        )
         raise InputError("boundary", repr(held), wanted)
 
 
 def _matches(kind: str, pattern: str, find: Callable[[str], ngs.Region], names: Sequence[str]) -> set[int]:
     """Which regions or boundaries a pattern matches; `InputError` if none, or if it is no pattern."""
-    if ways(pattern) > MOST:  # NGSolve would try for minutes, deaf to Ctrl-C
+    if ways(pattern) > MOST:  # NGSolve would try for minutes, and ignore Ctrl-C
         raise InputError(kind, repr(pattern), f"a name or a regular expression with {REPEATS}")
     try:
         found = {i for i, match in enumerate(find(pattern).Mask()) if match}

@@ -15,9 +15,9 @@ from ngbrain.forward.common.kinematics import Axisymmetric, SolidKinematics
 from ngbrain.forward.common.loads import BodyForce, CavityPressure, CavityVolume, Load, PressureLoad, TractionLoad
 
 NO_HOLD = (CavityPressure, CavityVolume, PressureLoad, TractionLoad, BodyForce)
-"""Loads that push and do not hold; of any other nothing is known, and it may."""
+"""Loads that cannot prevent a rigid motion; any other load may."""
 ALMOST = 1e-6
-"""Singular value, of motions of length 1, below which a motion is not prevented."""
+"""Singular value, for unit motions, below which a motion counts as free."""
 
 
 def check_held(supports: Supports, loads: Sequence[Load], kinematics: SolidKinematics, axes: str = "xyz") -> None:
@@ -49,14 +49,16 @@ def check_held(supports: Supports, loads: Sequence[Load], kinematics: SolidKinem
         motions = _free(points, held & (parts == part)[:, None], parts == part, axes)
         if not motions:
             continue
-        where = "" if parts.max() == 0 else f"; region {' and '.join(materials[part])} hangs loose"
+        where = "" if parts.max() == 0 else f"; region {' and '.join(materials[part])} is not supported"
         raise InputError(
-            "supports", f"without a hold against {', '.join(motions)}{where}", "supports that hold the whole body"
+            "supports",
+            f"insufficient against {', '.join(motions)}{where}",
+            "supports that prevent all rigid motions of the body",
         )
 
 
 def _components(mesh: ngs.Mesh) -> tuple[np.ndarray, list[list[str]]]:
-    """Of each vertex the number of the connected part that it is in, and the materials of each part."""
+    """Connected part of each vertex, by number, and the materials of each part."""
     elements = [(element.mat, [vertex.nr for vertex in element.vertices]) for element in mesh.Elements(ngs.VOL)]
     pairs = np.array([(vertices[0], other) for _, vertices in elements for other in vertices[1:]])
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(mesh.nv, mesh.nv))
@@ -64,14 +66,14 @@ def _components(mesh: ngs.Mesh) -> tuple[np.ndarray, list[list[str]]]:
     materials = [set[str]() for _ in range(count)]
     for material, vertices in elements:
         materials[parts[vertices[0]]].add(material)
-    used = [i for i, names in enumerate(materials) if names]  # the others are vertices of no element
+    used = [i for i, names in enumerate(materials) if names]  # the others belong to no element
     numbers = np.full(count, -1)
     numbers[used] = np.arange(len(used))
     return numbers[parts], [sorted(materials[i]) for i in used]
 
 
 def _held(supports: Supports) -> np.ndarray:
-    """Which components of which vertices are held (nv, dim)."""
+    """Constrained components of each vertex (nv, dim)."""
     mesh = supports.mesh
     found = np.zeros((mesh.nv, mesh.dim), bool)
     for pattern, components in supports.held.items():
@@ -81,7 +83,7 @@ def _held(supports: Supports) -> np.ndarray:
 
 
 def _free(points: np.ndarray, held: np.ndarray, mine: np.ndarray, axes: str) -> list[str]:
-    """Names of the rigid motions of some points that none of them is held against."""
+    """Names of the rigid motions of some points that no constraint prevents."""
     middle = points[mine].mean(axis=0)
     x = (points - middle) / max(float(np.abs(points[mine] - middle).max()), 1e-300)
     dim = points.shape[1]
@@ -97,7 +99,7 @@ def _free(points: np.ndarray, held: np.ndarray, mine: np.ndarray, axes: str) -> 
         return []
     along = [i for i in range(dim) if np.linalg.norm(free[:, i]) > 1 - 1e-6]
     names = [f"translation along {axes[i]}" for i in along]
-    # What is left beside these: oblique translations and turns, each by the turn in it or, without one, by its way.
+    # Remaining ones: oblique motions, named by their rotation or, without one, by their translation.
     rest = free - free[:, along] @ np.eye(dim + len(turns))[along]
     left = np.linalg.svd(rest)[2][: len(free) - len(along)]
     _, sizes, spins = np.linalg.svd(left[:, dim:], full_matrices=True)
@@ -112,7 +114,7 @@ def _free(points: np.ndarray, held: np.ndarray, mine: np.ndarray, axes: str) -> 
 
 
 def _about(spins: np.ndarray, axes: str) -> list[str]:
-    """Names of rotations, by their axes: those of the mesh where these span them."""
+    """Names of rotations by their axes; coordinate axes where these span the rotations."""
     own = [i for i in range(3) if len(spins) and np.linalg.norm(spins[:, i]) > 1 - 1e-6]
     names = [f"rotation about {axes[i]}" for i in own]
     if len(own) == len(spins) - 1:

@@ -9,22 +9,23 @@ from dataclasses import asdict, dataclass
 
 @dataclass
 class Solves:
-    """Counts of linear solves; of waves all back-substitutions are the sum over purposes.
+    """Counts of linear solves, by purpose.
 
-    Of equilibria (`forward.sensitivity`) solutions are counted, whatever number of solves Newton's method or a refinement takes.
+    For waves these are back-substitutions. For equilibria (`forward.sensitivity`) they are solutions, however many linear solves
+    Newton's method or a refinement takes.
 
     Parameters
     ----------
     factorisations : int
-        Of waves' matrices, and of the optimality conditions of waves and fields.
+        Factorisations of the matrices of waves, and of optimality systems of waves and fields.
     forward : int
-        Waves of a θ.
+        Forward solves at a θ.
     adjoint : int
         Gradients.
     incremental : int
         Steps, products with J and Jᵀ, second derivatives.
     traces : int
-        Random probes of the number of parameters that the data determine.
+        Random probes that estimate the number of parameters determined by the data.
     checks : int
         Checks of a result: the next resonance, the effect of the bulk modulus, waves of the truth.
     refinements : int

@@ -14,7 +14,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class State:
-    """State of a problem at one time, immutable: all that the next step starts from.
+    """State of a problem at one time, immutable: everything that the next step depends on.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class State:
 class Term:
     """A term of a problem's energy, with its internal variables.
 
-    A time step lies between `begin` and `finish`; `stand` is called whenever the unknowns change in between. Methods that a term
+    A time step lies between `begin` and `finish`; `update` is called whenever the unknowns change in between. Methods that a term
     does not need keep the defaults here.
     """
 
@@ -46,35 +46,36 @@ class Term:
         return []
 
     def error(self, free: Array) -> float:
-        """Relative error of the step that now ends; `free` is 1 for each free unknown of the space, and 0 otherwise."""
+        """Relative error of the step that ends now; `free` is 1 for each free unknown of the space, and 0 otherwise."""
         return 0.0
 
-    def rest(self) -> None:
+    def reset(self) -> None:
         """Reset the internal variables to those of a body that was never loaded."""
 
     def begin(self, dt: float) -> None:
         """Begin a time step of `dt` seconds at the current unknowns."""
 
-    def stand(self) -> None:
-        """Update for the current unknowns."""
+    def update(self) -> None:
+        """Update what depends on the current unknowns within a step."""
 
     def finish(self) -> None:
         """End the step at the current unknowns; its forces can be read until the next one begins."""
 
     @property
     def internal(self) -> Mapping[str, Any]:
-        """Internal variables: all that determines the next steps besides the unknowns. Arrays are replaced, never modified."""
+        """Internal variables: everything besides the unknowns that determines later steps. Arrays are replaced, never
+        modified."""
         return {}
 
     @internal.setter
     def internal(self, saved: Mapping[str, Any]) -> None:
-        """Take them from a state."""
+        """Set the internal variables of a state."""
 
     @property
     def frozen(self) -> Mapping[str, Any]:
-        """Coefficients of the energy in the current step besides the unknowns."""
+        """Coefficients of the energy of the current step, apart from the unknowns."""
         return {}
 
     @frozen.setter
     def frozen(self, saved: Mapping[str, Any]) -> None:
-        """Go back to the energy of that step."""
+        """Restore these coefficients."""

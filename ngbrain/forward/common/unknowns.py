@@ -33,7 +33,7 @@ class SolutionFields:
 
 @dataclass(frozen=True)
 class Layout:
-    """Spaces of a compound space: displacements, then pressures, offsets and one number for each cavity, as far as present.
+    """Spaces of a compound space: displacements, then pressures, offsets and one number for each cavity, where present.
 
     Parameters
     ----------

@@ -31,46 +31,46 @@ Solve = Callable[[Array], Array]
 Force: TypeAlias = float | ngs.Parameter
 """A force (N)."""
 LENGTH_SCALE = 1e-3
-"""A correction of the way is judged against (m)."""
+"""Length (m) relative to which a correction of the travel is measured."""
 SHARE = 0.01
-"""Of a correction's size that the way has: as much as all displacements where a hundredth of the body follows."""
+"""Weight of the travel in the size of a correction: equal to that of all displacements if a hundredth of the body follows."""
 NOTHING = 1e-9
-"""Share of the largest force below which a force counts as none."""
+"""Fraction of the largest force below which a force counts as zero."""
 CLOSE = 1e-6
-"""How near (m) a rigid body without force stays to the tissue,"""
+"""Gap (m) between the tissue and a rigid body without force,"""
 NEARLY = 1e-8
-"""and how well (m) it keeps that."""
+"""and its tolerance (m)."""
 APPROACHES = 100
-"""Steps of its way there, at most; each is as long as the gap allows."""
+"""Maximum number of steps of an approach; each is as long as the gap."""
 LANDINGS = 5
-"""Ways that a rigid body of given force is led to the tissue by; each as long as the gap that is left."""
+"""Maximum number of attempts to bring a rigid body into contact; each moves it by the remaining gap."""
 
 
 class PrescribedForce:
-    """Rigid bodies whose force is given over time: a `Motion`, and one of a `Problem`'s contacts beside those that it moves.
+    """Rigid bodies under a prescribed force over time: a `Motion`, and one of the `contacts` of a `Problem`.
 
-    Its `travel` is in newtons, and the rigid bodies are where the solution puts them. Several that share the way share the work,
-    too: the force is the derivative of all their energies by it.
+    `travel` gives a change of force (N); the bodies' own travel is part of the solution. Contacts that share the travel share the
+    force: it is the derivative of their total energy with respect to the travel.
 
     Parameters
     ----------
     times, force : sequence
-        s, and N (≥ 0), straight in between; forces are numbers or `ngs.Parameter`s.
+        Times (s) and forces (N, ≥ 0), linear in between; forces are numbers or `ngs.Parameter`s.
     away : float
-        Where (m, on the way) the rigid bodies touch nothing, whatever the tissue does.
+        Travel (m) at which the rigid bodies are always clear of the tissue.
     nudge : float
-        How far (m) beyond a gap they go to feel the tissue.
+        Depth (m) beyond the gap to which the bodies are moved to establish contact.
     limit : float
-        Way (m) beyond which a run ends, with a `ContactError`.
+        Travel (m) above which a run ends with a `ContactError`.
 
     Attributes
     ----------
     parameter : ngs.Parameter
-        Their way (m), the `RigidContact.way` of the contacts that they are made of.
+        Travel (m) of the bodies: the `RigidContact.travel` of their contacts.
     force : float
-        What they are to feel now (N).
-    held : float or None
-        Where they stand whatever the force; None while they press.
+        Currently prescribed force (N).
+    fixed_travel : float or None
+        Fixed travel (m) of bodies without force; None under force control.
 
     Examples
     --------
@@ -78,28 +78,28 @@ class PrescribedForce:
     >>> from ngbrain.materials import NeoHooke, Prony
     >>> from ngbrain.mesh import block
     >>> press = PrescribedForce((0.0, 4.0, 60.0), (0.0, 1e-3, 1e-3), away=-1e-3, nudge=1e-6)
-    >>> plate = RigidContact("top", lambda x: 0.02 - press.parameter - x[2], 1e9, 1e-7, way=press.parameter)
+    >>> plate = RigidContact("top", lambda x: 0.02 - press.parameter - x[2], 1e9, 1e-7, travel=press.parameter)
     >>> tissue, cube = {"tissue": Material(Prony(NeoHooke(1000.0), g=[0.5], tau=[5.0]), 1e6)}, block((0.02, 0.02, 0.02), 0.02)
     >>> body = Problem(cube, tissue, {"bottom": 0}, contacts=[plate, press], element="P2/P1")
-    >>> run, way = TimeStepper(body, press, StepControl(1.0), 1e-3), {}
-    >>> run.run(lambda body, at, record: way.update({at.t: press.parameter.Get()}))
-    >>> way[60.0] > 1.5 * way[4.0], f"{body.tool.reaction_force():.6f} N"
+    >>> run, travel = TimeStepper(body, press, StepControl(1.0), 1e-3), {}
+    >>> run.run(lambda body, at, record: travel.update({at.t: press.parameter.Get()}))
+    >>> travel[60.0] > 1.5 * travel[4.0], f"{body.tool.reaction_force():.6f} N"
     (True, '0.001000 N')
     """
 
     def __init__(
         self, times: Sequence[float], force: Sequence[Force], away: float, nudge: float, limit: float = np.inf
     ) -> None:
-        self._times, self._made = np.array(times, float), tuple(force)
+        self._times, self._forces = np.array(times, float), tuple(force)
         self.events = tuple(float(t) for t in times[1:])
         self.away, self.nudge, self.limit = away, nudge, limit
         self.parameter = ngs.Parameter(0.0)
         self.force = 0.0
-        self.held: float | None = None
+        self.fixed_travel: float | None = None
 
     def prescribed_force(self, t: float) -> float:
         """Prescribed force (N) at time t (s); 0 where it is negligible."""
-        forces = np.array([each.Get() if isinstance(each, ngs.Parameter) else each for each in self._made], float)
+        forces = np.array([each.Get() if isinstance(each, ngs.Parameter) else each for each in self._forces], float)
         force = float(np.interp(t, self._times, forces))
         return force if force > NOTHING * forces.max() else 0.0
 
@@ -111,22 +111,22 @@ class PrescribedForce:
         t : float
             Time (s).
         parameter : ngsolve.Parameter
-            One of those that `force` is made of.
+            A parameter among the forces.
 
         Returns
         -------
         float
         """
         return (
-            float(np.interp(t, self._times, [float(each is parameter) for each in self._made]))
+            float(np.interp(t, self._times, [float(each is parameter) for each in self._forces]))
             if self.prescribed_force(t)
             else 0.0
         )
 
     def set(self, t: float) -> None:
-        """Prescribe the force of time t; without one the rigid body is held away from the tissue."""
+        """Prescribe the force of time t; without a force the rigid body is held clear of the tissue."""
         self.force = self.prescribed_force(t)
-        self.held = None if self.force else self.away
+        self.fixed_travel = None if self.force else self.away
 
     def travel(self, start: float, end: float) -> float:
         """Change of the force between two times.
@@ -149,12 +149,12 @@ class ForceControlledTool(Term):
 
     Parameters
     ----------
-    given : PrescribedForce
+    prescribed : PrescribedForce
     layout : Layout
     gfu : GridFunction
         Current unknowns.
     contacts : sequence
-        Contacts of the problem; those count whose `way` is that of `given`.
+        Contacts of the problem; those with the travel of `prescribed` are force-controlled.
     friction : FrictionTerm
         Friction of the problem.
     kinematics : SolidKinematics
@@ -163,11 +163,11 @@ class ForceControlledTool(Term):
     """
 
     weight = SHARE / LENGTH_SCALE**2
-    """By which a correction of the way is judged (1/m²)."""
+    """Weight of a correction of the travel (1/m²)."""
 
     def __init__(
         self,
-        given: PrescribedForce,
+        prescribed: PrescribedForce,
         layout: Layout,
         gfu: ngs.GridFunction,
         contacts: Sequence[WallContact],
@@ -175,38 +175,38 @@ class ForceControlledTool(Term):
         kinematics: SolidKinematics,
         min_gap: Callable[[], float],
     ) -> None:
-        self.given, self._gfu, self._min_gap, self.pace = given, gfu, min_gap, np.zeros(2)
+        self.prescribed, self._gfu, self._min_gap, self.pace = prescribed, gfu, min_gap, np.zeros(2)
         at, self._vec = layout.fields(gfu.space.TrialFunction()), gfu.vec.CreateVector()
-        self._felt, self._stiffness = (ngs.BilinearForm(gfu.space, symmetric=True) for _ in range(2))
+        self._reaction, self._stiffness = (ngs.BilinearForm(gfu.space, symmetric=True) for _ in range(2))
         for contact in contacts:
-            if isinstance(contact, RigidContact) and contact.way is given.parameter:
-                driving = kinematics.weight() * contact.driving(at.u, at.offset)
-                self._felt += ngs.Variation(driving.Compile() * contact.measure())
-                self._stiffness += ngs.Variation(driving.Diff(given.parameter).Compile() * contact.measure())
-        friction.join_driving(self._felt, self._stiffness, given.parameter)
+            if isinstance(contact, RigidContact) and contact.travel is prescribed.parameter:
+                driving = kinematics.weight() * contact.driving_force(at.u, at.offset)
+                self._reaction += ngs.Variation(driving.Compile() * contact.measure())
+                self._stiffness += ngs.Variation(driving.Diff(prescribed.parameter).Compile() * contact.measure())
+        friction.join_driving_force(self._reaction, self._stiffness, prescribed.parameter)
 
     @property
-    def way(self) -> float:
-        """How far (m) they have gone."""
-        return float(self.given.parameter.Get())
+    def travel(self) -> float:
+        """Travel (m) of the bodies."""
+        return float(self.prescribed.parameter.Get())
 
-    @way.setter
-    def way(self, way: float) -> None:
-        """Put them there; those that are held stay."""
-        self.given.parameter.Set(way if self.given.held is None else self.given.held)
+    @travel.setter
+    def travel(self, travel: float) -> None:
+        """Set the travel; that of held bodies is fixed."""
+        self.prescribed.parameter.Set(travel if self.prescribed.fixed_travel is None else self.prescribed.fixed_travel)
 
-    def hold_at(self, way: float) -> None:
+    def hold_at(self, travel: float) -> None:
         """Hold bodies without force at a travel (m)."""
-        if self.given.held is not None:
-            self.given.held = way
+        if self.prescribed.fixed_travel is not None:
+            self.prescribed.fixed_travel = travel
 
     def reaction_force(self) -> float:
         """Reaction force (N) of the tissue along the travel."""
-        return float(self._felt.Energy(self._gfu.vec))
+        return float(self._reaction.Energy(self._gfu.vec))
 
     def force_residual(self) -> float:
-        """Residual (N) of the force's equation; 0 where the bodies are held."""
-        return 0.0 if self.given.held is not None else self.reaction_force() - self.given.force
+        """Residual (N) of the force balance; 0 for held bodies."""
+        return 0.0 if self.prescribed.fixed_travel is not None else self.reaction_force() - self.prescribed.force
 
     def bordered_solver(self, inner: Solve, free: Array) -> Solve:
         """Solver of the bordered tangent, from a solver of the body's own tangent.
@@ -225,52 +225,52 @@ class ForceControlledTool(Term):
         callable
             Solver for the unknowns and the travel.
         """
-        self._felt.Apply(self._gfu.vec, self._vec)
+        self._reaction.Apply(self._gfu.vec, self._vec)
         column = self._vec.FV().NumPy() * free
         follows = inner(column)
         stiffness = float(self._stiffness.Energy(self._gfu.vec)) - float(column @ follows)
 
         def solve(r: Array) -> Array:
             y = inner(r[:-1])
-            if self.given.held is not None:
+            if self.prescribed.fixed_travel is not None:
                 return np.append(y, 0.0)
             if not stiffness > 0:
-                raise Breakdown(f"the force does not grow with the way ({stiffness:.1e} N/m)")
-            way = (r[-1] - column @ y) / stiffness
-            return np.append(y - way * follows, way)
+                raise Breakdown(f"the contact force does not increase with the travel ({stiffness:.1e} N/m)")
+            travel = (r[-1] - column @ y) / stiffness
+            return np.append(y - travel * follows, travel)
 
         return solve
 
-    def rest(self) -> None:
-        """Without a speed of the way."""
+    def reset(self) -> None:
+        """Reset the speed to zero."""
         self.pace = np.zeros(2)
 
     def begin(self, dt: float) -> None:
         """Begin a time step of `dt` seconds."""
-        self._started = np.array([self.way, dt])
+        self._started = np.array([self.travel, dt])
 
     def error(self, free: Array) -> float:
-        """By how much the way bends within the step that now ends: its mean distance from the chord, relative to the way.
+        """Curvature error of the step that ends now: mean distance of the travel from its chord, relative to the travel.
 
-        The history takes all paths for straight, and a step of creep is not.
+        The internal variables assume a linear path within a step; in creep the path is curved.
         """
         rate, dt = self._pace()
         before, last = self.pace
-        if not last or self.given.held is not None:
+        if not last or self.prescribed.fixed_travel is not None:
             return 0.0
-        return float(abs(dt**2 / 12 * (rate - before) / ((dt + last) / 2) / self.way))
+        return float(abs(dt**2 / 12 * (rate - before) / ((dt + last) / 2) / self.travel))
 
     def _pace(self) -> Array:
-        """Mean speed (m/s) of the step that now ends, and its length (s)."""
+        """Mean speed (m/s) in the step that ends now, and its length (s)."""
         start, dt = self._started
-        return np.array([(self.way - start) / dt, dt])
+        return np.array([(self.travel - start) / dt, dt])
 
     def finish(self) -> None:
-        """End the step begun; rigid bodies that are held away come back until they are just clear."""
-        self.pace = self._pace() if self.given.held is None else np.zeros(2)
-        if self.given.held is not None:
+        """End the step; held bodies return until they are just clear of the tissue."""
+        self.pace = self._pace() if self.prescribed.fixed_travel is None else np.zeros(2)
+        if self.prescribed.fixed_travel is not None:
             self.approach(CLOSE)
-            self.given.held = self.way
+            self.prescribed.fixed_travel = self.travel
 
     def approach(self, gap: float) -> None:
         """Move the rigid bodies, which are clear of the tissue, towards it until a gap (m) is left."""
@@ -278,10 +278,10 @@ class ForceControlledTool(Term):
             left = self._min_gap() - gap
             if left < NEARLY:
                 break
-            self.given.parameter.Set(self.way + left)  # a distance changes by no more than the way
+            self.prescribed.parameter.Set(self.travel + left)  # a distance changes by at most the travel
 
     def establish_contact(
-        self, start: Array, solve: Callable[[Array], tuple[Array, bool]], stand: Callable[[Array], None]
+        self, start: Array, solve: Callable[[Array], tuple[Array, bool]], set_unknowns: Callable[[Array], None]
     ) -> Array:
         """Initial guess with the rigid bodies brought into contact: only there does the force depend on the travel.
 
@@ -292,32 +292,32 @@ class ForceControlledTool(Term):
         start : array (n + 1,)
             Unknowns to start from.
         solve : callable
-            From unknowns, equilibrium with the travel held, and whether it converged.
-        stand : callable
-            Puts the problem to some unknowns.
+            From unknowns to the equilibrium at fixed travel, and whether it converged.
+        set_unknowns : callable
+            Sets the unknowns of the problem.
 
         Returns
         -------
         array (n + 1,)
             `start` where no contact was found.
         """
-        given, away, guess = self.given, False, start
-        stand(start)
+        prescribed, away, guess = self.prescribed, False, start
+        set_unknowns(start)
         for _ in range(LANDINGS):
-            given.held = self.way + max(self._min_gap(), 0.0) + given.nudge
-            guess, found = solve(np.append(guess[:-1], given.held))
-            if not found and not away:  # what other loads do is found without it first
-                given.held, away = given.away, True
-                guess, found = solve(np.append(start[:-1], given.held))
-            stand(guess)
+            prescribed.fixed_travel = self.travel + max(self._min_gap(), 0.0) + prescribed.nudge
+            guess, found = solve(np.append(guess[:-1], prescribed.fixed_travel))
+            if not found and not away:  # first the equilibrium under the other loads alone
+                prescribed.fixed_travel, away = prescribed.away, True
+                guess, found = solve(np.append(start[:-1], prescribed.fixed_travel))
+            set_unknowns(guess)
             if not found or self._min_gap() < 0:
                 break
-        given.held = None
+        prescribed.fixed_travel = None
         return guess if found else start
 
     @property
     def internal(self) -> Mapping[str, Any]:
-        """Speed of the way in the last step."""
+        """Speed of the travel in the last step, and its length."""
         return {"way_pace": self.pace}
 
     @internal.setter

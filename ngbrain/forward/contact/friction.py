@@ -18,10 +18,10 @@ from ngbrain.forward.contact.rigid import SURFACE_ORDER, RigidContact
 from ngbrain.materials.base import Value, check_parameter, check_positive
 
 TINY = 1e-14
-"""Keeps roots and quotients of numbers about 1 finite at zero."""
+"""Keeps square roots and quotients of numbers of order 1 finite at zero."""
 
 Moves = Callable[[CoefficientFunction, CoefficientFunction], CoefficientFunction]
-"""x, way ↦ how far (m) a rigid body has gone at that way, a vector; of one that widens, its surface at x."""
+"""x, travel ↦ displacement (m) of a rigid body at that travel, a vector; for an expanding body, that of its surface at x."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Friction:
     slip : float or Parameter
         Elastic slip r (m) before sliding.
     moves : callable, optional
-        x, way ↦ displacement of the body at the contact's travel; b is its increment in a step, so that a body may move down and
+        x, travel ↦ displacement of the body at the contact's travel; b is its increment in a step, so that a body may move down and
         then sideways. None: the surface is at rest, or moves along its normal.
 
     Raises
@@ -62,7 +62,7 @@ class Friction:
     Examples
     --------
     >>> plate = RigidContact("top", lambda x: 0.02 - x[2], 1e8, 1e-5)
-    >>> Friction(plate, 0.1, 1e-5, lambda x, way: ngs.CF((way, 0, 0))).wall
+    >>> Friction(plate, 0.1, 1e-5, lambda x, travel: ngs.CF((travel, 0, 0))).wall
     'top'
     """
 
@@ -77,7 +77,7 @@ class Friction:
 
     @property
     def wall(self) -> str:
-        """The contact's."""
+        """Wall of the contact."""
         return self.contact.wall
 
     def energy(self, g: CoefficientFunction, pressure: CoefficientFunction) -> CoefficientFunction:
@@ -115,7 +115,7 @@ class Friction:
 
 
 class FrictionTerm(Term):
-    """Friction terms of a problem in the current time step, with pressures and normals of the current unknowns.
+    """Friction term of a problem in the current time step, with pressures and normals of the current unknowns.
 
     Parameters
     ----------
@@ -129,8 +129,8 @@ class FrictionTerm(Term):
     ----------
     form : BilinearForm
         The friction energies alone.
-    rubs : list of FrictionFields
-        Each friction with its fields.
+    walls : list of FrictionFields
+        Each friction law with its fields on the wall.
     start : GridFunction
         Unknowns at the start of the step.
     """
@@ -140,56 +140,56 @@ class FrictionTerm(Term):
     ) -> None:
         self.layout, self.frictions, self._gfu = layout, frictions, gfu
         self.form = ngs.BilinearForm(gfu.space, symmetric=True)
-        self.rubs: list[FrictionFields] = []
+        self.walls: list[FrictionFields] = []
         self.slips: list[np.ndarray] = []
         if frictions:
             self.start, self._vec = ngs.GridFunction(gfu.space), gfu.vec.CreateVector()
             start = layout.fields(self.start).u
-            self.rubs = [FrictionFields(friction, layout.fields(gfu), start, kinematics) for friction in frictions]
+            self.walls = [FrictionFields(friction, layout.fields(gfu), start, kinematics) for friction in frictions]
             self.join(self.form)
         self.finish()
 
     def join(self, form: ngs.BilinearForm) -> None:
         """Add the energies to a form of the problem's."""
-        for rub in self.rubs:
-            rub.join(form, self.layout)
+        for wall in self.walls:
+            wall.join(form, self.layout)
 
-    def join_driving(self, felt: ngs.BilinearForm, stiffness: ngs.BilinearForm, way: ngs.Parameter) -> None:
+    def join_driving_force(self, force: ngs.BilinearForm, stiffness: ngs.BilinearForm, travel: ngs.Parameter) -> None:
         """Add first and second derivatives of the energies with respect to a travel to forms of the problem.
 
         Parameters
         ----------
-        felt, stiffness : BilinearForm
-            Of the first and the second derivative.
-        way : ngsolve.Parameter
+        force, stiffness : BilinearForm
+            Forms of the first and the second derivative.
+        travel : ngsolve.Parameter
             Travel of the contacts concerned.
         """
-        for rub in self.rubs:
-            if rub.friction.contact.way is way:
-                rub.join_driving(felt, stiffness, self.layout)
+        for wall in self.walls:
+            if wall.friction.contact.travel is travel:
+                wall.join_driving_force(force, stiffness, self.layout)
 
     def boundary_forms(self) -> list[tuple[str | None, ngs.BilinearForm]]:
-        """Each by itself, with its wall."""
+        """The form of each friction law, with its wall."""
         found: list[tuple[str | None, ngs.BilinearForm]] = []
-        for rub in self.rubs:
+        for wall in self.walls:
             form = ngs.BilinearForm(self.form.space, symmetric=True)
-            rub.join(form, self.layout)
-            found.append((rub.friction.wall, form))
+            wall.join(form, self.layout)
+            found.append((wall.friction.wall, form))
         return found
 
-    def rest(self) -> None:
-        """Without slip and traction."""
+    def reset(self) -> None:
+        """Reset slip and traction to zero."""
         self.slips = [np.zeros_like(slip) for slip in self.slips]
 
     def begin(self, dt: float) -> None:
-        """Begin a time step at the unknowns that stand, with the bodies where they are."""
+        """Begin a time step at the current unknowns and positions of the bodies."""
         if self.frictions:
-            start, ways = _values(self._gfu).copy(), [rub.way for rub in self.rubs]
-            self.frozen = {"start": start, "ways": ways, "slips": self.slips}
+            start, travels = _values(self._gfu).copy(), [wall.travel for wall in self.walls]
+            self.frozen = {"start": start, "ways": travels, "slips": self.slips}
 
     def finish(self) -> None:
-        """End the step begun; forces can still be read."""
-        self.slips = [rub.end() for rub in self.rubs]
+        """End the step; forces can still be read."""
+        self.slips = [wall.end() for wall in self.walls]
 
     def forces(self) -> np.ndarray | float:
         """Nodal forces, one for each unknown; 0 for all without friction."""
@@ -199,15 +199,15 @@ class FrictionTerm(Term):
         return self._vec.FV().NumPy().copy()
 
     def work(self) -> float:
-        """What went into friction (J) since the step began, by the trapezoidal rule.
+        """Frictional work (J) since the start of the step, by the trapezoidal rule, like the work on the tissue.
 
-        As the tissue's work is measured; in a step that turns back it is too little, and may be negative.
+        In a step that reverses direction it is underestimated, and may be negative.
         """
-        return sum((rub.integral(rub.work) for rub in self.rubs), 0.0)
+        return sum((wall.integral(wall.work) for wall in self.walls), 0.0)
 
-    def driving(self) -> float:
-        """∂(energy)/∂way (J/m): what friction adds to `RigidContact.driving`."""
-        return sum((rub.integral(rub.driving) for rub in self.rubs), 0.0)
+    def driving_force(self) -> float:
+        """∂(energy)/∂travel (J/m): contribution of friction to `RigidContact.driving_force`."""
+        return sum((wall.integral(wall.driving_force) for wall in self.walls), 0.0)
 
     @property
     def internal(self) -> Mapping[str, Any]:
@@ -221,19 +221,19 @@ class FrictionTerm(Term):
 
     @property
     def frozen(self) -> Mapping[str, Any]:
-        """All that the energies of the present step are made of, but for the unknowns that stand."""
+        """Coefficients of the energies of the current step, apart from the unknowns."""
         if not self.frictions:
             return {}
-        slips = [np.array([_values(rub.slip), _values(rub.before)]) for rub in self.rubs]
-        return {"start": _values(self.start).copy(), "ways": [rub.start.Get() for rub in self.rubs], "slips": slips}
+        slips = [np.array([_values(wall.slip), _values(wall.before)]) for wall in self.walls]
+        return {"start": _values(self.start).copy(), "ways": [wall.start.Get() for wall in self.walls], "slips": slips}
 
     @frozen.setter
     def frozen(self, saved: Mapping[str, Any]) -> None:
         if self.frictions:
             _values(self.start)[:] = saved["start"]
-            for rub, way, slip in zip(self.rubs, saved["ways"], saved["slips"], strict=True):
-                rub.start.Set(way)
-                _values(rub.slip)[:], _values(rub.before)[:] = slip
+            for wall, travel, slip in zip(self.walls, saved["ways"], saved["slips"], strict=True):
+                wall.start.Set(travel)
+                _values(wall.slip)[:], _values(wall.before)[:] = slip
 
 
 class FrictionExpressions:
@@ -246,12 +246,12 @@ class FrictionExpressions:
         Displacement and contact offset (m).
     start, slip : CoefficientFunction
         Displacement and elastic slip (m) at the start of the step.
-    before, way : CoefficientFunction
-        Travel of the rigid body (m) at the start, and since then; `way` is a variable.
+    before, travel : CoefficientFunction
+        Travel of the rigid body (m) at the start, and since then; `travel` is a variable.
 
     Attributes
     ----------
-    gone : tangential displacement relative to the body (m)
+    tangential_slip : tangential displacement relative to the body (m)
     traction, elastic : τ (Pa), and the elastic slip (m)
     moves : displacement of the body per metre of travel
     """
@@ -264,35 +264,35 @@ class FrictionExpressions:
         start: CoefficientFunction,
         slip: CoefficientFunction,
         before: CoefficientFunction,
-        way: CoefficientFunction,
+        travel: CoefficientFunction,
     ) -> None:
         x = (ngs.CF((ngs.x, ngs.y, ngs.z)[: u.dim]) + u).MakeVariable()
         self._friction, self._start, self._slip = friction, start, slip
         self._normal = friction.contact.distance(x).Diff(x)
         self._pressure = friction.contact.pressure(u, offset)
-        moves = friction.moves or (lambda x, way: ngs.CF((0.0,) * u.dim))
-        self._moved = moves(x, before + way) - moves(x, before)
-        self.moves = self._moved.Diff(way)
-        self.gone = self.tangential(self._gone(u))
-        g = (self.gone + self.tangential(slip)).MakeVariable()
+        moves = friction.moves or (lambda x, travel: ngs.CF((0.0,) * u.dim))
+        self._moved = moves(x, before + travel) - moves(x, before)
+        self.moves = self._moved.Diff(travel)
+        self.tangential_slip = self.tangential(self._relative_displacement(u))
+        g = (self.tangential_slip + self.tangential(slip)).MakeVariable()
         self.traction = friction.energy(g, self._pressure).Diff(g)
         self.elastic = friction.elastic(g, self._pressure)
 
     def energy(self, u: CoefficientFunction) -> CoefficientFunction:
-        """Per reference area (J/m²), for another displacement with the same pressure and normal."""
-        return self._friction.energy(self.tangential(self._gone(u) + self._slip), self._pressure)
+        """Energy per reference area (J/m²), for another displacement with the same pressure and normal."""
+        return self._friction.energy(self.tangential(self._relative_displacement(u) + self._slip), self._pressure)
 
     def tangential(self, v: CoefficientFunction) -> CoefficientFunction:
         """Component of a vector tangential to the body's surface."""
         n = self._normal
         return v - ngs.InnerProduct(n, v) / (ngs.InnerProduct(n, n) + TINY) * n
 
-    def _gone(self, u: CoefficientFunction) -> CoefficientFunction:
+    def _relative_displacement(self, u: CoefficientFunction) -> CoefficientFunction:
         return u - self._start - self._moved
 
 
 class FrictionFields:
-    """One friction with its fields on the wall.
+    """One friction law with its fields on the wall.
 
     Parameters
     ----------
@@ -316,23 +316,23 @@ class FrictionFields:
         mesh, u = now.u.space.mesh, now.u
         self.weight = kinematics.weight()
         self.on = mesh.Boundaries(friction.wall)
-        # Its rule is the contact's: of the same order, at whose points fields on it can be read.
+        # The contact's quadrature rule, so that fields can be evaluated at its points.
         points = IntegrationRuleSpaceSurface(mesh, order=SURFACE_ORDER // 2, definedon=self.on)
         self.measure = ngs.ds(friction.wall, intrules=points.GetIntegrationRules())
         self.slip, self.before, *self._ends = (ngs.GridFunction(ngs.VectorValued(points, mesh.dim)) for _ in range(4))
-        self.start = ngs.Parameter(self.way)
-        # A variable of its own, by which the energy is derived while pressure and normal stay.
-        self.way_gone = (ngs.CF(0.0) if contact.way is None else contact.way - self.start).MakeVariable()
-        self.now = FrictionExpressions(friction, u, now.offset, start, self.slip, self.start, self.way_gone)
+        self.start = ngs.Parameter(self.travel)
+        # A separate variable: the energy is differentiated with respect to it at fixed pressure and normal.
+        self.travel_increment = (ngs.CF(0.0) if contact.travel is None else contact.travel - self.start).MakeVariable()
+        self.now = FrictionExpressions(friction, u, now.offset, start, self.slip, self.start, self.travel_increment)
         self._elastic, self._traction = self.now.elastic.Compile(), self.now.traction.Compile()
-        self.work = (ngs.InnerProduct(self.now.traction + self.before, self.now.gone) / 2).Compile()
-        self.driving = (-ngs.InnerProduct(self.now.traction, self.now.moves)).Compile()
+        self.work = (ngs.InnerProduct(self.now.traction + self.before, self.now.tangential_slip) / 2).Compile()
+        self.driving_force = (-ngs.InnerProduct(self.now.traction, self.now.moves)).Compile()
 
     @property
-    def way(self) -> float:
-        """Of the contact, now (m)."""
-        way = self.friction.contact.way
-        return 0.0 if way is None else float(way.Get())
+    def travel(self) -> float:
+        """Current travel of the contact (m)."""
+        travel = self.friction.contact.travel
+        return 0.0 if travel is None else float(travel.Get())
 
     def join(self, form: ngs.BilinearForm, layout: Layout) -> None:
         """Add the energy to a form of the problem.
@@ -344,36 +344,36 @@ class FrictionFields:
         """
         form += ngs.Variation((self.weight * self._energy(form.space, layout)).Compile() * self.measure)
 
-    def join_driving(self, felt: ngs.BilinearForm, stiffness: ngs.BilinearForm, layout: Layout) -> None:
+    def join_driving_force(self, force: ngs.BilinearForm, stiffness: ngs.BilinearForm, layout: Layout) -> None:
         """Add first and second derivatives of the energy with respect to the contact's travel to forms of the problem.
 
         Parameters
         ----------
-        felt, stiffness : BilinearForm
-            Of the first and the second derivative.
+        force, stiffness : BilinearForm
+            Forms of the first and the second derivative.
         layout : Layout
         """
-        once = self._energy(felt.space, layout).Diff(self.way_gone)
-        for form, derivative in ((felt, once), (stiffness, once.Diff(self.way_gone))):
+        once = self._energy(force.space, layout).Diff(self.travel_increment)
+        for form, derivative in ((force, once), (stiffness, once.Diff(self.travel_increment))):
             form += ngs.Variation((self.weight * derivative).Compile() * self.measure)
 
     def _energy(self, space: ngs.FESpace, layout: Layout) -> CoefficientFunction:
-        """Per reference area (J/m²)."""
+        """Energy per reference area (J/m²)."""
         return self.now.energy(layout.fields(space.TrialFunction()).u)
 
     def end(self) -> np.ndarray:
-        """Elastic slip and traction at the unknowns that stand."""
+        """Elastic slip and traction at the current unknowns."""
         for field, value in zip(self._ends, (self._elastic, self._traction), strict=True):
             field.Interpolate(value, definedon=self.on)
         return np.array([_values(field) for field in self._ends])
 
     def integral(self, value: CoefficientFunction) -> float:
-        """Over the wall."""
+        """Integral over the wall."""
         return float(ngs.Integrate(self.weight * value * self.measure, self.slip.space.mesh))
 
 
 def _root(square: CoefficientFunction) -> CoefficientFunction:
-    """Of what may be 0 where it is not needed."""
+    """Square root, finite at 0."""
     return ngs.sqrt(square + TINY)
 
 

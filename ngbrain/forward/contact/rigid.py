@@ -16,9 +16,9 @@ from ngbrain.forward.common.penalty import soft_penalty
 from ngbrain.forward.common.unknowns import SolutionFields
 
 SURFACE_ORDER = 8
-"""Order of the quadrature on walls, whatever the elements': the contact zone ends inside facets.
+"""Order of the quadrature on walls, for elements of any order: the contact zone ends inside facets.
 
-Where it does, another rule is another contact: energy, force, area and pressure must all see the same points.
+There another rule would be another contact: energy, force, area and pressure must use the same points.
 """
 NO_OFFSET = ngs.CF(0.0)
 RULES = {shape: ngs.IntegrationRule(shape, SURFACE_ORDER) for shape in (ngs.SEGM, ngs.TRIG, ngs.QUAD)}
@@ -34,11 +34,11 @@ class RigidContact:
 
         ψ(a - φ(X + u)) - ε a²/(2 θ) .
 
-    The offset a ≥ 0 (m) is an unknown field on the wall by which the body stands further out. The energy is stationary where a is
-    θ/ε times the pressure, in the mean with each shape function. The remaining penetration is then (1 - θ) of the penalty's mean
-    depth and half the softness. This is an augmented Lagrangian with the multiplier ε a/θ; with θ just below 1 the diagonal of
-    the offset's equations is definite and needs no pivoting. An offset of the displacements' order does not lock the elements,
-    unlike a multiplier at every point or a much higher penalty.
+    The offset a ≥ 0 (m) is an unknown field on the wall that moves the body's surface outwards. The energy is stationary where
+    a is θ/ε times the pressure, in the mean with each shape function. The remaining penetration is then (1 - θ) of the
+    penalty's mean depth and half the softness. This is an augmented Lagrangian with the multiplier ε a/θ; with θ just below 1
+    the diagonal of the offset's equations is definite and needs no pivoting. An offset of the displacements' order does not
+    lock the elements, unlike a multiplier at every point or a much higher penalty.
 
     Parameters
     ----------
@@ -52,9 +52,9 @@ class RigidContact:
     softness : float
         s (m).
     share : float
-        θ in [0, 1), part of the depth that the offset makes up for; 0: a penalty alone, a = 0.
-    way : ngsolve.Parameter, optional
-        Parameter by which the body moves, for its work.
+        θ in [0, 1), fraction of the penetration that the offset compensates for; 0: penalty only, a = 0.
+    travel : ngsolve.Parameter, optional
+        Travel of the body, needed for its work.
 
     References
     ----------
@@ -66,10 +66,11 @@ class RigidContact:
     penalty: float
     softness: float
     share: float = 0.0
-    way: ngs.Parameter | None = None
+    travel: ngs.Parameter | None = None
 
     def follow(self, u: ngs.GridFunction) -> Callable[[], None] | None:
-        """Say which displacement tells where points stand, to a distance that is looked up: its `look`; else None."""
+        """Connect a tabulated distance to a displacement; returns its `look`, which updates it, or None for a symbolic
+        distance."""
         if not self._looked_up:
             return None
         looked_up: Any = self.distance
@@ -80,13 +81,13 @@ class RigidContact:
         return look
 
     def gaps(self, u: ngs.GridFunction) -> Callable[[], np.ndarray]:
-        """What gives φ (m) at the points of the wall's quadrature, where the body stands then."""
+        """Function that gives φ (m) at the quadrature points of the wall, for the current state of the body."""
         mesh, gap = u.space.mesh, self.gap(u).Compile()
         wall = mesh.Boundaries(self.wall)
         if not self._looked_up:
             points = mesh.MapToAllElements(surface_rules(mesh), wall)
             return lambda: np.asarray(gap(points))
-        found = ngs.GridFunction(self._points(mesh))  # fields on them are read rightly by fields on them alone
+        found = ngs.GridFunction(self._points(mesh))  # fields at quadrature points are correct only at these points
 
         def at_points() -> np.ndarray:
             found.Interpolate(gap, definedon=wall)
@@ -99,7 +100,7 @@ class RigidContact:
         return hasattr(self.distance, "follow")
 
     def _points(self, mesh: ngs.Mesh) -> ngs.FESpace:
-        """Space with an unknown for each point of the wall's quadrature."""
+        """Space with one unknown per quadrature point of the wall."""
         return IntegrationRuleSpaceSurface(mesh, order=SURFACE_ORDER // 2, definedon=mesh.Boundaries(self.wall))
 
     def gap(self, u: CoefficientFunction) -> CoefficientFunction:
@@ -136,8 +137,8 @@ class RigidContact:
         d, s = offset - self.gap(u), self.softness
         return self.penalty * ngs.IfPos(d, ngs.IfPos(d - s, d - s / 2, d * d / (2 * s)), 0)
 
-    def driving(self, u: CoefficientFunction, offset: CoefficientFunction = NO_OFFSET) -> CoefficientFunction:
-        """Driving force per area, ∂(energy)/∂way (N/m²): the force that moving the body takes; 0 without a travel.
+    def driving_force(self, u: CoefficientFunction, offset: CoefficientFunction = NO_OFFSET) -> CoefficientFunction:
+        """Driving force per area, ∂(energy)/∂way (N/m²): the force needed to move the body; 0 without a travel.
 
         Parameters
         ----------
@@ -148,7 +149,7 @@ class RigidContact:
         -------
         CoefficientFunction
         """
-        return ngs.CF(0.0) if self.way is None else -self.pressure(u, offset) * self.gap(u).Diff(self.way)
+        return ngs.CF(0.0) if self.travel is None else -self.pressure(u, offset) * self.gap(u).Diff(self.travel)
 
     def join(self, form: ngs.BilinearForm, at: SolutionFields, kinematics: SolidKinematics) -> None:
         """Add the energy to a form of a problem.
@@ -163,7 +164,7 @@ class RigidContact:
         form += ngs.Variation((kinematics.weight() * self.energy(at.u, at.offset)).Compile() * self.measure())
 
     def measure(self) -> ngs.comp.DifferentialSymbol:
-        """The `ds` of every integral over the wall."""
+        """Surface measure of all integrals over the wall."""
         return ngs.ds(self.wall, intrules=RULES)
 
 
@@ -171,9 +172,9 @@ class RigidContact:
 class SlidingSupport:
     """Bilateral sliding support along the rigid surface on which a wall lies: energy κ/2 (u · N)² per area.
 
-    Models a brain on the skull with a fluid film that neither bears shear nor opens. For displacements small compared with the
-    surface's radii of curvature: N is the normal at rest, made continuous by projection. With the facets' own normals, facets that
-    meet at angles would constrain a wall at its edges.
+    Models the brain on the skull with a fluid film that neither transmits shear nor opens. Valid for displacements small compared
+    with the surface's radii of curvature: N is the normal of the reference configuration, made continuous by projection. Normals
+    of the facets would constrain the wall at edges between facets.
 
     Parameters
     ----------
@@ -220,17 +221,17 @@ class SlidingSupport:
         form += ngs.Variation(kinematics.weight() * self.energy(at.u) * measure)
 
     def measure(self, order: int) -> ngs.comp.DifferentialSymbol:
-        """The `ds` of every integral over the wall, for displacements of an order."""
+        """Surface measure of all integrals over the wall, for displacements of an order."""
         return ngs.ds(self.wall, intrules={shape: ngs.IntegrationRule(shape, 2 * order) for shape in RULES})
 
 
 @dataclass(frozen=True)
 class SelfContact:
-    """Self-contact of two walls that are plane and parallel at rest, when the cleft between them closes.
+    """Frictionless self-contact of the two walls of a cleft, plane and parallel at rest, when it closes.
 
     The energy per area of `wall` is ψ(d) of `RigidContact` with d = (x - x') · N, for current points x, the points x' opposite
-    on the other wall at rest, and the normal N at rest: for walls that slide along each other by less than the scale of their
-    unevenness. Without friction and offset; points with nothing opposite within `reach` do not count.
+    on the other wall at rest, and the normal N at rest: valid while the walls slide along each other by less than the length
+    scale of their unevenness. There is no offset; points without an opposite point within `reach` do not count.
 
     Parameters
     ----------
@@ -268,7 +269,7 @@ class SelfContact:
         Returns
         -------
         ContactBoundary
-            Must live as long as the form.
+            Has to be kept as long as the form.
         """
         mesh, space = form.space.mesh, displacements(form)
         pairs = ngs.comp.ContactBoundary(mesh.Boundaries(self.wall), mesh.Boundaries(self.other))
@@ -301,7 +302,7 @@ def offsets(mesh: ngs.Mesh, contacts: Sequence[object], order: int, **options: b
 
 
 WallContact = RigidContact | SlidingSupport | SelfContact
-"""What acts on walls."""
+"""Interactions of walls."""
 
 
 def surface_rules(mesh: ngs.Mesh) -> dict[ngs.ET, ngs.IntegrationRule]:
@@ -310,5 +311,5 @@ def surface_rules(mesh: ngs.Mesh) -> dict[ngs.ET, ngs.IntegrationRule]:
 
 
 def displacements(form: ngs.BilinearForm) -> ngs.FESpace:
-    """The displacements' part of a form's space."""
+    """Displacement space of a form."""
     return form.space if form.space.type == "VectorH1" else form.space.components[0]

@@ -123,7 +123,7 @@ class HarmonicProblem:
             "quadrature": quadrature, "device": device, "translation": translation,
         }  # fmt: skip
         self.law, self.bulk, self.absorbing, self.translation = law, bulk, tuple(absorbing), translation
-        self._stand(mesh, waves, density, ElementPair.named(form), kinematics_of(mesh, kinematics))
+        self._initialise(mesh, waves, density, ElementPair.named(form), kinematics_of(mesh, kinematics))
         self._check_medium()
         axes = held_axes(mesh, self.axes, self.waves, held)
         if self.axes == "z":
@@ -138,7 +138,7 @@ class HarmonicProblem:
             self.fes = self.displacement * pressures(mesh, order=self.form.pressure, complex=True)
         self._discretise(device, quadrature)
         for omega in {wave.omega for wave in self.waves}:
-            self.works(omega, *self.fes.TnT())  # what cannot be differentiated is said now
+            self.weak_form_terms(omega, *self.fes.TnT())  # what cannot be differentiated is said now
 
     @classmethod
     def about(
@@ -196,14 +196,14 @@ class HarmonicProblem:
 
         made = cls.__new__(cls)
         made.state = AboutState(body, loss, density)
-        made._stand(body.mesh, waves, made.state.density, body.element, body.kinematics)
+        made._initialise(body.mesh, waves, made.state.density, body.element, body.kinematics)
         axes = held_axes(body.mesh, made.axes, made.waves, made.state.supports() if held is None else held)
         made.displacement = ngs.VectorH1(body.mesh, order=body.element.order, complex=True, **_dirichlet(axes))
         made.fes = made.state.space(made.displacement)
         made._discretise(device if body.symmetric else made.state.pivoting_device(device), None)
         return made
 
-    def _stand(
+    def _initialise(
         self, mesh: ngs.Mesh, waves: Sequence[Wave], density: Value, form: ElementPair, kinematics: SolidKinematics
     ) -> None:
         self.mesh, self.waves, self.density = mesh, tuple(waves), density
@@ -262,7 +262,9 @@ class HarmonicProblem:
             return ngs.Sym(grad)
         return ngs.Sym(self.kinematics.gradient(u, grad)) - ngs.Id(3)
 
-    def works(self, omega: float, trial: CoefficientFunction, test: CoefficientFunction) -> list[CoefficientFunction]:
+    def weak_form_terms(
+        self, omega: float, trial: CoefficientFunction, test: CoefficientFunction
+    ) -> list[CoefficientFunction]:
         """Volume integrands, bilinear in `trial` and `test`, by differentiation of the energy.
 
         They are not summed: NGSolve evaluates an integrand for each pair of entries of all gradients and values in it. In space,
@@ -282,20 +284,20 @@ class HarmonicProblem:
         (u, p, grad_u), (v, q, grad_v) = self.split(trial), self.split(test)
         strain, along = self.strain(u, grad_u).MakeVariable(), self.strain(v, grad_v)
         law = self.law if isinstance(self.law, SmallStrainLaw) else self.law(omega)
-        works = [derivative(law.energy(strain), strain, along, "law")]
+        weak_form_terms = [derivative(law.energy(strain), strain, along, "law")]
         if p is not None and self.bulk is not None:
             pressure = p.MakeVariable()
             pressing, pressed = pressure * ngs.Trace(strain), -1 / (2 * self.bulk) * pressure * pressure
-            works.append(pressing.Diff(strain, along) + pressing.Diff(pressure, q))
-            works.append(derivative(pressed, pressure, q, "bulk"))
+            weak_form_terms.append(pressing.Diff(strain, along) + pressing.Diff(pressure, q))
+            weak_form_terms.append(derivative(pressed, pressure, q, "bulk"))
         elif self.bulk is not None:
             pressed = derivative(self.bulk / 2 * ngs.Trace(strain) * ngs.Trace(strain), strain, along, "bulk")
-            works = [works[0] + pressed] if self.mesh.dim == 3 else [*works, pressed]
+            weak_form_terms = [weak_form_terms[0] + pressed] if self.mesh.dim == 3 else [*weak_form_terms, pressed]
         if self.translation:
             u, v = (sum(each.components if isinstance(each, ngs.GridFunction) else each) for each in (trial, test))
         if omega:
-            works.append(-(omega**2) * self.inertia(u, v))
-        return [self.kinematics.weight() * work for work in works]
+            weak_form_terms.append(-(omega**2) * self.inertia(u, v))
+        return [self.kinematics.weight() * work for work in weak_form_terms]
 
     def inertia(self, u: CoefficientFunction, v: CoefficientFunction) -> CoefficientFunction:
         """Inertia integrand ρ u·v.
@@ -329,7 +331,7 @@ class HarmonicProblem:
         SumOfIntegrals or None
             None if all vanish.
         """
-        changed = map(change, self.works(omega, trial, test))
+        changed = map(change, self.weak_form_terms(omega, trial, test))
         integrals = [work * ngs.dx(intrules=self.rules) for work in changed if not vanishes(work)]
         u, v = self.split(trial)[0], self.split(test)[0]
         for wall in self.absorbing if omega else ():

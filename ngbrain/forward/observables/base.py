@@ -1,4 +1,4 @@
-"""The interface of all observables: of any problem, and of one."""
+"""Interfaces of observables: `Observable` of any problem, `ProblemObservable` of one."""
 
 from __future__ import annotations
 
@@ -20,28 +20,28 @@ Along: TypeAlias = Callable[[Terms], Callable[[], float]]
 
 
 class ProblemObservable(ABC):
-    """An observable of one problem, at the state where it stands.
+    """An observable of one problem, at its current state.
 
     Attributes
     ----------
     size : int
-        How many numbers it is.
+        Number of components.
     matrix : csr_array (size, n), optional
         Values as matrix @ x; None where they are not linear in the unknowns x.
     motions : array (size, n), optional
-        Motions of the unknowns for which the values are the work of forces; None of what is no force.
+        Virtual motions of the unknowns on which the forces do the work that is the value; None where it is no force.
     symbolic : bool
         Whether `functional` gives integrals.
     twice : bool
-        Whether these give second derivatives too, with what `bent` adds.
+        Whether second derivatives follow from `functional` and `weight_change`.
     shaped : bool
-        Whether they give derivatives by node positions.
+        Whether derivatives with respect to node positions follow from `functional`.
     """
 
     size: int
     symbolic = True
-    twice = True
-    shaped = True
+    has_second_derivative = True
+    has_shape_derivative = True
     matrix: sp.csr_array | None = None
     motions: Array | None = None
 
@@ -50,44 +50,46 @@ class ProblemObservable(ABC):
 
     @abstractmethod
     def value(self) -> Array:
-        """Its numbers (size,)."""
+        """The value (size,)."""
 
     @abstractmethod
     def gradient(self, weights: Array) -> Array:
-        """How weights · value changes with the unknowns (n,)."""
+        """Gradient of weights · value with respect to the unknowns (n,)."""
 
-    def weigh(self, weights: Array) -> None:  # noqa: B027  (what has no integrals weighs none)
+    def set_weights(self, weights: Array) -> None:  # noqa: B027  (an observable without integrals has no weights)
         """Set the weights of `functional`."""
 
     def functional(self, state: Motion, *along: Motion) -> Terms:
-        """Integrals whose sum is weights · value at a state, or for motions its derivative along them, to be differentiated on.
+        """Integrals whose sum is weights · value at a state, or its derivative along motions; they can be differentiated further.
 
-        Empty where there is a matrix. Raises `InputError` where there are none, as of a percentile.
+        Empty where `matrix` is set. Raises `InputError` for an observable without integrals, such as a percentile.
         """
         raise InputError(type(self).__name__, "asked for second derivatives", "an observable that is an integral")
 
-    def aim(self, change: Array, along: Along) -> None:  # noqa: B027  (most have no such weights)
-        """Take the way of second derivatives where weights of integrals depend on the state; after `weigh`.
+    def set_direction(self, change: Array, along: Along) -> None:  # noqa: B027  (most have no such weights)
+        """Set the direction of second derivatives, for weights of integrals that depend on the state; call `set_weights`
+        before.
 
         Parameters
         ----------
         change : array (n,)
-            Of the unknowns.
+            Change of the unknowns.
         along : callable
-            From integrals to what gives their change with parameters.
+            From integrals to a callable that gives their change with the parameters.
         """
 
     def weight_change(self, state: Motion, *along: Motion) -> Terms:
-        """As `functional`, with the change of the weights along the direction of `aim`; empty where they are constant."""
+        """As `functional`, with the weights' derivative along the direction of `set_direction`; empty where they are
+        constant."""
         return []
 
 
 class SymbolicObservable(ProblemObservable):
-    """An observable with a `functional`, whose gradient follows from that."""
+    """An observable whose gradient follows from its `functional`."""
 
     def gradient(self, weights: Array) -> Array:
         """By symbolic differentiation."""
-        self.weigh(weights)
+        self.set_weights(weights)
         return self._slope()
 
     @cached_property
@@ -96,7 +98,7 @@ class SymbolicObservable(ProblemObservable):
 
 
 class Observable(ABC):
-    """Some numbers of the state of any problem.
+    """A quantity of the state of any problem, with one or more components.
 
     Attributes
     ----------
@@ -113,16 +115,16 @@ class Observable(ABC):
 
     @abstractmethod
     def on(self, problem: Problem) -> ProblemObservable:
-        """This observable of one problem."""
+        """The observable of one problem."""
 
     def value(self, problem: Problem, state: State | None = None) -> Array:
-        """Its numbers.
+        """The value.
 
         Parameters
         ----------
         problem : Problem
         state : State, optional
-            The problem is put there; None: where it stands.
+            State to set first; None: the current one.
 
         Returns
         -------
@@ -133,20 +135,20 @@ class Observable(ABC):
         return self.on(problem).value()
 
     def gradient(self, problem: Problem, state: State | None = None, weights: Sequence[float] | Array = ()) -> Array:
-        """How it changes with the unknowns, at fixed parameters and histories.
+        """Gradient with respect to the unknowns, at fixed parameters and internal variables.
 
         Parameters
         ----------
         problem : Problem
         state : State, optional
-            The problem is put there; None: where it stands.
+            State to set first; None: the current one.
         weights : sequence, optional
-            Of its numbers, all 1 by default.
+            Weights of the components, all 1 by default.
 
         Returns
         -------
         array (n,)
-            The derivative of weights · value by each unknown of the problem's space.
+            Derivative of weights · value with respect to each unknown of the problem's space.
         """
         if state is not None:
             problem.set_state(state)
@@ -179,5 +181,5 @@ class LinearObservable(ProblemObservable):
         return np.asarray(self.matrix.T @ weights)
 
     def functional(self, state: Motion, *along: Motion) -> Terms:
-        """None are needed."""
+        """Empty: the matrix is enough."""
         return []

@@ -23,18 +23,19 @@ Array = np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class Force(Observable):
-    """Force (N; in plane strain N/m) that acts on a boundary from outside: what its supports, contacts and loads exert together.
+    """Total external force on a boundary (N; in plane strain N/m): of its supports, contacts and loads.
 
-    It is the work of the nodal forces there for a unit of motion, see `Problem.nodal_forces`.
+    Work of the nodal forces there in a unit motion, see `Problem.nodal_forces`.
 
     Parameters
     ----------
     boundary : str
         A pattern.
     direction : sequence of float, optional
-        The component along it, times its length; None: all components.
+        Direction of the component, which is multiplied by its length; None: all components.
     motions : sequence, optional
-        In place of directions: motions of the boundary (vectors or CoefficientFunctions), to whose amplitudes forces are conjugate.
+        In place of directions: motions of the boundary (vectors or CoefficientFunctions), for generalised forces conjugate to
+        their amplitudes.
 
     Raises
     ------
@@ -61,14 +62,14 @@ class Force(Observable):
 
 @dataclass(frozen=True, eq=False)
 class Moment(Observable):
-    """Moment (N m) about an axis through a point at rest, of the forces that act on a boundary from outside.
+    """Moment (N m) of the external forces on a boundary, about an axis through a fixed point.
 
     Parameters
     ----------
     boundary : str
         A pattern.
     centre : sequence of float
-        A point of the axis (m): arms are those of rest.
+        A point of the axis (m); lever arms are those of the reference configuration.
     axis : sequence of float
         Its direction, in space; in the plane the axis is normal to it.
     """
@@ -96,7 +97,7 @@ class Moment(Observable):
 
 
 class Reaction(ProblemObservable):
-    """Generalised reaction forces: work of the forces on a boundary for given motions of it.
+    """Generalised reaction forces: work of the forces on a boundary in prescribed motions.
 
     Parameters
     ----------
@@ -127,29 +128,29 @@ class Reaction(ProblemObservable):
 
     @property
     def elsewhere(self) -> tuple[list[Load], list[WallContact]]:
-        """Loads and contacts on other boundaries: what they exert on nodes that are shared counts as the body's own."""
+        """Loads and contacts on other boundaries: their forces on shared nodes count as internal forces."""
         loads = [load for load in self.problem.loads if self._apart(getattr(load, "boundary", None))]
         return loads, [contact for contact in self.problem.contacts if self._apart(contact.wall)]
 
     def check_apart_from_friction(self) -> None:
-        """Refuse friction on other boundaries that share nodes: how it changes there is not derived."""
+        """Refuse friction on other boundaries that share nodes: its derivative there is not available."""
         u = self.problem.u.space
         for friction in self.problem.friction.frictions:
             there = np.fromiter(u.GetDofs(self.problem.mesh.Boundaries(friction.wall)), bool, u.ndof)
             if self._apart(friction.wall) and np.any(self.motions[:, : u.ndof][:, there]):
-                wanted = f"one that shares no node with {friction.wall!r}, which rubs"
+                wanted = f"one that shares no node with {friction.wall!r}, which has friction"
                 raise InputError("Force.boundary", repr(self.boundary), wanted)
 
     def _apart(self, pattern: str | None) -> bool:
         return not pattern or not self._mine & boundaries(self.problem.mesh, pattern)
 
     def value(self, tissue: Array | None = None) -> Array:
-        """The work (J for a metre, or a radian) of the nodal forces; `tissue` has those of the tissue where they are known."""
+        """Work (J per metre or radian) of the nodal forces; `tissue` are the tissue's nodal forces, where already computed."""
         problem = self.problem
         return np.asarray(self.motions[:, problem.is_u] @ problem.unshared_forces(self.boundary, tissue))
 
     def gradient(self, weights: Array) -> Array:
-        """The stiffness times the motions, but for what acts on the boundary itself."""
+        """Stiffness times the motions, without loads and contacts on the boundary itself."""
         problem, motion = self.problem, weights @ self.motions
         problem.tissue.stiffen()
         problem.uncondensed.AssembleLinearization(problem.gfu.vec)
@@ -157,7 +158,7 @@ class Reaction(ProblemObservable):
         return self._applied(problem.uncondensed, motion) - self.own_stiffness(motion)
 
     def own_stiffness(self, motion: Array) -> Array:
-        """How forces change that act on the boundary itself, times a motion."""
+        """Stiffness of loads and contacts on the boundary itself, times a motion."""
         found = np.zeros(len(motion))
         for form in self._own:
             form.AssembleLinearization(self.problem.gfu.vec)
@@ -174,12 +175,12 @@ class Reaction(ProblemObservable):
         image.data = (form.mat if self.problem.symmetric else form.mat.T) * vector
         return np.array(image.FV().NumPy())
 
-    def weigh(self, weights: Array) -> None:
+    def set_weights(self, weights: Array) -> None:
         """Set the weights of `functional`."""
         self._weighed.vec.FV().NumPy()[:] = weights @ self.motions
 
     def functional(self, state: Motion, *along: Motion) -> Terms:
-        """The virtual work of the tissue and of what acts elsewhere."""
+        """Virtual work of the tissue and of loads and contacts on other boundaries."""
         return self._work(state, self._weighed, *along)
 
     @cached_property

@@ -17,7 +17,7 @@ Array = np.ndarray
 
 
 class Functional(Observable):
-    """Integrals of the state, a number each.
+    """Integrals of the state, one component each.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def region_volume(region: str = ".*") -> Functional:
 
 @dataclass(frozen=True)
 class StrainEnergy(Observable):
-    """Energy (J) that elastic tissue stores, by the laws of its materials.
+    """Elastic strain energy (J).
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class StrainEnergy(Observable):
     Raises
     ------
     InputError
-        When evaluated on a problem, for tissue that relaxes: it has no unique free energy.
+        When evaluated on a problem, for viscoelastic tissue, which has no unique free energy.
     """
 
     region: str = ".*"
@@ -75,7 +75,7 @@ class StrainEnergy(Observable):
         return f"strain energy of {self.region}"
 
     def on(self, problem: Problem) -> ProblemIntegrals:
-        """By the quadrature of the problem's own energy."""
+        """With the quadrature of the problem's energy."""
         within = problem.mesh.Materials(self.region)
 
         def stored(at: FieldState) -> ngs.comp.SumOfIntegrals:
@@ -111,7 +111,7 @@ class ProblemIntegrals(SymbolicObservable):
         """Each."""
         return np.array([sum(ngs.Integrate(part, self.problem.mesh) for part in parts) for parts in self._now])
 
-    def weigh(self, weights: Array) -> None:
+    def set_weights(self, weights: Array) -> None:
         """Set the weights of `functional`."""
         for weight, value in zip(self._weights, weights, strict=True):
             weight.Set(float(value))

@@ -21,14 +21,14 @@ from ngbrain.tensors import octahedral_shear
 
 Array = np.ndarray
 ORDER = 2
-"""Of the quadrature whose points have a share in a percentile: strains of elements of order 2 have that of their square."""
+"""Order of the quadrature whose points enter a percentile: that of squared strains of elements of order 2."""
 MEASURES = ("Green-Lagrange", "small", "octahedral")
 EQUAL = 1e-9
-"""Of a point's largest strain: what differs by less is equal."""
+"""Difference below which two principal strains count as equal, relative to the largest."""
 LEAST = 1e-10
-"""An octahedral shear strain that is none: a root of nothing has no slope."""
+"""Octahedral shear strain below which its derivative counts as zero: a square root has none at 0."""
 STILL = 1e-8
-"""Of the shear modulus: the least stress."""
+"""Stress below which its derivative counts as zero, relative to the shear modulus."""
 
 
 @dataclass(frozen=True)
@@ -46,18 +46,18 @@ class RegionPercentile(Observable):
     region : str
         A pattern.
     centre : sequence of float, optional
-        With `within` only what is so near (m) to a point at rest (m) counts.
+        Reference position (m) of a point; with `within` only the neighbourhood of that point counts.
     within : float, optional
-        See `centre`.
+        Radius (m) of that neighbourhood.
     where : CoefficientFunction, optional
-        Of places at rest: above 1/2 where the region counts.
+        Function of the reference position: above 1/2 where the region counts.
     band : float
-        Of the volume to both sides, .001 to .5; nearer to 0 or 100 % than this the band is the last one.
+        Half width of the band, as a fraction of the volume, 0.001 to 0.5; closer to 0 or 100 % the band ends there.
 
     Raises
     ------
     InputError
-        For numbers that make no sense; when told of a problem, for a region and a distance that hold nothing of it.
+        For values out of range; when evaluated on a problem, for a region and radius that contain none of it.
 
     References
     ----------
@@ -92,7 +92,7 @@ class StrainPercentile(RegionPercentile):
         The largest principal strain of "Green-Lagrange" (FᵀF - 1)/2, or of "small", the symmetric part of ∇u; or "octahedral", the
         octahedral shear strain of the logarithmic strain (`tensors.octahedral_shear`).
     factor : float
-        Displacements count so many times.
+        Factor of the displacements.
     """
 
     measure: str = "Green-Lagrange"
@@ -122,7 +122,7 @@ class StressPercentile(RegionPercentile):
     Raises
     ------
     InputError
-        When evaluated on a problem with tissue that relaxes: its stress is not that of the state alone.
+        When evaluated on a problem with viscoelastic tissue, whose stress depends on its history.
     """
 
     unit = "Pa"
@@ -172,10 +172,10 @@ class ProblemPercentile(ProblemObservable):
     Raises
     ------
     InputError
-        For a region and a distance without points of the body.
+        For a region and radius without points of the body.
     """
 
-    size, shaped = 1, False
+    size, has_shape_derivative = 1, False
 
     def __init__(self, problem: Problem, asked: RegionPercentile) -> None:
         super().__init__(problem)
@@ -188,12 +188,12 @@ class ProblemPercentile(ProblemObservable):
         if asked.within is not None:
             volumes *= np.linalg.norm(points - np.asarray(asked.centre, float), axis=1) <= asked.within
         if not volumes.any():
-            raise InputError("region", repr(asked.region), "a region and a distance that hold some of the body")
+            raise InputError("region", repr(asked.region), "a region and a radius that contain some of the body")
         self._counted = np.flatnonzero(volumes)
         self._shares = volumes[self._counted] / volumes.sum()
 
     def _volumes(self) -> Array:
-        """What each point stands for (m³; in plane strain m²)."""
+        """Volume that each point represents (m³; in plane strain m²)."""
         v = self._space.TestFunction()
         form = ngs.LinearForm(self._space)
         form += self.problem.kinematics.weight() * v * ngs.dx(intrules=self._space.GetIntegrationRules())
@@ -202,7 +202,7 @@ class ProblemPercentile(ProblemObservable):
 
     @abstractmethod
     def values(self) -> Array:
-        """The number of each point that counts."""
+        """Value of the field at each point of the region."""
 
     def value(self) -> Array:
         """The mean over the band (1,)."""
@@ -211,11 +211,11 @@ class ProblemPercentile(ProblemObservable):
 
     @property
     def raw(self) -> float:
-        """The percentile itself, between points by interpolation."""
+        """The percentile without smoothing, interpolated between points."""
         return weighted_percentile(self.values(), self._shares, self._of.percent)
 
     def _weights(self, values: Array) -> Array:
-        """Of each point: the part of the kernel that its ranks have."""
+        """Weight of each point: the integral of the kernel over its ranks."""
         order, band = np.argsort(values, kind="stable"), self._of.band
         ends = np.concatenate([[0.0], np.cumsum(self._shares[order])])
         middle = np.clip(self._of.percent / 100, band, 1 - band)
@@ -225,10 +225,10 @@ class ProblemPercentile(ProblemObservable):
         return found
 
     def _spread(self, field: ngs.GridFunction, weights: Array, values: Array) -> None:
-        """Set a density of each point's share in a weighed percentile."""
+        """Set the density of each point's share in a weighted percentile."""
         entries = field.vec.FV().NumPy()
         entries[:] = 0.0
-        # A share is no density: a point's part of the volume is taken out again.
+        # From shares to densities: divide by the volume that a point represents.
         entries[self._counted] = weights[0] * self._weights(values) / self._volumes_here
 
     @cached_property
@@ -239,8 +239,8 @@ class ProblemPercentile(ProblemObservable):
 class ProblemStrainPercentile(SymbolicObservable, ProblemPercentile):
     """A `StrainPercentile` of one problem.
 
-    About the current state, with principal axes n, m and strains e, the principal strain of E along n is, to second order in E,
-    n·En + Σ (n·Em)²/(e_n - e_m).
+    Around the current state, with principal axes n, m and strains e, the principal strain of E along n is, to second order in
+    E, n·En + Σ (n·Em)²/(e_n - e_m).
 
     Parameters
     ----------
@@ -257,7 +257,7 @@ class ProblemStrainPercentile(SymbolicObservable, ProblemPercentile):
         self._axes, self._view = ngs.GridFunction(ngs.MatrixValued(self._space, 3)), StateView(problem)
 
     def strains(self) -> tuple[Array, Array, Array]:
-        """Principal strains at each point that counts, the largest last, their directions (as columns) and F there."""
+        """Principal strains at each point of the region, the largest last, their directions (columns) and F."""
         self._F.Interpolate(self._gradient)
         change = self._F.vec.FV().NumPy().reshape(9, -1)[:, self._counted].T.reshape(-1, 3, 3) - np.eye(3)
         F = np.eye(3) + self.asked.factor * change
@@ -273,8 +273,8 @@ class ProblemStrainPercentile(SymbolicObservable, ProblemPercentile):
     def _of_principal(self, values: Array) -> Array:
         return octahedral_shear(np.log(1 + 2 * values) / 2) if self.asked.measure == "octahedral" else values[:, -1]
 
-    def weigh(self, weights: Array) -> None:
-        """Points keep the ranks that they have now where all move a little, so that only strains change."""
+    def set_weights(self, weights: Array) -> None:
+        """Set the weights at the points' current ranks, so that only the strains are differentiated."""
         if not weights.any():
             self._share.vec[:] = 0.0
             return
@@ -282,7 +282,7 @@ class ProblemStrainPercentile(SymbolicObservable, ProblemPercentile):
         self._spread(self._share, weights, self._of_principal(values))
         self._axes.vec.FV().NumPy().reshape(9, -1)[:, self._counted] = directions.reshape(-1, 9).T
         apart = values[:, [2, 2, 1]] - values[:, [0, 1, 0]]
-        # Strains that are equal have a slope along either axis, and no more.
+        # Equal strains have first derivatives along either axis, and no second ones.
         least = EQUAL * np.abs(values).max(axis=1, keepdims=True)
         self._apart.vec.FV().NumPy().reshape(3, -1)[:, self._counted] = np.divide(
             1.0, apart, out=np.zeros_like(apart), where=apart > least
@@ -308,7 +308,7 @@ class ProblemStrainPercentile(SymbolicObservable, ProblemPercentile):
         return at.kinematics.weight() * self._share * strain * ngs.dx(intrules=rules)
 
     def functional(self, state: Motion, *along: Motion) -> Terms:
-        """Of the weighed percentile."""
+        """The weighted percentile as an integral."""
         return self._view.functional(self._weighed, state, *along)
 
 
@@ -329,7 +329,7 @@ class ProblemStressPercentile(SymbolicObservable, ProblemPercentile):
     def __init__(self, problem: Problem, asked: StressPercentile) -> None:
         super().__init__(problem, asked)
         if any(material.viscous.branches for material in problem.materials.values()):
-            raise InputError("materials", "tissue that relaxes", "elastic tissue, for a percentile of stress")
+            raise InputError("materials", "viscoelastic tissue", "elastic tissue, for a percentile of stress")
         self._share, self._stress = ngs.GridFunction(self._space), ngs.GridFunction(self._space)
         self._view = StateView(problem)
         (now,) = self._view.functional(self._weighed, problem.gfu)
@@ -348,7 +348,7 @@ class ProblemStressPercentile(SymbolicObservable, ProblemPercentile):
         nominal = material.energy(Deformation.from_gradient(F), at.p).Diff(F)
         stress = nominal * F.trans / ngs.Det(F)
         deviator = stress - ngs.Trace(stress) / 3 * ngs.Id(3)
-        least = (STILL * self.problem.modulus) ** 2  # a root of nothing has no slope
+        least = (STILL * self.problem.modulus) ** 2  # a square root has no derivative at 0
         return ngs.sqrt(1.5 * ngs.InnerProduct(deviator, deviator) + least)
 
     def values(self) -> Array:
@@ -357,13 +357,13 @@ class ProblemStressPercentile(SymbolicObservable, ProblemPercentile):
         self._stress.Interpolate(self._now / self.problem.kinematics.weight())
         return np.array(self._stress.vec.FV().NumPy()[self._counted])
 
-    def weigh(self, weights: Array) -> None:
-        """Points keep the ranks that they have now where all move a little, so that only stresses change."""
+    def set_weights(self, weights: Array) -> None:
+        """Set the weights at the points' current ranks, so that only the stresses are differentiated."""
         if not weights.any():
             self._share.vec[:] = 0.0
             return
         self._spread(self._share, weights, self.values())
 
     def functional(self, state: Motion, *along: Motion) -> Terms:
-        """Of the weighed percentile, also by what the law is made of."""
+        """The weighted percentile as an integral, also for derivatives with respect to parameters of the law."""
         return self._view.functional(self._weighed, state, *along)

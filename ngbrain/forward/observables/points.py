@@ -24,9 +24,9 @@ class Displacements(Observable):
     Parameters
     ----------
     points : array (n, dim)
-        Where the points are at rest (m).
+        Reference positions of the points (m).
     direction : sequence of float, optional
-        The component along it, one number a point; None: all components of the first point, then of the next.
+        Direction of the component, one number per point; None: all components of the first point, then of the next.
 
     Raises
     ------
@@ -45,7 +45,7 @@ class Displacements(Observable):
         return f"displacement at {n} point{'s' * (n != 1)}{along_axis(self.direction)}"
 
     def on(self, problem: Problem) -> LinearObservable:
-        """A matrix of interpolation."""
+        """By an interpolation matrix."""
         points, dim = np.asarray(self.points, float), problem.mesh.dim
         scalar = evaluation(ngs.H1(problem.mesh, order=problem.element.order), points)
         n = len(points)
@@ -63,7 +63,7 @@ class Displacements(Observable):
 
 @dataclass(frozen=True)
 class SolutionUnknowns(Observable):
-    """All unknowns of a problem's space (n,), for models that go on from its state."""
+    """All unknowns of a problem's space (n,), for models that continue from its state."""
 
     unit = "various"
     name = "all unknowns"
@@ -98,7 +98,7 @@ def axis(direction: Sequence[float], dim: int) -> Array:
 
 
 def along_axis(direction: Sequence[float] | None) -> str:
-    """A direction in words.
+    """Description of a direction.
 
     >>> along_axis((0, 0, 1))
     ' along (0, 0, 1)'

@@ -1,4 +1,4 @@
-"""Means: one integral over another."""
+"""Ratio of two observables, such as a mean."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class Ratio(Observable):
-    """One observable over another, a number each.
+    """Ratio of two observables of one component each.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ class Ratio(Observable):
     Raises
     ------
     InputError
-        When evaluated on a problem, for observables of more numbers than one.
+        When evaluated on a problem, for observables of several components.
 
     Examples
     --------
@@ -50,7 +50,7 @@ class Ratio(Observable):
 
 
 class Quotient(ProblemObservable):
-    """Ratio N/D of one problem; its functional has the first derivatives of N/D at the state at which `weigh` was called.
+    """Ratio N/D of one problem; its functional has the first derivatives of N/D at the state at which `set_weights` was called.
 
     Parameters
     ----------
@@ -74,8 +74,10 @@ class Quotient(ProblemObservable):
             if part.size != 1:
                 raise InputError("Ratio", f"of {part.size} numbers", "observables of one number")
         self.symbolic = all(part.symbolic and part.matrix is None for part in self._parts)
-        self.twice = self.symbolic and all(part.twice and not isinstance(part, Quotient) for part in self._parts)
-        self.shaped = all(part.shaped for part in self._parts)
+        self.has_second_derivative = self.symbolic and all(
+            part.has_second_derivative and not isinstance(part, Quotient) for part in self._parts
+        )
+        self.has_shape_derivative = all(part.has_shape_derivative for part in self._parts)
         self._weight, self._changes = 1.0, list[Callable[[], float]]()
 
     def _values(self) -> tuple[float, float]:
@@ -100,22 +102,22 @@ class Quotient(ProblemObservable):
             np.zeros(self.problem.fes.ndof),
         )
 
-    def weigh(self, weights: Array) -> None:
+    def set_weights(self, weights: Array) -> None:
         """Set the weights of `functional`."""
         self._weight = float(weights[0])
         for part, slope in zip(self._parts, self._slopes(), strict=True):
-            part.weigh(weights * slope)
+            part.set_weights(weights * slope)
 
     def functional(self, state: Motion, *along: Motion) -> Terms:
-        """Of both, weighed by the quotient's slopes."""
+        """Integrals of N and D, weighted by the derivatives of the quotient."""
         return [term for part in self._parts for term in part.functional(state, *along)]
 
     @cached_property
     def _others(self) -> list[ProblemObservable]:
-        """The same again, to be weighed by changes of the slopes."""
+        """Second copies of N and D, weighted by the change of the quotient's derivatives."""
         return [each.on(self.problem) for each in self._made_of]
 
-    def aim(self, change: Array, along: Along) -> None:
+    def set_direction(self, change: Array, along: Along) -> None:
         """Set the direction of second derivatives: the weights of N and D change along it.
 
         Parameters
@@ -129,13 +131,13 @@ class Quotient(ProblemObservable):
             self._changes = [along(part.functional(self.problem.gfu)) for part in self._others]
         one, moved = np.ones(1), list[float]()
         for part, by_theta in zip(self._others, self._changes, strict=True):
-            part.weigh(one)
+            part.set_weights(one)
             moved.append(float(part.gradient(one) @ change) + by_theta())
         over, under = self._values()
         (of_over, of_under), w = moved, self._weight
         bends = -of_under / under**2, -of_over / under**2 + 2 * over * of_under / under**3
         for part, bend in zip(self._others, bends, strict=True):
-            part.weigh(np.array([w * bend]))
+            part.set_weights(np.array([w * bend]))
 
     def weight_change(self, state: Motion, *along: Motion) -> Terms:
         """Integrals of N and D, weighted by the change of the quotient's derivatives."""

@@ -21,19 +21,19 @@ from ngbrain.materials.base import Value
 
 Array = np.ndarray
 Density: TypeAlias = Callable[[FieldState], ngs.CoefficientFunction]
-"""Of a state, per area at rest."""
+"""From a state to a density per reference area."""
 
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """A part of a wall that a rigid body presses.
+    """Part of a wall in contact with a rigid body.
 
     Parameters
     ----------
     contact : RigidContact
         One of the problem's.
     where : float or CoefficientFunction
-        1 on the patch and 0 elsewhere, of places at rest; all of the wall by default.
+        Indicator function of the reference position: 1 on the patch, 0 elsewhere; by default the whole wall.
     name : str
         Name for reports; the wall's by default.
     """
@@ -44,14 +44,14 @@ class Patch:
 
     @property
     def wall(self) -> str:
-        """The contact's."""
+        """Wall of the contact."""
         return self.contact.wall
 
 
 class WallIntegral(Observable):
-    """A number that is an integral over walls, by the quadrature of their contacts; `WallPass` evaluates many at once.
+    """Integral over walls, by the quadrature of their contacts; `WallPass` evaluates many at once.
 
-    A user's own has `name`, `unit` and `densities`.
+    A user-defined one has `name`, `unit` and `densities`.
 
     Attributes
     ----------
@@ -59,11 +59,11 @@ class WallIntegral(Observable):
         Reason why it has no gradient; empty where it has one.
     """
 
-    jumps = ""
+    discontinuity = ""
 
     @abstractmethod
     def densities(self, problem: Problem) -> Mapping[str, Density]:
-        """Wall → what is integrated over it."""
+        """Wall → density that is integrated over it."""
 
     def on(self, problem: Problem) -> ProblemWallIntegral:
         """By quadrature of order 8."""
@@ -84,7 +84,7 @@ class ProblemWallIntegral(SymbolicObservable):
     def __init__(self, problem: Problem, asked: WallIntegral) -> None:
         super().__init__(problem)
         self._asked, self._densities = asked, asked.densities(problem)
-        self.symbolic = not asked.jumps
+        self.symbolic = not asked.discontinuity
         self._view, self._weight = StateView(problem), ngs.Parameter(0.0)
         self._pass = WallPass(problem, [asked])
 
@@ -94,11 +94,11 @@ class ProblemWallIntegral(SymbolicObservable):
 
     def gradient(self, weights: Array) -> Array:
         """By symbolic differentiation; `InputError` for a discontinuous observable."""
-        if self._asked.jumps:
-            raise InputError(type(self._asked).__name__, "asked for its gradient", self._asked.jumps)
+        if self._asked.discontinuity:
+            raise InputError(type(self._asked).__name__, "asked for its gradient", self._asked.discontinuity)
         return super().gradient(weights)
 
-    def weigh(self, weights: Array) -> None:
+    def set_weights(self, weights: Array) -> None:
         """Set the weight of `functional`."""
         self._weight.Set(float(weights[0]))
 
@@ -112,25 +112,25 @@ class ProblemWallIntegral(SymbolicObservable):
 
 
 def _on(view: StateView, wall: str, density: Density, state: Motion, *along: Motion) -> Terms:
-    """The integral over a wall, of a state or its derivative."""
+    """Integral over a wall at a state, or its derivative."""
     return view.functional(
         lambda at: at.kinematics.weight() * density(at) * ngs.ds(wall, intrules=RULES), state, *along
     )
 
 
 class WallPass:
-    """Values of several observables of walls, of one problem, with one pass over each wall for all of them.
+    """Values of several wall observables of one problem, in one pass over each wall.
 
     Parameters
     ----------
     problem : Problem
     asked : sequence of WallIntegral or Ratio
-        Ratios are of two wall integrals; over nothing they count as 0.
+        Ratios are of two wall integrals; with a denominator of 0 they count as 0.
 
     Raises
     ------
     InputError
-        For what is no integral over walls, nor a ratio of two.
+        For an observable that is neither an integral over walls nor a ratio of two.
 
     Examples
     --------
@@ -158,7 +158,7 @@ class WallPass:
         self._size = len(integrals)
 
     def __call__(self) -> Array:
-        """Where the problem stands, a number each."""
+        """Values at the current state of the problem."""
         sums = np.zeros(self._size)
         for wall, values, mine in self._walls:
             sums[mine] += np.ravel(ngs.Integrate(values, self.mesh, definedon=wall, order=SURFACE_ORDER))
@@ -184,7 +184,7 @@ class PatchIntegral(WallIntegral):
     Parameters
     ----------
     patches : sequence of Patch
-        Of different walls.
+        Patches of different walls.
     """
 
     patches: Sequence[Patch]
@@ -209,7 +209,7 @@ class PatchIntegral(WallIntegral):
     def _direction(
         self, given: Sequence[float] | Sequence[Sequence[float]], problem: Problem, patch: Patch
     ) -> ngs.CoefficientFunction:
-        """That of one patch; `InputError` for one that is zero or does not fit the mesh."""
+        """Direction of one patch; `InputError` for one that is zero or has another dimension than the mesh."""
         own = given if np.ndim(given) == 1 else given[self.walls.index(patch.wall)]
         return ngs.CF(tuple(axis(np.ravel(own).tolist(), problem.mesh.dim).tolist()))
 
@@ -234,7 +234,7 @@ class PatchIntegral(WallIntegral):
 
 
 class NormalForce(PatchIntegral):
-    """Normal force (N) of rigid bodies on patches, whatever its direction: ∫ p dA."""
+    """Normal contact force (N) on patches, summed over their orientations: ∫ p dA."""
 
     unit = "N"
 
@@ -276,14 +276,14 @@ class CurrentArea(PatchIntegral):
 
 
 class PenetrationWork(PatchIntegral):
-    """∫ p d dA (N m) over patches, of the depth d (m) that tissue is inside a rigid body where it presses."""
+    """∫ p d dA (N m) over patches, with contact pressure p and penetration d (m)."""
 
     unit = "N m"
 
     @property
     def name(self) -> str:
         """Name for reports."""
-        return self._named("work of the depth")
+        return self._named("penetration work")
 
     def density(self, problem: Problem, patch: Patch) -> Density:
         """Pressure times penetration (N/m).
@@ -300,12 +300,12 @@ class PenetrationWork(PatchIntegral):
 class ContactForce(PatchIntegral):
     """Force (N) that rigid bodies exert on patches along a direction, without friction; the mean over the patches.
 
-    `Force` is what contacts, supports and loads exert on a boundary together, read off the tissue's own forces there.
+    `Force`, in contrast, is the total of contacts, supports and loads on a boundary, from the tissue's nodal forces.
 
     Parameters
     ----------
     direction : sequence of float
-        The component along it, times its length; of all patches, or one of each.
+        Direction of the component, which is multiplied by its length: one for all patches, or one for each.
     """
 
     direction: Sequence[float] | Sequence[Sequence[float]] = (0.0, 0.0, 1.0)
@@ -360,17 +360,18 @@ class DrivingForce(PatchIntegral):
         -------
         callable
         """
-        return lambda at: patch.where * patch.contact.driving(at.u, at.offset)
+        return lambda at: patch.where * patch.contact.driving_force(at.u, at.offset)
 
 
 @dataclass(frozen=True, eq=False)
 class PatchDisplacement(PatchIntegral):
-    """Mean displacement (m) of patches along a direction, summed over them: what their walls open a cleft by.
+    """Mean displacement (m) of patches along a direction, summed over the patches: with one patch on each wall of a cleft, its
+    opening.
 
     Parameters
     ----------
     direction : sequence of float
-        A unit vector, of all patches or one of each.
+        A unit vector: one for all patches, or one for each.
     """
 
     direction: Sequence[float] | Sequence[Sequence[float]] = (0.0, 0.0, 1.0)
@@ -401,10 +402,10 @@ class PatchDisplacement(PatchIntegral):
 
 @dataclass(frozen=True, eq=False)
 class ContactArea(PatchIntegral):
-    """Current area (m²) of patches in touch.
+    """Current area (m²) of patches in contact.
 
-    A point is in touch or it is not: the area under quadrature points jumps, and has no gradient. Smoothed, points count by the
-    slope of their pressure, from nothing at no depth to all at the contact's softness; that has one.
+    The sharp area changes in jumps, one quadrature point after the other, and has no gradient. The smoothed one has: each point
+    is weighted by the slope of its pressure, from 0 at zero penetration to 1 at the contact's softness.
 
     Parameters
     ----------
@@ -417,12 +418,12 @@ class ContactArea(PatchIntegral):
     @property
     def name(self) -> str:
         """Name for reports."""
-        return self._named("area in touch" + (" (smoothed)" if self.smoothed else ""))
+        return self._named("contact area" + (" (smoothed)" if self.smoothed else ""))
 
     @property
-    def jumps(self) -> str:  # type: ignore[override]
+    def discontinuity(self) -> str:  # type: ignore[override]
         """Why it has no gradient."""
-        return "" if self.smoothed else "smoothed=True: a point is in touch or it is not"
+        return "" if self.smoothed else "smoothed=True: the sharp area is discontinuous"
 
     def density(self, problem: Problem, patch: Patch) -> Density:
         """Area ratio where the pressure is positive, or its smoothed form.
@@ -449,22 +450,23 @@ class ContactArea(PatchIntegral):
 
 
 def patch_pressure(of: RigidContact | Sequence[Patch], where: Value = 1.0) -> Ratio:
-    """Mean pressure (Pa) of rigid bodies on patches: the normal force on all of them over their current area.
+    """Mean contact pressure (Pa) on patches: total normal force over total current area.
 
     Parameters
     ----------
     of : RigidContact or sequence of Patch
         One of the problem's contacts, or patches of several.
     where : float or CoefficientFunction
-        Of one contact: 1 on the patch and 0 elsewhere, of places at rest; all of the wall by default.
+        For a single contact, indicator function of the reference position: 1 on the patch, 0 elsewhere; by default the whole
+        wall.
     """
     patches = [Patch(of, where)] if isinstance(of, RigidContact) else of
     return Ratio(NormalForce(patches), CurrentArea(patches), f"pressure on {_words(patches)}", "Pa")
 
 
 def mean_depth(patches: Sequence[Patch]) -> Ratio:
-    """How far (m) tissue is inside rigid bodies where it presses, in the mean ∫ p d / ∫ p; not a number where nothing does."""
-    return Ratio(PenetrationWork(patches), NormalForce(patches), f"depth in what presses {_words(patches)}", "m")
+    """Mean penetration (m), weighted by pressure: ∫ p d / ∫ p; NaN without contact."""
+    return Ratio(PenetrationWork(patches), NormalForce(patches), f"mean penetration on {_words(patches)}", "m")
 
 
 def _words(patches: Sequence[Patch]) -> str:

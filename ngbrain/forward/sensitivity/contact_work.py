@@ -60,7 +60,7 @@ class ContactForms:
                             f"SelfContact.{name}", type(found).__name__, "a number, for derivatives of a run"
                         )
         self._body, self._parts, self._motion = body, list(parts.values()), ngs.GridFunction(body.fes)
-        self._view, self._way = StateView(body), ngs.Parameter(0.0)
+        self._view, self._tool_weight = StateView(body), ngs.Parameter(0.0)
         self._slopes = [part.gradient(self.weighted_work(), body.mesh) for part in self._parts]
 
     def work(self, virtual: Motion, *along: Motion) -> Terms:
@@ -74,19 +74,19 @@ class ContactForms:
         if self._body.tool is None:
             return []
         at, numbers = self._view.perturb_state(self._body.gfu, along)
-        way = self._given.parameter
-        driven = [each for each in self._contacts if isinstance(each, RigidContact) and each.way is way]
-        return differentiate(derivatives(acting(self._body, at, [], driven)[0], way), numbers)
+        travel = self._given.parameter
+        driven = [each for each in self._contacts if isinstance(each, RigidContact) and each.travel is travel]
+        return differentiate(derivatives(acting(self._body, at, [], driven)[0], travel), numbers)
 
     def weighted_work(self, *along: Motion) -> Terms:
         """C[λ] with the λ of `set_adjoint`, or its derivative along motions."""
-        return self.work(self._motion, *along) + [term.times(self._way) for term in self.tool_force(*along)]
+        return self.work(self._motion, *along) + [term.times(self._tool_weight) for term in self.tool_force(*along)]
 
     def set_adjoint(self, motion: Array) -> None:
         """Set λ (ndof,), or (ndof + 1,) with a force-controlled tool."""
         n = self._body.fes.ndof
         self._motion.vec.FV().NumPy()[:] = motion[:n]
-        self._way.Set(float(motion[n]) if len(motion) > n else 0.0)
+        self._tool_weight.Set(float(motion[n]) if len(motion) > n else 0.0)
 
     def parameter_gradient(self) -> Array:
         """C_θᵀ λ with the λ of `set_adjoint` (θ,)."""
@@ -112,16 +112,16 @@ class ContactForms:
 
     def tool_stiffness(self) -> float:
         """Derivative of the tool force with respect to the tool's displacement (N/m)."""
-        return float(self._corner()[0])
+        return float(self._stiffness()[0])
 
     @cached_property
-    def _corner(self) -> Callable[[], Array]:
+    def _stiffness(self) -> Callable[[], Array]:
         return Scalar(self._given.parameter).gradient(self.tool_force(), self._body.mesh)
 
     @property
     def _given(self) -> PrescribedForce:
         assert self._body.tool is not None
-        return self._body.tool.given
+        return self._body.tool.prescribed
 
     def tool_force_state_gradient(self) -> Array:
         """Derivative of the tool force with respect to the state (ndof,)."""

@@ -82,7 +82,7 @@ class Equilibrium:
         self.linear = all(seen.matrix is not None for seen in self.observables)
         """Whether all data are linear in u."""
         for seen in self.observables:
-            if not (seen.symbolic and seen.shaped) and any(
+            if not (seen.symbolic and seen.has_shape_derivative) and any(
                 isinstance(block, NodePositions) for block in blocks.values()
             ):
                 raise InputError(
@@ -163,7 +163,7 @@ class Equilibrium:
         """Set the weights w (size,) of L."""
         for seen, where in zip(self.observables, self.slices, strict=True):
             if seen.symbolic:
-                seen.weigh(w[where])
+                seen.set_weights(w[where])
 
     def lagrangian(self, state: Motion, *along: Motion) -> Terms:
         """L at a state, or its derivative along motions; only observables that are integrals take part."""
@@ -195,9 +195,9 @@ class Equilibrium:
     def gradient_derivative(self) -> tuple[Array, Array]:
         """Derivatives of ∂L/∂u (ndof,) and ∂L/∂θ (θ,) along `change` of u and the blocks' directions of θ."""
         for seen in self.observables:
-            if not seen.twice:
+            if not seen.has_second_derivative:
                 raise InputError(type(seen).__name__, "without second derivatives", "an observable that is an integral")
-            seen.aim(np.array(self.change.vec.FV().NumPy()), self._change)
+            seen.set_direction(np.array(self.change.vec.FV().NumPy()), self._change)
         by_state, by_theta = (of() for of in self._gradient_derivatives)
         for block in self.blocks.values():
             if isinstance(block, NodePositions):

@@ -173,7 +173,7 @@ def advance(
     >>> program, newton = LoadProgram(body), newton_for(body)
     >>> def step(state, dt):
     ...     return advance(body, state, dt, program, lambda: newton.solve(body, body.load(state.x, 1.0))).state
-    >>> pressed = step(body.rest(), 1e-3)
+    >>> pressed = step(body.reset(), 1e-3)
     >>> forces = [body.force("top")[2] for dt in (0.1, 30.0) if step(pressed, dt)]
     >>> bool(forces[0] < forces[1] < 0)
     True

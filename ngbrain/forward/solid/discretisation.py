@@ -92,13 +92,13 @@ class MixedDiscretisation:
     def x(self) -> Array:
         """All unknowns as one array, a copy: those of `fes`, and how far a tool of given force has gone (m)."""
         unknowns = self._unknowns.copy()
-        return unknowns if self.tool is None else np.append(unknowns, self.tool.way)
+        return unknowns if self.tool is None else np.append(unknowns, self.tool.travel)
 
     @x.setter
     def x(self, x: Array) -> None:
         self._unknowns[:] = x[: len(self._unknowns)]
         if self.tool is not None:
-            self.tool.way = x[-1]
+            self.tool.travel = x[-1]
         for look in self._looks:
             look()
 

@@ -254,10 +254,10 @@ class InertiaTerm(Term):
         u, v = space.TnT()
         self._form = ngs.BilinearForm(self._density * ngs.InnerProduct(u, v) * self._measure, symmetric=True)
         self.dt, self.stretch = 0.0, 1.0
-        self.weigh()
-        self.rest()
+        self.update_density()
+        self.reset()
 
-    def weigh(self) -> None:
+    def update_density(self) -> None:
         """Take the density as it is now."""
         self._mass = self._form.Assemble().mat
 
@@ -281,9 +281,9 @@ class InertiaTerm(Term):
         density : CoefficientFunction
         measure : DifferentialSymbol
         """
-        return self.heft(u - self._target, motion)
+        return self.mass_work(u - self._target, motion)
 
-    def heft(
+    def mass_work(
         self, way: CoefficientFunction, motion: CoefficientFunction
     ) -> tuple[CoefficientFunction, ngs.comp.DifferentialSymbol]:
         """Virtual work of c M times any displacement.
@@ -325,7 +325,7 @@ class InertiaTerm(Term):
         v = self.pace.velocity
         return float(v @ self.times(v)) / 2
 
-    def rest(self) -> None:
+    def reset(self) -> None:
         """Without speed and acceleration."""
         still = np.zeros(self._n)
         self.pace = MotionRates(still, still, still, 0.0)

@@ -45,12 +45,12 @@ class History:
         self.shares = [ngs.GridFunction(self.space) for _ in range(self.n_branches)]
         most = max((len(region.maxwell_branches) for region in regions.values()), default=0)
         self.flows = MaxwellTerm(self.points, [self._flow(k) for k in range(most)])
-        self.rest()
+        self.reset()
         self._stress_cf: list[CoefficientFunction] = []
         self._shape_cf: CoefficientFunction = to_voigt(ngs.Id(3))
         self.dt = 0.0
 
-    def rest(self) -> None:
+    def reset(self) -> None:
         """Forget: rest as at the start, with the relaxation times and viscosities that parameters have now."""
         points = self.space.ndof
         self.strain = np.outer([1.0, 1.0, 1.0, 0.0, 0.0, 0.0], np.ones(points))
@@ -165,7 +165,7 @@ class History:
         """C̄ and each S̄_k at the state that now stands."""
         return self.shapes(), [self.points(stress) for stress in self._stress_cf]
 
-    def halving(self, middle: tuple[np.ndarray, list[np.ndarray]]) -> tuple[float, float]:
+    def half_step_error(self, middle: tuple[np.ndarray, list[np.ndarray]]) -> tuple[float, float]:
         """Rms over quadrature points (Pa) of the overstress of two half steps by way of `middle` (see `here`) less that of the
         step, and of the former. To be asked before `finish`; it leaves all as it was.
         """

@@ -191,7 +191,7 @@ class Problem(NotebookCard, Stateful):
     def residual(self, x: Array) -> tuple[Array, float]:
         """Residual on the free unknowns, and the norm of the nodal forces that supports and loads have to bear."""
         with self.clock("residual"):
-            self._stand(x)
+            self._set_unknowns(x)
             r, outer = self.tissue.forces(), self._outer_forces()
             size = float(np.linalg.norm((r + outer if self.contacts else r)[self.is_u]))
             r = r + outer
@@ -224,10 +224,10 @@ class Problem(NotebookCard, Stateful):
             self.partial = solve is not None
             if solve is not None:
                 return solve
-            self._stand(x)
+            self._set_unknowns(x)
             self.tissue.stiffen()
             return self._bordered(self._tangent.renew(self.gfu.vec))
-        self._stand(x)
+        self._set_unknowns(x)
         with self.clock("assemble"):
             self.tissue.stiffen()
             self.form.AssembleLinearization(self.gfu.vec)
@@ -261,7 +261,7 @@ class Problem(NotebookCard, Stateful):
         if not self.focused:
             return None
         assert self._tangent is not None
-        self._stand(x)
+        self._set_unknowns(x)
         self.tissue.stiffen(self._near)
         solve = self._tangent.refresh(self.gfu.vec, None if r is None else r[: self.fes.ndof])
         return solve and self._bordered(solve)
@@ -418,7 +418,7 @@ def check_contacts(
     given = [each for each in contacts if isinstance(each, PrescribedForce)]
     if len(given) > 1:
         raise InputError("contacts", f"with {len(given)} given forces", "one for each body")
-    if given and not any(each.way is given[0].parameter for each in rigid):
+    if given and not any(each.travel is given[0].parameter for each in rigid):
         raise InputError(
             "contacts", "with a given force that moves none of them", "a RigidContact whose way is its parameter"
         )

@@ -44,7 +44,7 @@ class Reactions(MixedDiscretisation):
 
     def tissue_forces(self) -> Array:
         """Forces (N) that the tissue exerts on its nodes at the current state, one for each displacement unknown."""
-        self._stand(self.x)
+        self._set_unknowns(self.x)
         return self.tissue.forces()[self.is_u]
 
     def tissue_stress(self) -> Array:
@@ -67,9 +67,9 @@ class Reactions(MixedDiscretisation):
         """What went into friction (J) since the present time step began."""
         return self.friction.work()
 
-    def friction_driving(self) -> float:
-        """Force (N) along the way of the rigid bodies that friction asks of them, as `RigidContact.driving` does."""
-        return self.friction.driving()
+    def friction_driving_force(self) -> float:
+        """Force (N) along the way of the rigid bodies that friction asks of them, as `RigidContact.driving_force` does."""
+        return self.friction.driving_force()
 
     def nodal_forces(self, boundary: str) -> Array:
         """Forces (N) that act on a boundary from outside, loads on it included, one for each displacement unknown.
@@ -161,11 +161,11 @@ class Reactions(MixedDiscretisation):
             return np.zeros(self.fes.ndof)
         return self._applied(self.external.form) + self.friction.forces()
 
-    def _stand(self, x: Array) -> None:
+    def _set_unknowns(self, x: Array) -> None:
         """Go to unknowns x, with all that depends on where they are in a time step."""
         self.x = x
         for term in self.terms:
-            term.stand()
+            term.update()
 
     @cached_property
     def _meeting(self) -> dict[tuple[str, str], bool]:

@@ -34,11 +34,11 @@ class Stateful(Reactions):
         for term in self.terms:
             term.internal = state.internal
 
-    def rest(self) -> State:
+    def reset(self) -> State:
         """Put the problem at rest, as if it had never been loaded; that state, at time 0."""
         self.x = np.zeros(len(self.x))
         for term in self.terms:
-            term.rest()
+            term.reset()
         return self.state(0.0)
 
     def begin(self, dt: float) -> None:
@@ -51,10 +51,10 @@ class Stateful(Reactions):
         for term in self.terms:
             term.finish()
 
-    def halving(self, before: Array) -> tuple[float, float]:
+    def half_step_error(self, before: Array) -> tuple[float, float]:
         """By how much (Pa) the overstress at the end of the step from `before` would change in two half steps, and its size.
 
-        See `History.halving`.
+        See `History.half_step_error`.
         """
         if self.tissue.history is None:
             return 0.0, 0.0
@@ -62,7 +62,7 @@ class Stateful(Reactions):
         self.x = (before + now) / 2
         middle = self.tissue.history.here()
         self.x = now
-        return self.tissue.history.halving(middle)
+        return self.tissue.history.half_step_error(middle)
 
     def path_error(self) -> float:
         """Relative error of the step that now ends beside the history's: that of inertia, or of the way of a tool."""
@@ -105,6 +105,6 @@ class Stateful(Reactions):
             raise InputError("loads", "without Inertia", "Inertia among them, for a body that moves by itself")
         self.tissue.begin(self.inertia.instant)
         self.friction.begin(self.inertia.instant)
-        self._stand(self.x)
+        self._set_unknowns(self.x)
         forces = self.tissue.forces() + self._outer_forces()
         self.inertia.start(velocity, -forces[self.is_u], self._free)

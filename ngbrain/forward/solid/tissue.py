@@ -168,10 +168,10 @@ class TissueTerm(Term):
 
     # What it remembers. Maxwell branches flow to where they rest with a state; their stiffness is wanted with the tangent alone.
 
-    def rest(self) -> None:
+    def reset(self) -> None:
         """Forget all loading."""
         if self.history is not None:
-            self.history.rest()
+            self.history.reset()
 
     def begin(self, dt: float) -> None:
         """Begin a time step of `dt` seconds."""
@@ -179,7 +179,7 @@ class TissueTerm(Term):
             self.history.begin(dt)
         self._relaxed = np.empty(0)
 
-    def stand(self) -> None:
+    def update(self) -> None:
         """Let the branches flow at the unknowns that stand."""
         if self.history is not None and self.history.flows and not np.array_equal(x := self._x(), self._relaxed):
             self.history.relax()
@@ -188,7 +188,7 @@ class TissueTerm(Term):
     def finish(self) -> None:
         """Move the internal variables to the end of the step begun."""
         if self.history is not None:
-            self.stand()
+            self.update()
             self.history.finish()
 
     def stiffen(self, where: Array | slice = EVERYWHERE) -> None:

@@ -53,7 +53,9 @@ class LoadPath:
 
     def __init__(self, problem: Problem, motion: Motion | None = None) -> None:
         if any(material.viscous.branches for material in problem.materials.values()):
-            raise InputError("materials", "a relaxing law", "elastic ones, such as its `equilibrium`, or a TimeStepper")
+            raise InputError(
+                "materials", "a viscoelastic law", "elastic ones, such as its `equilibrium`, or a TimeStepper"
+            )
         if problem.inertia is not None:
             raise InputError("loads", "with Inertia", "none for equilibrium, or a TimeStepper")
         self.problem, self.program = problem, LoadProgram(problem, motion, LoadHistory((0.0, 1.0), (0.0, 1.0)))
@@ -103,13 +105,13 @@ class LoadPath:
             check_held(body.supports, body.loads, body.kinematics)
         newton = newton or newton_for(body)
         if start is not None:
-            body.rest()
+            body.reset()
         signs: list[tuple[float, float]] = []
 
         def reached(t: float, x: np.ndarray) -> None:
             if eigenvalues:
                 body.x = x
-                signs.append((t, stability.softest(body)[0]))
+                signs.append((t, stability.smallest_eigenvalue(body)[0]))
                 body.invalidate_tangent()
             if callback:
                 callback(t)
@@ -142,10 +144,10 @@ class LoadPath:
             return
         said = f"{body.solver} cannot say whether the body is stable"
         if body.solver in linear.DIRECT:
-            record.softest = stability.softest(body)[0]
-            sign = "positive: stable" if record.softest > 0 else "negative: not stable"
-            said = f"the tangent's smallest eigenvalue is {record.softest:.3g} Pa/m², {sign}"
-        if record.softest < 0 or record.creased > stability.SHARE:
+            record.smallest_eigenvalue = stability.smallest_eigenvalue(body)[0]
+            sign = "positive: stable" if record.smallest_eigenvalue > 0 else "negative: not stable"
+            said = f"the tangent's smallest eigenvalue is {record.smallest_eigenvalue:.3g} Pa/m², {sign}"
+        if record.smallest_eigenvalue < 0 or record.creased > stability.SHARE:
             by = f"compressed by more than {1 - stability.CREASE:.0%}"
             found = f"{record.pressed:.0%} of the body and {record.creased:.0%} of its free surface are {by}; {said}"
             doubt = "surfaces crease from there on, and where and how deep depends on the mesh"
@@ -218,7 +220,7 @@ class LoadPath:
         x : array (n,)
         record : PathRecord
         """
-        self.problem.rest()
+        self.problem.reset()
         newton.inverse, newton.largest = None, 0.0
         return continuation.follow(self, newton, np.zeros(len(self.problem.weights)), steps, callback)
 

@@ -23,8 +23,8 @@ NEAREST, FEW = 6, 30
 """Eigenvalues nearest to zero among which the smallest is looked for; unknowns up to which all are."""
 
 
-def softest(body: Problem) -> tuple[float, ngs.GridFunction]:
-    """Smallest eigenvalue λ (Pa/m²) of a body's tangent, among the nearest to zero, and its motion (see `Problem.softest`).
+def smallest_eigenvalue(body: Problem) -> tuple[float, ngs.GridFunction]:
+    """Smallest eigenvalue λ (Pa/m²) of a body's tangent, among the nearest to zero, and its motion (see `Problem.smallest_eigenvalue`).
 
     A body that is held everywhere has none: inf, and no motion.
     """

@@ -206,7 +206,7 @@ class ErrorControl:
         First step (s) after touch, and after each event.
     longest, shortest : float
         Longest step (s), and the one below which the run gives up.
-    pushing, way : float
+    pushing, max_travel : float
         Longest step (s) and largest travel (m) in a step while a body moves in contact; half of both on withdrawal, as the work
         of the step in which it loses contact is inaccurate.
 
@@ -230,7 +230,7 @@ class ErrorControl:
     longest: float = np.inf
     shortest: float = 1e-4
     pushing: float = np.inf
-    way: float = np.inf
+    max_travel: float = np.inf
 
     def __post_init__(self) -> None:
         if not 0 < self.tolerance < 1:
@@ -238,11 +238,11 @@ class ErrorControl:
         if not 0 < self.shortest <= self.touch <= min(self.longest, self.pushing):
             found = f"shortest {self.shortest:g}, touch {self.touch:g}, longest {self.longest:g}, pushing {self.pushing:g} s"
             raise InputError("ErrorControl", found, "0 < shortest ≤ touch ≤ longest and pushing")
-        if not self.way > 0:
-            raise InputError("ErrorControl.way", self.way, "a way > 0 (m)")
+        if not self.max_travel > 0:
+            raise InputError("ErrorControl.max_travel", self.max_travel, "a travel > 0 (m)")
 
     def propose_step(self, at: StepperProgress, travel: Callable[[float], float]) -> float:
-        """`touch` after an event, else by the error of the last step; at most `way` in travel.
+        """`touch` after an event, else by the error of the last step; at most `max_travel`.
 
         Parameters
         ----------
@@ -258,7 +258,9 @@ class ErrorControl:
         moved = travel(self.touch) if at.touching else 0.0
         longest = self.longest
         if moved:
-            longest = min(self.pushing, longest, self.touch * self.way / abs(moved)) / (LEAVING if moved < 0 else 1)
+            longest = min(self.pushing, longest, self.touch * self.max_travel / abs(moved)) / (
+                LEAVING if moved < 0 else 1
+            )
         return min(self.touch if at.rested else at.dt * (1.0 if at.cut else at.factor), longest)
 
     def check_step(self, problem: Problem, before: np.ndarray, at: StepperProgress) -> str:
@@ -274,7 +276,7 @@ class ErrorControl:
         -------
         str
         """
-        change, overstress = problem.halving(before)
+        change, overstress = problem.half_step_error(before)
         largest = max(at.largest, overstress)
         error = max(change / largest if largest else 0.0, problem.path_error())
         if error > OVER * self.tolerance:
@@ -293,7 +295,7 @@ class ErrorControl:
             longest=self.longest / 2,
             shortest=self.shortest / 2,
             pushing=self.pushing / 2,
-            way=self.way / 2,
+            max_travel=self.max_travel / 2,
         )
 
 

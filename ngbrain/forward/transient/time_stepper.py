@@ -89,7 +89,7 @@ class TimeStepper:
             check_held(problem.supports, problem.loads, problem.kinematics)
         if motion is None and loads is None:
             raise InputError("motion", None, "a motion of rigid bodies, or a history of loads")
-        if (None if problem.tool is None else problem.tool.given) is not (motion if _forced(motion) else None):
+        if (None if problem.tool is None else problem.tool.prescribed) is not (motion if _forced(motion) else None):
             raise InputError(
                 "motion",
                 type(motion).__name__,
@@ -175,13 +175,13 @@ class TimeStepper:
 
         made = advance(self.problem, start, dt, self.program, solve, lambda record: self._judge(start))
         tool = self.problem.tool
-        if made.failure is None and tool is not None and tool.way > tool.given.limit:
-            way, force = tool.way, tool.given.force
+        if made.failure is None and tool is not None and tool.travel > tool.prescribed.limit:
+            way, force = tool.travel, tool.prescribed.force
             self.program.set(start.t)
             self.problem.set_state(start)
             raise ContactError(
                 f"a force of {force:.3g} N at t = {start.t + dt:.3f} s takes the blade {1e3 * way:.2f} mm far, beyond the limit of "
-                f"{1e3 * tool.given.limit:.4g} mm; try a smaller force"
+                f"{1e3 * tool.prescribed.limit:.4g} mm; try a smaller force"
             )
         return made
 
@@ -200,7 +200,7 @@ class TimeStepper:
         loads = program.factor(at.t) != program.factor(at.t + dt)
         if loads:
             start = guess = self._ahead(start, at.t, at.t + dt)
-        if tool is not None and not at.touching and tool.given.force:
+        if tool is not None and not at.touching and tool.prescribed.force:
             return self._landed(start, tool)
         if loads:
             return guess
@@ -223,10 +223,10 @@ class TimeStepper:
             self._count(record)
             return found, record.converged
 
-        def stand(x: Array) -> None:
+        def set_unknowns(x: Array) -> None:
             self.problem.x = x
 
-        guess = tool.establish_contact(start, solve, stand)
+        guess = tool.establish_contact(start, solve, set_unknowns)
         self.newton.inverse = None  # a tangent of before the touch knows nothing of it
         return guess
 

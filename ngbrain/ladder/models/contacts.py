@@ -82,5 +82,5 @@ def make_contact(
     def moves(x: CoefficientFunction, now: CoefficientFunction) -> CoefficientFunction:
         return ngs.CF(tuple(part + ngs.CF(0.0) for part in gone(now)))
 
-    met = RigidContact(body.boundary, distance, PENALTY * modulus / far, SOFTNESS * far, OFFSET_SHARE, way=parameter)
+    met = RigidContact(body.boundary, distance, PENALTY * modulus / far, SOFTNESS * far, OFFSET_SHARE, travel=parameter)
     return [met, Friction(met, body.friction, SLIP * far, moves)] if rubs and body.friction else [met]

@@ -89,7 +89,7 @@ class Observer:
     points, negative for penetration; the depth is the mean penetration in contact, ∫ p d / ∫ p. The force is that on the blade
     along its motion, of contact and friction. The net reaction is the tissue's own nodal force on the wall in that direction, from
     the equilibrium residual without the contact term; `balance` is |blades + supports| / |blade| (0 without a force). The blade's
-    work is ∫ `RigidContact.driving` d(advance) and the contribution of friction; it is converted to the contact energy stored by
+    work is ∫ `RigidContact.driving_force` d(advance) and the contribution of friction; it is converted to the contact energy stored by
     the penalty, to friction and to the tissue work ∫∫ P:Ḟ. The size of the latter, Σ |∫ P:ΔF| over steps, is at most ∫∫ |P:Ḟ|, so
     that a relative balance is not too optimistic.
 
@@ -125,7 +125,7 @@ class Observer:
         """Record of the present state at time t (s) with the blades at `advance` (m)."""
         seen = dict(zip(self._names, self._pass().tolist(), strict=True))
         tissue, contact = self.body.tissue_forces(), self.body.contact_forces()
-        driving = seen.pop("driving") + self.body.friction_driving()
+        driving = seen.pop("driving") + self.body.friction_driving_force()
         seen["force"] = max(0.0, seen["force"] - float(self._along @ self.body.friction_forces()))
         supports = float(self._push[self._on_fixed] @ (tissue + contact)[self._on_fixed])
         left = abs(supports - self._push @ contact)

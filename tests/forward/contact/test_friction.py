@@ -64,7 +64,7 @@ def test_no_friction_is_what_there_was():
         drag, body = rubbed(coefficient)
         transient(body, drag, 0.25).run(lambda *_: None)
         ends.append(body.x)
-        assert body.friction_work() == body.friction_driving() == 0
+        assert body.friction_work() == body.friction_driving_force() == 0
     assert np.array_equal(*ends)
 
 
@@ -106,7 +106,7 @@ def test_restart_goes_on_with_the_same_bits(loads, stop):
     np.testing.assert_equal(other.checkpoint(), saved)
     other.run(lambda *_: None)
     assert np.array_equal(other.problem.x, whole.problem.x)
-    assert abs(whole.problem.friction_driving()) > 0.01
+    assert abs(whole.problem.friction_driving_force()) > 0.01
 
 
 @pytest.mark.parametrize("numbers", [(-0.1, 1e-5), (0.1, 0.0)])

@@ -358,7 +358,7 @@ def test_one_of_a_users_own_is_asked_like_all_others():
     body = cube()
     assert TipDrop().value(body) == pytest.approx([-SQUASHED * SIDE])
     state = body.state(1.0)
-    body.rest()
+    body.reset()
     assert TipDrop().value(body) == pytest.approx([0]) and TipDrop().value(body, state) == pytest.approx(
         [-SQUASHED * SIDE]
     )

@@ -73,7 +73,7 @@ def copied(state):
 @pytest.mark.parametrize("forced", [False, True])
 def test_a_state_is_a_value_from_which_one_goes_on_in_two_ways(forced):
     body, prescribed = pressed(forced)
-    middle = stepped(body, prescribed, body.rest(), *[0.1] * 3)
+    middle = stepped(body, prescribed, body.reset(), *[0.1] * 3)
     held, names = copied(middle), set(middle.internal)
     assert {"stress", "overstress", "strain", "inner", "slips", "pace"} <= names
     short, long = stepped(body, prescribed, middle, 0.1, 0.1), stepped(body, prescribed, middle, 0.5)
@@ -90,7 +90,7 @@ def test_a_state_is_a_value_from_which_one_goes_on_in_two_ways(forced):
 @pytest.mark.one_thread
 def test_a_step_that_is_refused_leaves_no_trace():
     body, prescribed = pressed()
-    start = stepped(body, prescribed, body.rest(), *[0.1] * 5)
+    start = stepped(body, prescribed, body.reset(), *[0.1] * 5)
     wanted = stepped(body, prescribed, start, 0.1)
     newton = newton_for(body, rtol=1e-9, xtol=1e-9)
 
@@ -105,10 +105,10 @@ def test_a_step_that_is_refused_leaves_no_trace():
 
 def test_rest_forgets_all():
     body, prescribed = pressed()
-    first = body.rest()
+    first = body.reset()
     end = stepped(body, prescribed, first, 0.1, 0.2)
     assert not same(end, first)
-    assert same(body.rest(), first)
+    assert same(body.reset(), first)
 
 
 @pytest.mark.one_thread

@@ -22,7 +22,7 @@ from ngbrain.forward.common.loads import (
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.statics.load_path import LoadPath
-from ngbrain.forward.statics.stability import softest
+from ngbrain.forward.statics.stability import smallest_eigenvalue
 from ngbrain.materials import Branch, NeoHooke, UnsplitNeoHooke, Viscous, logarithmic
 from ngbrain.mesh import block
 from ngbrain.solvers import linear
@@ -328,7 +328,7 @@ def test_a_column_buckles_where_euler_says():
         supports = {"bottom": 0, "top": (0, -share * euler * slender)}
         body = Problem(mesh, {".*": Material(NeoHooke(mu), 1e6)}, supports, element=f"P{3}/P{2}")
         assert LoadPath(body).solve().converged  # on the straight branch, stable or not
-        value, motion = softest(body)
+        value, motion = smallest_eigenvalue(body)
         lowest.append(value)
         bent, end = motion(mesh(0.5, slender / 2)), motion(mesh(0.5, 0.0))
         assert abs(bent[0]) > 100 * abs(bent[1]) and abs(bent[0]) > 100 * np.abs(end).max()
@@ -426,11 +426,11 @@ def test_the_softest_motion_of_few_unknowns_is_found_whole(monkeypatch):
     tissue, down = {".*": Material(NeoHooke(1e3), 3e3)}, {"bottom": 0, "top": (0, 0, -2e-3)}
     body = Problem(block((0.02, 0.025, 0.03), 0.015), tissue, down, element="P2")
     LoadPath(body).solve()
-    nearest, motion = softest(body)
+    nearest, motion = smallest_eigenvalue(body)
     monkeypatch.setattr("ngbrain.forward.statics.stability.FEW", body.fes.ndof)
-    whole, same = softest(body)
+    whole, same = smallest_eigenvalue(body)
     assert nearest == pytest.approx(whole, rel=1e-8)
     a, b = (each.vec.FV().NumPy() for each in (motion, same))
     assert abs(a @ b) == pytest.approx(np.linalg.norm(a) * np.linalg.norm(b), rel=1e-6)
     held = Problem(MakeStructured3DMesh(nx=1, ny=1, nz=1), tissue, {".*": 0}, element="P1")
-    assert np.isinf(softest(held)[0])
+    assert np.isinf(smallest_eigenvalue(held)[0])

@@ -24,7 +24,7 @@ class Looking(StepControl):
     """Looks at the error and does nothing about it."""
 
     def check_step(self, body, before, at):
-        body.halving(before)
+        body.half_step_error(before)
         return ""
 
 
@@ -52,7 +52,7 @@ def test_the_error_of_a_step_falls_with_its_third_power(law, make_body, rng):
         body.history.finish()
         body.begin(dt)
         body.residual(start + dt * way)
-        change, size = body.halving(start)
+        change, size = body.half_step_error(start)
         found.append(change)
         assert 0 < change < 0.05 * size
     rates = np.log2(np.array(found[:-1]) / found[1:])
@@ -107,14 +107,14 @@ def test_a_body_in_touch_withdraws_in_half_as_long_steps(rate, dt):
 def test_no_step_goes_further_than_asked_for_and_half_as_far_as_it_withdraws(rate, dt):
     at, control = (
         StepperProgress(dt=1.0, touching=True, rested=False, factor=4.0),
-        ErrorControl(0.1, touch=0.1, way=1.5),
+        ErrorControl(0.1, touch=0.1, max_travel=1.5),
     )
     assert control.propose_step(at, lambda ahead: rate * ahead) == pytest.approx(dt)
-    assert control.halve().way == 0.75
+    assert control.halve().max_travel == 0.75
 
 
 def test_the_first_step_goes_no_further_either():
-    control = ErrorControl(0.1, touch=0.1, way=0.02)
+    control = ErrorControl(0.1, touch=0.1, max_travel=0.02)
     assert control.propose_step(StepperProgress(touching=True), lambda ahead: 1.0 * ahead) == pytest.approx(0.02)
     assert control.propose_step(StepperProgress(touching=False), lambda ahead: 1.0 * ahead) == 0.1
 
@@ -141,7 +141,7 @@ def test_a_run_by_its_error_goes_on_with_the_same_bits(make_body, plate):
         ({"touch": 1e-5}, "ErrorControl"),
         ({"longest": 0.01}, "0 <"),
         ({"pushing": 0.01}, "0 <"),
-        ({"way": 0.0}, "ErrorControl.way"),
+        ({"max_travel": 0.0}, "ErrorControl.max_travel"),
     ],
 )
 def test_bad_input(values, name):

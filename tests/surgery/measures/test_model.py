@@ -130,11 +130,11 @@ def test_the_scene_chooses_the_steps():
     assert way == pytest.approx(1.25e-3, rel=2e-6) and way > 1.25e-3
     scene = replace(scene, time=replace(scene.time, max_step_contact=2.0, max_step_hold=0.1, step_tolerance=1e-3))
     assert RetractionModel.control(Namespace(scene=scene)) == ErrorControl(
-        1e-3, touch=0.1, longest=0.1, shortest=1e-3, pushing=2.0, way=way
+        1e-3, touch=0.1, longest=0.1, shortest=1e-3, pushing=2.0, max_travel=way
     )
     scene = replace(scene, time=replace(scene.time, max_step_contact=2.0, max_step_hold=100.0, step_tolerance=0.01))
     assert RetractionModel.control(Namespace(scene=scene)) == ErrorControl(
-        0.01, touch=0.2, longest=100.0, shortest=2e-3, pushing=2.0, way=way
+        0.01, touch=0.2, longest=100.0, shortest=2e-3, pushing=2.0, max_travel=way
     )
 
 

@@ -91,16 +91,16 @@ class FrictionStep:
 
     def __init__(self, body: Problem, parts: Mapping[str, ParameterBlock]) -> None:
         self.body, self._parts, self._n = body, list(parts.values()), body.fes.ndof
-        self._motion, self._moving, self._starting = (ngs.GridFunction(body.fes) for _ in range(3))
+        self._motion, self._end_change, self._start_change = (ngs.GridFunction(body.fes) for _ in range(3))
         self._x, self._y, self._s = (ngs.Parameter(0.0) for _ in range(3))
-        self._push, self._before = ngs.Parameter(0.0), ngs.Parameter(0.0)
-        self._rubs = [_Fields(rub) for rub in body.friction.rubs]
-        sizes = [len(unknowns(rub.weight)) for rub in self._rubs]
+        self._tool_motion, self._tool_change = ngs.Parameter(0.0), ngs.Parameter(0.0)
+        self._walls = [_WallFields(fields) for fields in body.friction.walls]
+        sizes = [len(unknowns(wall.weight)) for wall in self._walls]
         self._ends, self.size = np.cumsum(sizes)[:-1], int(sum(sizes))
 
     @property
-    def _way(self) -> ngs.Parameter | None:
-        return None if self.body.tool is None else self.body.tool.given.parameter
+    def _travel(self) -> ngs.Parameter | None:
+        return None if self.body.tool is None else self.body.tool.prescribed.parameter
 
     # Backwards.
 
@@ -121,27 +121,27 @@ class FrictionStep:
             A density.
         by_theta : array (θ,)
         """
-        self._weigh(adjoint, weights)
+        self._set_adjoint(adjoint, weights)
         by_slip = np.concatenate(
-            [rub.at_points(density) for rub, density in zip(self._rubs, self._by_slip, strict=True)]
+            [wall.at_points(density) for wall, density in zip(self._walls, self._by_slip, strict=True)]
         )
-        by_start = self._with_way(self._by_start, lambda: self._by_before())
+        by_start = self._with_travel(self._by_start, lambda: self._by_before())
         return by_start, by_slip, np.concatenate([part() for part in self._by_theta])
 
     def carried_state_gradient(self, weights: Array) -> Array:
         """∂(∫ M · E dA)/∂x (n,)."""
-        self._weigh(np.zeros(self._n), weights)
-        return self._with_way(self._by_end, lambda: self._by_way())
+        self._set_adjoint(np.zeros(self._n), weights)
+        return self._with_travel(self._by_end, lambda: self._by_travel())
 
-    def _weigh(self, adjoint: Array, weights: Array) -> None:
+    def _set_adjoint(self, adjoint: Array, weights: Array) -> None:
         unknowns(self._motion)[:] = adjoint[: self._n]
-        self._push.Set(float(adjoint[self._n]) if len(adjoint) > self._n else 0.0)
-        for rub, part in zip(self._rubs, np.split(weights, self._ends), strict=True):
-            unknowns(rub.weight)[:] = part
+        self._tool_motion.Set(float(adjoint[self._n]) if len(adjoint) > self._n else 0.0)
+        for wall, part in zip(self._walls, np.split(weights, self._ends), strict=True):
+            unknowns(wall.weight)[:] = part
 
-    def _with_way(self, of_space: Callable[[], Array], of_way: Callable[[], Array]) -> Array:
+    def _with_travel(self, of_space: Callable[[], Array], of_travel: Callable[[], Array]) -> Array:
         """Gradient with respect to the space's unknowns and, with a tool, its displacement."""
-        return of_space() if self._way is None else np.append(of_space(), of_way())
+        return of_space() if self._travel is None else np.append(of_space(), of_travel())
 
     @cached_property
     def _by_start(self) -> Callable[[], Array]:
@@ -156,15 +156,18 @@ class FrictionStep:
     def _by_end(self) -> Callable[[], Array]:
         """Of the slips alone: along a test function, with λ = 0."""
         test = self.body.fes.TestFunction()
-        return vector(self.body.fes, derivatives(self._slipped([StepPerturbation(self._x, end=test)]), self._x))
+        return vector(self.body.fes, derivatives(self._weighted_slip([StepPerturbation(self._x, end=test)]), self._x))
 
     @cached_property
-    def _by_way(self) -> Callable[[], Array]:
-        return self._number(derivatives(self._slipped(), self._way))
+    def _by_travel(self) -> Callable[[], Array]:
+        return self._number(derivatives(self._weighted_slip(), self._travel))
 
     @cached_property
     def _by_slip(self) -> list[ngs.CoefficientFunction]:
-        return [self._density(rub, self._slipping(rub, slip=rub.slip)).Diff(rub.slip).Compile() for rub in self._rubs]
+        return [
+            self._density(wall, self._friction_at(wall, slip=wall.slip)).Diff(wall.slip).Compile()
+            for wall in self._walls
+        ]
 
     @cached_property
     def _by_theta(self) -> list[Callable[[], Array]]:
@@ -193,12 +196,14 @@ class FrictionStep:
         array (n,)
         """
         self.set_direction(None, start, slips, theta)
-        return self._with_way(self._changed, lambda: self._felt_changed())
+        return self._with_travel(self._residual_change, lambda: self._tool_force_change())
 
     def carried_derivative(self, end: Array) -> Array:
         """Derivative of E along a change of the end, with the last `residual_derivative`."""
-        self._go(end)
-        return np.concatenate([rub.at_points(change) for rub, change in zip(self._rubs, self._moved, strict=True)])
+        self._set_end_direction(end)
+        return np.concatenate(
+            [wall.at_points(change) for wall, change in zip(self._walls, self._slip_change, strict=True)]
+        )
 
     def set_direction(self, end: Array | None, start: Array, slips: Array, theta: Sequence[Array]) -> None:
         """Set a direction.
@@ -214,45 +219,50 @@ class FrictionStep:
         theta : sequence of array
             Change of each parameter.
         """
-        unknowns(self._starting)[:] = start[: self._n]
-        self._before.Set(float(start[self._n]) if self._way is not None else 0.0)
-        for rub, change in zip(self._rubs, np.split(slips, self._ends), strict=True):
-            unknowns(rub.change)[:] = change
-        for part, way in zip(self._parts, theta, strict=False):
-            part.set_direction(way)
-        self._go(np.zeros(len(start)) if end is None else end)
+        unknowns(self._start_change)[:] = start[: self._n]
+        self._tool_change.Set(float(start[self._n]) if self._travel is not None else 0.0)
+        for wall, change in zip(self._walls, np.split(slips, self._ends), strict=True):
+            unknowns(wall.change)[:] = change
+        for part, change in zip(self._parts, theta, strict=False):
+            part.set_direction(change)
+        self._set_end_direction(np.zeros(len(start)) if end is None else end)
 
-    def _go(self, end: Array) -> None:
-        unknowns(self._moving)[:] = end[: self._n]
-        if self._way is not None:
+    def _set_end_direction(self, end: Array) -> None:
+        unknowns(self._end_change)[:] = end[: self._n]
+        if self._travel is not None:
             self._parts[-1].set_direction(end[self._n :])
 
-    def _begun(self, number: ngs.Parameter, end: bool = False) -> StepPerturbation:
+    def _perturbation(self, number: ngs.Parameter, end: bool = False) -> StepPerturbation:
         """Perturbation along the direction that was set."""
-        return StepPerturbation(number, self._moving if end else None, self._starting, True, self._before)
+        return StepPerturbation(number, self._end_change if end else None, self._start_change, True, self._tool_change)
 
     @cached_property
-    def _changed(self) -> Callable[[], Array]:
+    def _residual_change(self) -> Callable[[], Array]:
         test = self.body.fes.TestFunction()
-        return vector(self.body.fes, self._turned(lambda *shifts: self._tractions(test, shifts), self._begun(self._y)))
+        return vector(
+            self.body.fes,
+            self._directional_derivative(lambda *shifts: self._tractions(test, shifts), self._perturbation(self._y)),
+        )
 
     @cached_property
-    def _felt_changed(self) -> Callable[[], Array]:
-        return self._number(self._turned(lambda *shifts: self._driving(shifts), self._begun(self._y)))
+    def _tool_force_change(self) -> Callable[[], Array]:
+        return self._number(
+            self._directional_derivative(lambda *shifts: self._tool_force(shifts), self._perturbation(self._y))
+        )
 
     @cached_property
-    def _moved(self) -> list[ngs.CoefficientFunction]:
+    def _slip_change(self) -> list[ngs.CoefficientFunction]:
         found = []
-        for rub in self._rubs:
-            over = rub.rub.measure
-            change = self._turned(
-                lambda *shifts, rub=rub, over=over: [WorkIntegral(self._slipping(rub, shifts).elastic, over)],
-                self._begun(self._s, end=True),
+        for wall in self._walls:
+            over = wall.fields.measure
+            change = self._directional_derivative(
+                lambda *shifts, wall=wall, over=over: [WorkIntegral(self._friction_at(wall, shifts).elastic, over)],
+                self._perturbation(self._s, end=True),
             )
-            found.append(sum((term.coef for term in change), 0 * rub.rub.slip).Compile())
+            found.append(sum((term.coef for term in change), 0 * wall.fields.slip).Compile())
         return found
 
-    def _turned(self, of: Callable[..., Terms], shift: StepPerturbation) -> Terms:
+    def _directional_derivative(self, of: Callable[..., Terms], shift: StepPerturbation) -> Terms:
         """Derivative of integrals along a perturbation and along the direction of the parameters."""
         return derivatives(of(shift), shift.number) + [
             term for part in self._parts for term in part.directional_derivative(of())
@@ -274,50 +284,53 @@ class FrictionStep:
         -------
         CarriedGradients
         """
-        self._weigh(adjoint, weights)
+        self._set_adjoint(adjoint, weights)
         by_slip = np.concatenate(
-            [rub.at_points(density) for rub, density in zip(self._rubs, self._turned_by_slip, strict=True)]
+            [
+                wall.at_points(density)
+                for wall, density in zip(self._walls, self._second_derivatives_by_slip, strict=True)
+            ]
         )
-        end, start, before, way, by_theta = self._turned_slopes
+        end, start, before, travel, by_theta = self._second_derivatives
         return CarriedGradients(
-            self._with_way(end, way),
-            self._with_way(start, before),
+            self._with_travel(end, travel),
+            self._with_travel(start, before),
             by_slip,
             np.concatenate([part() for part in by_theta]),
         )
 
     @cached_property
-    def _turned_slopes(self) -> tuple[Any, ...]:
+    def _second_derivatives(self) -> tuple[Any, ...]:
         test, nothing = self.body.fes.TestFunction(), self._number([])
-        aimed = self._begun(self._s, end=True)
+        direction = self._perturbation(self._s, end=True)
 
-        def bent(*more: StepPerturbation) -> Terms:
-            return self._turned(lambda *shifts: self._work((*more, *shifts)), aimed)
+        def derivative(*more: StepPerturbation) -> Terms:
+            return self._directional_derivative(lambda *shifts: self._work((*more, *shifts)), direction)
 
         end, start = StepPerturbation(self._x, end=test), StepPerturbation(self._y, start=test)
-        still, parts = bent(), self._parts
+        still, parts = derivative(), self._parts
         return (
-            vector(self.body.fes, derivatives(bent(end), self._x)),
-            vector(self.body.fes, derivatives(bent(start), self._y)),
-            self._number(derivatives(bent(StepPerturbation(self._y, before=1.0)), self._y))
-            if self._way is not None
+            vector(self.body.fes, derivatives(derivative(end), self._x)),
+            vector(self.body.fes, derivatives(derivative(start), self._y)),
+            self._number(derivatives(derivative(StepPerturbation(self._y, before=1.0)), self._y))
+            if self._travel is not None
             else nothing,
-            self._number(derivatives(still, self._way)) if self._way is not None else nothing,
+            self._number(derivatives(still, self._travel)) if self._travel is not None else nothing,
             [part.gradient(still, self.body.mesh) for part in parts],
         )
 
     @cached_property
-    def _turned_by_slip(self) -> list[ngs.CoefficientFunction]:
-        aimed, found = self._begun(self._s, end=True), []
-        for rub in self._rubs:
-            over = rub.rub.measure
-            bent = self._turned(
-                lambda *shifts, rub=rub, over=over: [
-                    WorkIntegral(self._density(rub, self._slipping(rub, shifts, rub.slip)), over)
+    def _second_derivatives_by_slip(self) -> list[ngs.CoefficientFunction]:
+        direction, found = self._perturbation(self._s, end=True), []
+        for wall in self._walls:
+            over = wall.fields.measure
+            derivative = self._directional_derivative(
+                lambda *shifts, wall=wall, over=over: [
+                    WorkIntegral(self._density(wall, self._friction_at(wall, shifts, wall.slip)), over)
                 ],
-                aimed,
+                direction,
             )
-            found.append(sum((term.coef.Diff(rub.slip) for term in bent), 0 * rub.rub.slip).Compile())
+            found.append(sum((term.coef.Diff(wall.slip) for term in derivative), 0 * wall.fields.slip).Compile())
         return found
 
     # The tangent.
@@ -331,28 +344,28 @@ class FrictionStep:
     @cached_property
     def tool_column(self) -> Callable[[], Array]:
         """Derivative of the forces with respect to the tool's displacement (ndof,)."""
-        return vector(self.body.fes, derivatives(self._tractions(self.body.fes.TestFunction()), self._way))
+        return vector(self.body.fes, derivatives(self._tractions(self.body.fes.TestFunction()), self._travel))
 
     @cached_property
     def tool_row(self) -> Callable[[], Array]:
         """Derivative of the tool force with respect to x (ndof,)."""
         test = self.body.fes.TestFunction()
-        return vector(self.body.fes, derivatives(self._driving([StepPerturbation(self._x, end=test)]), self._x))
+        return vector(self.body.fes, derivatives(self._tool_force([StepPerturbation(self._x, end=test)]), self._x))
 
     @cached_property
     def tool_stiffness(self) -> Callable[[], Array]:
         """Derivative of the tool force with respect to its displacement."""
-        return self._number(derivatives(self._driving(), self._way))
+        return self._number(derivatives(self._tool_force(), self._travel))
 
     # Expressions.
 
-    def _slipping(
-        self, rub: _Fields, shifts: Sequence[StepPerturbation] = (), slip: ngs.CoefficientFunction | None = None
+    def _friction_at(
+        self, wall: _WallFields, shifts: Sequence[StepPerturbation] = (), slip: ngs.CoefficientFunction | None = None
     ) -> FrictionExpressions:
         """Friction at a perturbed state."""
-        body, layout, of = self.body, self.body.layout, rub.rub
+        body, layout, of = self.body, self.body.layout, wall.fields
         u, offset, y = body.u, body.offset, layout.fields(body.friction.start).u
-        slip, start, way, moved = of.slip if slip is None else slip, 1.0 * of.start, of.way_gone, False
+        slip, start, travel, moved = of.slip if slip is None else slip, 1.0 * of.start, of.travel_increment, False
         for shift in shifts:
             if shift.end is not None:
                 moves = layout.fields(shift.end)
@@ -360,61 +373,62 @@ class FrictionStep:
             if shift.start is not None:
                 y = y + shift.number * layout.fields(shift.start).u
             if shift.slips:
-                slip = slip + shift.number * rub.change
-            if self._way is not None and of.friction.contact.way is self._way:
-                start, way, moved = start + shift.number * shift.before, way - shift.number * shift.before, True
-        return FrictionExpressions(of.friction, u, offset, y, slip, start, way.MakeVariable() if moved else way)
+                slip = slip + shift.number * wall.change
+            if self._travel is not None and of.friction.contact.travel is self._travel:
+                start, travel = start + shift.number * shift.before, travel - shift.number * shift.before
+                moved = True
+        return FrictionExpressions(of.friction, u, offset, y, slip, start, travel.MakeVariable() if moved else travel)
 
-    def _density(self, rub: _Fields, at: FrictionExpressions) -> ngs.CoefficientFunction:
+    def _density(self, wall: _WallFields, at: FrictionExpressions) -> ngs.CoefficientFunction:
         """Integrand of ℓ."""
-        pushed = at.tangential(self.body.layout.fields(self._motion).u)
-        if self._drives(rub):
-            pushed = pushed - self._push * at.moves
-        return ngs.InnerProduct(rub.weight, at.elastic) + ngs.InnerProduct(at.traction, pushed)
+        motion = at.tangential(self.body.layout.fields(self._motion).u)
+        if self._moves_with_tool(wall):
+            motion = motion - self._tool_motion * at.moves
+        return ngs.InnerProduct(wall.weight, at.elastic) + ngs.InnerProduct(at.traction, motion)
 
-    def _drives(self, rub: _Fields) -> bool:
-        return self._way is not None and rub.rub.friction.contact.way is self._way
+    def _moves_with_tool(self, wall: _WallFields) -> bool:
+        return self._travel is not None and wall.fields.friction.contact.travel is self._travel
 
-    def _over(self, density: Callable[[_Fields], ngs.CoefficientFunction]) -> Terms:
+    def _over(self, density: Callable[[_WallFields], ngs.CoefficientFunction]) -> Terms:
         weight = self.body.kinematics.weight()
-        return [WorkIntegral(weight * density(rub), rub.rub.measure) for rub in self._rubs]
+        return [WorkIntegral(weight * density(wall), wall.fields.measure) for wall in self._walls]
 
     def _work(self, shifts: Sequence[StepPerturbation] = ()) -> Terms:
         """ℓ."""
-        return self._over(lambda rub: self._density(rub, self._slipping(rub, shifts)))
+        return self._over(lambda wall: self._density(wall, self._friction_at(wall, shifts)))
 
-    def _slipped(self, shifts: Sequence[StepPerturbation] = ()) -> Terms:
+    def _weighted_slip(self, shifts: Sequence[StepPerturbation] = ()) -> Terms:
         """∫ M · E dA."""
-        return self._over(lambda rub: ngs.InnerProduct(rub.weight, self._slipping(rub, shifts).elastic))
+        return self._over(lambda wall: ngs.InnerProduct(wall.weight, self._friction_at(wall, shifts).elastic))
 
     def _tractions(self, test: Motion, shifts: Sequence[StepPerturbation] = ()) -> Terms:
         """∫ τ · λ_t dA of a test function."""
 
-        def density(rub: _Fields) -> ngs.CoefficientFunction:
-            at = self._slipping(rub, shifts)
+        def density(wall: _WallFields) -> ngs.CoefficientFunction:
+            at = self._friction_at(wall, shifts)
             return ngs.InnerProduct(at.traction, at.tangential(self.body.layout.fields(test).u))
 
         return self._over(density)
 
-    def _driving(self, shifts: Sequence[StepPerturbation] = ()) -> Terms:
+    def _tool_force(self, shifts: Sequence[StepPerturbation] = ()) -> Terms:
         """Force of friction on the tool: -∫ τ · b' dA."""
 
-        def density(rub: _Fields) -> ngs.CoefficientFunction:
-            at = self._slipping(rub, shifts)
-            return -ngs.InnerProduct(at.traction, at.moves) if self._drives(rub) else ngs.CF(0.0)
+        def density(wall: _WallFields) -> ngs.CoefficientFunction:
+            at = self._friction_at(wall, shifts)
+            return -ngs.InnerProduct(at.traction, at.moves) if self._moves_with_tool(wall) else ngs.CF(0.0)
 
         return self._over(density)
 
 
-class _Fields:
+class _WallFields:
     """Weights and change of one friction law's slip at the points of its wall; `slip` is the variable for derivatives."""
 
-    def __init__(self, rub: FrictionFields) -> None:
-        self.rub = rub
-        self.weight, self.change, self._found = (ngs.GridFunction(rub.slip.space) for _ in range(3))
-        self.slip = ngs.CF(tuple(rub.slip[i] for i in range(rub.slip.dim))).MakeVariable()
+    def __init__(self, fields: FrictionFields) -> None:
+        self.fields = fields
+        self.weight, self.change, self._found = (ngs.GridFunction(fields.slip.space) for _ in range(3))
+        self.slip = ngs.CF(tuple(fields.slip[i] for i in range(fields.slip.dim))).MakeVariable()
 
     def at_points(self, function: ngs.CoefficientFunction) -> Array:
         """Values of a vector, one component after the other."""
-        self._found.Interpolate(function, definedon=self.rub.on)
+        self._found.Interpolate(function, definedon=self.fields.on)
         return unknowns(self._found).copy()

@@ -174,12 +174,12 @@ class InertiaSensitivity:
     def _heavier(self) -> Callable[[], Array]:
         """c ∫ ρ' v · λ dV."""
         v = self.body.layout.fields(self.body.fes.TestFunction()).u
-        still = [WorkIntegral(*self.inertia.heft(v, self.body.layout.fields(self._motion).u))]
+        still = [WorkIntegral(*self.inertia.mass_work(v, self.body.layout.fields(self._motion).u))]
         return vector(self.body.fes, [term for part in self._parts for term in part.directional_derivative(still)])
 
     @cached_property
     def _turned_by_theta(self) -> list[Callable[[], Array]]:
-        going = [WorkIntegral(*self.inertia.heft(self._going, self.body.layout.fields(self._motion).u))]
+        going = [WorkIntegral(*self.inertia.mass_work(self._going, self.body.layout.fields(self._motion).u))]
         bent = [term for part in self._parts for term in part.directional_derivative(self._work(self._motion))]
         return [part.gradient(going + bent, self.body.mesh) for part in self._parts]
 

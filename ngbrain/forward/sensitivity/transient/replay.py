@@ -126,7 +126,7 @@ class Replay:
         system: System | None = None,
         loads: LoadHistory | None = None,
     ) -> None:
-        if body.tool is not None and motion is not body.tool.given:
+        if body.tool is not None and motion is not body.tool.prescribed:
             raise InputError("motion", type(motion).__name__, "the PrescribedForce among the body's contacts")
         grid = np.asarray(grid, float)
         if grid.ndim != 1 or len(grid) < 2 or grid[0] != 0 or not np.all(np.diff(grid) > 0):
@@ -151,7 +151,7 @@ class Replay:
     def run(self, callback: Callable[[ReplayStep], None]) -> None:
         """Run from rest to the end; `callback` is called at the end of each step, before the history is updated."""
         self._program.set(0.0)  # a force-controlled tool at its rest position
-        start = self.body.rest()
+        start = self.body.reset()
         self._newton = replace(self.newton, inverse=None, largest=0.0)
         rtol, xtol = max(self.newton.rtol, Newton.rtol), max(self.newton.xtol, Newton.xtol)
         self._near = replace(self._newton, rtol=rtol, xtol=xtol)
@@ -217,7 +217,7 @@ class Replay:
         if made.failure is not None:
             said = f"the step from {self.grid[n]:.3g} to {self.grid[n + 1]:.3g} s of the replayed run fails: {made.failure}"
             raise solver_error(said, made.failure.status, made.record)
-        if self.body.tool is not None and self.body.tool.given.held is not None:
+        if self.body.tool is not None and self.body.tool.prescribed.fixed_travel is not None:
             end = made.state.x  # the tool is back where it just does not touch
         return replace(made.state, t=self.grid[n + 1], x=end)  # one array, whoever keeps it
 
@@ -240,7 +240,7 @@ class Replay:
         """Initial guess from the run at other parameters, or extrapolated from the previous step."""
         if self._known:
             moved = x - self._known[n - 1] if n else np.zeros_like(x)
-            if n and self.body.tool is not None and not self.body.tool.given.prescribed_force(self.grid[n]):
+            if n and self.body.tool is not None and not self.body.tool.prescribed.prescribed_force(self.grid[n]):
                 moved[-1] = 0.0  # it has come back since
             guess = self._known[n] + moved
         else:
@@ -252,7 +252,7 @@ class Replay:
     def _apart(self, guess: Array) -> bool:
         """Whether a force-controlled tool that should press is not in contact."""
         tool = self.body.tool
-        if tool is None or tool.given.held is not None:
+        if tool is None or tool.prescribed.fixed_travel is not None:
             return False
         self.body.x = guess
         return not self.body.min_gap() < 0
@@ -265,10 +265,10 @@ class Replay:
             found, record = self._near.solve(self._system, guess)
             return found, record.converged
 
-        def stand(x: Array) -> None:
+        def set_unknowns(x: Array) -> None:
             self.body.x = x
 
-        guess = self.body.tool.establish_contact(x, solve, stand)
+        guess = self.body.tool.establish_contact(x, solve, set_unknowns)
         self._near.inverse = None
         return guess
 

@@ -127,7 +127,7 @@ class RunLinearisation:
         )
         for step, x, before in self._changes_back(direction):
             adjoint, motion, _ = self._adjoint(step, w, later, FINE_RTOL)
-            theta = model.split(direction) | ({} if len(x) == n else {model.way: x[n:]})
+            theta = model.split(direction) | ({} if len(x) == n else {model.tool_block: x[n:]})
             model.seen.set_weights(self._row(step, w))
             curved.set_direction(x, before.history, theta)
             bent = curved(adjoint, (adjoint + motion)[:n], later.history)

@@ -105,7 +105,7 @@ class RunModel:
     ((3, 1), (2,))
     """
 
-    way = "way of the tool"
+    tool_block = "travel of the tool"
     """Name of the block of a force-controlled tool's displacement."""
 
     def __init__(
@@ -151,7 +151,7 @@ class RunModel:
         made_of: dict[str, ParameterBlock] = dict(self.parts)
         if body.tool is not None:
             self._check_tool(grid)
-            made_of[self.way] = Scalar(body.tool.given.parameter)
+            made_of[self.tool_block] = Scalar(body.tool.prescribed.parameter)
         self.held = [
             (of, self.blocks[name]) for name, of in self.parameters.items() if isinstance(of, PrescribedDisplacement)
         ]
@@ -200,7 +200,7 @@ class RunModel:
         if self.shapes:
             self.forms.update_quadrature()
         if self.body.inertia is not None:
-            self.body.inertia.weigh()
+            self.body.inertia.update_density()
         return RunLinearisation(self)
 
     def split(self, theta: Array) -> dict[str, Array]:
@@ -212,15 +212,15 @@ class RunModel:
         found, tool = np.zeros(self.size), self.body.tool
         if tool is not None:
             for name, of in self.parameters.items():
-                found[self.blocks[name]] += tool.given.gradient(self.replay.grid[step.n + 1], of)
+                found[self.blocks[name]] += tool.prescribed.gradient(self.replay.grid[step.n + 1], of)
         return found
 
     def _check_tool(self, grid: Array) -> None:
         """A tool without contact is placed by its nearest point, which is not differentiated; friction would depend on it."""
         assert self.body.tool is not None
-        given, way = self.body.tool.given, self.body.tool.given.parameter
-        presses = np.array([given.prescribed_force(t) > 0 for t in grid[1:]])
+        prescribed, travel = self.body.tool.prescribed, self.body.tool.prescribed.parameter
+        presses = np.array([prescribed.prescribed_force(t) > 0 for t in grid[1:]])
         again = np.any(presses[np.argmin(presses) :]) and not presses.all()
-        if again and any(f.moves and f.contact.way is way for f in self.body.friction.frictions):
+        if again and any(f.moves and f.contact.travel is travel for f in self.body.friction.frictions):
             wanted = "a force that stays on, as friction acts along the tool's path: derivatives of a run need it"
             raise InputError("motion", "a force that returns after it was zero", wanted)

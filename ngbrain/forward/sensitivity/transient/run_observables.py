@@ -123,7 +123,7 @@ class RunObservables:
             From integrals to a callable that gives their change with the parameters.
         """
         for of in self.each:
-            of.aim(change, along)
+            of.set_direction(change, along)
 
     def weight_terms(self, *along: Motion) -> Terms:
         """Integrals of `terms` with the change of weights inside observables along the direction."""
@@ -145,7 +145,7 @@ class _Outer:
                 self._forms = ContactForms(body, parts, loads, contacts)
             return
         shapes = any(isinstance(part, NodePositions) for part in parts.values())
-        if shapes and not (observed.symbolic and observed.shaped):
+        if shapes and not (observed.symbolic and observed.has_shape_derivative):
             raise InputError(
                 "parameters",
                 "of type NodePositions",
@@ -159,7 +159,7 @@ class _Outer:
             if self._forms is not None:
                 self._forms.set_adjoint(weights @ self._observed.motions)
         elif self._observed.symbolic:
-            self._observed.weigh(weights)
+            self._observed.set_weights(weights)
 
     def parameter_gradient(self, weights: Array) -> Array:
         self.set_weights(weights)
@@ -170,7 +170,7 @@ class _Outer:
     def terms(self, *along: Motion) -> Terms:
         if isinstance(self._observed, Reaction):
             return [] if self._forms is None else self._forms.weighted_work(*along)
-        if not self._observed.twice:
+        if not self._observed.has_second_derivative:
             raise InputError(
                 type(self._observed).__name__, "without second derivatives", "an observable that is an integral"
             )

@@ -239,7 +239,7 @@ class BorderedTangents:
             r → K⁻¹ r.
         """
         self._solve = self.inner.prepare(n_rhs + 1, rtol)
-        if self.tool.given.held is None:
+        if self.tool.prescribed.fixed_travel is None:
             row, column = self._contacts.tool_force_state_gradient(), self._contacts.tool_column()
             corner = self._contacts.tool_stiffness()
             if self._friction is not None:
@@ -269,7 +269,7 @@ class BorderedTangents:
 
     def _bordered(self, solve: Solve, row: Array, column: Array, r: Array) -> Array:
         y = solve(r[:-1])
-        if self.tool.given.held is not None:
+        if self.tool.prescribed.fixed_travel is not None:
             return np.append(y, 0.0)
         follows = solve(column)
         stiffness = self._corner - float(row @ follows)

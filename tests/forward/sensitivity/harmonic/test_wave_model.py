@@ -115,8 +115,10 @@ def reversed_sign(patch):
 
 def without_mass(patch):
     """∂M/∂ρ forgotten."""
-    works = HarmonicProblem.works
-    patch.setattr(HarmonicProblem, "works", lambda self, omega, u, v: works(self, 0.0 if _waves(u) else omega, u, v))
+    terms = HarmonicProblem.weak_form_terms
+    patch.setattr(
+        HarmonicProblem, "weak_form_terms", lambda self, omega, u, v: terms(self, 0.0 if _waves(u) else omega, u, v)
+    )
 
 
 def coarser_gradient(patch):

@@ -33,7 +33,7 @@ def pushed(what):
         motion = PrescribedForce((0.0, 1.0, 8.0), (0.0, 0.3, 0.3), away=-1e-3, nudge=1e-5)
         deep = way = motion.parameter
     if what != "alone":
-        contacts = [RigidContact("top", lambda x: SIDE - deep - x[1], p["penalty"], 2e-5, 0.9, way=way)]
+        contacts = [RigidContact("top", lambda x: SIDE - deep - x[1], p["penalty"], 2e-5, 0.9, travel=way)]
     if what == "friction":
         contacts.append(Friction(contacts[0], p["friction"], 5e-5, lambda x, way: way * ngs.CF((1.0, 0.0))))
     loads += [PressureLoad("right", 20.0)] if what == "pressure" else [Inertia(1e5)] if what == "mass" else []

@@ -53,7 +53,7 @@ def drawn(seed):
         deep, way = motion.parameter, motion.parameter
     else:
         motion, deep, way = plate, p["way"] * plate.down, plate.along
-    contacts = [RigidContact("top", lambda x: SIDE - deep + p["lift"] - x[last], p["penalty"], 2e-5, share, way=way)]
+    contacts = [RigidContact("top", lambda x: SIDE - deep + p["lift"] - x[last], p["penalty"], 2e-5, share, travel=way)]
     if rubs:
         contacts.append(Friction(contacts[0], p["friction"], 5e-5, lambda x, way: way * ngs.CF(across)))
     acting = [Inertia(p["rho"])] if heavy else []
@@ -92,7 +92,7 @@ def touching(of):
             points = body.mesh.MapToAllElements(surface_rules(body.mesh), body.mesh.Boundaries(contact.wall))
             depth = body.offset - contact.gap(body.u)
             found.append(ngs.IfPos(depth, ngs.IfPos(depth - contact.softness, 2.0, 1.0), 0.0)(points).ravel())
-        for rub in body.friction.rubs:
+        for rub in body.friction.walls:
             slip = np.linalg.norm(rub.end()[0].reshape(body.mesh.dim, -1), axis=0)
             found.append(slip > rub.friction.slip * (1 - 1e-9))
     return np.concatenate(found)

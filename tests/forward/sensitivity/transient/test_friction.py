@@ -158,5 +158,5 @@ def test_what_is_not_derived_is_refused():
     with pytest.raises(InputError, match=r"NodePositions; wanted: others, for a body with friction or inertia"):
         solid = model(GRID, kind="space", n=1)
         RunModel(solid.body, solid.replay.motion, GRID, {"nodes": NodePositions(solid.body.mesh)}, [Force("top")])
-    with pytest.raises(InputError, match=r"shares no node with 'top', which rubs"):
+    with pytest.raises(InputError, match=r"shares no node with 'top', which has friction"):
         model(GRID, kind="axisymmetric", seen=[Force("left")])

@@ -29,7 +29,7 @@ def struck(radius, law="Prony", field=False):
     if field:
         p["rho"] = ngs.GridFunction(ngs.H1(mesh, order=1))
         p["rho"].Set(1e3 * (1 + 20 * ngs.x))
-    contact = RigidContact("top", lambda x: SIDE - plate.down - x[1], 1e7, 2e-5, 0.9, way=plate.along)
+    contact = RigidContact("top", lambda x: SIDE - plate.down - x[1], 1e7, 2e-5, 0.9, travel=plate.along)
     rubbing = Friction(contact, p["friction"], 5e-5, lambda x, way: way * ngs.CF((1.0, 0.0)))
     acting = [Inertia(p["rho"], GeneralizedAlpha(radius)), TractionLoad("right", (1e3 * p["pull"] * plate.down, 0))]
     body = Problem(
