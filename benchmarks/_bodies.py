@@ -47,7 +47,7 @@ def waves(
         law = TransverselyIsotropic(stiff, 0.5 + bump(ngs.x, ngs.y, ngs.exp), ngs.CF(0.3), fibre)
     loads = [Wave(50.0, {"top": (1e-5, 0)}), Wave(60.0, {"top": (0, 1e-5)})]
     loads += [Wave(40.0, {"top": (1e-5, 1e-5)})] if symmetry != "isotropic" else []
-    body = HarmonicProblem(mesh, law, loads, bulk=bulk, form="P5/P4" if mixed else "P5", held="top")
+    body = HarmonicProblem(mesh, law, loads, bulk=bulk, form="P5/P4" if mixed else "P5", dirichlet="top")
     line = np.linspace(0, SIDE, n)
     points = np.column_stack([part.ravel() for part in np.meshgrid(line, line)])
     there = bump(*points.T)

@@ -102,7 +102,9 @@ def waves_of_head(size: float, form: str, spacing: float, maps: tuple[str, str] 
         nod = (0, -NODDING * (ngs.z - HINGE[2]), NODDING * (ngs.y - HINGE[1]))
         loads = [Wave(FREQUENCY, {"skull": nod}), Wave(FREQUENCY, {"skull": (SIDEWAYS, 0, 0)})]
         law = Shearing(quadrature_field(space, modulus.real) + 1j * quadrature_field(space, modulus.imag))
-        body = HarmonicProblem(mesh, law, loads, bulk=BULK, density=DENSITY, form=form, held="skull", quadrature=degree)
+        body = HarmonicProblem(
+            mesh, law, loads, bulk=BULK, density=DENSITY, form=form, dirichlet="skull", quadrature=degree
+        )
         x = _voxels(subject, mesh, spacing)
         observe = evaluation(ngs.H1(mesh, order=body.form.order), x)
         u = [(observe @ gfu.vec.FV().NumPy().reshape(3, -1).T) for gfu in body.solve()]

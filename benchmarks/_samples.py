@@ -52,7 +52,7 @@ def waves_plane() -> WaveData:
         bulk=bulk_of(modulus, poisson),
         density=DENSITY,
         form="P5/P4",
-        held="top",
+        dirichlet="top",
     )
     points = grid(np.linspace(0, side, 31), 2)
     return WaveData(
@@ -87,7 +87,7 @@ def waves_space() -> WaveData:
     for face, drive in (("bottom", (1e-5, 0, 0)), ("left", (0, 1e-5, 0))):
         load = Wave(hertz, {face: drive})
         law = Shearing(shear(away, ngs.exp))
-        (wave,) = HarmonicProblem(mesh, law, [load], bulk=bulk, density=DENSITY, form="P4", held=face).solve()
+        (wave,) = HarmonicProblem(mesh, law, [load], bulk=bulk, density=DENSITY, form="P4", dirichlet=face).solve()
         waves.append(wave(at))
     return WaveData(
         points,
@@ -119,7 +119,7 @@ def ultrasound() -> WaveData:
         [Wave(0.0, {"top": (0, -0.01 * side)})],
         bulk=bulk_of(shear, poisson),
         form="P5/P4",
-        held={"x": "bottom", "y": "bottom|top"},
+        dirichlet={"x": "bottom", "y": "bottom|top"},
     )
     points = grid(np.linspace(0, side, 41), 2)
     u = sampled(body, points).real

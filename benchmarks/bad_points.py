@@ -58,7 +58,7 @@ def slice_of_waves() -> WaveData:
         law,
         [Wave(50.0, {".*": (1e-5,)})],
         form="P4",
-        held=".*",
+        dirichlet=".*",
         kinematics=AntiPlane(),
     )
     (wave,) = body.solve()

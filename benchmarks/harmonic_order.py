@@ -54,7 +54,7 @@ def ours(kL: float, xi: float, n: int, order: int) -> dict:
     start = time.process_time()
     mesh = MakeStructured2DMesh(quads=False, nx=n, ny=n // 4, mapping=lambda x, y: (LENGTH * x, LENGTH / 4 * y))
     held, wave = {"x": ".*", "y": "left|right"}, Wave(HERTZ, {"left": (0, 1e-3)})
-    body = HarmonicProblem(mesh, Shearing(modulus), [wave], bulk=BULK, density=RHO, form=f"P{order}", held=held)
+    body = HarmonicProblem(mesh, Shearing(modulus), [wave], bulk=BULK, density=RHO, form=f"P{order}", dirichlet=held)
     u = body.solve()[0]
     cpu = time.process_time() - start
     k = complex(OMEGA * np.sqrt(RHO / modulus))

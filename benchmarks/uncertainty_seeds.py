@@ -84,7 +84,7 @@ def block(
     storage, loss = moduli(ngs.x, ngs.y, ngs.z, ngs.exp)
     waves = [Wave(60.0, {"all": drive}) for drive in drives]
     body = HarmonicProblem(
-        mesh, Shearing(storage + 1j * loss), waves, bulk=BULK, form="P4", held="all", quadrature=order
+        mesh, Shearing(storage + 1j * loss), waves, bulk=BULK, form="P4", dirichlet="all", quadrature=order
     )
     line = np.linspace(0, side, round(side / spacing) + 1)
     points = np.array([[x, y, z] for z in line for y in line for x in line])

@@ -35,7 +35,7 @@ def wave_data():
         for k in ("real", "imag")
     ]
     made = HarmonicProblem(
-        mesh, Shearing(parts[0] + 1j * parts[1]), WAVES, bulk=2e5, form="P4", held="all", quadrature=5
+        mesh, Shearing(parts[0] + 1j * parts[1]), WAVES, bulk=2e5, form="P4", dirichlet="all", quadrature=5
     )
     lines = [np.arange(SPACING / 2, side, SPACING) for side in SIDES]
     points = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3, order="F")

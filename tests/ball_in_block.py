@@ -33,7 +33,7 @@ def label_at(x):
 
 
 def body(mesh, law, form="P3", degree=3):
-    return HarmonicProblem(mesh, law, WAVES, bulk=2e5, form=form, held="all", quadrature=degree)
+    return HarmonicProblem(mesh, law, WAVES, bulk=2e5, form=form, dirichlet="all", quadrature=degree)
 
 
 @cache

@@ -25,7 +25,7 @@ def waves():
     storage.vec[:] = MODULUS
     shear = storage**2 / MODULUS * (1 + 0.2j)
     wave = Wave(30.0, {"top": (1e-3, 0)})
-    body = HarmonicProblem(mesh, Shearing(shear), [wave], bulk=13 / 6 * shear, form="Q2", held="top|bottom")
+    body = HarmonicProblem(mesh, Shearing(shear), [wave], bulk=13 / 6 * shear, form="Q2", dirichlet="top|bottom")
     line = SIDE * np.linspace(0.05, 0.95, 5)
     return WaveModel(body, {"storage": storage}, np.array([(x, y) for x in line for y in line]))
 

@@ -31,7 +31,7 @@ def square(nodes, form, loss=0.0, bulk_over_shear=None, held="top|bottom"):
         fields["bulk"] = bulk = ngs.GridFunction(space)
         bulk.vec[:] = bulk_over_shear * MODULUS
     wave = Wave(FREQUENCY, {"top": (1e-3, 0)} if held == "top|bottom" else {})
-    body = HarmonicProblem(mesh, Shearing(shear), [wave], bulk=bulk, form=form, held=held)
+    body = HarmonicProblem(mesh, Shearing(shear), [wave], bulk=bulk, form=form, dirichlet=held)
     return WaveModel(body, fields, np.array([v.point for v in mesh.vertices]))
 
 

@@ -83,7 +83,7 @@ def perturb(seed: int) -> pytest.MonkeyPatch:
     def load(body: Problem, original: Callable[..., Any], x: np.ndarray, t: float) -> np.ndarray:
         x = original(body, x, t)
         body.factor.Set(one(t))
-        given = np.flatnonzero(body.held)
+        given = np.flatnonzero(body.fixed)
         x[given] = moved(x[given], seed)
         return x
 

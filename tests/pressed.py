@@ -58,7 +58,12 @@ def compression(shape, noise=1.5e-3, grain=(0.6, 0.4), seed=0):
     drive = (0, press, 0)[: mesh.dim]
     bulk = 2 * (1 + POISSON) / (3 * (1 - 2 * POISSON)) * shear
     body = HarmonicProblem(
-        mesh, Shearing(shear * (1 + 0j)), [Wave(0.0, {"bottom": still, "top": drive})], bulk=bulk, form=form, held=held
+        mesh,
+        Shearing(shear * (1 + 0j)),
+        [Wave(0.0, {"bottom": still, "top": drive})],
+        bulk=bulk,
+        form=form,
+        dirichlet=held,
     )
     (wave,) = body.solve()
     line = np.linspace(0, WINDOW, POINTS)

@@ -36,7 +36,7 @@ def pressed(poisson: float = 0.49, bulk: float | None = None, tilted: bool = Fal
     shear = stiffness(ngs.x, ngs.y, ngs.exp)
     squeezed = 2 * (1 + poisson) / (3 * (1 - 2 * poisson)) * shear if bulk is None else bulk
     loads = [Wave(0.0, {"top": (0, -4e-4)}), Wave(0.0, {"top": (0, -4e-4 * ngs.x / side)})][: 1 + tilted]
-    body = HarmonicProblem(mesh, Shearing(shear * (1 + 0j)), loads, bulk=squeezed, form="P5/P4", held="top|bottom")
+    body = HarmonicProblem(mesh, Shearing(shear * (1 + 0j)), loads, bulk=squeezed, form="P5/P4", dirichlet="top|bottom")
     points = np.column_stack([part.ravel() for part in np.meshgrid(*[np.linspace(0, side, n)] * 2)])
     return WaveData(
         points,

@@ -54,7 +54,7 @@ def relaxing():
 
 def of_loads():
     body = relaxing()
-    x, held = body.load(np.zeros(body.fes.ndof), 0.7), np.flatnonzero(body.held)
+    x, held = body.load(np.zeros(body.fes.ndof), 0.7), np.flatnonzero(body.fixed)
     return [0.7, *0.7 * body.prescribed[held]], [body.factor.Get(), *x[held]]
 
 
@@ -70,7 +70,7 @@ def of_times():
 def of_waves():
     mesh, ends = rectangles(np.linspace(0, 0.1, 3), np.linspace(0, 0.1, 3)), (1e-3, 3e-3)
     body = HarmonicProblem(
-        mesh, Shearing(2000 + 800j), [Wave(50.0, {"top": ends})], bulk=2e5, held="top|bottom", form="Q1"
+        mesh, Shearing(2000 + 800j), [Wave(50.0, {"top": ends})], bulk=2e5, dirichlet="top|bottom", form="Q1"
     )
     found = body.prescribed[0]
     return np.where(found.real > 2e-3, 3e-3, 1e-3)[found != 0], found[found != 0].real

@@ -50,7 +50,7 @@ def model(kind="viscoelastic", form="P2", mesh=None, waves=WAVES, order=1, **opt
         bulk=fields.get("bulk", 9e3 if "/" not in form else 2e5),
         density=fields.get("density", 1000.0),
         form=form,
-        held=options.pop("held", "bottom|top"),
+        dirichlet=options.pop("held", "bottom|top"),
         **options,
     )
     inner = np.array([[0.21, 0.3, 0.4], [0.7, 0.22, 0.3], [0.4, 0.81, 0.6], [0.63, 0.57, 0.2]]) * SIDE

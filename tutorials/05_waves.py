@@ -38,7 +38,7 @@ def slab(n, order, length=0.1, modulus=BRAIN, **options):
     mesh = MakeStructured2DMesh(quads=True, nx=n, ny=1, mapping=lambda x, y: (length * x, length / n * y))
     held, wave = {"x": ".*", "y": "left|right"}, Wave(HERTZ, {"left": (0, 1e-3)})
     body = HarmonicProblem(
-        mesh, Shearing(modulus), [wave], bulk=1e5, density=RHO, form=f"P{order}", held=held, **options
+        mesh, Shearing(modulus), [wave], bulk=1e5, density=RHO, form=f"P{order}", dirichlet=held, **options
     )
     return body, body.solve()[0]
 
@@ -98,7 +98,7 @@ open_ = HarmonicProblem(
     [driven],
     bulk=1e5,
     form="P6",
-    held=held,
+    dirichlet=held,
     absorbing=[AbsorbingBoundary("right", 2000.0, 1e5)],
 )
 leaving = 1e-3 * ngs.CF((0, ngs.exp(-1j * OMEGA * np.sqrt(RHO / 2000.0) * ngs.x)))
@@ -123,7 +123,7 @@ waves = [Wave(HERTZ, {"bottom": (1e-3, 0)}), Wave(HERTZ, {"bottom": (0, 1e-3)})]
 probe = (0.07, 0.06)
 for form in ("P1", "P2", "P3/P2", "P4/P3"):
     start = time.process_time()
-    body = HarmonicProblem(mesh, Shearing(shear * (1 + 0.4j)), waves, bulk=2e9, form=form, held="bottom")
+    body = HarmonicProblem(mesh, Shearing(shear * (1 + 0.4j)), waves, bulk=2e9, form=form, dirichlet="bottom")
     solved = [wave.components[0] if body.mixed else wave for wave in body.solve()]
     there = solved[0](mesh(*probe))[0]
     print(f"{form:<6} {body.fes.ndof:6d} unknowns {time.process_time() - start:5.2f} s: {1e3 * there:.4f} mm")
@@ -152,7 +152,7 @@ plt.show()
 storage, loss = (ngs.GridFunction(ngs.H1(mesh, order=1)) for _ in range(2))
 storage.Set(2000.0)
 loss.Set(800.0)
-body = HarmonicProblem(mesh, Shearing(storage + 1j * loss), waves, bulk=2e9, form="P3/P2", held="bottom")
+body = HarmonicProblem(mesh, Shearing(storage + 1j * loss), waves, bulk=2e9, form="P3/P2", dirichlet="bottom")
 points = np.column_stack([g.ravel() for g in np.meshgrid(*[np.linspace(0.01, 0.11, 21)] * 2)])
 model = WaveModel(body, {"storage": storage, "loss": loss}, points)
 at = model.evaluate(model.theta)
@@ -191,7 +191,7 @@ ends = {"left": (0, None), "right": ((stretch - 1) * 0.06, None), "bottom": (Non
 solid = Problem(block, {".*": Material(NeoHooke(2000.0), 2e9)}, ends, element="Q6/Q5")
 LoadPath(solid).solve()
 shaken = [Wave(HERTZ, {"left": (0, 1e-6)})]
-u = HarmonicProblem.about(solid, shaken, loss=0.4, held={"x": ".*", "y": "left|right"}).solve()[0].components[0]
+u = HarmonicProblem.about(solid, shaken, loss=0.4, dirichlet={"x": ".*", "y": "left|right"}).solve()[0].components[0]
 k = OMEGA * np.sqrt(RHO / (2000 * (1 + 0.4j))) / stretch
 away = stretch * (0.06 - ngs.x)  # of the deformed right end
 stretched = off(u, ngs.CF((0, 1e-6 / np.sin(k * stretch * 0.06) * ngs.sin(k * away))))

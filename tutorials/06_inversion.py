@@ -59,7 +59,7 @@ body = HarmonicProblem(
     bulk=2 * (1 + POISSON) / (3 * (1 - 2 * POISSON)) * G,
     density=DENSITY,
     form="P5",
-    held="bottom",
+    dirichlet="bottom",
 )
 line = np.linspace(0, SIDE, 22 if FAST else 31)
 points = np.array([[x, y] for y in line for x in line])

@@ -42,7 +42,7 @@ brick.Add(OrthoBrick(Pnt(0, 0, 0), Pnt(SIDE, SIDE, SIDE)).bc("all"))
 mesh = ngs.Mesh(brick.GenerateMesh(maxh=0.011))
 drives = [(1e-5 * ngs.z / SIDE, 0, 0), (0, 1e-5 * (1 - ngs.x / SIDE), 5e-6 * ngs.y / SIDE)]
 waves = [Wave(HERTZ, {"all": drive}) for drive in drives]
-body = HarmonicProblem(mesh, Shearing(G), waves, bulk=BULK, density=DENSITY, form="P4", held="all")
+body = HarmonicProblem(mesh, Shearing(G), waves, bulk=BULK, density=DENSITY, form="P4", dirichlet="all")
 line = np.arange(1.5e-3, SIDE, 3e-3)
 points = np.array([[x, y, z] for z in line for y in line for x in line])
 at = mesh(*points.T)

@@ -145,7 +145,7 @@ class Bulging(Observable):
     way: float
     name, unit = "bulging of a side", ""
 
-    def on(self, problem: Problem) -> Linear:
+    def on(self, problem: Problem) -> LinearObservable:
         """A displacement over a length."""
         outwards = Displacements([(0.03, 0.0, self.height)], (1, 0, 0)).on(problem)
         return LinearObservable(problem, outwards.matrix / self.way)

@@ -170,7 +170,7 @@ def _steps(body: Problem, x: Array, state: BodyState) -> tuple[Array, Array, flo
     They use the factorisation of the given state (small strain, same elements) where it is reliable (`TRUSTED`).
     """
     r = body.residual(x)[0]
-    old = state.body.kept if state.linear and len(state.x) == len(x) else None
+    old = state.body.last_factor if state.linear and len(state.x) == len(x) else None
     with suppress(FloatingPointError):
         if old and (found := _both(body, x, r, old))[2] <= TRUSTED:
             return found

@@ -35,7 +35,7 @@ def naive(measured, u):
     waves[0, :n] = u.T.ravel()
     waves[0, n:] = -(matrix[n:, :n] @ waves[0, :n]) / matrix[n:, n:].diagonal()  # with the true K
     state = model.linearise(model.theta, waves)
-    inner = np.flatnonzero(~model.body.held[:n])
+    inner = np.flatnonzero(~model.body.fixed[:n])
     by_modulus = state.sensitivity.matrices[0][inner]
     rest = (matrix @ waves[0])[inner] - by_modulus @ measured.truth["youngs"]
     normal, right = (by_modulus.conj().T @ by_modulus).real, -(by_modulus.conj().T @ rest).real

@@ -23,7 +23,7 @@ def off(order, per_wavelength, xi=0.0, kL=320.0):
     n = round(kL / (2 * np.pi) * per_wavelength / order)
     mesh = strip(n, LENGTH, LENGTH / n)
     held, wave = {"x": ".*", "y": "left|right"}, Wave(HERTZ, {"left": (0, 1e-3)})
-    body = HarmonicProblem(mesh, Shearing(modulus), [wave], bulk=1e4, form=f"P{order}", held=held)
+    body = HarmonicProblem(mesh, Shearing(modulus), [wave], bulk=1e4, form=f"P{order}", dirichlet=held)
     k = number(modulus, omega)
     exact = 1e-3 / np.sin(k * LENGTH) * ngs.CF((0, ngs.sin(complex(k) * (LENGTH - ngs.x))))
     return error(displacement(body), exact, mesh)

@@ -24,7 +24,9 @@ def slab(omega, xi=0.0):
     """Driven on the left, clamped on the right."""
     wave = Wave(omega / (2 * np.pi), {"left": (0, 1.0)})
     held = {"x": ".*", "y": "left|right"}
-    return HarmonicProblem(strip(12, LENGTH), Shearing(MODULUS * (1 + 2j * xi)), [wave], bulk=1e5, form="P5", held=held)
+    return HarmonicProblem(
+        strip(12, LENGTH), Shearing(MODULUS * (1 + 2j * xi)), [wave], bulk=1e5, form="P5", dirichlet=held
+    )
 
 
 def peak(omega, xi=0.0):

@@ -27,7 +27,7 @@ def slab(driven, form="P6", modulus=G, **options):
     """A strip in which a shear wave runs along x; its long sides roll, so that it is one-dimensional."""
     held = {"x": ".*", "y": "|".join(driven)}
     waves = [Wave(HERTZ, {end: (0, u) for end, u in driven.items()})]
-    return HarmonicProblem(square(4, SIDE), Shearing(modulus), waves, bulk=1e5, form=form, held=held, **options)
+    return HarmonicProblem(square(4, SIDE), Shearing(modulus), waves, bulk=1e5, form=form, dirichlet=held, **options)
 
 
 @pytest.mark.parametrize("form", ["P6", "P6/P5", "P6/L2(4)"])
@@ -56,7 +56,7 @@ def test_a_pressure_wave_leaves_a_half_space_too():
     held = {"x": "left", "y": "left|bottom|top"}
     wave = Wave(HERTZ, {"left": (1e-3, 0)})
     body = HarmonicProblem(
-        mesh, Shearing(G), [wave], bulk=bulk, form="P6", held=held, absorbing=[AbsorbingBoundary("right", G, bulk)]
+        mesh, Shearing(G), [wave], bulk=bulk, form="P6", dirichlet=held, absorbing=[AbsorbingBoundary("right", G, bulk)]
     )
     assert error(displacement(body), 1e-3 * ngs.CF((ngs.exp(-1j * k * ngs.x), 0)), mesh) < 5e-5
 
@@ -69,7 +69,7 @@ def test_axial_waves_in_a_cylinder(form, fibre, modulus):
     law = TransverselyIsotropic(modulus, 1.3, 0.7, (0, 1, 0)) if fibre else Shearing(modulus)
     k, mesh = number((1.7 if fibre else 1) * modulus, OMEGA), square(5, SIDE)
     wave, held = Wave(HERTZ, {"right": (0, 1e-3)}), {"x": ".*", "y": "right"}
-    body = HarmonicProblem(mesh, law, [wave], bulk=1e5, form=form, held=held, kinematics=Axisymmetric())
+    body = HarmonicProblem(mesh, law, [wave], bulk=1e5, form=form, dirichlet=held, kinematics=Axisymmetric())
     u = displacement(body)
     for r in (0.001, 0.01, 0.023, 0.04):
         assert abs(u(mesh(r, 0.02))[1] / 1e-3 - jv(0, k * r) / jv(0, k * SIDE)) < 1e-3
@@ -104,7 +104,7 @@ def test_waves_in_a_sphere_turned_about_its_axis(form):
     mesh.Curve(5)
     wave = Wave(HERTZ, {"side": 1e-3 * ngs.CF((-ngs.y, ngs.x, 0)) / R})
     held = {"x": "side|y0", "y": "side|x0", "z": "side|x0|y0|z0"}
-    u = displacement(HarmonicProblem(mesh, Shearing(modulus), [wave], bulk=1e6, form=form, held=held))
+    u = displacement(HarmonicProblem(mesh, Shearing(modulus), [wave], bulk=1e6, form=form, dirichlet=held))
     printed = {0.01: 0.219276 + 0.417868j, 0.03: -0.082345 - 0.345279j, 0.05: -0.317530 + 0.425114j}
     for r, wanted in printed.items():
         found = u(mesh(r * np.cos(0.5), r * np.sin(0.5), 1e-9))
@@ -244,7 +244,7 @@ def test_loads_of_several_frequencies_and_a_law_of_frequency():
     waves = [Wave(hertz, {"left": (0, 0), "right": (0, u)}) for hertz, u in ((30, 1e-3), (50, 1e-3), (30, 2e-3j))]
     held = {"x": ".*", "y": "left|right"}
     body = HarmonicProblem(
-        square(4, SIDE), lambda omega: Shearing(springpot(omega)), waves, bulk=1e5, form="P6", held=held
+        square(4, SIDE), lambda omega: Shearing(springpot(omega)), waves, bulk=1e5, form="P6", dirichlet=held
     )
     factors = body.factorise()
     for k, g in enumerate(body.prescribed):
@@ -261,7 +261,7 @@ def test_a_traction_and_a_force(form):
     """Shaken by a traction on one face, and by gravity's like inside, clamped on the other."""
     k, held = number(G, OMEGA), {"x": ".*", "y": "left"}
     waves = [Wave(HERTZ, traction={"right": (0, 3.0)}), Wave(HERTZ, force=(0, 500 + 100j))]
-    body = HarmonicProblem(square(4, SIDE), Shearing(G), waves, bulk=1e5, form=form, held=held)
+    body = HarmonicProblem(square(4, SIDE), Shearing(G), waves, bulk=1e5, form=form, dirichlet=held)
     pulled, shaken = (u.components[0] if body.mixed else u for u in body.solve())
     exact = 3.0 / (G * k * np.cos(k * SIDE)) * ngs.CF((0, ngs.sin(k * ngs.x)))
     assert error(pulled, exact, body.mesh) < 1e-4
@@ -276,14 +276,14 @@ def test_without_frequency_it_is_statics(form):
     static = Problem(mesh, {".*": Material(NeoHooke(2000.0), bulk=1e5)}, drive, element=form)
     LoadPath(static).solve()
     waves = [Wave(0.0, {"top": (1e-8, -2e-8)})]
-    body = HarmonicProblem(mesh, Shearing(2000.0), waves, bulk=1e5, form=form, held="bottom|top")
+    body = HarmonicProblem(mesh, Shearing(2000.0), waves, bulk=1e5, form=form, dirichlet="bottom|top")
     assert error(displacement(body), static.u, mesh) < 1e-5
 
 
 def test_held_boundaries_that_meet_share_nothing_else():
     mesh = square(3, SIDE)
     wave = Wave(HERTZ, {"left": (1e-3, 0), "top": (0, 2e-3j), "right": (0, 0)})
-    u = displacement(HarmonicProblem(mesh, Shearing(G), [wave], bulk=1e5, form="P3", held="left|right|top"))
+    u = displacement(HarmonicProblem(mesh, Shearing(G), [wave], bulk=1e5, form="P3", dirichlet="left|right|top"))
     assert u(mesh(0, 0.02)) == pytest.approx((1e-3, 0), abs=1e-12)
     assert u(mesh(0.02, SIDE)) == pytest.approx((0, 2e-3j), abs=1e-12)
     assert u(mesh(SIDE, 0.02)) == pytest.approx((0, 0), abs=1e-12)

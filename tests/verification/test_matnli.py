@@ -128,7 +128,7 @@ class Grid:
     def model(self, values, waves, held):
         for field, value, unit in zip(self.fields.values(), values, UNITS[len(values)], strict=True):
             field.vec.FV().NumPy()[:] = unit * np.asarray(value)
-        body = HarmonicProblem(self.mesh, self.law, waves, held=held, bulk=self.bulk, form=self.form, quadrature=1)
+        body = HarmonicProblem(self.mesh, self.law, waves, dirichlet=held, bulk=self.bulk, form=self.form, quadrature=1)
         return WaveModel(body, self.fields, np.column_stack([self.x, self.y]) * MM)
 
     def data(self, held, driven):

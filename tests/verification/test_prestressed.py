@@ -41,7 +41,7 @@ def stretched(law, stretch, loss=ETA, frequency=FREQUENCY):
     points = np.array([(x, 0.4 * WIDTH, 0.7 * WIDTH) for x in PLACES])
     held = {"x": ".*", "y": "back|front", "z": ".*"}
     parameters = {"mu": mu, "front": PrescribedDisplacement(body, "front")}
-    return WaveModel(HarmonicProblem.about(body, across, loss=loss, density=RHO, held=held), parameters, points)
+    return WaveModel(HarmonicProblem.about(body, across, loss=loss, density=RHO, dirichlet=held), parameters, points)
 
 
 def standing(modulus, stretch):

@@ -39,7 +39,7 @@ class Supports:
         self.values = {pattern: _components(value, mesh.dim) for pattern, value in supports.items()}
 
     @property
-    def held(self) -> dict[str, list[int]]:
+    def components(self) -> dict[str, list[int]]:
         """Pattern → constrained components."""
         return {p: [i for i, c in enumerate(values) if c is not None] for p, values in self.values.items()}
 
@@ -47,7 +47,7 @@ class Supports:
     def dirichlet(self) -> dict[str, str]:
         """NGSolve's keyword arguments for the constrained components: dirichletx="a|b", …"""
         axes = {
-            f"dirichlet{axis}": "|".join(pattern for pattern, held in self.held.items() if i in held)
+            f"dirichlet{axis}": "|".join(pattern for pattern, fixed in self.components.items() if i in fixed)
             for i, axis in enumerate("xyz"[: self.mesh.dim])
         }
         return {axis: patterns for axis, patterns in axes.items() if patterns}
@@ -55,7 +55,7 @@ class Supports:
     def coefficients(self, space: ngs.FESpace) -> tuple[np.ndarray, np.ndarray]:
         """Prescribed values of a displacement space's degrees of freedom, and the mask of those that are constrained."""
         part = ngs.GridFunction(space)
-        values, held = np.zeros(space.ndof), np.zeros(space.ndof, bool)
+        values, fixed = np.zeros(space.ndof), np.zeros(space.ndof, bool)
         for pattern, components in self.values.items():
             region = self.mesh.Boundaries(pattern)
             for i, value in enumerate(components):
@@ -65,8 +65,8 @@ class Supports:
                 span = space.Range(i)
                 where = span.start + np.flatnonzero(np.fromiter(space.components[i].GetDofs(region), bool))
                 values[where] = part.vec.FV().NumPy()[where]
-                held[where] = True
-        return values, held
+                fixed[where] = True
+        return values, fixed
 
     def shares(self, space: ngs.FESpace, boundary: str) -> np.ndarray:
         """Share of a boundary in the reaction force at each degree of freedom.
@@ -90,7 +90,7 @@ class Supports:
         scalar = space.components[0]
         for i in range(self.mesh.dim):
             holding = set[int]().union(
-                *(boundaries(self.mesh, pattern) for pattern, held in self.held.items() if i in held)
+                *(boundaries(self.mesh, pattern) for pattern, fixed in self.components.items() if i in fixed)
             )
             others = _dofs(self.mesh, scalar, holding - mine)
             if not np.any(others & _dofs(self.mesh, scalar, mine)):

@@ -19,7 +19,7 @@ STEEP = 220.0
 """Interior angle (degrees) above which an edge counts as re-entrant and not as part of a faceted curve."""
 
 
-def automatic(mesh: ngs.Mesh, ratio: float, held: Mapping[str, Any]) -> tuple[ElementPair, str]:
+def choose_element(mesh: ngs.Mesh, ratio: float, fixed: Mapping[str, Any]) -> tuple[ElementPair, str]:
     """Cheapest adequate element, chosen by K/μ and by the regularity of the solution on this mesh.
 
     Parameters
@@ -27,7 +27,7 @@ def automatic(mesh: ngs.Mesh, ratio: float, held: Mapping[str, Any]) -> tuple[El
     mesh : ngsolve.Mesh
     ratio : float
         Largest K/μ.
-    held : dict
+    fixed : dict
         Boundary pattern → constrained components.
 
     Returns
@@ -37,7 +37,7 @@ def automatic(mesh: ngs.Mesh, ratio: float, held: Mapping[str, Any]) -> tuple[El
     """
     if ratio <= COMPRESSIBLE:
         return ElementPair(2), f"K/μ is {ratio:.3g}, which does not lock quadratic displacements"
-    reason = rough(mesh, held)
+    reason = nonsmooth_reason(mesh, fixed)
     if reason:
         return ElementPair(2, 1), f"{reason}: order 4 would gain little on it for its cost"
     return ElementPair(
@@ -45,13 +45,13 @@ def automatic(mesh: ngs.Mesh, ratio: float, held: Mapping[str, Any]) -> tuple[El
     ), "one region, no re-entrant edges, no clamped boundary that meets a free one: smooth"
 
 
-def rough(mesh: ngs.Mesh, held: Mapping[str, Any]) -> str:
+def nonsmooth_reason(mesh: ngs.Mesh, fixed: Mapping[str, Any]) -> str:
     """Reason why the solution on a mesh is not smooth.
 
     Parameters
     ----------
     mesh : ngsolve.Mesh
-    held : dict
+    fixed : dict
         Boundary pattern → constrained components.
 
     Returns
@@ -69,7 +69,7 @@ def rough(mesh: ngs.Mesh, held: Mapping[str, Any]) -> str:
         return f"{np.sum(angles > STEEP)} re-entrant edges"
     names = mesh.GetBoundaries()
     count = [0] * len(names)
-    for pattern, components in held.items():
+    for pattern, components in fixed.items():
         for i, match in enumerate(mesh.Boundaries(pattern).Mask()):
             count[i] |= sum(1 << c for c in components) if match else 0
     bits = np.array(count)[faces]

@@ -64,7 +64,7 @@ class ElementPair:
             return "displacement"
         return "continuous pressure" if self.continuous else "discontinuous pressure"
 
-    def spaces(self, mesh: ngs.Mesh, condense: bool, **held: str) -> list[ngs.FESpace]:
+    def spaces(self, mesh: ngs.Mesh, condense: bool, **dirichlet: str) -> list[ngs.FESpace]:
         """Displacement space and, if there is one, pressure space.
 
         Parameters
@@ -72,14 +72,14 @@ class ElementPair:
         mesh : ngsolve.Mesh
         condense : bool
             Whether discontinuous pressures may be eliminated element by element (static condensation).
-        **held : str
+        **dirichlet : str
             NGSolve's dirichlet, dirichletx, …
 
         Returns
         -------
         list of FESpace
         """
-        spaces = [ngs.VectorH1(mesh, order=self.order, **held)]
+        spaces = [ngs.VectorH1(mesh, order=self.order, **dirichlet)]
         if self.pressure is not None and self.continuous:
             spaces.append(ngs.H1(mesh, order=self.pressure))
         elif self.pressure is not None:

@@ -83,13 +83,13 @@ def boundaries(mesh: ngs.Mesh, pattern: str) -> set[int]:
     return _matches("boundary", pattern, mesh.Boundaries, mesh.GetBoundaries())
 
 
-def check_apart(mesh: ngs.Mesh, held: str, touched: Iterable[str]) -> None:
+def check_apart(mesh: ngs.Mesh, fixed: str, touched: Iterable[str]) -> None:
     """Check that no boundary is both constrained and in contact with a rigid body.
 
     Parameters
     ----------
     mesh : ngsolve.Mesh
-    held : str
+    fixed : str
         Pattern of the constrained boundaries; "" for none.
     touched : iterable of str
         Patterns of the boundaries in contact.
@@ -100,11 +100,11 @@ def check_apart(mesh: ngs.Mesh, held: str, touched: Iterable[str]) -> None:
         For a boundary that is both.
     """
     names, loose = mesh.GetBoundaries(), set[int]().union(*(boundaries(mesh, t) for t in touched))
-    if both := boundaries(mesh, held) & loose if held else set():
+    if both := boundaries(mesh, fixed) & loose if fixed else set():
         wanted = (
             f"a pattern without {', '.join(sorted({names[i] for i in both}))}, which is in contact with a rigid body"
         )
-        raise InputError("boundary", repr(held), wanted)
+        raise InputError("boundary", repr(fixed), wanted)
 
 
 def _matches(kind: str, pattern: str, find: Callable[[str], ngs.Region], names: Sequence[str]) -> set[int]:

@@ -44,9 +44,9 @@ def check_held(supports: Supports, loads: Sequence[Load], kinematics: SolidKinem
     mesh = supports.mesh
     points = np.array([vertex.point for vertex in mesh.vertices])
     parts, materials = _components(mesh)
-    held = _held(supports)
+    fixed = _held(supports)
     for part in range(parts.max() + 1):
-        motions = _free(points, held & (parts == part)[:, None], parts == part, axes)
+        motions = _free(points, fixed & (parts == part)[:, None], parts == part, axes)
         if not motions:
             continue
         where = "" if parts.max() == 0 else f"; region {' and '.join(materials[part])} is not supported"
@@ -76,13 +76,13 @@ def _held(supports: Supports) -> np.ndarray:
     """Constrained components of each vertex (nv, dim)."""
     mesh = supports.mesh
     found = np.zeros((mesh.nv, mesh.dim), bool)
-    for pattern, components in supports.held.items():
+    for pattern, components in supports.components.items():
         vertices = {vertex.nr for element in mesh.Boundaries(pattern).Elements() for vertex in element.vertices}
         found[np.ix_(sorted(vertices), components)] = True
     return found
 
 
-def _free(points: np.ndarray, held: np.ndarray, mine: np.ndarray, axes: str) -> list[str]:
+def _free(points: np.ndarray, fixed: np.ndarray, mine: np.ndarray, axes: str) -> list[str]:
     """Names of the rigid motions of some points that no constraint prevents."""
     middle = points[mine].mean(axis=0)
     x = (points - middle) / max(float(np.abs(points[mine] - middle).max()), 1e-300)
@@ -92,7 +92,7 @@ def _free(points: np.ndarray, held: np.ndarray, mine: np.ndarray, axes: str) -> 
     modes[:, range(dim), range(dim)] = 1
     for k, (i, j) in enumerate(turns, start=dim):
         modes[:, i, k], modes[:, j, k] = -x[:, j], x[:, i]
-    rows = modes[held]
+    rows = modes[fixed]
     _, values, ways = np.linalg.svd(rows.T @ rows / max(len(rows), 1))
     free = ways[values < ALMOST**2 * max(1.0, values[0])] if len(rows) else ways
     if not len(free):

@@ -1,11 +1,11 @@
 """The matrix of small waves about the equilibrium of a deformed body.
 
-On an equilibrium u₀ of the energy E, E'(u₀) = 0, moves u₀ + Re(v e^{iωt}) with v = g where it is driven and
+About an equilibrium u₀ of the energy E, E'(u₀) = 0, the body moves as u₀ + Re(v e^{iωt}), with v = g on driven boundaries and
 
     A v = b ,    A = E''(u₀) + iη W_iso''(u₀) - ω² M
 
-so that A is the tangent of all that acts on the body, its stress included (acoustoelasticity), and the loss is a ratio η of
-that of the laws of shape: G* = μ (1 + iη) at rest. All of it from the energies by symbols.
+where E'' is the tangent of all energies, initial stress included (acoustoelasticity), and the loss factor η multiplies the
+tangent of the isochoric energy: G* = μ (1 + iη) at rest. All terms are symbolic derivatives of the energies.
 
 Source: Ogden 2007, 10.1007/978-3-211-73572-5_1.
 """
@@ -49,18 +49,18 @@ class AboutState:
 
     def __init__(self, body: Problem, loss: Value, density: Value) -> None:
         if any(material.viscous.branches for material in body.materials.values()):
-            raise InputError("body", "one that relaxes", "an elastic one; `loss` says how waves decay")
+            raise InputError("body", "a viscoelastic one", "an elastic one; `loss` sets the attenuation of waves")
         self.body = body
         self.loss = check_parameter(loss, "loss", lambda ratio: ratio >= 0, "a number of at least 0")
         self.density = check_positive(density, "density")
         self.work = VirtualWork(body)
 
     def supports(self) -> dict[str, str]:
-        """Where the body is held: a pattern for each axis."""
+        """Fixed boundaries of the body: a pattern for each axis."""
         return {name[-1]: pattern for name, pattern in self.body.supports.dirichlet.items()}
 
     def space(self, displacement: ngs.FESpace) -> ngs.FESpace:
-        """Complex amplitudes of all that the body has, unknown by unknown as in its own space."""
+        """Space of complex amplitudes of all unknowns, in the order of the body's own space."""
         body, layout = self.body, self.body.layout
         if layout.single:
             return displacement
@@ -72,11 +72,9 @@ class AboutState:
         return ngs.FESpace(parts)
 
     def pivoting_device(self, device: Device) -> Device:
-        """Where a matrix that is not symmetric is factorised."""
+        """Device that factorises nonsymmetric matrices."""
         if device not in (CPU, AUTO):
-            raise InputError(
-                "device", repr(device.name), "'cpu': with a pressure that follows, matrices are not symmetric"
-            )
+            raise InputError("device", repr(device.name), "'cpu': follower pressures make the matrices nonsymmetric")
         return PIVOTED
 
     def matrices(self, space: ngs.FESpace) -> Callable[[float], ngs.BaseMatrix]:
@@ -92,7 +90,7 @@ class AboutState:
         return combined
 
     def _pattern(self, space: ngs.FESpace) -> ngs.BaseMatrix:
-        """A complex matrix with the entries' places."""
+        """A complex matrix with the sparsity pattern."""
         u, v = (part if self.body.layout.single else part[0] for part in space.TnT())
         places = u[0] * v[0] * ngs.dx
         if self.body.layout.offset:
@@ -101,7 +99,7 @@ class AboutState:
 
     @cached_property
     def _forms(self) -> list[Callable[[], ngs.BaseMatrix] | None]:
-        """None for what there is not, as without loss."""
+        """Forms of the three parts; None for an absent one, such as the loss."""
         (state, test), work = self.body.fes.TnT(), self.work
         parts = (
             work(state, test),
@@ -115,7 +113,7 @@ class AboutState:
         return at.kinematics.weight() * self.density / 2 * ngs.InnerProduct(at.u, at.u) * at.dx(".*")
 
     def lossy(self, at: FieldState) -> ngs.comp.SumOfIntegrals:
-        """η times the energy of shape."""
+        """η times the isochoric energy."""
         body, deformation = self.body, Deformation.from_gradient(at.F)
         first, *rest = (
             at.kinematics.weight()
@@ -143,7 +141,7 @@ def derivative_by_state(body: Problem, parts: Terms) -> Callable[[], ngs.BaseMat
     form = ngs.BilinearForm(body.fes)
     for part in parts:
         form += part.integral
-    if body.layout.offset:  # the same places for all of them, whether they act on walls or not
+    if body.layout.offset:  # the same sparsity pattern for all of them, with or without boundary terms
         u, v = (body.layout.fields(of).u for of in body.fes.TnT())
         form += ngs.Parameter(0.0) * u[0] * v[0] * ngs.ds
 

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 ROUGH = 1e-6
-"""A residual larger than this part of the load: the factor is of no use."""
+"""Residual, relative to the load, above which a factorisation is not usable."""
 FINE = 1e-11
-"""A residual larger than this part: solutions are improved once, by that of their residual. So with discontinuous
+"""Residual, relative to the load, above which solutions take one step of iterative refinement. This happens with discontinuous
 pressures, where round-off grows with K/μ (4e-8 at 10⁸)."""
 
 
@@ -44,9 +44,9 @@ class Factorised:
         self._matrices = {omega: matrices(omega) for omega in {wave.omega for wave in body.waves}}
         self._factors: dict[float, Factor] = {}
         self.refactored: set[float] = set()
-        """Angular frequencies (rad/s) whose first factor was of no use."""
+        """Angular frequencies (rad/s) whose first factorisation was not usable."""
         self.improved: set[float] = set()
-        """Those at which every solution is improved once."""
+        """Angular frequencies (rad/s) at which solutions take one step of iterative refinement."""
         any_of_them = next(iter(self._matrices.values()))
         self._in, self._out = any_of_them.CreateColVector(), any_of_them.CreateColVector()
 
@@ -71,7 +71,7 @@ class Factorised:
         return self._out.FV().NumPy().copy()
 
     def reactions(self, number: int, x: Array, where: Array) -> Array:
-        """Aᵀ x at a few unknowns, in a fraction of the time of `apply`.
+        """Aᵀ x at some unknowns only, faster than `apply`.
 
         Parameters
         ----------
@@ -167,26 +167,28 @@ class Factorised:
             x, left = self._settled(number, b, "refinements")
         if not left <= ROUGH:
             frequency = self.body.waves[number].frequency
-            raise SolverError(f"the matrix of {frequency:g} Hz has no usable factor: a resonance? add loss")
+            raise SolverError(
+                f"the matrix of {frequency:g} Hz has no usable factorisation, possibly at a resonance; add loss"
+            )
         return x + g
 
     def _settled(self, number: int, b: Array, purpose: str) -> tuple[Array, float]:
-        """A solution and the part of the load that it leaves."""
+        """A solution and its residual relative to the load."""
         x = self.solve(number, b, purpose)
         with np.errstate(invalid="ignore", over="ignore"):
-            left = np.linalg.norm(np.where(self.body.held, 0, b - self.apply(number, x)))
-            size = np.linalg.norm(np.where(self.body.held, 0, b))
+            left = np.linalg.norm(np.where(self.body.fixed, 0, b - self.apply(number, x)))
+            size = np.linalg.norm(np.where(self.body.fixed, 0, b))
         return x, float(left / size) if size else float(left)
 
     def detuning(self, number: int) -> float:
-        """How far the nearest resonance is: |ω_j - ω|/ω, with ω_j complex where there is loss.
+        """Relative distance to the nearest resonance, |ω_j - ω|/ω, with complex ω_j where there is loss.
 
-        Half its inverse is about how much larger the response is than far from resonance; data near one magnify every
-        error of the model. Raises `InputError` at 0 Hz.
+        The response is about 1/(2 detuning) times that far from resonance, and near a resonance model errors are amplified.
+        Raises `InputError` at 0 Hz.
         """
         body, omega = self.body, self.body.waves[number].omega
         if not omega:
-            raise InputError("Wave.frequency", 0, "more than 0 Hz: what does not oscillate has no resonance")
+            raise InputError("Wave.frequency", 0, "more than 0 Hz: a static problem has no resonance")
         trial, test = body.fes.TnT()
         mass = ngs.BilinearForm(body.fes)
         weighed = body.kinematics.weight() * body.inertia(body.split(trial)[0], body.split(test)[0])
@@ -200,6 +202,6 @@ class Factorised:
             return self.solve(number, y.FV().NumPy(), "checks")
 
         operator = LinearOperator((body.fes.ndof,) * 2, matvec=inverted, dtype=complex)
-        start = np.where(body.held, 0, np.random.default_rng(0).normal(size=body.fes.ndof)).astype(complex)
+        start = np.where(body.fixed, 0, np.random.default_rng(0).normal(size=body.fes.ndof)).astype(complex)
         values = eigs(operator, k=1, v0=start, return_eigenvectors=False, tol=1e-8)
         return float(abs(np.sqrt(1 + 1 / (values[0] * omega**2)) - 1))

@@ -38,7 +38,7 @@ def derivative(
     """
     try:
         return work.Diff(variable, direction)
-    except Exception as error:  # NGSolve's has no name in Python
+    except Exception as error:  # NGSolve's exception class is not accessible in Python
         if "Diff not implemented" not in str(error):
             raise
         wanted = "what NGSolve can differentiate: a number such as 2000 + 800j, or parts of their own, CF(2000) + 1j * CF(800)"
@@ -46,7 +46,7 @@ def derivative(
 
 
 def vanishes(work: CoefficientFunction) -> bool:
-    """Whether differentiation has found that there is nothing."""
+    """Whether a derivative is identically zero."""
     return str(work).strip() == "ZeroCoefficientFunction"
 
 
@@ -68,7 +68,7 @@ def dot(a: CoefficientFunction, b: CoefficientFunction) -> CoefficientFunction:
 
 
 def gradient(u: ngs.GridFunction) -> CoefficientFunction:
-    """Of known waves, a component in each row: a gradient's form takes half the time that it takes with Grad(u)."""
+    """Gradient of given waves, one component per row; forms with it take half the time of forms with Grad(u)."""
     if not u.components:
         return ngs.grad(u)
     rows = tuple(ngs.grad(component) for component in u.components)
@@ -76,10 +76,10 @@ def gradient(u: ngs.GridFunction) -> CoefficientFunction:
 
 
 def same(work: CoefficientFunction) -> CoefficientFunction:
-    """No change."""
+    """The integrand itself."""
     return work
 
 
 def complex_space(space: ngs.FESpace) -> ngs.FESpace:
-    """The space over the complex numbers, where forms with complex waves live."""
+    """The complex version of a space, for forms with complex waves."""
     return type(space)(space.mesh, order=space.globalorder, complex=True)

@@ -1,15 +1,14 @@
 """Time-harmonic waves of small amplitude, u(x, t) = Re(u(x) e^{iωt}), in elastic and viscoelastic bodies.
 
-For every wave find u with u = g where it is held and, for all v that are zero there,
+Find u with u = g on Dirichlet boundaries and, for all v that are zero there,
 
     ∫ ∂W/∂ε(ε(u)) : ε(v) - ω² ρ u·v  +  iω ∫_absorbing (z_p (u·n)(v·n) + z_s u_t·v_t)  =  ∫ f·v + ∫ t·v
 
-W is a quadratic energy with complex moduli, written without conjugates: the matrix is complex-symmetric, so its factor serves
-the adjoint too. With motion through the plane (`AntiPlane`) u is one number and ∂W/∂ε:ε(v) = G ∇u·∇v. Nearly incompressible
-bodies take the pressure p as one more unknown, W = W_shape(ε) + p tr ε - p²/2K. ω = 0 is the quasi-static case.
+W is a quadratic energy with complex moduli, written without conjugates: the matrix is complex-symmetric, so that its factorisation
+serves the adjoint too. In anti-plane motion (`AntiPlane`) u is a scalar and ∂W/∂ε:ε(v) = G ∇u·∇v. Nearly incompressible bodies
+have the pressure p as an additional unknown, W = W_iso(ε) + p tr ε - p²/2K. ω = 0 is the quasi-static case.
 
-About the equilibrium of a deformed body (`HarmonicProblem.about`) the matrix is the tangent of all that acts on it, see
-`about_state`.
+About the equilibrium of a deformed body (`HarmonicProblem.about`) the matrix contains the body's tangent, see `about_state`.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ from ngbrain.forward.common.regions import boundaries
 from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.forward.harmonic.factors import Factorised
 from ngbrain.forward.harmonic.integrands import Change, Terms, derivative, dot, gradient, same, vanishes
-from ngbrain.forward.harmonic.wave import AbsorbingBoundary, Wave, held_axes, vector
+from ngbrain.forward.harmonic.wave import AbsorbingBoundary, Wave, dirichlet_axes, vector
 from ngbrain.materials.base import Value, check_positive
 from ngbrain.materials.linear import SmallStrainLaw
 from ngbrain.solvers.device import CPU, Device
@@ -45,51 +44,51 @@ LawOfFrequency: TypeAlias = SmallStrainLaw | Callable[[float], SmallStrainLaw]
 
 
 class HarmonicProblem:
-    """A body in which waves are looked for: at rest, or with `HarmonicProblem.about` about the equilibrium of a deformed one.
+    """Harmonic problem of a body: at rest, or by `HarmonicProblem.about` about the equilibrium of a deformed body.
 
     Parameters
     ----------
     mesh : ngsolve.Mesh
         2-D (plane strain, or `kinematics` of `Axisymmetric()` or `AntiPlane()`) or 3-D.
     law : law of small strain, or function
-        Complex moduli allowed; with `bulk` it must leave change of volume alone (`Shearing`, `TransverselyIsotropic`). A function
+        Complex moduli allowed; with `bulk` a deviatoric law (`Shearing`, `TransverselyIsotropic`). A function
         of ω (rad/s) gives a law for each frequency.
     waves : sequence of Wave
         The loads; those of one frequency share a factorisation.
     bulk : float, complex or CoefficientFunction, optional
-        K (Pa); None where the law has it all.
+        Bulk modulus K (Pa); None if the law contains the volumetric part.
     density : float or CoefficientFunction
         ρ (kg/m³).
     form : str
         "P4" or, with the pressure as an unknown, "P4/P3", "P4/L2(2)"; on quadrilaterals "Q1", "Q1/L2(0)" too.
-    held : str or dict
-        Boundaries whose displacement each wave prescribes (0 where it says nothing): a pattern, or patterns for single components,
-        {"x": "side|top", "y": "top"}.
+    dirichlet : str or dict
+        Dirichlet boundaries, on which each wave prescribes the displacement (0 by default): a pattern, or patterns for single
+        components, {"x": "side|top", "y": "top"}.
     absorbing : sequence of AbsorbingBoundary
-        Boundaries that let waves out.
+        Absorbing boundaries.
     kinematics : SolidKinematics, optional
         Of a plane mesh: `PlaneStrain()` (default), `Axisymmetric()`, `AntiPlane()`.
     quadrature : int, optional
-        Rules of degree 2 × this on elements; unasked one more than the order.
+        Half the degree of the quadrature on elements; by default the order plus one.
     device : Device
-        Where matrices are factorised, `Device.from_name("cuda")` for a GPU.
+        Device that factorises matrices; `Device.from_name("cuda")` for a GPU.
     translation : bool
-        With motion through the plane: whether the whole body also moves by a number (m) for each wave that is no part of u: the
-        last unknown, prescribed as 0. Measurements leave it out where the head's motion was subtracted or an image of phase is
-        known up to multiples of 2π; a pressure that changes evenly along z acts alike.
+        In anti-plane motion: whether each wave has an additional rigid translation (m) of the body, the last unknown, prescribed
+        as 0. Measurements do not contain it where the head's motion was subtracted, or where a phase image is known only up to
+        multiples of 2π. A pressure gradient along z has the same effect.
 
     Raises
     ------
     InputError
-        For patterns that match nothing, unstable pairs, a pressure without K, a negative density, a complex constant of NGSolve's
-        as a modulus, ngs.CF(2000 + 800j): a number does, or CF(2000) + 1j * CF(800).
+        For patterns that match nothing, unstable element pairs, a pressure without K, a negative density, and a complex
+        constant of NGSolve as a modulus, ngs.CF(2000 + 800j); use a number, or CF(2000) + 1j * CF(800).
 
     Examples
     --------
     >>> from ngbrain.materials import Shearing
     >>> from ngbrain.mesh.geometry.structured import rectangles
     >>> mesh = rectangles(np.linspace(0, 0.1, 9), np.linspace(0, 0.1, 9))
-    >>> body = HarmonicProblem(mesh, Shearing(2000 + 800j), [Wave(50.0, {"top": (1e-3, 0)})], bulk=2e5, held="top|bottom")
+    >>> body = HarmonicProblem(mesh, Shearing(2000 + 800j), [Wave(50.0, {"top": (1e-3, 0)})], bulk=2e5, dirichlet="top|bottom")
     >>> u, = body.solve()
     >>> u(mesh(0.05, 0.1))[0]
     (0.001+0j)
@@ -97,7 +96,7 @@ class HarmonicProblem:
 
     law: LawOfFrequency
     state: AboutState | None = None
-    """The deformed body whose equilibrium waves are about; None at rest."""
+    """Waves about the equilibrium of a deformed body; None at rest."""
     bulk: Value | None = None
     absorbing: tuple[AbsorbingBoundary, ...] = ()
     translation = False
@@ -111,21 +110,21 @@ class HarmonicProblem:
         bulk: Value | None = None,
         density: Value = 1000.0,
         form: str = "P4",
-        held: str | Mapping[str, str] = ".*",
+        dirichlet: str | Mapping[str, str] = ".*",
         absorbing: Sequence[AbsorbingBoundary] = (),
         kinematics: SolidKinematics | None = None,
         quadrature: int | None = None,
         device: Device = CPU,
         translation: bool = False,
     ) -> None:
-        self._how = {
-            "bulk": bulk, "density": density, "form": form, "held": held, "absorbing": absorbing, "kinematics": kinematics,
-            "quadrature": quadrature, "device": device, "translation": translation,
+        self._settings = {
+            "bulk": bulk, "density": density, "form": form, "dirichlet": dirichlet, "absorbing": absorbing,
+            "kinematics": kinematics, "quadrature": quadrature, "device": device, "translation": translation,
         }  # fmt: skip
         self.law, self.bulk, self.absorbing, self.translation = law, bulk, tuple(absorbing), translation
         self._initialise(mesh, waves, density, ElementPair.named(form), kinematics_of(mesh, kinematics))
         self._check_medium()
-        axes = held_axes(mesh, self.axes, self.waves, held)
+        axes = dirichlet_axes(mesh, self.axes, self.waves, dirichlet)
         if self.axes == "z":
             self.displacement = ngs.H1(mesh, order=self.form.order, complex=True, dirichlet=axes.get("z", ""))
         else:
@@ -138,7 +137,7 @@ class HarmonicProblem:
             self.fes = self.displacement * pressures(mesh, order=self.form.pressure, complex=True)
         self._discretise(device, quadrature)
         for omega in {wave.omega for wave in self.waves}:
-            self.weak_form_terms(omega, *self.fes.TnT())  # what cannot be differentiated is said now
+            self.weak_form_terms(omega, *self.fes.TnT())  # raises an error for a law that cannot be differentiated
 
     @classmethod
     def about(
@@ -148,33 +147,33 @@ class HarmonicProblem:
         *,
         loss: Value = 0.0,
         density: Value = 1000.0,
-        held: str | Mapping[str, str] | None = None,
+        dirichlet: str | Mapping[str, str] | None = None,
         device: Device = CPU,
     ) -> HarmonicProblem:
-        """Small waves about the equilibrium that a body has when they are solved for (acoustoelasticity).
+        """Small waves about the body's equilibrium at the time of the solve (acoustoelasticity).
 
-        Coordinates, points, densities and tractions are those of rest; contact is frozen as it is. A loss that depends on
-        frequency takes a body for each.
+        Coordinates, points, densities and tractions refer to the reference configuration; the contact zone is frozen. A loss
+        factor that depends on frequency needs one problem per frequency.
 
         Parameters
         ----------
         body : Problem
             Elastic, under its supports, loads and contacts without friction; `LoadPath` brings it to equilibrium.
         waves : sequence of Wave
-            Loads; dead ones, as those of the body that follow it are part of its tangent.
+            Excitations; dead loads, as follower loads are part of the body's tangent.
         loss : float or CoefficientFunction
-            η, by which the shear moduli are (1 + iη) times those of the body's laws.
+            Loss factor η: shear moduli are (1 + iη) times those of the body's laws.
         density : float or CoefficientFunction
             ρ (kg/m³).
-        held : str or dict, optional
-            Boundaries that waves hold, as above; by default where the body is held.
+        dirichlet : str or dict, optional
+            Dirichlet boundaries of the waves, as above; by default those of the body.
         device : Device
-            Where matrices are factorised; with a pressure that follows they are not symmetric, which the processor alone takes.
+            Device that factorises matrices; follower pressures make them nonsymmetric, which needs the CPU.
 
         Raises
         ------
         InputError
-            For a body that relaxes, has friction or walls that close on each other.
+            For a viscoelastic body, and one with friction or self-contact.
 
         References
         ----------
@@ -192,12 +191,14 @@ class HarmonicProblem:
         >>> u.components[0](mesh(0.05, 0.1))[0]
         (0.001+0j)
         """
-        from ngbrain.forward.harmonic.about_state import AboutState  # a body at rest needs no solid
+        from ngbrain.forward.harmonic.about_state import AboutState  # not needed for a body at rest
 
         made = cls.__new__(cls)
         made.state = AboutState(body, loss, density)
         made._initialise(body.mesh, waves, made.state.density, body.element, body.kinematics)
-        axes = held_axes(body.mesh, made.axes, made.waves, made.state.supports() if held is None else held)
+        axes = dirichlet_axes(
+            body.mesh, made.axes, made.waves, made.state.supports() if dirichlet is None else dirichlet
+        )
         made.displacement = ngs.VectorH1(body.mesh, order=body.element.order, complex=True, **_dirichlet(axes))
         made.fes = made.state.space(made.displacement)
         made._discretise(device if body.symmetric else made.state.pivoting_device(device), None)
@@ -209,25 +210,25 @@ class HarmonicProblem:
         self.mesh, self.waves, self.density = mesh, tuple(waves), density
         self.form, self.kinematics = form, kinematics
         self.axes = "z" if isinstance(kinematics, AntiPlane) else "xyz"[: mesh.dim]
-        """The components of the displacement."""
+        """Components of the displacement."""
 
     def _discretise(self, device: Device, quadrature: int | None) -> None:
-        """What is held, rules of quadrature, and what waves prescribe."""
+        """Set the constrained unknowns, the quadrature, and the prescribed displacements of the waves."""
         self.device, self.device_note = device.for_unknowns(self.fes.ndof)
-        self.held = ~np.fromiter(self.fes.FreeDofs(), bool, self.fes.ndof)
-        self.held[self.displacement.ndof :] |= self.translation
-        self.free = ngs.BitArray((~self.held).tolist())
+        self.fixed = ~np.fromiter(self.fes.FreeDofs(), bool, self.fes.ndof)
+        self.fixed[self.displacement.ndof :] |= self.translation
+        self.free = ngs.BitArray((~self.fixed).tolist())
         degree = self.form.order + 1 if quadrature is None else quadrature
         self.rules = IntegrationRuleSpace(self.mesh, order=degree).GetIntegrationRules()
         self.boundary_rules = {
             shape: ngs.IntegrationRule(shape, 2 * degree) for shape in (ngs.SEGM, ngs.TRIG, ngs.QUAD)
         }
         self.prescribed = [self._prescribed(wave) for wave in self.waves]
-        """Displacement amplitudes of the held unknowns (m), one array for each wave; zero elsewhere."""
+        """Prescribed displacement amplitudes (m), one array for each wave; zero at free unknowns."""
 
     @property
     def symmetric(self) -> bool:
-        """Whether the matrices are: all but those about a body under a pressure that follows it."""
+        """Whether the matrices are symmetric: all but those about a body under a follower pressure."""
         return self.state is None or self.state.body.symmetric
 
     @property
@@ -267,9 +268,9 @@ class HarmonicProblem:
     ) -> list[CoefficientFunction]:
         """Volume integrands, bilinear in `trial` and `test`, by differentiation of the energy.
 
-        They are not summed: NGSolve evaluates an integrand for each pair of entries of all gradients and values in it. In space,
-        where multiplication costs more than evaluation, integrands of the same gradients are merged: cubes of third order take
-        .35 s, not .56.
+        They are not summed: NGSolve evaluates an integrand for each pair of entries of all gradients and values in it. In 3-D,
+        where multiplication costs more than evaluation, integrands of the same gradients are merged: third-order hexahedra then
+        take 0.35 s instead of 0.56 s.
 
         Parameters
         ----------
@@ -345,7 +346,7 @@ class HarmonicProblem:
         return sum(integrals[1:], integrals[0]) if integrals else None
 
     def matrices(self) -> Callable[[float], ngs.BaseMatrix]:
-        """From ω (rad/s) to the matrix, all unknowns, of the moduli as they now are."""
+        """Function from ω (rad/s) to the matrix for all unknowns, at the current moduli."""
         if self.state is not None:
             return self.state.matrices(self.fes)
         trial, test = self.fes.TnT()
@@ -362,19 +363,25 @@ class HarmonicProblem:
         return Factorised(self, solves)
 
     def solve(self, executor: parallel.AnyExecutor = None) -> list[ngs.GridFunction]:
-        """Amplitudes (m, complex), one for each wave; with a pressure its first component is the displacement.
+        """Complex amplitudes (m) of each wave; in mixed form the first component is the displacement.
 
-        executor  who solves for the waves of each frequency, on one thread (`parallel.run`), a body made anew of the same mesh and
-                  moduli; by default this process, as always about a deformed body. The answer does not depend on it
+        Parameters
+        ----------
+        executor : int or concurrent.futures.Executor, optional
+            Solves the waves of each frequency on one thread (`parallel.run`), each on a rebuilt body of the same mesh and moduli;
+            by default, and always about a deformed body, this process. The result does not depend on it.
 
-        Raises `SolverError` when a matrix has no usable factor, as at a resonance without loss.
+        Raises
+        ------
+        SolverError
+            Where a matrix has no usable factorisation, as at a resonance without loss.
         """
         of = {wave.frequency: [w for w in self.waves if w.frequency == wave.frequency] for wave in self.waves}
         if executor in (None, 1) or len(of) < 2 or self.state is not None:
             amplitudes = _amplitudes(self)
         else:
             tasks = [
-                parallel.Task(f"{frequency:g} Hz", _solved, (self.mesh, self.law, waves, self._how))
+                parallel.Task(f"{frequency:g} Hz", _solved, (self.mesh, self.law, waves, self._settings))
                 for frequency, waves in of.items()
             ]
             each = dict(zip(of, map(iter, parallel.run(tasks, executor).values()), strict=True))
@@ -401,7 +408,7 @@ class HarmonicProblem:
 
     def _check_medium(self) -> None:
         if self.translation and self.axes != "z":
-            raise InputError("translation", True, "False but with motion through the plane")
+            raise InputError("translation", True, "False, except in anti-plane motion")
         for wall in self.absorbing:
             boundaries(self.mesh, wall.boundary)
         if self.form.pressure is not None and self.bulk is None:
@@ -414,21 +421,21 @@ class HarmonicProblem:
                 "law", type(self.law).__name__, "a law of small strain such as Shearing, or a function of ω"
             )
         if self.axes == "z" and (self.form.pressure is not None or self.bulk is not None):
-            wanted = "neither with motion through the plane, which changes no volume"
+            wanted = "neither in anti-plane motion, which is isochoric"
             raise InputError("bulk", f"{self.bulk}, form {self.form}", wanted)
         self.form.check(self.mesh)
 
     def _prescribed(self, wave: Wave) -> Array:
         values = np.zeros(self.fes.ndof, complex)
         gfu = ngs.GridFunction(self.displacement)
-        for pattern, value in wave.held.items():
+        for pattern, value in wave.displacement.items():
             region = self.mesh.Boundaries(pattern)
-            gfu.Set(vector(value), definedon=region, dual=True)  # it forgets what was set on other boundaries
+            gfu.Set(vector(value), definedon=region, dual=True)  # resets the values on other boundaries
             there = np.flatnonzero(np.fromiter(gfu.space.GetDofs(region), bool))
             values[there] = gfu.vec.FV().NumPy()[there]
-            if np.any(values[there][~self.held[there]]):
-                wanted = "0 along what `held` leaves free there"
-                raise InputError("Wave.held", f"{pattern!r} with a displacement that nothing holds", wanted)
+            if np.any(values[there][~self.fixed[there]]):
+                wanted = "0 for components that are free there"
+                raise InputError("Wave.displacement", f"{pattern!r} with a displacement of a free component", wanted)
         return values
 
 

@@ -15,7 +15,7 @@ from ngbrain.solvers.matrices import to_ngsolve, to_scipy
 
 Array = np.ndarray
 NEARLY = 100.0
-"""K/g at most: elements of low order are too stiff beyond."""
+"""Largest K/g: beyond it elements of low order are too stiff."""
 
 
 def shear_stiffness(body: HarmonicProblem, omega: float) -> ngs.CoefficientFunction:
@@ -78,7 +78,7 @@ def unit(n: int, entry: tuple[int, int], value: float) -> ngs.CoefficientFunctio
 
 
 def element_means(body: HarmonicProblem, integrand: ngs.CoefficientFunction) -> ngs.GridFunction:
-    """Modulus of an integrand's mean over each element: accurate enough for a preconditioner.
+    """Modulus of an integrand's mean over each element: an approximation for preconditioners.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def elastic(body: HarmonicProblem, load: int, order: int) -> sp.csr_array:
 
 
 def definite(matrix: sp.coo_array) -> Callable[[Array], Array]:
-    """Solves with a symmetric, positive definite matrix."""
+    """Solver for a symmetric, positive definite matrix."""
     made = to_ngsolve(matrix)
     inverse, given, found = made.Inverse(inverse="sparsecholesky"), made.CreateColVector(), made.CreateColVector()
 

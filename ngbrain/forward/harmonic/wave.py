@@ -19,14 +19,14 @@ Vector: TypeAlias = Sequence[Value] | CoefficientFunction
 
 @dataclass(frozen=True)
 class Wave:
-    """What drives the body at one frequency (Hz, 0 for quasi-static).
+    """Excitation at one frequency.
 
     Parameters
     ----------
     frequency : float
-        Hz.
-    held : dict
-        Boundary pattern → displacement amplitude (m, complex), for boundaries among those that the body is held at.
+        Frequency (Hz); 0 for quasi-static.
+    displacement : dict
+        Boundary pattern → displacement amplitude (m, complex), for Dirichlet boundaries of the problem.
     traction : dict
         Boundary pattern → force per area (Pa, complex).
     force : vector, optional
@@ -39,7 +39,7 @@ class Wave:
     """
 
     frequency: float
-    held: Mapping[str, Vector] = field(default_factory=dict)
+    displacement: Mapping[str, Vector] = field(default_factory=dict)
     traction: Mapping[str, Vector] = field(default_factory=dict)
     force: Vector | None = None
 
@@ -55,9 +55,9 @@ class Wave:
 
 @dataclass(frozen=True)
 class AbsorbingBoundary:
-    """A boundary that lets plane waves out: z_p = √(ρ(K + 4G/3)) along its normal, z_s = √(ρG) across (Pa s/m).
+    """Absorbing boundary of impedance z_p = √(ρ(K + 4G/3)) along its normal, z_s = √(ρG) across (Pa s/m).
 
-    Exact for waves that meet it squarely.
+    Exact for plane waves at normal incidence.
 
     Parameters
     ----------
@@ -77,17 +77,17 @@ class AbsorbingBoundary:
 
 
 def vector(value: Vector) -> CoefficientFunction:
-    """As one CoefficientFunction; `InputError` for components that are None."""
+    """A vector as one CoefficientFunction; `InputError` for components that are None."""
     if isinstance(value, CoefficientFunction):
         return value
     if any(part is None for part in value):  # NGSolve's constructor would end the process
-        raise InputError(
-            "Wave", repr(tuple(value)), "numbers; components that slide are left out of `held`, {'y': 'top'}"
-        )
+        raise InputError("Wave", repr(tuple(value)), "numbers; leave free components out of `dirichlet`: {'y': 'top'}")
     return ngs.CF(tuple(value))
 
 
-def held_axes(mesh: ngs.Mesh, names: str, waves: Sequence[Wave], held: str | Mapping[str, str]) -> dict[str, str]:
+def dirichlet_axes(
+    mesh: ngs.Mesh, names: str, waves: Sequence[Wave], dirichlet: str | Mapping[str, str]
+) -> dict[str, str]:
     """Dirichlet boundaries of the waves, a pattern for each axis, checked.
 
     Parameters
@@ -96,7 +96,7 @@ def held_axes(mesh: ngs.Mesh, names: str, waves: Sequence[Wave], held: str | Map
     names : str
         Names of the axes.
     waves : sequence of Wave
-    held : str or dict
+    dirichlet : str or dict
         A pattern, or axis → pattern.
 
     Returns
@@ -111,18 +111,24 @@ def held_axes(mesh: ngs.Mesh, names: str, waves: Sequence[Wave], held: str | Map
     """
     if not waves:
         raise InputError("waves", "none", "one Wave or more")
-    axes = dict.fromkeys(names, held) if isinstance(held, str) else dict(held)
+    axes = dict.fromkeys(names, dirichlet) if isinstance(dirichlet, str) else dict(dirichlet)
     if not set(axes) <= set(names):
-        raise InputError("held", sorted(axes), f"patterns for axes among {', '.join(names)}")
+        raise InputError("dirichlet", sorted(axes), f"patterns for axes among {', '.join(names)}")
     axes = {axis: pattern for axis, pattern in axes.items() if pattern}
     allowed = set[int]().union(*(boundaries(mesh, pattern) for pattern in axes.values()))
     for wave in waves:
-        for pattern in wave.held:
+        for pattern in wave.displacement:
             if not boundaries(mesh, pattern) <= allowed:
-                raise InputError("Wave.held", repr(pattern), f"boundaries among those held: {held!r}")
+                raise InputError(
+                    "Wave.displacement", repr(pattern), f"boundaries among the Dirichlet ones: {dirichlet!r}"
+                )
         for pattern in wave.traction:
             boundaries(mesh, pattern)
-        for value in (*wave.held.values(), *wave.traction.values(), *([] if wave.force is None else [wave.force])):
+        for value in (
+            *wave.displacement.values(),
+            *wave.traction.values(),
+            *([] if wave.force is None else [wave.force]),
+        ):
             if (size := vector(value).dim) != len(names):
                 raise InputError("Wave", f"a vector of {size} components", f"{len(names)} components")
     return axes

@@ -232,8 +232,8 @@ class PrescribedDisplacement:
 
     def __init__(self, body: Problem, boundary: str) -> None:
         boundaries(body.mesh, boundary)
-        there = np.fromiter(body.u.space.GetDofs(body.mesh.Boundaries(boundary)), bool, len(body.held))
-        self.body, self.dofs = body, np.flatnonzero(there & body.held)
+        there = np.fromiter(body.u.space.GetDofs(body.mesh.Boundaries(boundary)), bool, len(body.fixed))
+        self.body, self.dofs = body, np.flatnonzero(there & body.fixed)
         self.size = len(self.dofs)
         if not self.size:
             raise InputError("boundary", repr(boundary), "a boundary with a prescribed component")

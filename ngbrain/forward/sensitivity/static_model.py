@@ -379,9 +379,9 @@ class StaticLinearisation:
 
     def _add_prescribed(self, k: int, total: Array, left: Callable[[], Array]) -> None:
         """Add ∂L/∂u at prescribed degrees of freedom to the gradient."""
-        if held := self._prescribed(k):
+        if prescribed := self._prescribed(k):
             rest = left()
-            for part, where in held:
+            for part, where in prescribed:
                 total[where] += rest[part.dofs]
 
 

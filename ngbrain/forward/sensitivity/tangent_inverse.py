@@ -45,7 +45,7 @@ class TangentInverse:
         self.body, self._form, self._solves = body, body.form, solves
         self._symmetric = body.symmetric
         worth = self._symmetric and (quadratic or (body.mesh.dim == 3 and body.element.pressure is None))
-        self._old = body.kept if worth else None
+        self._old = body.last_factor if worth else None
         self._few = FEW
         self.factor = self._old if quadratic and body.factored else None
         """The factor, once there is one."""

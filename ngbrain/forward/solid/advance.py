@@ -17,8 +17,8 @@ from ngbrain.solvers.record import NewtonRecord
 
 Array = np.ndarray
 UPHILL, RUBBING = 4, 1
-"""`Newton.max_climbs` of displacement elements, and with friction: what pressure does to it is not in the tangent, and a correction
-that is right for the pressure is followed by a larger one along the wall."""
+"""`Newton.max_climbs` of displacement elements, and with friction: its tangent omits the dependence on pressure, so that a
+correction of the pressure is followed by a larger one along the wall."""
 
 
 class LoadHistory:
@@ -50,15 +50,15 @@ class LoadHistory:
 
 @dataclass(frozen=True)
 class LoadProgram:
-    """What is prescribed of a problem at any time: where its rigid bodies are, and its load factor.
+    """Prescribed motion of rigid bodies and load factor of a problem over time.
 
     Parameters
     ----------
     problem : Problem
     motion : Motion, optional
-        Of rigid bodies; without one they stand.
+        Motion of rigid bodies; by default they are at rest.
     loads : LoadHistory, optional
-        Of boundary conditions and loads; without one the load factor is 1.
+        Load factor of boundary conditions and loads; by default 1.
     """
 
     problem: Problem
@@ -122,7 +122,7 @@ class StepResult:
     Parameters
     ----------
     state : State
-        At the end of the step; at its start if it failed.
+        State at the end of the step; at its start if it failed.
     record : NewtonRecord
     failure : Breakdown, optional
         Reason of a failure.
@@ -141,21 +141,21 @@ def advance(
     solve: Callable[[], tuple[Array, NewtonRecord]],
     judge: Callable[[NewtonRecord], Breakdown | None] | None = None,
 ) -> StepResult:
-    """One step of `dt` from a state. The problem then shows the state at its end, or again that at its start if it fails.
+    """Make one step of `dt` from a state; the problem is left at its end, or at its start if the step fails.
 
     Parameters
     ----------
     problem : Problem
     state : State
-        Where the step starts.
+        Start of the step.
     dt : float
-        Its length, in what the program goes by: seconds, or load factor.
+        Length of the step (s, or load factor).
     program : LoadProgram
-        What moves and loads the problem.
+        Prescribed motion and loads.
     solve : callable
-        Finds the unknowns at the end of the step begun, with what is prescribed there already set.
+        Solves for the unknowns at the end of the step, where prescribed values are already set.
     judge : callable, optional
-        Looks at the end that was found, before internal variables move on: why it is not to be taken, or None.
+        Checks the solution before internal variables are updated: returns the reason for rejection, or None.
 
     Returns
     -------
@@ -163,7 +163,7 @@ def advance(
 
     Examples
     --------
-    A block that is pressed at once relaxes; a state is a value, from which one can go on in two ways.
+    Relaxation of a suddenly compressed block; a state is a value from which several continuations can start.
 
     >>> from ngbrain.forward import Material, Problem
     >>> from ngbrain.materials import NeoHooke, Prony
@@ -196,6 +196,6 @@ def advance(
 
 
 def newton_for(problem: Problem, **settings: Any) -> Newton:
-    """Newton's method with the settings that the problem's element needs, and others such as rtol=1e-10."""
+    """Newton's method with the settings that the problem's element needs, and further ones such as rtol=1e-10."""
     rubs = RUBBING if problem.friction.frictions else 0
     return Newton(**{"max_climbs": UPHILL if problem.element.pressure is None else rubs, **settings})

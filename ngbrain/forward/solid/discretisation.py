@@ -9,7 +9,7 @@ import numpy as np
 
 from ngbrain.arguments import check_type
 from ngbrain.forward.common.dirichlet import Support, Supports
-from ngbrain.forward.common.element_choice import automatic
+from ngbrain.forward.common.element_choice import choose_element
 from ngbrain.forward.common.elements import ElementPair, check_elements
 from ngbrain.forward.common.kinematics import SolidKinematics, kinematics_of
 from ngbrain.forward.common.material import Material, stiffness
@@ -21,7 +21,7 @@ from ngbrain.solvers import linear
 
 Array = np.ndarray
 CONDENSE_UP_TO = 1e6
-"""K/μ up to which discontinuous pressures are eliminated element by element; beyond, that loses digits."""
+"""K/μ up to which discontinuous pressures are eliminated element by element; beyond it elimination loses accuracy."""
 
 
 class MixedDiscretisation:
@@ -59,9 +59,9 @@ class MixedDiscretisation:
         points = history_order(mesh, asked.order if asked else 2) if through_time else None
         self._moduli, self.modulus, self.ratio = stiffness(mesh, instant, points)
         if asked is None:
-            self.element, why = automatic(mesh, self.ratio, self.supports.held)
+            self.element, why = choose_element(mesh, self.ratio, self.supports.components)
         else:
-            self.element, why = asked, "taken at its word" if isinstance(element, ElementPair) else "asked for"
+            self.element, why = asked, "as given, unchecked" if isinstance(element, ElementPair) else "asked for"
         self.choice = {"element": f"{self.element}: {why}"}
         self._condense = self.element.kind == "discontinuous pressure" and self.ratio <= CONDENSE_UP_TO
         spaces = self.element.spaces(mesh, self._condense, **self.supports.dirichlet)
@@ -77,7 +77,7 @@ class MixedDiscretisation:
         self.u, self.p, self.offset = now.u, now.p, now.offset
         self._looks = [look for each in rigid if (look := each.follow(self.u))]
         check_elements(mesh)
-        self.prescribed, self.held = self.supports.coefficients(spaces[0])
+        self.prescribed, self.fixed = self.supports.coefficients(spaces[0])
         part = np.repeat(np.arange(self.layout.count), [space.ndof for space in spaces])
         self.is_u = part == 0
         self._lengths = self.is_u | (bool(rigid) & (part == 1 + self.layout.pressure))
@@ -90,7 +90,7 @@ class MixedDiscretisation:
 
     @property
     def x(self) -> Array:
-        """All unknowns as one array, a copy: those of `fes`, and how far a tool of given force has gone (m)."""
+        """All unknowns as one array, a copy: those of `fes`, then the travel (m) of a force-controlled tool."""
         unknowns = self._unknowns.copy()
         return unknowns if self.tool is None else np.append(unknowns, self.tool.travel)
 
@@ -103,15 +103,15 @@ class MixedDiscretisation:
             look()
 
     def _applied(self, form: ngs.BilinearForm) -> Array:
-        """What a form's energy or virtual work gives at the unknowns that stand, one number for each."""
+        """First variation of a form at the current unknowns, one number per unknown."""
         form.Apply(self.gfu.vec, self._vec)
         return np.array(self._vec.FV().NumPy())
 
     def _linear_solver(self, pivots: str, contacts: bool) -> linear.Choice:
-        """Which one, and why; `pivots` says what needs them, if anything."""
+        """Choice of the linear solver; `pivots` is the reason why pivoting is needed, if any."""
         if pivots:
-            return linear.Choice("umfpack", f"{pivots}, which only a factor with pivots is for")
+            return linear.Choice("umfpack", f"{pivots}, which needs a factorisation with pivoting")
         if contacts:
-            return linear.Choice("sparsecholesky", "contacts come and go, which preconditioners are not made for")
+            return linear.Choice("sparsecholesky", "contact zones change, which preconditioners do not cope with")
         coupled = int(np.sum(np.fromiter(self.fes.FreeDofs(self._condense), bool)))
         return linear.choose(self.element.kind, coupled, self.ratio, dim=self.mesh.dim, order=self.element.order)

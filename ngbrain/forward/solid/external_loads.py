@@ -46,14 +46,14 @@ class ExternalLoads(Term):
         self.loads, self.contacts = tuple(loads), tuple(contacts)
         self.factor = ngs.Parameter(0.0)
         self._parts = self._of_loads()
-        # Pairs of walls that close have to live as long as the form that they are in.
+        # Self-contacts have to be kept as long as the form that contains them.
         self._pairs = WeakKeyDictionary[ngs.BilinearForm, list[object]]()
         self.form = ngs.BilinearForm(fes, symmetric=self.symmetric)
         self.join(self.form)
 
     @property
     def symmetric(self) -> bool:
-        """Whether all have an energy: a pressure that follows has none."""
+        """Whether all have an energy; a follower pressure has none."""
         return not any(isinstance(load, PressureLoad) for load in self.loads)
 
     def place(self, u: ngs.CoefficientFunction, v: ngs.CoefficientFunction | None = None) -> LoadContext:
@@ -73,14 +73,14 @@ class ExternalLoads(Term):
         return LoadContext(self.fes.mesh, self.kinematics, self.factor, u, v, self.order)
 
     def join(self, form: ngs.BilinearForm) -> None:
-        """Add all to a form of the problem's."""
+        """Add all to a form of the problem."""
         for _, part in self._parts:
             form += part
         for contact in self.contacts:
             self._add(form, contact)
 
     def boundary_forms(self) -> list[tuple[str | None, ngs.BilinearForm]]:
-        """Each by itself, with the boundary that it acts on; None of a load on none."""
+        """The form of each, with the boundary that it acts on; None for a load on no boundary."""
         found: list[tuple[str | None, ngs.BilinearForm]] = []
         for load, part in self._parts:
             form = ngs.BilinearForm(self.fes)

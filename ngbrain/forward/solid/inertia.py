@@ -29,7 +29,7 @@ class MotionRates:
     velocity : array (n,)
         v (m/s).
     acceleration : array (n,)
-        ü (m/s²), of the forces there.
+        ü (m/s²), from the forces there.
     average : array (n,)
         a (m/s²), the scheme's averaged acceleration: ü near t + (α_m - α_f) dt.
     dt : float
@@ -44,17 +44,17 @@ class MotionRates:
 
 @dataclass(frozen=True)
 class GeneralizedAlpha:
-    """Steps of M ü + F(u) = 0 that are implicit, of second order, and damp what they do not resolve.
+    """Implicit second-order time integration of M ü + F(u) = 0 with damping of unresolved motions.
 
-    radius   ρ_∞ in [0, 1]: factor a step on motions much faster than it. 1 keeps them (and, where all is linear, the energy:
-             the trapezoidal rule), 0 ends them at once; what a step resolves is hardly damped by any of them
+    radius   ρ_∞ in [0, 1]: factor per step on motions much faster than the step. 1 keeps them (and, in linear problems, the
+             energy: the trapezoidal rule), 0 damps them within one step; resolved motions are hardly damped by any of them
 
         (1 - α_m) a' + α_m a = (1 - α_f) ü' + α_f ü ,   M ü' = -F(u') ,
         u' = u + Δt v + Δt² ((½ - β) a + β a') ,         v' = v + Δt ((1 - γ) a + γ a')
 
     with a prime at the end of the step, α_m = (2ρ_∞ - 1)/(ρ_∞ + 1), α_f = ρ_∞/(ρ_∞ + 1), γ = ½ - α_m + α_f, β = (½ + γ)²/4. Forces
-    are averaged, not the states they belong to, so F(u') + c M (u' - û) = 0: an energy of F keeps being one. Before a step of
-    another length than the last, a goes to ü + (a - ü) Δt/Δt_last, so that the order stays. Raises `InputError` for another radius.
+    are averaged, not states, so that F(u') + c M (u' - û) = 0 is the gradient of an energy if F is. Before a step of another
+    length than the last, a becomes ü + (a - ü) Δt/Δt_last, which keeps the order. Raises `InputError` for another radius.
 
     Sources: Chung and Hulbert 1993, 10.1115/1.2900803; with ü kept beside a, for constrained systems, Arnold and Brüls 2007,
     10.1007/s11044-007-9084-0.
@@ -150,7 +150,7 @@ class GeneralizedAlphaStep:
         return MotionRates(velocity, s.weight(self.dt) * (u - self.target), average, self.dt)
 
     def error(self, u: np.ndarray) -> np.ndarray:
-        """Δt² (β + (α_m - α_f)/2 - 1/6) (a' - a), by how much the step misses where exact accelerations lead, but for Δt⁴.
+        """Δt² (β + (α_m - α_f)/2 - 1/6) (a' - a), the local error of the displacement, up to Δt⁴.
 
         Source, for Newmark's method, where α_m = α_f: Zienkiewicz and Xie 1991, 10.1002/eqe.4290200907.
         """
@@ -168,18 +168,17 @@ class GeneralizedAlphaStep:
 class Inertia:
     """Mass of a body for a `TimeStepper`: adds c/2 ∫ ρ |u - û|² dV to the energy of each step (`GeneralizedAlpha`).
 
-    One for each body, which is at rest before its first step unless `Problem.start` gives it a velocity. Pressures enforce the
-    volume at the end of a step. Resolved oscillations last as long as the tissue's damping allows, and keep steps short: ρ_∞ = 0
-    lets steps grow soonest. At large strains no ρ_∞ bounds the energy; with 1 it grows first. Forces on a moving boundary
-    include the inertia of its nodes.
+    At most one for each body, which starts at rest unless `Problem.start` sets a velocity. Pressures enforce the volume at the
+    end of a step. Resolved oscillations decay by the tissue's damping alone, and keep steps short; steps grow soonest with
+    ρ_∞ = 0. At large strains no ρ_∞ bounds the energy; it grows earliest with ρ_∞ = 1. Forces on a moving boundary include the
+    inertia of its nodes.
 
     Parameters
     ----------
     density : float, CoefficientFunction or dict
         ρ (kg/m³) at rest, or region pattern → density.
     scheme : GeneralizedAlpha
-        Time integration. By default motions much faster than a step are damped at once, as a boundary that starts with a velocity
-        makes nodes oscillate with any other.
+        Time integration. By default ρ_∞ = 0: with any other, a boundary that starts with a velocity makes nodes oscillate.
     amplitude : float
         Displacement (m) relative to which `ErrorControl` judges the error from inertia.
 
@@ -226,7 +225,7 @@ class InertiaTerm(Term):
     """
 
     instant = 1e-9
-    """Time (s) in which no tissue relaxes."""
+    """Time (s) much shorter than any relaxation time."""
 
     def __init__(
         self, layout: Layout, gfu: ngs.GridFunction, masses: Sequence[Inertia], kinematics: SolidKinematics, order: int
@@ -258,11 +257,11 @@ class InertiaTerm(Term):
         self.reset()
 
     def update_density(self) -> None:
-        """Take the density as it is now."""
+        """Update the mass matrix after a change of density."""
         self._mass = self._form.Assemble().mat
 
     def join(self, form: ngs.BilinearForm) -> None:
-        """Add the energy of a step to a form of the problem's."""
+        """Add the energy of a step to a form of the problem."""
         way = self._layout.fields(form.space.TrialFunction()).u - self._target
         form += ngs.Variation(0.5 * self._weight * self._density * ngs.InnerProduct(way, way) * self._measure)
 
@@ -286,7 +285,7 @@ class InertiaTerm(Term):
     def mass_work(
         self, way: CoefficientFunction, motion: CoefficientFunction
     ) -> tuple[CoefficientFunction, ngs.comp.DifferentialSymbol]:
-        """Virtual work of c M times any displacement.
+        """Virtual work of c M times a displacement.
 
         Parameters
         ----------
@@ -326,14 +325,14 @@ class InertiaTerm(Term):
         return float(v @ self.times(v)) / 2
 
     def reset(self) -> None:
-        """Without speed and acceleration."""
+        """Reset velocity and accelerations to zero."""
         still = np.zeros(self._n)
         self.pace = MotionRates(still, still, still, 0.0)
 
     def begin(self, dt: float) -> None:
         """Begin a time step of `dt` seconds from the present state.
 
-        `stretch` is how far that is longer than the last one, by which the average acceleration goes; 1 where there was none.
+        `stretch` is its length over that of the last step, which scales the average acceleration; 1 for a first step.
         """
         self.dt, self.stretch = dt, dt / self.pace.dt if self.pace.dt else 1.0
         self._step = self.scheme.begin(self._displacement(), self.pace, dt)
@@ -345,11 +344,11 @@ class InertiaTerm(Term):
         return self._weight.Get() * self.times(self._displacement() - self._target.vec.FV().NumPy())
 
     def finish(self) -> None:
-        """End the step begun at the state that now stands."""
+        """End the step at the current state."""
         self.pace = self._step.end(self._displacement())
 
     def error(self, free: Array) -> float:
-        """Largest error of a free displacement in the step that now ends, over `amplitude`."""
+        """Largest error of a free displacement in the step that ends now, over `amplitude`."""
         error = self._step.error(self._displacement()) * free[: self._n]
         return float(np.max(np.abs(error))) / self.amplitude
 

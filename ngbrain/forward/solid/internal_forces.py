@@ -24,17 +24,17 @@ def stresses(
 ) -> CoefficientFunction:
     """Symbolic stresses ∂W/∂F (Pa), nine entries by rows, and ∂W/∂p.
 
-    The order of differentiation decides the cost: NGSolve stores the derivative of a tensor with respect to a tensor as 81
+    The order of differentiation determines the cost: NGSolve stores the derivative of a tensor with respect to a tensor as 81
     entries. So only that of C with respect to F is taken, in closed form: ∂W/∂F = 2F sym ∂W/∂C (a law of single entries of C
-    leaves it unsymmetric). Of C̄ = s(C) C only s is differentiated: of s ∂W/∂C̄ : C, a derivative with respect to C would carry
-    81 entries through the law. C̄, C, J and F are each fixed while W is differentiated with respect to another.
+    leaves it unsymmetric). Of C̄ = s(C) C only s is differentiated: of s ∂W/∂C̄ : C, a derivative with respect to C would have
+    81 entries. C̄, C, J and F are separate variables: W is differentiated with respect to one at a time.
 
     Parameters
     ----------
     density : callable
         Energy density (Pa) of a `Deformation` and p.
     F : callable
-        Gives the deformation gradient, a new expression at each call: a variable is one wherever it is used.
+        Gives the deformation gradient, a new expression at each call: a variable can be used in one expression only.
     p : CoefficientFunction, optional
         Pressure (Pa).
 
@@ -55,7 +55,7 @@ def stresses(
 class InternalForces:
     """Internal nodal forces ∫ ∂W/∂F : ∇v + ∂W/∂p q, for every test function.
 
-    A form of the energy evaluates it once for each of the ten entries; here all of them are evaluated together.
+    NGSolve's own form would evaluate the energy once for each of the ten entries; here all are evaluated together.
 
     Parameters
     ----------
@@ -99,18 +99,18 @@ class InternalForces:
         self._form += kinematics.weight() * work * ngs.dx(intrules=space.GetIntegrationRules())
 
     def leave_out(self, points: np.ndarray) -> None:
-        """Do not evaluate some points (their numbers) from now on; what they would add is 0."""
+        """Exclude some points, by number, from all further evaluations."""
         self._moving = np.ones(self._moving.size, bool)
         self._moving[points] = False
         self._values[:] = 0
 
     @property
     def stress(self) -> np.ndarray:
-        """∂W/∂F (Pa), (n, 3, 3) at the points of `space`, as the last call found it."""
+        """∂W/∂F (Pa), (n, 3, 3) at the points of `space`, of the last call."""
         return self._values[:9].T.reshape(-1, 3, 3)
 
     def __call__(self) -> np.ndarray:
-        """At the current state, one number for each unknown."""
+        """Nodal forces at the current state, one number per unknown."""
         self._values[:, self._moving] = self._points(self._derived, self._moving)
         self._stress.vec.FV().NumPy()[:] = self._values.ravel()
         self._form.Assemble()

@@ -16,11 +16,11 @@ from ngbrain.materials.points import Points
 from ngbrain.tensors import from_voigt, to_voigt
 
 REST = 1e30
-"""Relaxation time (s) that stands for 'does not relax', where a region has fewer branches than another."""
+"""Relaxation time (s) in place of none, where a region has fewer branches than another."""
 
 
 class History:
-    """Internal variables of viscoelastic tissue at the quadrature points, and their part of a step's energy.
+    """Internal variables of viscoelastic tissue at the quadrature points, and their contribution to a step's energy.
 
     H_k and S̄_k of hereditary branches, `MaxwellTerm` of Maxwell ones, and C̄. Tensors are stored by their `to_voigt` entries:
     `stress` S̄_k and `overstress` H_k (branches, 6, points) in Pa, `strain` C̄.
@@ -51,7 +51,7 @@ class History:
         self.dt = 0.0
 
     def reset(self) -> None:
-        """Forget: rest as at the start, with the relaxation times and viscosities that parameters have now."""
+        """Reset to rest, with the current relaxation times and viscosities."""
         points = self.space.ndof
         self.strain = np.outer([1.0, 1.0, 1.0, 0.0, 0.0, 0.0], np.ones(points))
         self.stress = np.zeros((self.n_branches, 6, points))
@@ -70,7 +70,7 @@ class History:
         return self._values(etas, 0.0)
 
     def _flow(self, k: int) -> MaxwellVariables:
-        """The k-th Maxwell branch of all regions that have one; stiff without viscosity elsewhere, so that it rests."""
+        """The k-th Maxwell branch of all regions that have one; elsewhere with zero viscosity, so that it carries no stress."""
         branches = {name: r.maxwell_branches[k] for name, r in self.regions.items() if len(r.maxwell_branches) > k}
         absent = ngs.CF((0.0, 0.0, 0.0, 1.0, 0.0, 1.0))
 
@@ -86,7 +86,8 @@ class History:
         return field.vec.FV().NumPy().copy()
 
     def energy(self, region: Viscous, C: CoefficientFunction) -> CoefficientFunction:
-        """Incremental energy ½ Σ (e_k H_k - β_k S̄_k) : C̄ + Maxwell branches, up to a constant; one `pull` holds the sum over k.
+        """Incremental energy ½ Σ (e_k H_k - β_k S̄_k) : C̄ + Maxwell branches, up to a constant; the sum over k is stored as
+        one tensor field, `pull`.
 
         Parameters
         ----------
@@ -130,7 +131,7 @@ class History:
             self._stress_cf.append(self.mesh.MaterialCF(by_region, default=ngs.CF((0.0,) * 6)))
 
     def begin(self, dt: float) -> None:
-        """Set β_k, the pull and the inner states for a step of `dt` seconds."""
+        """Set β_k, the history term and the branches for a step of `dt` seconds."""
         self.dt = dt
         pull = np.zeros_like(self.strain)
         for k in range(self.n_branches):
@@ -141,13 +142,13 @@ class History:
         self.flows.begin(dt, self.strain)
 
     def relax(self) -> None:
-        """Let the Maxwell branches flow to where they are at rest with the current state."""
+        """Solve for the Maxwell branches at the current state."""
         self.flows.relax(self.shapes())
 
     def finish(self) -> None:
-        """Move the history to the end of the step begun, at the state that now stands.
+        """Update the internal variables at the end of the step, at the current state.
 
-        What the energy sees stays as it was in the step until the next one begins, so that its forces can still be read.
+        The coefficients of the energy stay those of the step until the next one begins, so that forces can still be read.
         """
         self.strain = self.shapes()
         self.flows.finish(self.strain)
@@ -158,16 +159,17 @@ class History:
             self.overstress[k] = e * self.overstress[k] + beta * (self.stress[k] - before[k])
 
     def shapes(self) -> np.ndarray:
-        """C̄ of the state that now stands (6, points)."""
+        """C̄ of the current state (6, points)."""
         return self.points(self._shape_cf)
 
     def here(self) -> tuple[np.ndarray, list[np.ndarray]]:
-        """C̄ and each S̄_k at the state that now stands."""
+        """C̄ and each S̄_k at the current state."""
         return self.shapes(), [self.points(stress) for stress in self._stress_cf]
 
     def half_step_error(self, middle: tuple[np.ndarray, list[np.ndarray]]) -> tuple[float, float]:
-        """Rms over quadrature points (Pa) of the overstress of two half steps by way of `middle` (see `here`) less that of the
-        step, and of the former. To be asked before `finish`; it leaves all as it was.
+        """Rms over quadrature points (Pa) of the change of overstress by two half steps through `middle`, and of the overstress.
+
+        `middle` is as from `here`. To be called before `finish`; nothing is changed.
         """
         end, half = self.here(), 0.5 * self.dt
         change, size = np.zeros_like(self.strain), np.zeros_like(self.strain)
@@ -187,7 +189,7 @@ class History:
 
     @property
     def internal(self) -> Mapping[str, Any]:
-        """All that decides the steps to come."""
+        """Everything that determines later steps."""
         inner = [flow.G for flow in self.flows.flows]
         return {"stress": self.stress, "overstress": self.overstress, "strain": self.strain, "inner": inner}
 
@@ -199,7 +201,7 @@ class History:
 
     @property
     def frozen(self) -> Mapping[str, Any]:
-        """All that the energy of the present step is made of, as `relax` left it."""
+        """Coefficients of the energy of the current step, after `relax`."""
         pull = self.pull.vec.FV().NumPy().copy()
         return {"dt": self.dt, "pull": pull, "flows": self.flows.frozen}
 

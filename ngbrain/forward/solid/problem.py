@@ -29,31 +29,30 @@ from ngbrain.solvers.record import Clock
 
 Array = np.ndarray
 RELATIVE = 0.01
-"""Corrections are judged against this share of the body's size, pressures against its shear modulus."""
+"""Scale of corrections, relative to the body's size; that of pressures is its shear modulus."""
 GAP = 1e-3
-"""With contacts corrections are judged against this length (m): walls come and go by far less than a body is long."""
+"""Scale of corrections (m) with contacts, where displacements far smaller than a body matter."""
 WORTH_REUSING = 100_000
-"""Unknowns in space from which on a Krylov method with an old factor is tried before a new one is made (at 76 000 it took as
-long as a new one, which grows twice as fast):"""
+"""Unknowns in 3-D above which a Krylov method with an old factorisation is tried before a new one (at 76 000 both take equally
+long, and the cost of a factorisation grows twice as fast):"""
 ROUGHLY, AT_MOST = 0.1, 6
-"""it has to bring the first residual down to this share in so many iterations."""
+"""relative residual that it has to reach, and iterations allowed."""
 
 
 class Problem(NotebookCard, Stateful):
     """Nonlinear solid: energy Σ W(F; history) + U(J) or p(J - 1) - p²/2K, + loads + contacts + inertia, stationary at equilibrium.
 
-    It has no solution loop: steps are made by `advance`, in a `LoadPath` or a `TimeStepper`. Its GridFunctions hold the state that
-    was last set.
+    Steps are made by `advance`, in a `LoadPath` or a `TimeStepper`. The GridFunctions hold the current state.
 
     Parameters
     ----------
     mesh : ngsolve.Mesh
-        In the plane or in space, of any element shape.
+        2-D or 3-D, of any element shape.
     materials : dict
-        Region pattern → `Material`, elastic or relaxing.
+        Region pattern → `Material`, elastic or viscoelastic.
     boundary_conditions : dict
-        Boundary pattern → displacement there at load factor 1: 0, a vector (m) or components, None where free; where patterns
-        share nodes the later one counts.
+        Boundary pattern → displacement there at load factor 1: 0, a vector (m), or components with None where free; at shared
+        nodes the later pattern counts.
     loads : sequence
         Of `ngbrain.forward.common.loads`, and one `Inertia`.
     contacts : sequence
@@ -66,20 +65,20 @@ class Problem(NotebookCard, Stateful):
     solver : str
         A name of `ngbrain.solvers.linear`, or "auto".
     bonus : int
-        Orders of quadrature beyond 2k, of bodies without a history.
+        Orders of quadrature beyond 2k, for bodies without internal variables.
     history : bool, optional
-        Whether the body keeps a history at its quadrature points, with stresses there; by default where tissue relaxes, and with
-        contacts or inertia.
+        Whether there are internal variables, and stresses, at the quadrature points; by default for viscoelastic tissue, and
+        with contacts or inertia.
 
     Attributes
     ----------
     x : all unknowns as one array
     fes, gfu, u, p, offset : their space, and GridFunctions of them: all, displacement, pressure and offset of contacts
-    terms : what remembers: tissue, friction, inertia, tool of given force; `state` and `set_state` give and take it all
+    terms : terms with internal variables: tissue, friction, inertia, force-controlled tool; see `state` and `set_state`
     factor : load factor (`ngs.Parameter`)
-    history : what relaxing tissue remembers; None of an elastic body without contacts and mass
-    choice : which element and linear solver were chosen, and why
-    held, prescribed : which displacement unknowns are held, and where (m)
+    history : internal variables of viscoelastic tissue; an error for an elastic body without contacts and inertia
+    choice : the element and the linear solver, and why they were chosen
+    fixed, prescribed : mask of constrained displacement unknowns, and their values (m)
 
     Raises
     ------
@@ -147,14 +146,14 @@ class Problem(NotebookCard, Stateful):
         )
         size = GAP if contacts else RELATIVE * np.ptp([vertex.point for vertex in mesh.vertices], axis=0).max()
         self._scale = np.where(self._lengths, size, self.modulus)
-        self._release(ngs.BitArray(self.fes.FreeDofs()))
+        self._set_free(ngs.BitArray(self.fes.FreeDofs()))
         chosen = self._linear_solver(self.pivots, bool(self.contacts))
         self.solver = chosen.name if solver == "auto" else solver
         self.choice["solver"] = chosen.why if solver == "auto" else "asked for"
-        self._kept: linear.Solve | None = None
+        self._last_factor: linear.Solve | None = None
         self._make_forms()
 
-    # What Newton's method asks (solvers.newton.System).
+    # Interface of Newton's method (solvers.newton.System).
 
     def summary(self) -> dict[str, str]:
         """Regions, elements, unknowns, conditions and loads in words."""
@@ -185,11 +184,11 @@ class Problem(NotebookCard, Stateful):
         """
         self.factor.Set(t)
         x = x.copy()
-        x[: len(self.held)][self.held] = t * self.prescribed[self.held]
+        x[: len(self.fixed)][self.fixed] = t * self.prescribed[self.fixed]
         return x
 
     def residual(self, x: Array) -> tuple[Array, float]:
-        """Residual on the free unknowns, and the norm of the nodal forces that supports and loads have to bear."""
+        """Residual on the free unknowns, and the norm of the reactions and applied nodal forces."""
         with self.clock("residual"):
             self._set_unknowns(x)
             r, outer = self.tissue.forces(), self._outer_forces()
@@ -232,16 +231,16 @@ class Problem(NotebookCard, Stateful):
             self.tissue.stiffen()
             self.form.AssembleLinearization(self.gfu.vec)
         self.assembled = True
-        if r is not None and self._kept and self.mesh.dim == 3 and self.fes.ndof > WORTH_REUSING:
+        if r is not None and self._last_factor and self.mesh.dim == 3 and self.fes.ndof > WORTH_REUSING:
             with self.clock("solve"):
-                solve = linear.reuse_factor(self.form, self._kept, r[: self.fes.ndof], ROUGHLY, AT_MOST)
+                solve = linear.reuse_factor(self.form, self._last_factor, r[: self.fes.ndof], ROUGHLY, AT_MOST)
             if solve:
                 return self._bordered(self._timed(solve))
-        self._kept = None  # the old one's memory first
+        self._last_factor = None  # frees the memory of the old one first
         with self.clock("factor"):
-            self._kept = self.new_factor()
+            self._last_factor = self.new_factor()
         self.factored = True
-        return self._bordered(self._timed(self._kept))
+        return self._bordered(self._timed(self._last_factor))
 
     def refactorise(self, x: Array, r: Array | None = None) -> linear.Solve | None:
         """Solver with the tangent renewed in the elements of `focus`, and as last factorised elsewhere.
@@ -262,12 +261,12 @@ class Problem(NotebookCard, Stateful):
             return None
         assert self._tangent is not None
         self._set_unknowns(x)
-        self.tissue.stiffen(self._near)
+        self.tissue.stiffen(self._focus_points)
         solve = self._tangent.refresh(self.gfu.vec, None if r is None else r[: self.fes.ndof])
         return solve and self._bordered(solve)
 
     def _bordered(self, solve: linear.Solve) -> linear.Solve:
-        """With the equation of a tool's way, if there is one."""
+        """Solver bordered by the force balance of a force-controlled tool, if there is one."""
         return solve if self.tool is None else self.tool.bordered_solver(solve, self._free)
 
     def min_det(self, x: Array) -> float:
@@ -284,12 +283,12 @@ class Problem(NotebookCard, Stateful):
         return timed
 
     @property
-    def kept(self) -> linear.Solve | None:
-        """The last factor that `factorise` made, which is that of a tangent of then."""
-        return self._kept
+    def last_factor(self) -> linear.Solve | None:
+        """The last factorisation of `factorise`."""
+        return self._last_factor
 
     def tangent(self) -> linear.Solve:
-        """Solver with the tangent at the state, made new."""
+        """Solver with a new factorisation of the tangent at the current state."""
         self.form.AssembleLinearization(self.gfu.vec)
         return self.new_factor()
 
@@ -297,33 +296,33 @@ class Problem(NotebookCard, Stateful):
         """Mark tangent and factorisation as out of date, after a change of parameters."""
         self.assembled = self.factored = False
 
-    # Where the tangent is renewed, and what takes part.
+    # Partial renewal of the tangent.
 
     def hold(self, elements: Array) -> None:
-        """Hold all unknowns of some elements (a mask) where they are from now on; nothing is integrated over them."""
+        """Fix all unknowns of some elements (a mask) at their current values; these elements are no longer integrated."""
         self._check_symmetric()
         self.tissue.leave_out(elements)
-        self._release(self._without(elements))
+        self._set_free(self._without(elements))
         self._tangent = Tangent(self.form, self._free_dofs, self._weights)
 
     def focus(self, elements: Array) -> None:
-        """Elements (a mask) where the tangent changes most, for `factorise`; contacts always belong to them."""
+        """Set the elements (a mask) in which `factorise` renews the tangent; contacts are always included."""
         self._check_symmetric()
         tissue = self.tissue.energies()
         for term in tissue:
             term.SetDefinedOnElements(ngs.BitArray(elements))
-        self.focused, self._near = True, self.tissue.points_in(elements)
+        self.focused, self._focus_points = True, self.tissue.points_in(elements)
         part = self._form(tissue)
         self._tangent = Tangent(self.form, self._free_dofs, self._weights, part, self._without(~elements))
 
     def _check_symmetric(self) -> None:
-        """Parts of a tangent are factorised without pivots and, of discontinuous pressures, as a whole."""
+        """A partial tangent is factorised without pivoting and without static condensation."""
         if not self.symmetric or self._cavities or self._condense:
             found = "a follower pressure, a cavity's pressure or condensed pressures"
             raise InputError("problem", f"with {found}", "one without, for a tangent that is renewed in part")
 
     def _without(self, elements: Array) -> ngs.BitArray:
-        """Free unknowns that none of some elements (a mask) has."""
+        """Free unknowns that belong to none of some elements (a mask)."""
         free = ngs.BitArray(self._free_dofs)
         for element in self.mesh.Elements():
             if elements[element.nr]:
@@ -331,52 +330,52 @@ class Problem(NotebookCard, Stateful):
                     free.Clear(dof)
         return free
 
-    def _release(self, free: ngs.BitArray) -> None:
+    def _set_free(self, free: ngs.BitArray) -> None:
         self._free_dofs = free
         self._free = np.fromiter(free, bool, self.fes.ndof).astype(float)
         self._weights = self._free / self._scale**2 / self.fes.ndof
         self.focused = False
         self._tangent = None
 
-    # How it is made.
+    # Assembly.
 
     @property
     def weights(self) -> Array:
-        """Of the square of a correction of each unknown: 1/scale², 0 where it is held."""
+        """Weights of squared corrections: 1/scale² of each unknown, 0 where it is fixed."""
         return self._weights if self.tool is None else np.append(self._weights, self.tool.weight)
 
     @property
     def pivots(self) -> str:
-        """Why a linear solver has to pivot, if it does."""
+        """Reason why the linear solver has to pivot; empty if it has not."""
         if not self.symmetric:
-            return "a pressure that follows has no energy"
+            return "a follower pressure has no energy"
         if self._cavities:
             return "a cavity's pressure is an unknown"
         return "K is infinite" if np.isinf(self.ratio) else ""
 
     @property
     def symmetric(self) -> bool:
-        """Whether the tangent is: a pressure that follows has no energy."""
+        """Whether the tangent is symmetric: a follower pressure has no energy."""
         return self.external.symmetric
 
     def with_materials(self, materials: Mapping[str, Material]) -> None:
-        """Put other materials in the place of those that are there."""
+        """Replace the materials."""
         self.materials = dict(materials)
         self.tissue.materials = self.materials
         self.tissue.make()
         self._make_forms()
 
     def _make_forms(self) -> None:
-        """The form of the whole, and what makes a solver of its matrix."""
+        """Make the form, and the function that factorises its matrix."""
         self.form = self._form(self.tissue.terms)
         self.new_factor = linear.prepare(self.solver, self.form, self._moduli)
-        self._kept = None
+        self._last_factor = None
         self.__dict__.pop("uncondensed", None)
         self.invalidate_tangent()
 
     @cached_property
     def uncondensed(self) -> ngs.BilinearForm:
-        """The form with all unknowns in its matrix, for products with the whole tangent."""
+        """The form without static condensation, for products with the tangent."""
         return self._form(self.tissue.terms, condense=False) if self._condense else self.form
 
     def _form(self, tissue: Sequence[ngs.comp.BFI], condense: bool | None = None) -> ngs.BilinearForm:
@@ -410,15 +409,17 @@ def check_contacts(
     if not contacts:
         return
     rigid = [each for each in contacts if isinstance(each, RigidContact)]
-    held = {p for p, components in Supports(mesh, conditions).held.items() if len(components) == mesh.dim}
+    fixed = {p for p, components in Supports(mesh, conditions).components.items() if len(components) == mesh.dim}
     walls = [each.wall for each in contacts if not isinstance(each, PrescribedForce)]
-    check_apart(mesh, "|".join(held), walls)
+    check_apart(mesh, "|".join(fixed), walls)
     for film in (each for each in contacts if isinstance(each, SlidingSupport)):
         check_apart(mesh, film.wall, [each.wall for each in rigid])
     given = [each for each in contacts if isinstance(each, PrescribedForce)]
     if len(given) > 1:
-        raise InputError("contacts", f"with {len(given)} given forces", "one for each body")
+        raise InputError("contacts", f"with {len(given)} prescribed forces", "one for each body")
     if given and not any(each.travel is given[0].parameter for each in rigid):
         raise InputError(
-            "contacts", "with a given force that moves none of them", "a RigidContact whose way is its parameter"
+            "contacts",
+            "with a prescribed force that acts on none of them",
+            "a RigidContact whose travel is its parameter",
         )

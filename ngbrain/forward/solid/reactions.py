@@ -22,7 +22,7 @@ Array = np.ndarray
 
 
 class Reactions(MixedDiscretisation):
-    """Forces and energies of a `Problem` where it stands."""
+    """Forces and energies of a `Problem` at its current state."""
 
     tissue: TissueTerm
     friction: FrictionTerm
@@ -48,7 +48,7 @@ class Reactions(MixedDiscretisation):
         return self.tissue.forces()[self.is_u]
 
     def tissue_stress(self) -> Array:
-        """Nominal stress P = ∂W/∂F (Pa), (n, 3, 3) at the points of `history.space`, where `tissue_forces` was last asked."""
+        """Nominal stress P = ∂W/∂F (Pa), (n, 3, 3) at the points of `history.space`, at the last call of `tissue_forces`."""
         return self.tissue.stress
 
     def contact_forces(self) -> Array:
@@ -64,18 +64,18 @@ class Reactions(MixedDiscretisation):
         return np.broadcast_to(self.friction.forces(), self.is_u.shape)[self.is_u]
 
     def friction_work(self) -> float:
-        """What went into friction (J) since the present time step began."""
+        """Frictional work (J) since the start of the current time step."""
         return self.friction.work()
 
     def friction_driving_force(self) -> float:
-        """Force (N) along the way of the rigid bodies that friction asks of them, as `RigidContact.driving_force` does."""
+        """Contribution of friction to the driving force (N) of the rigid bodies along their travel."""
         return self.friction.driving_force()
 
     def nodal_forces(self, boundary: str) -> Array:
-        """Forces (N) that act on a boundary from outside, loads on it included, one for each displacement unknown.
+        """External forces (N) on a boundary, loads on it included, one for each displacement unknown.
 
-        They balance the body's own forces, its weight, and what loads on other boundaries put on nodes that are shared. What
-        supports exert there belongs to those of them that hold the node's component, see `Supports.shares`.
+        They balance the internal forces, body forces, and forces of loads on other boundaries at shared nodes. A reaction is
+        divided among the supports that constrain the node's component, see `Supports.shares`.
         """
         return self.unshared_forces(boundary) * self.reaction_shares(boundary)
 
@@ -87,7 +87,7 @@ class Reactions(MixedDiscretisation):
         boundary : str
             Name or pattern.
         tissue : array, optional
-            `tissue_forces`, where known.
+            `tissue_forces`, where already computed.
 
         Returns
         -------
@@ -103,16 +103,16 @@ class Reactions(MixedDiscretisation):
         return forces
 
     def reaction_shares(self, boundary: str) -> Array:
-        """How much of the forces at each displacement unknown is a boundary's own: see `Supports.shares`.
+        """Share of a boundary in the force at each displacement unknown, see `Supports.shares`.
 
-        Where nothing acts on the boundary its free unknowns bear nothing, and what a solution leaves there is none of its force.
+        It is 0 at free unknowns of a boundary on which nothing acts: the residual there is no force.
         """
         shares = self.supports.shares(self.u.space, boundary)
         own = any(self._on(boundary, pattern) for pattern, _ in self.acting)
-        return shares if own else np.where(self.held, shares, 0.0)
+        return shares if own else np.where(self.fixed, shares, 0.0)
 
     def _on(self, boundary: str, pattern: str | None) -> bool:
-        """Whether what acts on a pattern acts on a boundary; a weight has none, nor need one of a user's."""
+        """Whether a load's boundary pattern matches a boundary; False for loads without a boundary."""
         if pattern is None:
             return False
         if (boundary, pattern) not in self._meeting:
@@ -121,7 +121,7 @@ class Reactions(MixedDiscretisation):
         return self._meeting[boundary, pattern]
 
     def force(self, boundary: str) -> Array:
-        """Force (N) that acts on a boundary from outside, by components: what its supports, contacts and loads exert together."""
+        """Components of the total external force (N) on a boundary: of its supports, contacts and loads."""
         return np.array([self.conjugate(_unit(i, self.mesh.dim), boundary) for i in range(self.mesh.dim)])
 
     def conjugate(self, motion: CoefficientFunction, boundary: str) -> float:
@@ -143,7 +143,7 @@ class Reactions(MixedDiscretisation):
         return float(field.vec.FV().NumPy() @ self.nodal_forces(boundary))
 
     def volume(self, boundary: str) -> float:
-        """Volume (m³; in plane strain m²) that a cavity's boundary encloses, as far as the mesh goes."""
+        """Volume (m³; in plane strain m²) enclosed by a cavity's boundary, of the meshed part."""
         return volume(self.external.place(self.u, self.u), self.u, boundary)
 
     def cavity_pressures(self) -> list[float]:
@@ -156,25 +156,25 @@ class Reactions(MixedDiscretisation):
         return 0.0 if self.inertia is None else self.inertia.energy()
 
     def _outer_forces(self) -> Array:
-        """Of contacts, their friction and loads, one number for each unknown."""
+        """Forces of contacts, friction and loads, one number for each unknown."""
         if not self.external.contacts and not self.external.loads:
             return np.zeros(self.fes.ndof)
         return self._applied(self.external.form) + self.friction.forces()
 
     def _set_unknowns(self, x: Array) -> None:
-        """Go to unknowns x, with all that depends on where they are in a time step."""
+        """Set the unknowns, and update what depends on them within a time step."""
         self.x = x
         for term in self.terms:
             term.update()
 
     @cached_property
     def _meeting(self) -> dict[tuple[str, str], bool]:
-        """By two patterns of boundaries, whether they share one."""
+        """Function that tells whether two boundary patterns share a boundary."""
         return {}
 
     @cached_property
     def acting(self) -> list[tuple[str | None, ngs.BilinearForm]]:
-        """What acts from outside, one after the other: on which boundary, and its forces."""
+        """External actions, one by one: boundary pattern, and form of the forces."""
         return [part for term in self.terms for part in term.boundary_forms()]
 
 

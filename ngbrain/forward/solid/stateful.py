@@ -1,4 +1,4 @@
-"""State of a problem as a value, and the beginning and end of a time step."""
+"""State of a problem as a value; start and end of a time step."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ Array = np.ndarray
 
 
 class Stateful(Reactions):
-    """States and steps of a `Problem`: what its terms remember."""
+    """States and time steps of a `Problem`."""
 
     _free: Array
 
     def state(self, t: float) -> State:
-        """Where the problem stands, as a value that belongs to a time (s) or load factor."""
+        """The current state as a value, labelled by a time (s) or load factor."""
         internal = {name: value for term in self.terms for name, value in term.internal.items()}
         return State(t, self.x, internal)
 
     def set_state(self, state: State) -> None:
-        """Put the problem where a state says: its GridFunctions and internal variables; loads and bodies stay where they are."""
+        """Set unknowns and internal variables to those of a state; loads and rigid bodies are unchanged."""
         if self.tool is not None:
             self.tool.hold_at(state.x[-1])
         self.x = state.x
@@ -35,24 +35,24 @@ class Stateful(Reactions):
             term.internal = state.internal
 
     def reset(self) -> State:
-        """Put the problem at rest, as if it had never been loaded; that state, at time 0."""
+        """Reset the problem to rest, as if never loaded; returns that state, at time 0."""
         self.x = np.zeros(len(self.x))
         for term in self.terms:
             term.reset()
         return self.state(0.0)
 
     def begin(self, dt: float) -> None:
-        """Begin a time step of `dt` seconds from where it stands; it ends with `finish`. See `advance`."""
+        """Begin a time step of `dt` seconds at the current state; it ends with `finish`. See `advance`."""
         for term in self.terms:
             term.begin(dt)
 
     def finish(self) -> None:
-        """End the step begun."""
+        """End the step."""
         for term in self.terms:
             term.finish()
 
     def half_step_error(self, before: Array) -> tuple[float, float]:
-        """By how much (Pa) the overstress at the end of the step from `before` would change in two half steps, and its size.
+        """Change (Pa) of the overstress if the step from `before` were made in two half steps, and its size.
 
         See `History.half_step_error`.
         """
@@ -65,12 +65,13 @@ class Stateful(Reactions):
         return self.tissue.history.half_step_error(middle)
 
     def path_error(self) -> float:
-        """Relative error of the step that now ends beside the history's: that of inertia, or of the way of a tool."""
+        """Relative error of the step that ends now, other than that of the internal variables: from inertia, or from a tool's
+        travel."""
         return max(term.error(self._free) for term in self.terms)
 
     @property
     def frozen(self) -> dict[str, Any]:
-        """All that the energy of the present step is made of besides the unknowns."""
+        """Coefficients of the energy of the current step, apart from the unknowns."""
         return {name: value for term in self.terms for name, value in term.frozen.items()}
 
     def freeze(self, x: Array, energy: Mapping[str, Any]) -> None:
@@ -81,7 +82,7 @@ class Stateful(Reactions):
         x : array (n,)
             Unknowns.
         energy : dict
-            As `frozen` gave it there.
+            Coefficients from `frozen`.
         """
         self.x = x
         for term in self.terms:
@@ -89,20 +90,18 @@ class Stateful(Reactions):
 
     @property
     def history(self) -> History:
-        """What relaxing tissue remembers."""
+        """Internal variables of viscoelastic tissue."""
         if self.tissue.history is None:
-            raise AttributeError(
-                "history: an elastic body without contacts and inertia has none unless it is asked for"
-            )
+            raise AttributeError("history: an elastic body without contacts and inertia has none unless `history=True`")
         return self.tissue.history
 
     def start(self, velocity: Sequence[Any] | CoefficientFunction) -> None:
-        """Set a body with inertia moving at a velocity (m/s), with the acceleration that its forces give it.
+        """Set the initial velocity (m/s) of a body with inertia, and the acceleration that follows from its forces.
 
-        Pressures have to be there already if it is loaded: they are taken as they are.
+        The current pressures are used; those of a loaded body have to be set before.
         """
         if self.inertia is None:
-            raise InputError("loads", "without Inertia", "Inertia among them, for a body that moves by itself")
+            raise InputError("loads", "without Inertia", "an Inertia among them, for an initial velocity")
         self.tissue.begin(self.inertia.instant)
         self.friction.begin(self.inertia.instant)
         self._set_unknowns(self.x)

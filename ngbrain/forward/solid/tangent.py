@@ -13,7 +13,7 @@ Solve = Callable[[np.ndarray], np.ndarray]
 """r ↦ M⁻¹r, numpy arrays over all unknowns, zero where they are fixed."""
 
 ROUGH = 0.4
-"""Error of a solution, as a part of it, with which a factorised part is not used."""
+"""Relative error of a solution above which a partial factorisation is not used."""
 
 
 def factor(form: ngs.BilinearForm, free: ngs.BitArray) -> Solve:
@@ -55,8 +55,8 @@ class Tangent:
 
     Elements far from a retractor are most of a head, and their tangent hardly changes. With the factor M₀ of the whole, of an
     earlier state, and the factor M₁ of the current K on the unknowns inside the part, a solve is x = M₁⁻¹r, x += M₀⁻¹(r - K x),
-    x += M₁⁻¹(r - K x): a symmetric multiplicative Schwarz method. It is exact where nothing outside the part has changed since and
-    the whole has the part as it was; `refresh` measures the remaining error.
+    x += M₁⁻¹(r - K x): a symmetric multiplicative Schwarz method. It is exact if nothing outside the part has changed;
+    `refresh` measures the remaining error.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class Tangent:
     part : BilinearForm, optional
         Form over the same space with the part that changes.
     inside : BitArray, optional
-        Free unknowns that only the part's elements have.
+        Free unknowns of the part's elements alone.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class Tangent:
 
     def renew(self, at: ngs.BaseVector) -> Solve:
         """Factorise the whole."""
-        self._kept = None  # the old one's memory first
+        self._kept = None  # frees the memory of the old one first
         self.whole.AssembleLinearization(at)
         if self.part is not None:
             self.part.AssembleLinearization(at)

@@ -25,14 +25,14 @@ from ngbrain.tensors import isochoric, right_cauchy_green
 
 Array = np.ndarray
 HistoryEnergy = Callable[[Viscous, CoefficientFunction], CoefficientFunction]
-"""A part of the energy that a law's history makes of C̄: `History.energy`, or `History.work` for forces alone."""
+"""Energy of the internal variables as a function of C̄: `History.energy`, or `History.work` for forces alone."""
 
 
 class TissueTerm(Term):
     """Tissue term of a problem: energy Σ_regions W(C̄; history) + U(J), or + p(J - 1) - p²/2K.
 
-    Viscoelastic tissue has a `History`, at whose quadrature points the energy is integrated and stresses are evaluated once
-    each. An elastic body under loads alone has a rule of order 2k (+ `bonus`), and NGSolve derives its forces.
+    Viscoelastic tissue has a `History`, at whose quadrature points the energy and the stresses are evaluated. An elastic body
+    under loads alone has a quadrature of order 2k (+ `bonus`), and NGSolve differentiates the energy.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ class TissueTerm(Term):
         self.make()
 
     def make(self) -> None:
-        """Make the forms; again when materials are others."""
+        """Make the forms; called again after a change of materials."""
         self.terms = self.energies()
         self._forces: InternalForces | None = None
         self.form: ngs.BilinearForm | None = None
@@ -98,7 +98,7 @@ class TissueTerm(Term):
         self._vec = self.gfu.vec.CreateVector()
 
     def energies(self) -> list[ngs.comp.BFI]:
-        """Of each region, made once and compiled: uncompiled, shared subexpressions are evaluated again at every use."""
+        """Energies of the regions, compiled: uncompiled, shared subexpressions are evaluated at every use."""
         trial = self.layout.fields(self.gfu.space.TrialFunction())
         state = Deformation.from_gradient(self.kinematics.gradient(trial.u, ngs.Grad(trial.u)))
         found = []
@@ -135,14 +135,14 @@ class TissueTerm(Term):
         return density
 
     def leave_out(self, elements: Array) -> None:
-        """Integrate nothing over some elements (a mask) from now on."""
+        """Exclude some elements (a mask) from all further integrals."""
         assert self._forces is not None
-        for term in self.terms:  # `dx(definedonelements=…)` is not heard by an energy; its integrator is
+        for term in self.terms:  # `dx(definedonelements=…)` has no effect on an energy; its integrator's has
             term.SetDefinedOnElements(ngs.BitArray(~elements))
         self._forces.leave_out(self.points_in(elements))
 
     def forces(self) -> Array:
-        """Nodal forces (N) and what the pressures' equations miss, at the current state, one number for each unknown."""
+        """Nodal forces (N) and residuals of the pressure equations at the current state, one number for each unknown."""
         if self._forces is not None:
             return self._forces()
         assert self.form is not None
@@ -153,7 +153,7 @@ class TissueTerm(Term):
 
     @property
     def stress(self) -> Array:
-        """Nominal stress P = ∂W/∂F (Pa), (n, 3, 3) at the history's points, where `forces` was last asked."""
+        """Nominal stress P = ∂W/∂F (Pa), (n, 3, 3) at the history's points, at the last call of `forces`."""
         assert self._forces is not None
         return self._forces.stress
 
@@ -166,10 +166,10 @@ class TissueTerm(Term):
         counts = np.array([len(self.rules[each.type].weights) for each in self.mesh.Elements()])
         return np.flatnonzero(np.repeat(elements, counts))
 
-    # What it remembers. Maxwell branches flow to where they rest with a state; their stiffness is wanted with the tangent alone.
+    # Internal variables. Maxwell branches are solved for at every state; their stiffness is computed for the tangent only.
 
     def reset(self) -> None:
-        """Forget all loading."""
+        """Reset to the unloaded state."""
         if self.history is not None:
             self.history.reset()
 
@@ -180,19 +180,19 @@ class TissueTerm(Term):
         self._relaxed = np.empty(0)
 
     def update(self) -> None:
-        """Let the branches flow at the unknowns that stand."""
+        """Solve for the Maxwell branches at the current unknowns."""
         if self.history is not None and self.history.flows and not np.array_equal(x := self._x(), self._relaxed):
             self.history.relax()
             self._relaxed, self._stiff = x, False
 
     def finish(self) -> None:
-        """Move the internal variables to the end of the step begun."""
+        """Update the internal variables at the end of the step."""
         if self.history is not None:
             self.update()
             self.history.finish()
 
     def stiffen(self, where: Array | slice = EVERYWHERE) -> None:
-        """Find the branches' stiffness, everywhere or at some points."""
+        """Compute the stiffness of the branches, everywhere or at some points."""
         if self.history is not None and self.history.flows and not self._stiff:
             self.history.flows.stiffen(where)
             self._stiff = where is EVERYWHERE
@@ -212,7 +212,7 @@ class TissueTerm(Term):
 
     @property
     def frozen(self) -> Mapping[str, Any]:
-        """What the energy of the present step is made of, with branches that rest at the unknowns that stand."""
+        """Coefficients of the energy of the current step, with the branches solved at the current unknowns."""
         return {} if self.history is None else self.history.frozen
 
     @frozen.setter

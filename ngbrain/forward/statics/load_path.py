@@ -22,23 +22,23 @@ from ngbrain.solvers.record import NewtonRecord, PathRecord
 from ngbrain.threads import threads as using
 
 GUARD = 0.05
-"""Barrier against collapse at single points, in shear moduli, that a body gets which does not go without."""
+"""Barrier against collapse at single points, in shear moduli, that is added where a solve without it fails."""
 
 
 class LoadPath:
-    """From rest to load factor 1, in as few steps as succeed; a body that would collapse at single points gets a barrier.
+    """Load path from rest to load factor 1, in as few steps as possible; a barrier is added if single points collapse.
 
     Parameters
     ----------
     problem : Problem
-        Of elastic tissue without inertia.
+        A problem of elastic tissue without inertia.
     motion : Motion, optional
-        Of the rigid bodies in its contacts: at load factor t they are where its time t puts them. Without, they stand.
+        Motion of the rigid bodies in its contacts, with the load factor as time; without it they are at rest.
 
     Raises
     ------
     InputError
-        For tissue that relaxes: that is what a `TimeStepper` is for.
+        For viscoelastic tissue, which needs a `TimeStepper`.
 
     Examples
     --------
@@ -77,28 +77,30 @@ class LoadPath:
         steps : int
             Load steps to try first.
         newton : Newton, optional
-            Settings; `newton_for` gives those that the element needs, with others of yours.
+            Settings; `newton_for` gives those that the element needs.
         callback : callable, optional
             Called with the load factor after every step.
         threads : int, optional
-            For this solve; None leaves NGSolve's as they are.
+            Number of threads for this solve; None leaves NGSolve's setting unchanged.
         start : array (ndof,), optional
-            A state near the one at load factor 1, such as a coarser body's: the way from rest is gone if it is not near.
+            Initial guess for the state at load factor 1, such as that of a coarser mesh; if it fails, the path starts from
+            rest.
         eigenvalues : bool
-            Whether the tangent's smallest eigenvalue is found after every load step (`PathRecord.eigenvalues`): where it changes
-            its sign a straight or flat state goes on, and is not stable. One factorisation each, of a direct solver.
+            Whether the tangent's smallest eigenvalue is computed after every load step (`PathRecord.eigenvalues`): a change of
+            sign is a bifurcation, such as buckling, beyond which the computed branch is unstable. One direct factorisation
+            each.
 
         Returns
         -------
         PathRecord
-            What it took; the problem stands in the last equilibrium reached.
+            Record of the solve; the problem is left at the last equilibrium reached.
 
         Raises
         ------
         InputError
-            For a body that nothing holds.
+            For a body with a free rigid motion.
         InvertedElementError, ConvergenceError
-            When steps get too short; they carry the `result`.
+            When load steps become too short; the exception has the `result`.
         """
         body = self.problem
         if not body.contacts:
@@ -137,12 +139,12 @@ class LoadPath:
         return record
 
     def _check_stability(self, record: PathRecord) -> None:
-        """Whether a body that is compressed far is stable; a warning if it is not, or if its free surface creases."""
+        """Check the stability of a strongly compressed body; warns if it is unstable, or if its free surface creases."""
         body = self.problem
         record.pressed, record.creased = stability.compressed_fraction(body), stability.creased_surface_fraction(body)
         if max(record.pressed, record.creased) <= stability.SHARE:
             return
-        said = f"{body.solver} cannot say whether the body is stable"
+        said = f"stability was not checked, as {body.solver} cannot"
         if body.solver in linear.DIRECT:
             record.smallest_eigenvalue = stability.smallest_eigenvalue(body)[0]
             sign = "positive: stable" if record.smallest_eigenvalue > 0 else "negative: not stable"
@@ -150,15 +152,15 @@ class LoadPath:
         if record.smallest_eigenvalue < 0 or record.creased > stability.SHARE:
             by = f"compressed by more than {1 - stability.CREASE:.0%}"
             found = f"{record.pressed:.0%} of the body and {record.creased:.0%} of its free surface are {by}; {said}"
-            doubt = "surfaces crease from there on, and where and how deep depends on the mesh"
+            doubt = "at such compression surfaces crease, and the position and depth of creases depend on the mesh"
             record.warnings.append(f"{found}; {doubt}")
             warnings.warn(record.warnings[-1], StabilityWarning, stacklevel=3)
 
-    # What `continuation` asks of a path.
+    # Interface of a path for `continuation`.
 
     @property
     def weights(self) -> np.ndarray:
-        """The problem's."""
+        """Weights of the problem."""
         return self.problem.weights
 
     def load(self, x: np.ndarray, t: float) -> np.ndarray:
@@ -209,7 +211,7 @@ class LoadPath:
         Parameters
         ----------
         newton : Newton
-            It keeps the last factorisation.
+            Settings; keeps the last factorisation.
         steps : int
             Load steps to try first.
         callback : callable, optional
@@ -227,7 +229,7 @@ class LoadPath:
     def _guarded(
         self, newton: Newton, steps: int, callback: Callable[[float, np.ndarray], None], before: PathRecord
     ) -> tuple[np.ndarray, PathRecord]:
-        """The same with a `barrier` against collapse at single points; it stays."""
+        """`follow` with an added `barrier` against collapse at single points; the barrier is kept."""
         body = self.problem
         kappa = GUARD * body.modulus
         body.with_materials({p: replace(m, pointwise=m.pointwise or kappa) for p, m in body.materials.items()})

@@ -1,4 +1,4 @@
-"""Stability of an equilibrium, and how much of a body is compressed far enough to ask for it."""
+"""Stability of an equilibrium, and the fraction of a body that is compressed far enough to check it."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ CREASE = 0.65
 """Stretch at which the free surface of a Neo-Hookean half-space pressed in plane strain creases (strain .354: Hong, Zhao and
 Suo 2009, 10.1063/1.3211917): beyond it, solutions depend on the mesh."""
 SHARE = 0.05
-"""Share of a body or its free surface pressed beyond that which is more than corners."""
+"""Fraction of a body, or of its free surface, compressed beyond `CREASE` above which it is more than a corner effect."""
 NEAREST, FEW = 6, 30
-"""Eigenvalues nearest to zero among which the smallest is looked for; unknowns up to which all are."""
+"""Number of eigenvalues nearest to zero among which the smallest is selected; unknowns up to which all are computed."""
 
 
 def smallest_eigenvalue(body: Problem) -> tuple[float, ngs.GridFunction]:
-    """Smallest eigenvalue λ (Pa/m²) of a body's tangent, among the nearest to zero, and its motion (see `Problem.smallest_eigenvalue`).
+    """Smallest eigenvalue λ (Pa/m²) of a body's tangent, among those nearest to zero, and its mode.
 
-    A body that is held everywhere has none: inf, and no motion.
+    Infinite, with a zero mode, for a body without free unknowns.
     """
     solve, (u, v) = body.tangent(), body.u.space.TnT()
     mass = ngs.BilinearForm(body.kinematics.weight() * ngs.InnerProduct(u, v) * ngs.dx).Assemble().mat
@@ -37,7 +37,7 @@ def smallest_eigenvalue(body: Problem) -> tuple[float, ngs.GridFunction]:
     motion, moving = ngs.GridFunction(body.u.space), np.flatnonzero(free * body.is_u)
     if not moving.size:
         return np.inf, motion
-    if moving.size <= FEW:  # as many as there are
+    if moving.size <= FEW:  # at most as many as there are
         compliance = np.array([solve(M[:, [i]].toarray().ravel())[moving] for i in moving]).T
         values, motions = np.linalg.eig(compliance)
         values = 1 / values.real
@@ -58,10 +58,10 @@ def compressed_fraction(body: Problem) -> float:
 
 
 def creased_surface_fraction(body: Problem) -> float:
-    """Share of a body's free surface, by area, that is compressed along itself to a stretch below `CREASE`.
+    """Fraction of a body's free surface, by area, with an in-plane stretch below `CREASE`.
 
-    The stretches of a surface with normal N have s₁² + s₂² = |F(1 - N⊗N)|² and s₁ s₂ = |cof F N|. (A ball blown up is
-    compressed through its wall, which creases nothing.)
+    The stretches of a surface with normal N have s₁² + s₂² = |F(1 - N⊗N)|² and s₁ s₂ = |cof F N|. Compression normal to the
+    surface, as in an inflated ball, does not count.
     """
     free = _free(body)
     if not any(free.Mask()):
@@ -76,7 +76,7 @@ def creased_surface_fraction(body: Problem) -> float:
 
 
 def _share(squared: CoefficientFunction, body: Problem, **where: Any) -> float:
-    """Where a squared stretch is below `CREASE`."""
+    """Fraction in which a squared stretch is below `CREASE`."""
     weight = ngs.CF(body.kinematics.weight())
     both = ngs.CF((weight * ngs.IfPos(CREASE**2 - squared, 1, 0), weight))
     beyond, whole = ngs.Integrate(both, body.mesh, **where)
@@ -84,9 +84,9 @@ def _share(squared: CoefficientFunction, body: Problem, **where: Any) -> float:
 
 
 def _free(body: Problem) -> ngs.Region:
-    """Boundaries around the body on which nothing is held."""
+    """Free boundaries of the body."""
     mesh = body.mesh
-    free = ~np.fromiter(mesh.Boundaries("|".join(body.supports.held) or "$^").Mask(), bool)
+    free = ~np.fromiter(mesh.Boundaries("|".join(body.supports.components) or "$^").Mask(), bool)
     for i in np.flatnonzero(free):
         free[i] = sum(_boundaries(mesh, np.arange(len(free)) == i).Neighbours(ngs.VOL).Mask()) == 1
     return _boundaries(mesh, free)

@@ -1,4 +1,4 @@
-"""Time-step control: steps chosen beforehand from the motion, or by an estimate of their error."""
+"""Time-step control: steps prescribed by the motion, or chosen by an error estimate."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from ngbrain.forward.solid.problem import Problem
 from ngbrain.solvers.record import SolverWork
 
 ORDER = 2
-"""Of the history's steps."""
+"""Order of accuracy of the internal variables."""
 SAFETY, SHRINK, GROW = 0.9, 0.3, 4.0
-"""Of steps by their error: part of the step that would just do, and least and largest factor from one to the next."""
+"""Error control: safety factor, and smallest and largest ratio of successive steps."""
 LEAVING = 2
-"""Steps of a body that withdraws from tissue, in one that pushes."""
+"""Ratio of steps on advance to those on withdrawal."""
 OVER = 2.0
-"""Tolerances by which the error of a step may be missed; it is taken again beyond."""
+"""Error, in tolerances, above which a step is repeated."""
 
 
 @dataclass
@@ -33,11 +33,11 @@ class StepperProgress:
     event : int
         Index of the next event.
     touching, rested, cut : bool
-        Whether rigid bodies touch, an event was just reached, and the last step was shortened.
+        Whether rigid bodies are in contact, an event was just reached, and the last step was shortened.
     steps, rejected, newton : int
         Accepted and rejected steps, Newton iterations.
     factor : float
-        Growth allowed for the next step, where steps are chosen by their error.
+        Growth allowed for the next step under error control.
     largest : float
         Largest overstress so far (Pa, rms over quadrature points).
     work : SolverWork
@@ -62,11 +62,11 @@ class Control(Protocol):
 
     @property
     def touch(self) -> float:
-        """First step (s) after touch."""
+        """First step (s) after first contact."""
 
     @property
     def shortest(self) -> float:
-        """Step (s) below which the run gives up."""
+        """Step (s) below which the run fails."""
 
     def propose_step(self, at: StepperProgress, travel: Callable[[float], float]) -> float:
         """Length of the next step.
@@ -97,7 +97,7 @@ class Control(Protocol):
         Returns
         -------
         str
-            Why the step is rejected; empty if it is accepted.
+            Reason for rejection; empty if the step is accepted.
         """
 
     def halve(self) -> Control:
@@ -106,24 +106,24 @@ class Control(Protocol):
 
 @dataclass(frozen=True)
 class StepControl:
-    """Steps chosen beforehand from the motion; a step that fails is shortened.
+    """Steps prescribed by the motion; a step that fails is shortened.
 
     Parameters
     ----------
     contact_dt : float
         Longest step (s) while a body moves in contact.
     first : float
-        First step after touch, as a fraction of contact_dt; it grows from there by `touch_growth` a step.
+        First step after first contact, as a fraction of contact_dt; it grows by `touch_growth` per step.
     restart : float
         First step when a body at rest in contact moves again, as a fraction of contact_dt.
     touch_growth, release_growth : float
         Growth per step while a body in contact advances, and while it withdraws.
     growth : float
-        Growth per step while nothing is pushed (holds, rests).
+        Growth per step while the tool rests.
     dt_max : float
         Longest step (s) there.
     smallest : float
-        Fraction of contact_dt below which the run gives up.
+        Fraction of contact_dt below which the run fails.
     """
 
     contact_dt: float
@@ -137,16 +137,16 @@ class StepControl:
 
     @property
     def touch(self) -> float:
-        """First step (s) after touch."""
+        """First step (s) after first contact."""
         return self.contact_dt * self.first
 
     @property
     def shortest(self) -> float:
-        """Step (s) below which the run gives up."""
+        """Step (s) below which the run fails."""
         return self.contact_dt * self.smallest
 
     def propose_step(self, at: StepperProgress, travel: Callable[[float], float]) -> float:
-        """Short steps after touch, even ones while pushing, growing ones at rest.
+        """Short steps after first contact, uniform ones on advance, growing ones at rest.
 
         Parameters
         ----------
@@ -193,7 +193,7 @@ class ErrorControl:
     """Steps as long as their estimated error allows, from milliseconds to the length of a hold.
 
     The internal variables are integrated with second order, so a step's error grows with the third power of its length: the next
-    step is 0.9 (tolerance/error)^⅓ times as long. Curvature of the path is not estimated; after first touch steps grow from
+    step is 0.9 (tolerance/error)^⅓ times as long. Curvature of the path is not estimated; after first contact steps grow from
     `touch` again.
 
     Parameters
@@ -203,9 +203,9 @@ class ErrorControl:
         along the same straight path, over the largest rms overstress so far; with `Inertia` also the largest displacement error
         over its `amplitude`.
     touch : float
-        First step (s) after touch, and after each event.
+        First step (s) after first contact, and after each event.
     longest, shortest : float
-        Longest step (s), and the one below which the run gives up.
+        Longest step (s), and the one below which the run fails.
     pushing, max_travel : float
         Longest step (s) and largest travel (m) in a step while a body moves in contact; half of both on withdrawal, as the work
         of the step in which it loses contact is inaccurate.
@@ -301,22 +301,22 @@ class ErrorControl:
 
 @dataclass(frozen=True)
 class PrescribedSteps:
-    """From each of some increasing times (s) to the next."""
+    """Steps between prescribed increasing times (s)."""
 
     times: np.ndarray
 
     @property
     def touch(self) -> float:
-        """The shortest of them (s)."""
+        """Shortest step (s)."""
         return float(np.min(np.diff(self.times)))
 
     @property
     def shortest(self) -> float:
-        """Step (s) below which the run gives up."""
+        """Step (s) below which the run fails."""
         return self.touch / 64
 
     def propose_step(self, at: StepperProgress, travel: Callable[[float], float]) -> float:
-        """To the next time, which is an event of the load history.
+        """Step to the next time, an event of the load history.
 
         Parameters
         ----------
@@ -345,6 +345,6 @@ class PrescribedSteps:
         return ""
 
     def halve(self) -> PrescribedSteps:
-        """Two for each."""
+        """Two steps for each."""
         middles = (self.times[1:] + self.times[:-1]) / 2
         return PrescribedSteps(np.sort(np.concatenate([self.times, middles])))

@@ -1,4 +1,4 @@
-"""A problem through time: steps that land on touch and events, are as long as their error allows, and can be redone."""
+"""Adaptive time stepping: steps end on first contact and on events, are controlled by their error, and can be repeated."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from ngbrain.solvers.record import NewtonRecord, SolverWork
 Array = np.ndarray
 LOG = logging.getLogger(__name__)
 PROBE = 1e-3
-"""Part of a step's load over which the residual's derivative is taken."""
-WHOLES = 1
-"""Factorisations of a focused body's whole tangent in a step; one that needs more is cut, which costs less."""
-FORESEEN = 2
-"""Tries of a step that begin where it is foreseen to end; later ones begin where it stands."""
+"""Fraction of a step's load for the difference quotient of the residual."""
+MAX_FULL_FACTORISATIONS = 1
+"""Full factorisations per step with a partially renewed tangent; a step that needs more is shortened, which costs less."""
+PREDICTED_ATTEMPTS = 2
+"""Attempts of a step that start from a predictor; later ones start from the current state."""
 
 
 Watch = Callable[[Problem, StepperProgress, NewtonRecord], None]
@@ -62,7 +62,7 @@ class TimeStepper:
 
     Examples
     --------
-    A relaxing block that is stretched by 10 % in a second and held: its force falls towards half.
+    A viscoelastic block is stretched by 10 % within a second and held: its force relaxes towards half.
 
     >>> from ngbrain.forward import LoadHistory, Material
     >>> from ngbrain.materials import NeoHooke, Prony
@@ -89,7 +89,9 @@ class TimeStepper:
             check_held(problem.supports, problem.loads, problem.kinematics)
         if motion is None and loads is None:
             raise InputError("motion", None, "a motion of rigid bodies, or a history of loads")
-        if (None if problem.tool is None else problem.tool.prescribed) is not (motion if _forced(motion) else None):
+        if (None if problem.tool is None else problem.tool.prescribed) is not (
+            motion if _is_force_controlled(motion) else None
+        ):
             raise InputError(
                 "motion",
                 type(motion).__name__,
@@ -103,7 +105,7 @@ class TimeStepper:
         self.events = self.program.events
         self.follow = np.zeros(len(problem.x))
         self.drift = np.zeros(len(problem.x))
-        self._begun, self._now, self._wholes = self.progress.t, self.progress.t, 0
+        self._begun, self._now, self._full_factorisations = self.progress.t, self.progress.t, 0
         self._factored: list[dict[str, Any]] = []
         x = problem.x
         self.program.set(self.progress.t)
@@ -126,97 +128,99 @@ class TimeStepper:
             observe(self.problem, self.progress, record)
 
     def step(self) -> NewtonRecord:
-        """One accepted step, shortened as often as needed."""
+        """Make one accepted step, shortened as often as needed."""
         at = self.progress
         start, dt = self.problem.state(at.t), self._propose()
         at.cut, tries = False, 0
         while True:
-            made = self._attempt(start, dt, tries)
+            result = self._attempt(start, dt, tries)
             tries += 1
-            self._count(made.record)
-            if made.failure is None:
+            self._count(result.record)
+            if result.failure is None:
                 self._accept(start.x, dt)
-                LOG.info("step %d: t = %.6g s, dt = %.3g s, %d iterations", at.steps, at.t, dt, made.record.iterations)
-                return made.record
+                LOG.info(
+                    "step %d: t = %.6g s, dt = %.3g s, %d iterations", at.steps, at.t, dt, result.record.iterations
+                )
+                return result.record
             at.rejected += 1
-            LOG.info("step of %.3g s from t = %.6g s rejected: %s", dt, at.t, made.failure)
+            LOG.info("step of %.3g s from t = %.6g s rejected: %s", dt, at.t, result.failure)
             at.cut = True
             dt = dt / 3
             if dt < self.control.shortest:
-                raise _error(made.failure, made.record, at.t, dt)
+                raise _error(result.failure, result.record, at.t, dt)
 
     def _propose(self) -> float:
-        """Step length from what the control says, landing on touch and events."""
+        """Step length by the controller, limited to end on first contact and on events."""
         at = self.progress
-        left = self.events[at.event] - at.t
-        dt = self.control.propose_step(at, lambda ahead: self.program.travel(at.t, at.t + min(left, ahead)))
+        remaining = self.events[at.event] - at.t
+        dt = self.control.propose_step(at, lambda ahead: self.program.travel(at.t, at.t + min(remaining, ahead)))
         if not at.touching:
-            dt = self._up_to_touch(dt)
-        # Two even steps rather than a long one and a sliver before an event.
-        return left if dt >= left * (1 - 1e-9) else min(dt, left / 2) if dt > left / 2 else dt
+            dt = self._up_to_contact(dt)
+        # Two equal steps rather than a long and a very short one before an event.
+        return remaining if dt >= remaining * (1 - 1e-9) else min(dt, remaining / 2) if dt > remaining / 2 else dt
 
-    def _up_to_touch(self, dt: float) -> float:
-        """Shorten a step of bodies that come nearer so that it ends just after first touch.
+    def _up_to_contact(self, dt: float) -> float:
+        """Shorten a step of approaching bodies so that it ends just after first contact.
 
-        A rigid body that is asked for a force is there at once.
+        A force-controlled body is in contact at once.
         """
         at, touch_dt = self.progress, self.control.touch
         speed = self.program.travel(at.t, at.t + touch_dt) / touch_dt
         if not speed > 0:
             return dt
-        way = 0.0 if self.problem.tool is not None else max(self.problem.min_gap(), 0.0)
-        return min(dt, way / speed + touch_dt)
+        gap = 0.0 if self.problem.tool is not None else max(self.problem.min_gap(), 0.0)
+        return min(dt, gap / speed + touch_dt)
 
     def _attempt(self, start: State, dt: float, tries: int) -> StepResult:
-        self._now, self._wholes = start.t + dt, 0
+        self._now, self._full_factorisations = start.t + dt, 0
 
         def solve() -> tuple[Array, NewtonRecord]:
             return self.newton.solve(self, self._guess(start.x, dt, tries))
 
-        made = advance(self.problem, start, dt, self.program, solve, lambda record: self._judge(start))
+        result = advance(self.problem, start, dt, self.program, solve, lambda record: self._judge(start))
         tool = self.problem.tool
-        if made.failure is None and tool is not None and tool.travel > tool.prescribed.limit:
-            way, force = tool.travel, tool.prescribed.force
+        if result.failure is None and tool is not None and tool.travel > tool.prescribed.limit:
+            travel, force = tool.travel, tool.prescribed.force
             self.program.set(start.t)
             self.problem.set_state(start)
             raise ContactError(
-                f"a force of {force:.3g} N at t = {start.t + dt:.3f} s takes the blade {1e3 * way:.2f} mm far, beyond the limit of "
+                f"a force of {force:.3g} N at t = {start.t + dt:.3f} s moves the tool by {1e3 * travel:.2f} mm, beyond the limit of "
                 f"{1e3 * tool.prescribed.limit:.4g} mm; try a smaller force"
             )
-        return made
+        return result
 
     def _judge(self, start: State) -> Breakdown | None:
-        """Whether the end of a step that stands is not to be taken."""
+        """Reason to reject the end of a step, or None."""
         depth = -self.problem.min_gap()
         if depth > self.penetration_limit:
             limit = f"the limit {1e3 * self.penetration_limit:.2f} mm"
             return Breakdown(f"penetration {1e3 * depth:.2f} mm over {limit}", Status.PENETRATION)
-        judged = self.control.check_step(self.problem, start.x, self.progress)
-        return Breakdown(judged, Status.INACCURATE) if judged else None
+        reason = self.control.check_step(self.problem, start.x, self.progress)
+        return Breakdown(reason, Status.INACCURATE) if reason else None
 
     def _guess(self, start: Array, dt: float, tries: int) -> Array:
-        """Where a step from some unknowns may end, after so many tries."""
+        """Initial guess for the end of a step, by the number of failed attempts."""
         at, guess, program, tool = self.progress, start, self.program, self.problem.tool
         loads = program.factor(at.t) != program.factor(at.t + dt)
         if loads:
-            start = guess = self._ahead(start, at.t, at.t + dt)
+            start = guess = self._tangent_predictor(start, at.t, at.t + dt)
         if tool is not None and not at.touching and tool.prescribed.force:
-            return self._landed(start, tool)
+            return self._in_contact(start, tool)
         if loads:
             return guess
         start = guess = program.prescribe(start, at.t + dt)
-        if tries >= FORESEEN:
+        if tries >= PREDICTED_ATTEMPTS:
             return start
         travel = program.travel(at.t, at.t + dt)
         if at.touching and travel:
-            # The tissue follows the body as it did when it was last pushed, or goes back the same way.
+            # The tissue moves with the body as in the last step of advance, in either direction.
             guess = start + self.follow * travel
         elif not travel and not at.rested:
-            guess = start + self.drift * self._slowing(at.t, at.t + dt)
+            guess = start + self.drift * self._log_time_increment(at.t, at.t + dt)
         return guess if guess is start or self.problem.min_det(guess) > self.newton.min_det else start
 
-    def _landed(self, start: Array, tool: ForceControlledTool) -> Array:
-        """With a rigid body that does not touch led to where it does."""
+    def _in_contact(self, start: Array, tool: ForceControlledTool) -> Array:
+        """State with a force-controlled tool moved into contact."""
 
         def solve(guess: Array) -> tuple[Array, bool]:
             found, record = self.newton.solve(self, guess)
@@ -227,7 +231,7 @@ class TimeStepper:
             self.problem.x = x
 
         guess = tool.establish_contact(start, solve, set_unknowns)
-        self.newton.inverse = None  # a tangent of before the touch knows nothing of it
+        self.newton.inverse = None  # the old tangent does not contain the contact
         return guess
 
     def _count(self, record: NewtonRecord) -> None:
@@ -235,20 +239,20 @@ class TimeStepper:
         self.progress.work += record.work
         self.progress.newton += record.iterations
 
-    def _ahead(self, start: Array, t: float, end: float) -> Array:
-        """Along the tangent of a change of load, where there is one."""
-        lift = self.program.prescribe
-        lifted = lift(start, end)
-        guess, inverse = lifted, self.newton.inverse
-        if inverse is not None and not np.array_equal(lifted, start):
-            r = self.problem.residual(lift(start, t))[0]
-            near = lift(start, t + PROBE * (end - t))
-            guess = lifted - inverse((self.problem.residual(near)[0] - r) / PROBE)
-            lift(start, end)
-        return guess if self.problem.min_det(guess) > self.newton.min_det else lifted
+    def _tangent_predictor(self, start: Array, t: float, end: float) -> Array:
+        """Tangent predictor for a change of load, where there is a factorisation."""
+        prescribe = self.program.prescribe
+        prescribed = prescribe(start, end)
+        guess, inverse = prescribed, self.newton.inverse
+        if inverse is not None and not np.array_equal(prescribed, start):
+            r = self.problem.residual(prescribe(start, t))[0]
+            near = prescribe(start, t + PROBE * (end - t))
+            guess = prescribed - inverse((self.problem.residual(near)[0] - r) / PROBE)
+            prescribe(start, end)
+        return guess if self.problem.min_det(guess) > self.newton.min_det else prescribed
 
-    def _slowing(self, start: float, end: float) -> float:
-        """How far a hold gets between two times on a scale on which relaxation is nearly even: the logarithm's."""
+    def _log_time_increment(self, start: float, end: float) -> float:
+        """Difference of logarithmic time since the last event, on which relaxation is nearly linear."""
         event = self.events[self.progress.event - 1] if self.progress.event else self._begun
         return float(np.log1p((end - event) / self.control.touch) - np.log1p((start - event) / self.control.touch))
 
@@ -256,11 +260,11 @@ class TimeStepper:
         at = self.progress
         touched = self.problem.min_gap() < 0
         travel, moved = self.program.travel(at.t, at.t + dt), self.problem.x - start
-        if touched and travel and (at.touching or at.t == 0):  # a run starts in touch
+        if touched and travel and (at.touching or at.t == 0):  # a run may start in contact
             self.follow = moved / travel
         if not travel:
-            self.drift = moved / self._slowing(at.t, at.t + dt)
-        # After first touch the steps start again from a short one.
+            self.drift = moved / self._log_time_increment(at.t, at.t + dt)
+        # After first contact steps grow again from a short one.
         at.dt = min(dt, self.control.touch) if touched and not at.touching else dt
         at.touching = touched
         at.steps += 1
@@ -270,7 +274,7 @@ class TimeStepper:
         if at.rested:
             at.event = min(at.event + 1, len(self.events) - 1)
 
-    # What Newton's method asks (solvers.newton.System): the body's answers, with a note of where a factor was made.
+    # Interface of Newton's method (solvers.newton.System): that of the body, with a record of the states of factorisations.
 
     @property
     def weights(self) -> np.ndarray:
@@ -298,19 +302,19 @@ class TimeStepper:
         callable
         """
         solve = self.problem.factorise(x, r)
-        self._factored = [*(self._factored[:1] if self.problem.partial else []), self._here(x)]
-        self._wholes += not self.problem.partial
-        if self.problem.focused and self._wholes > WHOLES:
-            raise Breakdown(f"the tangent changes all over the body {self._wholes} times")
+        self._factored = [*(self._factored[:1] if self.problem.partial else []), self._factor_state(x)]
+        self._full_factorisations += not self.problem.partial
+        if self.problem.focused and self._full_factorisations > MAX_FULL_FACTORISATIONS:
+            raise Breakdown(f"more than {MAX_FULL_FACTORISATIONS} full factorisations of the tangent in a step")
         return solve
 
-    def _here(self, x: np.ndarray) -> dict[str, Any]:
+    def _factor_state(self, x: np.ndarray) -> dict[str, Any]:
         return {"t": self._now, "x": x.copy(), "frozen": self.problem.frozen}
 
     # Restart.
 
     def checkpoint(self) -> dict[str, Any]:
-        """Everything that decides the steps to come, as arrays and numbers."""
+        """Everything that determines later steps, as arrays and numbers."""
         return {
             "progress": {**self.progress.__dict__, "work": dict(self.progress.work.__dict__)},
             "state": dict(self.problem.state(self.progress.t).__dict__),
@@ -321,7 +325,7 @@ class TimeStepper:
         }
 
     def restore(self, saved: dict[str, Any]) -> None:
-        """Go on from a checkpoint, to the same bits on one thread."""
+        """Continue from a checkpoint; on one thread the results are identical to the last bit."""
         problem = self.problem
         makes: tuple[Callable[[np.ndarray], Solve | None], ...] = (problem.factorise, problem.refactorise)
         for make, factor in zip(makes, saved["factors"], strict=False):
@@ -337,7 +341,7 @@ class TimeStepper:
         problem.set_state(State(**saved["state"]))
 
 
-def _forced(motion: Motion | None) -> bool:
+def _is_force_controlled(motion: Motion | None) -> bool:
     return isinstance(motion, PrescribedForce)
 
 
@@ -358,7 +362,7 @@ def run_load_history(
 ) -> list[Any]:
     """Run a problem through given times with given load factors.
 
-    The steps are between the times, of second order; a step that fails is shortened.
+    Time steps are those between the times, of second order; a step that fails is shortened.
 
     Parameters
     ----------
@@ -373,12 +377,12 @@ def run_load_history(
     newton : Newton, optional
         Settings.
     motion : Motion, optional
-        Of rigid bodies.
+        Motion of rigid bodies.
 
     Returns
     -------
     list
-        What `observe` gave.
+        Results of `observe`.
 
     Raises
     ------

@@ -79,7 +79,7 @@ class KKTSystem:
         body, fields = state.model.body, state.sensitivity
         assert isinstance(fields, FieldSensitivity)
         self.state, self.loads, self.size = state, len(body.waves), regular.shape[0]
-        self.free = ~body.held
+        self.free = ~body.fixed
         self.active = self.free if fixed else np.ones_like(self.free)
         observe = state.model.observation_matrix
         self.observe = observe[:, self.active]

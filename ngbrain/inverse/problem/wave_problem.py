@@ -109,7 +109,7 @@ class ElastographyProblem:
             bulk=None if bulk is None else self.bulk_factor * bulk,
             density=data.density,
             form=elements.form,
-            held=elements.driven_boundaries,
+            dirichlet=elements.driven_boundaries,
             kinematics=AntiPlane() if data.motion == "anti_plane" else None,
             quadrature=elements.quadrature,
             device=device,

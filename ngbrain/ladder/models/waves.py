@@ -111,7 +111,7 @@ def harmonic_answers(
         bulk=factor * mesh.MaterialCF({name: each.bulk for name, (each, _) in regions.items()}),
         density=mesh.MaterialCF({name: each.rho for name, (each, _) in regions.items()}),
         form=form,
-        held={mine: held[own] for mine, own in names.items() if held[own]},
+        dirichlet={mine: held[own] for mine, own in names.items() if held[own]},
     )
     (gfu,) = body.solve()
     return np.array([_amplitude(quantity, body, gfu, thickness) for quantity in scene.quantities]), body.fes.ndof

@@ -89,9 +89,9 @@ class Observer:
     points, negative for penetration; the depth is the mean penetration in contact, ∫ p d / ∫ p. The force is that on the blade
     along its motion, of contact and friction. The net reaction is the tissue's own nodal force on the wall in that direction, from
     the equilibrium residual without the contact term; `balance` is |blades + supports| / |blade| (0 without a force). The blade's
-    work is ∫ `RigidContact.driving_force` d(advance) and the contribution of friction; it is converted to the contact energy stored by
-    the penalty, to friction and to the tissue work ∫∫ P:Ḟ. The size of the latter, Σ |∫ P:ΔF| over steps, is at most ∫∫ |P:Ḟ|, so
-    that a relative balance is not too optimistic.
+    work is ∫ `RigidContact.driving_force` d(advance) plus the contribution of friction; it is converted to the contact energy
+    stored by the penalty, to friction and to the tissue work ∫∫ P:Ḟ. The size of the latter, Σ |∫ P:ΔF| over steps, is at most
+    ∫∫ |P:Ḟ|, so that a relative balance is not too optimistic.
 
     Parameters
     ----------

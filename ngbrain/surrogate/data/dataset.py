@@ -192,7 +192,7 @@ def solve_displacement(
         bulk=bulk,
         density=DENSITY,
         form=form,
-        held=held or "|".join(drive),
+        dirichlet=held or "|".join(drive),
     )
     (gfu,) = body.solve()
     return np.asarray(body.split(gfu)[0](points)).reshape(across, across, 2)

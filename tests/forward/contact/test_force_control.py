@@ -170,7 +170,7 @@ def test_a_step_that_fails_leaves_the_last_state(relaxing, until):
 
 def test_a_force_that_goes_too_far_is_one_error(relaxing):
     transient = pressing(relaxing, limit=1.2e-3)
-    with pytest.raises(ContactError, match=r"0\.\d+ N .*1\.\d+ mm far, beyond the limit of 1\.2 mm"):
+    with pytest.raises(ContactError, match=r"0\.\d+ N .*1\.\d+ mm, beyond the limit of 1\.2 mm"):
         transient.run(lambda *_: None)
     assert 0.5e-3 < transient.problem.x[-1] <= 1.2e-3
 
@@ -198,7 +198,7 @@ def test_given_forces_have_a_contact_and_a_run_of_their_own():
     parts, element = (mesh, tissue, {"bottom": 0}), {"element": "P2/P1"}
     with pytest.raises(InputError, match="a RigidContact whose way is its parameter"):
         Problem(*parts, contacts=[plate, other], **element)
-    with pytest.raises(InputError, match="2 given forces"):
+    with pytest.raises(InputError, match="2 prescribed forces"):
         Problem(*parts, contacts=[plate, press, other], **element)
     with pytest.raises(InputError, match="the PrescribedForce that is among"):
         TimeStepper(Problem(*parts, contacts=[plate], **element), press, StepControl(1.0))

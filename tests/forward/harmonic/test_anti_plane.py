@@ -25,7 +25,7 @@ def plane_wave():
 def error(order, n=4):
     mesh, exact = square(n, SIDE), plane_wave()
     body = HarmonicProblem(
-        mesh, Shearing(G), [Wave(FREQUENCY, {".*": exact})], form=f"P{order}", held=".*", kinematics=AntiPlane()
+        mesh, Shearing(G), [Wave(FREQUENCY, {".*": exact})], form=f"P{order}", dirichlet=".*", kinematics=AntiPlane()
     )
     (u,) = body.solve()
     off, whole = (ngs.Integrate(f * ngs.Conj(f), mesh, order=14).real for f in (u - exact, exact))
@@ -43,7 +43,7 @@ def test_it_is_the_wave_through_a_slab_in_space():
     """The same waves in three dimensions, between rollers that let z alone move."""
     exact, mesh = plane_wave(), ngs.Mesh(_cube())
     still = ngs.CF((0, 0, exact))
-    body = HarmonicProblem(mesh, Shearing(G), [Wave(FREQUENCY, {".*": still})], bulk=1e6, form="P3", held=".*")
+    body = HarmonicProblem(mesh, Shearing(G), [Wave(FREQUENCY, {".*": still})], bulk=1e6, form="P3", dirichlet=".*")
     (u,) = body.solve()
     flat = square(6, SIDE)
     alone = HarmonicProblem(flat, Shearing(G), [Wave(FREQUENCY, {".*": exact})], form="P3", kinematics=AntiPlane())
@@ -73,7 +73,7 @@ def model(mesh, translation=False):
         lambda omega: Shearing(modulus * (1.0 if omega < 300 else ngs.exp(fields["exponent"] * np.log(2.0)))),
         loads,
         form="P3",
-        held="bottom|top",
+        dirichlet="bottom|top",
         kinematics=AntiPlane(),
         absorbing=[AbsorbingBoundary("left", 2000 + 700j)],
         translation=translation,

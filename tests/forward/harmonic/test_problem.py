@@ -27,9 +27,9 @@ REFUSED = {
     "no wave": (lambda: body(waves=()), "waves"),
     "negative frequency": (lambda: Wave(-1.0), "frequency"),
     "endless frequency": (lambda: Wave(np.inf), "frequency"),
-    "unknown boundary": (lambda: body(held="botom"), "bottom"),
-    "unknown axis": (lambda: body(held={"z": "top"}), "axes among x, y"),
-    "not held": (lambda: body(held="bottom"), "boundaries among those held"),
+    "unknown boundary": (lambda: body(dirichlet="botom"), "bottom"),
+    "unknown axis": (lambda: body(dirichlet={"z": "top"}), "axes among x, y"),
+    "not held": (lambda: body(dirichlet="bottom"), "boundaries among the Dirichlet ones"),
     "unknown traction": (lambda: body(waves=[Wave(1.0, traction={"up": (0, 1)})]), "boundary"),
     "unknown edge": (lambda: body(absorbing=[AbsorbingBoundary("up", 1.0)]), "boundary"),
     "pressure without bulk": (lambda: body(bulk=None, form="P2/P1"), "bulk"),
@@ -39,7 +39,7 @@ REFUSED = {
     "negative bulk": (lambda: body(bulk=-1.0), "bulk"),
     "law of large strain": (lambda: body(NeoHooke(1e3)), "small strain"),
     "three components in the plane": (lambda: body(waves=[Wave(50.0, {"top": (0, 0, 1)})]), "2 components"),
-    "a component that slides": (lambda: body(waves=[Wave(50.0, {"top": (None, 0)})]), "left out of `held`"),
+    "a component that slides": (lambda: body(waves=[Wave(50.0, {"top": (None, 0)})]), "out of `dirichlet`"),
     "force of one component": (lambda: body(waves=[Wave(50.0, force=(1,))]), "2 components"),
     "fibre in space": (lambda: body(TransverselyIsotropic(1e3, 1, 1, (1, 0, 0))).solve(), "fibre"),
     "fibre in the plane": (lambda: body(TransverselyIsotropic(1e3, 1, 1, (1, 0)), kinematics=Axisymmetric()).solve(), "fibre"),
@@ -103,10 +103,10 @@ def test_no_factor_at_all_is_an_error(monkeypatch):
 @pytest.mark.parametrize("modulus", [2000.0, 2000 + 800j])
 def test_factors_of_stiff_volume(modulus, form, ratio):
     """What a factor leaves is round-off of the largest entries, at any bulk modulus."""
-    of = body(Shearing(modulus), bulk=ratio * 2000, form=form, held="bottom|top", mesh=square(6))
+    of = body(Shearing(modulus), bulk=ratio * 2000, form=form, dirichlet="bottom|top", mesh=square(6))
     found = of.factorise()
     x = found.solve_wave(0, of.prescribed[0])
-    left = np.where(of.held, 0, found.apply(0, x))
+    left = np.where(of.fixed, 0, found.apply(0, x))
     assert np.linalg.norm(left) < 1e-9 * np.linalg.norm(found.apply(0, of.prescribed[0]))
 
 
@@ -117,7 +117,9 @@ def test_detuning_of_a_clamped_slab(form):
     exact = np.pi / side * np.sqrt(modulus / rho) * np.arange(1, 6)
     for omega in (0.7 * exact[0], 1.05 * exact[1], 0.5 * (exact[2] + exact[3])):
         wave = Wave(omega / (2 * np.pi))
-        of = body(Shearing(modulus), [wave], strip(4, side), bulk=1e6, form=form, held={"x": ".*", "y": "left|right"})
+        of = body(
+            Shearing(modulus), [wave], strip(4, side), bulk=1e6, form=form, dirichlet={"x": ".*", "y": "left|right"}
+        )
         nearest = exact[np.argmin(np.abs(exact**2 - omega**2))]
         found = of.factorise().detuning(0)
         assert found == pytest.approx(abs(nearest / omega - 1), abs=2e-4)
@@ -127,7 +129,7 @@ def test_detuning_counts_loss():
     side, modulus, xi = 0.05, 2000.0, 0.1
     omega = np.pi / side * np.sqrt(modulus / 1000.0)
     wave, lossy = Wave(omega / (2 * np.pi)), Shearing(modulus * (1 + 2j * xi))
-    of = body(lossy, [wave], strip(4, side), bulk=1e6, form="P5", held={"x": ".*", "y": "left|right"})
+    of = body(lossy, [wave], strip(4, side), bulk=1e6, form="P5", dirichlet={"x": ".*", "y": "left|right"})
     assert of.factorise().detuning(0) == pytest.approx(abs(np.sqrt(1 + 2j * xi) - 1), rel=1e-3)
 
 
@@ -148,13 +150,13 @@ def test_frequencies_side_by_side_are_the_same_to_the_last_bit(caplog):
     waves = [
         Wave(f, {"top": (a, 0)}, force=(0, 1j)) for f, a in ((60.0, 1e-3), (40.0, 2e-3), (60.0, 1e-3j), (0.0, 1e-3))
     ]
-    body = HarmonicProblem(mesh, Shearing(stiff * (1 + 0.3j)), waves, bulk=1e7, form="P3/P2", held="top|bottom")
+    body = HarmonicProblem(mesh, Shearing(stiff * (1 + 0.3j)), waves, bulk=1e7, form="P3/P2", dirichlet="top|bottom")
     alone, both = body.solve(), body.solve(executor=2)
     for one, other in zip(alone, both, strict=True):
         np.testing.assert_array_equal(other.vec.FV().NumPy(), one.vec.FV().NumPy())
     assert len({complex(u.components[0](mesh(0.05, 0.03))[0]) for u in both}) == 4  # each in its place
     by_law = HarmonicProblem(
-        mesh, lambda omega: Shearing(stiff * (1 + 1e-3j * omega)), waves, form="P2", held="top|bottom"
+        mesh, lambda omega: Shearing(stiff * (1 + 1e-3j * omega)), waves, form="P2", dirichlet="top|bottom"
     )
     assert len(by_law.solve(executor=2)) == 4
     assert caplog.text.count("in this process") == 1  # a law that no pickle holds

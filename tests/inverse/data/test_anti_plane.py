@@ -43,7 +43,7 @@ def inclusion(ratio):
     modulus = G.real * modulus + 1j * (G.imag * modulus)
     loads = [Wave(60.0, {"left|top": (1e-5,)}), Wave(60.0, {"bottom": (1e-5,), "left": (-1e-5,)})]
     body = HarmonicProblem(
-        mesh, Shearing(modulus), loads, form="P4", held="left|bottom|top|right", kinematics=AntiPlane()
+        mesh, Shearing(modulus), loads, form="P4", dirichlet="left|bottom|top|right", kinematics=AntiPlane()
     )
     line = np.linspace(1e-9, SIDE - 1e-9, n)
     points = np.array([[x, y] for y in line for x in line])

@@ -92,7 +92,7 @@ class WaveModel:
         if scalar.shape[1] * self.dim != body.displacement.ndof:
             raise InputError("form", str(body.form), "components of the displacement in spaces of their own")
         self._scalar = scalar
-        self.driven_dofs = np.flatnonzero(body.held)
+        self.driven_dofs = np.flatnonzero(body.fixed)
         sizes = {**self.medium.sizes, BOUNDARY: 2 * len(self.driven_dofs) * len(body.waves)}
         self.blocks = dict(zip(sizes, block_slices(list(sizes.values())), strict=True))
         self.size = sum(sizes.values())
@@ -107,8 +107,8 @@ class WaveModel:
     @property
     def theta(self) -> Array:
         """Present parameters θ, boundary values included."""
-        held = [g[self.driven_dofs] for g in self.body.prescribed]
-        return np.concatenate([self.medium.value, *(part for g in held for part in (g.real, g.imag))])
+        prescribed = [g[self.driven_dofs] for g in self.body.prescribed]
+        return np.concatenate([self.medium.value, *(part for g in prescribed for part in (g.real, g.imag))])
 
     def evaluate(self, theta: Array) -> WaveLinearisation:
         """Waves at θ, with their derivatives; the body keeps the values of the last call.

@@ -171,9 +171,9 @@ class RunLinearisation:
     def _prescribed_gradient(self, step: ReplayStep, b: Array, adjoint: Array) -> Array:
         """Gradient with respect to prescribed displacements: the adjoint's residual there (size,)."""
         found = np.zeros(self.model.size)
-        if self.model.held:
+        if self.model.prescribed_blocks:
             left = self.model.replay.load_factor(step) * (b + self.model.tangents.multiply_transpose(adjoint))
-            for part, where in self.model.held:
+            for part, where in self.model.prescribed_blocks:
                 found[where] = left[part.dofs]
         return found
 
@@ -269,9 +269,9 @@ class RunLinearisation:
             change = each.residual_derivative(before.end, carried, list(theta.values()))
             r, outer = (r + change, outer) if each.in_reactions else (r, outer + change)
         driven = np.zeros(model.n)
-        for part, where in model.held:
+        for part, where in model.prescribed_blocks:
             driven[part.dofs] = model.replay.load_factor(step) * direction[where]
-        if model.held:
+        if model.prescribed_blocks:
             outer = outer + model.tangents.multiply(driven)
         x = driven - solve(r + outer)
         history = model.forms.history_derivative(x[:n])

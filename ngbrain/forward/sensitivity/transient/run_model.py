@@ -152,7 +152,7 @@ class RunModel:
         if body.tool is not None:
             self._check_tool(grid)
             made_of[self.tool_block] = Scalar(body.tool.prescribed.parameter)
-        self.held = [
+        self.prescribed_blocks = [
             (of, self.blocks[name]) for name, of in self.parameters.items() if isinstance(of, PrescribedDisplacement)
         ]
         self.n = len(body.x)

@@ -23,7 +23,7 @@ def fields(mesh, space=ngs.H1, **values):
 
 
 def body(mesh, law):
-    return HarmonicProblem(mesh, law, [Wave(60.0, {"top": (1e-3, 0)})], bulk=9e3, form="P2", held="bottom|top")
+    return HarmonicProblem(mesh, law, [Wave(60.0, {"top": (1e-3, 0)})], bulk=9e3, form="P2", dirichlet="bottom|top")
 
 
 def test_the_loss_modulus_goes_with_the_storage_modulus_and_a_viscosity_by_the_frequency():

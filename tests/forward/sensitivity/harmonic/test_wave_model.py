@@ -56,7 +56,7 @@ def test_absorbing_edges_of_fields(rng):
     mesh = square(3, SIDE)
     storage = field(mesh, "storage")
     law, edge = Shearing(storage * (1 + 0.3j)), AbsorbingBoundary("left|right", storage * (1 + 0.3j), 1e4)
-    body = HarmonicProblem(mesh, law, WAVES, bulk=9e3, form="P2", held="bottom|top", absorbing=[edge])
+    body = HarmonicProblem(mesh, law, WAVES, bulk=9e3, form="P2", dirichlet="bottom|top", absorbing=[edge])
     of = WaveModel(body, {"storage": storage}, np.array([[0.01, 0.02], [0.03, 0.011]]))
     value, gradient = misfit(of, wanted(of, rng))
     name, direction = next(directions(of, rng))
@@ -78,7 +78,7 @@ def test_fields_of_any_space(space, rng):
         storage.Set(START["storage"])
     else:
         storage.vec[:] = START["storage"]
-    body = HarmonicProblem(mesh, Shearing(storage * (1 + 0.3j)), WAVES, bulk=9e3, form="P2", held="bottom|top")
+    body = HarmonicProblem(mesh, Shearing(storage * (1 + 0.3j)), WAVES, bulk=9e3, form="P2", dirichlet="bottom|top")
     of = WaveModel(body, {"storage": storage}, np.array([[0.01, 0.02], [0.03, 0.011]]))
     weight = wanted(of, rng)
     value, gradient = misfit(of, weight)
@@ -209,7 +209,7 @@ def test_a_matrix_that_is_not_transposed_fails_the_dot_test(monkeypatch, rng):
 def test_bad_input():
     mesh = square(2, SIDE)
     storage = field(mesh, "storage")
-    body = HarmonicProblem(mesh, Shearing(storage), WAVES, bulk=9e3, form="P2", held="bottom|top")
+    body = HarmonicProblem(mesh, Shearing(storage), WAVES, bulk=9e3, form="P2", dirichlet="bottom|top")
     with pytest.raises(InputError, match="boundary"):
         WaveModel(body, {"boundary": storage}, np.array([[0.01, 0.01]]))
     with pytest.raises(InputError, match="1 of 2 outside"):
