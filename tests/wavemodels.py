@@ -50,7 +50,7 @@ def model(kind="viscoelastic", form="P2", mesh=None, waves=WAVES, order=1, **opt
         bulk=fields.get("bulk", 9e3 if "/" not in form else 2e5),
         density=fields.get("density", 1000.0),
         form=form,
-        dirichlet=options.pop("held", "bottom|top"),
+        dirichlet=options.pop("dirichlet", "bottom|top"),
         **options,
     )
     inner = np.array([[0.21, 0.3, 0.4], [0.7, 0.22, 0.3], [0.4, 0.81, 0.6], [0.63, 0.57, 0.2]]) * SIDE
@@ -89,6 +89,6 @@ MODELS = {
     "revolution": lambda: model("lossy fibres", kinematics=Axisymmetric()),
     "absorbing": lambda: model(absorbing=[AbsorbingBoundary("left", 2000 + 700j, 1e4)]),
     "space": lambda: model(
-        "lossy fibres", "P2/P1", cube(1, SIDE), [Wave(60.0, {"top": (1e-3, 0, 0)})], held="bottom|top"
+        "lossy fibres", "P2/P1", cube(1, SIDE), [Wave(60.0, {"top": (1e-3, 0, 0)})], dirichlet="bottom|top"
     ),
 }

@@ -85,6 +85,6 @@ def test_iterations_cannot_say():
     mesh = square(4)
     supports = {"bottom": (None, 0), "top": (None, -0.38), "left": (0, None)}
     body = Problem(mesh, {".*": Material(NeoHooke(1.0), 3.0)}, supports, element="P2", solver="cg-amg")
-    with pytest.warns(StabilityWarning, match="cg-amg cannot say whether the body is stable"):
+    with pytest.warns(StabilityWarning, match="stability was not checked, as cg-amg"):
         record = LoadPath(body).solve()
     assert record.creased > 0.9 and np.isnan(record.smallest_eigenvalue)

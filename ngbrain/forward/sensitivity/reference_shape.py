@@ -34,7 +34,7 @@ class Positions:
     Examples
     --------
     >>> from ngbrain.forward.sensitivity.static_model import LoadCase
-    >>> from ngbrain.forward.common.loads import Weight
+    >>> from ngbrain.forward.common.loads import BodyForce
     >>> from ngbrain.forward.common.material import Material
     >>> from ngbrain.forward.observables import Displacements
     >>> from ngbrain.forward.solid.problem import Problem
@@ -42,7 +42,7 @@ class Positions:
     >>> from ngbrain.mesh.geometry.structured import rectangles
     >>> mesh = rectangles(np.linspace(0, 0.1, 3), np.linspace(0, 0.1, 3))
     >>> nodes, points = NodePositions(mesh), [[0.05, 0.0]]
-    >>> body = Problem(mesh, {".*": Material(NeoHooke(1e3), 1e4)}, {"top": 0}, [Weight((0, -1e3))], element="P2")
+    >>> body = Problem(mesh, {".*": Material(NeoHooke(1e3), 1e4)}, {"top": 0}, [BodyForce((0, -1e3))], element="P2")
     >>> model = Positions(StaticModel([LoadCase(body, [Displacements(points)])], {"nodes": nodes}), "nodes", points)
     >>> hanging = model.evaluate(np.zeros(nodes.size)).data
     >>> bool(abs(hanging[0] - 0.05) < 1e-9 and -0.01 < hanging[1] < 0)

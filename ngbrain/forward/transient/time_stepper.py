@@ -184,8 +184,8 @@ class TimeStepper:
             self.program.set(start.t)
             self.problem.set_state(start)
             raise ContactError(
-                f"a force of {force:.3g} N at t = {start.t + dt:.3f} s moves the tool by {1e3 * travel:.2f} mm, beyond the limit of "
-                f"{1e3 * tool.prescribed.limit:.4g} mm; try a smaller force"
+                f"a force of {force:.3g} N at t = {start.t + dt:.3f} s moves the tool by {1e3 * travel:.2f} mm, beyond the limit "
+                f"of {1e3 * tool.prescribed.limit:.4g} mm; try a smaller force"
             )
         return result
 

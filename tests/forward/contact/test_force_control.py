@@ -196,7 +196,7 @@ def test_given_forces_have_a_contact_and_a_run_of_their_own():
     plate = RigidContact("top", lambda x: SIZE - press.parameter - x[2], 1e8, 2e-5, 0.0, press.parameter)
     mesh, tissue = block((SIZE,) * 3, SIZE), {"tissue": Material(NeoHooke(MU), 1e3 * MU)}
     parts, element = (mesh, tissue, {"bottom": 0}), {"element": "P2/P1"}
-    with pytest.raises(InputError, match="a RigidContact whose way is its parameter"):
+    with pytest.raises(InputError, match="a RigidContact whose travel is its parameter"):
         Problem(*parts, contacts=[plate, other], **element)
     with pytest.raises(InputError, match="2 prescribed forces"):
         Problem(*parts, contacts=[plate, press, other], **element)

@@ -119,14 +119,14 @@ def test_a_translation_is_what_u_leaves_out_of_the_inertia():
     constant = ngs.GridFunction(whole.fes)
     constant.Set(shift)
     assert np.allclose(left, u.vec.FV().NumPy() - constant.vec.FV().NumPy(), atol=1e-12)
-    with pytest.raises(InputError, match="translation is True; wanted: False but with motion through the plane"):
+    with pytest.raises(InputError, match="translation is True; wanted: False, except in anti-plane motion"):
         HarmonicProblem(mesh, Shearing(G), [Wave(FREQUENCY)], bulk=1e5, translation=True)
 
 
 def test_volume_does_not_change_so_that_nothing_of_it_is_taken():
     mesh = square(2, SIDE)
     for more in ({"bulk": 1e5}, {"bulk": 1e5, "form": "P2/P1"}):
-        with pytest.raises(InputError, match="changes no volume"):
+        with pytest.raises(InputError, match="is isochoric"):
             HarmonicProblem(mesh, Shearing(G), [Wave(FREQUENCY)], kinematics=AntiPlane(), **more)
     with pytest.raises(InputError, match="a vector of 2 components; wanted: 1"):
         HarmonicProblem(mesh, Shearing(G), [Wave(FREQUENCY, {"top": (1, 0)})], kinematics=AntiPlane())
