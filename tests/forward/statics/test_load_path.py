@@ -222,7 +222,10 @@ def test_threads_of_a_solve_are_its_own():
         ({"boundary_conditions": {"bottom": None}}, ["None", "for each component"]),
         ({"boundary_conditions": {"bottom": [0, 0, 0]}}, ["[0, 0, 0]", "2 components"]),
         ({"boundary_conditions": {"bottom": (0, 0, 0)}}, ["(0, 0, 0)", "2 components"]),
-        ({"materials": {".*": Material(Viscous(NeoHooke(1.0), (Branch(NeoHooke(1.0), 1.0),)), 10.0)}}, ["viscoelastic"]),
+        (
+            {"materials": {".*": Material(Viscous(NeoHooke(1.0), (Branch(NeoHooke(1.0), 1.0),)), 10.0)}},
+            ["viscoelastic"],
+        ),
         ({"materials": {".*": Material(NeoHooke(1.0), 100.0, change=logarithmic)}}, ["logarithmic", "squared_log"]),
         ({"materials": {"tissue": SOFT[".*"]}}, ["tissue region", "tissue"]),
     ],
