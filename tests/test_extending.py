@@ -4,31 +4,38 @@ A law is added in `tests/materials/test_registry.py`, an observable in `tests/la
 inversion, in `tests/forward/observables/test_observables.py`.
 """
 
-import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import cubes as cubes_module
 import ngsolve as ngs
 import numpy as np
 import pytest
+from cubes import cubes
 
 import ngbrain as nb
 from ngbrain.adjoint.check import taylor
+from ngbrain.errors import InputError
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.rigid import RigidContact
-from ngbrain.image.read.label_map import LabelMap
-from ngbrain.image.read.volume import Volume
+from ngbrain.image.labelling import Segmentation
+from ngbrain.image.read.nifti import write_nifti
+from ngbrain.image.read.volume import Scan, Volume
+from ngbrain.image.segment.tissue_classes import CSF, GREY, VENTRICLE, WHITE
 from ngbrain.inverse.objective.misfit import LeastSquares
 from ngbrain.inverse.objective.regularisation import smooth
 from ngbrain.inverse.phantoms.benchmark import Phantom
 from ngbrain.ladder.axes import Axis
 from ngbrain.ladder.levels import PresenceLevel
 from ngbrain.ladder.model_search import search_along
-from ngbrain.ladder.models.hierarchy import Solution
+from ngbrain.ladder.models import geometry as head_meshes
+from ngbrain.ladder.models.hierarchy import ModelHierarchy, Solution
 from ngbrain.ladder.solutions import SolutionCache
 from ngbrain.materials import NeoHooke
-from ngbrain.mesh import Cleft, block
-from ngbrain.mesh.routes.registry import ROUTES, LabelMesh, Route, mesh_labels
-from ngbrain.mesh.tet_mesh import named_elements
+from ngbrain.mesh import Cleft, Sizes, block
+from ngbrain.mesh.routes.registry import ROUTES, Route, subtract_cleft
+from ngbrain.scene import CleftSpec, DisplacementBC, Geometry, MeshSize, Quantity, Scene, Tissue, Tool
+from ngbrain.surgery import head_models
+from ngbrain.surgery.model import RetractionModel
 from ngbrain.surgery.tools import RigidTool
 
 
@@ -64,32 +71,104 @@ def test_a_regulariser_is_a_function_that_invert_takes():
     assert found.regulariser == "stiff_in_x"
 
 
-def cubes(labels, size):
-    """Six tetrahedra for each voxel of a label: no element is smaller, none follows a surface."""
-    at = np.argwhere(labels.volume.data > 0)
-    steps = np.array([[i >> k & 1 for k in range(3)] for i in range(8)])
-    corners = at[:, None] + steps
-    flat, tets = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
-    kuhn = np.array([[0, 1, 3, 7], [0, 1, 5, 7], [0, 2, 3, 7], [0, 2, 6, 7], [0, 4, 5, 7], [0, 4, 6, 7]])
-    tets = tets.reshape(-1, 8)[:, kuhn].reshape(-1, 4)
-    affine = labels.volume.affine
-    points = (flat - 0.5) @ affine[:3, :3].T + affine[:3, 3]
-    volume = np.linalg.det(points[tets[:, 1:]] - points[tets[:, :1]])
-    tets[volume > 0] = tets[volume > 0][:, [1, 0, 2, 3]]
-    region = np.repeat(labels.volume.data[tuple(at.T)].astype(int) - 1, 6)
-    return LabelMesh(named_elements(points, tets, region, labels.regions))
+@pytest.fixture
+def own_route(monkeypatch):
+    own = Route(cubes, 5e-3, 20e-3, "smooth surfaces", (cubes_module,), subtract_cleft(cubes))
+    monkeypatch.setitem(ROUTES, "cubes", own)
+    return own
 
 
-def test_a_mesh_route_is_one_entry(monkeypatch):
-    monkeypatch.setitem(ROUTES, "cubes", Route(cubes, 5e-3, 20e-3, "smooth surfaces", (sys.modules[__name__],)))
+VOXEL = 4e-3
+CLASSES = {CSF: 38e-3, GREY: 34e-3, WHITE: 26e-3, VENTRICLE: 9e-3}
+"""Radius of each tissue's ball (m)."""
+
+
+@pytest.fixture
+def balls(monkeypatch):
+    """Balls of tissue, one in the other, in place of the head of a scan."""
+    axis = VOXEL * (np.arange(-11, 11) + 0.5)
+    away = np.sqrt(sum(x**2 for x in np.meshgrid(axis, axis, axis, indexing="ij")))
+    data = np.zeros(away.shape, np.uint8)
+    for tissue, radius in CLASSES.items():
+        data[away < radius] = tissue
+    affine = np.diag([VOXEL] * 3 + [1.0])
+    affine[:3, 3] = axis[0]
+    scan = Scan(Volume(data.astype(float), affine), affine, data.shape, "balls")
+    for module in (head_models, head_meshes):
+        monkeypatch.setattr(module, "mni152", lambda: scan)
+        monkeypatch.setattr(module, "label_tissues", lambda _: Segmentation(Volume(data, affine), 6.0))
+    return data
+
+
+def test_a_mesh_route_is_one_entry(own_route, tmp_path):
     data = np.zeros((6, 6, 6), np.uint8)
     data[1:5, 1:5, 1:5] = 1
-    data[2:4, 2:4, 2:4] = 2
-    labels = LabelMap(Volume(data, np.diag([5e-3, 5e-3, 5e-3, 1.0])), {1: "grey", 2: "white"})
-    made = mesh_labels(labels, "cubes")
-    assert made.value == pytest.approx({"grey": 56 * 0.125, "white": 8 * 0.125})
-    mesh = made.elements.mesh()
-    assert set(mesh.GetMaterials()) == {"grey", "white"} and ngs.Integrate(1.0, mesh) == pytest.approx(64 * 0.125e-6)
+    data[1:5, 1:5, 3:5] = 2
+    write_nifti(tmp_path / "labels.nii.gz", Volume(data, np.diag([5e-3, 5e-3, 5e-3, 1.0])))
+    names = {1: "grey", 2: "white"}
+    made = nb.mesh_head(tmp_path / "labels.nii.gz", tmp_path / "head.vtkhdf", "cubes", labels=names)
+    assert made.value == pytest.approx({"grey": 32 * 0.125, "white": 32 * 0.125}) and made["route"] == "cubes"
+    assert made["left_out"] == "smooth surfaces"
+    with pytest.raises(InputError, match="route is 'cube'; wanted: did you mean 'cubes'"):
+        nb.mesh_head(tmp_path / "labels.nii.gz", tmp_path / "head.vtkhdf", "cube", labels=names)
+
+
+HEAD = {
+    "geometry": Geometry(kind="mni152"),
+    "tissues": [Tissue(mu=1000.0, poissons_ratio=0.4)],
+}
+
+
+def test_a_scene_takes_a_mesh_route_of_its_own(own_route, balls):
+    place = (0.01, -0.004, 0.012)
+    scene = Scene(
+        **HEAD,
+        mesh=MeshSize(route="cubes"),
+        displacement_bcs=[DisplacementBC(boundary="skull", value=("1e-2*y", "0*x", "2e-2*x"))],
+        quantities=[Quantity(name="displacement", point=place, direction=(0, 0, 1))],
+    )
+    assert Scene.from_dict(scene.to_dict()) == scene and scene.to_dict()["mesh"]["route"] == "cubes"
+    bench = ModelHierarchy(scene)
+    model = {"strain": "linear", "pressure": "none", "order": "1", "mesh": "0"}
+    assert bench.solve(model).answers == pytest.approx([2e-2 * place[0]], rel=1e-5)
+    mesh = bench.mesh(model)
+    assert mesh.ne == 6 * np.count_nonzero(balls)
+    volumes = dict(zip(mesh.GetMaterials(), ngs.Integrate(ngs.CF(1), mesh, region_wise=True), strict=True))
+    counts = np.bincount(balls.ravel()) * VOXEL**3
+    wanted = {"grey": counts[CSF] + counts[GREY], "white": counts[WHITE], "ventricles": counts[VENTRICLE]}
+    assert volumes == pytest.approx(wanted)
+    out = ngs.CF((ngs.x, ngs.y, ngs.z)) * ngs.specialcf.normal(3)
+    wall = mesh.Boundaries("ventricle_wall")
+    assert ngs.Integrate(out, mesh, ngs.BND, definedon=wall) == pytest.approx(3 * counts[VENTRICLE])
+
+
+def test_an_operation_takes_a_mesh_route_of_its_own(own_route, balls, monkeypatch):
+    cleft = CleftSpec(
+        target=(0, 0, 3 * VOXEL), trajectory=(0, 0, 1), wall_normal=(1, 0, 0), gap=2 * VOXEL, width=4 * VOXEL
+    )
+    scene = Scene(**HEAD, cleft=cleft, tools=[Tool(thickness=2 * VOXEL)], mesh=MeshSize(route="cubes"))
+    model = RetractionModel.from_scene(scene)
+    mesh = model.mesh
+    assert set(mesh.GetBoundaries()) >= {"skull", "craniotomy", "wall_plus", "wall_minus", "floor", "ventricle_wall"}
+    assert set(mesh.GetMaterials()) == {"grey", "white", "ventricles"} == set(model.materials())
+    assert model.held == "skull" and 6 * np.count_nonzero(balls) > mesh.ne == 6 * (mesh.ne // 6)
+    walls = mesh.Boundaries("wall_plus")
+    assert ngs.Integrate(ngs.specialcf.normal(3)[0], mesh, ngs.BND, definedon=walls) < 0
+    assert ngs.Integrate((ngs.x - VOXEL) ** 2, mesh, ngs.BND, definedon=walls) < 1e-20
+    assert "smooth surfaces" in model.head.left_out
+
+    monkeypatch.setitem(ROUTES, "cubes", replace(own_route, open_cleft=None))
+    with pytest.raises(InputError, match=r"mesh.route is 'cubes'; wanted: a route that opens a cleft: hull, lattice"):
+        replace(scene, title="again")
+    with pytest.raises(InputError, match=r"route is 'cubes', which opens no cleft"):
+        model.head.open_cleft(model.cleft, 40e-3, Sizes())
+
+
+def test_what_no_route_meshes_has_none():
+    with pytest.raises(InputError, match=r"mesh.route is 'latice'; wanted: did you mean 'lattice'"):
+        MeshSize(route="latice")
+    with pytest.raises(InputError, match=r"mesh.route is 'lattice'; wanted: this key left out: only a head of labels"):
+        replace(Scene.shipped("idealised"), mesh=MeshSize(route="lattice"))
 
 
 @dataclass(frozen=True)

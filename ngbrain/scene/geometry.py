@@ -6,13 +6,16 @@ from __future__ import annotations
 from dataclasses import MISSING, dataclass
 from typing import TYPE_CHECKING
 
+from ngbrain.mesh.routes.registry import ROUTES, openable_routes
 from ngbrain.schema.document import Section
-from ngbrain.schema.fields import choice, integer, number, path
+from ngbrain.schema.fields import choice, integer, number, path, registered
 
 if TYPE_CHECKING:
     from ngbrain.scene import Scene
 
-HEADS = ("idealised", "mni152", "scan")
+SCANNED = ("mni152", "scan")
+"""Kinds of geometry that are heads of labels."""
+HEADS = ("idealised", *SCANNED)
 """Kinds of geometry that are heads."""
 
 
@@ -88,7 +91,7 @@ class Geometry(Section):
         self._need(scene.cleft is not None or self.stiffness_map is None, path, "stiffness_map", wanted)
         mapped, space = self.stiffness_map is not None, self.stiffness_map_space is not None
         wanted = "this key left out: only the head of a person has a measured map"
-        self._need(not mapped or self.kind in ("mni152", "scan"), path, "stiffness_map", wanted)
+        self._need(not mapped or self.kind in SCANNED, path, "stiffness_map", wanted)
         wanted = "head or mni152, to go with geometry.stiffness_map" if mapped else "this key only with a map"
         self._need(
             space if mapped and self.kind == "scan" else mapped or not space, path, "stiffness_map_space", wanted
@@ -111,7 +114,7 @@ class Geometry(Section):
 
 @dataclass(frozen=True, kw_only=True)
 class MeshSize(Section):
-    """Element sizes and polynomial order.
+    """Element sizes, polynomial order and meshing route.
 
     Parameters
     ----------
@@ -123,6 +126,10 @@ class MeshSize(Section):
         Size under the craniotomy.
     order
         Polynomial degree of the displacement; with model selection by tolerances it is selected too.
+    route
+        How the labels of a scan become tetrahedra. hull (the default): smooth surfaces of brain and ventricles, with the tissue of
+        the label at each point; lattice, conforming: elements that follow the surfaces between tissues, as far as their sizes
+        allow; or a route that is registered in `ngbrain.mesh.routes.registry`.
     """
 
     KEY = "mesh"
@@ -131,10 +138,21 @@ class MeshSize(Section):
     wall: float = number("wall_size_mm", 3e-3, least=0.2)
     craniotomy: float = number("craniotomy_size_mm", 8e-3, least=0.5)
     order: int = integer("order", 2, 2, 4)
+    route: str | None = registered("route", None, ROUTES)
+
+    @property
+    def meshing_route(self) -> str:
+        """The meshing route of a scanned head."""
+        return self.route or "hull"
 
     def _check(self, path: str, scene: Scene) -> None:
+        scanned = scene.geometry.kind in SCANNED
+        wanted = "this key left out: only a head of labels, geometry.kind mni152 or scan, is meshed by another route"
+        self._need(scanned or self.route is None, path, "route", wanted)
         if scene.cleft is None:
             return
+        wanted = f"a route that opens a cleft: {', '.join(openable_routes())}"
+        self._need(self.meshing_route in openable_routes(), path, "route", wanted)
         self._need(
             self.craniotomy >= self.wall, path, "craniotomy", f"at least {self.toml_value('wall'):g}, mesh.wall_size_mm"
         )

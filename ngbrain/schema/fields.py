@@ -7,7 +7,7 @@ from dataclasses import MISSING, field, replace
 from pathlib import Path
 from typing import Any
 
-from ngbrain.errors import InputError
+from ngbrain.errors import InputError, nearest
 from ngbrain.schema.document import UNITS, Entry, Section, brief, is_number
 from ngbrain.schema.formulas import Formula
 from ngbrain.schema.patterns import WANTED, is_pattern
@@ -153,6 +153,27 @@ def choice(key: str, default: Any, choices: Collection[str], hint: Callable[[str
     wanted = hint("") if hint else "one of " + ", ".join(choices)
     entry = text(key, default, wanted, choices.__contains__, hint).metadata["entry"]
     return _field(replace(entry, kind={"enum": list(choices)}), default)
+
+
+def registered(key: str, default: str | None, registry: Mapping[str, Any]) -> Any:
+    """Field for a name in a registry, to which names may be added later.
+
+    Parameters
+    ----------
+    key : str
+        Key in the file.
+    default : str or None
+        Default.
+    registry : mapping
+        Name → object; read when a value is checked.
+
+    Returns
+    -------
+    dataclasses.Field
+    """
+    wanted = f"{', '.join(registry)}, or another registered name"
+    entry = text(key, default, wanted, registry.__contains__, lambda raw: nearest(raw, registry)).metadata["entry"]
+    return _field(replace(entry, kind={"type": "string", "examples": list(registry)}), default)
 
 
 def choice_or_table(

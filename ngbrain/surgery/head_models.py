@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
-from importlib.metadata import version
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -18,13 +17,12 @@ from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.read.label_schemes import TISSUES
 from ngbrain.image.read.property_maps import read_map
 from ngbrain.image.segment.tissue_classes import NAMES, VENTRICLE, WHITE
-from ngbrain.io.cache import Arrays, load_or_compute
-from ngbrain.mesh import Cleft, Elements, Sizes, idealised_head, smallest_angles, tet_mesh
-from ngbrain.mesh.geometry import cleft_walls, level_set, primitives
-from ngbrain.mesh.routes import cleft_head
+from ngbrain.mesh import Cleft, Sizes, idealised_head, smallest_angles
+from ngbrain.mesh.geometry import primitives
 from ngbrain.mesh.routes.craniotomy import find_cleft
-from ngbrain.mesh.surface import head_outlines, manifold, remeshing
-from ngbrain.mesh.surface.head_outlines import Outlines, outlines
+from ngbrain.mesh.routes.heads import GREY_MATTER, WHITE_MATTER, open_head_of_tissues
+from ngbrain.mesh.routes.registry import find_route
+from ngbrain.mesh.surface.head_outlines import BRAIN, VENTRICLES, Outlines, outlines
 from ngbrain.scene import Geometry, Scene
 from ngbrain.scene.operation import Openable
 
@@ -39,14 +37,15 @@ class Head(Openable, Protocol):
 
     Attributes
     ----------
-    left_out : str
-        Limitations of the model of the head, in words.
     stiffness : Volume or None
         Measured map of shear moduli in the head's space, NaN without a measurement.
     """
 
-    left_out: str
     stiffness: Volume | None
+
+    @property
+    def left_out(self) -> str:
+        """Limitations of the model of the head, in words."""
 
     def open_cleft(self, cleft: Cleft, craniotomy: float, sizes: Sizes) -> ngs.Mesh:
         """Mesh the head with an open cleft.
@@ -130,24 +129,44 @@ class Scanned:
         Tissue labels (`ngbrain.image.segment.tissue_classes`).
     stiffness : Volume, optional
         Map of shear moduli in the head's space.
+    route : str
+        Meshing route (`ngbrain.mesh.routes.registry`).
     """
 
     scan: Scan
     labels: Volume
     outlines: Outlines = field(init=False)
     stiffness: Volume | None = None
-    left_out = (
-        "pia, dura, vessels and the sulci of the cortex: sulcal fluid inside the hull takes grey matter's law; "
-        f"{FIBRES}differences between parts of grey and of white matter"
-    )
+    route: str = "hull"
 
     def __post_init__(self) -> None:
         self.outlines = outlines(LabelMap(self.labels, TISSUES))
 
     @classmethod
-    def from_scan(cls, scan: Scan) -> Scanned:
-        """From a T1 scan of a whole head or of a brain (`label_tissues`); raises `InputError` for other images."""
-        return cls(scan, label_tissues(scan).volume)
+    def from_scan(cls, scan: Scan, route: str = "hull") -> Scanned:
+        """From a T1 scan of a whole head or of a brain (`label_tissues`); raises `InputError` for other images.
+
+        Parameters
+        ----------
+        scan : Scan
+        route : str
+            Meshing route.
+
+        Returns
+        -------
+        Scanned
+        """
+        return cls(scan, label_tissues(scan).volume, route=route)
+
+    @property
+    def left_out(self) -> str:
+        """Limitations of the model, in words."""
+        way = find_route(self.route)
+        inside, more = ("", f"{way.left_out}; ") if way.conforms else (" inside the hull", "")
+        return (
+            f"pia, dura, vessels and the sulci of the cortex: sulcal fluid{inside} takes grey matter's law; {more}"
+            f"{FIBRES}differences between parts of grey and of white matter"
+        )
 
     def point(self, voxel: Sequence[float]) -> np.ndarray:
         """Centre (m) of a voxel of the file, with indices from 0."""
@@ -183,7 +202,7 @@ class Scanned:
         return find_cleft(shape.brain, shape.ventricles, target, opening, width, approach, across)
 
     def open_cleft(self, cleft: Cleft, craniotomy: float, sizes: Sizes) -> ngs.Mesh:
-        """The mesh with an open cleft, from the cache or made by `ngbrain.mesh.routes.cleft_head`.
+        """The mesh with an open cleft, from the cache or made by the head's route.
 
         Parameters
         ----------
@@ -196,18 +215,17 @@ class Scanned:
         Returns
         -------
         ngs.Mesh
+
+        Raises
+        ------
+        InputError
+            The route opens no cleft, or it fails.
         """
-        shape = {name: np.asarray(value).tolist() for name, value in vars(cleft).items()}
-        made_from = [self.labels.digest(), shape, craniotomy, asdict(sizes), version("netgen-mesher")]
-        modules = (head_outlines, level_set, remeshing, manifold, cleft_walls, cleft_head, tet_mesh)
-
-        def make() -> Arrays:
-            return cleft_head.head(self.outlines, cleft, craniotomy, sizes).elements.arrays()
-
-        return Elements.from_arrays(load_or_compute("mesh", made_from, modules, make)).mesh()
+        return open_head_of_tissues(self.labels, cleft, craniotomy, self.route, sizes).mesh()
 
     def mixtures(self, mesh: ngs.Mesh, order: int) -> dict[str, dict[str, Any]]:
-        """Grey and white matter by the nearest voxel; other tissue, mainly sulcal fluid, counts as grey matter.
+        """Regions that are tissues, or grey and white matter by the nearest voxel; other tissue, mainly sulcal fluid, counts as
+        grey matter.
 
         Parameters
         ----------
@@ -220,11 +238,20 @@ class Scanned:
         dict
             Region → tissue → fraction.
         """
+        names = mesh.GetMaterials()
+        parts: dict[str, dict[str, Any]] = {name: {name: 1.0} for name in (GREY_MATTER, WHITE_MATTER, VENTRICLES)}
+        if any(name.partition(PART)[0] == BRAIN for name in names):
+            parts[BRAIN] = self._tissues_of_points(mesh, order)
+        return {name: parts[name.partition(PART)[0]] for name in names}
+
+    def _tissues_of_points(self, mesh: ngs.Mesh, order: int) -> dict[str, Any]:
+        """Grey and white matter at the quadrature points."""
         space, points = quadrature_points(mesh, order - 1)
         found = self.labels.interpolate(points, order=0)
-        white, grey = quadrature_field(space, found == WHITE), quadrature_field(space, found != WHITE)
-        parts = {"brain": {"grey": grey, "white": white}, "ventricles": {"ventricles": 1.0}}
-        return {name: parts[name.partition(PART)[0]] for name in mesh.GetMaterials()}
+        return {
+            GREY_MATTER: quadrature_field(space, found != WHITE),
+            WHITE_MATTER: quadrature_field(space, found == WHITE),
+        }
 
     def describe(self, mesh: ngs.Mesh) -> dict[str, Any]:
         """The source, volumes (ml) of labels and mesh, and the smallest dihedral angle (degrees)."""
@@ -303,12 +330,28 @@ def _indices(mesh: ngs.Mesh) -> np.ndarray:
     return np.asarray(mesh.ngmesh.Elements3D().NumPy()["index"])
 
 
-def load_head(geometry: Geometry) -> Head:
-    """The head of a scene's geometry; raises `InputError` for a scan that cannot be used."""
+def load_head(geometry: Geometry, route: str = "hull") -> Head:
+    """The head of a scene's geometry.
+
+    Parameters
+    ----------
+    geometry : Geometry
+    route : str
+        Meshing route of a scanned head (`Scene.mesh.meshing_route`).
+
+    Returns
+    -------
+    Head
+
+    Raises
+    ------
+    InputError
+        The scan cannot be used.
+    """
     if geometry.kind == "idealised":
         return Idealised()
     scan = mni152() if geometry.kind == "mni152" else read_scan(str(geometry.image))
-    head = Scanned.from_scan(scan)
+    head = Scanned.from_scan(scan, route)
     return replace(head, stiffness=_stiffness(geometry, scan)) if geometry.stiffness_map else head
 
 

@@ -105,7 +105,7 @@ class RetractionModel:
     @classmethod
     def from_scene(cls, scene: Scene, head: Head | None = None) -> RetractionModel:
         """Read the head (unless it is given) and make the mesh; raises `InputError` for a head or cleft that cannot be used."""
-        head = head or load_head(scene.geometry)
+        head = head or load_head(scene.geometry, scene.mesh.meshing_route)
         scene.check_on(head)
         where = scene.operated
         cleft = where.slot(head)

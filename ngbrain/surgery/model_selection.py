@@ -222,7 +222,7 @@ class Operation:
 
     @cached_property
     def _head(self) -> Head:
-        return load_head(self.scene.geometry)
+        return load_head(self.scene.geometry, self.scene.mesh.meshing_route)
 
     @cached_property
     def _commonest(self) -> Tissue:

@@ -30,7 +30,7 @@ from ngbrain.mesh.head_mesh import HeadMesh
 from ngbrain.mesh.improve.curving import CurvingResult, second_order_mesh
 from ngbrain.mesh.resolution_study import recommend_meshes
 from ngbrain.mesh.routes.craniotomy import Opening, mesh_with_cleft
-from ngbrain.mesh.routes.registry import ROUTES, mesh_labels, min_jacobian, summarise_mesh
+from ngbrain.mesh.routes.registry import conforming_routes, find_route, mesh_labels, min_jacobian, summarise_mesh
 from ngbrain.mesh.surface.cortical_files import write_cortex
 from ngbrain.mesh.surface.head_outlines import LESION, VENTRICLES, Repair, excessive
 from ngbrain.mesh.tet_mesh import Elements
@@ -266,8 +266,9 @@ def mesh_head(
         A T1 (NIfTI, MGZ, a folder of DICOM), or a label map with `labels`.
     path : path
         Of the mesh: .vtkhdf, or a suffix of `ngbrain.io.exchange`.
-    route : {"hull", "lattice", "conforming"}
-        How labels become tetrahedra.
+    route : str
+        How labels become tetrahedra: "hull", "lattice", "conforming", or another route that is registered
+        (`ngbrain.mesh.routes.registry`).
     labels : bool, str or mapping
         Whether `source` is a label map; a scheme (freesurfer, spm, ngbrain) or number → region says what its numbers mean.
     structures : bool
@@ -352,10 +353,10 @@ def write_subject(
     stem, own = files.stem(path), path.name.lower().endswith(files.OWN)
     if curve and not own:
         raise InputError("-o", repr(path.name), "a name that ends in .vtkhdf, as --curve is given")
-    if curve and route == "hull":
-        raise InputError(
-            "--curve", "given with the route hull", "lattice or conforming, whose tissues meet in interfaces"
-        )
+    way = find_route(route)
+    if curve and not way.conforms:
+        wanted = f"{' or '.join(conforming_routes())}, whose tissues meet in interfaces"
+        raise InputError("--curve", f"given with the route {route}", wanted)
     if curve and opening:
         raise InputError(
             "--curve", "given with --cut", "one of them: curving would move nodes off the planes of the walls"
@@ -365,7 +366,7 @@ def write_subject(
     if not clean.regions:
         found = f"{np.count_nonzero(subject.labels.volume.data)} voxels in islands, which are left out"
         raise InputError("labels", found, "a head")
-    size = size or RadialSizeField(ROUTES[route].size, ROUTES[route].size)
+    size = size or RadialSizeField(way.size, way.size)
     whole, cut = clean, {}
     if opening:
         cut = {"cut": _cut(opening.cleft(clean), opening)}
@@ -396,7 +397,7 @@ def write_subject(
         route,
         made,
         started,
-        left_out=ROUTES[route].left_out + _within(made, clean),
+        left_out=way.left_out + _within(made, clean),
         notes=list(subject.notes),
         labels=", ".join(f"{i} {name}" for i, name in clean.names.items()),
         relabelled_voxels=tidying.moved,

@@ -94,7 +94,7 @@ def _body(scene: Scene) -> Drawing:
     parts = _parts(mesh)
     focus = np.array(points[0]) if points else (parts["points"].min(axis=0) + parts["points"].max(axis=0)) / 2
     head = scene.geometry.is_head
-    image = _image(load_head(scene.geometry)) if head else None
+    image = _image(load_head(scene.geometry, scene.mesh.meshing_route)) if head else None
     return Drawing(
         scene.title, **parts, focus=focus, head=head, conditions=conditions, solids=solids, image=image,
         tables=_tables(scene, mesh, conditions), warnings=scene.warnings,
@@ -104,7 +104,7 @@ def _body(scene: Scene) -> Drawing:
 def _operation(scene: Scene) -> Drawing:
     """An operation, on a coarse mesh that takes seconds, or on its own mesh where no coarse one is possible."""
     sizes = replace(scene.mesh, **{name: max(getattr(scene.mesh, name), size) for name, size in LARGEST.items()})
-    head, coarse = load_head(scene.geometry), True
+    head, coarse = load_head(scene.geometry, scene.mesh.meshing_route), True
     try:
         model = RetractionModel.from_scene(replace(scene, mesh=sizes), head)
     except InputError:  # whatever else is wrong is so again

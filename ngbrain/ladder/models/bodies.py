@@ -69,8 +69,8 @@ class SceneBodies:
         """What another process makes the same of."""
         self.questions: tuple[Asked, ...] = (*scene.quantities, *questions)
         check_questions(self.questions, scene, questions)
-        size = scene.mesh.largest
-        self._meshes = {"whole": Meshes(scene.geometry, size)} | ({"near": Meshes(part, size)} if part else {})
+        size, route = scene.mesh.largest, scene.mesh.meshing_route
+        self._meshes = {"whole": Meshes(scene.geometry, size, route)} | ({"near": Meshes(part, size)} if part else {})
         self._cut = dict[tuple[str, bool, int], ngs.Mesh]()
         self._maps = dict[str, Volume]()
         self._courses = WeakKeyDictionary[Problem, PrescribedMotion]()

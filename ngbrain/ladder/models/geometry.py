@@ -14,12 +14,9 @@ import numpy as np
 from ngbrain.errors import InputError
 from ngbrain.image import mni152, read_scan
 from ngbrain.image.labelling import label_tissues
-from ngbrain.image.read.label_map import LabelMap
-from ngbrain.image.read.label_schemes import TISSUES
 from ngbrain.image.segment.tissue_classes import WHITE
 from ngbrain.mesh.geometry.primitives import Sizes, idealised_head
-from ngbrain.mesh.geometry.sizing import RadialSizeField
-from ngbrain.mesh.routes.registry import mesh_elements
+from ngbrain.mesh.routes.heads import GREY_MATTER, WHITE_MATTER, mesh_head_of_tissues
 from ngbrain.mesh.surface.head_outlines import BRAIN
 from ngbrain.mesh.tet_mesh import centres
 from ngbrain.reading import check_regular
@@ -37,8 +34,6 @@ OF_SECTION = ("left", "right", "bottom", "top", "plate", "wall_minus", "wall_plu
 """Boundaries that a block's section has too."""
 CUT = ("left", "right", "front", "back")
 """Sides of a block at which a region of interest is fixed."""
-GREY_MATTER, WHITE_MATTER = "grey", "white"
-"""Regions of a scanned brain."""
 REACH = 3.0
 """Size of a region of interest relative to its contents."""
 WORTH = 0.8
@@ -72,6 +67,8 @@ class Meshes:
     geometry : Geometry
     size : float
         Element size (m) at level 0.
+    route : str
+        Meshing route of a scanned head.
 
     Examples
     --------
@@ -80,8 +77,8 @@ class Meshes:
     (2, True)
     """
 
-    def __init__(self, geometry: Geometry, size: float) -> None:
-        self.geometry, self.size = geometry, size
+    def __init__(self, geometry: Geometry, size: float, route: str = "hull") -> None:
+        self.geometry, self.size, self.route = geometry, size, route
         self._coarsest: dict[bool, meshing.Mesh] = {}
         self._made: dict[tuple[int, bool], ngs.Mesh] = {}
 
@@ -138,7 +135,7 @@ class Meshes:
         if plane not in self._coarsest:
             makers = {"mesh": lambda: _read(self.geometry), "block": lambda: self._block(plane)}
             self._coarsest[plane] = makers.get(
-                self.geometry.kind, lambda: scanned_head_mesh(self.geometry, self.size)
+                self.geometry.kind, lambda: scanned_head_mesh(self.geometry, self.size, self.route)
             )()
         mesh = ngs.Mesh(self._coarsest[plane].Copy())
         for _ in range(level):
@@ -154,10 +151,11 @@ class Meshes:
         return occ.OCCGeometry(shape, dim=2 if plane else 3).GenerateMesh(wanted)
 
 
-def scanned_head_mesh(geometry: Geometry, size: float) -> meshing.Mesh:
-    """The head of a scan inside its skull: regions grey, white and ventricles, by the label at each element's centre.
+def scanned_head_mesh(geometry: Geometry, size: float, route: str = "hull") -> meshing.Mesh:
+    """The head of a scan inside its skull: regions grey, white and ventricles.
 
-    Sulcal fluid inside the hull counts as grey matter, as in an operation. Refined meshes have the same regions, because their
+    By a route that does not conform to tissues, an element of the brain takes the label at its centre. Sulcal fluid counts as grey
+    matter, as in an operation. Refined meshes have the same regions, because their
     elements are parts of these.
 
     Parameters
@@ -165,6 +163,8 @@ def scanned_head_mesh(geometry: Geometry, size: float) -> meshing.Mesh:
     geometry : Geometry
     size : float
         Element size (m).
+    route : str
+        Meshing route.
 
     Returns
     -------
@@ -172,8 +172,10 @@ def scanned_head_mesh(geometry: Geometry, size: float) -> meshing.Mesh:
     """
     scan = mni152() if geometry.kind == "mni152" else read_scan(str(geometry.image))
     labels = label_tissues(scan).volume
-    mesh = mesh_elements(LabelMap(labels, TISSUES), "hull", RadialSizeField(size, size)).mesh()
+    mesh = mesh_head_of_tissues(labels, route, size).mesh()
     made = mesh.ngmesh.Copy()
+    if BRAIN not in mesh.GetMaterials():
+        return made
     numbers = {name: i for i, name in enumerate((GREY_MATTER, WHITE_MATTER, *mesh.GetMaterials()[1:]), 1)}
     white = labels.interpolate(centres(mesh), order=0) == WHITE
     old = [mesh.GetMaterials()[index - 1] for index in np.asarray(made.Elements3D().NumPy()["index"]).tolist()]

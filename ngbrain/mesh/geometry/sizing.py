@@ -69,7 +69,7 @@ class RadialSizeField:
 
 @dataclass(frozen=True)
 class CleftSizeField:
-    """Element size that grows with the distance from the walls of a cleft, from `near` up to `far`.
+    """Element size that grows with the distance from the walls of a cleft, from `near` up to `far`, or to `under` a craniotomy.
 
     Parameters
     ----------
@@ -81,6 +81,10 @@ class CleftSizeField:
         Largest element size (m).
     growth : float
         Growth of the size per distance.
+    under : float, optional
+        Largest element size (m) under the craniotomy; None: `far`.
+    craniotomy : float
+        Diameter (m) of the craniotomy around the cleft.
 
     Raises
     ------
@@ -92,6 +96,8 @@ class CleftSizeField:
     near: float
     far: float
     growth: float = 0.3
+    under: float | None = None
+    craniotomy: float = 0.0
 
     def __post_init__(self) -> None:
         if not 0 < self.near <= self.far < np.inf or ACROSS * self.near > self.cleft.opening * (1 + 1e-9):
@@ -103,7 +109,12 @@ class CleftSizeField:
 
     def __call__(self, points: np.ndarray) -> np.ndarray:
         """Element sizes (n,) in m at points (n, 3) in m."""
-        return np.minimum(self.far, self.near + self.growth * self.cleft.distance_to_walls(points))
+        size = np.minimum(self.far, self.near + self.growth * self.cleft.distance_to_walls(points))
+        if self.under is None:
+            return size
+        across, along, height = self.cleft.coordinates(points).T
+        below = (np.hypot(across, along) <= self.craniotomy / 2) & (height > 0)
+        return np.where(below, np.clip(size, self.near, max(self.under, self.near)), size)
 
 
 def sample_sizes(labels: LabelMap, size: SizeField, per_cube: float, most: float) -> np.ndarray:

@@ -5,7 +5,9 @@
 - `lattice`: a lattice snapped onto the interfaces of all labels; it works for any labels.
 - `conforming`: Delaunay tetrahedra that conform to all interfaces, graded by a size field.
 - `craniotomy`: a head opened by a cleft under a craniotomy, by any route.
+- `heads`: the head of a scan by any route, closed or opened, as scenes have it.
 - `cleft_head`: a hull with a cleft cut out by exact planes.
+- `subtraction`: a cleft subtracted from labels, for the routes that mesh any labels.
 """
 
-__all__ = ["cleft_head", "conforming", "craniotomy", "hull", "lattice", "registry"]
+__all__ = ["cleft_head", "conforming", "craniotomy", "heads", "hull", "lattice", "registry", "subtraction"]

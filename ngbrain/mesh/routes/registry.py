@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import logging
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
 from types import ModuleType
 from typing import Any
@@ -19,6 +19,8 @@ from ngbrain.image.read.label_map import LabelMap
 from ngbrain.io.cache import load_or_compute
 from ngbrain.mesh import tet_mesh
 from ngbrain.mesh.geometry import level_set, sizing
+from ngbrain.mesh.geometry.cleft import Cleft
+from ngbrain.mesh.geometry.primitives import Sizes
 from ngbrain.mesh.geometry.sizing import CleftSizeField, RadialSizeField, SizeField
 from ngbrain.mesh.head_mesh import middle_slice
 from ngbrain.mesh.improve import (
@@ -32,9 +34,9 @@ from ngbrain.mesh.improve import (
 )
 from ngbrain.mesh.labels import indicators, sampling, volume_fractions, volume_zones
 from ngbrain.mesh.quality import Quality, volumes_ml
-from ngbrain.mesh.routes import cleft_head, conforming, hull, lattice
+from ngbrain.mesh.routes import cleft_head, conforming, hull, lattice, subtraction
 from ngbrain.mesh.surface import head_outlines, manifold, remeshing
-from ngbrain.mesh.surface.head_outlines import BRAIN, Repair
+from ngbrain.mesh.surface.head_outlines import BRAIN, Repair, outlines
 from ngbrain.mesh.tet_mesh import Elements
 from ngbrain.result import Result, Status
 
@@ -96,9 +98,15 @@ class LabelMesh(Result):
         return cls(elements, rest["snaps"], repairs)
 
 
+Make = Callable[[LabelMap, SizeField], LabelMesh]
+"""(labels, size field) → mesh."""
+OpenCleft = Callable[[LabelMap, Cleft, float, Sizes], LabelMesh]
+"""(labels, cleft, diameter of the craniotomy in m, element sizes) → mesh with the boundaries of the cleft (`mesh.Cleft`)."""
+
+
 @dataclass(frozen=True)
 class Route:
-    """A meshing route.
+    """A meshing route, for `ngbrain mesh`, for heads of scenes and for operations.
 
     Parameters
     ----------
@@ -112,13 +120,63 @@ class Route:
         What its mesh does not resolve, in words.
     modules : tuple of module
         Source files that determine its result, for the cache.
+    open_cleft : callable, optional
+        How it opens a cleft: (labels, cleft, diameter of the craniotomy, element sizes) → mesh. `subtract_cleft` makes it of
+        `make` where `make` leaves out what `LabelMap.cut` cuts away. None: it cannot, and is refused for operations.
+    conforms : bool
+        Whether every region of the labels is a region of the mesh; False for one region `brain`, in which a point takes the
+        tissue of the label there, around ventricles and lesions.
     """
 
-    make: Callable[[LabelMap, SizeField], LabelMesh]
+    make: Make
     size: float
     radius: float
     left_out: str
     modules: tuple[ModuleType, ...]
+    open_cleft: OpenCleft | None = None
+    conforms: bool = True
+
+
+def subtract_cleft(make: Make) -> OpenCleft:
+    """Open a cleft by a route that meshes any labels: the cleft is subtracted, and the walls are moved onto its planes.
+
+    Walls move where elements stay good: corners of tissues and edges of the cleft may be off by part of an element, and the
+    craniotomy ends with whole triangles.
+
+    Parameters
+    ----------
+    make : callable
+        (labels, size field) → mesh with boundaries `outer_REGION`; it leaves out what `LabelMap.cut` cuts away.
+
+    Returns
+    -------
+    callable
+        (labels, cleft, diameter of the craniotomy, element sizes) → mesh.
+    """
+
+    def opened(labels: LabelMap, cleft: Cleft, craniotomy: float, sizes: Sizes) -> LabelMesh:
+        size = CleftSizeField(cleft, sizes.site, sizes.far, under=sizes.near, craniotomy=craniotomy)
+        made, spacing = make(subtraction.remove_cleft(labels, cleft), size), float(labels.volume.spacing.max())
+        return replace(made, elements=subtraction.fit_cleft_walls(made.elements, cleft, craniotomy, spacing))
+
+    return opened
+
+
+def _hulled(done: cleft_head.Hull) -> LabelMesh:
+    return LabelMesh(done.elements, repairs=done.repairs)
+
+
+def _cut_hull(labels: LabelMap, cleft: Cleft, craniotomy: float, sizes: Sizes) -> LabelMesh:
+    return _hulled(cleft_head.head(outlines(labels), cleft, craniotomy, sizes))
+
+
+def _latticed(labels: LabelMap, size: SizeField) -> LabelMesh:
+    done = lattice.lattice(labels, size)
+    return LabelMesh(done.elements, {"snapped": done.snapped, "rejected": done.rejected})
+
+
+def _conforming(labels: LabelMap, size: SizeField) -> LabelMesh:
+    return LabelMesh(conforming.conforming(labels, size))
 
 
 ROUTES: Mapping[str, Route] = {
@@ -128,16 +186,19 @@ ROUTES: Mapping[str, Route] = {
         17e-3,
         "sulci, hollows (filled), and surfaces between tissues: inside the hull a point takes the tissue of the label there",
         (hull, cleft_head, head_outlines, level_set, manifold, vertex_relocation, remeshing, conforming, reconnection),
+        _cut_hull,
+        conforms=False,
     ),
     "lattice": Route(
-        lambda labels, size: _latticed(lattice.lattice(labels, size)),
+        _latticed,
         4e-3,
         10.5e-3,
         "folds and films thinner than elements",
         (lattice, guarded_moves, indicators, snapped_lattice, octree, volume_fractions, snapping, volume_zones),
+        subtract_cleft(_latticed),
     ),
     "conforming": Route(
-        lambda labels, size: LabelMesh(conforming.conforming(labels, size)),
+        _conforming,
         4e-3,
         20e-3,
         "folds and films thinner than elements",
@@ -151,16 +212,21 @@ ROUTES: Mapping[str, Route] = {
             volume_matching,
             volume_zones,
         ),
+        subtract_cleft(_conforming),
     ),
 }
 
 
-def _hulled(done: cleft_head.Hull) -> LabelMesh:
-    return LabelMesh(done.elements, repairs=done.repairs)
+def find_route(name: str) -> Route:
+    """The route of a name; raises `InputError` for a name that no route has.
 
-
-def _latticed(done: lattice.Lattice) -> LabelMesh:
-    return LabelMesh(done.elements, {"snapped": done.snapped, "rejected": done.rejected})
+    >>> find_route("hul")
+    Traceback (most recent call last):
+    ngbrain.errors.InputError: route is 'hul'; wanted: did you mean 'hull'?
+    """
+    if name not in ROUTES:
+        raise InputError("route", repr(name), nearest(name, ROUTES))
+    return ROUTES[name]
 
 
 def mesh_elements(
@@ -208,23 +274,64 @@ def mesh_labels(
     ------
     InputError
         No route has this name, or the route fails.
-
-    Examples
-    --------
-    >>> mesh_labels(None, "hul")
-    Traceback (most recent call last):
-    ngbrain.errors.InputError: route is 'hul'; wanted: did you mean 'hull'?
     """
-    if route not in ROUTES:
-        raise InputError("route", repr(route), nearest(route, ROUTES))
-    way = ROUTES[route]
+    way = find_route(route)
     size = size or RadialSizeField(way.size, way.size)
+    return _cached(route, labels, [size_as_dict(size)], lambda: way.make(labels, size))
+
+
+def mesh_with_opening(labels: LabelMap, cleft: Cleft, craniotomy: float, route: str, sizes: Sizes) -> LabelMesh:
+    """Mesh labels with an open cleft by a route; the same labels, cleft and sizes come from the cache.
+
+    Parameters
+    ----------
+    labels : LabelMap
+        The labels.
+    cleft : Cleft
+        The cleft.
+    craniotomy : float
+        Diameter of the craniotomy (m).
+    route : str
+        "hull", "lattice" or "conforming".
+    sizes : Sizes
+        Element sizes on the cleft, under the craniotomy and elsewhere (m).
+
+    Returns
+    -------
+    LabelMesh
+        The mesh, with the boundaries of the cleft and `craniotomy`.
+
+    Raises
+    ------
+    InputError
+        No route has this name, the route opens no cleft, or it fails.
+    """
+    way = find_route(route)
+    if way.open_cleft is None:
+        raise InputError("route", f"{route!r}, which opens no cleft", f"one of {', '.join(openable_routes())}")
+    open_cleft = way.open_cleft
+    shape = {name: np.asarray(value).tolist() for name, value in vars(cleft).items()}
+    made_from = ["opened", shape, craniotomy, asdict(sizes)]
+    return _cached(route, labels, made_from, lambda: open_cleft(labels, cleft, craniotomy, sizes))
+
+
+def openable_routes() -> list[str]:
+    """Names of the routes that open a cleft."""
+    return [name for name, route in ROUTES.items() if route.open_cleft]
+
+
+def conforming_routes() -> list[str]:
+    """Names of the routes whose meshes have all regions of the labels."""
+    return [name for name, route in ROUTES.items() if route.conforms]
+
+
+def _cached(route: str, labels: LabelMap, made_from: list[Any], make: Callable[[], LabelMesh]) -> LabelMesh:
+    """The mesh of a route from the cache, whose key holds the route, the labels and what else it is made from."""
     names = {str(number): name for number, name in labels.names.items()}
     cut = None if labels.cut is None else volume.Volume(labels.cut, labels.volume.affine).digest()
-    made_from = [route, labels.volume.digest(), cut, names, size_as_dict(size), version("netgen-mesher")]
-    modules = (label_map, volume, tet_mesh, sizing, *way.modules)
-
-    made = LabelMesh.from_arrays(load_or_compute("meshed", made_from, modules, lambda: way.make(labels, size).arrays()))
+    key = [route, labels.volume.digest(), cut, names, *made_from, version("netgen-mesher")]
+    modules = (label_map, volume, tet_mesh, sizing, *ROUTES[route].modules)
+    made = LabelMesh.from_arrays(load_or_compute("meshed", key, modules, lambda: make().arrays()))
     LOG.info("route %s: %d tetrahedra, %d regions", route, len(made.elements.tets), len(labels.names))
     return made
 
