@@ -18,6 +18,7 @@ from ngbrain.errors import InputError
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.rigid import RigidContact
 from ngbrain.image.labelling import Segmentation
+from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.read.nifti import write_nifti
 from ngbrain.image.read.volume import Scan, Volume
 from ngbrain.image.segment.tissue_classes import CSF, GREY, VENTRICLE, WHITE
@@ -32,7 +33,7 @@ from ngbrain.ladder.models.hierarchy import ModelHierarchy, Solution
 from ngbrain.ladder.solutions import SolutionCache
 from ngbrain.materials import NeoHooke
 from ngbrain.mesh import Cleft, Sizes, block
-from ngbrain.mesh.routes.registry import ROUTES, Route, subtract_cleft
+from ngbrain.mesh.routes.registry import ROUTES, Route, mesh_labels, subtract_cleft
 from ngbrain.scene import CleftSpec, DisplacementBC, Geometry, MeshSize, Quantity, Scene, Tissue, Tool
 from ngbrain.surgery import head_models
 from ngbrain.surgery.model import RetractionModel
@@ -111,6 +112,15 @@ def test_a_mesh_route_is_one_entry(own_route, tmp_path):
     assert made["left_out"] == "smooth surfaces"
     with pytest.raises(InputError, match="route is 'cube'; wanted: did you mean 'cubes'"):
         nb.mesh_head(tmp_path / "labels.nii.gz", tmp_path / "head.vtkhdf", "cube", labels=names)
+
+
+def test_the_cache_keeps_routes_apart(own_route, monkeypatch):
+    data, cut = np.ones((2, 2, 2), np.uint8), np.zeros((2, 2, 2), np.float32)
+    cut[0] = 1.0
+    labels = LabelMap(Volume(data, np.diag([5e-3, 5e-3, 5e-3, 1.0])), {1: "grey"})
+    half = replace(own_route, make=lambda labels, size: cubes(replace(labels, cut=cut), size))
+    monkeypatch.setitem(ROUTES, "half", half)
+    assert [len(mesh_labels(labels, route).elements.tets) for route in ("cubes", "half", "cubes")] == [48, 24, 48]
 
 
 HEAD = {
