@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from statistics import median
 from typing import Any
 
 OURS = "ngbrain"
 MISSING = "–"
 ROUNDING = 1e-12
 """Shares up to which nothing but rounding is left."""
+HUNDRED = 100
+"""From which on a number has three digits at least."""
 SAME = (0.95, 1.05)
 """Ratios of costs between which they are about the same."""
 Record = dict[str, Any]
@@ -47,7 +50,7 @@ def number(value: float | None, digits: int = 2) -> str:
         return MISSING
     if value == 0:
         return "0"
-    text = f"{value:.{digits}g}"
+    text = f"{value:.{max(digits, 3) if abs(value) >= HUNDRED else digits}g}"
     if "e" in text:
         mantissa, _, power = text.partition("e")
         text = f"{float(text):.0f}" if 0 <= int(power) < 15 else f"{mantissa}e{int(power)}"
@@ -182,3 +185,24 @@ def compared(records: Sequence[Record], errors: Sequence[float], cost: str = "cp
 
 def _thousands(digits: str) -> str:
     return f"{int(digits):,}".replace(",", " ") if len(digits) > 4 else digits
+
+
+FIELDS = {
+    "youngs": "E", "storage": "G'", "loss": "G''", "mu": "μ", "zeta": "ζ", "phi": "φ",
+    "shear_along": "μ(1+φ)", "shear_stretch": "μ(1+ζ)", "size": "abs(G*)",
+}  # fmt: skip
+"""What pages call fields of moduli."""
+
+
+def by_field(errors: Mapping[str, float], digits: int = 2) -> str:
+    """Errors of fields, one unit behind all."""
+    return ", ".join(f"{FIELDS[key]} {number(100 * error, digits)}" for key, error in errors.items()) + " %"
+
+
+def median_and_worst(several: Sequence[Mapping[str, float]]) -> str:
+    """Errors of fields over seeds: the median, the worst in brackets."""
+    texts = []
+    for key in several[0]:
+        values = [100 * errors[key] for errors in several]
+        texts.append(f"{FIELDS[key]} {number(median(values))} ({number(max(values))})")
+    return ", ".join(texts) + " %"
