@@ -41,7 +41,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run a verb and return the exit status."""
     secure_streams()
     command = parser()
-    arguments = command.parse_args(_joined(sys.argv[1:] if argv is None else argv))
+    arguments = command.parse_args(_join_negative_values(sys.argv[1:] if argv is None else argv))
     if arguments.verb is None:
         command.print_help()
         return 0
@@ -120,12 +120,12 @@ def _logging(quiet: bool) -> Iterator[None]:
         LOG.removeHandler(handler)
 
 
-def _joined(argv: Sequence[str]) -> list[str]:
+def _join_negative_values(argv: Sequence[str]) -> list[str]:
     """Join options and values such as `--site -20,0,30` to `--site=-20,0,30`, since a negative coordinate is not an option.
 
     Examples
     --------
-    >>> _joined(["mesh", "--site", "-20,0,30", "-q"])
+    >>> _join_negative_values(["mesh", "--site", "-20,0,30", "-q"])
     ['mesh', '--site=-20,0,30', '-q']
     """
     joined: list[str] = []

@@ -32,15 +32,15 @@ ROUND = "factors.json"
 def run(arguments: argparse.Namespace) -> None:
     """Read, calibrate, write, report, print."""
     started, rounds = time.monotonic(), list[Iteration]()
-    scene, seen, protocol = _checked(arguments)
+    scene, seen, protocol = _read_inputs(arguments)
     folder: Path = arguments.output
-    start = _begun(folder / ROUND) if arguments.resume and (folder / ROUND).exists() else None
+    start = _read_factors(folder / ROUND) if arguments.resume and (folder / ROUND).exists() else None
     with Progress(terminal(arguments.quiet)) as line, threads(arguments.threads):
 
         def callback(iteration: Iteration, factors: dict[str, float]) -> None:
             rounds.append(iteration)
             write_json(folder / ROUND, factors)
-            line.callback(f"round {len(rounds)}, {iteration}")
+            line.callback(f"iteration {len(rounds)}, {iteration}")
 
         line.callback("head, mesh, and the scene's own run")
         tissues = arguments.tissues.split(",") if arguments.tissues else ()
@@ -66,7 +66,7 @@ def run(arguments: argparse.Namespace) -> None:
     conclude(arguments.quiet, [*summary(result), *files], [f"note: {note}" for note in result["warnings"]])
 
 
-def _checked(arguments: argparse.Namespace) -> tuple[Scene, Observations, int]:
+def _read_inputs(arguments: argparse.Namespace) -> tuple[Scene, Observations, int]:
     """Scene, measurements and index of the protocol; errors are reported before the work begins."""
     for package in ("matplotlib", "jinja2"):
         require(package, "report")
@@ -88,7 +88,7 @@ def _checked(arguments: argparse.Namespace) -> tuple[Scene, Observations, int]:
     return scene, seen, names.index(arguments.protocol) if arguments.protocol else 0
 
 
-def _begun(path: Path) -> dict[str, float]:
+def _read_factors(path: Path) -> dict[str, float]:
     """Factors of an interrupted calibration; `calibrate` checks their names."""
     factors = read_json(path, "factors")
     if not isinstance(factors, dict) or not factors:

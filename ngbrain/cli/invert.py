@@ -66,19 +66,21 @@ SEED = 0
 def run(arguments: argparse.Namespace) -> int:
     """Read, invert, write, report, print."""
     started, rounds = time.monotonic(), list[Iteration]()
-    data = _checked(arguments)
+    data = _read_data(arguments)
     folder: Path = arguments.output
     with Progress(terminal(arguments.quiet)) as line, threads(arguments.threads), file_context(arguments.data):
 
         def callback(iteration: Iteration) -> None:
             rounds.append(iteration)
-            line.callback(f"round {len(rounds)}, {iteration}")
+            line.callback(f"iteration {len(rounds)}, {iteration}")
 
         line.callback("reading")
-        data, notes = _usable(data, arguments)
+        data, notes = _select_points(data, arguments)
         try:
             with open_executor(arguments.executor or arguments.threads) as executor:
-                inversion = (_in_zones if arguments.subzones else _at_once)(data, arguments, callback, executor)
+                inversion = (_invert_zones if arguments.subzones else _invert_whole)(
+                    data, arguments, callback, executor
+                )
             bars = None
             if arguments.bars:
                 about = f"error bars: about {estimate_seconds(inversion):.0f} s, {count_hessian_products(inversion)} products"
@@ -114,7 +116,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _usable(data: WaveData, arguments: argparse.Namespace) -> tuple[WaveData, list[str]]:
+def _select_points(data: WaveData, arguments: argparse.Namespace) -> tuple[WaveData, list[str]]:
     """The data without the parts to be left out, and notes on these."""
     notes = list[str]()
     check_passive(data)
@@ -130,7 +132,9 @@ def _usable(data: WaveData, arguments: argparse.Namespace) -> tuple[WaveData, li
     return data, notes
 
 
-def _at_once(data: WaveData, arguments: argparse.Namespace, callback: Callback, executor: AnyExecutor) -> Inversion:
+def _invert_whole(
+    data: WaveData, arguments: argparse.Namespace, callback: Callback, executor: AnyExecutor
+) -> Inversion:
     chosen = arguments.discretisation
     started = surrogate_start(data) if arguments.start else None
     inversion = invert(
@@ -155,7 +159,9 @@ def _at_once(data: WaveData, arguments: argparse.Namespace, callback: Callback, 
     return inversion
 
 
-def _in_zones(data: WaveData, arguments: argparse.Namespace, callback: Callback, executor: AnyExecutor) -> Inversion:
+def _invert_zones(
+    data: WaveData, arguments: argparse.Namespace, callback: Callback, executor: AnyExecutor
+) -> Inversion:
     kept = arguments.output / "zones"
     inversion = invert_by_subzones(
         data,
@@ -170,7 +176,7 @@ def _in_zones(data: WaveData, arguments: argparse.Namespace, callback: Callback,
     return inversion
 
 
-def _checked(arguments: argparse.Namespace) -> WaveData:
+def _read_data(arguments: argparse.Namespace) -> WaveData:
     """The data; errors are reported before the work begins."""
     for package in ("matplotlib", "jinja2"):
         require(package, "report")

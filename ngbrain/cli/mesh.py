@@ -37,12 +37,12 @@ CUT = ("opening", "width", "craniotomy", "approach", "across")
 def run(arguments: argparse.Namespace) -> int:
     """Read, mesh, write, report, print; returns the exit status, 3 if too much of the labels had to be changed."""
     with Progress(terminal(arguments.quiet), text="reading and labelling") as line:
-        result = _meshed(arguments, line.callback)
+        result = _mesh_input(arguments, line.callback)
     conclude(arguments.quiet, summary(result), cautions(result))
     return EXIT_UNUSABLE if result["checks"]["changed_ml"] else 0
 
 
-def _meshed(arguments: argparse.Namespace, callback: Callable[[str], None]) -> dict[str, Any]:
+def _mesh_input(arguments: argparse.Namespace, callback: Callable[[str], None]) -> dict[str, Any]:
     for package in ("matplotlib", "jinja2"):
         require(package, "report")
     shape = {name: getattr(arguments, name) for name in CUT if getattr(arguments, name) is not None}
@@ -59,7 +59,7 @@ def _meshed(arguments: argparse.Namespace, callback: Callable[[str], None]) -> d
         found = f"given with --{'labels' if arguments.labels else 'structures'}"
         raise InputError("--atlas", found, "one of them: an atlas says what regions there are")
     if is_mesh(arguments.images[0]):
-        return _imported(arguments, callback)
+        return _convert_mesh(arguments, callback)
     subject = _subject(arguments)
     arguments.route = arguments.route or ROUTE
     for each in arguments.landmark:
@@ -88,27 +88,29 @@ def _meshed(arguments: argparse.Namespace, callback: Callable[[str], None]) -> d
             raise
         option = "--cut" if name == "target" else f"--{name}"
         raise InputError(option, wrong.value, wrong.wanted, wrong.file) from wrong
-    return _reported(arguments, made, subject.labels, subject.t1, callback)
+    return _write_report(arguments, made, subject.labels, subject.t1, callback)
 
 
-def _imported(arguments: argparse.Namespace, callback: Callable[[str], None]) -> dict[str, Any]:
+def _convert_mesh(arguments: argparse.Namespace, callback: Callable[[str], None]) -> dict[str, Any]:
     """A mesh of another program; options that would change it or need labels are refused."""
-    _alone(arguments, "a mesh", (*LABELS_OF, "route", "size", "site", "cut", "curve", "surfaces", "landmark", "radius"))
+    _refuse_options(
+        arguments, "a mesh", (*LABELS_OF, "route", "size", "site", "cut", "curve", "surfaces", "landmark", "radius")
+    )
     callback("reading")
     made = write_imported(arguments.images[0], arguments.output, arguments.unit or UNIT)
-    return _reported(arguments, made, None, None, callback)
+    return _write_report(arguments, made, None, None, callback)
 
 
 def _subject(arguments: argparse.Namespace) -> Subject:
     """The subject, by the type of the files."""
-    parts = [_part(text) for text in arguments.images]
+    parts = [_named_surface(text) for text in arguments.images]
     flat = [is_surface(path) for _, path in parts]
     if any(flat):
         if not all(flat):
             raise InputError("IMAGE", str(parts[flat.index(False)][1]), "a closed surface, as the others are")
-        _alone(arguments, "surfaces", LABELS_OF, several=True)
+        _refuse_options(arguments, "surfaces", LABELS_OF, several=True)
         return Subject.from_surfaces(parts, arguments.unit or UNIT, not arguments.no_fill)
-    _alone(arguments, "an image", ("unit",))
+    _refuse_options(arguments, "an image", ("unit",))
     image = arguments.images[0]
     if arguments.atlas:
         return Subject.from_atlas(image, arguments.atlas, arguments.template, *arguments.names)
@@ -118,7 +120,7 @@ def _subject(arguments: argparse.Namespace) -> Subject:
     return (Subject.from_structures if arguments.structures else Subject.from_scan)(image)
 
 
-def _alone(arguments: argparse.Namespace, what: str, options: tuple[str, ...], several: bool = False) -> None:
+def _refuse_options(arguments: argparse.Namespace, what: str, options: tuple[str, ...], several: bool = False) -> None:
     """`InputError` for options that do not apply to the input, and for more than one file unless `several`."""
     for name in options:
         if getattr(arguments, name) not in (None, False, [], (None, {})):
@@ -127,7 +129,7 @@ def _alone(arguments: argparse.Namespace, what: str, options: tuple[str, ...], s
         raise InputError("IMAGE", f"{len(arguments.images)} files", "one file, or closed surfaces only")
 
 
-def _part(text: str) -> tuple[str, Path]:
+def _named_surface(text: str) -> tuple[str, Path]:
     """A surface's name and file: the given name, or one derived from FreeSurfer's or the file's name."""
     name, equals, file = text.partition("=")
     if equals and name and not Path(text).exists():
@@ -138,7 +140,7 @@ def _part(text: str) -> tuple[str, Path]:
     return next((known[word] for word in words if word in known), path.name.split(".")[0]), path
 
 
-def _reported(
+def _write_report(
     arguments: argparse.Namespace,
     made: HeadMesh,
     labels: LabelMap | None,
@@ -178,12 +180,14 @@ def summary(result: dict[str, Any]) -> list[str]:
             f"surface {found['white']['area_cm2']:.0f} cm², pial {found['pial']['area_cm2']:.0f} cm²"
         )
     few = {repair["region"] for repair in result["repairs"]} - set(result["checks"]["changed_ml"])
-    return lines + [_changed(result, name) for name in sorted(few)]
+    return lines + [_describe_changes(result, name) for name in sorted(few)]
 
 
 def cautions(result: dict[str, Any]) -> list[str]:
     """Regions that the mesh represents poorly, and those that were changed too much."""
-    changed = [f"do not use without checking: {_changed(result, name)}" for name in result["checks"]["changed_ml"]]
+    changed = [
+        f"do not use without checking: {_describe_changes(result, name)}" for name in result["checks"]["changed_ml"]
+    ]
     if crossed := result.get("surfaces", {}).get("crossings"):
         changed.append(f"the white and pial surfaces cross at {crossed} pairs of triangles")
     return changed + [
@@ -192,7 +196,7 @@ def cautions(result: dict[str, Any]) -> list[str]:
     ]
 
 
-def _changed(result: dict[str, Any], name: str) -> str:
+def _describe_changes(result: dict[str, Any], name: str) -> str:
     """Changes of a region, and the locations of the largest."""
     places = sorted((place for place in result["repairs"] if place["region"] == name), key=lambda place: -place["ml"])
     told = [

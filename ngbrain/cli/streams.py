@@ -36,12 +36,12 @@ def guard_stdout() -> Iterator[None]:
     stream = sys.stdout
     write, flush = stream.write, stream.flush
 
-    def tolerant(function: Callable[..., Any]) -> Callable[..., Any]:
+    def ignoring_closed_pipe(function: Callable[..., Any]) -> Callable[..., Any]:
         def call(*args: Any) -> Any:
             try:
                 return function(*args)
             except OSError as error:
-                _abandon()
+                _discard_output()
                 if isinstance(error, BrokenPipeError):
                     return 0
                 raise OSError(error.errno, error.strerror, "standard output") from error
@@ -49,7 +49,7 @@ def guard_stdout() -> Iterator[None]:
         return call
 
     try:
-        stream.write, stream.flush = tolerant(write), tolerant(flush)  # type: ignore[method-assign]
+        stream.write, stream.flush = ignoring_closed_pipe(write), ignoring_closed_pipe(flush)  # type: ignore[method-assign]
     except AttributeError:  # a stream of another kind, set by the caller
         yield
         return
@@ -60,7 +60,7 @@ def guard_stdout() -> Iterator[None]:
         del stream.write, stream.flush
 
 
-def _abandon() -> None:
+def _discard_output() -> None:
     """Discard buffered output, so that Python reports no error at exit."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)

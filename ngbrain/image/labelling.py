@@ -129,7 +129,7 @@ def template_affine(scan: Scan) -> np.ndarray:
     """
     with file_context(scan.source):
         of = _brain(scan)
-        return _place(of, _bias_corrected(of)).affine
+        return _alignment(of, _bias_corrected(of)).affine
 
 
 def label_structures(scan: Scan) -> Structures:
@@ -140,7 +140,7 @@ def label_structures(scan: Scan) -> Structures:
     ('csf', 'ventricles', 'grey_left', 'grey_right')
     """
     with file_context(scan.source):
-        return _structured(_brain(scan))
+        return _cached_structures(_brain(scan))
 
 
 def label_by_atlas(scan: Scan, labels: LabelMap, template: Scan) -> LabelMap:
@@ -166,7 +166,7 @@ def label_by_atlas(scan: Scan, labels: LabelMap, template: Scan) -> LabelMap:
     MissingExtra
         SimpleITK, nilearn or nibabel is not installed.
     """
-    head, drawn = _on_black(scan), _on_black(template)
+    head, drawn = _masked_brain(scan), _masked_brain(template)
 
     def make() -> Arrays:
         return {"labels": atlas.propagate_labels(labels, drawn, head).volume.data}
@@ -181,7 +181,7 @@ def label_by_atlas(scan: Scan, labels: LabelMap, template: Scan) -> LabelMap:
     return found
 
 
-def _on_black(scan: Scan) -> Volume:
+def _masked_brain(scan: Scan) -> Volume:
     """The brain on a background of 0."""
     with file_context(scan.source):
         found = _brain(scan)
@@ -239,7 +239,7 @@ def _bias_corrected(of: _Brain) -> Volume:
     return Volume(arrays["t1"], of.picture.affine)
 
 
-def _place(of: _Brain, corrected: Volume) -> registration.Alignment:
+def _alignment(of: _Brain, corrected: Volume) -> registration.Alignment:
     """Alignment of the template with a brain."""
 
     def make() -> Arrays:
@@ -255,7 +255,7 @@ def _tissues(of: _Brain) -> tuple[Volume, float]:
 
     def make() -> Arrays:
         corrected = _bias_corrected(of)
-        found = tissue_classes.segment(corrected, of.mask, _place(of, corrected).affine, of.voxel)
+        found = tissue_classes.segment(corrected, of.mask, _alignment(of, corrected).affine, of.voxel)
         return {"labels": found.volume.data, "contrast": np.array(found.contrast)}
 
     made_by = (tissue_classes, topology, ventricles, mni_landmarks, contrast, registration, bias_field)
@@ -268,7 +268,7 @@ def _with_warnings(labels: Volume, contrast: float) -> Segmentation:
     found = Segmentation(labels, contrast, status=Status.CONVERGED)
     if contrast < LEAST_CONTRAST:
         text = f"grey and white matter differ by {contrast:.1f} times the spread of one tissue's grey values"
-        found.warnings.append(f"low contrast: {text}; below {LEAST_CONTRAST:g}, their borders are guesses")
+        found.warnings.append(f"low contrast: {text}; below {LEAST_CONTRAST:g}, their boundaries are unreliable")
     for name, millilitres in found.value.items():
         low, high = _ADULT.get(name, (0.0, np.inf))
         if not low <= millilitres <= high:
@@ -279,12 +279,12 @@ def _with_warnings(labels: Volume, contrast: float) -> Segmentation:
     return found
 
 
-def _structured(of: _Brain) -> Structures:
+def _cached_structures(of: _Brain) -> Structures:
     labels = _with_warnings(*_tissues(of)).volume
 
     def make() -> Arrays:
         corrected = _bias_corrected(of)
-        made = segment_structures(corrected, labels, _place(of, corrected))
+        made = segment_structures(corrected, labels, _alignment(of, corrected))
         return {
             "labels": made.labels.volume.data,
             "parts": made.parts.data,

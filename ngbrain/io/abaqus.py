@@ -44,7 +44,7 @@ class AbaqusMesh:
 
 
 @dataclass
-class _Read:
+class _Content:
     nodes: dict[int, tuple[float, ...]] = field(default_factory=dict)
     cells: dict[int, list[int]] = field(default_factory=dict)
     """Element number → its corners."""
@@ -70,7 +70,7 @@ def read_abaqus(path: Path) -> AbaqusMesh:
     InputError
         The file has several parts, includes other files, has invalid numbers, or lacks nodes.
     """
-    read, parts = _Read(), 0
+    read, parts = _Content(), 0
     try:
         for keyword, options, lines in _blocks(path):
             if keyword == "INCLUDE":
@@ -130,7 +130,7 @@ def _blocks(path: Path) -> Iterator[tuple[str, dict[str, str], list[str]]]:
         yield keyword, options, lines
 
 
-def _elements(read: _Read, options: dict[str, str], lines: list[str]) -> None:
+def _elements(read: _Content, options: dict[str, str], lines: list[str]) -> None:
     kind = options["TYPE"].upper()
     solid, flat = _TETRAHEDRON.fullmatch(kind), _TRIANGLE.fullmatch(kind)
     if not (solid or flat):
@@ -146,7 +146,7 @@ def _elements(read: _Read, options: dict[str, str], lines: list[str]) -> None:
         read.sets.setdefault(options["ELSET"], []).extend(rows[:, 0].tolist())
 
 
-def _set(read: _Read, options: dict[str, str], lines: list[str]) -> None:
+def _set(read: _Content, options: dict[str, str], lines: list[str]) -> None:
     mine = read.sets.setdefault(options["ELSET"], [])
     words = [[word.strip() for word in line.split(",") if word.strip()] for line in lines]
     if "GENERATE" in options:

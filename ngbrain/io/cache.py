@@ -103,12 +103,12 @@ def source_files(names: Iterable[str]) -> list[Path]:
         name = waiting.pop()
         if name not in found:
             found.add(name)
-            waiting += _imported(name)
+            waiting += _imports_of(name)
     return [path for name in sorted(found) if (path := _file(name)) is not None]
 
 
 @cache
-def _imported(name: str) -> frozenset[str]:
+def _imports_of(name: str) -> frozenset[str]:
     path = _file(name)
     if path is None:
         return frozenset()
@@ -120,11 +120,11 @@ def _imports(tree: ast.Module, package: str) -> Iterator[str]:
     """Modules of this package in the import statements of a module, also inside functions."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names if _ours(alias.name))
+            yield from (alias.name for alias in node.names if _is_internal(alias.name))
         elif isinstance(node, ast.ImportFrom):
             base = ".".join(package.split(".")[: 1 - node.level or None]) if node.level else ""
             base = ".".join(filter(None, (base, node.module)))
-            if not _ours(base):
+            if not _is_internal(base):
                 continue
             parts = [f"{base}.{alias.name}" for alias in node.names]
             yield from (part for part in parts if _file(part) is not None)
@@ -132,7 +132,7 @@ def _imports(tree: ast.Module, package: str) -> Iterator[str]:
                 yield base
 
 
-def _ours(name: str) -> bool:
+def _is_internal(name: str) -> bool:
     return name.partition(".")[0] == PACKAGE
 
 
@@ -141,11 +141,11 @@ def _file(name: str) -> Path | None:
     if name in sys.modules:
         own = getattr(sys.modules[name], "__file__", None)
         return Path(own) if own and own.endswith(".py") else None
-    return _found(name) if _ours(name) else None
+    return _find_source(name) if _is_internal(name) else None
 
 
 @cache
-def _found(name: str) -> Path | None:
+def _find_source(name: str) -> Path | None:
     try:
         spec = find_spec(name)
     except ModuleNotFoundError:  # its apparent package is a module

@@ -193,7 +193,7 @@ def load(path: str | os.PathLike[str]) -> Checkpoint:
         if isinstance(error, InputError):
             if error.field == "checkpoint":
                 raise
-            raise InputError("checkpoint", path, f"a sound one; its {error.field} is {error.value}") from error
+            raise InputError("checkpoint", path, f"an undamaged one; its {error.field} is {error.value}") from error
         raise InputError("checkpoint", path, f"what ngbrain wrote ({type(error).__name__}: {error})") from error
 
 

@@ -124,5 +124,5 @@ def _feed(digest: Any, value: Any, name: str) -> None:
     elif callable(value) and hasattr(value, "__qualname__"):
         _feed(digest, f"{value.__module__}.{value.__qualname__}", name)
     else:
-        wanted = "numbers, text, arrays, paths, sequences, mappings and dataclasses, to tell finished work by"
+        wanted = "numbers, text, arrays, paths, sequences, mappings and dataclasses, which identify finished work"
         raise InputError(name, f"a {type(value).__name__}", wanted)

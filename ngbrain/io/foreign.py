@@ -148,7 +148,7 @@ def read_mesh(path: str | os.PathLike[str], unit: str = "m") -> Elements:
     region, regions = solid.named("region_1" if not solid.groups else "ungrouped")
     if len(regions) > _MOST:
         raise InputError("mesh file", f"with {len(regions)} regions", f"at most {_MOST}", path)
-    return _bounded(named_elements(points, tets, region, regions), np.unique(tets), flat)
+    return _with_boundaries(named_elements(points, tets, region, regions), np.unique(tets), flat)
 
 
 def unit_scale(unit: str, path: Path) -> float:
@@ -203,7 +203,7 @@ def check_width(points: np.ndarray, unit: str, path: Path) -> None:
         raise InputError("unit", f"{unit}, in which the body is {width:.3g} m wide", wanted, path)
 
 
-def _bounded(made: Elements, used: np.ndarray, flat: _Cells) -> Elements:
+def _with_boundaries(made: Elements, used: np.ndarray, flat: _Cells) -> Elements:
     """The mesh with the file's boundary names; triangles inside a region are kept if they are faces of tetrahedra."""
     number, names = flat.named("boundary_1" if not flat.groups else "ungrouped_boundary")
     at = np.minimum(np.searchsorted(used, flat.cells), len(used) - 1)
@@ -243,7 +243,7 @@ def _meshio(path: Path) -> tuple[np.ndarray, _Cells, _Cells]:
             raise InputError("mesh file", "with elements in no physical group", wanted, path) from error
         raise InputError("mesh file", f"unreadable ({type(error).__name__} {error})", "a whole file", path) from error
     found = {block.type: len(block.data) for block in mesh.cells}
-    _tetrahedra_alone({kind: n for kind, n in found.items() if kind.startswith(_OTHER_SOLIDS)}, path)
+    _check_tetrahedra_only({kind: n for kind, n in found.items() if kind.startswith(_OTHER_SOLIDS)}, path)
     return (
         mesh.points,
         _group(mesh, ("tetra", "tetra10"), 3, "region"),
@@ -259,7 +259,7 @@ def _vtk(path: Path) -> meshio.Mesh:
         return meshio.vtk.read(ended.name)
 
 
-def _tetrahedra_alone(others: Mapping[str, int], path: Path) -> None:
+def _check_tetrahedra_only(others: Mapping[str, int], path: Path) -> None:
     if others:
         found = ", ".join(f"{n} of type {kind}" for kind, n in others.items())
         raise InputError("mesh file", f"with other elements ({found})", "tetrahedra alone", path)
@@ -330,25 +330,25 @@ def _febio(path: Path) -> tuple[np.ndarray, _Cells, _Cells]:
             flat.setdefault(name, []).extend(_nodes(cell, index, 3) for cell in surface if cell.tag.startswith("tri"))
     except (ElementTree.ParseError, ValueError, KeyError, OSError) as error:
         raise InputError("mesh file", f"unreadable ({error})", "a mesh of FEBio's", path) from error
-    _tetrahedra_alone(others, path)
-    return points, _stacked(solid, 4), _stacked(flat, 3)
+    _check_tetrahedra_only(others, path)
+    return points, _stack(solid, 4), _stack(flat, 3)
 
 
 def _abaqus(path: Path) -> tuple[np.ndarray, _Cells, _Cells]:
     found = read_abaqus(path)
-    _tetrahedra_alone(found.others, path)
+    _check_tetrahedra_only(found.others, path)
     if "" in found.solid:
         found.solid["ungrouped" if len(found.solid) > 1 else "region_1"] = found.solid.pop("")
     if "" in found.flat:
         found.flat["ungrouped_boundary" if len(found.flat) > 1 else "boundary_1"] = found.flat.pop("")
-    return found.points, _stacked(found.solid, 4), _stacked(found.flat, 3)
+    return found.points, _stack(found.solid, 4), _stack(found.flat, 3)
 
 
 def _nodes(cell: ElementTree.Element, index: Mapping[str | None, int], count: int) -> list[int]:
     return [index[node.strip()] for node in (cell.text or "").split(",")[:count]]
 
 
-def _stacked(parts: Mapping[str, Sequence[Sequence[int]] | np.ndarray], corners: int) -> _Cells:
+def _stack(parts: Mapping[str, Sequence[Sequence[int]] | np.ndarray], corners: int) -> _Cells:
     ends = np.cumsum([0, *map(len, parts.values())])
     rows = [np.asarray(part, np.int64).reshape(-1, corners) for part in parts.values()]
     cells = np.concatenate([np.zeros((0, corners), np.int64), *rows])

@@ -71,7 +71,7 @@ def build_mesh(arrays: Mapping[str, np.ndarray]) -> ng.Mesh:
         The arrays do not define a mesh.
     """
     points, tetrahedra, triangles, region, face, faces = (
-        _checked(arrays, name, kind, columns)
+        _check_array(arrays, name, kind, columns)
         for name, kind, columns in (
             ("points", "f", (3,)),
             ("tetrahedra", "i", (4, 10)),
@@ -81,17 +81,17 @@ def build_mesh(arrays: Mapping[str, np.ndarray]) -> ng.Mesh:
             ("faces", "i", (4,)),
         )
     )
-    regions, face_names = _words(arrays, "regions"), _words(arrays, "face_names")
+    regions, face_names = _read_names(arrays, "regions"), _read_names(arrays, "face_names")
     sound = {
         "points": bool(len(points)) and bool(np.isfinite(points).all()),
-        "tetrahedra": bool(len(tetrahedra)) and _within(tetrahedra, 0, len(points) - 1),
-        "triangles": _within(triangles, 0, len(points) - 1)
+        "tetrahedra": bool(len(tetrahedra)) and _in_range(tetrahedra, 0, len(points) - 1),
+        "triangles": _in_range(triangles, 0, len(points) - 1)
         and (triangles.shape[1] == 6) == (tetrahedra.shape[1] == 10),
-        "region": len(region) == len(tetrahedra) and _within(region, 1, len(regions)),
-        "face": len(face) == len(triangles) and _within(face, 1, len(faces)),
+        "region": len(region) == len(tetrahedra) and _in_range(region, 1, len(regions)),
+        "face": len(face) == len(triangles) and _in_range(face, 1, len(faces)),
         "faces": len(faces) == len(face_names)
-        and _within(faces[:, 1:3], 0, len(regions))
-        and _within(faces[:, 3], 1, len(faces)),
+        and _in_range(faces[:, 1:3], 0, len(regions))
+        and _in_range(faces[:, 3], 1, len(faces)),
     }
     if wrong := [name for name, good in sound.items() if not good]:
         raise InputError(f"mesh.{wrong[0]}", "out of range", "those of a mesh of tetrahedra")
@@ -129,14 +129,14 @@ def _quadratic(
     return np.vstack([corners, middles]), with_middles(tetrahedra, _TETRAHEDRON), with_middles(triangles, _TRIANGLE)
 
 
-def _checked(arrays: Mapping[str, np.ndarray], name: str, kind: str, columns: tuple[int, ...]) -> np.ndarray:
+def _check_array(arrays: Mapping[str, np.ndarray], name: str, kind: str, columns: tuple[int, ...]) -> np.ndarray:
     array = np.asarray(arrays[name])
     if array.dtype.kind != kind or array.ndim != (2 if columns else 1) or (columns and array.shape[1] not in columns):
         raise InputError(f"mesh.{name}", f"{array.dtype} of shape {array.shape}", "that of a mesh of tetrahedra")
     return array
 
 
-def _within(numbers: np.ndarray, least: int, most: int) -> bool:
+def _in_range(numbers: np.ndarray, least: int, most: int) -> bool:
     return not numbers.size or (int(numbers.min()) >= least and int(numbers.max()) <= most)
 
 
@@ -145,7 +145,7 @@ def _text(names: Iterable[str]) -> np.ndarray:
     return np.frombuffer("".join(f"{name}\n" for name in names).encode(), np.uint8)
 
 
-def _words(arrays: Mapping[str, np.ndarray], name: str) -> list[str]:
+def _read_names(arrays: Mapping[str, np.ndarray], name: str) -> list[str]:
     try:
         return np.asarray(arrays[name], np.uint8).tobytes().decode().split("\n")[:-1]
     except UnicodeDecodeError as error:

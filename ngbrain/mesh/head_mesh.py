@@ -41,7 +41,7 @@ class HeadMesh(FileResult):
         HeadMesh
             Converged, with one warning for each region whose volume is off.
         """
-        off = [f"{name} is off by {error:+.0%} in volume" for name, error in data["checks"]["regions_off"].items()]
+        off = [f"the volume of {name} is off by {error:+.0%}" for name, error in data["checks"]["regions_off"].items()]
         return cls(data, elements, status=Status.CONVERGED, warnings=off)
 
     @property

@@ -134,7 +134,7 @@ class Column:
         if max(protocol.advance) >= min(depths):
             far = f"less than the depth of {min(depths):g} m"
             raise InputError(f"protocol {protocol.name!r} advance", f"{max(protocol.advance):g} m", far)
-        t, deep = self._moments(protocol.times), np.asarray(depths)[:, None]
+        t, deep = self._step_times(protocol.times), np.asarray(depths)[:, None]
         asked = 1 - np.interp(t, protocol.times, protocol.advance) / deep
         stretch, stress = lab.press(viscous(self.material), self.mode, t, asked)
         rows = zip(deep * (1 - stretch), -stretch * stress, strict=True)
@@ -156,12 +156,12 @@ class Column:
         """
         if min(force) < 0:
             raise InputError("force", min(force), "at least 0: a blade does not pull")
-        t = self._moments(times)
+        t = self._step_times(times)
         nominal = np.interp(t, times, force)
         stretch = lab.creep(viscous(self.material), self.mode, -nominal, t)
         return LoadingHistory(t, self.depth * (1 - stretch), stretch * nominal, tuple(times))
 
-    def _moments(self, events: Sequence[float]) -> np.ndarray:
+    def _step_times(self, events: Sequence[float]) -> np.ndarray:
         """Times of the steps: equal steps of log(1 + time since the event), in units of the shortest relaxation time."""
         tau = min((number(branch.tau) for branch in viscous(self.material).branches), default=1.0)
         even = np.linspace(0, 1, self.steps + 1)[1:]

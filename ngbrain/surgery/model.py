@@ -168,7 +168,7 @@ class RetractionModel:
             found = {name: where for name, where in tissue_elements(self.mesh, region, shares).items() if where.any()}
             laws = {name: law(tissues[name], self._with_fibres(tissues[name], where)) for name, where in found.items()}
             laws |= {name: stiffen(viscous(laws[name]), ratio[name]) for name in found if name in ratio}
-            materials[region] = _mixed([(tissues[name], laws[name], shares[name]) for name in found])
+            materials[region] = _mix_materials([(tissues[name], laws[name], shares[name]) for name in found])
         return materials
 
     def _with_fibres(self, tissue: Tissue, where: np.ndarray) -> Viscous:
@@ -188,10 +188,10 @@ class RetractionModel:
     def _maps(self, mixtures: Mixtures) -> Iterator[tuple[Volume, Mixtures]]:
         """Stiffness maps of the head and of single tissues, each with the tissues that it scales."""
         if self.head.stiffness is not None:
-            yield self.head.stiffness, _counted(mixtures)
+            yield self.head.stiffness, _without_ventricles(mixtures)
         for tissue in self.scene.tissues:
             if tissue.shear_modulus_map is not None:
-                yield _read_moduli(tissue.shear_modulus_map), _of(tissue, mixtures)
+                yield _read_moduli(tissue.shear_modulus_map), _fractions(tissue, mixtures)
 
     @cached_property
     def tissues(self) -> tuple[Tissue, ...]:
@@ -201,7 +201,7 @@ class RetractionModel:
         order, found = self.scene.mesh.order, []
         mixtures = self.head.mixtures(self.mesh, order)
         for tissue in self.scene.tissues:
-            mine = _of(tissue, mixtures)
+            mine = _fractions(tissue, mixtures)
             if tissue.shear_modulus_map is not None and mine:
                 mean = relative_stiffness.mean_modulus(
                     _read_moduli(tissue.shear_modulus_map), self.mesh, mine, order - 1
@@ -235,7 +235,7 @@ class RetractionModel:
     def parts(self, order: int | None = None) -> dict[str, TissuePart]:
         """Tissue name → the part over which strain, stress and volumes are evaluated, for elements of an order (the scene's)."""
         mixtures = self.head.mixtures(self.mesh, order or self.scene.mesh.order)
-        counted = _counted(mixtures)
+        counted = _without_ventricles(mixtures)
         tissues = self._tissues([name for shares in mixtures.values() for name in shares])
         parts = {}
         for name in {name: None for shares in counted.values() for name in shares}:
@@ -285,7 +285,7 @@ class RetractionModel:
             for wall, blade in self.blades.items()
         ]
         rubs = [
-            Friction(contact, scene.tool.friction, SLIP * opening, _carried(blade, len(self.blades)))
+            Friction(contact, scene.tool.friction, SLIP * opening, _shared_motion(blade, len(self.blades)))
             for contact, blade in zip(contacts, self.blades.values(), strict=True)
             if scene.tool.friction
         ]
@@ -376,12 +376,12 @@ class RetractionModel:
         return continuous_retraction(self.scene.tool.travel, time.ramp, time.end, name)
 
 
-def _carried(blade: RigidTool, sharing: int) -> Moves:
+def _shared_motion(blade: RigidTool, sharing: int) -> Moves:
     """Motion of a tool's surface when several tools share the advance."""
     return lambda x, way: blade.moves(x, way / sharing)
 
 
-def _of(tissue: Tissue, mixtures: Mixtures) -> dict[str, dict[str, Value]]:
+def _fractions(tissue: Tissue, mixtures: Mixtures) -> dict[str, dict[str, Value]]:
     """A tissue's fraction of the regions that contain it."""
     found = {
         region: {name: share for name, share in shares.items() if re.fullmatch(tissue.region, name)}
@@ -394,12 +394,12 @@ def _read_moduli(path: str) -> Volume:
     return read_map(path, "shear moduli (Pa)")
 
 
-def _counted(mixtures: Mixtures) -> dict[str, Mapping[str, Value]]:
+def _without_ventricles(mixtures: Mixtures) -> dict[str, Mapping[str, Value]]:
     """Fractions without the ventricles."""
     return {region: shares for region, shares in mixtures.items() if re.fullmatch(TISSUE, region)}
 
 
-def _mixed(shares: list[tuple[Tissue, Law | Viscous, Value]]) -> Material:
+def _mix_materials(shares: list[tuple[Tissue, Law | Viscous, Value]]) -> Material:
     """One material for the tissues of a region with their laws; fractions are 0 or 1 at quadrature points."""
     if len(shares) == 1:
         ((tissue, law, _),) = shares

@@ -213,7 +213,7 @@ class Operation:
         made = self._made[level]
         tissues, tool = made.scene.tissues, made.scene.tool
         if model.get("tissue") == "one":
-            tissues = tuple(replace(self._commonest, region=tissue.region) for tissue in tissues)
+            tissues = tuple(replace(self._largest_tissue, region=tissue.region) for tissue in tissues)
         if model.get("stiffening") == "none":
             tissues = tuple(tissue.with_alpha(NEO_HOOKE) for tissue in tissues)
         if model.get("friction") == "none":
@@ -225,7 +225,7 @@ class Operation:
         return load_head(self.scene.geometry, self.scene.mesh.meshing_route)
 
     @cached_property
-    def _commonest(self) -> Tissue:
+    def _largest_tissue(self) -> Tissue:
         """The tissue with the largest volume, without the ventricles."""
         made = self.build_model({"mesh": "0"})
         volumes = {name: ngs.Integrate(part.where, made.mesh) for name, part in made.parts().items()}

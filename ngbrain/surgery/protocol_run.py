@@ -212,7 +212,7 @@ class ProtocolRun:
         if resume and self.path is not None and self.path.exists():
             self._restore(load(self.path))
         elif start is not None:
-            self._take(*start)
+            self._load_state(*start)
         else:
             self.look(
                 self.transient.problem, self.transient.progress, NewtonRecord(status=Status.CONVERGED, min_det_F=1.0)
@@ -323,12 +323,12 @@ class ProtocolRun:
         if state.get("scene") != self.model.scene.to_dict():
             raise InputError("--resume", str(self.path), "the scene that this file was written for, or another folder")
         try:
-            self._take(state, saved.frames[: state["kept_frames"]])
+            self._load_state(state, saved.frames[: state["kept_frames"]])
         except (KeyError, ValueError, TypeError, IndexError, AttributeError) as error:
             found = f"{self.path}, which does not fit ({type(error).__name__}: {error})"
             raise InputError("--resume", found, "a run file as ngbrain wrote it, or another folder") from error
 
-    def _take(self, state: dict[str, Any], frames: Sequence[Frame]) -> None:
+    def _load_state(self, state: dict[str, Any], frames: Sequence[Frame]) -> None:
         self.transient.restore(state["transient"])
         self.observer.restore(state["observer"])
         self.rows = [

@@ -49,7 +49,7 @@ class ToolMotion:
     @property
     def working_s(self) -> float:
         """Time (s) at full opening, during which a surgeon can work."""
-        return _at_most(self.times, self.advance)
+        return _time_of_maximum(self.times, self.advance)
 
     @property
     def most(self) -> float:
@@ -110,7 +110,7 @@ class ForceProtocol:
     @property
     def working_s(self) -> float:
         """Time (s) at full force, during which a surgeon can work."""
-        return _at_most(self.times, self.force)
+        return _time_of_maximum(self.times, self.force)
 
     @property
     def most(self) -> float:
@@ -135,7 +135,7 @@ def _check(name: str, times: Sequence[float], values: Sequence[float], what: str
         raise InputError(f"protocol {name!r} times", list(times), "times that start at 0 and increase")
 
 
-def _at_most(times: Sequence[float], values: Sequence[float]) -> float:
+def _time_of_maximum(times: Sequence[float], values: Sequence[float]) -> float:
     """Time (s) at the largest value."""
     t, v = np.array(times), np.array(values)
     full = (v[1:] == v.max()) & (v[:-1] == v.max())

@@ -115,13 +115,13 @@ def _spread(
     stress = unit == "kPa"
     scaling, to_unit = (Scaling.MODULI, to_kPa) if stress else (Scaling.UNCHANGED, float)
 
-    def made(part: str, words: str, value: Callable[[MeasureStatistics], float]) -> RunQuantity:
+    def quantity(part: str, words: str, value: Callable[[MeasureStatistics], float]) -> RunQuantity:
         return RunQuantity(f"{key}_{part}{end}", words, unit, scaling, of=lambda run: to_unit(value(of(run))))
 
-    return [made(part, *each) for part, each in parts.items()]
+    return [quantity(part, *each) for part, each in parts.items()]
 
 
-def _moment(key: str, of_what: str, of: Callable[[ProtocolResult], float]) -> RunQuantity:
+def _time_of_maximum(key: str, of_what: str, of: Callable[[ProtocolResult], float]) -> RunQuantity:
     return RunQuantity(key, f"when the {of_what} is largest", "s", describes=True, of=of)
 
 
@@ -163,11 +163,11 @@ QUANTITIES: Mapping[str, ProtocolQuantity] = {
         ),
         *_spread("mps", "maximum principal strain", "", lambda run: run.peak.mps),
         *_spread("oss", "octahedral shear strain", "", lambda run: run.peak.oss),
-        _moment("strain_peak_at_s", "strain", lambda run: run.peak.t),
+        _time_of_maximum("strain_peak_at_s", "strain", lambda run: run.peak.t),
         *_spread("von_mises", "von Mises stress", "kPa", lambda run: run.largest["von_mises"], "_kPa"),
-        _moment("von_mises_peak_at_s", "von Mises stress", lambda run: run.largest["von_mises"].t),
+        _time_of_maximum("von_mises_peak_at_s", "von Mises stress", lambda run: run.largest["von_mises"].t),
         *_spread("strain_rate", "strain rate", "1/s", lambda run: run.largest["rate"], "_per_s"),
-        _moment("strain_rate_peak_at_s", "strain rate", lambda run: run.largest["rate"].t),
+        _time_of_maximum("strain_rate_peak_at_s", "strain rate", lambda run: run.largest["rate"].t),
         RunQuantity(
             "volume_mps_above",
             "volume of tissue strained beyond",

@@ -50,7 +50,10 @@ def stiffness_ratio_fields(
         The map has no values over most of these regions.
     """
     space, _ = quadrature_points(mesh, order)
-    return {name: quadrature_field(space, ratio) for name, (ratio, *_) in _over(volume, mesh, mixtures, order).items()}
+    return {
+        name: quadrature_field(space, ratio)
+        for name, (ratio, *_) in _ratio_at_points(volume, mesh, mixtures, order).items()
+    }
 
 
 def mean_modulus(volume: Volume, mesh: ngs.Mesh, mixtures: Mixtures, order: int) -> float:
@@ -70,7 +73,7 @@ def mean_modulus(volume: Volume, mesh: ngs.Mesh, mixtures: Mixtures, order: int)
     float
         In the unit of the map.
     """
-    over = _over(volume, mesh, mixtures, order).values()
+    over = _ratio_at_points(volume, mesh, mixtures, order).values()
     amounts = [(values @ weight, weight.sum()) for _, weight, _, values in over]
     return float(sum(amount for amount, _ in amounts) / sum(size for _, size in amounts))
 
@@ -93,7 +96,7 @@ def summary(volume: Volume, mesh: ngs.Mesh, mixtures: Mixtures, order: int) -> d
         Tissue → `ratio_p5`, `ratio_p95` (5th and 95th percentile by volume) and `not_measured` (fraction of the volume).
     """
     found = {}
-    for name, (ratio, weight, known, _) in _over(volume, mesh, mixtures, order).items():
+    for name, (ratio, weight, known, _) in _ratio_at_points(volume, mesh, mixtures, order).items():
         order_of = np.argsort(ratio)
         share = np.cumsum(weight[order_of]) / weight.sum()
         p5, p95 = (float(ratio[order_of][np.searchsorted(share, each)]) for each in (0.05, 0.95))
@@ -101,7 +104,7 @@ def summary(volume: Volume, mesh: ngs.Mesh, mixtures: Mixtures, order: int) -> d
     return found
 
 
-def _over(
+def _ratio_at_points(
     volume: Volume, mesh: ngs.Mesh, mixtures: Mixtures, order: int
 ) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
     """Tissue → ratio, volume (m³, 0 outside the tissue), whether it was measured, and map value at every quadrature point."""

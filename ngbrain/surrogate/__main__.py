@@ -46,7 +46,7 @@ def main() -> None:
     parser.add_argument("--epochs", type=int, default=50)
     parser.add_argument("--rate", type=float, default=0.02, help="highest learning rate")
     parser.add_argument(
-        "--start", type=Path, metavar="FILE", help="checkpoint.pt of a training to begin with the weights of"
+        "--start", type=Path, metavar="FILE", help="checkpoint.pt of an earlier training whose weights are the start"
     )
     parser.add_argument(
         "--twice",
@@ -54,16 +54,16 @@ def main() -> None:
         default=(),
         choices=list(TRAINING),
         metavar="FAMILY",
-        help="families to see twice as often",
+        help="families that appear twice as often",
     )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument(
         "--executor",
         default=str(os.cpu_count() or 1),
         metavar="WHO",
-        help="who computes data: N processes, dask:ADDRESS, mpi[:N] or slurm[:KEY=VALUE,...]",
+        help="executor of the data generation: N processes, dask:ADDRESS, mpi[:N] or slurm[:KEY=VALUE,...]",
     )
-    parser.add_argument("--data", action="store_true", help="no training, the data alone")
+    parser.add_argument("--data", action="store_true", help="compute the data only")
     arguments = parser.parse_args()
     for package in () if arguments.data else ("torch", "onnx", "onnxruntime"):
         require(package, "train")

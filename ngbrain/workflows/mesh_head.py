@@ -397,7 +397,7 @@ def write_subject(
         route,
         made,
         started,
-        left_out=way.left_out + _within(made, clean),
+        left_out=way.left_out + _missing_regions(made, clean),
         notes=list(subject.notes),
         labels=", ".join(f"{i} {name}" for i, name in clean.names.items()),
         relabelled_voxels=tidying.moved,
@@ -407,20 +407,20 @@ def write_subject(
         **({} if contrast is None else {"grey_white_contrast": contrast}),
         **({"snaps": dict(done.snaps)} if done.snaps else {}),
         **({"surfaces": surfaces} if surfaces else {}),
-        repairs=[_placed(repair) for repair in done.repairs],
+        repairs=[_repair_as_dict(repair) for repair in done.repairs],
         needs=[str(each) for each in recommend_meshes()],
         landmarks_mm={name: (1e3 * point).round(2).tolist() for name, point in points.items()},
         shown_mm=(1e3 * shown).round(2).tolist(),
         files=[path.name, labels.name, *(surfaces["files"] if surfaces else ()), "result.json"],
         checks={
-            "regions_off": _off(told["regions"]),
+            "regions_off": _volume_errors(told["regions"]),
             "changed_ml": excessive(done.repairs, {n: r["label_volume_ml"] for n, r in told["regions"].items()}),
         },
     )
     return HeadMesh.of(result, made)
 
 
-def _placed(repair: Repair) -> dict[str, Any]:
+def _repair_as_dict(repair: Repair) -> dict[str, Any]:
     at = [round(1e3 * coordinate, 1) for coordinate in repair.at]
     return {"region": repair.region, "kind": repair.kind, "ml": repair.ml, "at_mm": at}
 
@@ -447,14 +447,14 @@ def _numbered(labels: LabelMap) -> Volume:
     return Volume(labels.region_numbers(), labels.volume.affine)
 
 
-def _within(made: Elements, labels: LabelMap) -> str:
+def _missing_regions(made: Elements, labels: LabelMap) -> str:
     """Ventricles and lesions that are missing from a hull mesh, in words."""
     asked = [name for name in labels.regions if name == VENTRICLES or LESION.fullmatch(name)]
     lost = [name for name in asked if name not in made.regions]
     return f"; {' and '.join(lost)}, too thin or too close to their neighbours" if lost else ""
 
 
-def _off(regions: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
+def _volume_errors(regions: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
     """Relative errors of region volumes above `OFF`."""
     errors = {name: each["volume_ml"] / max(each["label_volume_ml"], 1e-9) - 1 for name, each in regions.items()}
     return {name: error for name, error in errors.items() if abs(error) > OFF}

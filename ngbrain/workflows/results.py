@@ -174,7 +174,7 @@ def table(done: Cohort) -> str:
     return text.getvalue()
 
 
-def _described(spread: GroupStatistics, done: Cohort) -> dict[str, Any]:
+def _statistics_as_dict(spread: GroupStatistics, done: Cohort) -> dict[str, Any]:
     """Statistics as in result.json, with the standardised deviation of every row and of the quartiles."""
     values = {row.name: row.numbers[spread.key].value for row in done.rows if row.name in spread.rows}
     away = {name: spread.deviation(value) for name, value in values.items()}
@@ -221,7 +221,7 @@ def summarise(done: Cohort) -> dict[str, Any]:
                 for row in done.rows
             },
             "numbers": numbers,
-            "spreads": [_described(spread, done) for spread in done.spreads],
+            "spreads": [_statistics_as_dict(spread, done) for spread in done.spreads],
             "outliers": [
                 {"row": each.row, "key": each.key, "value": each.value, "group": each.spread.group}
                 | {"deviation": each.deviation, "limit": each.spread.limit}

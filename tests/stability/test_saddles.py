@@ -8,7 +8,7 @@ from scipy.spatial import Delaunay, cKDTree
 
 from ngbrain.mesh.geometry.level_set import LevelSet
 from ngbrain.mesh.surface.manifold import boundary, faults
-from ngbrain.mesh.surface.remeshing import _circumcentres, _dense, _spread, remesh_surface
+from ngbrain.mesh.surface.remeshing import _circumcentres, _dense_points, _spaced_samples, remesh_surface
 
 VOXEL, SIZE = 1e-3, 5e-3
 FINER, ROUNDS = 0.7, 8
@@ -40,10 +40,10 @@ def faulty(level, points):
 
 
 def test_naive_refinement_makes_more_faults_than_it_mends(walls):
-    dense, area = _dense(walls, size)
+    dense, area = _dense_points(walls, size)
     h, found = size(dense), []
     for _ in range(ROUNDS):
-        points = _spread(walls, dense, area, h, np.zeros((0, 3)), np.random.default_rng(0))
+        points = _spaced_samples(walls, dense, area, h, np.zeros((0, 3)), np.random.default_rng(0))
         bad = faulty(walls, points)
         found.append(len(bad))
         if not len(bad):

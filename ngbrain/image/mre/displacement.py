@@ -407,35 +407,6 @@ def gradient_noise(error: np.ndarray, spacing: np.ndarray) -> np.ndarray:
     return np.asarray(error, float)[..., :, None] / (np.sqrt(2) * np.asarray(spacing, float))
 
 
-def central_gradient(u: np.ndarray, spacing: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Displacement gradient by central differences.
-
-    Parameters
-    ----------
-    u : numpy.ndarray
-        (nx, ny[, nz], d) m.
-    spacing : numpy.ndarray
-        (d,) voxel spacing (m).
-    mask : numpy.ndarray
-        (nx, ny[, nz]) voxels to use.
-
-    Returns
-    -------
-    numpy.ndarray
-        (nx, ny[, nz], d, d) ∂u_i/∂x_j; NaN where a neighbour is not in the mask.
-    """
-    u, mask = np.where(mask[..., None], u, np.nan), np.asarray(mask, bool)
-    d = mask.ndim
-    gradient = np.full((*u.shape[:d], u.shape[-1], d), np.nan, u.dtype)
-    for axis in range(d):
-        middle = tuple(slice(1, -1) if i == axis else slice(None) for i in range(d))
-        after, before = (
-            tuple(s if i == axis else slice(None) for i in range(d)) for s in (slice(2, None), slice(None, -2))
-        )
-        gradient[(*middle, slice(None), axis)] = (u[after] - u[before]) / (2 * spacing[axis])
-    return np.where(mask[..., None, None], gradient, np.nan)
-
-
 def _phase(phase: np.ndarray, mask: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
     phase = np.asarray(phase, float)
     mask = np.ones(phase.shape, bool) if mask is None else np.asarray(mask, bool)

@@ -76,7 +76,7 @@ def estimate_bias_field(volume: Volume, mask: np.ndarray) -> Volume:
     # uniform_filter of an even size is centred half a voxel below its index.
     first = width // 2 - (0.5 if width % 2 == 0 else 0.0)
     at = [(np.arange(size) - part.start - first) / shrink for size, part in zip(volume.data.shape, box, strict=True)]
-    whole = _resampled(logs.astype(np.float64), at)
+    whole = _resample(logs.astype(np.float64), at)
     whole = np.exp(whole - np.log(np.exp(whole[mask]).mean()))
     return Volume(whole.astype(np.float32), volume.affine)
 
@@ -122,7 +122,7 @@ def _zero(volume: Volume, mask: np.ndarray) -> float:
     return float(background) if background <= dark else float(dark - 0.25 * (middle - dark))
 
 
-def _resampled(values: np.ndarray, at: list[np.ndarray]) -> np.ndarray:
+def _resample(values: np.ndarray, at: list[np.ndarray]) -> np.ndarray:
     """Resample values by linear interpolation, one axis after another; constant beyond the ends."""
     for axis, where in enumerate(at):
         size = values.shape[axis]

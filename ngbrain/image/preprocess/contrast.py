@@ -75,21 +75,21 @@ def measure_contrast(head: Volume, affine: np.ndarray) -> Contrast:
     >>> measure_contrast(Volume(np.where(scan.volume.data > 0, 1 - scan.volume.data, 0), scan.volume.affine), np.eye(4)).order
     ('white', 'grey', 'fluid')
     """
-    brain, points, looked, share = _sampled()
+    brain, points, looked, share = _sample_template()
     values = downsample(head, _VOXEL).interpolate(points @ affine[:3, :3].T + affine[:3, 3])
-    values = _clipped(_normalised(_clipped(values), brain)[looked])
+    values = _clip_outliers(_normalise(_clip_outliers(values), brain)[looked])
     starts = np.quantile(values, _QUANTILES)
-    fits = [_fitted(values, share, starts[list(order)]) for order in permutations(_T1)]
+    fits = [_fit_mixture(values, share, starts[list(order)]) for order in permutations(_T1)]
     _, means = max(fits, key=lambda fit: fit[0])
     step = float((means[2] - means[1]) / max(values.std(), 1e-12))
     return Contrast(tuple(TISSUES[i] for i in np.argsort(means)), step)
 
 
-def _clipped(values: np.ndarray) -> np.ndarray:
+def _clip_outliers(values: np.ndarray) -> np.ndarray:
     return values.clip(*np.quantile(values, [0.01, 0.99]))
 
 
-def _normalised(values: np.ndarray, brain: np.ndarray) -> np.ndarray:
+def _normalise(values: np.ndarray, brain: np.ndarray) -> np.ndarray:
     """Values (n,) at the n points of a mask minus their local mean over some 20 mm, divided by their local standard deviation."""
     width = _LOCAL / (_STEP * 1e3 * mni152().volume.spacing)
     values = (values - values.mean()) / (values.std() + 1e-12)
@@ -100,7 +100,7 @@ def _normalised(values: np.ndarray, brain: np.ndarray) -> np.ndarray:
     return np.asarray((values - mean) / np.sqrt(np.maximum(second / share - mean**2, 0) + 1e-12))
 
 
-def _fitted(values: np.ndarray, share: np.ndarray, means: np.ndarray) -> tuple[float, np.ndarray]:
+def _fit_mixture(values: np.ndarray, share: np.ndarray, means: np.ndarray) -> tuple[float, np.ndarray]:
     """Mean log-likelihood and tissue means (3,) of EM, started from `means`."""
     least = _NARROWEST * values.std() + 1e-12
     spreads, likelihood = np.full(3, values.std() / 3 + 1e-12), -np.inf
@@ -118,7 +118,7 @@ def _fitted(values: np.ndarray, share: np.ndarray, means: np.ndarray) -> tuple[f
 
 
 @lru_cache(maxsize=1)
-def _sampled() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _sample_template() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """A subsampled mask of the template's brain, its n points (n, 3) in m, the points used (n,), which lie in the cerebrum, and
     the tissue probabilities (3, ...) at these.
     """

@@ -74,8 +74,6 @@ _VENTRICLE = (
     ),
     np.array([(25, -45, 9, 6), (31, -41, 0, 3), (34, -28, -12, 2.5), (33, -14, -19, 2.5)], float),
 )
-CRISTA_GALLI = np.array([58.0, -24.0])
-"""y and z of the anterior end of the falx."""
 
 
 def tentorium(points: Points) -> np.ndarray:

@@ -70,7 +70,7 @@ def align(head: Volume, template: Volume, start: np.ndarray | None = None, far: 
     Grey values are normalised by their local mean and standard deviation over some 20 mm, which removes bias fields and
     differences between scanners. All translations of the template are searched by Fourier transforms, at 17 rotations (125 more
     if none fits) and four sizes, on voxels of 8 mm, with the bare template and with a scalp added to it. The best candidates
-    are refined by damped Gauss-Newton steps (Levenberg) on the log-likelihood of the grey values plus a prior of the stretches
+    are refine by damped Gauss-Newton steps (Levenberg) on the log-likelihood of the grey values plus a prior of the stretches
     among adults; the candidate that explains both images best is returned.
 
     Parameters
@@ -108,12 +108,12 @@ def align(head: Volume, template: Volume, start: np.ndarray | None = None, far: 
     variants = _template_variants(template)
     enough = _ENOUGH_BARE if (head.data == 0).mean() > _BARE else _ENOUGH
     if start is not None:
-        best = _settled(fine, finest, variants, [start])
+        best = _refine_starts(fine, finest, variants, [start])
         if best.likeness >= enough:
             return best
-    best = _best(coarse, fine, finest, variants, _TURNS)
+    best = _best_alignment(coarse, fine, finest, variants, _TURNS)
     if best.likeness < enough and far:
-        best = max(best, _best(coarse, fine, finest, variants, _FAR_TURNS), key=lambda place: place.likeness)
+        best = max(best, _best_alignment(coarse, fine, finest, variants, _FAR_TURNS), key=lambda place: place.likeness)
     return best
 
 
@@ -147,30 +147,30 @@ def correlation_inside(head: Volume, template: Volume, affine: np.ndarray) -> fl
     )
 
 
-def _best(
+def _best_alignment(
     coarse: Volume, fine: Volume, finest: Volume, variants: list[Volume], turns: Iterable[tuple[float, ...]]
 ) -> Alignment:
     """The best alignment found by the searches with each variant of the template."""
     turns, places = list(turns), []
     for variant in variants:
         pair = _Pair.of(coarse, variant, _COARSE)
-        places.append(max((pair.refined(start) for start in _found(coarse, variant, turns)), key=pair.score))
-    return _settled(fine, finest, variants, places)
+        places.append(max((pair.refine(start) for start in _search_candidates(coarse, variant, turns)), key=pair.score))
+    return _refine_starts(fine, finest, variants, places)
 
 
-def _settled(fine: Volume, finest: Volume, variants: list[Volume], starts: list[np.ndarray]) -> Alignment:
+def _refine_starts(fine: Volume, finest: Volume, variants: list[Volume], starts: list[np.ndarray]) -> Alignment:
     """The best alignment after refinement of the starts, one per variant of the template or one for all."""
     at_4 = [_Pair.of(fine, variant, _COARSE) for variant in variants]
     if len(starts) < len(variants):
         starts = starts * len(variants)
-    places = [pair.refined(start) for pair, start in zip(at_4, starts, strict=True)]
+    places = [pair.refine(start) for pair, start in zip(at_4, starts, strict=True)]
     best = max(places, key=lambda place: sum(pair.score(place) for pair in at_4))
     variant = variants[int(np.argmax([pair.correlation(best) for pair in at_4]))]
-    best = _Pair.of(finest, variant, _FINE).refined(best, _SETTLED)
+    best = _Pair.of(finest, variant, _FINE).refine(best, _SETTLED)
     return Alignment(best, max(pair.correlation(best) for pair in at_4))
 
 
-def _found(head: Volume, variant: Volume, turns: list[tuple[float, ...]]) -> list[np.ndarray]:
+def _search_candidates(head: Volume, variant: Volume, turns: list[tuple[float, ...]]) -> list[np.ndarray]:
     """Candidate affines (4, 4) of high correlation with a head on voxels of 8 mm, with a minimum distance from each other.
 
     Some of each size: a larger template covers more of the head, scalp included, which alone makes its products larger.
@@ -185,7 +185,7 @@ def _found(head: Volume, variant: Volume, turns: list[tuple[float, ...]]) -> lis
     ends = np.array(list(product(*zip(*_ends(variant), strict=True))))
     found: dict[float, list[tuple[float, np.ndarray]]] = {size: [] for size in _SIZES}
     for angles, size in product(turns, _SIZES):
-        turn = _turned(angles)
+        turn = _rotation_matrix(angles)
         where = variant.to_voxels(grid @ turn / size + middle).T
         weight = ndimage.map_coordinates(inside, where, order=1) > 0.5
         patch = np.where(weight, ndimage.map_coordinates(values, where, order=1), 0)
@@ -256,7 +256,7 @@ class _Pair:
         # Residuals of a linear fit with correlation c have the variance 1 - c²; negative correlations are penalised.
         return self.count * (-0.5 * np.log1p(-(min(max(alike, 0.0), 0.999) ** 2)) + min(alike, 0.0)) - 0.5 * unusual
 
-    def refined(self, affine: np.ndarray, enough: float = _NEAR) -> np.ndarray:
+    def refine(self, affine: np.ndarray, enough: float = _NEAR) -> np.ndarray:
         """The affine after damped Gauss-Newton steps, none of which lowers the score."""
         best, damping = self.score(affine), 1e-3
         for _ in range(_ROUNDS):
@@ -420,7 +420,7 @@ def largest_component(mask: np.ndarray) -> np.ndarray:
     return pieces == np.bincount(pieces.ravel())[1:].argmax() + 1 if count else mask
 
 
-def _turned(angles: tuple[float, ...]) -> np.ndarray:
+def _rotation_matrix(angles: tuple[float, ...]) -> np.ndarray:
     """Rotation matrix from angles (degrees) about the axes right, front and up, in this order."""
     turn = np.eye(3)
     for axis, angle in enumerate(np.radians(angles)):

@@ -79,8 +79,8 @@ def skull_strip(scan: Scan, place: Alignment | None = None) -> np.ndarray:
     box = tuple(slice(max(part.start - _AROUND, 0), part.stop + _AROUND) for part in there)
     corrected = correct_bias_field(Volume(head.data[box], head.affine), prior[box])
     mask = np.zeros_like(prior)
-    mask[box] = _refined(corrected.data, prior[box], 1e3 * head.spacing)
-    outside = _beyond(mask, 1e3 * head.spacing)
+    mask[box] = _refine_mask(corrected.data, prior[box], 1e3 * head.spacing)
+    outside = _signed_distance(mask, 1e3 * head.spacing)
     to = np.linalg.inv(head.affine) @ scan.volume.affine
     fine = ndimage.affine_transform(
         outside, np.diag(to)[:3], to[:3, 3], scan.volume.data.shape, order=1, mode="nearest"
@@ -103,7 +103,7 @@ def align_template(scan: Scan) -> Alignment:
         found = align(scan.volume, mni152().volume)
         if found.likeness < ALIKE:
             what = f"unlike a brain (correlation with the MNI152 template {found.likeness:.2f}"
-            raise InputError("image", f"{what}, at least {ALIKE:g} needed{_turned(scan.volume)})", _WANTED)
+            raise InputError("image", f"{what}, at least {ALIKE:g} needed{_orientation_hint(scan.volume)})", _WANTED)
         seen = measure_contrast(scan.volume, found.affine)
         if seen.order[2] != TISSUES[2]:  # fluid is darkest, except for vessels after a contrast agent
             what = f"an image in which {seen.order[2]} is brightest and {seen.order[0]} darkest"
@@ -116,7 +116,7 @@ def align_template(scan: Scan) -> Alignment:
     return found
 
 
-def _turned(head: Volume) -> str:
+def _orientation_hint(head: Volume) -> str:
     """Hint on an affine with which a head is upside down or back to front; empty if neither fits."""
     for axis, how in ((2, "upside down"), (1, "back to front")):
         turned = np.eye(4)
@@ -127,23 +127,23 @@ def _turned(head: Volume) -> str:
     return ""
 
 
-def _refined(grey: np.ndarray, prior: np.ndarray, spacing: np.ndarray) -> np.ndarray:
+def _refine_mask(grey: np.ndarray, prior: np.ndarray, spacing: np.ndarray) -> np.ndarray:
     """Brain mask by grey values, given the template's mask `prior`; voxels of `spacing` (3,) mm."""
     smooth = ndimage.gaussian_filter(grey, _SMOOTH / spacing)
     sure = ndimage.distance_transform_edt(prior, sampling=spacing) > _SURE
     fluid, matter, white = np.quantile(smooth[sure], _LEVELS)
     position = (smooth - fluid) / (matter - fluid)
     fat = smooth >= white + _FAT * (white - matter)
-    allowed = _within(prior, _FAR, spacing)
+    allowed = _dilate(prior, _FAR, spacing)
     tissue = sure | ((position > _EDGE) & ~fat & allowed)
     tissue &= sure | ~_other_tissue(position, tissue, prior, sure, fat & allowed, spacing)
     deep = ndimage.distance_transform_edt(tissue, sampling=spacing) > _NECK
     pieces, _ = ndimage.label(deep)
     deep = np.isin(pieces, np.setdiff1d(pieces[sure], [0]))
-    brain = tissue & _within(deep, _NECK + 0.5, spacing)
+    brain = tissue & _dilate(deep, _NECK + 0.5, spacing)
     # Morphological closing; the faces of the volume are not treated as walls.
     margin = [(int(np.ceil(_FOLD / step)) + 1,) * 2 for step in spacing]
-    full = _within(np.pad(brain, margin), _FOLD, spacing)
+    full = _dilate(np.pad(brain, margin), _FOLD, spacing)
     full = ndimage.distance_transform_edt(full, sampling=spacing) > _FOLD
     brain |= full[tuple(slice(before, -after) for before, after in margin)]
     return np.asarray(ndimage.binary_fill_holes(brain))
@@ -189,13 +189,13 @@ def _other_tissue(
     return np.asarray(flood(-position, marks, mask=tissue | (marks > 0)) == 2)
 
 
-def _beyond(mask: np.ndarray, spacing: np.ndarray) -> np.ndarray:
+def _signed_distance(mask: np.ndarray, spacing: np.ndarray) -> np.ndarray:
     """Signed distance (mm) of voxel centres from the surface of the mask, negative inside."""
     out, inside = (ndimage.distance_transform_edt(each, sampling=spacing) for each in (~mask, mask))
     half = spacing.mean() / 2
     return np.where(mask, half - inside, out - half).astype(np.float32)
 
 
-def _within(mask: np.ndarray, reach: float, spacing: np.ndarray) -> np.ndarray:
+def _dilate(mask: np.ndarray, reach: float, spacing: np.ndarray) -> np.ndarray:
     """The mask dilated by `reach` (mm)."""
     return np.asarray(ndimage.distance_transform_edt(~mask, sampling=spacing) <= reach)

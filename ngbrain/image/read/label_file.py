@@ -107,16 +107,16 @@ def read_labels_with_notes(
     shares = _share_of(path, raw, names)
     if shares:
         data = _largest_share(path, shares, affine)
-        notes = [f"the largest share of {', '.join(other.name for other in _beside(path, shares))} counts"]
+        notes = [f"the largest share of {', '.join(other.name for other in _probability_maps(path, shares))} counts"]
         names = _OF_CLASSES[shares]
     else:
-        data, notes = _whole(path, raw, names if isinstance(names, str) else None)
+        data, notes = _to_integers(path, raw, names if isinstance(names, str) else None)
     numbers = set(np.unique(data).tolist()) - {0}
     if not numbers:
         raise InputError("labels", "0 everywhere", "a number from 1 on where the head is", path)
     others = dict(others or {})
     if names is None:
-        names, said = _guessed(path, data, numbers, others)
+        names, said = _guess_names(path, data, numbers, others)
         notes += said
     if len(numbers) > _MOST and not isinstance(names, str):
         raise InputError("labels", f"{len(numbers)} different numbers", f"at most {_MOST} regions: is it a scan?", path)
@@ -144,7 +144,7 @@ def _values(path: Path) -> tuple[np.ndarray, np.ndarray]:
     return raw, file.affine
 
 
-def _whole(path: Path, raw: np.ndarray, scheme: str | None) -> tuple[np.ndarray, list[str]]:
+def _to_integers(path: Path, raw: np.ndarray, scheme: str | None) -> tuple[np.ndarray, list[str]]:
     """Integer labels, and a note on rounding."""
     if raw.min() < 0 or raw.max() > np.iinfo(np.int32).max:
         raise InputError("labels", f"from {raw.min():g} to {raw.max():g}", "numbers from 0 on", path)
@@ -174,7 +174,7 @@ def _share_of(path: Path, raw: np.ndarray, names: str | Mapping[int, str] | None
     return None
 
 
-def _beside(path: Path, program: str) -> list[Path]:
+def _probability_maps(path: Path, program: str) -> list[Path]:
     """Files of the three probability maps."""
     found = _SHARES[program].fullmatch(path.name)
     assert found
@@ -184,7 +184,7 @@ def _beside(path: Path, program: str) -> list[Path]:
 def _largest_share(path: Path, program: str, affine: np.ndarray) -> np.ndarray:
     """1, 2, 3 for the most probable tissue, 0 where the outside is more probable."""
     shares: list[np.ndarray] = []
-    for other in _beside(path, program):
+    for other in _probability_maps(path, program):
         if not other.exists():
             raise InputError("labels", f"without {other.name}", "the shares of all three tissues side by side", path)
         share, place = _values(other)
@@ -194,7 +194,7 @@ def _largest_share(path: Path, program: str, affine: np.ndarray) -> np.ndarray:
     return np.argmax([1 - np.sum(shares, axis=0), *shares], axis=0).astype(np.int32)
 
 
-def _guessed(
+def _guess_names(
     path: Path, data: np.ndarray, numbers: set[int], others: Mapping[int, str]
 ) -> tuple[str | Mapping[int, str], list[str]]:
     """Names for numbers without given names, and a note on their scheme."""

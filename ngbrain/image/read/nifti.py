@@ -109,11 +109,11 @@ def resample_labels(volume: Volume, affine: np.ndarray, shape: tuple[int, int, i
     values = np.unique(part[mixed])
     number = np.searchsorted(values, part).clip(0, len(values) - 1)
     for few in np.array_split(at, len(at) // _AT_A_TIME + 1):
-        found[tuple(few.T)] = values[_most(number, few @ to[:3, :3].T + start, within, len(values))]
+        found[tuple(few.T)] = values[_largest_label(number, few @ to[:3, :3].T + start, within, len(values))]
     return Volume(found, affine)
 
 
-def _most(number: np.ndarray, points: np.ndarray, offsets: np.ndarray, count: int) -> np.ndarray:
+def _largest_label(number: np.ndarray, points: np.ndarray, offsets: np.ndarray, count: int) -> np.ndarray:
     """Of `count` labels on voxels the one with the largest share (n,) at points (n, 3), each the mean over offsets (m, 3)."""
     shares = np.zeros(len(points) * count)
     rows = count * np.arange(len(points))

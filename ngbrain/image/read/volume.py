@@ -186,7 +186,7 @@ def open_image(path: Path, sides: tuple[float, float] = _SIDES) -> tuple[Any, np
     MissingExtra
         nibabel is not installed.
     """
-    image = _parsed(path)
+    image = _load_header(path)
     return image, _file_affine(image, path, sides)
 
 
@@ -314,7 +314,7 @@ def reorient_to_ras(volume: Volume) -> Volume:
     return Volume(np.ascontiguousarray(orientations.apply_orientation(volume.data, turn)), affine + 0.0)  # no -0.0
 
 
-def _parsed(path: Path) -> Any:
+def _load_header(path: Path) -> Any:
     """The nibabel image of a file; its values are not read yet."""
     if not path.exists():
         raise InputError("image", "missing", _NIFTI, path)
@@ -344,7 +344,7 @@ def _parsed(path: Path) -> Any:
         with nibabel.imageglobals.LoggingOutputSuppressor():  # nibabel prints its corrections to stderr
             return kind.from_bytes(raw)
     except Exception as error:  # damaged headers make nibabel raise many kinds of exception
-        raise InputError("image", f"a file with a damaged header ({error})", "a sound one", path) from error
+        raise InputError("image", f"a file with a damaged header ({error})", "an undamaged one", path) from error
 
 
 def _file_affine(image: Any, path: Path, sides: tuple[float, float]) -> np.ndarray:

@@ -60,7 +60,9 @@ def label_sulcal_fluid(labels: LabelMap) -> tuple[LabelMap, float]:
     empty = _hull(data > 0, labels.volume.spacing) & (data == 0)
     fluid = [number for number, name in labels.names.items() if name.startswith(_FLUIDS)]
     pockets, count = ndimage.label(empty)
-    tissue, wet = (_beside(pockets, side, count) for side in ((data > 0) & ~np.isin(data, fluid), np.isin(data, fluid)))
+    tissue, wet = (
+        _border_faces(pockets, side, count) for side in ((data > 0) & ~np.isin(data, fluid), np.isin(data, fluid))
+    )
     chosen = tissue > wet
     chosen[0] = False
     filled = chosen[pockets]
@@ -129,7 +131,7 @@ def _hull(mask: np.ndarray, spacing: np.ndarray) -> np.ndarray:
     return np.asarray(depth[tuple(slice(n, -n) for n in pad)] > REACH)
 
 
-def _beside(pockets: np.ndarray, side: np.ndarray, count: int) -> np.ndarray:
+def _border_faces(pockets: np.ndarray, side: np.ndarray, count: int) -> np.ndarray:
     """Number of faces (count + 1,) of each component that border on the mask `side`."""
     faces = np.zeros(count + 1, int)
     for axis in range(3):

@@ -111,9 +111,9 @@ def segment(t1: Volume, brain: np.ndarray, place: np.ndarray, voxel: float = 1e-
     """
     box = ndimage.find_objects(brain.astype(np.uint8))[0]
     inside = np.pad(brain[box], 1)  # a margin, so that all voxels have neighbours
-    grey = np.pad(_normalised(t1.data, brain)[box], 1)
+    grey = np.pad(_normalise(t1.data, brain)[box], 1)
     prior = _prior(t1, place, box)
-    smooth = _smoothed(grey, inside, voxel / t1.spacing)
+    smooth = _smooth(grey, inside, voxel / t1.spacing)
     field = _residual_field(smooth, inside, prior, 1e3 * float(t1.spacing.mean()))
     grey, smooth = grey / field, smooth / field
     scale, share, contrast = _fit(smooth, inside, prior)
@@ -140,7 +140,7 @@ def segment(t1: Volume, brain: np.ndarray, place: np.ndarray, voxel: float = 1e-
     return Labels(Volume(whole, t1.affine), Volume(white, t1.affine), contrast)
 
 
-def _normalised(data: np.ndarray, brain: np.ndarray) -> np.ndarray:
+def _normalise(data: np.ndarray, brain: np.ndarray) -> np.ndarray:
     """Grey values, float32, scaled so that nearly all in the brain are in 0..1, and clipped."""
     low, *start, high = np.quantile(data[brain], [0.001, *_START, 0.999])
     for one, other in pairwise(start):
@@ -156,7 +156,7 @@ def _noise(data: np.ndarray, brain: np.ndarray, apart: int = 1) -> float:
     return float(np.median(steps)) / (0.6745 * 2**0.5)
 
 
-def _smoothed(grey: np.ndarray, inside: np.ndarray, voxel: np.ndarray) -> np.ndarray:
+def _smooth(grey: np.ndarray, inside: np.ndarray, voxel: np.ndarray) -> np.ndarray:
     """Grey values smoothed within the brain, the more the noisier; `voxel` (3,): voxel size of the scan in voxels of the image."""
     _, matter, white = np.quantile(grey[inside], _START)
     noise = _noise(grey, inside, max(round(float(voxel[0])), 1)) / max(white - matter, 1e-6)
@@ -221,14 +221,14 @@ def _residual_field(grey: np.ndarray, inside: np.ndarray, prior: np.ndarray, siz
                 scale = np.where((scale > _TISSUE) & known, expected, scale)
             total += _residual(corrected, scale, within, every * size)[(slice(1, -1),) * 3]
         scale = _fit(np.pad(values * np.exp(-total), 1), within, chances, rounds=1)[0]
-        off = _off_template(scale, expected, within & known & (scale > _TISSUE), every * size)
+        off = _deviation_from_template(scale, expected, within & known & (scale > _TISSUE), every * size)
         if off < least:
             best, least = total, off
     step = np.full(3, 1 / every)
     return np.exp(ndimage.affine_transform(best, step, 0.0, grey.shape, order=1, mode="nearest")).astype(np.float32)
 
 
-def _off_template(scale: np.ndarray, expected: np.ndarray, tissue: np.ndarray, size: float) -> float:
+def _deviation_from_template(scale: np.ndarray, expected: np.ndarray, tissue: np.ndarray, size: float) -> float:
     """Deviation (rms) of the smoothed share of white matter in the tissue from the template's; voxels of `size` mm."""
     if not tissue.any():  # where the template has none
         return 0.0
@@ -276,7 +276,7 @@ def _fit(
             moments += share.reshape(len(share), -1) @ np.column_stack([np.ones_like(flat), flat, flat**2])
         # Weights such that prior and posterior class volumes agree.
         before = weights
-        means, sigma, _ = _maximised(moments)
+        means, sigma, _ = _m_step(moments)
         weights = np.maximum(before * moments[:, 0] / np.maximum(expected, 1e-6), 1e-6)
         weights /= weights.sum()
         old, new = new, old
@@ -300,11 +300,11 @@ def _fit_histogram(values: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
         energy = -0.5 * ((centres - (_SHARES @ means)[:, None]) / sigma) ** 2 + np.log(weights)[:, None]
         share = np.exp(energy - energy.max(axis=0))
         share *= counts / share.sum(axis=0)
-        means, sigma, weights = _maximised(share @ np.column_stack([np.ones_like(centres), centres, centres**2]))
+        means, sigma, weights = _m_step(share @ np.column_stack([np.ones_like(centres), centres, centres**2]))
     return means, sigma, weights
 
 
-def _maximised(moments: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
+def _m_step(moments: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
     """The M-step from Σp, Σpy, Σpy² of the classes (5, 3): least squares for the means of the three pure tissues."""
     count, first, second = moments.T
     means = np.linalg.solve(_SHARES.T @ (count[:, None] * _SHARES), _SHARES.T @ first)

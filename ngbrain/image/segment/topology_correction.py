@@ -81,14 +81,14 @@ def correct_topology(mask: np.ndarray) -> np.ndarray:
     inside[depth.argmax()] = True
     slot = np.zeros(allowed.size, np.int32)
 
-    def once(voxels: np.ndarray) -> np.ndarray:
+    def unique_voxels(voxels: np.ndarray) -> np.ndarray:
         voxels = voxels[(depth[voxels] > 0) & ~inside[voxels]]
         slot[voxels] = np.arange(len(voxels))  # keeps the last of duplicates; faster than sorting
         return voxels[slot[voxels] == np.arange(len(voxels))]
 
     border = depth.argmax() + beside  # voxels adjacent to the inside that are not deep enough yet
     for level in np.unique(depth[depth > 0])[::-1]:
-        border = once(border)
+        border = unique_voxels(border)
         later = [border[depth[border] < level]]
         front = border[depth[border] >= level]
         while len(front):
@@ -98,7 +98,7 @@ def correct_topology(mask: np.ndarray) -> np.ndarray:
                 mine = mine[simple[inside[mine[:, None] + beside] @ weights]]
                 inside[mine] = True
                 added.append(mine)
-            near = once((np.concatenate(added)[:, None] + beside).ravel())
+            near = unique_voxels((np.concatenate(added)[:, None] + beside).ravel())
             later.append(near[depth[near] < level])
             front = near[depth[near] >= level]
         border = np.concatenate(later)
@@ -116,10 +116,10 @@ def _simple() -> np.ndarray:
     joined = (differences[:, :, None] == OFFSETS).all(axis=3).any(axis=2)
     bits = joined @ (1 << np.arange(len(OFFSETS)))
     codes = np.arange(1 << len(OFFSETS))
-    return _together(codes, bits) & _together(codes[::-1], bits)
+    return _inside_connected(codes, bits) & _inside_connected(codes[::-1], bits)
 
 
-def _together(codes: np.ndarray, bits: np.ndarray) -> np.ndarray:
+def _inside_connected(codes: np.ndarray, bits: np.ndarray) -> np.ndarray:
     reached = codes & -codes
     for _ in range(len(bits)):
         for k, near in enumerate(bits):

@@ -120,7 +120,7 @@ def segment_structures(t1: Volume, tissues: Volume, place: Alignment | None = No
         raise InputError("image", what, "a T1 of a whole brain")
     middle = MidSurface.fit(head, place.affine)
     box = tuple(slice(max(s.start - 1, 0), s.stop + 1) for s in ndimage.find_objects(brain.astype(np.uint8))[0])
-    case = _Case.of(head, tissues, place.affine, middle, box)
+    case = _BrainBox.of(head, tissues, place.affine, middle, box)
     parts = case.parts()
     labels = case.regions(parts)
     whole, regions = np.zeros(brain.shape, np.uint8), np.zeros(brain.shape, np.uint8)
@@ -150,7 +150,7 @@ def mask_background(t1: Volume, brain: np.ndarray) -> Volume:
 
 
 @dataclass(frozen=True, eq=False)
-class _Case:
+class _BrainBox:
     """A box of a head: grey values and tissues on voxels of `size` (3,) in mm, and for the n brain voxels their position (n, 3) in
     the template (mm) and their distance (n,) to the right of the mid surface (mm); `to` (4, 4) maps indices to positions.
     """
@@ -163,7 +163,9 @@ class _Case:
     right: np.ndarray
 
     @classmethod
-    def of(cls, head: Volume, tissues: Volume, affine: np.ndarray, middle: MidSurface, box: tuple[slice, ...]) -> _Case:
+    def of(
+        cls, head: Volume, tissues: Volume, affine: np.ndarray, middle: MidSurface, box: tuple[slice, ...]
+    ) -> _BrainBox:
         brain = tissues.data[box] > 0
         to = np.diag([1e3, 1e3, 1e3, 1.0]) @ np.linalg.inv(affine) @ head.affine
         to[:3, 3] += to[:3, :3] @ [axis.start for axis in box]
@@ -190,9 +192,11 @@ class _Case:
         marks[(radius < _CORE) & (below > 0)] = STEM
         matter = np.isin(self.tissues, (GREY, WHITE))
         valleys = -ndimage.gaussian_filter(self.grey, _SMOOTH / self.size)
-        found = _whole(flood(valleys, np.where(matter, self.on_grid(marks), 0), mask=matter))
+        found = _keep_largest_parts(flood(valleys, np.where(matter, self.on_grid(marks), 0), mask=matter))
         found = np.where(self.tissues > 0, _nearest(found), 0)
-        return _whole(np.where((found == LEFT) & (self.on_grid(self.right) >= 0), RIGHT, found).astype(np.uint8))
+        return _keep_largest_parts(
+            np.where((found == LEFT) & (self.on_grid(self.right) >= 0), RIGHT, found).astype(np.uint8)
+        )
 
     def regions(self, parts: np.ndarray) -> np.ndarray:
         """Region (`NAMES`) of all voxels."""
@@ -212,7 +216,7 @@ class _Case:
 
     def callosum(self, parts: np.ndarray) -> np.ndarray:
         """Mask of the corpus callosum."""
-        near = (np.abs(self.right) <= _TRUNK) & (self._from_course() <= _NEAR)
+        near = (np.abs(self.right) <= _TRUNK) & (self._distance_from_callosum() <= _NEAR)
         white = (self.tissues == WHITE) & np.isin(parts, (LEFT, RIGHT))
         middle = near & (np.abs(self.right) <= 1.5 * self.size.max()) & white[self.tissues > 0]
         cell = np.rint((self.points[:, 1:] + _BACK_BELOW) / self.size.max()).astype(int).clip(0)
@@ -222,7 +226,7 @@ class _Case:
         section = ndimage.binary_dilation(_largest(section))
         return _largest(white & self.on_grid(near & section[tuple(cell.T)]))
 
-    def _from_course(self) -> np.ndarray:
+    def _distance_from_callosum(self) -> np.ndarray:
         """Distance (n,) in mm of positions from the centre line of the corpus callosum, in the y-z plane."""
         best = np.full(len(self.points), np.inf)
         for a, b in zip(mni_landmarks.CALLOSUM, mni_landmarks.CALLOSUM[1:], strict=False):
@@ -231,7 +235,7 @@ class _Case:
         return best
 
 
-def _whole(parts: np.ndarray) -> np.ndarray:
+def _keep_largest_parts(parts: np.ndarray) -> np.ndarray:
     """Keep the largest component of each part; smaller components take the nearest label."""
     kept = np.zeros_like(parts)
     for part in np.setdiff1d(np.unique(parts), [0]):

@@ -69,7 +69,7 @@ def helmholtz(data: WaveData, field: SmoothField | None = None, window: float = 
     (2000+800j)
     """
     field = field or fit_smooth_field(data)
-    return _solved(data, [field.laplacian(data.points)], field.values(data.points), window)[0]
+    return _solve_pointwise(data, [field.laplacian(data.points)], field.values(data.points), window)[0]
 
 
 @dataclass(frozen=True)
@@ -218,7 +218,7 @@ def helmholtz_of_curl(data: WaveData, field: SmoothField | None = None, window: 
         (n,) G*, Pa.
     """
     field = field or fit_smooth_field(data)
-    return _solved(data, [field.curl_laplacian(data.points)], field.curl(data.points), window)[0]
+    return _solve_pointwise(data, [field.curl_laplacian(data.points)], field.curl(data.points), window)[0]
 
 
 def navier(data: WaveData, field: SmoothField | None = None, window: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
@@ -248,7 +248,7 @@ def navier(data: WaveData, field: SmoothField | None = None, window: float = 0.0
     field = field or fit_smooth_field(data)
     hessian = field.hessian(data.points)
     laplacian, dilatation = np.einsum("lnikk->lni", hessian), np.einsum("lnkki->lni", hessian)
-    G, rest = _solved(data, [laplacian, dilatation], field.values(data.points), window)
+    G, rest = _solve_pointwise(data, [laplacian, dilatation], field.values(data.points), window)
     return G, rest
 
 
@@ -282,7 +282,7 @@ def local_frequency(data: WaveData) -> np.ndarray:
     if grid is None:
         raise InputError("points", "scattered", "a grid")
     slowness, total = np.zeros(grid.shape), np.zeros(grid.shape)
-    for frequency in np.unique(data.frequency[_moving(data)]):
+    for frequency in np.unique(data.frequency[_wave_loads(data)]):
         loads = np.nan_to_num(data.displacement[data.frequency == frequency]) * data.mask[:, None]
         waves = [grid.box(component) for u in loads for component in u.T]
         k, energy = _local_wave_number(grid, waves)
@@ -328,9 +328,9 @@ def _directions(d: int) -> np.ndarray:
     return np.array(corners) / np.hypot(1, golden)
 
 
-def _solved(data: WaveData, columns: list[np.ndarray], u: np.ndarray, window: float) -> np.ndarray:
+def _solve_pointwise(data: WaveData, columns: list[np.ndarray], u: np.ndarray, window: float) -> np.ndarray:
     """Moduli (p, n) with Σ_p columns_p · moduli_p = -ρω²u, all (loads, n, components), by least squares at each point."""
-    moving = _moving(data)
+    moving = _wave_loads(data)
     omega = 2 * np.pi * data.frequency[moving]
     right = -data.density * omega[:, None, None] ** 2 * u[moving]
     left = np.stack([column[moving] for column in columns])
@@ -339,7 +339,7 @@ def _solved(data: WaveData, columns: list[np.ndarray], u: np.ndarray, window: fl
     normal = np.einsum("plnc,qlnc->npq", left.conj(), left)
     load = np.einsum("plnc,lnc->np", left.conj(), right)
     if window > 0:
-        near = _near(data.points, window)
+        near = _neighbour_matrix(data.points, window)
         normal = (near @ normal.reshape(len(normal), -1)).reshape(normal.shape)
         load = near @ load
     if data.rheology == "elastic":
@@ -356,7 +356,7 @@ def _solved(data: WaveData, columns: list[np.ndarray], u: np.ndarray, window: fl
     return moduli
 
 
-def _moving(data: WaveData) -> np.ndarray:
+def _wave_loads(data: WaveData) -> np.ndarray:
     """Which loads are waves."""
     moving = data.frequency > 0
     if not moving.any():
@@ -364,7 +364,7 @@ def _moving(data: WaveData) -> np.ndarray:
     return moving
 
 
-def _near(points: np.ndarray, radius: float) -> csr_array:
+def _neighbour_matrix(points: np.ndarray, radius: float) -> csr_array:
     """(n, n): 1 where two points are no farther apart than the radius."""
     i, j = KDTree(points).query_pairs(radius, output_type="ndarray").T
     own = np.arange(len(points))

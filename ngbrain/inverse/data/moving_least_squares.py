@@ -50,9 +50,9 @@ class LeastSquaresField(SmoothField):
             at = known[same[0][0], :, same[0][1]]
             tree, values = KDTree(data.points[at]), data.displacement[load, :, i][:, at].T
             self._fitted.append((tree, values, which))
-            self.neighbours[load, i], self.noise[load, i] = self._chosen(tree, values)
+            self.neighbours[load, i], self.noise[load, i] = self._choose_neighbours(tree, values)
 
-    def _chosen(self, tree: KDTree, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _choose_neighbours(self, tree: KDTree, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """For each column, the number of neighbours that predicts left-out points best, and the noise."""
         columns = np.arange(values.shape[1])
         some = np.random.default_rng(0).permutation(tree.n)[:_LEFT_OUT]

@@ -79,7 +79,7 @@ def remove_outliers(data: WaveData, far: float = FAR) -> WaveData:
     """
     if not far > 0:
         raise InputError("far", far, "a positive number of standard deviations")
-    around, none = _around(data), np.zeros(data.displacement.shape, bool)
+    around, none = _nearest_neighbours(data), np.zeros(data.displacement.shape, bool)
     known = data.measured & data.mask[:, None]
     number, least = int(known.sum(axis=1).max()), SMALLEST**data.dim / FULLEST
     if (
@@ -92,14 +92,14 @@ def remove_outliers(data: WaveData, far: float = FAR) -> WaveData:
     for near in (0.0, NEAR):  # suspects, then the outliers among them
         errors = none
         for _ in range(ROUNDS):
-            off, beyond = _off(_without(data, out), data, known, far)
+            off, beyond = _deviations(_remove(data, out), data, known, far)
             if near:
-                beyond = np.maximum(beyond, near * _usual(np.where(errors, np.nan, off), data.mask, around))
+                beyond = np.maximum(beyond, near * _neighbour_median(np.where(errors, np.nan, off), data.mask, around))
             last, out = out, off > beyond
             if np.array_equal(out, last):
                 break
             errors = out
-    return _without(data, out & last)  # what alternates depends on the points around, as at a jump
+    return _remove(data, out & last)  # what alternates depends on the points around, as at a jump
 
 
 def discontinuity_share(data: WaveData) -> float:
@@ -121,23 +121,23 @@ def discontinuity_share(data: WaveData) -> float:
     [0.0, 0.09]
     """
     known = data.measured & data.mask[:, None]
-    off, beyond = _off(data, data, known, FAR)
-    usual = _usual(off, data.mask, _around(data))
+    off, beyond = _deviations(data, data, known, FAR)
+    usual = _neighbour_median(off, data.mask, _nearest_neighbours(data))
     beside = known & (usual > np.maximum(beyond, JUMP * data.rms))
     return float(beside.sum() / max(known.sum(), 1))
 
 
-def _around(data: WaveData) -> np.ndarray:
+def _nearest_neighbours(data: WaveData) -> np.ndarray:
     """For each point of the mask the nearest others, as indices among these points."""
     points = data.points[data.mask]
     return KDTree(points).query(points, k=min(AROUND[data.dim] + 1, len(points)))[1][:, 1:]
 
 
-def _without(data: WaveData, out: np.ndarray) -> WaveData:
+def _remove(data: WaveData, out: np.ndarray) -> WaveData:
     return replace(data, displacement=np.where(out, np.nan, data.displacement)) if out.any() else data
 
 
-def _off(left: WaveData, data: WaveData, known: np.ndarray, far: float) -> tuple[np.ndarray, np.ndarray]:
+def _deviations(left: WaveData, data: WaveData, known: np.ndarray, far: float) -> tuple[np.ndarray, np.ndarray]:
     """|u - û| of all known displacements, NaN elsewhere, with û fitted to those that are left; and `far` σ."""
     smooth = fit_splines(left, STIFF) if supports_splines(left) else moving_least_squares(left)
     off = np.where(known, np.abs(data.displacement - smooth.values()), np.nan)
@@ -147,7 +147,7 @@ def _off(left: WaveData, data: WaveData, known: np.ndarray, far: float) -> tuple
     return off, far * np.maximum(noise, LEAST * left.rms)
 
 
-def _usual(off: np.ndarray, mask: np.ndarray, around: np.ndarray) -> np.ndarray:
+def _neighbour_median(off: np.ndarray, mask: np.ndarray, around: np.ndarray) -> np.ndarray:
     """Median over the points around each point of the mask; 0 elsewhere, and where nothing around is known."""
     usual = np.zeros(off.shape)
     with warnings.catch_warnings():

@@ -41,7 +41,7 @@ def check_frequency(data: WaveData, shear: float) -> None:
     """
     if data.frequency.any() and not SOFTEST <= shear <= STIFFEST:
         wanted = f"Hz, 0 at rest: soft tissue has {format_modulus(SOFTEST)} to {format_modulus(STIFFEST)}"
-        raise InputError("frequency", f"{data.frequency.max():g}, so that {_means(data, shear)}", wanted)
+        raise InputError("frequency", f"{data.frequency.max():g}, so that {_implied_modulus(data, shear)}", wanted)
 
 
 def wavelength_notes(data: WaveData, shear: float) -> list[str]:
@@ -61,10 +61,10 @@ def wavelength_notes(data: WaveData, shear: float) -> list[str]:
     """
     if not data.frequency.any():
         return []
-    means, notes = f"at {data.frequency.max():g} Hz {_means(data, shear)}", list[str]()
+    means, notes = f"at {data.frequency.max():g} Hz {_implied_modulus(data, shear)}", list[str]()
     if not SOFT <= shear <= STIFF:
         notes.append(f"{means}, which few tissues have: is the frequency in Hz, are the points in m?")
-    if (along := _length(data, shear) / data.point_spacing) < FEW:
+    if (along := _wavelength(data, shear) / data.point_spacing) < FEW:
         notes.append(
             f"{means}, and {along:.1f} distances between points: shorter waves cannot be distinguished from it"
         )
@@ -124,11 +124,11 @@ def amplitude_notes(data: WaveData) -> list[str]:
     ]
 
 
-def _means(data: WaveData, shear: float) -> str:
-    return f"waves of {1e3 * _length(data, shear):.3g} mm mean a shear modulus of {format_modulus(shear)}"
+def _implied_modulus(data: WaveData, shear: float) -> str:
+    return f"waves of {1e3 * _wavelength(data, shear):.3g} mm mean a shear modulus of {format_modulus(shear)}"
 
 
-def _length(data: WaveData, shear: float) -> float:
+def _wavelength(data: WaveData, shear: float) -> float:
     return float(np.sqrt(shear / data.density) / data.frequency.max())
 
 

@@ -101,13 +101,13 @@ class SplineField(SmoothField):
         for load, fitted in enumerate(self.components):
             for i, one in enumerate(fitted):
                 if one:
-                    u[load, :, i] = self._on_grid(one, orders) if where is None else _anywhere(one, orders, where)
+                    u[load, :, i] = self._on_grid(one, orders) if where is None else _evaluate(one, orders, where)
         return u
 
     def _on_grid(self, one: _Component, orders: tuple[int, ...]) -> np.ndarray:
         lines = zip(self.grid.shape, self.grid.spacing, one.knots, orders, strict=True)
         basis = [_basis(h * np.arange(n), knots, order) for n, h, knots, order in lines]
-        return self.grid.flat(_along(basis, one.coefficients))
+        return self.grid.flat(_apply_along_axes(basis, one.coefficients))
 
 
 def fit_splines(data: WaveData, full: float = 0.9) -> SplineField:
@@ -209,26 +209,28 @@ class _Fit:
         self.weight, self.factors = weight, [np.linalg.qr(each) for each in basis]
         self.orthonormal = [factor.Q for factor in self.factors]
         self.adjoint = [each.T for each in self.orthonormal]
-        seen, all_of = (_along([each.T for each in basis], w) for w in (weight.astype(float), np.ones(weight.shape)))
+        seen, all_of = (
+            _apply_along_axes([each.T for each in basis], w) for w in (weight.astype(float), np.ones(weight.shape))
+        )
         self.size = int((seen > _TOUCHED * all_of).sum())
 
     def solve(self, values: np.ndarray, tolerance: float) -> tuple[np.ndarray, float]:
         """Coefficients of the B-splines, and Σ|u - û|² over the points that count."""
-        right = _along(self.adjoint, values)
+        right = _apply_along_axes(self.adjoint, values)
         x = np.zeros_like(right)
         r = p = right
         rr = first = np.vdot(r, r).real
         for _ in range(200):
             if rr <= tolerance**2 * first:
                 break
-            Ap = _along(self.adjoint, self.weight * _along(self.orthonormal, p))
+            Ap = _apply_along_axes(self.adjoint, self.weight * _apply_along_axes(self.orthonormal, p))
             step = rr / np.vdot(p, Ap).real
             x = x + step * p
             r = r - step * Ap
             rr, old = np.vdot(r, r).real, rr
             p = r + rr / old * p
-        misfit = np.sum(np.abs(self.weight * (values - _along(self.orthonormal, x))) ** 2)
-        return _along([np.linalg.inv(factor.R) for factor in self.factors], x), float(misfit)
+        misfit = np.sum(np.abs(self.weight * (values - _apply_along_axes(self.orthonormal, x))) ** 2)
+        return _apply_along_axes([np.linalg.inv(factor.R) for factor in self.factors], x), float(misfit)
 
 
 def _knots(length: float, count: int) -> np.ndarray:
@@ -241,7 +243,7 @@ def _basis(x: np.ndarray, knots: np.ndarray, order: int) -> np.ndarray:
     return spline(np.clip(x, knots[0], knots[-1]), nu=order)
 
 
-def _along(matrices: list[np.ndarray], box: np.ndarray) -> np.ndarray:
+def _apply_along_axes(matrices: list[np.ndarray], box: np.ndarray) -> np.ndarray:
     """Apply one real matrix along each axis: always the first axis, and the new axis goes to the end."""
     whole = np.iscomplexobj(box)
     if whole:  # half the work of a product of complex numbers; the pairs end up in front
@@ -252,7 +254,7 @@ def _along(matrices: list[np.ndarray], box: np.ndarray) -> np.ndarray:
     return box[0] + 1j * box[1] if whole else box
 
 
-def _anywhere(one: _Component, orders: tuple[int, ...], where: np.ndarray) -> np.ndarray:
+def _evaluate(one: _Component, orders: tuple[int, ...], where: np.ndarray) -> np.ndarray:
     parts = np.stack([one.coefficients.real, one.coefficients.imag], axis=-1)
     found = NdBSpline(one.knots, parts, _DEGREE)(where, nu=orders)
     return found[:, 0] + 1j * found[:, 1]

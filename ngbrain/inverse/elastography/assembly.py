@@ -136,7 +136,8 @@ def build_inversion(
     crime = is_inverse_crime(data, problem.body)
     if crime:
         notes.append(
-            "the data were computed in the elements that invert them: errors flatter, the more the lower the noise"
+            "inverse crime, the data were computed in the elements of the inversion: errors are too optimistic, the more so the "
+            "lower the noise"
         )
     with problem.model.solves.spent_on("checks"):
         mismatch = _mismatch(problem)
@@ -153,7 +154,7 @@ def build_inversion(
     ]
     if data.motion == "anti_plane":
         moved = problem.model.boundary_values(unknowns.theta(best.x))[:, -1] if problem.body.translation else None
-        notes += anti_plane_notes(data, moved)
+        notes += anti_plane_notes(moved)
     if is_tracked(data):
         notes += map_notes(data, maps["youngs"])
     if EXPONENT in maps:
@@ -199,10 +200,14 @@ def convergence_notes(found: OptimisationResult) -> list[str]:
     if found.converged:
         return []
     number, level = len(found.history), found.level
-    why = "no step lowered the objective any more" if found.status is Status.STALLED else "more may change the maps"
+    why = (
+        "no step lowered the objective further"
+        if found.status is Status.STALLED
+        else "more iterations may change the maps"
+    )
     return [
-        f"stopped after {number} round{'s' if number > 1 else ''}, before fields and weights had settled ({why}): "
-        f"the misfit is {level.misfit:.4g}, expected are {level.expected:.4g}"
+        f"stopped after {number} iteration{'s' if number > 1 else ''}, before fields and weights converged ({why}): "
+        f"the misfit is {level.misfit:.4g}, its expected value {level.expected:.4g}"
     ]
 
 
@@ -225,7 +230,7 @@ def misfit_notes(ratio: float, noise: float, floor: float) -> list[str]:
     """
     if ratio > 1.25 or (ratio < 0.8 and noise > floor):
         return [
-            f"the misfit is {ratio:.2f} times what noise of {100 * noise:.3g} % leaves: the noise is not of that size"
+            f"the misfit is {ratio:.2f} times its expected value for noise of {100 * noise:.3g} %: the noise has another size"
         ]
     return []
 

@@ -62,12 +62,12 @@ def invert_each_frequency(
     for frequency in np.unique(data.frequency).tolist():
         own = data.frequency == frequency
         one = replace(data, displacement=data.displacement[own], frequency=data.frequency[own])
-        tasks.append(parallel.Task(f"{frequency:g} Hz", _inverted, (f"{frequency:g} Hz", one, how)))
+        tasks.append(parallel.Task(f"{frequency:g} Hz", _invert_frequency, (f"{frequency:g} Hz", one, how)))
     found = parallel.run(tasks, executor, callback=lambda iteration: callback(iteration)).values()
     return dict(zip(np.unique(data.frequency).tolist(), found, strict=True))
 
 
-def _inverted(name: str, one: WaveData, how: dict[str, Any], *, callback: parallel.Callback) -> Inversion:
+def _invert_frequency(name: str, one: WaveData, how: dict[str, Any], *, callback: parallel.Callback) -> Inversion:
     """Without the final state, which belongs to one process."""
     found = invert(
         one, callback=lambda iteration: callback(replace(iteration, phase=f"{name}, {iteration.phase}")), **how

@@ -60,10 +60,10 @@ def bulk_effect(problem: ElastographyProblem, theta: Array, noise: RelativeNoise
 
 def bulk_modulus_note(effect: float) -> str:
     """Return a sentence on a result of `bulk_effect`."""
-    moves = f"{100 * STIFFER:.0f} % more of the bulk modulus changes the waves by {effect:.2g} times their noise"
+    sensitivity = f"a bulk modulus {100 * STIFFER:.0f} % larger changes the waves by {effect:.2g} times their noise"
     if effect < 1:
-        return f"{moves}: they do not determine it, it is taken as given, and an error in it does little harm"
-    return f"{moves}: it is taken as given, and an error in it is an error of the maps"
+        return f"{sensitivity}: it is not identifiable and kept fixed; an error in it hardly affects the maps"
+    return f"{sensitivity}: it is kept fixed, and an error in it is an error of the maps"
 
 
 def scale_notes(data: WaveData) -> list[str]:
@@ -79,13 +79,11 @@ def scale_notes(data: WaveData) -> list[str]:
     return notes
 
 
-def anti_plane_notes(data: WaveData, translations: np.ndarray | None) -> list[str]:
+def anti_plane_notes(translations: np.ndarray | None) -> list[str]:
     """Return notes on what motion through a plane determines.
 
     Parameters
     ----------
-    data : WaveData
-        Anti-plane data.
     translations : numpy.ndarray or None
         (loads,) complex uniform displacements (m) where they are unknowns.
 

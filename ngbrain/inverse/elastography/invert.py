@@ -46,7 +46,7 @@ from ngbrain.inverse.elastography.invert_3d import MAX_ITERATIONS, invert_in_spa
 from ngbrain.inverse.elastography.invert_slices import invert_slices, moving_axis
 from ngbrain.inverse.elastography.result import Inversion
 from ngbrain.inverse.objective.misfit import MisfitKind, resolve_misfit
-from ngbrain.inverse.objective.regularisers import PRIORS, Prior, resolve_priors
+from ngbrain.inverse.objective.regularisers import Prior, resolve_priors
 from ngbrain.inverse.optimise.regularisation_weight import MisfitLevel
 from ngbrain.inverse.optimise.result import Iteration, OptimisationResult
 from ngbrain.inverse.optimise.weight_selection import WeightSelection, weight_selection
@@ -61,14 +61,13 @@ from ngbrain.solvers.device import Device
 
 Array = np.ndarray
 DISPERSIONS = ("auto", "power", "none")
-REGULARISERS = tuple(PRIORS)
 FIRST = 1e3
 """Initial regularisation weight; it converges to what the data imply."""
 FAR = 1e4
 """The same from uniform fields: larger, so that large structures come first."""
 FLOOR = 1e-5
 """Least noise, relative to the waves' rms, for data in their own elements."""
-OURS = 2e-3
+NEW_ELEMENTS_FLOOR = 2e-3
 """The same in new elements: below it fields fit the discretisation error, by wiggles at edges. At 41 points across two waves
 that error is .02 to .05 % of the waves. A modulus without noise is .4 % off with .2 % assumed, .7 % with .1 %."""
 LEVELS = 8
@@ -77,7 +76,7 @@ BEYOND = 1.3
 """Most corrections of the noise level by the misfit; the change (in ln) at which it has converged; and the ratio from which a
 given level is corrected. An estimated level is always corrected. A given level is raised where the misfit says so, and
 lowered again later, but not below the given value. The floors do not count as given."""
-ASTRAY = 100.0
+LARGE_MISFIT = 100.0
 """Misfit over its expected value beyond which the noise level is corrected before any descent. So nearly exact data are first
 fitted as data of ten times the noise, then more and more closely."""
 DECISIVE = 4.0
@@ -85,7 +84,7 @@ DECISIVE = 4.0
 both regularisers are the same, and chance would decide."""
 SHORT = 12
 """Most iterations from uniform fields: enough to converge or to stall."""
-EASY = 1e-4
+UNIFORM_NOISE = 1e-4
 """Least noise assumed there: with less, the linearisation holds for short steps only."""
 
 
@@ -261,7 +260,7 @@ def invert(
         elements = original_discretisation(data) if data.element else discretise(data)
     level, note = noise_level(data, noise)
     notes += [note] if note else []
-    floor = FLOOR if elements.nodal else OURS
+    floor = FLOOR if elements.nodal else NEW_ELEMENTS_FLOOR
     if tracked and model_error is None:
         floor = max(floor, minimum_model_error(data))
         notes.append(error_note())
@@ -285,7 +284,8 @@ def invert(
         if abs(np.log(more)) < CLOSE or (not guessed and np.all(assumed == stated) and more < BEYOND):
             break
         if not note:
-            note = f"the misfit is {both.level.ratio:.3g} times what noise of {100 * rms_noise(data, assumed):.3g} % leaves"
+            level = 100 * rms_noise(data, assumed)
+            note = f"the misfit is {both.level.ratio:.3g} times its expected value for noise of {level:.3g} %"
             notes.append(f"{note}: the rest counts as model error")
         before = both.x if more < 1 else None  # an overfit is not a good start
         assumed = found
@@ -363,18 +363,18 @@ class _Search:
             start[:fields] = x[:fields]
         elif maps is not None:
             start = unknowns_from_maps(self.problem, self.unknowns, maps)
-        return reduced, self.selection.from_waves(reduced, start, self.problem.waves, self._tell)
+        return reduced, self.selection.from_waves(reduced, start, self.problem.waves, self._report_iteration)
 
     def descend(self, reduced: Reduced, start: OptimisationResult) -> OptimisationResult:
-        """Minimise J from a start; return the start where no step lowers J, or where its misfit is `ASTRAY`."""
+        """Minimise J from a start; return the start where no step lowers J, or where its misfit is `LARGE_MISFIT`."""
         point = reduced.evaluate(start.x)
         level = MisfitLevel(self.misfit.weighted_squares(point.state.data), start.level.expected)
-        if level.ratio < ASTRAY:
+        if level.ratio < LARGE_MISFIT:
             try:
-                return self.selection.descend(reduced, start.x, self._tell)
+                return self.selection.descend(reduced, start.x, self._report_iteration)
             except ConvergenceError:
                 pass
-        status = start.status if level.ratio < ASTRAY else Status.STOPPED
+        status = start.status if level.ratio < LARGE_MISFIT else Status.STOPPED
         return replace(start, objective=point.value, level=level, status=status)
 
     def run(
@@ -387,15 +387,15 @@ class _Search:
         return [end for end, _ in found]
 
     def uniform(self, prior: Prior, level: float) -> OptimisationResult | None:
-        """Descend from uniform fields, with weights of its own and noise of `EASY` at least; None where no step lowers J."""
+        """Descend from uniform fields, with its own weights and noise of at least `UNIFORM_NOISE`; None where no step lowers J."""
         easy = self
-        if np.any((noise := total_noise(self.noise, EASY)) != self.noise):
+        if np.any((noise := total_noise(self.noise, UNIFORM_NOISE)) != self.noise):
             easy = _Search(self.problem, self._made, noise, self.selection, self._told, self)
         reduced = easy.reduced(prior)
         reduced.weights = dict.fromkeys(reduced.weights, FAR)
         try:
             selection = WeightSelection(max_iterations=min(SHORT, self.selection.max_iterations))
-            found = selection.descend(reduced, self.problem.uniform(easy.unknowns, level), self._tell)
+            found = selection.descend(reduced, self.problem.uniform(easy.unknowns, level), self._report_iteration)
         except SolverError:
             return None
         held = easy.unknowns.theta(found.x)[self.problem.model.blocks[BOUNDARY]]
@@ -411,7 +411,7 @@ class _Search:
         end = MisfitLevel(self.misfit.weighted_squares(point.state.data), found.level.expected)
         return replace(found, objective=point.value, level=end)
 
-    def _tell(self, iteration: Iteration) -> None:
+    def _report_iteration(self, iteration: Iteration) -> None:
         self.history.append(iteration)
         self._told(iteration)
 

@@ -162,7 +162,10 @@ def invert_in_space(
     )  # other processes may have another working directory
     common = misfit_kind, assumed, prior, max_iterations
     runs: dict[str, Any] = {"from waves": (_from_waves, (*common, kept_in))}
-    runs |= {f"from {level:g} times": (_uniform, (*common, _beside(kept_in, level), level)) for level in multiples}
+    runs |= {
+        f"from {level:g} times": (_uniform, (*common, _checkpoint_of_level(kept_in, level), level))
+        for level in multiples
+    }
     memory = memory_in_space(problem.elements.form, problem.body.mesh.ne, data.frequency)
     (start, both, reduced.weights), *others = run_starts(problem, runs, executor, callback, memory)
     history, starts = [*start.history, *both.history], [start_result("waves", problem, reduced, start)]
@@ -260,7 +263,7 @@ def _optimiser(
 ) -> GaussNewtonCG:
     reduced = _reduced(problem, misfit_kind, noise, prior)
     return GaussNewtonCG(
-        reduced, EvidenceWithModelError(FALL, _shared(problem)), checkpoint=checkpoint, callback=callback
+        reduced, EvidenceWithModelError(FALL, _points_per_node(problem)), checkpoint=checkpoint, callback=callback
     )
 
 
@@ -275,12 +278,12 @@ def _evaluate(judge: Reduced, found: OptimisationResult | None) -> OptimisationR
     )
 
 
-def _beside(path: Path | None, level: float) -> Path | None:
+def _checkpoint_of_level(path: Path | None, level: float) -> Path | None:
     """Checkpoint of uniform fields, next to that of measured waves."""
     return path and path.with_name(f"{path.stem}-uniform-{level:g}{path.suffix}")
 
 
-def _shared(problem: ElastographyProblem) -> float:
+def _points_per_node(problem: ElastographyProblem) -> float:
     """Data points for each node of the elements."""
     body = problem.body
     return len(problem.model.points) * body.mesh.dim / body.displacement.ndof

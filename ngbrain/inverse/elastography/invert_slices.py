@@ -109,7 +109,7 @@ def slices_of(data: WaveData, axis: int) -> list[tuple[Array, WaveData]]:
     return found
 
 
-def _of_slice(invert: Callable[..., Inversion], one: WaveData, *, callback: parallel.Callback) -> Inversion:
+def _invert_slice(invert: Callable[..., Inversion], one: WaveData, *, callback: parallel.Callback) -> Inversion:
     """Without the final state, which belongs to one process."""
     return replace(invert(one, callback=callback), final_state=None)
 
@@ -146,7 +146,7 @@ def invert_slices(
     u[:, :, unmeasured] = np.nan
     parts = slices_of(data, axis)
     tasks = [
-        parallel.Task(f"slice {number} of {len(parts)}", _of_slice, (invert, one))
+        parallel.Task(f"slice {number} of {len(parts)}", _invert_slice, (invert, one))
         for number, (_, one) in enumerate(parts, 1)
     ]
     each: list[Inversion] = list(
@@ -163,12 +163,12 @@ def invert_slices(
         # Relative to the slab's rms, not the slice's.
         share = float(np.mean(found.data.rms / data.rms[:, :, [axis]]))
         noise[own] = share * np.broadcast_to(np.asarray(found.noise), len(own))
-    oss, snr = (_joined([getattr(found.strain, name) for found in each], whole, n) for name in ("oss", "snr"))
+    oss, snr = (_join_slices([getattr(found.strain, name) for found in each], whole, n) for name in ("oss", "snr"))
     strain = OctahedralShearStrain(oss, snr)
     predicted = np.full(data.displacement.shape, np.nan, complex)
     for own, found in zip(whole, each, strict=True):
         predicted[:, own, axis] = found.predicted[:, :, 0]
-    maps = {name: _joined([found.maps[name] for found in each], whole, n) for name in first.maps}
+    maps = {name: _join_slices([found.maps[name] for found in each], whole, n) for name in first.maps}
     row = StartResult(
         "slices",
         maps,
@@ -218,7 +218,7 @@ def invert_slices(
         checks={name: value for name, value in checks.items() if value is not None},
         strain=strain,
         stated=float(np.sqrt(np.mean([found.stated**2 for found in each]))),
-        warnings=[_of_slices(axis, len(each), through), *_common([found.warnings for found in each])],
+        warnings=[_slices_note(axis, len(each), through), *_merge_notes([found.warnings for found in each])],
         status=convergence_status(row.converged),
     )
 
@@ -267,7 +267,7 @@ def share_through(data: WaveData, axis: int, maps: dict[str, Array]) -> float | 
     return float(np.mean([max(t, 0.0) / (max(t, 0.0) + a) for t, a in zip(through, along, strict=True)]))
 
 
-def _joined(values: list[Array], whole: list[Array], n: int) -> Array:
+def _join_slices(values: list[Array], whole: list[Array], n: int) -> Array:
     """(…, n) from (…, points of a slice) each; NaN where there is no slice."""
     joined = np.full((*values[0].shape[:-1], n), np.nan)
     for own, each in zip(whole, values, strict=True):
@@ -275,7 +275,7 @@ def _joined(values: list[Array], whole: list[Array], n: int) -> Array:
     return joined
 
 
-def _of_slices(axis: int, number: int, through: float | None) -> str:
+def _slices_note(axis: int, number: int, through: float | None) -> str:
     words = (
         f"only motion along {'xyz'[axis]} was measured (other components are 0 or missing): {number} slices are inverted one by "
         "one as anti-plane shear, which takes tissue and waves as the same through them"
@@ -286,7 +286,7 @@ def _of_slices(axis: int, number: int, through: float | None) -> str:
     return f"{words}; {share}, by which moduli are too large"
 
 
-def _common(notes: list[list[str]]) -> list[str]:
+def _merge_notes(notes: list[list[str]]) -> list[str]:
     """Notes of all slices. Of notes that differ in numbers alone, the first one, with the number of slices that have it."""
     alike: dict[str, list[str]] = {}
     for own in notes:

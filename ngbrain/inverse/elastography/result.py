@@ -57,7 +57,7 @@ class StartResult:
     cpu_s : float
         CPU time, s.
     converged : bool
-        Whether fields and weights settled.
+        Whether fields and weights converged.
     """
 
     name: str

@@ -177,7 +177,7 @@ def estimate(
     fields = ParameterFields(
         theta,
         model.blocks,
-        {name: given.get(name) or _usual(name, theta[block]) for name, block in model.blocks.items()},
+        {name: given.get(name) or _default_unknown(name, theta[block]) for name, block in model.blocks.items()},
     )
     held = {name: regulariser(space, fields.start[fields.blocks[name]]) for name, space in spaces.items()}
     problem = Reduced(model, misfit, fields, held, dict.fromkeys(held, FIRST * misfit.count))
@@ -194,7 +194,7 @@ def _spaces(model: StaticModel | RunModel) -> dict[str, ngs.FESpace]:
     return {name: gfu.space for name, gfu in fields.items() if isinstance(gfu, ngs.GridFunction)}
 
 
-def _usual(name: str, start: Array) -> Unknown:
+def _default_unknown(name: str, start: Array) -> Unknown:
     """Default unknown: positive parameters by their logarithm, others scaled by their size."""
     if np.all(start > 0):
         return Unknown(start, LogTransform())

@@ -59,7 +59,9 @@ def problem_fingerprint(reduced: Reduced) -> dict[str, str]:
         "driven boundary": _hash(model.driven_dofs),
         "frequencies": _hash([wave.frequency for wave in model.body.waves]),
         "unknowns or their start": _hash_of_computed(" ".join(unknowns.blocks), [*starts, *known]),
-        "material, density or fibres": _hash_of_computed("", _images(model, theta, np.random.default_rng(1))),
+        "material, density or fibres": _hash_of_computed(
+            "", _operator_products(model, theta, np.random.default_rng(1))
+        ),
         "regularisers": _hash_of_computed(" ".join(sorted(reduced.regularisers)), slopes),
     }
 
@@ -88,13 +90,13 @@ def differing_parts(one: object, other: Mapping[str, str]) -> list[str]:
     return [name for name, value in other.items() if known.get(name) != value]
 
 
-def _images(model: WaveModel, theta: Array, random: np.random.Generator) -> list[Array]:
+def _operator_products(model: WaveModel, theta: Array, random: np.random.Generator) -> list[Array]:
     """A(θ) u for each frequency, then the loads."""
     body = model.body
     u, test = ngs.GridFunction(body.fes), body.fes.TestFunction()
     u.vec.FV().NumPy()[:] = random.normal(size=(2, body.fes.ndof)).T @ [1, 1j]
     images = []
-    with _at(model, theta):
+    with _temporary_fields(model, theta):
         for omega in sorted({wave.omega for wave in body.waves}):
             form = ngs.LinearForm(body.fes)
             form += body.terms(omega, u, test, lambda work: work)
@@ -104,7 +106,7 @@ def _images(model: WaveModel, theta: Array, random: np.random.Generator) -> list
 
 
 @contextmanager
-def _at(model: WaveModel, theta: Array) -> Iterator[None]:
+def _temporary_fields(model: WaveModel, theta: Array) -> Iterator[None]:
     """Set the fields to θ temporarily; an inversion may be in progress."""
     before = {name: field.vec.FV().NumPy().copy() for name, field in model.fields.items()}
     try:

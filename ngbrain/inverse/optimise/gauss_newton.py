@@ -138,9 +138,9 @@ class GaussNewton:
         ConvergenceError
             If no step from `x` lowers J.
         """
-        return self._down(self.reduced.evaluate(x), max_iterations, [])
+        return self._minimise(self.reduced.evaluate(x), max_iterations, [])
 
-    def _down(
+    def _minimise(
         self, point: Point, max_iterations: int, history: list[Iteration], settled: bool = False
     ) -> WaveInversionResult:
         stuck = False

@@ -10,7 +10,7 @@ import json
 import os
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,6 @@ import numpy as np
 from ngbrain.adjoint.reduced import Point, Reduced
 from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError
-from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.sensitivity.harmonic.wave_model import WaveLinearisation
 from ngbrain.inverse.optimise.fingerprint import differing_parts, problem_fingerprint
 from ngbrain.inverse.optimise.gauss_newton import MAX_ITERATIONS, GaussNewton, WaveInversionResult
@@ -115,12 +114,12 @@ class GaussNewtonCG(GaussNewton):
             If there is no checkpoint, if it belongs to another problem (the message says what differs, see
             `fingerprint.problem_fingerprint`), or if `approach` had not ended; then use `from_measured_waves`.
         """
-        x, waves, notes = self._saved()
+        x, waves, notes = self._load_checkpoint()
         if len(waves):
             raise InputError("checkpoint", f"{self.checkpoint}, written before the descent began", "one of a descent")
         history = _history(notes["history"])
         self._ledger.started_s -= history[-1].cpu_s
-        return self._down(self.reduced.evaluate(x), max_iterations - len(history), history, notes["settled"])
+        return self._minimise(self.reduced.evaluate(x), max_iterations - len(history), history, notes["settled"])
 
     def from_measured_waves(
         self, x: Array, waves: Array, approach_iterations: int, max_iterations: int
@@ -146,11 +145,11 @@ class GaussNewtonCG(GaussNewton):
         """
         done, own = list[Iteration](), np.inf
         if self.has_checkpoint:
-            saved, saved_waves, notes = self._saved()
+            saved, saved_waves, notes = self._load_checkpoint()
             if not len(saved_waves):
                 return self.resume(max_iterations)
             x, waves, done, own = saved, saved_waves, _history(notes["done"]), notes["own"]
-        return self._down(self.approach(x, waves, approach_iterations, done, own), max_iterations, [])
+        return self._minimise(self.approach(x, waves, approach_iterations, done, own), max_iterations, [])
 
     def _step(self, x: Array, state: WaveLinearisation, balance: Array | None) -> tuple[NormalEquations, Array, Array]:
         point = Point(self.reduced, x, state)
@@ -251,7 +250,7 @@ class GaussNewtonCG(GaussNewton):
 
         atomic_write(self.checkpoint, write)
 
-    def _saved(self) -> tuple[Array, Array, dict[str, Any]]:
+    def _load_checkpoint(self) -> tuple[Array, Array, dict[str, Any]]:
         """x, waves (empty during a descent) and notes of the checkpoint; its weights and search directions are restored."""
         wanted = "a checkpoint that an inversion has written"
         if self.checkpoint is None or not self.has_checkpoint:
@@ -276,42 +275,3 @@ class GaussNewtonCG(GaussNewton):
 
 def _history(entries: Sequence[dict[str, Any]]) -> list[Iteration]:
     return [Iteration(**entry) for entry in entries]
-
-
-@dataclass(frozen=True)
-class SolverCost:
-    """Estimated cost of one factorisation and of its solves.
-
-    Parameters
-    ----------
-    unknowns : int
-        Complex unknowns of one wave.
-    memory_gib : float
-        Memory of the factor (GiB).
-    factor_s : float
-        CPU time of a factorisation (s).
-    solve_s : float
-        CPU time of a back-substitution (s).
-    """
-
-    unknowns: int
-    memory_gib: float
-    factor_s: float
-    solve_s: float
-
-
-def estimate_solver_cost(body: HarmonicProblem) -> SolverCost:
-    """Estimate the cost of factorising the wave operator of a body, extrapolated from head meshes with P2 elements.
-
-    The estimate is right within a factor of two or three. Measured on one core: 20 million entries, 4.7 s and 0.13 s with 45 000
-    unknowns; 143 million entries, 81 s and 0.79 s with 131 000.
-
-    >>> from ngbrain.forward.harmonic.wave import Wave
-    >>> from ngbrain.materials import Shearing
-    >>> from ngbrain.mesh.geometry.structured import rectangles
-    >>> mesh = rectangles(np.linspace(0, 0.1, 4), np.linspace(0, 0.1, 4))
-    >>> estimate_solver_cost(HarmonicProblem(mesh, Shearing(2000 + 800j), [Wave(50.0)], bulk=2e5, form="P2")).unknowns
-    98
-    """
-    n = body.fes.ndof / 131e3
-    return SolverCost(body.fes.ndof, 143e6 * n**1.85 * 16 / 2**30, 81 * n**2.67, 0.79 * n**1.7)

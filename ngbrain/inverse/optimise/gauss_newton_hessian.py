@@ -13,9 +13,9 @@ from ngbrain.errors import InputError, SolverError
 from ngbrain.solvers.krylov import truncated_cg
 
 Array = np.ndarray
-ROUGH, MOST = 1e-3, 200
+TRACE_RTOL, TRACE_ITERATIONS = 1e-3, 200
 """Relative residual and maximum number of iterations of the solves by which traces are estimated."""
-FORGOTTEN = 2.0
+FORGETTING = 2.0
 """Factor by which an earlier curvature counts less at each new point. Fits of a small constant converge with 2 and with 4, in 16 to
 28 steps; with 16 none does. Four Prony terms take a sixth fewer runs with 2 than with 1.
 """
@@ -51,17 +51,17 @@ class Metric:
         self.matrix, self.free = matrix, free
         self.loose = np.zeros(matrix.shape[0], bool) if free is None else free > 0
         """Mask of the unknowns without a regulariser."""
-        self._factor = _without_pivots(sp.csc_array(matrix), "MMD_AT_PLUS_A")
+        self._factor = _factorise_unpivoted(sp.csc_array(matrix), "MMD_AT_PLUS_A")
         self._order = np.argsort(self._factor.perm_r)
         root = self._factor.L @ sp.diags_array(np.sqrt(self._factor.U.diagonal()))
         self._lower = sp.csr_array(root)
-        self._root = _without_pivots(sp.csc_array(root), "NATURAL")
+        self._root = _factorise_unpivoted(sp.csc_array(root), "NATURAL")
 
     @staticmethod
     def from_point(point: Point, before: Metric | None = None) -> Metric:
         """Metric at a point with the current weights; takes one Hessian product per block without a regulariser.
 
-        For these blocks the largest curvature so far is used, reduced by `FORGOTTEN` at each new point. A parameter that has become
+        For these blocks the largest curvature so far is used, reduced by `FORGETTING` at each new point. A parameter that is
         so small that it has no influence then keeps a bounded step.
 
         Parameters
@@ -98,7 +98,7 @@ class Metric:
                     "unknowns that they depend on, or a regulariser",
                 )
         if before is not None and before.free is not None:
-            free = np.maximum(free, before.free / FORGOTTEN)
+            free = np.maximum(free, before.free / FORGETTING)
         return Metric(sp.csr_array(point.regular_matrix + sp.diags_array(free)), free)
 
     def solve(self, b: Array) -> Array:
@@ -142,7 +142,9 @@ class GaussNewtonHessian:
         """Hessian-vector product H x."""
         return self.point.product(x)
 
-    def solve(self, b: Array, damping: float = 0.0, rtol: float = ROUGH, max_iterations: int = MOST) -> Array:
+    def solve(
+        self, b: Array, damping: float = 0.0, rtol: float = TRACE_RTOL, max_iterations: int = TRACE_ITERATIONS
+    ) -> Array:
         """Approximate (H + damping M)⁻¹ b by truncated conjugate gradients; a truncated step is still a descent direction.
 
         Parameters
@@ -213,7 +215,7 @@ class GaussNewtonHessian:
         return found
 
 
-def _without_pivots(matrix: sp.csc_array, order: str) -> scipy.sparse.linalg.SuperLU:
+def _factorise_unpivoted(matrix: sp.csc_array, order: str) -> scipy.sparse.linalg.SuperLU:
     try:
         return scipy.sparse.linalg.splu(
             matrix, permc_spec=order, diag_pivot_thresh=0.0, options={"SymmetricMode": True, "Equil": False}

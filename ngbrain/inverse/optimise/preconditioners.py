@@ -71,12 +71,12 @@ class BoundaryExtensionPreconditioner:
         sizes = [float(np.exp(np.log(each[each > 0]).mean())) for each in known]
         if self._made is None:
             shares = [each / size for each, size in zip(known, sizes, strict=True)]
-            self._made = _extended(state.model, np.mean(shares, axis=0))
+            self._made = _boundary_extension(state.model, np.mean(shares, axis=0))
         made = self._made
         return [lambda r, size=size: made(r) / size for size in sizes]  # type: ignore[misc]
 
 
-def _extended(model: WaveModel, weight: Array) -> Apply:
+def _boundary_extension(model: WaveModel, weight: Array) -> Apply:
     body, n = model.body, len(model.points)
     seen = evaluation(ngs.H1(body.mesh, order=body.form.order), model.points)
     data = sp.block_diag([w * (seen.T @ seen) for w in weight])
@@ -143,22 +143,13 @@ def diagonal_block_inverses(point: Point, extensions: BoundaryExtensionPrecondit
             regular = reduced.weights[name] * reduced.regularisers[name].matrix(point.x[block])
         inner = jacobian[rows][:, block]
         if name == BOUNDARY:
-            found[name] = _of_boundary(extensions.inverse_blocks(state, weight), inner)  # type: ignore[arg-type]
+            found[name] = _boundary_block(extensions.inverse_blocks(state, weight), inner)  # type: ignore[arg-type]
         else:
-            found[name] = _of_field(state, name, density, inner, regular)  # type: ignore[arg-type]
+            found[name] = _field_block(state, name, density, inner, regular)  # type: ignore[arg-type]
     return found
 
 
-def regulariser_preconditioners(point: Point) -> dict[str, Apply]:
-    """Preconditioners from the regularisers alone, for comparison with `diagonal_block_inverses`."""
-    found: dict[str, Apply] = {}
-    for name, block in point.reduced.unknowns.blocks.items():
-        matrix = point.reduced.weights[name] * point.reduced.regularisers[name].matrix(point.x[block])
-        found[name] = factorise_quasidefinite(sp.csc_array(matrix)).solve
-    return found
-
-
-def _of_field(
+def _field_block(
     state: WaveLinearisation, name: str, density: list[ngs.GridFunction], inner: sp.csr_array, regular: sp.csr_array
 ) -> Apply:
     model, body = state.model, state.model.body
@@ -176,15 +167,15 @@ def _of_field(
             * density[k]
         )
         wave_number = wave_number + wave.omega**2 * body.density / stiffness / len(body.waves)
-    weighted = _assembled(space, body, ngs.sqrt(squared) * trial * test) @ inner
-    S = _assembled(space, body, ngs.InnerProduct(ngs.Grad(trial), ngs.Grad(test)) + wave_number * trial * test)
+    weighted = _assemble(space, body, ngs.sqrt(squared) * trial * test) @ inner
+    S = _assemble(space, body, ngs.InnerProduct(ngs.Grad(trial), ngs.Grad(test)) + wave_number * trial * test)
     whole = sp.csc_array(sp.block_array([[regular, weighted.T], [weighted, -S]]))
     factor, size = factorise_quasidefinite(whole), regular.shape[0]
     rest = np.zeros(S.shape[0])
     return lambda r: factor.solve(np.concatenate([r, rest]))[:size]
 
 
-def _of_boundary(loads: list[Apply], inner: sp.csr_array) -> Apply:
+def _boundary_block(loads: list[Apply], inner: sp.csr_array) -> Apply:
     scale = inner.diagonal()  # boundary displacements in their own scale
 
     def apply(r: Array) -> Array:
@@ -239,7 +230,7 @@ def _density(model: WaveModel, weight: Array) -> list[ngs.GridFunction]:
     return found
 
 
-def _assembled(space: ngs.FESpace, body: HarmonicProblem, integrand: ngs.CoefficientFunction) -> sp.csr_array:
+def _assemble(space: ngs.FESpace, body: HarmonicProblem, integrand: ngs.CoefficientFunction) -> sp.csr_array:
     form = ngs.BilinearForm(space)
     form += integrand * ngs.dx(intrules=body.rules)
     form.Assemble()

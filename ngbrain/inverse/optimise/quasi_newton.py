@@ -86,7 +86,7 @@ def bfgs(
     True
     """
     return _OuterLoop(reduced, policy, callback, seed, "bfgs").run(
-        x, lambda objective: _dense(objective, max_inner_iterations), max_iterations
+        x, lambda objective: _dense_bfgs(objective, max_inner_iterations), max_iterations
     )
 
 
@@ -267,7 +267,7 @@ def _scipy(objective: _WhitenedObjective, method: str, options: dict[str, float]
     return np.asarray(found.x)
 
 
-def _dense(objective: _WhitenedObjective, max_inner_iterations: int) -> Array:
+def _dense_bfgs(objective: _WhitenedObjective, max_inner_iterations: int) -> Array:
     xi = np.zeros(len(objective.origin))
     if objective.has_converged(objective.value(xi)[1]):
         return xi
@@ -304,7 +304,7 @@ def bfgs_iterations(function: Callable[[Array], tuple[float, Array]], x: Array) 
     inverse, number = np.eye(len(x)), 0
     while float(slope @ slope) > UNDERFLOW:
         direction = -(inverse @ slope) if number else -slope * min(1.0, 1 / float(np.abs(slope).max()))
-        found = line_search(partial(_along, function, x, direction), value, slope, direction)
+        found = line_search(partial(_along_direction, function, x, direction), value, slope, direction)
         if found is None:
             return
         step, value, new = found
@@ -316,7 +316,7 @@ def bfgs_iterations(function: Callable[[Array], tuple[float, Array]], x: Array) 
         yield number, x, value
 
 
-def _along(
+def _along_direction(
     function: Callable[[Array], tuple[float, Array]], x: Array, direction: Array, step: float
 ) -> tuple[float, Array]:
     return function(x + step * direction)

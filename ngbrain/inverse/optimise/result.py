@@ -73,7 +73,7 @@ class Iteration:
     def __str__(self) -> str:
         """Progress message."""
         start = {"waves": "measured waves", "fields": "descent"}.get(self.phase, self.phase)
-        return f"{start}: misfit {self.ratio:.3g} times what is expected"
+        return f"{start}: misfit {self.ratio:.3g} times its expected value"
 
 
 @dataclass(repr=False, eq=False)
@@ -110,7 +110,7 @@ class OptimisationResult(Result):
     @property
     def headline(self) -> str:
         """Summary by the misfit."""
-        return f"{len(self.x)} unknowns, misfit {self.level.ratio:.3g} times what is expected"
+        return f"{len(self.x)} unknowns, misfit {self.level.ratio:.3g} times its expected value"
 
     @property
     def statistics(self) -> dict[str, float]:

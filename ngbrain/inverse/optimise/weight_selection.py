@@ -166,9 +166,9 @@ class LCurve(WeightSelection):
             raise ConvergenceError("an L-curve of fewer than three points has no corner: try another weight")
         chosen = ends[l_curve_corner(np.array(misfits), np.array(energies))]
         reduced.weights = dict(chosen.weights)
-        return self._settled(reduced, chosen, callback)
+        return self._refine_corner(reduced, chosen, callback)
 
-    def _settled(self, reduced: Reduced, chosen: OptimisationResult, callback: Callback) -> OptimisationResult:
+    def _refine_corner(self, reduced: Reduced, chosen: OptimisationResult, callback: Callback) -> OptimisationResult:
         try:
             return GaussNewton(reduced, FixedWeights(), callback).descend(chosen.x, self.max_iterations)
         except ConvergenceError:  # already a minimum

@@ -57,16 +57,14 @@ def mark_driven_boundary(data: WaveData, mesh: ngs.Mesh) -> tuple[ngs.Mesh, str]
     """
     corners, flags = _corners(mesh), data.dirichlet
     if np.any(outside := flags & ~data.mask):
-        found = (
-            f"true at {int(outside.sum())} points outside of the mask, the first at {_place(data.points[outside][0])}"
-        )
+        found = f"true at {int(outside.sum())} points outside of the mask, the first at {_point_text(data.points[outside][0])}"
         raise InputError("dirichlet", found, "true at points of the mask's border alone, or None for all of them")
     inside = flags & ~data.border
     if data.grid is None and inside.any():  # borders of holes are not part of the hull
         vertices, size = KDTree(corners.reshape(-1, data.dim)), float(np.ptp(data.points))
         inside &= vertices.query(data.points)[0] > ON * size
     if inside.any():
-        found = f"true at {int(inside.sum())} points inside, the first at {_place(data.points[inside][0])}"
+        found = f"true at {int(inside.sum())} points inside, the first at {_point_text(data.points[inside][0])}"
         raise InputError("dirichlet", found, "true at points of the border alone: none inside can drive the body")
     border = data.border | flags
     if flags[border].all():
@@ -74,10 +72,8 @@ def mark_driven_boundary(data: WaveData, mesh: ngs.Mesh) -> tuple[ngs.Mesh, str]
     near, close = _nearest(data, corners, np.flatnonzero(border))
     free = close & ~flags[near]
     driven = free.mean(axis=1) < 0.5
-    if np.any(lost := _lost(near, flags, driven)):
-        found = (
-            f"true at {int(lost.sum())} points with too few beside them, the first at {_place(data.points[lost][0])}"
-        )
+    if np.any(lost := _isolated_flags(near, flags, driven)):
+        found = f"true at {int(lost.sum())} points with too few beside them, the first at {_point_text(data.points[lost][0])}"
         raise InputError("dirichlet", found, "true at points that are nearest to most of an element's side, or more")
     if not driven.any():
         raise InputError("dirichlet", "false at all the border", "some part of it that is driven as measured")
@@ -124,7 +120,7 @@ def _nearest(data: WaveData, corners: Array, among: Array) -> tuple[Array, Array
     return among[near], distance < NEAR
 
 
-def _lost(near: Array, flags: Array, driven: Array) -> Array:
+def _isolated_flags(near: Array, flags: Array, driven: Array) -> Array:
     """Flagged points (n,) on free sides that no other flagged points connect with a driven side."""
     sides, n = len(near), len(flags)
     i, k = np.nonzero(flags[near])
@@ -136,5 +132,5 @@ def _lost(near: Array, flags: Array, driven: Array) -> Array:
     return lost
 
 
-def _place(point: Array) -> str:
+def _point_text(point: Array) -> str:
     return "(" + ", ".join(f"{1e3 * x:.4g}" for x in point) + ") mm"

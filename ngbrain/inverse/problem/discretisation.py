@@ -135,7 +135,7 @@ def discretise(data: WaveData, order: int = 3) -> Discretisation:
         if is_tracked(data) and fewer != number:
             return lattice_discretisation(data, lattice_of_shape(data, fewer, form), 1)
         return lattice_discretisation(data, lattice_of_shape(data, number, form))
-    mesh, inside = _between(data.points, data.mask)
+    mesh, inside = _triangulate(data.points, data.mask)
     mesh, driven = mark_driven_boundary(data, mesh)
     return Discretisation(mesh, element_form(data, LOW), 1, None, inside, driven_boundaries=driven)
 
@@ -213,7 +213,7 @@ def measures_all_components(data: WaveData) -> bool:
     return bool(np.isfinite(data.displacement[:, data.mask]).any(axis=1).all())
 
 
-def _between(points: Array, mask: Array) -> tuple[ngs.Mesh, Array]:
+def _triangulate(points: Array, mask: Array) -> tuple[ngs.Mesh, Array]:
     """Triangulate the points of a mask without long and sharp triangles; also return which points are in the mesh."""
     chosen = np.flatnonzero(mask)
     at = points[chosen]

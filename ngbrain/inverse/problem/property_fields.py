@@ -176,7 +176,7 @@ def discretise_volume(data: WaveData, labelled: bool) -> Discretisation:
     Discretisation
         The elements.
     """
-    return _with(discretise(data), labelled)
+    return _with_field_order(discretise(data), labelled)
 
 
 def discretise_lattice(data: WaveData, cells: VoxelLattice, labelled: bool) -> Discretisation:
@@ -196,10 +196,10 @@ def discretise_lattice(data: WaveData, cells: VoxelLattice, labelled: bool) -> D
     Discretisation
         The elements.
     """
-    return _with(lattice_discretisation(data, cells), labelled)
+    return _with_field_order(lattice_discretisation(data, cells), labelled)
 
 
-def _with(elements: Discretisation, labelled: bool) -> Discretisation:
+def _with_field_order(elements: Discretisation, labelled: bool) -> Discretisation:
     return replace(elements, field_order=1) if labelled else elements
 
 

@@ -117,7 +117,7 @@ class ElastographyProblem:
         )
         self.model = WaveModel(self.body, self._fields, data.points[self.inside])
         self.measured = data.displacement[:, self.inside]
-        self.waves = self._in_elements()
+        self.waves = self._waves_in_elements()
         self._made_from = data, elements, self.properties, self.composition, device
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -248,7 +248,7 @@ class ElastographyProblem:
         data, value = self.data, self.values
         if data.motion == "anti_plane":
             G = data.shear_of(value["youngs"]) if "youngs" in value else value["storage"] + 1j * value["loss"]
-            return self._dispersing(_complex(G)), None
+            return self._dispersive_shear(_complex(G)), None
         if "youngs" in value:
             E = value["youngs"]
             bulk = data.bulk if data.poisson is None else E / (3 * (1 - 2 * data.poisson))
@@ -258,12 +258,12 @@ class ElastographyProblem:
         if data.poisson is not None:
             bulk = 2 * (1 + data.poisson) / (3 * (1 - 2 * data.poisson)) * G
         if data.symmetry == "isotropic":
-            return self._dispersing(G), bulk
+            return self._dispersive_shear(G), bulk
         # Cached: derivatives need not differentiate it. Else it is evaluated for each pair of trial and test function.
         fibre = ngs.CacheCF(self._fibre())
         return TransverselyIsotropic(G, value["zeta"], value["phi"], fibre), bulk
 
-    def _dispersing(self, G: CoefficientFunction) -> LawOfFrequency:
+    def _dispersive_shear(self, G: CoefficientFunction) -> LawOfFrequency:
         """Shear alone: G at the lowest frequency, and G (ω/ω₀)^a where an exponent a is unknown."""
         if EXPONENT not in self.values:
             return Shearing(G)
@@ -279,7 +279,7 @@ class ElastographyProblem:
         if np.ptp(fibre, axis=0).max() < 1e-12:
             return ngs.CF(tuple(float(a) for a in fibre[0]))
         if self.data.dim == 2:
-            return self._turning(fibre[self.inside])
+            return self._smooth_fibre(fibre[self.inside])
         # Directions have no sign, so they are not averaged: each element takes the nearest point's direction.
         space = ngs.VectorL2(self.elements.mesh, order=0)
         field = ngs.GridFunction(space)
@@ -293,7 +293,7 @@ class ElastographyProblem:
         field.vec.FV().NumPy()[:] = fibre[self.inside][nearest].T.ravel()
         return field / ngs.Norm(field)
 
-    def _turning(self, fibre: Array) -> CoefficientFunction:
+    def _smooth_fibre(self, fibre: Array) -> CoefficientFunction:
         """Fibre directions in the plane, from a least-squares fit of twice their angle.
 
         Twice the angle has no sign ambiguity. Piecewise constant directions would count as noise.
@@ -314,7 +314,7 @@ class ElastographyProblem:
         normal = scipy.sparse.linalg.splu(sp.csc_array(at.T @ at + HELD * sp.eye_array(self.space.ndof)))
         return lambda values: normal.solve(at.T @ values)
 
-    def _in_elements(self) -> Array:
+    def _waves_in_elements(self) -> Array:
         """Measured waves in the elements' unknowns: nodal values on the data's own grid, else fitted with a smooth field."""
         complete = not np.isnan(self.measured).any()
         ndof, space = self.body.fes.ndof, ngs.H1(self.elements.mesh, order=self.body.form.order)
@@ -329,7 +329,7 @@ class ElastographyProblem:
             raise InputError("displacement", "of which one component alone is measured", wanted)
         beyond = self.data.grid is not None and not self.data.mask.all()  # elements reach out of a mask
         if self.data.dim == 3 or not every or beyond:
-            return self._extended()
+            return self._fit_with_elastic_energy()
         at = _samples(self.elements.mesh, self.body.form.order)
         guess = np.nan_to_num(_smooth(self.data).values(at))
         there, here = evaluation(space, at), evaluation(space, self.model.points)
@@ -343,7 +343,7 @@ class ElastographyProblem:
                 waves[k, i * space.ndof : (i + 1) * space.ndof] = solve(b.real) + 1j * solve(b.imag)
         return waves
 
-    def _extended(self) -> Array:
+    def _fit_with_elastic_energy(self) -> Array:
         """Fit the measured waves by least squares, regularised by elastic energy.
 
         The energy defines the waves where elements reach out of the data or a component is missing.

@@ -127,7 +127,7 @@ def invert_by_subzones(
     >>> bool(abs(np.median(found.maps["storage"]) / 4000 - 1) < 0.03), found.model["zones"]
     (True, 2)
     """
-    _checked(data, size, overlap)
+    _check_lengths(data, size, overlap)
     for name, value, least in (("passes", passes, 0), ("max_iterations", max_iterations, 1)):
         if value < least:
             raise InputError(name, value, f"at least {least}")
@@ -139,7 +139,7 @@ def invert_by_subzones(
     check_passive(data)
     level, note = noise_level(data, noise)
     cells = build_lattice(data, element_form(data))
-    zones = cut_zones(data, cells, *_in_cells(data, cells, size, overlap))
+    zones = cut_zones(data, cells, *_sizes_in_cells(data, cells, size, overlap))
     if not zones:
         raise InputError("mask", "of small pieces alone", f"one of more than {FEWEST} points that touch")
     sure = total_noise(level, LEAST)
@@ -148,9 +148,9 @@ def invert_by_subzones(
     )
     parts = [(*zone_data(data, zone, sure), zone.cells) for zone in zones]
     names = [f"zone {i + 1} of {len(zones)}" for i in range(len(zones))]
-    hear = _hearing(callback)
+    hear = _forward_iterations(callback)
     tasks: list[parallel.Task] = [
-        parallel.Task(name, _alone, (name, own, box, common), memory=_memory(data, box))
+        parallel.Task(name, _invert_independent, (name, own, box, common), memory=_memory(data, box))
         for name, (own, _, box) in zip(names, parts, strict=True)
     ]
     rough = [Roughness(zone.cells, data.points[zone.points]) for zone in zones]
@@ -159,9 +159,9 @@ def invert_by_subzones(
         last = found[-1]
         tasks = []
         for name, zone, result, (own, chosen, box) in zip(names, zones, last.results, parts, strict=True):
-            around = _around(last, zone.points, zone.share, own, chosen)
+            around = _neighbourhood(last, zone.points, zone.share, own, chosen)
             args = (f"{name}, pass {i + 1}", own, box, around, result, common)
-            tasks.append(parallel.Task(name, _among, args, memory=_memory(data, box)))
+            tasks.append(parallel.Task(name, _invert_with_neighbours, args, memory=_memory(data, box)))
         found.append(
             MergedZones(data, zones, rough, list(parallel.run(tasks, executor, callback=hear).values()), found[0])
         )
@@ -253,7 +253,7 @@ class ZoneSettings:
             raise SolverError(f"{name}: {said}") from error
 
 
-def _alone(
+def _invert_independent(
     name: str, data: WaveSubset, cells: VoxelLattice, common: ZoneSettings, *, callback: parallel.Callback
 ) -> ZoneResult:
     def invert(checkpoint: Path | None) -> ZoneResult:
@@ -265,14 +265,14 @@ def _alone(
             max_iterations=common.max_iterations,
             checkpoint=checkpoint,
             drop_outliers=False,  # gross errors are judged by all data
-            callback=_named(name, callback),
+            callback=_with_zone_name(name, callback),
         )
         return ZoneResult.from_inversion(found)
 
     return common.load_or_invert(name, problem_digest(data, cells, replace(common, folder=None)), invert)
 
 
-def _among(
+def _invert_with_neighbours(
     name: str,
     data: WaveSubset,
     cells: VoxelLattice,
@@ -295,7 +295,7 @@ def _among(
                 max_iterations=common.max_iterations,
                 solves=solves,
                 checkpoint=checkpoint,
-                callback=_named(name, callback),
+                callback=_with_zone_name(name, callback),
             )
         except ConvergenceError:  # no step lowers J: the result stays
             return replace(before, solves=solves)
@@ -304,7 +304,7 @@ def _among(
     return common.load_or_invert(name, problem_digest(data, cells, replace(common, folder=None), around.digest), invert)
 
 
-def _around(last: MergedZones, points: Array, share: Array, own: WaveSubset, chosen: Array) -> Neighbourhood:
+def _neighbourhood(last: MergedZones, points: Array, share: Array, own: WaveSubset, chosen: Array) -> Neighbourhood:
     """Prior information for a zone from the last pass; `points` are the zone's, `chosen` those of its data."""
     foreign = np.zeros(len(last.data.points))
     foreign[points] = 1 - share
@@ -320,15 +320,15 @@ def _around(last: MergedZones, points: Array, share: Array, own: WaveSubset, cho
     )
 
 
-def _named(name: str, callback: parallel.Callback) -> Callable[[Iteration], None]:
+def _with_zone_name(name: str, callback: parallel.Callback) -> Callable[[Iteration], None]:
     return lambda iteration: callback(replace(iteration, phase=name))
 
 
-def _hearing(callback: Callable[[Iteration], None]) -> parallel.Callback:
+def _forward_iterations(callback: Callable[[Iteration], None]) -> parallel.Callback:
     return lambda iteration: callback(iteration)
 
 
-def _checked(data: WaveData, size: float | None, overlap: float | None) -> None:
+def _check_lengths(data: WaveData, size: float | None, overlap: float | None) -> None:
     if data.dim != 3:
         raise InputError("points", "in the plane", "points in space; `invert` takes those in the plane")
     for name, value in (("size", size), ("overlap", overlap)):
@@ -338,7 +338,9 @@ def _checked(data: WaveData, size: float | None, overlap: float | None) -> None:
         raise InputError("size or overlap", "not given", "lengths in m: quasi-static data have no wavelength")
 
 
-def _in_cells(data: WaveData, cells: VoxelLattice, size: float | None, overlap: float | None) -> tuple[Array, Array]:
+def _sizes_in_cells(
+    data: WaveData, cells: VoxelLattice, size: float | None, overlap: float | None
+) -> tuple[Array, Array]:
     """Size and overlap (dim,) in whole cells.
 
     A given size is not exceeded. Other lengths are rounded, an overlap to one cell at least.

@@ -74,7 +74,9 @@ class MergedZones:
     @cached_property
     def logarithms(self) -> dict[str, Array]:
         """Property → joined ln(value - lower bound) (n,), NaN where no zone has one."""
-        return {name: merge_values(self.zones, each, len(self.data.points)) for name, each in self._own.items()}
+        return {
+            name: merge_values(self.zones, each, len(self.data.points)) for name, each in self._own_logarithms.items()
+        }
 
     @cached_property
     def maps(self) -> dict[str, Array]:
@@ -106,7 +108,7 @@ class MergedZones:
     def disagreement(self) -> dict[str, float]:
         """Property → rms difference of two zones' logarithms where they overlap."""
         n = len(self.data.points)
-        return {name: disagreement(self.zones, values, n) for name, values in self._own.items()}
+        return {name: disagreement(self.zones, values, n) for name, values in self._own_logarithms.items()}
 
     @cached_property
     def weights(self) -> dict[str, float]:
@@ -204,7 +206,7 @@ class MergedZones:
         return float(np.sqrt(np.sum(weights * values**2) / weights.sum()))
 
     @cached_property
-    def _own(self) -> dict[str, list[Array]]:
+    def _own_logarithms(self) -> dict[str, list[Array]]:
         return {name: [self._logarithm(result, name) for result in self.results] for name in self._floors}
 
     def _logarithm(self, result: ZoneResult, quantity: str) -> Array:
@@ -262,7 +264,7 @@ def merge_inversion(
     )
     body = global_misfit(data, cells, last.logarithms, last.waves, noise, labelled, solves)
     of_plane, combined = fibre_notes(data, last.maps)
-    notes = [*notes, *_of_zones(found, level), *misfit_notes(level.ratio, rms_noise(data, noise), floor)]
+    notes = [*notes, *_zone_notes(found, level), *misfit_notes(level.ratio, rms_noise(data, noise), floor)]
     notes += [
         *poorly_determined_notes(last.determined),
         *of_plane,
@@ -318,7 +320,7 @@ def merge_inversion(
     )
 
 
-def _of_zones(found: Sequence[MergedZones], level: MisfitLevel) -> list[str]:
+def _zone_notes(found: Sequence[MergedZones], level: MisfitLevel) -> list[str]:
     last, notes = found[-1], []
     far = {name: off for name, off in last.disagreement.items() if off > APART}
     if far:
@@ -331,8 +333,8 @@ def _of_zones(found: Sequence[MergedZones], level: MisfitLevel) -> list[str]:
     going = sum(not result.converged for result in last.results)
     if going:
         notes.append(
-            f"{going} of {len(last.results)} zones stopped before fields and weights had settled: the misfit of all is "
-            f"{level.misfit:.4g}, expected are {level.expected:.4g}"
+            f"{going} of {len(last.results)} zones stopped before fields and weights converged: the total misfit is "
+            f"{level.misfit:.4g}, its expected value {level.expected:.4g}"
         )
     return notes
 

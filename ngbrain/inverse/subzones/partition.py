@@ -96,8 +96,10 @@ def cut_zones(
         near = box.contains(at)
         near[near] = _in_large_pieces(points[near], touching)
         if near.any():
-            zones.append(Zone(numbers[near], box.shares(at[near], np.asarray(overlap)), _seen(cells, box, at[near])))
-    return _normed(zones, len(data.points))
+            zones.append(
+                Zone(numbers[near], box.shares(at[near], np.asarray(overlap)), _crop_lattice(cells, box, at[near]))
+            )
+    return _normalise_shares(zones, len(data.points))
 
 
 def zone_data(data: WaveData, zone: Zone, noise: RelativeNoise | None = None) -> tuple[WaveSubset, Array]:
@@ -299,7 +301,7 @@ def _boxes(at: Array, box: ZoneBox, size: Array, overlap: Array) -> list[ZoneBox
     return _boxes(at, left, size, overlap) + _boxes(at, right, size, overlap)
 
 
-def _seen(cells: VoxelLattice, box: ZoneBox, at: Array) -> VoxelLattice:
+def _crop_lattice(cells: VoxelLattice, box: ZoneBox, at: Array) -> VoxelLattice:
     """The box's part of a lattice, without cells that contain no point of `at` (n, dim)."""
     part = cells.crop(box.first, box.end)
     edges = [np.arange(n + 1) for n in part.cells.shape]
@@ -315,7 +317,7 @@ def _in_large_pieces(points: Array, reach: float) -> Array:
     return np.bincount(piece)[piece] > FEWEST
 
 
-def _normed(zones: list[Zone], n: int) -> list[Zone]:
+def _normalise_shares(zones: list[Zone], n: int) -> list[Zone]:
     total = np.zeros(n)
     for zone in zones:
         total[zone.points] += zone.share

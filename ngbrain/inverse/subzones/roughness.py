@@ -61,11 +61,11 @@ class Roughness:
         if not known.any():
             return LEAST
         at = self._at[known]
-        slope = ngs.Grad(self._through(at, values[self._inside][known]))
-        counts = 1.0 if share is None else self._through(at, share[self._inside][known])
+        slope = ngs.Grad(self._fit_field(at, values[self._inside][known]))
+        counts = 1.0 if share is None else self._fit_field(at, share[self._inside][known])
         return LEAST + float(ngs.Integrate(counts * slope * slope, self._mesh))
 
-    def _through(self, at: sp.csr_array, values: Array) -> ngs.GridFunction:
+    def _fit_field(self, at: sp.csr_array, values: Array) -> ngs.GridFunction:
         """Fit a field to these values; it is smooth where there is none."""
         found = ngs.GridFunction(self._space)
         found.Set(float(np.mean(values)))

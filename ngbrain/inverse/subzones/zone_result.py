@@ -40,7 +40,7 @@ class ZoneResult:
     value : float
         Objective J.
     converged : bool
-        Whether fields and weights settled.
+        Whether fields and weights converged.
     form : str
         Element pair.
     numbers : dict of str to int

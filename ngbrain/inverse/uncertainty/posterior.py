@@ -208,7 +208,9 @@ class Posterior:
         x[self._held], x[self._loose] = v, -self._response @ v
         parts = v * (self.regular @ v)
         return InformedDirection(
-            float(self.eigenvalues[i]), x, {name: float(parts[self._of(name)].sum()) for name in self.regularised}
+            float(self.eigenvalues[i]),
+            x,
+            {name: float(parts[self._block_mask(name)].sum()) for name in self.regularised},
         )
 
     @property
@@ -216,7 +218,10 @@ class Posterior:
         """Effective number of parameters of each regularised block, n - tr(R_b C_bb), from the known eigenvalues."""
         vectors = self._vectors()
         parts = vectors * (self.regular @ vectors)
-        return {name: float(parts[self._of(name)].sum(axis=0) @ self.variance_reduction) for name in self.regularised}
+        return {
+            name: float(parts[self._block_mask(name)].sum(axis=0) @ self.variance_reduction)
+            for name in self.regularised
+        }
 
     @cached_property
     def remaining_variance(self) -> dict[str, float]:
@@ -257,7 +262,7 @@ class Posterior:
         if rows.shape[1] != len(self.x):
             raise InputError("rows", f"of {rows.shape[1]} columns", f"{len(self.x)}, one for each unknown")
         if rows.shape[0] > EXACT:
-            return np.mean([np.mean((rows @ off.T) ** 2, axis=1) for off in self._offs(DRAWS)], axis=0)
+            return np.mean([np.mean((rows @ off.T) ** 2, axis=1) for off in self._draw_deviations(DRAWS)], axis=0)
         starts = range(0, rows.shape[0], BATCH)
         return np.concatenate([self._variance(rows[i : i + BATCH]) for i in starts] or [np.empty(0)])
 
@@ -389,9 +394,7 @@ class Posterior:
         if executor in (None, 1):
             value, *values = (function(self.unknowns.theta(x)) for x in every)
         else:
-            tasks = [
-                parallel.Task(f"draw {i}", _called, (function, self.unknowns.theta(x))) for i, x in enumerate(every)
-            ]
+            tasks = [parallel.Task(f"draw {i}", _call, (function, self.unknowns.theta(x))) for i, x in enumerate(every)]
             value, *values = parallel.run(tasks, executor).values()
         return CredibleInterval.from_samples(value, np.array(values), level)
 
@@ -425,7 +428,7 @@ class Posterior:
             variance += np.sum(white**2, axis=0) - self.variance_reduction @ (self._white.T @ white) ** 2
         return variance
 
-    def _offs(self, number: int) -> Iterator[Array]:
+    def _draw_deviations(self, number: int) -> Iterator[Array]:
         """Draws less x*, in batches."""
         for seed, start in enumerate(range(0, number, BATCH)):
             yield self.draws(min(BATCH, number - start), seed) - self.x
@@ -436,15 +439,15 @@ class Posterior:
 
     def block_indices(self, name: str) -> Array:
         """Indices of a regularised block among all regularised unknowns."""
-        return np.flatnonzero(self._of(name))
+        return np.flatnonzero(self._block_mask(name))
 
-    def _of(self, name: str) -> Array:
+    def _block_mask(self, name: str) -> Array:
         """Mask of a regularised block among all regularised unknowns."""
         block = self.blocks[name]
         return (self._held >= block.start) & (self._held < block.stop)
 
 
-def _called(function: Callable[[Array], float | Array], theta: Array, *, callback: parallel.Callback) -> float | Array:
+def _call(function: Callable[[Array], float | Array], theta: Array, *, callback: parallel.Callback) -> float | Array:
     return function(theta)
 
 

@@ -59,10 +59,10 @@ def eigenpairs(
     basis, images = np.empty((size, 0)), np.empty((size, 0))
     number = 0
     while basis.shape[1] < min(size, number + OVERSAMPLING):
-        new = _times(apply, random.normal(size=(size, min(BLOCK, size - basis.shape[1]))))
+        new = _apply_to_columns(apply, random.normal(size=(size, min(BLOCK, size - basis.shape[1]))))
         for _ in range(2):  # one pass leaves round-off of the large eigenvalues
             new = np.linalg.qr(new - basis @ (basis.T @ new))[0]
-        basis, images = np.hstack([basis, new]), np.hstack([images, _times(apply, new)])
+        basis, images = np.hstack([basis, new]), np.hstack([images, _apply_to_columns(apply, new)])
         root = _root(basis, images)
         number = int(np.sum(np.linalg.eigvalsh(root.T @ (images.T @ images) @ root) > min_eigenvalue))
     if not size:
@@ -80,5 +80,5 @@ def _root(basis: Array, images: Array) -> Array:
     return np.asarray(turned[:, there] / np.sqrt(middle[there]))
 
 
-def _times(apply: Callable[[Array], Array], columns: Array) -> Array:
+def _apply_to_columns(apply: Callable[[Array], Array], columns: Array) -> Array:
     return np.stack([apply(column) for column in columns.T], axis=1)

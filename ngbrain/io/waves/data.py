@@ -171,7 +171,7 @@ class WaveData(NotebookCard):
             self._set(motion=self.motion or "in_plane")
         if self.motion == "anti_plane" and self.symmetry != "isotropic":
             raise InputError(
-                "symmetry", self.symmetry, "isotropic: motion through one plane tells too little of fibres"
+                "symmetry", self.symmetry, "isotropic: anti-plane motion does not determine the anisotropy"
             )
 
     def _check_displacement(self) -> None:

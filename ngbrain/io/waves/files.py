@@ -88,7 +88,7 @@ def read_waves(path: str | os.PathLike[str]) -> WaveData:
     """
     path = Path(path)
     with file_context(path):
-        keys = _kind(path)[0](path)
+        keys = _format_of(path)[0](path)
         for key in keys:
             slip = get_close_matches(key, _KEYS, n=1, cutoff=_ALIKE)
             if key not in _KEYS and slip:
@@ -127,7 +127,7 @@ def write_waves(path: str | os.PathLike[str], data: WaveData) -> None:
     """
     path = Path(path)
     with file_context(path):
-        _kind(path)[1](path, data)
+        _format_of(path)[1](path, data)
 
 
 def to_keys(data: WaveData) -> dict[str, Any]:
@@ -146,7 +146,7 @@ def from_keys(keys: Mapping[str, Any]) -> WaveData:
         raise InputError(", ".join(missing), "missing", f"wave data with {', '.join(REQUIRED)} and poisson or bulk")
     if np.ndim(keys["frequency"]) == 0:
         keys["frequency"] = np.atleast_1d(keys["frequency"])
-    fields = {name: _plain(name, keys[name]) for name in (*REQUIRED, *_OPTIONAL) if name in keys}
+    fields = {name: _scalar_or_array(name, keys[name]) for name in (*REQUIRED, *_OPTIONAL) if name in keys}
     fields["element"] = fields.get("element") or None
     if "fibre_angle_deg" in keys:
         if "fibre" in keys:
@@ -160,7 +160,7 @@ def from_keys(keys: Mapping[str, Any]) -> WaveData:
     return data.conjugate() if conjugate.item() else data
 
 
-def _plain(name: str, value: Any) -> Any:
+def _scalar_or_array(name: str, value: Any) -> Any:
     value = np.asarray(value)
     if value.dtype.kind in "SU" and value.ndim == 0:
         return value.item().decode(errors="replace") if value.dtype.kind == "S" else value.item()
@@ -207,7 +207,7 @@ def _no_matlab(path: Path, data: WaveData) -> None:
     raise InputError("data", "to be written as .mat", "another suffix: MATLAB files are read alone")
 
 
-def _sound(read: Callable[[Path], dict[str, Any]]) -> Callable[[Path], dict[str, Any]]:
+def _catch_damage(read: Callable[[Path], dict[str, Any]]) -> Callable[[Path], dict[str, Any]]:
     """The reader, with errors of damaged files turned into `InputError`."""
 
     def reader(path: Path) -> dict[str, Any]:
@@ -223,14 +223,14 @@ def _sound(read: Callable[[Path], dict[str, Any]]) -> Callable[[Path], dict[str,
     return reader
 
 
-def _kind(path: Path) -> tuple[Callable[[Path], Mapping[str, Any]], Callable[[Path, WaveData], None]]:
+def _format_of(path: Path) -> tuple[Callable[[Path], Mapping[str, Any]], Callable[[Path, WaveData], None]]:
     """Reader and writer of a file, by its suffix."""
     if path.suffix == ".npz":
-        return _sound(_read_npz), _write_npz
+        return _catch_damage(_read_npz), _write_npz
     if path.suffix == ".mat":
-        return _sound(read_matlab), _no_matlab
+        return _catch_damage(read_matlab), _no_matlab
     if path.suffix in _HDF5:
-        return _sound(_read_h5), _write_h5
+        return _catch_damage(_read_h5), _write_h5
     if path.name.endswith(NIFTI):
-        return _sound(read_nifti), lambda place, data: write_nifti_waves(place, data, to_keys(data))
+        return _catch_damage(read_nifti), lambda place, data: write_nifti_waves(place, data, to_keys(data))
     raise InputError("data", f"a {path.suffix} file" if path.suffix else "a file without suffix", _WANTED)

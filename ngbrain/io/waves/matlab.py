@@ -12,7 +12,7 @@ import scipy.io
 
 def read_matlab(path: Path) -> dict[str, Any]:
     """Variable → array, number or text; structures, cells and objects are ignored. 1 × 1 becomes a number, 1 × n (n,)."""
-    found = _of_hdf5(path) if h5py.is_hdf5(path) else scipy.io.loadmat(path)
+    found = _read_hdf5(path) if h5py.is_hdf5(path) else scipy.io.loadmat(path)
     return {
         name: _plain(value)
         for name, value in found.items()
@@ -29,7 +29,7 @@ def _plain(value: np.ndarray) -> Any:
     return value
 
 
-def _of_hdf5(path: Path) -> dict[str, np.ndarray]:
+def _read_hdf5(path: Path) -> dict[str, np.ndarray]:
     """Read version 7.3: axes are reversed, complex numbers are pairs, text is character codes."""
     found = {}
     with h5py.File(path, "r") as file:

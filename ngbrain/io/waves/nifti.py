@@ -69,7 +69,7 @@ def read_nifti(path: Path) -> dict[str, Any]:
     n = int(np.prod(shape))
     name = "displacement" if not timed else "phase" if "encoding" in keys else "samples"
     keys[name] = np.moveaxis(u.reshape(n, *u.shape[3:], order="F"), 1, 0)
-    keys["points"] = _places(affine, shape, d)
+    keys["points"] = _voxel_centres(affine, shape, d)
     keys["affine"] = affine
     files = keys.pop("files", {})
     if not isinstance(files, Mapping) or not all(
@@ -179,7 +179,7 @@ def _sidecar(path: Path) -> dict[str, Any]:
     return {name: value for name, value in keys.items() if value is not None}
 
 
-def _places(affine: np.ndarray, shape: tuple[int, ...], d: int) -> np.ndarray:
+def _voxel_centres(affine: np.ndarray, shape: tuple[int, ...], d: int) -> np.ndarray:
     """Voxel centres, (n, d) m."""
     index = np.indices(shape).reshape(3, -1, order="F").T
     if d == 3:

@@ -59,11 +59,11 @@ def samples_to_amplitudes(keys: Mapping[str, Any]) -> dict[str, Any]:
     values = _over_time(name, keys)
     if name == "phase":
         encoding = _encoding(keys, values.shape[2])
-        values = phase_to_displacement(_through_time(values, keys, _counting(found)), encoding)
+        values = phase_to_displacement(_unwrap_in_time(values, keys, _given_mask(found)), encoding)
     found["displacement"], error = first_harmonic(values)
     times = values.shape[-1]
     if times > FEWEST and keys.get("noise") is None:
-        found["noise"] = _relative(found["displacement"], np.sqrt(2 / times) * error, _counting(found))
+        found["noise"] = _relative(found["displacement"], np.sqrt(2 / times) * error, _given_mask(found))
     return found
 
 
@@ -102,7 +102,7 @@ def _encoding(keys: Mapping[str, Any], dim: int) -> np.ndarray:
     return np.broadcast_to(encoding.astype(float), (dim,))[:, None]
 
 
-def _through_time(phase: np.ndarray, keys: Mapping[str, Any], counting: np.ndarray) -> np.ndarray:
+def _unwrap_in_time(phase: np.ndarray, keys: Mapping[str, Any], counting: np.ndarray) -> np.ndarray:
     """Unwrapped phases at the points of the mask; an unmeasured component stays NaN."""
     grid, found = _grid("phase", keys), np.full(phase.shape, np.nan)
     for load, i in np.ndindex(phase.shape[0], phase.shape[2]):
@@ -111,7 +111,7 @@ def _through_time(phase: np.ndarray, keys: Mapping[str, Any], counting: np.ndarr
     return found
 
 
-def _counting(keys: Mapping[str, Any]) -> np.ndarray:
+def _given_mask(keys: Mapping[str, Any]) -> np.ndarray:
     """The mask (n,); an invalid mask is reported by `WaveData`."""
     mask, n = np.asarray(keys.get("mask", True)), len(keys["points"])
     return mask.astype(bool) if mask.shape == (n,) and mask.dtype.kind in "biuf" else np.ones(n, bool)

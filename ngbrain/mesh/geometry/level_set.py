@@ -13,11 +13,11 @@ Points = np.ndarray
 LARGE = 100_000
 """Number of grid points near the outline above which only every second one is used for triangles."""
 LEVELS = 8
-"""Iterations of the local volume correction,"""
+"""Iterations of the local volume correction."""
 STEP = 0.5
-"""largest shift in each (voxels),"""
+"""Largest shift in each of these iterations (voxels)."""
 FAINT = 0.02
-"""and smallest outline area (per voxel) for a full shift."""
+"""Smallest outline area (per voxel) for a full shift."""
 NEWTON = 12
 """Newton steps that project a point onto a level; a smoothed distance has a slope near 1."""
 
@@ -85,9 +85,11 @@ class LevelSet:
         smooth = ndimage.gaussian_filter(distance.astype(np.float32), smoothing / spacing)
         n = int(inner.sum())
         wanted = n if volume is None else min(round(volume / spacing**3), inner.size - 1)
-        smooth -= _level(smooth, wanted)
+        smooth -= _level_of_volume(smooth, wanted)
         if around:
-            smooth = _levelled(smooth, inner.astype(np.float32) * np.float32(wanted / n), wanted, around / spacing)
+            smooth = _match_local_volume(
+                smooth, inner.astype(np.float32) * np.float32(wanted / n), wanted, around / spacing
+            )
         return cls(smooth * np.float32(spacing), origin + (start - pad) * spacing, spacing)
 
     def solid(self) -> LevelSet:
@@ -170,13 +172,13 @@ class LevelSet:
         return np.where(found, s[j - 1] + share * self.spacing / 2, np.nan)
 
 
-def _level(smooth: np.ndarray, n: int) -> np.floating:
+def _level_of_volume(smooth: np.ndarray, n: int) -> np.floating:
     """The level below which there are n voxels."""
     found: np.floating = np.partition(smooth.ravel(), n)[n]
     return found
 
 
-def _levelled(smooth: np.ndarray, inner: np.ndarray, n: int, around: float) -> np.ndarray:
+def _match_local_volume(smooth: np.ndarray, inner: np.ndarray, n: int, around: float) -> np.ndarray:
     """Shift a distance (voxels) locally, so that each neighbourhood has the volume of `inner`, and n voxels are below 0 in all.
 
     Newton's method: missing volume over outline area, both as Gaussian averages.
@@ -187,4 +189,4 @@ def _levelled(smooth: np.ndarray, inner: np.ndarray, n: int, around: float) -> n
         area = ((share > 0) & (share < 1)).astype(np.float32)
         missing = wanted - ndimage.gaussian_filter(share, around)
         smooth = smooth - (missing / (ndimage.gaussian_filter(area, around) + FAINT)).clip(-STEP, STEP)
-    return smooth - _level(smooth, n)
+    return smooth - _level_of_volume(smooth, n)

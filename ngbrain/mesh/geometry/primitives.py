@@ -139,7 +139,7 @@ def cleft_to(
     mirrored = target * np.array([np.sign(target[0]) or 1.0, 1, 1])
     if np.sum(((mirrored - VENTRICLE_CENTRE) / VENTRICLE_SEMI_AXES) ** 2) <= 1:
         raise InputError("cleft.target_mm", _mm(target), "a point in tissue, not in a ventricle")
-    out, across = frame(_way_out(target) if approach is None else approach, across)
+    out, across = frame(_direction_out(target) if approach is None else approach, across)
     # |(target + s out)/axes| = 1, the positive root
     a, b = np.sum((out / SEMI_AXES) ** 2), np.sum(out * target / SEMI_AXES**2)
     c = np.sum((target / SEMI_AXES) ** 2) - 1
@@ -161,7 +161,7 @@ def _mm(point: np.ndarray) -> str:
     return "(" + ", ".join(f"{1e3 * c:.1f}" for c in point) + ") mm"
 
 
-def _way_out(target: np.ndarray) -> np.ndarray:
+def _direction_out(target: np.ndarray) -> np.ndarray:
     """Direction from a point to the nearest point of the brain's surface: x = target / (1 + λ/axes²) on the ellipsoid."""
     squared = SEMI_AXES**2
 
@@ -231,12 +231,12 @@ def idealised_head(
     tissues = {"cortex": brain - inner, "white": inner - left - right}
     parts = []
     for name, tissue in tissues.items():
-        pieces = [tissue] if cleft is None else _opened(tissue, cleft, craniotomy, sizes)
+        pieces = [tissue] if cleft is None else _open_tissue(tissue, cleft, craniotomy, sizes)
         for piece in pieces:
             piece.mat(name)
         parts += pieces
     dura = [_sheet(name, brain) for name in SHEETS if name in sheets]
-    dura = [sheet if cleft is None else _without(sheet, _slot(cleft)) for sheet in dura]
+    dura = [sheet if cleft is None else _subtract(sheet, _slot(cleft)) for sheet in dura]
     whole = occ.Glue([*parts, left, right, *dura])
     for face in whole.faces:
         if cleft is not None and face.name == "skull" and _under(face, cleft, craniotomy):
@@ -270,13 +270,13 @@ def _sheet(name: str, brain: occ.Solid) -> occ.TopoDS_Shape:
     return sheet
 
 
-def _without(sheet: occ.TopoDS_Shape, slot: occ.Solid) -> occ.TopoDS_Shape:
+def _subtract(sheet: occ.TopoDS_Shape, slot: occ.Solid) -> occ.TopoDS_Shape:
     name, rest = sheet.faces[0].name, sheet - slot
     rest.faces.name = name
     return rest
 
 
-def _opened(tissue: occ.TopoDS_Shape, cleft: Cleft, craniotomy: float, sizes: Sizes) -> list[occ.TopoDS_Shape]:
+def _open_tissue(tissue: occ.TopoDS_Shape, cleft: Cleft, craniotomy: float, sizes: Sizes) -> list[occ.TopoDS_Shape]:
     """A tissue without the slot, split into the zone under the craniotomy and the rest."""
     slot = _slot(cleft)
     for face in slot.faces:

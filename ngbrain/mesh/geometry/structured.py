@@ -49,7 +49,7 @@ def rectangles(x: np.ndarray, y: np.ndarray, cells: np.ndarray | None = None) ->
         if len(lines) < 2 or not np.all(np.diff(lines) > 0):
             raise InputError(f"rectangles.{name}", lines, "two growing coordinates or more")
     if cells is not None:
-        return _of_cells(_chosen("rectangles", cells, (len(x), len(y))), (x, y))
+        return _mesh_cells(_check_cells("rectangles", cells, (len(x), len(y))), (x, y))
     made = meshing.Mesh(dim=2)
     node = [[made.Add(meshing.MeshPoint(meshing.Pnt(a, b, 0))) for a in x] for b in y]
     tissue = made.AddRegion("tissue", 2)
@@ -105,10 +105,10 @@ def boxes(cells: np.ndarray, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> ngs
     for name, lines in zip("xyz", planes, strict=True):
         if len(lines) < 2 or not np.all(np.diff(lines) > 0):
             raise InputError(f"boxes.{name}", lines, "two growing coordinates or more")
-    return _of_cells(_chosen("boxes", cells, tuple(len(lines) for lines in planes)), planes)
+    return _mesh_cells(_check_cells("boxes", cells, tuple(len(lines) for lines in planes)), planes)
 
 
-def _chosen(name: str, cells: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+def _check_cells(name: str, cells: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """Cells as bool, one fewer along each axis than planes."""
     wanted = f"some of {tuple(n - 1 for n in shape)}"
     try:
@@ -120,7 +120,7 @@ def _chosen(name: str, cells: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     return cells
 
 
-def _of_cells(cells: np.ndarray, planes: Sequence[np.ndarray]) -> ngs.Mesh:
+def _mesh_cells(cells: np.ndarray, planes: Sequence[np.ndarray]) -> ngs.Mesh:
     """Quadrilaterals or hexahedra in the chosen cells; vertices are numbered along the last axis first."""
     d, shape = cells.ndim, tuple(n + 1 for n in cells.shape)
     corners = np.argwhere(cells)[:, None] + _CORNERS[d]

@@ -30,9 +30,9 @@ _BUBBLE = -0.125
 """Value at the middle of an edge of NGSolve's second-order edge function."""
 _EDGES = list(combinations(range(4), 2))
 _AT = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4], [2, 2, 2]]) / 6
-"""Barycentric coordinates of the points of a triangle at which the distance is measured,"""
+"""Barycentric coordinates of the points of a triangle at which the distance is measured."""
 _BASIS = np.concatenate([_AT * (2 * _AT - 1), 4 * _AT[:, [0, 0, 1]] * _AT[:, [1, 2, 2]]], axis=1)
-"""and the values there of the functions of its corners and of the middles of its edges 01, 02, 12."""
+"""Values there of the functions of the triangle's corners and of the middles of its edges 01, 02, 12."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,14 +143,14 @@ def curve_interfaces(
     on[moved] = True
     far, reach = np.linalg.norm(move, axis=1), np.where(on, np.minimum(furthest, shortest / 4), 0)
     move *= np.minimum(1, reach / np.maximum(far, 1e-12))[:, None]
-    held, shift = _backtracked(straight, nodes, ends, move, on)
+    held, shift = _limit_moves(straight, nodes, ends, move, on)
     if volumes is not None:
         surface = _surface(mesh, straight, tets, six, pairs, indicators)
         found = surface.volumes(straight + shift)
         wanted = found + RETURNED * (volumes - found)
         for _ in range(MATCHES):
             shift = surface.match_volumes(straight + shift, wanted, MATCHED * np.where(held, 0, reach)) - straight
-            back, shift = _backtracked(straight, nodes, ends, shift, on)
+            back, shift = _limit_moves(straight, nodes, ends, shift, on)
             held |= back
 
     space = ngs.VectorH1(mesh, order=order)
@@ -269,7 +269,7 @@ def _numbers(mesh: ngs.Mesh, ends: np.ndarray, middle: np.ndarray) -> np.ndarray
     return numbers
 
 
-def _backtracked(
+def _limit_moves(
     straight: Points, nodes: np.ndarray, ends: np.ndarray, move: np.ndarray, on: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mask of shortened nodes, and moves (n, 3) for which no element (m, 10) folds; interior edges stay straight."""

@@ -10,9 +10,9 @@ from ngbrain.mesh.quality import radius_ratios
 
 Points = np.ndarray
 ANGLE = 12.0
-"""Smallest dihedral angle (degrees) that a move may lead to,"""
+"""Smallest dihedral angle (degrees) that a move may lead to."""
 RATIO = 0.11
-"""and smallest radius ratio 3 r_in/r_circ."""
+"""Smallest radius ratio 3 r_in/r_circ that a move may lead to."""
 _HALVINGS = 2
 _CHUNK = 1 << 15
 

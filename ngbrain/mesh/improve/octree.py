@@ -83,7 +83,7 @@ def body_centred_lattice(
     nodes, tets = _stencils(leaves, lambda nodes: inside(origin + unit * nodes))
     if len(tets) > MOST:
         raise InputError("size", f"so small that {len(tets):.2g} tetrahedra result", f"at most {MOST:.2g} of them")
-    points = origin + unit * _unpacked(nodes)
+    points = origin + unit * _unpack(nodes)
     x = points[tets]
     flipped = np.linalg.det(x[:, 1:] - x[:, :1]) > 0
     tets[flipped] = tets[flipped][:, [1, 0, 2, 3]]
@@ -95,18 +95,18 @@ def _grid(low: Points, high: Points, n: int) -> Points:
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
-def _packed(cells: Cells) -> np.ndarray:
+def _pack(cells: Cells) -> np.ndarray:
     """Integers (n, 3), -1 at least, packed into one (n,)."""
     cells = cells + 1
     return np.asarray((cells[:, 0] << 2 * _BITS) | (cells[:, 1] << _BITS) | cells[:, 2])
 
 
-def _unpacked(keys: np.ndarray) -> Cells:
+def _unpack(keys: np.ndarray) -> Cells:
     mask = (1 << _BITS) - 1
     return np.stack([keys >> 2 * _BITS, (keys >> _BITS) & mask, keys & mask], axis=1) - 1
 
 
-def _among(keys: np.ndarray, ordered: np.ndarray) -> np.ndarray:
+def _is_in(keys: np.ndarray, ordered: np.ndarray) -> np.ndarray:
     """Which keys (any shape) occur in a sorted array."""
     if not len(ordered):
         return np.zeros(keys.shape, bool)
@@ -129,21 +129,19 @@ def _leaves(count: np.ndarray, origin: Points, root: float, size: SizeField) -> 
         cells = cells[edge > COARSER * smallest * (1 + 1e-9)]
         if PER_CUBE * 8 * len(cells) > 4 * MOST:  # half of a box may be outside
             raise InputError("size", "so small that too many tetrahedra would result", f"at most {MOST:.2g} of them")
-        halved.append(np.sort(_packed(cells)))
+        halved.append(np.sort(_pack(cells)))
         cells = (2 * cells[:, None] + _CHILDREN).reshape(-1, 3)
         edge /= 2
     for k in range(len(halved) - 1, 0, -1):
-        cells = _unpacked(halved[k])
+        cells = _unpack(halved[k])
         near = np.concatenate([cells[:, None], cells[:, None] + _BESIDE], axis=1).reshape(-1, 3)
         near = near[((near >= 0) & (near < count * 2**k)).all(axis=1)]
-        halved[k - 1] = np.union1d(halved[k - 1], _packed(near // 2))
-    every = np.sort(
-        _packed(np.stack(np.meshgrid(*(np.arange(n) for n in count), indexing="ij"), axis=-1).reshape(-1, 3))
-    )
+        halved[k - 1] = np.union1d(halved[k - 1], _pack(near // 2))
+    every = np.sort(_pack(np.stack(np.meshgrid(*(np.arange(n) for n in count), indexing="ij"), axis=-1).reshape(-1, 3)))
     leaves = []
     for inner in halved:
-        leaves.append(every[~_among(every, inner)])
-        every = np.sort(_packed((2 * _unpacked(inner)[:, None] + _CHILDREN).reshape(-1, 3)))
+        leaves.append(every[~_is_in(every, inner)])
+        every = np.sort(_pack((2 * _unpack(inner)[:, None] + _CHILDREN).reshape(-1, 3)))
     return leaves
 
 
@@ -151,14 +149,14 @@ def _stencils(leaves: list[np.ndarray], inside: Callable[[Cells], np.ndarray]) -
     """Packed nodes, in halves of the smallest cubes' edges, and tetrahedra of any orientation."""
     deepest = len(leaves) - 1
     steps = [2 ** (deepest - k) for k in range(len(leaves))]  # half an edge, in units of half the smallest
-    cells = [_unpacked(keys) for keys in leaves]
+    cells = [_unpack(keys) for keys in leaves]
     own = [
-        _packed((2 * s * (c[:, None] + _CHILDREN)).reshape(-1, 3)).reshape(-1, 8)
+        _pack((2 * s * (c[:, None] + _CHILDREN)).reshape(-1, 3)).reshape(-1, 8)
         for c, s in zip(cells, steps, strict=True)
     ]
     corners, numbers = np.unique(np.concatenate(own), return_inverse=True)
     numbers = numbers.reshape(-1, 8)
-    found = inside(np.concatenate([_unpacked(corners), *(2 * s * c + s for c, s in zip(cells, steps, strict=True))]))
+    found = inside(np.concatenate([_unpack(corners), *(2 * s * c + s for c, s in zip(cells, steps, strict=True))]))
     near = np.zeros(len(corners), bool)
     near[numbers[found[len(corners) :] | found[numbers].any(axis=1)]] = True
     kept = np.split(near[numbers].any(axis=1), np.cumsum([len(c) for c in cells])[:-1])
@@ -168,13 +166,13 @@ def _stencils(leaves: list[np.ndarray], inside: Callable[[Cells], np.ndarray]) -
     for k, (cubes, step) in enumerate(zip(cells, steps, strict=True)):
         middle = 2 * step * cubes + step
         for i, j, m in _TURNS:
-            has = _among(_packed(cubes + _AXES[i]), leaves[k])
+            has = _is_in(_pack(cubes + _AXES[i]), leaves[k])
             tets += _between_equals(middle[has], step * _AXES[[i, j, m]], corners)
         if k:
             for i, j, m in _TURNS:
                 for way in (-1, 1):
                     beyond = (cubes + way * _AXES[i]) // 2
-                    has = _among(_packed(beyond), leaves[k - 1]) & (beyond != cubes // 2).any(axis=1)
+                    has = _is_in(_pack(beyond), leaves[k - 1]) & (beyond != cubes // 2).any(axis=1)
                     tets += _to_larger(cubes[has], beyond[has], step, (i, j, m), way)
     nodes, numbers = np.unique(np.concatenate(tets), return_inverse=True)
     return nodes, numbers.reshape(-1, 4).astype(np.int32)
@@ -182,12 +180,12 @@ def _stencils(leaves: list[np.ndarray], inside: Callable[[Cells], np.ndarray]) -
 
 def _between_equals(middle: Cells, axes: np.ndarray, corners: np.ndarray) -> list[np.ndarray]:
     """Packed tetrahedra around the line between the centres of neighbouring cubes along the first of `axes`."""
-    a, b = _packed(middle), _packed(middle + 2 * axes[0])
+    a, b = _pack(middle), _pack(middle + 2 * axes[0])
     tets = []
     for u, v in ((axes[1], axes[2]), (axes[2], -axes[1]), (-axes[1], -axes[2]), (-axes[2], axes[1])):
         half = middle + axes[0] + u
-        p, q, between = _packed(half - v), _packed(half + v), _packed(half)
-        split = _among(between, corners)
+        p, q, between = _pack(half - v), _pack(half + v), _pack(half)
+        split = _is_in(between, corners)
         tets.append(np.stack([a, b, p, q], axis=1)[~split])
         tets += [np.stack([a, b, end, between], axis=1)[split] for end in (p, q)]
     return tets
@@ -200,6 +198,6 @@ def _to_larger(cubes: Cells, larger: Cells, step: int, axes: tuple[int, int, int
     # From the middle of the large face to its corner: the diagonal that all quarters of the face share with their mirror images.
     out = np.sign(square - far)
     j, m = (step * out * _AXES[axis] for axis in axes[1:])
-    inner, outer = _packed(square - j - m), _packed(square + j + m)
-    apexes = (_packed(middle), _packed(far))
-    return [np.stack([a, inner, outer, _packed(square + s * (j - m))], axis=1) for a in apexes for s in (-1, 1)]
+    inner, outer = _pack(square - j - m), _pack(square + j + m)
+    apexes = (_pack(middle), _pack(far))
+    return [np.stack([a, inner, outer, _pack(square + s * (j - m))], axis=1) for a in apexes for s in (-1, 1)]

@@ -110,10 +110,10 @@ class Reconnection:
             shape = shape_quality(self.points[np.concatenate([offer.corners for offer in offers])])
             ends = np.cumsum([len(offer.corners) for offer in offers])
             for offer, mine in zip(offers, np.split(shape, ends[:-1]), strict=True):
-                found = self._without_edge(offer, mine) if isinstance(offer, _Ring) else self._without_face(offer, mine)
+                found = self._remove_edge(offer, mine) if isinstance(offer, _Ring) else self._swap_face(offer, mine)
                 if found and (best is None or found[0] > best[0]):
                     best = found
-        found = self._outside(t)
+        found = self._remove_surface_tet(t)
         if found and (best is None or found[0] > best[0]):
             best = found
         if best is None:
@@ -131,7 +131,7 @@ class Reconnection:
         self.quality += shape_quality(self.points[np.array([corners for corners, _ in new])]).tolist()
         return True
 
-    def _outside(self, t: int) -> Found | None:
+    def _remove_surface_tet(self, t: int) -> Found | None:
         """Remove a flat tetrahedron at the surface: it becomes part of the outside.
 
         Not where parts of the surface would then touch.
@@ -165,16 +165,18 @@ class Reconnection:
         if self.region[other] != self.region[t]:
             return None
         (far,) = set(self.tets[other]) - {p, q, r}
-        return _Pair(np.array([self._like(t, corner, far) for corner in (p, q, r)]), {t, other}, self.region[t])
+        return _Pair(
+            np.array([self._replace_corner(t, corner, far) for corner in (p, q, r)]), {t, other}, self.region[t]
+        )
 
-    def _without_face(self, pair: _Pair, shape: np.ndarray) -> Found | None:
+    def _swap_face(self, pair: _Pair, shape: np.ndarray) -> Found | None:
         """2-3 swap: the two tetrahedra become the three."""
         worst = float(shape.min())
         if worst <= self._worst(pair.old):
             return None
         return worst, pair.old, [(corners, pair.region) for corners in pair.corners.tolist()]
 
-    def _like(self, t: int, corner: int, by: int) -> list[int]:
+    def _replace_corner(self, t: int, corner: int, by: int) -> list[int]:
         """The tetrahedron with one corner replaced, in the same orientation."""
         return [by if v == corner else v for v in self.tets[t]]
 
@@ -185,7 +187,7 @@ class Reconnection:
             return None
         follows = {}
         for t in old:
-            p, q = _beyond(self.tets[t], a, b)
+            p, q = _opposite_corners(self.tets[t], a, b)
             follows[p] = (q, self.region[t])
         ring, regions = [next(iter(sorted(follows)))], []
         while len(ring) <= len(old):
@@ -208,7 +210,7 @@ class Reconnection:
         down = np.column_stack([np.full(len(corners), a), corners])
         return _Ring(np.concatenate([up, down]), old, (a, b), ring, regions, changes, triples)
 
-    def _without_edge(self, around: _Ring, shape: np.ndarray) -> Found | None:
+    def _remove_edge(self, around: _Ring, shape: np.ndarray) -> Found | None:
         """Edge removal: the tetrahedra around an edge are replaced by those on both sides of a triangulation of its ring.
 
         An edge in an interface is replaced by the chord between the interface's two other corners. On the side that the
@@ -234,7 +236,7 @@ class Reconnection:
         return (worst, around.old, new) if worst > self._worst(around.old) else None
 
 
-def _beyond(tet: list[int], a: int, b: int) -> tuple[int, int]:
+def _opposite_corners(tet: list[int], a: int, b: int) -> tuple[int, int]:
     """The two other corners of a tetrahedron, in the order of rotation about the edge from a to b."""
     i, j = tet.index(a), tet.index(b)
     k, m = (x for x in range(4) if x not in (i, j))

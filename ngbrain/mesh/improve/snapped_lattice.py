@@ -15,14 +15,14 @@ Points = np.ndarray
 FACES = np.array([[1, 3, 2], [0, 2, 3], [0, 3, 1], [0, 1, 2]])
 """Corners of a tetrahedron's faces, oriented outwards in Netgen's orientation."""
 _DAMPED = 0.5
-_HELD = 0.03  # extra area to the outside of each region, as a part of its interfaces' area
-_LIFTED = 0.37  # largest bias of a volume fraction: beyond it, a bias no longer measures a distance
+_OUTSIDE_AREA = 0.03  # extra area to the outside of each region, as a part of its interfaces' area
+_MOST_BIAS = 0.37  # largest bias of a volume fraction: beyond it, a bias no longer measures a distance
 _FARTHEST = 0.3  # part of an element's size that a vertex may move in one step
 _ON = 0.05  # part of an element's size up to which a vertex is on an interface
 _RELAXED = 0.3  # part of the way to the middle of the tetrahedra around
 _DEEP = 0.999  # volume fraction at all corners from which a small tetrahedron is inside a region
 _LARGE = 4.0  # widths of an interface above which a tetrahedron is sampled at 20 points instead of 4
-_STILL = 0.02  # move, as a part of the element size, below which fractions are not sampled again
+_NO_MOVE = 0.02  # move, as a part of the element size, below which fractions are not sampled again
 _PEELED = 3  # layers of a spike that are removed
 _GAUSS = np.full((4, 4), (5 - 5**0.5) / 20) + np.eye(4) / 5**0.5
 _MANY = (np.array([(i, j, k, 3 - i - j - k) for i, j, k in np.ndindex(4, 4, 4) if i + j + k <= 3]) + 0.25) / 4
@@ -75,7 +75,7 @@ class SnappedLattice:
 
     def __post_init__(self) -> None:
         self.bias = np.zeros((self.zone(self.points[:1]).shape[1], self.fractions.count))
-        self.beside = _beside(self.tets)
+        self.beside = _neighbours(self.tets)
         cubes = np.cbrt(12 * volumes(self.points, self.tets))
         self.weight = self.scale / self.scale.max()
         fractions = self.fractions(self.points)
@@ -92,11 +92,11 @@ class SnappedLattice:
 
     def bias_at_points(self) -> np.ndarray:
         """Bias of the volume fractions at the vertices (n, regions + 1)."""
-        return (self.weight[:, None] * (self.zone(self.points) @ self.bias)).clip(-_LIFTED, _LIFTED)
+        return (self.weight[:, None] * (self.zone(self.points) @ self.bias)).clip(-_MOST_BIAS, _MOST_BIAS)
 
     def _sample(self) -> None:
         """Update the mean volume fractions of the tetrahedra whose vertices have moved."""
-        moved = np.abs(self.points - self.sampled).max(axis=1) > _STILL * self.scale
+        moved = np.abs(self.points - self.sampled).max(axis=1) > _NO_MOVE * self.scale
         stale = moved[self.tets].any(axis=1)
         self.sampled = np.where(moved[:, None], self.points, self.sampled)
         large = self.scale[self.tets].min(axis=1) > _LARGE * self.width
@@ -120,9 +120,9 @@ class SnappedLattice:
             around[lonely] >= 0, np.take_along_axis(score[lonely], np.maximum(around[lonely], 0), 1), -np.inf
         )
         region[lonely] = around[lonely, offered.argmax(axis=1)]
-        return self._without_spikes(np.asarray(region))
+        return self._remove_spikes(np.asarray(region))
 
-    def _without_spikes(self, region: np.ndarray) -> np.ndarray:
+    def _remove_spikes(self, region: np.ndarray) -> np.ndarray:
         """Remove spikes: tetrahedra with three or more faces to the outside."""
         for _ in range(_PEELED):
             across = np.where(self.beside >= 0, region[self.beside], 0)
@@ -162,7 +162,9 @@ class SnappedLattice:
             flow += flow.T
             if not flow.any():  # a zone inside one region
                 continue
-            gain = np.diag((1 + _HELD) * flow.sum(axis=1) + 1e-6 * flow.sum()) - flow  # regions that have vanished too
+            gain = (
+                np.diag((1 + _OUTSIDE_AREA) * flow.sum(axis=1) + 1e-6 * flow.sum()) - flow
+            )  # regions that have vanished too
             missing = volume - np.bincount(region, size * mine, n)[1:]
             bias[1:] += _DAMPED * np.linalg.solve(gain[1:, 1:], missing)
         self.bias = self.bias.clip(-most, most)
@@ -309,7 +311,7 @@ def scales(points: Points, tets: np.ndarray) -> np.ndarray:
     return found
 
 
-def _beside(tets: np.ndarray) -> np.ndarray:
+def _neighbours(tets: np.ndarray) -> np.ndarray:
     faces = np.sort(tets[:, FACES].reshape(-1, 3), axis=1).astype(np.int64)
     keys = (faces[:, 0] << 42) | (faces[:, 1] << 21) | faces[:, 2]  # fewer than 2²¹ points: see octree.MOST
     order = np.argsort(keys)

@@ -37,9 +37,9 @@ def snap_targets(points: Points, tets: np.ndarray, fractions: VolumeFractions, s
         Targets (m); other vertices keep their position.
     """
     number = fractions(points).argmax(axis=1)
-    p, q = _parted(tets, number)
+    p, q = _edges_between_regions(tets, number)
     a, b = number[p], number[q]
-    place = _where(fractions, points[p], points[q], a, b)
+    place = _crossing_point(fractions, points[p], points[q], a, b)
     s = fractions(place)
     c, i = s.argmax(axis=1), np.arange(len(s))
     c = np.where(s[i, c] > np.maximum(s[i, a], s[i, b]) + 0.1, c, -1)
@@ -47,7 +47,7 @@ def snap_targets(points: Points, tets: np.ndarray, fractions: VolumeFractions, s
     node, own, other, place = np.r_[p, q], np.r_[a, b], np.r_[b, a], np.r_[place, place]
     between = np.r_[third, third + len(p)]  # a third region crosses the edge and is met first
     other[between] = np.r_[c[third], c[third]]
-    place[between] = _where(fractions, points[node[between]], place[between], own[between], other[between])
+    place[between] = _crossing_point(fractions, points[node[between]], place[between], own[between], other[between])
     distance = np.linalg.norm(place - points[node], axis=1)
     whole = np.linalg.norm(points[p] - points[q], axis=1)
     order = np.lexsort([distance, node])
@@ -55,11 +55,11 @@ def snap_targets(points: Points, tets: np.ndarray, fractions: VolumeFractions, s
     node, first = np.unique(node[order], return_index=True)
     chosen = order[first]
     target = points.copy()
-    target[node] = _foot(fractions, slope, points[node], place[chosen], own[chosen], other[chosen])
+    target[node] = _nearest_on_plane(fractions, slope, points[node], place[chosen], own[chosen], other[chosen])
     return target
 
 
-def _where(fractions: VolumeFractions, p: Points, q: Points, a: np.ndarray, b: np.ndarray) -> Points:
+def _crossing_point(fractions: VolumeFractions, p: Points, q: Points, a: np.ndarray, b: np.ndarray) -> Points:
     """Point (n, 3) with about equal fractions, between p with s_a > s_b and q without."""
     i, low, high = np.arange(len(p)), np.zeros(len(p)), np.ones(len(p))
     for _ in range(_HALVINGS):
@@ -70,7 +70,7 @@ def _where(fractions: VolumeFractions, p: Points, q: Points, a: np.ndarray, b: n
     return np.asarray(p + ((low + high) / 2)[:, None] * (q - p))
 
 
-def _foot(
+def _nearest_on_plane(
     fractions: VolumeFractions, usual: float, start: Points, place: Points, a: np.ndarray, b: np.ndarray
 ) -> Points:
     """Point nearest to `start` on the interface's tangent plane at `place`, and a Newton step; `place` where that is doubtful."""
@@ -124,17 +124,17 @@ def cut_edges(
     work, tried = tets, np.zeros(0, np.int64)
     done: list[np.ndarray] = []
     while True:
-        p, q = _parted(work, number)
+        p, q = _edges_between_regions(work, number)
         length = np.linalg.norm(points[p] - points[q], axis=1)
         fresh = (length <= longest) & ~np.isin(p << 32 | q, tried)
         p, q, length = p[fresh], q[fresh], length[fresh]
-        place = _where(fractions, points[p], points[q], number[p], number[q])
+        place = _crossing_point(fractions, points[p], points[q], number[p], number[q])
         along = np.linalg.norm(place - points[p], axis=1) / length
         clear = np.abs(along - 0.5) < 0.5 - _CLEAR
         p, q, place, along = p[clear], q[clear], place[clear], along[clear]
         if not len(p):
             return points, np.concatenate([*done, work]), scale
-        t, e = _having(work, p << 32 | q)
+        t, e = _tets_with_edges(work, p << 32 | q)
         every = np.concatenate([points, place])
         halves = [np.where(work[t] == end[e][:, None], len(points) + e[:, None], work[t]) for end in (p, q)]
         fine = np.bincount(e, ~(good(every, halves[0]) & good(every, halves[1])), len(p)) == 0
@@ -159,7 +159,7 @@ def cut_edges(
         number = np.concatenate([number, np.full(int(chosen.sum()), -1)])
 
 
-def _having(tets: np.ndarray, keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _tets_with_edges(tets: np.ndarray, keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Tetrahedra that contain an edge, given by sorted keys, and which one."""
     pairs = np.sort(tets[:, _EDGES].astype(np.int64), axis=2)
     mine = pairs[..., 0] << 32 | pairs[..., 1]
@@ -168,7 +168,7 @@ def _having(tets: np.ndarray, keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     return t, at[t, k]
 
 
-def _parted(tets: np.ndarray, number: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _edges_between_regions(tets: np.ndarray, number: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Ends (n,), (n,) of the edges whose ends have different numbers."""
     p, q = tets[:, _EDGES].reshape(-1, 2).T.astype(np.int64)
     differ = (number[p] != number[q]) & (number[p] >= 0) & (number[q] >= 0)

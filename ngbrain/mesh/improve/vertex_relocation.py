@@ -133,7 +133,7 @@ def smooth_vertices(
         bad = np.flatnonzero(quality < goal)
         if not len(bad):
             break
-        movable = _apart(tets, stars, quality, np.unique(tets[bad]), len(points), rng)
+        movable = _independent_vertices(tets, stars, np.unique(tets[bad]), len(points), rng)
         around, first = stars.tets_of_vertices(movable)
         owner = np.repeat(np.arange(len(movable)), np.diff(np.r_[first, len(around)]))
         corner = (tets[around] == movable[owner, None]).argmax(axis=1)
@@ -160,8 +160,8 @@ def smooth_vertices(
     return points
 
 
-def _apart(
-    tets: np.ndarray, stars: Stars, quality: np.ndarray, active: np.ndarray, n: int, rng: np.random.Generator
+def _independent_vertices(
+    tets: np.ndarray, stars: Stars, active: np.ndarray, n: int, rng: np.random.Generator
 ) -> np.ndarray:
     """An independent subset of the active vertices, no two in one tetrahedron: the first ones in a random order."""
     turn = np.full(n, np.inf)

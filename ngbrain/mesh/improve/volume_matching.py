@@ -115,7 +115,7 @@ _WEIGHTS = np.repeat([0.223381589678011, 0.109951743655322], 3) / 2
 """Quadrature of fourth order on a triangle in barycentric coordinates (Dunavant 1985, doi:10.1002/nme.1620210612)."""
 
 
-def _six() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _quadratic_triangle() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Shape functions of a triangle's corners and mid-edge nodes 01, 02, 12, and their two derivatives, at `_POINTS`."""
     p, i, j = _POINTS, [0, 0, 1], [1, 2, 2]
     along = np.array([[-1, 1, 0], [-1, 0, 1]])  # of the barycentric coordinates
@@ -125,7 +125,7 @@ def _six() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.concatenate([p * (2 * p - 1), 4 * p[:, i] * p[:, j]], axis=1), slopes[0], slopes[1]
 
 
-_VALUES, _ALONG, _ACROSS = _six()
+_VALUES, _ALONG, _ACROSS = _quadratic_triangle()
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,9 +17,9 @@ Points = np.ndarray
 SMOOTHING = 0.75e-3
 """Standard deviation (m) of the Gaussian that smooths the voxel steps."""
 FILLED = 0.75
-"""Part of the volume lost by smoothing that `Indicators.correct_volumes` restores,"""
+"""Part of the volume lost by smoothing that `Indicators.correct_volumes` restores."""
 MOST = 0.25
-"""and largest bias of a volume fraction for it."""
+"""Largest bias of a volume fraction for that correction."""
 _STEPS = 0.1 * 0.85 ** np.arange(30)
 LARGEST = 4e9
 """Largest size of all volume fractions (bytes); a mesh takes some copies of them."""

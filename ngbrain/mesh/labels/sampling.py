@@ -69,7 +69,7 @@ def sample_interfaces(indicators: Indicators, size: SizeField, rng: np.random.Ge
         Samples (m).
     """
     points, pairs = interface_points(indicators)
-    lines, here = _where_three_meet(indicators, points)
+    lines, here = _triple_points(indicators, points)
     points, pairs = np.concatenate([lines, points]), np.concatenate([pairs[here], pairs])
     normals = indicators.normals(points, pairs)
     radius = APART * size(points)
@@ -89,7 +89,7 @@ def sample_interfaces(indicators: Indicators, size: SizeField, rng: np.random.Ge
     return points[chosen]
 
 
-def _where_three_meet(indicators: Indicators, points: Points) -> tuple[Points, np.ndarray]:
+def _triple_points(indicators: Indicators, points: Points) -> tuple[Points, np.ndarray]:
     """Points (n, 3) on triple lines, and the interface points they come from."""
     fractions = indicators(points)
     if fractions.shape[1] < 3:

@@ -25,11 +25,11 @@ OFF = 0.15
 STRAY = 0.25
 """Largest difference of the volume fractions that should be equal, for a vertex that moves along an interface."""
 MOVES = 8
-"""Rounds of vertex moves after each triangulation,"""
+"""Rounds of vertex moves after each triangulation."""
 LAST_MOVES = 20
-"""after the last one,"""
+"""Rounds of vertex moves after the last triangulation."""
 POLISHES = 6
-"""and the largest number of alternations of swaps and moves at the end."""
+"""Largest number of alternations of swaps and moves at the end."""
 FAVOUR = 0.2
 """Largest bias of a region's volume fraction, positive where it lacks volume and negative where it has too much."""
 AIR = 0.95

@@ -101,7 +101,7 @@ def cortex(labels: LabelMap) -> Cortex:
     >>> found.white.genus, found.pial.genus, round(1e3 * found.mean_thickness, 1)
     (0, 0, 3.0)
     """
-    return _of(labels, spheres=False)
+    return _extract(labels, spheres=False)
 
 
 def spherical_cortex(labels: LabelMap) -> Cortex:
@@ -122,10 +122,10 @@ def spherical_cortex(labels: LabelMap) -> Cortex:
     >>> cortex(labels).white.genus, spherical_cortex(labels).white.genus
     (1, 0)
     """
-    return _of(labels, spheres=True)
+    return _extract(labels, spheres=True)
 
 
-def _of(labels: LabelMap, spheres: bool) -> Cortex:
+def _extract(labels: LabelMap, spheres: bool) -> Cortex:
     voxels = labels.resample_to_ras(float(labels.volume.spacing.min()))
     masks, moved = _masks(voxels, spheres)
     spacing, origin = voxels.volume.spacing, voxels.volume.affine[:3, 3] - voxels.volume.spacing * _ROOM
@@ -163,13 +163,13 @@ def _masks(labels: LabelMap, spheres: bool) -> tuple[dict[str, np.ndarray], dict
     inside = [name for name in names if any(part_of(name, whole) for whole in WHITE)]
     tissue, white, fluid = region(*set(names) - {FLUID}), region(*inside), region("ventricles")
     pial = shaped(tissue)
-    cavities = _without_specks(fluid, labels.volume.voxel_volume)
+    cavities = _remove_specks(fluid, labels.volume.voxel_volume)
     cavities &= ndimage.binary_erosion(pial, _CUBE, 2)
     inner = (white | ndimage.binary_dilation(cavities, _CUBE)) & ndimage.binary_erosion(pial, _CUBE)
     if not inner.any() or not (pial & ~white).any():
         raise InputError("labels", "such that nothing is around the white matter", "white matter inside grey matter")
     inner = shaped(inner)
-    cavities = _without_specks(cavities & ndimage.binary_erosion(inner, _CUBE), labels.volume.voxel_volume)
+    cavities = _remove_specks(cavities & ndimage.binary_erosion(inner, _CUBE), labels.volume.voxel_volume)
     outer = shaped((data > 0) | ndimage.binary_dilation(pial, _CUBE))
     masks = {"white": inner, "pial": pial, "outer": outer}
     sample_sizes = {"ventricles": fluid, "white": white, "pial": tissue, "outer": data > 0}
@@ -196,7 +196,7 @@ def part_of(name: str, whole: str) -> bool:
     return name == whole or name.startswith(f"{whole}_")
 
 
-def _without_specks(mask: np.ndarray, voxel: float) -> np.ndarray:
+def _remove_specks(mask: np.ndarray, voxel: float) -> np.ndarray:
     pieces, _ = ndimage.label(mask, NEIGHBOURS)
     kept = np.bincount(pieces.ravel()) * voxel >= SPECK
     kept[0] = False

@@ -52,12 +52,12 @@ def refine_cortex(cortex: Cortex, labels: LabelMap, t1: Volume) -> Cortex:
     grey = [i for i, name in enumerate(names, 1) if part_of(name, "grey")]
     fluid = [i for i, name in enumerate(names, 1) if name == FLUID]
     values = t1.interpolate(voxels.volume.to_world(np.indices(data.shape).reshape(3, -1).T)).reshape(data.shape)
-    levels = [_own(values, np.isin(data, numbers), voxels) for numbers in (matter, grey, fluid)]
+    levels = [_local_grey(values, np.isin(data, numbers), voxels) for numbers in (matter, grey, fluid)]
     moved = {}
     for name, (bright, dark) in (("white", (levels[0], levels[1])), ("pial", (levels[1], levels[2]))):
         surface = cortex.surfaces[name]
         for _ in range(ROUNDS):
-            surface = _moved(surface, t1, bright, dark)
+            surface = _move(surface, t1, bright, dark)
         moved[name] = surface
     before = list(cortex.surfaces.values())
     after = resolve_intersections(before, [moved.get(name, surface) for name, surface in cortex.surfaces.items()])
@@ -66,7 +66,7 @@ def refine_cortex(cortex: Cortex, labels: LabelMap, t1: Volume) -> Cortex:
     return replace(cortex, white=white, pial=pial, thickness=thickness(white, pial))
 
 
-def _own(values: np.ndarray, mask: np.ndarray, voxels: LabelMap) -> Volume:
+def _local_grey(values: np.ndarray, mask: np.ndarray, voxels: LabelMap) -> Volume:
     """Local grey value of a tissue everywhere: that of nearby voxels, preferably surrounded by the same tissue."""
     core = ndimage.binary_erosion(mask)
     core = core if core.sum() > 0.02 * mask.sum() else mask
@@ -77,7 +77,7 @@ def _own(values: np.ndarray, mask: np.ndarray, voxels: LabelMap) -> Volume:
     return Volume(typical + total / (weight + _FEW), voxels.volume.affine)
 
 
-def _moved(surface: SurfaceMesh, picture: Volume, bright: Volume, dark: Volume) -> SurfaceMesh:
+def _move(surface: SurfaceMesh, picture: Volume, bright: Volume, dark: Volume) -> SurfaceMesh:
     normals, steps = surface.normals(), np.arange(-REACH, REACH + STEP / 2, STEP)
     half = (bright.interpolate(surface.points) + dark.interpolate(surface.points)) / 2
     at = surface.points[:, None] + steps[:, None] * normals[:, None]

@@ -125,7 +125,7 @@ def outlines(labels: LabelMap) -> Outlines:
     lesions = [name for name in voxels.regions if LESION.fullmatch(name)]
     for name in [VENTRICLES] * (VENTRICLES in voxels.regions) + lesions:
         mask = voxels.volume.data == voxels.regions.index(name) + 1
-        kept = _without_specks(mask, voxels.volume.voxel_volume)
+        kept = _remove_specks(mask, voxels.volume.voxel_volume)
         repairs += _repairs(name, "left out", mask & ~kept, voxels.volume.affine)
         if not kept.any():
             continue
@@ -184,7 +184,7 @@ def _head(voxels: LabelMap) -> tuple[np.ndarray, list[Repair]]:
     return ndimage.binary_fill_holes(largest), _repairs(BRAIN, "left out", labelled & ~largest, voxels.volume.affine)
 
 
-def _without_specks(mask: np.ndarray, voxel: float) -> np.ndarray:
+def _remove_specks(mask: np.ndarray, voxel: float) -> np.ndarray:
     pieces, _ = ndimage.label(mask)
     kept = np.bincount(pieces.ravel()) * voxel >= SPECK
     kept[0] = False

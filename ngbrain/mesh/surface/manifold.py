@@ -6,9 +6,10 @@ import numpy as np
 from scipy import sparse
 
 ROUNDS = 60
-"""Passes over the non-manifold vertices;"""
+"""Passes over the non-manifold vertices."""
 BOTH_WAYS = 20
-"""in the first of them tetrahedra are added or removed, whichever is less volume; later only added, which terminates."""
+"""Number of first passes in which tetrahedra are added or removed, whichever is less volume; later ones only add, which
+terminates."""
 
 
 def faults(triangles: np.ndarray, n: int) -> np.ndarray:

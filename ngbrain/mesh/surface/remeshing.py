@@ -19,9 +19,9 @@ ROUNDS = 12
 PIECES = 2
 """Factor by which the pieces that represent the surface are smaller than the element size."""
 FINER = 0.7
-"""Factor on the sample distance where the triangles do not form a closed surface,"""
+"""Factor on the sample distance where the triangles do not form a closed surface."""
 FINEST = 0.75
-"""and its lower bound in voxels; thinner parts are closed or cut (`ngbrain.mesh.surface.manifold`)."""
+"""Lower bound of the sample distance in voxels; thinner parts are closed or cut (`ngbrain.mesh.surface.manifold`)."""
 NEAR, APART = 2, 4
 """Distance from such a place, in element sizes, within which samples are refined and within which they are relaxed again."""
 SPECK = 1e-8
@@ -81,10 +81,10 @@ def remesh_surface(surface: LevelSet, size: SizeField, fixed: Points, seed: int 
     ----------
     Boissonnat & Oudot (2005), doi:10.1016/j.gmod.2005.01.004.
     """
-    dense, area = _dense(surface, size)
+    dense, area = _dense_points(surface, size)
     h = size(dense)
     finest = np.minimum(FINEST * surface.spacing, h)
-    points = _spread(surface, dense, area, h, fixed, np.random.default_rng(seed))
+    points = _spaced_samples(surface, dense, area, h, fixed, np.random.default_rng(seed))
     while True:
         cells = _Cells.of(surface, points)
         bad = faults(boundary(cells.tets, cells.neighbours, cells.inside)[0], len(points))
@@ -98,10 +98,10 @@ def remesh_surface(surface: LevelSet, size: SizeField, fixed: Points, seed: int 
         kept = ~anew[cKDTree(dense).query(points)[1]]
         kept[: len(fixed)] = True
         h = finer
-        points = _spread(surface, dense[anew], area[anew], h[anew], points[kept], np.random.default_rng(seed))
+        points = _spaced_samples(surface, dense[anew], area[anew], h[anew], points[kept], np.random.default_rng(seed))
 
 
-def _dense(surface: LevelSet, size: SizeField) -> tuple[Points, np.ndarray]:
+def _dense_points(surface: LevelSet, size: SizeField) -> tuple[Points, np.ndarray]:
     """Points (n, 3) that represent the whole surface, and the area (m²) of each: pieces well below the element size there."""
     pieces = surface.outline()
     kept = []
@@ -117,7 +117,7 @@ def _dense(surface: LevelSet, size: SizeField) -> tuple[Points, np.ndarray]:
     return pieces.mean(axis=1), np.linalg.norm(normal, axis=1) / 2
 
 
-def _spread(
+def _spaced_samples(
     surface: LevelSet, dense: Points, area: np.ndarray, h: np.ndarray, fixed: Points, rng: np.random.Generator
 ) -> Points:
     """Samples one element size apart: random, then moved to the weighted centroids of their Voronoi cells."""

@@ -38,10 +38,12 @@ def build(path: str | os.PathLike[str], result: Mapping[str, Any]) -> Path:
     MissingExtra
         matplotlib or jinja2 is not installed.
     """
-    return write_page(Path(path), "calibration.html", {"found": _found(result), "fit": _fit(result)}, result=result)
+    return write_page(
+        Path(path), "calibration.html", {"found": _plot_factors(result), "fit": _plot_fit(result)}, result=result
+    )
 
 
-def _found(result: Mapping[str, Any]) -> bytes:
+def _plot_factors(result: Mapping[str, Any]) -> bytes:
     """Plot the factors and their intervals."""
     with style():
         tissues = result["tissues"]
@@ -63,7 +65,7 @@ def _found(result: Mapping[str, Any]) -> bytes:
         return png(made)
 
 
-def _fit(result: Mapping[str, Any]) -> bytes:
+def _plot_fit(result: Mapping[str, Any]) -> bytes:
     """Plot measured and computed force over time and displacements."""
     with style():
         made = figure(3.8)

@@ -62,7 +62,7 @@ def build(
     pictures |= {
         "maps": maps(result, data, arrays, flat),
         "derived": derived_maps(arrays, flat),
-        "intervals": intervals(result, data, arrays, flat),
+        "intervals": intervals(result, arrays, flat),
         "strain": strain(data, arrays, flat),
         "residuals": residuals(result, arrays["residual"]),
         "convergence": convergence(result),
@@ -170,15 +170,13 @@ def maps(result: Mapping[str, Any], data: WaveData, arrays: Mapping[str, Floats]
     return table([plane for _, plane in rows], titles, [PARAMETERS[name].label for name, _ in rows], looks)
 
 
-def intervals(result: Mapping[str, Any], data: WaveData, arrays: Mapping[str, Floats], flat: Sequence[Plane]) -> bytes:
+def intervals(result: Mapping[str, Any], arrays: Mapping[str, Floats], flat: Sequence[Plane]) -> bytes:
     """Credible intervals of each parameter with error bars: both ends in the same colours, and half the width in per cent.
 
     Parameters
     ----------
     result : mapping of str to Any
         Result of the command `invert`.
-    data : WaveData
-        The wave data.
     arrays : mapping of str to ndarray
         The maps.
     flat : sequence of Plane
@@ -371,7 +369,7 @@ def table(flat: Sequence[Plane], titles: Sequence[str], names: Sequence[str], lo
                     axes.apply_aspect()
                     box = axes.get_position()
                     place = (box.x1 + 0.06 / WIDTH, box.y0, 0.09 / WIDTH, box.height)
-                    scale = page.colorbar(image, cax=page.add_axes(place), extend=_beyond(look, values))
+                    scale = page.colorbar(image, cax=page.add_axes(place), extend=_extend(look, values))
                     scale.ax.tick_params(labelsize=7, length=2, pad=1.5)
                     scale.outline.set_linewidth(0.4)
             words = "   ".join(word for word in (name, plane.name) if word)
@@ -407,7 +405,7 @@ def window(cmap: str, values: Floats) -> dict[str, Any]:
     return {"cmap": cmap, "vmin": float(low) - room, "vmax": float(high) + room}
 
 
-def _beyond(look: Mapping[str, Any], values: Floats) -> str:
+def _extend(look: Mapping[str, Any], values: Floats) -> str:
     """At which ends of a colour bar values exceed its range."""
     low, high = bool(np.nanmin(values) < look["vmin"]), bool(np.nanmax(values) > look["vmax"])
     return {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}[low, high]

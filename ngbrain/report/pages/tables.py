@@ -248,7 +248,7 @@ def checks(values: Mapping[str, Any], status: Mapping[str, str]) -> list[tuple[s
         check = CHECKS.get(key, Check(key.replace("_", " "), "–", None))
         shown = f"{number(value)} {check.unit}".strip()
         if not _is_number(value):
-            verdict = _why(status.get(ESTIMATED_BY[key])) if key in ESTIMATED_BY else "does not apply"
+            verdict = _missing_reason(status.get(ESTIMATED_BY[key])) if key in ESTIMATED_BY else "does not apply"
         elif check.met is None:
             verdict = "for information"
         else:
@@ -257,7 +257,7 @@ def checks(values: Mapping[str, Any], status: Mapping[str, str]) -> list[tuple[s
     return rows
 
 
-def _why(status: str | None) -> str:
+def _missing_reason(status: str | None) -> str:
     """Reason for a missing value of a check."""
     return status if status in MISSING else "not known"
 
@@ -294,7 +294,7 @@ def band(given: Mapping[str, Any], status: Mapping[str, str]) -> list[tuple[str,
         What is changed, how, peak pressure (mmHg).
     """
     rows = [
-        (name, "computed" if _is_number(value) else _why(status.get(MILLER)), value)
+        (name, "computed" if _is_number(value) else _missing_reason(status.get(MILLER)), value)
         for name, value in (given.get("peak_pressure_mmHg") or {}).items()
     ]
     moduli = given.get("published_moduli_Pa") or {}

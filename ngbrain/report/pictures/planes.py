@@ -131,7 +131,7 @@ def _slabs(data: WaveData) -> list[Plane]:
     points = 1e3 * data.points
     among = points[data.mask]
     middle = (among.min(axis=0) + among.max(axis=0)) / 2
-    thick = SLAB * _apart(among)
+    thick = SLAB * _neighbour_distance(among)
     made = []
     for normal in range(3):
         right, up = (axis for axis in range(3) if axis != normal)
@@ -143,7 +143,7 @@ def _slabs(data: WaveData) -> list[Plane]:
     return made
 
 
-def _apart(points: Floats) -> float:
+def _neighbour_distance(points: Floats) -> float:
     """Median distance to the nearest neighbour."""
     return float(np.median(KDTree(points).query(points, k=2)[0][:, 1]))
 
@@ -160,4 +160,4 @@ def _triangles(at: Floats, mask: Bools) -> Ints:
     triangles = chosen[Delaunay(at[chosen], qhull_options="QJ").simplices]
     corners = at[triangles]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    return np.asarray(triangles[longest < LONGEST * _apart(at[chosen])])
+    return np.asarray(triangles[longest < LONGEST * _neighbour_distance(at[chosen])])

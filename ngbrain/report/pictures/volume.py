@@ -65,11 +65,11 @@ def head(peak: DeformedHead, scale: StrainScale) -> bytes:
         bar_mm(axes, 50, 0.40)
         ring, far = _rim_points(peak), peak.points[np.unique(inner)]
         handle = peak.blades[0].handle
-        _call(axes, camera, handle, peak.tool, (0.62, 0.93))
+        _annotate(axes, camera, handle, peak.tool, (0.62, 0.93))
         if len(ring):
-            _call(axes, camera, ring[np.argmin(ring @ camera.right)], "craniotomy", (0.13, 0.90))
+            _annotate(axes, camera, ring[np.argmin(ring @ camera.right)], "craniotomy", (0.13, 0.90))
         if len(far):
-            _call(axes, camera, far[np.argmax(far @ (camera.right - 0.5 * camera.up))], "ventricles", (0.87, 0.10))
+            _annotate(axes, camera, far[np.argmax(far @ (camera.right - 0.5 * camera.up))], "ventricles", (0.87, 0.10))
 
         near = page.add_axes((0.485, 0.03, 0.445, 0.87))
         _cutaway(near, peak, scale)
@@ -182,7 +182,7 @@ def _triad(axes: Any, camera: Camera, at: tuple[float, float]) -> None:
         axes.text(*label, letter, transform=axes.transAxes, ha="center", va="center", fontsize=10, fontweight="bold")
 
 
-def _call(axes: Any, camera: Camera, point: Floats, text: str, at: tuple[float, float]) -> None:
+def _annotate(axes: Any, camera: Camera, point: Floats, text: str, at: tuple[float, float]) -> None:
     where = 1e3 * camera.project(point[None])[0, :2]
     line = {"arrowstyle": "-", "color": "#333333", "lw": 0.8, "shrinkA": 1, "shrinkB": 0}
     axes.annotate(text, where, at, textcoords="axes fraction", ha="center", va="center", fontsize=9.5, arrowprops=line)

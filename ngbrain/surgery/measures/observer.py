@@ -105,7 +105,7 @@ class Observer:
     def __init__(self, body: Problem, blades: Mapping[str, RigidTool], fixed: str) -> None:
         self.body, self.asked = body, retraction_observables(body, blades)
         """Columns of a `StepRecord` that are of any problem with these contacts, as `Observable`s by name."""
-        contacts, reaction = _under(body, blades), self.asked["net_reaction"]
+        contacts, reaction = _contacts_by_wall(body, blades), self.asked["net_reaction"]
         driving = DrivingForce([Patch(each) for each in contacts.values()])
         on_walls = {name: each for name, each in self.asked.items() if each is not reaction} | {"driving": driving}
         self._names, self._pass = list(on_walls), WallPass(body, list(on_walls.values()))
@@ -186,7 +186,7 @@ def retraction_observables(
         `opening`, `area`, `force` (without friction), `pressure`, `tip_pressure`, `centre_pressure`, `depth`, `net_reaction`; all
         except the area have a gradient.
     """
-    contacts = _under(body, blades)
+    contacts = _contacts_by_wall(body, blades)
     across = [_across(blade) for blade in blades.values()]
 
     def patches(name: str, where: Callable[[RigidContact, RigidTool], ngs.CoefficientFunction]) -> list[Patch]:
@@ -214,7 +214,7 @@ def retraction_observables(
     }
 
 
-def _under(body: Problem, blades: Mapping[str, RigidTool]) -> dict[str, RigidContact]:
+def _contacts_by_wall(body: Problem, blades: Mapping[str, RigidTool]) -> dict[str, RigidContact]:
     """Wall → its contact."""
     contacts = {each.wall: each for each in body.contacts if isinstance(each, RigidContact)}
     return {wall: contacts[wall] for wall in blades}

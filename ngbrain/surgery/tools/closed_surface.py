@@ -250,7 +250,7 @@ def _basis(t: np.ndarray) -> list[np.ndarray]:
 
 def _distance(surface: SurfaceMesh, at: np.ndarray) -> np.ndarray:
     """Distance of points (n, 3) to a surface, from the triangles whose sample points are nearest."""
-    spread, triangle = _spread(surface)
+    spread, triangle = _sample_points(surface)
     found = np.full(len(at), np.inf)
     corners = surface.points[surface.triangles]
     _, near = cKDTree(spread).query(at, NEAREST)
@@ -259,7 +259,7 @@ def _distance(surface: SurfaceMesh, at: np.ndarray) -> np.ndarray:
     return found
 
 
-def _spread(surface: SurfaceMesh) -> tuple[np.ndarray, np.ndarray]:
+def _sample_points(surface: SurfaceMesh) -> tuple[np.ndarray, np.ndarray]:
     """Sample points on a surface, no farther apart than a grid step, and their triangles."""
     corners = surface.points[surface.triangles]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)

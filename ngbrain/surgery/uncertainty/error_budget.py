@@ -77,9 +77,9 @@ def errors(own: Answer | None, checked: Mapping[str, Any], factors: Iterable[flo
         return {}
     own_numbers = _known(own)
     moves = {
-        "mesh": _apart(_pair(checked[MESH], own)),
-        "order": _apart(checked[ORDER]) | _order_of_pressure(own, checked[ORDER], patient),
-        "step": _apart(_pair(checked[HALF], own)),
+        "mesh": _differences(_pair(checked[MESH], own)),
+        "order": _differences(checked[ORDER]) | _order_of_pressure(own, checked[ORDER], patient),
+        "step": _differences(_pair(checked[HALF], own)),
     }
     others = [_numbers(scale_moduli(own, factor, patient)) for factor in factors]
     others += [_numbers(checked[MILLER])] if checked[MILLER] else []
@@ -134,7 +134,7 @@ def _pair(pair: tuple[Answer | None, Answer] | None, own: Answer) -> tuple[Answe
     return pair and (pair[0] or own, pair[1])
 
 
-def _apart(pair: tuple[Answer, Answer] | None) -> dict[str, float]:
+def _differences(pair: tuple[Answer, Answer] | None) -> dict[str, float]:
     """Differences between the numbers of two answers."""
     if not pair:
         return {}
@@ -147,7 +147,7 @@ def _order_of_pressure(own: Answer, pair: tuple[Answer, Answer] | None, patient:
         return {}
     low, high = (each["peak_pressure_mmHg"] for each in pair)
     names = _numbers(pressure_answers(*pressure_series(own), patient))
-    moved = _apart((own, scale_moduli(own, high / low, patient)))
+    moved = _differences((own, scale_moduli(own, high / low, patient)))
     return {name: moved[name] for name in names}
 
 

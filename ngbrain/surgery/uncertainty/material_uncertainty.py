@@ -108,17 +108,17 @@ def comparable_moduli(name: str, tissue: Tissue, ramp: float) -> Comparable:
     for entry in CATALOGUE.values():
         if entry.region not in regions:
             continue
-        if why := _unlike(entry, species, low, high, ramp):
+        if why := _exclusion_reason(entry, species, low, high, ramp):
             left_out[entry.name] = why
             continue
-        moduli[entry.name] = _after(viscous(entry.law()), ramp)
+        moduli[entry.name] = _modulus_after(viscous(entry.law()), ramp)
         weights[entry.name] = SOFTENED if entry.preconditioned else 1.0
     strains = f"measured to strains of {100 * low:.3g} % at least" + (
         "" if np.isinf(high) else f", {100 * high:.3g} % at most"
     )
     return Comparable(
         name,
-        _after(tissue.law(), ramp),
+        _modulus_after(tissue.law(), ramp),
         moduli,
         weights,
         left_out,
@@ -133,7 +133,7 @@ def comparable_moduli(name: str, tissue: Tissue, ramp: float) -> Comparable:
     )
 
 
-def _unlike(entry: Published, species: str, low: float, high: float, ramp: float) -> str:
+def _exclusion_reason(entry: Published, species: str, low: float, high: float, ramp: float) -> str:
     """Reason for excluding an entry; empty if it is comparable."""
     least, most = entry.stretch
     if entry.species != species:
@@ -149,7 +149,7 @@ def _unlike(entry: Published, species: str, low: float, high: float, ramp: float
     return ""
 
 
-def _after(law: Viscous, ramp: float) -> float:
+def _modulus_after(law: Viscous, ramp: float) -> float:
     """Shear modulus (Pa) after a single step of `ramp` seconds from rest."""
     return float(shear_modulus(law_after(law, ramp)))
 

@@ -74,8 +74,12 @@ def half_steps(model: RetractionModel, folder: Path | None, resume: bool, callba
         Answers; the first is None if the model's own mesh is used.
     """
     coarse, control = _coarse(model), model.control()
-    whole = None if coarse is model else _held(coarse, WHOLE, folder, resume, _muted(callback, HALF), control)
-    return whole, _held(coarse, HALF, folder, resume, callback, control.halve())
+    whole = (
+        None
+        if coarse is model
+        else _run_hold(coarse, WHOLE, folder, resume, _without_fraction(callback, HALF), control)
+    )
+    return whole, _run_hold(coarse, HALF, folder, resume, callback, control.halve())
 
 
 def other_elements(model: RetractionModel, folder: Path | None, resume: bool, callback: Callback) -> Pair:
@@ -95,8 +99,8 @@ def other_elements(model: RetractionModel, folder: Path | None, resume: bool, ca
     factor = OTHER if mesh.wall < COARSE["wall"] else 1 / OTHER
     other = replace(mesh, **{name: factor * getattr(mesh, name) for name in COARSE})
     holds = any(asked.kind == "continuous" for asked in model.scene.protocols)
-    own = None if holds else _held(model, OWN, folder, resume, _muted(callback, MESH))
-    return own, _held(_meshed(model, other), MESH, folder, resume, callback)
+    own = None if holds else _run_hold(model, OWN, folder, resume, _without_fraction(callback, MESH))
+    return own, _run_hold(_with_mesh(model, other), MESH, folder, resume, callback)
 
 
 def miller_exponent(model: RetractionModel, folder: Path | None, resume: bool, callback: Callback) -> Answer:
@@ -113,17 +117,17 @@ def miller_exponent(model: RetractionModel, folder: Path | None, resume: bool, c
         Its answer.
     """
     tissues = tuple(tissue.with_alpha(MILLER_ALPHA) for tissue in model.scene.tissues)
-    return _held(replace(model, scene=replace(model.scene, tissues=tissues)), MILLER, folder, resume, callback)
+    return _run_hold(replace(model, scene=replace(model.scene, tissues=tissues)), MILLER, folder, resume, callback)
 
 
 def _coarse(model: RetractionModel) -> RetractionModel:
     """The same scene on an affordable mesh."""
     scene = model.scene
     mesh = replace(scene.mesh, **{k: max(v, getattr(scene.mesh, k)) for k, v in COARSE.items()})
-    return model if mesh == scene.mesh else _meshed(model, mesh)
+    return model if mesh == scene.mesh else _with_mesh(model, mesh)
 
 
-def _meshed(model: RetractionModel, mesh: MeshSize) -> RetractionModel:
+def _with_mesh(model: RetractionModel, mesh: MeshSize) -> RetractionModel:
     """The same scene on another mesh; `SolverError` where there is none, so that only this verification run is missing."""
     try:
         return RetractionModel.from_scene(replace(model.scene, mesh=mesh), model.head)
@@ -131,7 +135,7 @@ def _meshed(model: RetractionModel, mesh: MeshSize) -> RetractionModel:
         raise SolverError(f"no mesh for a check: {error}") from error
 
 
-def _held(
+def _run_hold(
     model: RetractionModel,
     name: str,
     folder: Path | None,
@@ -143,7 +147,7 @@ def _held(
     return answer(run.result(), model.scene.patient)
 
 
-def _muted(callback: Callback, name: str) -> Callback:
+def _without_fraction(callback: Callback, name: str) -> Callback:
     """Reports time but no fraction done, for a reference run."""
     return lambda _, t, __: callback(name, t, 0.0)
 
@@ -222,7 +226,7 @@ def compare_orders(model: RetractionModel, path: Path | None = None, resume: boo
             target.Interpolate(source)
         embedded.components[2].Interpolate(body.offset, definedon=walls)  # elsewhere there is none
         wanted = (at.t, np.array(embedded.vec.FV().NumPy()))
-        _go(high, reached, wanted, HALVINGS)
+        _continue_along(high, reached, wanted, HALVINGS)
         reached = wanted
         if at.t == protocol.times[-1]:
             for run in runs:
@@ -236,7 +240,7 @@ def compare_orders(model: RetractionModel, path: Path | None = None, resume: boo
     return first, second
 
 
-def _go(run: TimeStepper, start: Point, end: Point, halvings: int) -> None:
+def _continue_along(run: TimeStepper, start: Point, end: Point, halvings: int) -> None:
     """Continue a solution along another one of the same motion, from one point (t, all unknowns) to the next."""
     state = run.problem.x
     assert run.motion is not None  # a blade moves
@@ -248,5 +252,5 @@ def _go(run: TimeStepper, start: Point, end: Point, halvings: int) -> None:
         raise SolverError(f"{run.problem.element} at t = {end[0]:.2f} s: {record.reason}")
     run.problem.x = state
     middle = ((start[0] + end[0]) / 2, (start[1] + end[1]) / 2)
-    _go(run, start, middle, halvings - 1)
-    _go(run, middle, end, halvings - 1)
+    _continue_along(run, start, middle, halvings - 1)
+    _continue_along(run, middle, end, halvings - 1)

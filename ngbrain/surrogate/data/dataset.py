@@ -101,7 +101,9 @@ def waves(random: np.random.Generator, relative: Array, across: int) -> Sample:
     angle = random.uniform(0, 2 * np.pi)
     drive = {"top": (1e-3 * np.cos(angle), 1e-3 * np.sin(angle))}
     u = solve_displacement(storage + 1j * loss, frequency, poisson, drive, across)
-    return Sample(u, _at(storage, across), _at(np.broadcast_to(loss, storage.shape), across), frequency, poisson)
+    return Sample(
+        u, _interpolate(storage, across), _interpolate(np.broadcast_to(loss, storage.shape), across), frequency, poisson
+    )
 
 
 def compression(random: np.random.Generator, relative: Array, across: int) -> Sample:
@@ -126,7 +128,7 @@ def compression(random: np.random.Generator, relative: Array, across: int) -> Sa
     side = SIDES["compression"]
     held = {"x": "bottom", "y": "bottom|top"}
     u = solve_displacement(youngs / (2 * (1 + poisson)), 0.0, poisson, {"top": (0, -0.01 * side)}, across, held, side)
-    return Sample(u.real[..., 1:], _at(youngs, across), np.zeros((across, across)), 0.0, poisson)
+    return Sample(u.real[..., 1:], _interpolate(youngs, across), np.zeros((across, across)), 0.0, poisson)
 
 
 MODALITIES: dict[str, Callable[[np.random.Generator, Array, int], Sample]] = {
@@ -411,7 +413,7 @@ def _square(side: float, across: int) -> tuple[ngs.Mesh, Array]:
     return mesh, mesh(x.ravel(), y.ravel())
 
 
-def _at(fine: Array, across: int) -> Array:
+def _interpolate(fine: Array, across: int) -> Array:
     """Linear interpolation of an array on `FINE` points to `across` points."""
     places = np.linspace(0, FINE - 1, across)
     return map_coordinates(fine, np.meshgrid(places, places, indexing="ij"), order=1)

@@ -91,7 +91,7 @@ class Raster:
             fields, counts = _resampled(fields, counts, stretch)
             notes.append(
                 f"cells of {cells} mm are not square: resampled by cubic splines to {1e3 * step:.4g} mm, "
-                f"{counts.shape[2]} × {counts.shape[1]} points, and the answers back"
+                f"{counts.shape[2]} × {counts.shape[1]} points, and results are interpolated back"
             )
         return Raster(step, fields, counts, places, grid.axes, notes)
 
@@ -192,7 +192,7 @@ def _sums(counts: Array, size: int) -> Array:
 def _resampled(fields: Array, counts: Array, stretch: Array) -> tuple[Array, Array]:
     """Fields (loads, ny, nx, 2) and their masks at unit spacing, where neighbours are `stretch` (y, x) apart."""
     at = [np.arange(int((n - 1) * s + 1e-6) + 1) / s for n, s in zip(fields.shape[1:3], stretch, strict=True)]
-    sure = np.array([[_deep(each) for each in load] for load in np.moveaxis(counts, -1, 1)], float)
+    sure = np.array([[_erode(each) for each in load] for load in np.moveaxis(counts, -1, 1)], float)
     sure = np.moveaxis(sure, 1, -1)
     for axis, places in zip((1, 2), at, strict=True):
         own = np.arange(fields.shape[axis])
@@ -201,6 +201,6 @@ def _resampled(fields: Array, counts: Array, stretch: Array) -> tuple[Array, Arr
     return fields, sure > 1 - 1e-6
 
 
-def _deep(counts: Array) -> Array:
+def _erode(counts: Array) -> Array:
     """The mask without `SPLINE` points around invalid ones."""
     return counts if counts.all() else ~ndimage.binary_dilation(~counts, iterations=SPLINE)

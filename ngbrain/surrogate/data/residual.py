@@ -73,7 +73,7 @@ def wave_residual(u: Array, modulus: Array) -> tuple[float, float]:
     for distance, along in zip(away, (u[0], u[-1], u[:, 0], u[:, -1]), strict=True):
         rigid = np.sqrt((np.abs(along - along.mean(axis=0)) ** 2).sum(axis=1).mean() / size)
         free = [(other == 0) & (distance >= REACH) for other in away if other is not distance]
-        driven.append(max(float(rigid), *(_unlike(elastic[each], inertia[each]) for each in free)))
+        driven.append(max(float(rigid), *(_disproportion(elastic[each], inertia[each]) for each in free)))
     return _relative(elastic[inner, inner], inertia[inner, inner]), min(driven)
 
 
@@ -152,7 +152,7 @@ def _relative(elastic: Array, inertia: Array) -> float:
     return float(np.sqrt((np.abs(elastic - inertia) ** 2).sum() / max(whole, 1e-300)))
 
 
-def _unlike(elastic: Array, inertia: Array) -> float:
+def _disproportion(elastic: Array, inertia: Array) -> float:
     """Deviation of two arrays from being proportional."""
     both = (np.abs(elastic) ** 2).sum() * (np.abs(inertia) ** 2).sum()
     return float(np.sqrt(max(0.0, 1 - np.abs((np.conj(elastic) * inertia).sum()) ** 2 / max(both, 1e-300))))

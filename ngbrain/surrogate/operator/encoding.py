@@ -87,7 +87,7 @@ class Modality:
         numpy.ndarray of shape (batch, channels, n, n)
             Input channels, float32.
         """
-        n, of = u.shape[1], _of_waves if self.name == "waves" else _of_compression
+        n, of = u.shape[1], _wave_channels if self.name == "waves" else _compression_channels
         found = np.empty((len(u), self.channels, n, n), np.float32)
         for channels, each in zip(found, u[:, None], strict=True):  # field by field, which stays in the CPU cache
             channels[:-4] = np.concatenate(of(each))
@@ -286,7 +286,7 @@ def estimate_noise(u: Array) -> Array:
     It is a median over the points, so that edges of tissue do not count as noise, scaled to the standard deviation
     of white noise.
     """
-    off, n = _off_cubics(u), u.shape[1]
+    off, n = _cubic_residuals(u), u.shape[1]
     kept = float((((np.eye(n) - derivative_matrix(n, FINEST, 0, 3)) ** 2).sum(axis=1)).mean())
     kept = 2 * kept - kept**2 if kept < 1 else 1.0
     sizes = np.median(np.abs(off), axis=(-2, -1)) / 0.6745
@@ -309,7 +309,7 @@ def estimate_jump(u: Array) -> Array:
     >>> [round(float(estimate_jump(each)[0]), 3) for each in (wave, torn)]
     [0.0, 0.35]
     """
-    off, n = _off_cubics(u), u.shape[1]
+    off, n = _cubic_residuals(u), u.shape[1]
     scale = (np.abs(remove_affine(u)) ** 2).mean(axis=(1, 2, 3))  # of all components: one may hardly move
     squares = (off**2).sum(axis=0).mean(axis=0) / np.maximum(scale, 1e-300)[:, None, None]
     across = max(3, round(n / PATCHES))
@@ -318,7 +318,7 @@ def estimate_jump(u: Array) -> Array:
     return np.asarray(coarse * np.sqrt(patches.max(axis=(1, 2))))
 
 
-def _off_cubics(u: Array) -> Array:
+def _cubic_residuals(u: Array) -> Array:
     """Residuals of local cubics of fields (batch, n, n, components): (parts, components, batch, n, n), real and
     imaginary parts.
     """
@@ -409,7 +409,7 @@ def _planes(n: int) -> tuple[Array, Array]:
     return q, r
 
 
-def _of_waves(u: Array) -> list[Array]:
+def _wave_channels(u: Array) -> list[Array]:
     """Real and imaginary parts of u and its gradient, and local estimates of the modulus from the Helmholtz
     equation of curl and of u.
     """
@@ -433,7 +433,7 @@ def _of_waves(u: Array) -> list[Array]:
 
 
 def _derivatives(fields: Array) -> dict[tuple[float, int], dict[tuple[int, int], Array]]:
-    """Derivatives that `_of_waves` needs, by half window and degree."""
+    """Derivatives that `_wave_channels` needs, by half window and degree."""
     ways: dict[tuple[float, int], dict[tuple[int, int], None]] = {(SMALL, DEGREE): dict.fromkeys(OF_SLOPES)}
     for settings, needed in ((CURLS, OF_CURLS), (LAPLACIANS, OF_LAPLACIANS)):
         for half, degree, _ in settings:
@@ -465,7 +465,7 @@ def _moduli(estimates: list[Array]) -> list[Array]:
     return [each for i in range(len(estimates)) for each in made[i]]
 
 
-def _of_compression(u: Array) -> list[Array]:
+def _compression_channels(u: Array) -> list[Array]:
     """The axial displacement without its affine part, and its axial and lateral derivatives, all divided by the mean strain."""
     affine, (_, _, strain) = _affine(u)
     mean = strain[:, 0, None, None]

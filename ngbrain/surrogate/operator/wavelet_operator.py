@@ -6,7 +6,9 @@ with two wide kernels that reach across the whole field. The finest details are 
 which cost as much as the rest of M, the error was higher after the same training time. Weights belong to physical
 lengths: M acts on 51 points across whatever the grid.
 
-References ---------- Tripura & Chakraborty 2023, doi:10.1016/j.cma.2022.115783, where weights belong to single
+References
+----------
+Tripura & Chakraborty 2023, doi:10.1016/j.cma.2022.115783, where weights belong to single
 coefficients of one grid, and blocks are not residual.
 """
 

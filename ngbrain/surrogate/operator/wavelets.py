@@ -8,7 +8,9 @@ avoided: where NGSolve was imported before PyTorch its OpenBLAS replaces PyTorch
 (pytorch/pytorch#182263). The matrices are built from the size by operations that an ONNX graph repeats for other
 sizes.
 
-References ---------- Mallat, A Wavelet Tour of Signal Processing, 3rd ed., 7.3 and 7.5,
+References
+----------
+Mallat, A Wavelet Tour of Signal Processing, 3rd ed., 7.3 and 7.5,
 doi:10.1016/B978-0-12-374370-1.X0001-8; the order of the coefficients is that of PyWavelets,
 doi:10.21105/joss.01237.
 """

@@ -173,7 +173,7 @@ def predict(data: WaveData, operator: Operator | None = None) -> Prediction:
     if data.lacks_imaginary(0.0 if data.noise is None else float(np.max(data.noise))):
         wanted = "complex displacements, or elastic data: from real parts alone the operator predicts almost no loss"
         raise InputError("displacement", "without imaginary parts", wanted)
-    raster, views, notes, data = _views(data, name)
+    raster, views, notes, data = _fields(data, name)
     operator = operator or Operator.load_default(name)
     if operator.kind.name != name:
         raise InputError("operator", f"of {operator.kind.name}", f"one of {name}")
@@ -196,11 +196,11 @@ def predict(data: WaveData, operator: Operator | None = None) -> Prediction:
     if checks > 1 and _largest(of_cut) < _largest(of_loads):  # else plates, but for the noise
         found, of_loads, wide = cut, of_cut, WINDOW
         notes.append(
-            "the ends of the data do not move as plates do: they are treated as a window of a larger body, of which "
-            "the strain over its smooth trend is used; a trend of stiffness is not recovered, and contrasts come out up to "
-            "a quarter too near to 1; `invert` takes the rim as measured"
+            "the ends of the data do not move as rigid plates: the data are treated as a window of a larger body, with the "
+            "strain divided by its smooth trend; a trend of the stiffness is not recovered, and contrasts are up to a quarter "
+            "too close to 1; `invert` uses the measured displacements of the boundary"
         )
-    maps, deviations = _combined(data, raster, found)
+    maps, deviations = _combine(data, raster, found)
     deviations = {key: wide * values for key, values in deviations.items()}
     left = int(np.isnan(next(iter(maps.values()))).sum())
     if left:
@@ -223,7 +223,7 @@ def predict(data: WaveData, operator: Operator | None = None) -> Prediction:
     )
 
 
-def _views(data: WaveData, name: str) -> tuple[Raster, list[RasterField], list[str], WaveData]:
+def _fields(data: WaveData, name: str) -> tuple[Raster, list[RasterField], list[str], WaveData]:
     """The fields that the operator of a modality evaluates, their raster, remarks, and the data as far as they are used."""
     raster = Raster.from_data(data)
     notes = list(raster.notes)
@@ -277,7 +277,7 @@ def _poisson(data: WaveData, shear: float) -> float:
     return (3 * bulk - 2 * shear) / (6 * bulk + 2 * shear)
 
 
-def _combined(
+def _combine(
     data: WaveData, raster: Raster, found: Sequence[FieldPrediction]
 ) -> tuple[dict[str, Array], dict[str, Array]]:
     """Maps of all loads at the points of the data, and their standard deviations: lognormal, that of the loss to first order."""
@@ -303,12 +303,12 @@ def _combined(
 
 
 def _scores(found: FieldPrediction, trust: Mapping[str, Any]) -> dict[str, float]:
-    return _middle([scores(look, trust) for look in found.tiles])
+    return _median_scores([scores(look, trust) for look in found.tiles])
 
 
 def _largest(of_loads: Sequence[dict[str, float]]) -> float:
     return max(max(each.values()) for each in of_loads)
 
 
-def _middle(scores_of_tiles: Sequence[dict[str, float]]) -> dict[str, float]:
+def _median_scores(scores_of_tiles: Sequence[dict[str, float]]) -> dict[str, float]:
     return {name: float(np.median([each[name] for each in scores_of_tiles])) for name in scores_of_tiles[0]}

@@ -128,9 +128,9 @@ def predict_field(
         Prediction for the field and its squares.
     """
     kind = operator.kind
-    places = squares(view.counts, _most(operator, view, density))
-    seen = {(i, j, n): _seen(view.displacement[i : i + n, j : j + n], window) for i, j, n in places}
-    said = [_said(operator, seen, size, poisson) for size in sorted({n for *_, n in places})]
+    places = squares(view.counts, _largest_square(operator, view, density))
+    seen = {(i, j, n): _operator_input(view.displacement[i : i + n, j : j + n], window) for i, j, n in places}
+    said = [_evaluate(operator, seen, size, poisson) for size in sorted({n for *_, n in places})]
     predictions = {place: each for part in said for place, each in part.items()}
     if kind.name == "waves":
         level = {
@@ -164,7 +164,7 @@ def predict_field(
     return FieldPrediction(mean, variance, looks)
 
 
-def _most(operator: Operator, view: RasterField, density: float) -> float:
+def _largest_square(operator: Operator, view: RasterField, density: float) -> float:
     """Points across the largest square within the training frequencies."""
     if operator.kind.name != "waves":
         return np.inf
@@ -172,11 +172,11 @@ def _most(operator: Operator, view: RasterField, density: float) -> float:
     return 1 + SIDES["waves"] * highest / view.frequency * np.sqrt(DENSITY / density) / view.spacing
 
 
-def _seen(u: Array, window: bool) -> Array:
+def _operator_input(u: Array, window: bool) -> Array:
     return remove_strain_trend(u[..., 0])[..., None] if window else u
 
 
-def _said(
+def _evaluate(
     operator: Operator, seen: dict[Square, Array], size: int, poisson: float
 ) -> dict[Square, tuple[Array, Array, Array]]:
     """Input channels, means and standard deviations of the squares of one size."""

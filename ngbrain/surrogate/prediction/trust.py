@@ -111,9 +111,11 @@ def calibrate(operator: Operator, training: DataSet, validation: DataSet, seed: 
     noise = np.concatenate([estimate_noise(each[None]) for each in u])
     noisy = kind.add_noise(validation.displacement, np.full(len(validation), JUDGED), random)
     validation = replace(validation, displacement=noisy)
-    looks = _looks(operator, validation)
+    looks = _predictions(operator, validation)
     if not all(np.isfinite(look.mean).all() for look in looks):
-        raise InputError("operator", "one whose answers are not finite", "an operator whose training has not failed")
+        raise InputError(
+            "operator", "one with predictions that are not finite", "an operator whose training has not failed"
+        )
     truths = kind.targets(validation.storage, validation.loss, _units(kind, validation))
     off = np.abs(np.array([look.mean for look in looks]) - truths) / np.array([look.scale for look in looks])
     factor = np.quantile(off, COVERED, axis=(0, 2, 3)) / NORMAL
@@ -242,7 +244,7 @@ def _units(kind: Modality, data: DataSet) -> Array:
     return kind.unit(data.storage, data.frequency, DENSITY, data.side)
 
 
-def _looks(operator: Operator, data: DataSet) -> list[TilePrediction]:
+def _predictions(operator: Operator, data: DataSet) -> list[TilePrediction]:
     """Predictions of all squares of a data set."""
     u, nu = data.displacement / data.side, data.poisson
     features = operator.kind.features(u, nu)

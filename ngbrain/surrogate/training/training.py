@@ -290,7 +290,7 @@ def train(
         batches = [order[i : i + settings.batch] for i in range(0, len(order) - settings.batch + 1, settings.batch)]
         losses = []
         model.train()
-        for features, targets in _ahead(learner, batches, settings.noise, random):
+        for features, targets in _prefetch(learner, batches, settings.noise, random):
             mean, scale = model(torch.from_numpy(features))
             value = objective(mean, scale, torch.from_numpy(targets))
             if descent.step(value):
@@ -304,7 +304,7 @@ def train(
     return model
 
 
-def _ahead(
+def _prefetch(
     learner: Learner, batches: Sequence[Array], noise: tuple[float, float], random: np.random.Generator
 ) -> Iterator[tuple[Array, Array]]:
     """Training batches, the next one prepared in a thread while one is used."""

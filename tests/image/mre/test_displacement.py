@@ -5,7 +5,6 @@ import pytest
 
 from ngbrain.errors import InputError
 from ngbrain.image.mre.displacement import (
-    central_gradient,
     first_harmonic,
     gradient_noise,
     octahedral_amplitude,
@@ -158,11 +157,10 @@ def test_noise_of_strain_is_what_repetition_shows(rng):
     h, sigma = np.array([2e-3, 2e-3, 3e-3]), 1e-7
     x = np.stack(np.meshgrid(*[h_i * np.arange(3) for h_i in h], indexing="ij"), axis=-1)
     G = 0.01 * rng.normal(size=(3, 3))
-    mask = np.ones((3, 3, 3), bool)
     found = []
     for _ in range(4000):
         u = x @ G.T + sigma * rng.normal(size=x.shape)
-        gradient = central_gradient(u, h, mask)[1, 1, 1]
+        gradient = np.stack([(np.take(u, 2, i)[1, 1] - np.take(u, 0, i)[1, 1]) / (2 * h[i]) for i in range(3)], axis=-1)
         found.append(octahedral_strain((gradient + gradient.T) / 2))
     noise = gradient_noise(np.full(3, sigma), h)
     assert noise == pytest.approx(sigma / np.sqrt(2) / h * np.ones((3, 1)))
@@ -173,12 +171,3 @@ def test_noise_of_strain_is_what_repetition_shows(rng):
     assert snr == pytest.approx(2 / np.pi * octahedral_strain((G + G.T) / 2) / spread)
     snr, spread = strain_snr(np.zeros((2, 3, 3), complex), np.ones((3, 3)))
     assert not snr.any() and (spread > 0).all()
-
-
-def test_central_differences_stay_in_the_mask():
-    mask = np.ones((5, 6), bool)
-    mask[2, 3] = False
-    x = np.stack(np.meshgrid(0.1 * np.arange(5), 0.2 * np.arange(6), indexing="ij"), axis=-1)
-    gradient = central_gradient(x @ np.array([[1, 2], [3j, 4]]).T, np.array([0.1, 0.2]), mask)
-    whole = np.isfinite(gradient).all(axis=(2, 3))
-    assert whole.sum() == 3 * 4 - 5 and np.allclose(gradient[whole], [[1, 2], [3j, 4]])

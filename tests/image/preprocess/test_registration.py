@@ -14,8 +14,8 @@ from ngbrain.image.read.volume import Volume
 @pytest.fixture
 def searches(monkeypatch):
     """How often places were searched for."""
-    seen, found = [], module._found
-    monkeypatch.setattr(module, "_found", lambda *given: seen.append(1) or found(*given))
+    seen, found = [], module._search_candidates
+    monkeypatch.setattr(module, "_search_candidates", lambda *given: seen.append(1) or found(*given))
     return seen
 
 
@@ -47,7 +47,7 @@ def test_places_to_begin_at_are_of_every_size():
     away = 4 * ndimage.distance_transform_edt(brain < 0.05)
     data = np.select([(away >= 6) & (away < 20), away > 0, brain > 0.4], [2.5, 0.05, 0.7 + 0.1 * brain], 0.5)
     coarse = normalise_locally(downsample(Volume(data.astype(np.float32), affine), 8e-3))
-    starts = module._found(coarse, module._template_variants(template)[0], module._TURNS)
+    starts = module._search_candidates(coarse, module._template_variants(template)[0], module._TURNS)
     sizes = [np.cbrt(np.linalg.det(start[:3, :3])) for start in starts]
     assert np.allclose(np.unique(np.round(sizes, 6)), module._SIZES)
     assert min(off(start @ np.diag([1 / size, 1 / size, 1 / size, 1])) for start in starts) < 25e-3

@@ -11,7 +11,7 @@ from simulated import waves
 
 from ngbrain.errors import InputError
 from ngbrain.inverse.elastography.invert import invert
-from ngbrain.inverse.elastography.invert_3d import _shared, invert_in_space
+from ngbrain.inverse.elastography.invert_3d import _points_per_node, invert_in_space
 from ngbrain.inverse.problem.discretisation import discretise
 from ngbrain.inverse.problem.properties import material_properties
 from ngbrain.inverse.problem.wave_problem import ElastographyProblem
@@ -272,4 +272,4 @@ def test_points_for_each_node(order):
     data = wave_data()
     experiment = ElastographyProblem(data, discretise(data, order=order))
     nodes = ngs.H1(experiment.body.mesh, order=order).ndof
-    assert _shared(experiment) == pytest.approx(len(experiment.model.points) / nodes)
+    assert _points_per_node(experiment) == pytest.approx(len(experiment.model.points) / nodes)

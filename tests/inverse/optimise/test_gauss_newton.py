@@ -156,9 +156,12 @@ def test_an_end_says_whether_steps_or_rounds_ran_out():
     inversion.reduced.evaluate = at
     stopped = GaussNewton(inversion.reduced, FixedWeights()).descend(inversion.start, max_iterations=1)
     assert stopped.status is Status.STOPPED
-    for end, why in ((stuck, "no step lowered the objective any more"), (stopped, "more may change the maps")):
+    for end, why in (
+        (stuck, "no step lowered the objective further"),
+        (stopped, "more iterations may change the maps"),
+    ):
         (note,) = convergence_notes(end)
-        assert note.startswith(f"stopped after 1 round, before fields and weights had settled ({why})")
+        assert note.startswith(f"stopped after 1 iteration, before fields and weights converged ({why})")
     assert uniform(small()).converged and not convergence_notes(uniform(small()))
 
 

@@ -13,7 +13,7 @@ from planewaves import RHO, grid, shear_waves, wave_number
 from ngbrain.errors import ConvergenceError, InputError, SolverError
 from ngbrain.inverse.elastography.invert_3d import invert_in_space
 from ngbrain.inverse.problem.voxel_lattice import build_lattice
-from ngbrain.inverse.subzones.invert import ZoneSettings, _in_cells, invert_by_subzones
+from ngbrain.inverse.subzones.invert import ZoneSettings, _sizes_in_cells, invert_by_subzones
 from ngbrain.io.waves import WaveData
 from ngbrain.mesh import block
 from ngbrain.workflows.property_maps import finite
@@ -143,7 +143,7 @@ def test_zones_by_default(spacing, side, shared):
     """Along the bar five elements that share two, a third of a wave each; three where voxels are a third of a wave."""
     points = grid(26, 12, 12, spacing=spacing)
     data = WaveData(points, clean(points), [HERTZ], RHO, "isotropic", "viscoelastic", bulk=2e5)
-    assert [each[0] for each in _in_cells(data, build_lattice(data, "P3"), None, None)] == [side, shared]
+    assert [each[0] for each in _sizes_in_cells(data, build_lattice(data, "P3"), None, None)] == [side, shared]
 
 
 def test_data_in_the_plane():

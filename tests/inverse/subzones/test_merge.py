@@ -9,7 +9,7 @@ from planewaves import grid, waves
 from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.inverse.optimise.regularisation_weight import MisfitLevel
 from ngbrain.inverse.problem.voxel_lattice import VoxelLattice
-from ngbrain.inverse.subzones.merge import MergedZones, _of_zones
+from ngbrain.inverse.subzones.merge import MergedZones, _zone_notes
 from ngbrain.inverse.subzones.partition import cut_zones
 from ngbrain.inverse.subzones.roughness import Roughness
 from ngbrain.inverse.subzones.zone_result import ZoneResult
@@ -88,16 +88,16 @@ def test_a_map_without_slopes_has_a_weight(bar):
 
 def test_zones_that_have_not_settled_are_said(bar):
     found = together(*bar, lambda x: np.full(len(x), 8.0), (3.0, 3.0))
-    assert not _of_zones([found], MisfitLevel(250.0, 100.0))
+    assert not _zone_notes([found], MisfitLevel(250.0, 100.0))
     found.results[1].converged = False
     level = "the misfit of all is 250, expected are 100"
-    assert _of_zones([found], MisfitLevel(250.0, 100.0)) == [
-        f"1 of 2 zones stopped before fields and weights had settled: {level}"
+    assert _zone_notes([found], MisfitLevel(250.0, 100.0)) == [
+        f"1 of 2 zones stopped before fields and weights converged: {level}"
     ]
 
 
 def test_points_without_a_map_are_said(bar):
     found = together(*bar, lambda x: np.where(x[:, 0] < 1e-3, np.nan, 8.0), (3.0, 3.0))
     assert [
-        note for note in _of_zones([found], MisfitLevel(2.0, 1.0)) if note.startswith("81 of 2025 points have no map")
+        note for note in _zone_notes([found], MisfitLevel(2.0, 1.0)) if note.startswith("81 of 2025 points have no map")
     ]

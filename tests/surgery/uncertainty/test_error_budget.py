@@ -89,7 +89,7 @@ def test_other_elements_are_so_everywhere_and_a_hold_is_run_only_where_no_protoc
     scene = replace(scene, mesh=mesh, protocols=scene.protocols[protocols:])
     ran = []
     monkeypatch.setattr(
-        verification_runs, "_held", lambda model, name, *_: ran.append((name, model.scene.mesh)) or held(40.0)
+        verification_runs, "_run_hold", lambda model, name, *_: ran.append((name, model.scene.mesh)) or held(40.0)
     )
     monkeypatch.setattr(verification_runs.RetractionModel, "from_scene", lambda scene, head: Namespace(scene=scene))
     own, _ = verification_runs.other_elements(Namespace(scene=scene, head=None), None, False, lambda *_: None)
