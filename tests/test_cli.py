@@ -132,7 +132,7 @@ def test_warnings_are_a_line_each_and_quiet_silences_none(tmp_path, capsys, monk
 
 @pytest.fixture
 def staged(tmp_path, monkeypatch):
-    """The command with a solver and a report that only say what is asked of them; what it leaves on the way."""
+    """The command with a solver and a report that only record their calls."""
     seen = []
 
     class Reported:
@@ -248,14 +248,14 @@ def simulate(*arguments):
 
 
 def numbers(out):
-    """What a run found out: all of its result but how long it took."""
+    """The result of a run without its computing times."""
     result = json.loads((out / "result.json").read_text())
     named = ("answers", "checks", "comparison", "material_uncertainty", "geometry", "model", "error_budget")
     return {name: result[name] for name in named}
 
 
 def alike(one, other):
-    """The same on one thread and on two: numbers up to what round-off, in another order of sums, can become."""
+    """Assert equal results on one thread and on two, up to round-off of another order of summation."""
     if isinstance(one, dict):
         return one.keys() == other.keys() and all(alike(one[name], other[name]) for name in one)
     if isinstance(one, list):

@@ -37,7 +37,7 @@ def operation():
 
 @pytest.fixture
 def files(tmp_path):
-    """A scene and its tables, with numbers that no scene has."""
+    """A scene and its tables, with recognisable numbers."""
     (tmp_path / "scene.toml").write_text(operation().to_toml())
     (tmp_path / "l.csv").write_text("t_s,x_mm,y_mm,z_mm,ux_mm,uy_mm,uz_mm\n2,17,6,30,0.4,0,\n")
     (tmp_path / "f.csv").write_text("t_s,force_N\n2,0.3\n6,0.2\n")
@@ -46,7 +46,7 @@ def files(tmp_path):
 
 @pytest.fixture
 def searched(monkeypatch):
-    """What the search was given, which itself is left out."""
+    """Arguments of the calibration, which is not run."""
     given = {}
 
     def calibrate(scene, seen, tissues, protocol, spread, start, callback, finer):
@@ -113,7 +113,7 @@ def test_bad_input_is_one_line_and_early(files, monkeypatch, capsys, arguments, 
 
 @pytest.mark.slow
 def test_a_known_truth_comes_back_from_tables(tmp_path):
-    """Without noise, on the same elements: to two per cent; landmarks at one time, forces at two."""
+    """Without noise on the same elements, to 2 %; landmarks at one time, forces at two."""
     scene = operation()
     model = RetractionModel.from_scene(scene)
     points = model.cleft.target + np.array([[x, y, z] for x in (-12, 14) for y in (-8, 9) for z in (-6, 7)]) / 1000

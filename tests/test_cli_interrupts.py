@@ -1,4 +1,4 @@
-"""Ctrl-C ends a command whatever it is doing: modules that are being imported, and work that does not come back to Python."""
+"""Ctrl-C ends a command in any state: during imports, and in work that does not return to Python."""
 
 import os
 import signal
@@ -73,7 +73,7 @@ def test_ctrl_c(work, grace, times):
 
 @pytest.fixture
 def heard():
-    """Ctrl-C is heard, also where the tests themselves run in the background of a shell."""
+    """Enable Ctrl-C, also where the tests themselves run in the background of a shell."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)

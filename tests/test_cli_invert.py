@@ -212,7 +212,7 @@ def test_waves_of_the_other_time_convention_are_refused_and_taken_where_that_is_
 
 
 def test_outliers_are_kept_where_that_is_asked_for(tmp_path, capsys, monkeypatch):
-    """What they do to an inversion: `stability/test_outliers`."""
+    """Their effect on an inversion is tested in `stability/test_outliers`."""
     taken = []
 
     def caught(data, elements, **options):
@@ -318,7 +318,7 @@ def test_bad_files(tmp_path, capsys, no_work, name, content, words):
     ids=["still", "kHz", "mHz", "flags", "noise", "pickled"],
 )
 def test_bad_fields(tmp_path, capsys, recwarn, waves, changes, line):
-    """One line each, and no warning of NumPy's before it."""
+    """Each error is one line, without a NumPy warning before it."""
     np.savez(tmp_path / "bad.npz", **{**dict(np.load(waves)), **changes})
     status, out, lines = run(capsys, tmp_path / "bad.npz", "-o", tmp_path / "out", *ROUGH)
     assert status == 2 and len(lines) == 1 and not out and not recwarn.list
@@ -399,7 +399,7 @@ def test_without_a_component_there_is_no_strain(tmp_path, capsys):
 
 
 def test_what_has_not_settled_is_said_everywhere(tmp_path, capsys):
-    """Waves with loss of which the real part alone is given: one round is not enough, and they are not to be used."""
+    """Viscoelastic waves with real parts only: one iteration does not converge, and the maps are not usable."""
     data = plane()
     write_waves(tmp_path / "waves.npz", replace(data, displacement=data.displacement.real))
     chosen = (*ROUGH[:-1], "--noise", "0.07", "--rounds", "1")

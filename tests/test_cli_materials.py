@@ -1,4 +1,4 @@
-"""The verb `materials`: the list, all about one entry, what it gives to paste, and names that are none."""
+"""The verb `materials`: the list, one entry in full with its snippet, and unknown names."""
 
 import re
 import tomllib
@@ -62,7 +62,7 @@ def test_constants_are_shown_as_the_law_has_them(capsys):
 
 @pytest.mark.parametrize(("name", "lines"), [("griffiths2024:cortex", (2, 2)), ("cortex", (11, 3)), ("skull", (1, 1))])
 def test_a_picture_of_what_is_listed(capsys, tmp_path, monkeypatch, name, lines):
-    """A line over the stretches of its data each, and a thin one of what is left where it relaxes, of the stresses of the lab."""
+    """A line for each entry over the stretches of its data, and a thin one of the long-term stress where it relaxes."""
     pytest.importorskip("matplotlib")
     pages = []
     drawn = lab.plot_catalogue

@@ -1,4 +1,4 @@
-"""The face of the command line: help and version at once, and the names that it offers are those that the library knows."""
+"""The command line: help and version without delay; the offered names are those of the library."""
 
 import subprocess
 import sys

@@ -72,7 +72,7 @@ def test_waves_of_the_other_time_convention_are_refused(tmp_path, capsys):
 
 @pytest.mark.parametrize(("noise", "phase"), [(0.0, 1.0), (0.01, 1.0), (0.01, 0.6 + 0.8j)])
 def test_real_parts_of_waves_with_a_loss_are_refused(tmp_path, capsys, noise, phase):
-    """The operator made a loss of -.3 Pa of them, beside 10 kPa, and trusted it."""
+    """The operator would predict a loss of -.3 Pa, beside 10 kPa, with a low score."""
     data = Phantom.from_name("CV-G", 33).simulate_measurements().data()
     data = replace(data, displacement=data.displacement.real * phase)
     write_waves(tmp_path / "waves.npz", data.with_noise(noise, 0) if noise else data)

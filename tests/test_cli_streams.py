@@ -129,7 +129,7 @@ def test_results_are_not_replaced_unasked(scene, tmp_path, capsys):
 
 
 def test_a_place_that_cannot_be_written_to_is_noticed_first(tmp_path, capsys):
-    """Before the input is looked at."""
+    """The output is checked before the input."""
     (tmp_path / "file").write_text("")
     for verb in ("simulate", "invert", "predict", "calibrate"):
         for place in (tmp_path / "file" / "below", "/proc/self/fd/none", "/sys/none"):
@@ -164,7 +164,7 @@ def tetrahedra():
 
 
 def limited(code, tmp_path, size):
-    """Python that may write files of so many bytes, as where a disk is full."""
+    """A Python process with a limit on the size of its files, as on a full disk."""
 
     def limit():
         resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))

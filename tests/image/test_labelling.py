@@ -1,4 +1,4 @@
-"""Labels that are to be looked at first: which contrast and which volumes are warned of."""
+"""Warnings on labels with low contrast or unusual volumes."""
 
 import warnings
 

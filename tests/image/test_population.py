@@ -1,4 +1,4 @@
-"""The made-up heads of `population`: no two alike, the same again from the same number, labels as they should be."""
+"""The synthetic heads of `population`: all different, reproducible by number, with valid labels."""
 
 import numpy as np
 from population import CSF, GREY, VENTRICLE, WHITE, individual

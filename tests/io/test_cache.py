@@ -1,4 +1,4 @@
-"""What is kept on disk: made once, the same bits again, made anew when damaged or made from something else."""
+"""Cache: computed once, the same bits again, recomputed when damaged or for other inputs."""
 
 import sys
 import types
@@ -30,7 +30,7 @@ def module(tmp_path, monkeypatch):
 
 
 class Maker:
-    """Gives arrays and counts how often it is asked."""
+    """Computes arrays and counts the calls."""
 
     def __init__(self):
         self.calls = 0
@@ -89,7 +89,7 @@ def test_made_again_from_anything_else(folder, module):
 
 
 def test_an_entry_that_was_changed_is_made_again(folder, module):
-    """Its points doubled, as whole an archive as before."""
+    """The points are doubled; the archive itself is intact."""
     make = Maker()
     first = load_or_compute("mesh", 1, [module], make)
     (file,) = folder.iterdir()
@@ -105,7 +105,7 @@ def test_an_entry_that_was_changed_is_made_again(folder, module):
 
 
 def test_the_key_is_made_of_all_code_that_makes_an_entry():
-    """The mesh of an operated head depends on `mesh/geometry/cleft.py`; nothing depends on what only looks at it."""
+    """The mesh of a head with a cleft depends on `mesh/geometry/cleft.py`, but not on modules that only use the mesh."""
     for name in ("surgery/head_models", "mesh/routes/craniotomy"):
         found = {path.relative_to(PACKAGE).as_posix() for path in source_files([f"ngbrain.{name.replace('/', '.')}"])}
         assert {

@@ -1,4 +1,4 @@
-"""A checkpoint shows the right geometry and fields, comes back to the last bit, and is never half a file."""
+"""Checkpoints: geometry and fields, exact to the last bit, and never incomplete."""
 
 import os
 

@@ -1,4 +1,4 @@
-"""Finished work: what tells calls apart, what comes back, and what is refused."""
+"""Finished work: keys of calls, stored results, refusals."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -87,7 +87,7 @@ def test_quadratic_fields_are_exact_at_the_nodes(cube):
 
 
 def on_sphere(ball: QuadraticGrid) -> np.ndarray:
-    """Whether a node belongs to tetrahedra of both regions."""
+    """Mask of the nodes that belong to tetrahedra of both regions."""
     return (ball.values(1, regions="brain") == 1) & (ball.values(1, regions="liquor.*") == 1)
 
 

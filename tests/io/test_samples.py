@@ -29,12 +29,12 @@ def keys(**changes):
 
 
 def samples():
-    """Beside the wave something that stays."""
+    """Samples of a wave plus a static offset."""
     return (WAVES[..., None] * TURN).real + 3e-5 * np.sin(100 * POINTS)[None, :, :, None]
 
 
 def phases():
-    """Beside the wave up to 12 rad that stay, from 0 to 2π as a scanner writes them."""
+    """Phases of a wave plus a static phase of up to 12 rad, wrapped to 0 to 2π as by a scanner."""
     still = (600 * POINTS[:, :1] - 400 * POINTS[:, 1:])[None, :, :, None]
     return np.mod(((ENCODING * WAVES)[..., None] * TURN).real + still, 2 * np.pi)
 

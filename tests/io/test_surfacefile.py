@@ -1,4 +1,4 @@
-"""Surfaces of other programs: where they are, in which unit, closed or not."""
+"""Surfaces of other programs: coordinates, units, closedness."""
 
 import meshio
 import nibabel

@@ -1,4 +1,4 @@
-"""Wave data as others have them: MATLAB files of both kinds, displacements on voxels, other units, all that is missing at once."""
+"""Wave data of other sources: MATLAB files of both kinds, displacements on voxels, other units, all missing keys at once."""
 
 import json
 

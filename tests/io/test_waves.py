@@ -64,7 +64,7 @@ def assert_same(first, second, exact=True):
 
 
 def by_point():
-    """Noise of each point; outside of the mask what there is none of counts as 1."""
+    """Pointwise noise; missing values outside the mask become 1."""
     return plane(noise=np.where(np.arange(30) % 6 == 0, np.nan, 0.01 + 1e-3 * np.arange(30)))
 
 
@@ -309,7 +309,7 @@ def test_an_angle_is_a_fibre_and_other_keys_are_left_alone(tmp_path):
 
 @pytest.mark.parametrize("suffix", [".npz", ".h5", ".nii", ".nii.gz"])
 def test_damaged_files_are_refused_by_name(suffix, tmp_path, rng):
-    """Cut short, with flipped bytes, with a stretch of noise: an error of one line, or data that pass every check."""
+    """Truncated files, flipped bytes, random bytes: a one-line error, or data that pass every check."""
     path = tmp_path / f"waves{suffix}"
     write_waves(path, plane())
     whole, refused = path.read_bytes(), 0

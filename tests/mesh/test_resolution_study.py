@@ -1,4 +1,4 @@
-"""Which mesh a question needs: the table that comes with the library, and what is read off it."""
+"""Mesh recommendations: the shipped table and its evaluation."""
 
 import json
 from pathlib import Path

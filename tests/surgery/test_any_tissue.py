@@ -1,4 +1,4 @@
-"""A scene's tissue by any name of the catalogue: bodies, their forces and stiffness; a short retraction of each (slow)."""
+"""Tissues of a scene by any catalogue name: forces and stiffness of bodies; a short retraction of each (slow)."""
 
 from dataclasses import replace
 
@@ -57,7 +57,7 @@ def body_of(scene, **kwargs):
 
 
 def some_state(body, rng, size):
-    """Displacements that strain the block by about `size`, and pressures of that share of the modulus."""
+    """Displacements with strains of about `size`, and pressures of that share of the modulus."""
     random = rng.normal(size=body.fes.ndof)
     body.u.Set(size * ngs.CF((ngs.y + ngs.x, -0.5 * ngs.z, 0.7 * ngs.x - 0.5 * ngs.z)))
     x = body.x
@@ -70,7 +70,7 @@ def free(body):
 
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_forces_and_stiffness_of_a_body_are_those_of_its_energy(name, rng):
-    """In the second of two steps, beside white matter of another law in the same region; rest is free of forces."""
+    """In the second of two steps, with white matter of another law in the same region; the undeformed state has no forces."""
     body = body_of(scene_of(name))
     force = body.modulus * SIZE**2
     body.begin(0.7)
@@ -102,7 +102,7 @@ def test_forces_and_stiffness_of_a_body_are_those_of_its_energy(name, rng):
 
 
 def test_elements_have_the_laws_of_the_tissues_in_them():
-    """A region of tissues of two families falls into one's elements, the other's, and those with both; forces stay."""
+    """A region with two families of laws is split into elements of one, the other and both; forces are unchanged."""
     scene = scene_of("budday2017:cortex:demiray:compression")
     made = model_of(scene, border=0.4, cells=4)
     materials = made.materials()
@@ -127,7 +127,7 @@ def test_elements_have_the_laws_of_the_tissues_in_them():
 
 
 def fibres_of(tmp_path, along, size=1e-3):
-    """A map of one direction over the block, of signs drawn anew in each voxel, in FSL's axes of a left-handed picture."""
+    """A map of one direction over the block with random signs, in FSL's axes of a left-handed image."""
     count = round(1.5 * SIZE / size)
     place = np.diag([-size, size, size, 1.0])
     place[:3, 3] = 0.75 * SIZE, -0.75 * SIZE, -0.25 * SIZE
@@ -137,7 +137,7 @@ def fibres_of(tmp_path, along, size=1e-3):
 
 
 def test_fibres_of_an_operation_are_those_of_one_direction_or_of_a_map(tmp_path):
-    """White matter beside grey of its own family, which has none: k₁ E² a² at most is what they add, where they are pulled."""
+    """White matter with fibres, grey matter of the same family without: the fibres add at most k₁ E² a², in tension only."""
     pytest.importorskip("nibabel")
     forces, along = {}, (0.6, 0.0, 0.8)
     ways = {
@@ -173,7 +173,7 @@ def scene_with(scene, more):
 
 
 def test_a_law_without_energy_counts_only_where_its_tissue_is():
-    """White matter is sheared by a half, which Gent's law has no energy for; grey matter is not."""
+    """White matter is sheared by 0.5, where Gent's law is undefined; grey matter is not."""
     sheared = ngs.IfPos(0.25 * SIZE - ngs.x, 0.5 * (0.25 * SIZE - ngs.x), 0.0) * ngs.CF((0, 0, 1))
     for white, finite in (("griffiths2024:white_matter", True), ("budday2017:cortex:gent:compression", False)):
         body = body_of(scene_of("budday2017:cortex:gent:compression", white), border=0.6, cells=4)
@@ -201,7 +201,7 @@ def test_what_is_assumed_of_a_tissue_is_said():
 
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_a_tissue_of_anything_can_be_stiffer_or_stiffen_otherwise(name):
-    """Checks and the ladder ask for these; bulk moduli and times stay."""
+    """Verification runs and model selection use these; bulk moduli and relaxation times are unchanged."""
     tissue = Tissue(region="x", material=name)
     other, double = tissue.with_alpha(-4.7), tissue.with_scale(2.0)
     neo = isinstance(constants(name).law(), NeoHooke)
@@ -237,7 +237,7 @@ def short():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [*CATALOGUE, "Gent", "Demiray"])
 def test_a_short_retraction(short, name):
-    """All of the brain of one tissue: the blade's pressure is of its modulus and falls in a hold where the tissue relaxes."""
+    """With one tissue for all, the blade's pressure is of the order of its modulus and falls during a hold if it relaxes."""
     named = {
         "Gent": {"material": {"name": "Gent", "mu_Pa": 900.0, "jm": 1.0}, "prony_g": (0.5,), "prony_tau": (2.0,)},
         "Demiray": {"material": {"name": "Demiray", "mu_Pa": 900.0, "b": 5.0}},

@@ -1,4 +1,4 @@
-"""Factors of tissues from a retraction: a known truth comes back, what data do not tell is said, nonsense is refused."""
+"""Calibration from a retraction: a known truth is recovered, unidentifiable factors are reported, bad input is refused."""
 
 import math
 from dataclasses import replace
@@ -94,7 +94,7 @@ def test_a_known_truth_comes_back(model, retracted, landmarks):
 
 @pytest.mark.slow
 def test_finer_elements_move_the_factors_and_widen_the_intervals(model, landmarks):
-    """Data of elements half as large. That the step goes the right way is shown where elements' errors have an order
+    """Data of elements half as large. The direction of the step is tested where discretisation errors have an order
     (`inverse/test_defect.py`); in a head so coarse, .7 times as large means 1.1 times as many elements.
     """
     scene = model.scene
@@ -113,7 +113,7 @@ def test_finer_elements_move_the_factors_and_widen_the_intervals(model, landmark
 
 @pytest.mark.slow
 def test_landmarks_alone_tell_less(model, retracted, landmarks):
-    """Ventricles, which are not looked for, and bulk moduli give the scale."""
+    """The scale follows from the ventricles, which are not calibrated, and from the bulk moduli."""
     got = calibrate(model, seen(retracted, landmarks, 0.01, force=False), list(TRUTH), finer=False)
     print(got.factors)
     for name, factor in TRUTH.items():

@@ -1,4 +1,4 @@
-"""What a corridor crosses that no mesh has."""
+"""Structures in the corridor that no mesh contains."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from ngbrain.surgery.corridor import check_corridor, crossings
 
 
 class Model:
-    """As much of one as is looked at."""
+    """The part of a model that the check uses."""
 
     def __init__(self, target, approach=None, head="idealised"):
         self.cleft = cleft_to(np.array(target), approach=approach)

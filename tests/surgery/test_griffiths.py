@@ -1,4 +1,4 @@
-"""Griffiths 2024: 150 s of opening and half an hour of holding, with their constants."""
+"""Griffiths 2024: opening in 150 s and a hold of half an hour, with the published constants."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::ngbrain.errors.RangeWarning")
 
 RAMP, END, SIZE = 150.0, 1950.0, 0.02
 KEPT = {"cortex": 0.469, "corpus_callosum": 0.414}
-"""What their constants leave of the force, to three digits."""
+"""Remaining share of the force by the published constants, to three digits."""
 
 
 def left(entry):
@@ -31,7 +31,7 @@ def left(entry):
 
 @pytest.mark.parametrize("region", ["cortex", "corpus_callosum"])
 def test_a_pressed_block_keeps_the_share_that_the_constants_say(region):
-    """A bonded block, and a point of tissue, pressed by a thousandth."""
+    """A bonded block and a material point, compressed by 0.1 %."""
     entry, way = constants(f"griffiths2024:{region}"), 1e-3 * SIZE
     protocol, mu = continuous_retraction(way, RAMP, END), entry.initial_modulus
     drive, rows = Drive(protocol), []

@@ -1,4 +1,4 @@
-"""A head from a scan: what the model of it must share with its labels, and what is refused."""
+"""A head from a scan: agreement of the model with its labels, and refusals."""
 
 from dataclasses import replace
 
@@ -125,7 +125,7 @@ def test_a_flipped_copy_is_the_same_head_and_its_voxels_are_its_own(model, tmp_p
 
 @pytest.mark.slow
 def test_the_cleft_goes_along_with_a_head_that_nods(model, tmp_path):
-    """By 12°, as people in a scanner do; middle and spread along the axes alone would miss its place by 6 mm and more."""
+    """A nod of 12°, as occurs in a scanner; centre and extent along the axes alone would misplace the cleft by 6 mm or more."""
     volume, nod = model.head.scan.volume, np.eye(4)
     nod[1:3, 1:3] = [[np.cos(0.21), -np.sin(0.21)], [np.sin(0.21), np.cos(0.21)]]
     file = written(tmp_path / "nodding.nii.gz", Volume(volume.data, nod @ volume.affine))

@@ -1,4 +1,4 @@
-"""A run of relaxing tissue that is killed at random moments, twenty times, and goes on each time to the same bits."""
+"""A viscoelastic run killed at random times, twenty times, resumes each time to the same bits."""
 
 import os
 import signal

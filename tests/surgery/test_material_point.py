@@ -1,4 +1,4 @@
-"""One point of tissue under a blade: against its own integration of springs and dashpots, and against what was measured."""
+"""A tissue column under a blade: against an integration of springs and dashpots, and against measurements."""
 
 import numpy as np
 import pytest
@@ -26,24 +26,24 @@ MILLER = ["miller1997:brain", "miller2002:brain"]
 OPENING, WORK = 5e-3, 1800.0
 ONE = continuous_retraction(OPENING, 10.0, 10 + WORK)
 MANY = intermittent_retraction(OPENING, 10.0, 6 * 310 + 5 * 310, 300.0, 310.0)
-"""Six holds of five minutes; five minutes after it is back the blade comes again."""
+"""Six holds of five minutes, with rests of five minutes."""
 
 
 def linear(entry):
-    """The entry's springs and dashpots at small strain, hereditary."""
+    """The entry's linear viscoelastic law at small strain."""
     law = entry.law()
     branches = (Branch(NeoHooke(each.law.mu), each.eta / each.law.mu) for each in law.maxwell_branches)
     return Viscous(NeoHooke(law.equilibrium.mu), tuple(branches))
 
 
 def relative_dose(t, stress):
-    """Minutes of the sudden stress; what pulls is left out."""
+    """Dose in minutes of the initial stress; tension does not count."""
     return to_minutes(np.trapezoid(np.maximum(stress, 0), t))
 
 
 @pytest.mark.parametrize(("region", "one", "many"), [("white_matter", 6.33, 7.30), ("cortex", 7.30, 9.49)])
 def test_strain_that_is_put_back_has_the_known_doses(region, one, many):
-    """The strain goes back to zero in ten seconds, the last time too, whether the tissue would or not; pull is not counted."""
+    """The strain is returned to zero in ten seconds after every hold; tension is not counted."""
     entry = constants(f"griffiths2024:{region}")
     put_back = ToolMotion(
         "put back", tuple(np.cumsum([0, *[10, 300, 10, 300] * 6])), (0, *[OPENING, OPENING, 0, 0] * 6)
@@ -56,7 +56,7 @@ def test_strain_that_is_put_back_has_the_known_doses(region, one, many):
 
 
 def springs(entry, protocol, t):
-    """Stress of unit openings by sudden stress of the linear model, whose blade lets go, by its own equations.
+    """Stress of unit openings over the initial stress of the linear model with a separating blade, by its own equations.
 
     Dashpots' strains v: v_k' = (e - v_k)/τ_k with e the larger of the blade's and that without stress.
     """
@@ -98,7 +98,7 @@ def test_a_blade_that_lets_go_against_springs_and_dashpots(name):
 
 @pytest.mark.parametrize(("mode", "pressure"), [("uniaxial", 1 / 0.8 - 0.8**2), ("planar", 1 / 0.8**2 - 0.8**2)])
 def test_the_pressure_is_on_the_area_that_there_is(mode, pressure):
-    """Neo-Hooke pressed to λ = 0.8 at once: the force over the area as the sides have made it."""
+    """Neo-Hooke compressed to λ = 0.8 in one step: the force over the current area."""
     column = Column(Viscous(NeoHooke(1000.0), (Branch(NeoHooke(500.0), 1e6),)), 25e-3, mode)
     course = column.push(continuous_retraction(OPENING, 1e-3, 1.0))
     assert course.pressure[-1] == pytest.approx(1500 * pressure, rel=1e-5) and course.advance[-1] == pytest.approx(
@@ -140,7 +140,7 @@ def test_faster_opening_raises_the_peak(name):
 
 
 def held(name, strains, rises):
-    """Left of the peak after half an hour, and minutes until half is left (∞: never), (rises, strains)."""
+    """Share of the peak after half an hour, and minutes until half is left (∞: never), of shape (rise times, strains)."""
     column, answers = Column(constants(name).law(), 1.0, "planar", steps=12), []
     for rise in rises:
         for course in column.push_each(OPENING / strains, continuous_retraction(OPENING, rise, rise + WORK)):
@@ -158,7 +158,7 @@ def held(name, strains, rises):
 
 @pytest.mark.parametrize("name", MILLER)
 def test_millers_two_times_cannot_relax_as_measured(name):
-    """35 % of the peak left (Awasthi 2020) and half of it after 6.6 minutes (Hongo 1987), however fast it was opened."""
+    """35 % of the peak remaining (Awasthi 2020), and half of it after 6.6 minutes (Hongo 1987), for any opening rate."""
     left, half = np.moveaxis(held(name, np.array([1e-3, 0.1, 0.2]), np.geomspace(0.1, 1000, 25)), 2, 0)
     as_measured = np.abs(left - 0.35) < 0.05
     assert as_measured.any() and half[as_measured].max() < 2.0
@@ -206,7 +206,7 @@ def test_a_block_in_space_has_the_order_and_nearly_the_ratios_of_the_column():
 
 
 def test_a_dose_that_decays_while_released():
-    """Two equal holds of one minute at 10 mmHg, two minutes apart, edges of a second."""
+    """Two equal holds of one minute at 10 mmHg, two minutes apart, with ramps of a second."""
     t = np.array([0, 1, 60, 61, 180, 181, 240, 241.0])
     pressed = TimeCurve(t, np.array([0, 10, 10, 0, 0, 10, 10, 0.0]), t)
     for recovery in (30.0, 120.0, 1e9):
@@ -215,7 +215,7 @@ def test_a_dose_that_decays_while_released():
 
 
 def test_under_a_given_force_tissue_creeps_and_comes_back():
-    """The standard linear solid, 1200 of 3000 Pa stay: J = 1/E∞ - (1/E∞ - 1/E₀) exp(-t E∞/(τ E₀))."""
+    """Standard linear solid with E₀ = 3000 Pa and E∞ = 1200 Pa: J = 1/E∞ - (1/E∞ - 1/E₀) exp(-t E∞/(τ E₀))."""
     column = Column(Viscous(NeoHooke(400.0), (Branch(NeoHooke(600.0), 20.0),)), 50e-3, steps=200)
     course = column.load((0.0, 1e-6, 100.0, 100 + 1e-6, 300.0), (0.03, 0.03, 0.03, 0.0, 0.0))
     t, force = course.t, 0.03

@@ -1,4 +1,4 @@
-"""Operations that ask questions: their axes, their models, and a climb against the richest model."""
+"""Operations with quantities of interest: axes, models, and the search against the richest model."""
 
 from dataclasses import replace
 
@@ -90,7 +90,7 @@ def test_what_is_asked_has_to_mean_something() -> None:
 
 @pytest.mark.slow
 def test_an_operation_climbs_where_its_questions_want_it() -> None:
-    """Half a millimetre against tissue that stiffens as Griffiths' does: more than a twentieth more pressure."""
+    """Half a millimetre of opening: stiffening by Griffiths' law raises the pressure by more than 5 %."""
     scene = asked(replace(PEAK, tolerance=0.05))
     scene = replace(
         scene,

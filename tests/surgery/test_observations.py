@@ -1,4 +1,4 @@
-"""Measurements of a retraction from tables: what is there comes in SI units, what is not is NaN, nonsense is named."""
+"""Measurements of a retraction from tables: values in SI units, NaN where missing, bad input is named."""
 
 import numpy as np
 import pytest
@@ -40,9 +40,9 @@ def test_one_table_is_enough(tmp_path):
     [
         ("t,x\n1,2\n", "columns is t, x; wanted: .* t_s is missing"),
         ("", "columns is none"),
-        (HEAD, "without a line"),
+        (HEAD, "without a row"),
         (HEAD + "1,1,2,3,nan,,\n2,1,2,3\n", "without a number in ux_mm, uy_mm, uz_mm"),
-        (HEAD + "1,1,2,3,4,5,6\n1,1,2,3,4,5,7\n", "line 3 is of what line 2 is of"),
+        (HEAD + "1,1,2,3,4,5,6\n1,1,2,3,4,5,7\n", "line 3 is a repetition of line 2"),
         (HEAD + "1,1,2,3,4,five,6\n", "line 2, uy_mm is 'five'"),
         (HEAD + "1,1,,3,4,5,6\n", "line 2, y_mm is ''"),
         (HEAD + "1,1,2,3,4,5,inf\n", "line 2, uz_mm is 'inf'"),
@@ -53,7 +53,7 @@ def test_one_table_is_enough(tmp_path):
         (HEAD + "1,1,2,3,4,5,3_5\n", "line 2, uz_mm is '3_5'"),
         (HEAD + "-1,1,2,3,4,5,6\n", "line 2, t_s is -1"),
         (HEAD + "nan,1,2,3,4,5,6\n", "line 2, t_s is 'nan'"),
-        (HEAD + "5,1,2,3,4,5,6\n2,1,2,3,4,5,6\n", "line 3, t_s is 2.*none before"),
+        (HEAD + "5,1,2,3,4,5,6\n2,1,2,3,4,5,6\n", "line 3, t_s is 2.*not before"),
         (HEAD + "1,1,2,3,4,5,1e5\n", "line 2, uz_mm is 100000; wanted: at most 1000"),
         (HEAD + '1,1,2,3,4,5,"6\n', "unreadable"),
         (HEAD + "1,1,2,3,4,5," + "9" * 140000 + "\n", "line 2"),
@@ -71,7 +71,7 @@ def test_tables_without_sense_are_refused(tmp_path, text, said):
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
 def test_tables_as_spreadsheets_write_them(tmp_path, encoding):
-    """In UTF-16 or with a mark; with semicolons, between which a comma is a decimal one; with tabs."""
+    """Tables in UTF-16 or with a byte-order mark; with semicolons and decimal commas; with tabs."""
     path = tmp_path / "f.csv"
     for text in ("t_s,force_N\r\n60,0.35\r\n", "t_s;force_N\r\n60;0,35\r\n", "t_s\tforce_N\r\n60\t0.35\r\n"):
         path.write_bytes(text.encode(encoding))

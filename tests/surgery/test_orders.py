@@ -1,4 +1,4 @@
-"""The check with one order more is stopped on its way and goes on from there."""
+"""The verification run of one order more resumes after an interruption."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ pytest.importorskip("nibabel")
 
 
 class Stopped(Exception):  # noqa: N818
-    """In place of a kill."""
+    """An exception in place of a kill."""
 
 
 @pytest.mark.slow

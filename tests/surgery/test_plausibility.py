@@ -1,4 +1,4 @@
-"""Moduli that are no brain's are warned of, and refused where they cannot be meant."""
+"""Moduli implausible for brain cause a warning, or an error far outside the range."""
 
 import re
 from types import SimpleNamespace as Namespace
@@ -11,7 +11,7 @@ from ngbrain.surgery.plausibility import BRAIN, check_moduli
 
 
 def made(**moduli):
-    """A model, as far as is asked of it."""
+    """The part of a model that the check uses."""
     return Namespace(parts=lambda: {name: Namespace(modulus=modulus) for name, modulus in moduli.items()})
 
 
@@ -36,6 +36,6 @@ def test_what_is_a_hundred_times_beyond_is_refused(modulus):
 
 
 def test_every_region_of_the_catalogue_is_brain_or_not():
-    """A new one has to be put on one side."""
+    """A new region has to be classified."""
     others = {"ventricles", "cranial dura mater", "pia-arachnoid complex", "pia mater", "skull, all layers"}
     assert {entry.region for entry in CATALOGUE.values()} == BRAIN | others and not BRAIN & others

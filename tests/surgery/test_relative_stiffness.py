@@ -1,4 +1,4 @@
-"""A measured map of moduli in a retraction: only what places are to each other counts."""
+"""A measured map of moduli in a retraction: only ratios count."""
 
 from dataclasses import replace
 
@@ -40,7 +40,7 @@ class Bar:
 
 
 def stiffening(factor: float = 1.0, jump: float = 3.0) -> Volume:
-    """Twice as stiff at z = SIDE as at 0, and 3 times as stiff in white matter: what the map itself says of tissues."""
+    """A map twice as stiff at z = SIDE as at 0, and 3 times as stiff in white matter."""
     x, _, z = np.einsum("ij,jklm->iklm", PLACE[:3, :3], np.indices(SHAPE)) + PLACE[:3, 3, None, None, None]
     return Volume(factor * 2500 * (1 + z / SIDE) * np.where(x < BORDER * SIDE, jump, 1), PLACE.copy())
 
@@ -54,7 +54,7 @@ def model_of(stiffness: Volume | None) -> RetractionModel:
 
 
 def moduli(model: RetractionModel) -> tuple[np.ndarray, np.ndarray]:
-    """Shear moduli at the quadrature points, and where these are."""
+    """Shear moduli at the quadrature points, and their positions."""
     space, points = quadrature_points(model.mesh, model.scene.mesh.order - 1)
     found = ngs.GridFunction(space)
     found.Interpolate(shear_modulus(model.materials()["bar"].law.equilibrium))
@@ -78,7 +78,7 @@ def test_each_tissue_keeps_its_mean_and_varies_as_the_map_does():
 
 
 def test_a_map_of_moduli_is_that_of_a_tissue_itself(tmp_path):
-    """White matter has the moduli of its map, grey matter those of the scene; plausible or not is judged by the mean."""
+    """White matter has the moduli of its map, grey matter those of the scene; plausibility is judged by the mean."""
     write_nifti(tmp_path / "mu.nii.gz", stiffening(jump=1.0))
     made = model_of(None)
     grey, white = made.scene.tissues

@@ -1,4 +1,4 @@
-"""A scene's tasks: what is computed beside the protocols has names that no protocol can have."""
+"""Tasks of a scene: names of verification runs cannot be names of protocols."""
 
 import json
 from dataclasses import replace
@@ -41,7 +41,7 @@ def test_protocols_that_begin_alike_share_the_beginning():
 
 @pytest.fixture
 def staged_run(monkeypatch):
-    """`solve` without computing: a run ends when its name is given to what this returns."""
+    """`solve` without computation: a run ends when its name is passed to the returned function."""
     scene = Scene.shipped("idealised_fast")
     model = Namespace(
         scene=scene, head=Namespace(pictures=dict), program=lambda *_: None, run=lambda _: None, stiffness_map=dict

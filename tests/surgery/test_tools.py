@@ -1,4 +1,4 @@
-"""Tools of every kind: one distance makes contact, pictures and checks; a closed surface is the tool that it was made of."""
+"""Tools of every kind: one signed distance for contact, pictures and checks; a closed surface equals its original shape."""
 
 from dataclasses import replace
 
@@ -52,7 +52,7 @@ def around(rng, tool, advance, n=400, beyond=2e-3):
 
 @pytest.mark.parametrize(("kind", "cleft"), [(kind, TURNED if kind == "ball" else CLEFT) for kind in KINDS])
 def test_what_is_drawn_is_what_contact_sees(kind, cleft):
-    """Every point of picture and cut is on the tool; in front of its face, so it is for contact."""
+    """Every point of picture and section is on the tool, and in front of its face also on the contact surface."""
     tools, advance = make_tools(KINDS[kind], cleft), 4e-3
     blade = {"kind": kind} | {
         f"{name}_m": getattr(KINDS[kind], name)
@@ -94,7 +94,7 @@ def test_a_plate_ends_where_a_spatula_goes_on():
 
 
 def test_a_surfaces_distance_is_that_of_its_shape(ball_file, rng):
-    """A ball as triangles of .4 mm beside the formula, near its surface and off it, in a turned cleft."""
+    """A ball of triangles of .4 mm against the formula, near its surface and away from it, in a rotated cleft."""
     made = ClosedSurface.from_mesh(read_surface(ball_file), TURNED, 4e-3)
     ball = Ball(TURNED, 6e-3, 4e-3)
     assert made.bounds(1e-3)[1] == pytest.approx(ball.bounds(1e-3)[1], abs=1e-4)
@@ -109,7 +109,7 @@ def test_a_surfaces_distance_is_that_of_its_shape(ball_file, rng):
 
 
 def pressed(tool, way=None):
-    """A block whose top the tool presses, its energy by contact."""
+    """A block whose top is pressed by the tool, with the contact energy."""
     mesh = block((0.03, 0.03, 0.02), 0.005)
     cleft = Cleft(np.array([0.008, 0.015, 0.023]), np.array([1.0, 0, 0]), np.array([0, 0, -1.0]), 0.03, 6e-3, 14e-3)
     way = ngs.Parameter(0.0) if way is None else way
@@ -119,7 +119,7 @@ def pressed(tool, way=None):
 
 
 def test_pressing_by_a_surface_is_pressing_by_its_shape(ball_file):
-    """The force of 2 mm by the triangles of a ball within 3 % of the formula's."""
+    """The force at 2 mm of a triangulated ball is within 3 % of that of the formula."""
     surface, forces = read_surface(ball_file), []
     gaps = []
     for tool in (lambda cleft: ClosedSurface.from_mesh(surface, cleft, 4e-3), lambda cleft: Ball(cleft, 6e-3, 4e-3)):
@@ -138,7 +138,7 @@ def test_pressing_by_a_surface_is_pressing_by_its_shape(ball_file):
 
 
 def test_what_is_looked_up_has_its_derivatives(ball_file, rng):
-    """By displacements and by the tool's way, against differences of energies."""
+    """Derivatives by displacements and by the tool's travel, against differences of energies."""
     surface = read_surface(ball_file)
     body, way = pressed(lambda cleft: ClosedSurface.from_mesh(surface, cleft, 4e-3))
     way.Set(1.5e-3)

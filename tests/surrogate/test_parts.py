@@ -1,4 +1,4 @@
-"""How the benchmark tells edges from plateaus."""
+"""How the benchmark separates edges from plateaus."""
 
 import importlib
 import sys
@@ -14,7 +14,7 @@ N = benchmark.ACROSS
 
 
 def halves():
-    """One half 1.5 times as stiff as the other, from the column right of the middle."""
+    """One half 1.5 times as stiff as the other, from the column right of the centre."""
     truth = np.full((N, N), 2e3)
     truth[:, N // 2 + 1 :] = 3e3
     return truth

@@ -1,4 +1,4 @@
-"""A cohort: rows as by hand, work that is done once, and verdicts that do not depend on other rows' fates."""
+"""A cohort: rows equal single commands, nothing is computed twice, and verdicts are independent of other rows."""
 
 import csv
 import json
@@ -54,7 +54,7 @@ def table(folder):
 
 @pytest.fixture
 def performed(monkeypatch):
-    """The rows that a verb was begun for; it writes a result at once."""
+    """The rows for which a verb was started; the stand-in writes a result immediately."""
     names = []
 
     def written(arguments):
@@ -69,7 +69,7 @@ def performed(monkeypatch):
 
 
 def bits(folder):
-    """All of a row's results, but for times and what is said of the run."""
+    """All results of a row without times and data of the run."""
     result = json.loads((folder / "result.json").read_text())
     del result["time_s"]
     with np.load(folder / "maps.npz") as maps:
@@ -162,7 +162,7 @@ def test_a_solver_that_gives_up_is_not_asked_again(study, monkeypatch):
 
 
 class Losing(Executor):
-    """Loses one row's process, and computes the others here."""
+    """An executor that loses one row's process and computes the others in this one."""
 
     def __init__(self):
         self.asked = []
@@ -198,7 +198,7 @@ def test_folders_of_others(study, tmp_path):
     assert not (study / "out" / "rows").exists()
     (study / "out" / "rows" / "a").mkdir(parents=True)
     (study / "out" / "rows" / "a" / "scan.nii").touch()  # somebody's own
-    with pytest.raises(InputError, match="rows is of something else"):
+    with pytest.raises(InputError, match="rows is not of a cohort"):
         done(study)
     assert (study / "out" / "rows" / "a" / "scan.nii").exists()
 

@@ -1,4 +1,4 @@
-"""Outliers are found where some were put, also two at once; normal draws raise no alarm more often than is said."""
+"""Inserted outliers are found, also two at once; normal samples raise false alarms at the stated rate."""
 
 import numpy as np
 import pytest

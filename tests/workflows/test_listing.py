@@ -1,4 +1,4 @@
-"""The list of a cohort: what is wrong in it is said with line and column, before anything is computed."""
+"""The list of a cohort: faults are reported with line and column before the computation."""
 
 import pytest
 

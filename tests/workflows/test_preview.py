@@ -43,7 +43,7 @@ def body(*bcs, **more):
 
 
 def seen(page, colour, picture):
-    """Share of a picture's pixels that have a colour, up to what lies over it thinly."""
+    """Share of a picture's pixels with a colour, also under a thin overlay."""
     import matplotlib.colors
     import matplotlib.image
 
@@ -53,7 +53,7 @@ def seen(page, colour, picture):
 
 
 def test_what_acts_where_is_in_the_pictures_and_in_words(tmp_path):
-    """On slices (space first, then x, y, z): a line in the colour of what acts on a side, and none where nothing does."""
+    """Slices (3-D view first, then x, y, z) show a line in the colour of a boundary's condition, and none without one."""
     moved = DisplacementBC(boundary="top", value=(0, 0, -0.002))
     page = preview(body(FOOT, moved), tmp_path / "moved")
     held = preview(body(FOOT, DisplacementBC(boundary="top", value=(0, 0, 0))), tmp_path / "held")

@@ -1,4 +1,4 @@
-"""What a row is made from decides whether its work is known; what it is called and where it lies does not."""
+"""A row is identified by its inputs, not by its name or location."""
 
 import json
 import shutil

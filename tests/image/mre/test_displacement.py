@@ -1,4 +1,4 @@
-"""Phases to displacements, and how much strain is in them: closed forms, known noise, what fails."""
+"""MR phases to displacements and strain: closed forms, known noise, invalid input."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def wave(shape, peak=9.0):
 
 
 def ring(shape):
-    """A mask with a hole, and a piece apart."""
+    """A mask with a hole and a separate component."""
     away = np.linalg.norm(np.indices(shape[:2]) - np.array([14, 18])[:, None, None], axis=0)
     mask = (away < 12) & (away > 3)
     mask[-4:, :6] = True
@@ -58,7 +58,7 @@ def test_unwrapping_refuses_what_it_cannot_use(way):
 
 
 def test_unwrapping_through_time_is_off_by_one_constant_for_each_piece(rng):
-    """Motion of 3.5 rad over phases that stay, eight times a period; times by themselves come out whole turns apart."""
+    """Motion of 3.5 rad over a static phase, eight times a period; unwrapped separately, times differ by multiples of 2π."""
     mask, t = ring((34, 36)), 2 * np.pi * np.arange(8) / 8
     moving = 3.5 * np.exp(0.3j * np.indices((34, 36))[0])[..., None]
     true = wave((34, 36))[..., None] + (moving * np.exp(1j * t)).real + 4 * np.cos(t)

@@ -1,4 +1,4 @@
-"""The field of the coil: taken out where there is one, left alone where there is none, the same bits each time."""
+"""Bias field: corrected where there is one, unchanged where there is none, the same bits each time."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Is it one whole brain without its skull: what passes, what is refused, and why."""
+"""Check of a complete, skull-stripped brain: accepted and refused images, with the reason."""
 
 from dataclasses import replace
 
@@ -20,14 +20,14 @@ def scan():
 
 @pytest.fixture(scope="module")
 def coarse(scan):
-    """Every other voxel of it, an eighth of the work."""
+    """Every other voxel of the scan, for an eighth of the work."""
     affine = scan.file_affine @ np.diag([2.0, 2.0, 2.0, 1.0])
     data = np.ascontiguousarray(scan.volume.data[::2, ::2, ::2])
     return Scan(Volume(data, affine), affine, data.shape, "case/t1.nii.gz")
 
 
 def seen(data, like):
-    """A scan whose file has just these voxels, at the place of `like`."""
+    """A scan whose file has exactly these voxels, with the affine of `like`."""
     return Scan(Volume(np.asarray(data, np.float32), like.file_affine), like.file_affine, data.shape, "case/t1.nii.gz")
 
 

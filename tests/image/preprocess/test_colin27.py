@@ -1,4 +1,4 @@
-"""A real head with its skull, Colin27: its brain against two other programs', its tissue, and copies that are worse."""
+"""A real head with its skull, Colin27: brain mask against two other programs, tissues, and copies of lower quality."""
 
 import time
 
@@ -31,7 +31,7 @@ def tissue(scan, brain):
 
 
 def place(volume, brain):
-    """Where the template lies in a brain."""
+    """Alignment of the template with a brain."""
     return align(Volume(np.where(brain, volume.data, 0), volume.affine), mni152().volume).affine
 
 

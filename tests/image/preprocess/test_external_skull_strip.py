@@ -1,4 +1,4 @@
-"""Other programs for brain extraction: what they are given and what is made of their answer; they are not installed."""
+"""Skull stripping by other programs (replaced by stand-ins): their input and the use of their output."""
 
 import sys
 from types import SimpleNamespace

@@ -1,4 +1,4 @@
-"""Where the template is looked for; a place that was found before is improved, and searched for again if it does not fit."""
+"""Registration of the template: an initial guess is refined, and replaced by a search if it does not fit."""
 
 import numpy as np
 import pytest
@@ -13,14 +13,14 @@ from ngbrain.image.read.volume import Volume
 
 @pytest.fixture
 def searches(monkeypatch):
-    """How often places were searched for."""
+    """Number of searches."""
     seen, found = [], module._search_candidates
     monkeypatch.setattr(module, "_search_candidates", lambda *given: seen.append(1) or found(*given))
     return seen
 
 
 def off(affine):
-    """By how much (m) a map moves the corners of a brain."""
+    """Largest displacement (m) of the corners of a brain by a map."""
     corners = np.array(list(np.ndindex(2, 2, 2))) * [0.14, 0.17, 0.13] - [0.07, 0.1, 0.05]
     return np.linalg.norm(corners @ affine[:3, :3].T + affine[:3, 3] - corners, axis=1).max()
 
@@ -39,7 +39,7 @@ def test_a_start_that_is_near_is_improved_and_another_is_not_believed(searches):
 
 
 def test_places_to_begin_at_are_of_every_size():
-    """Products with the largest template, which covers scalp too, are larger, wherever it lies: with spin echoes, for one."""
+    """Products with the largest template, which also covers the scalp, are larger everywhere, for example for spin echoes."""
     template, size, affine = mni152().volume, 0.84, np.diag([4e-3, 4e-3, 4e-3, 1.0])
     affine[:3, 3] = [-0.12, -0.14, -0.09]
     air = Volume(np.zeros((60, 68, 40), np.float32), affine)

@@ -1,4 +1,4 @@
-"""The brain in a head with its skull: a head whose brain is known, and pictures of other things."""
+"""Skull stripping of a synthetic head with a known brain, and of images that are no head."""
 
 import numpy as np
 import pytest
@@ -56,7 +56,7 @@ def test_the_brain_of_a_made_up_head(head, coarse, found):
 
 
 def test_marrow_that_thin_bone_does_not_part_stays_out(head, coarse):
-    """In voxels of 2 mm the inner table of the skull, beside marrow and brain, is nearly as bright as grey matter."""
+    """In voxels of 2 mm, the inner table between marrow and brain is nearly as bright as grey matter."""
     brain = coarse[0] != 0
     depth = 2 * ndimage.distance_transform_edt(~brain)
     above = np.indices(brain.shape)[2] > 0.62 * brain.shape[2]

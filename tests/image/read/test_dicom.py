@@ -1,4 +1,4 @@
-"""DICOM series: the same picture as in NIfTI, one of several series, slices that are missing."""
+"""DICOM series: the same image as in NIfTI, one of several series, missing slices."""
 
 import locale
 
@@ -16,7 +16,7 @@ SHAPE, SPACING = (60, 56, 44), (2.0, 2.0, 2.5)
 
 @pytest.fixture(autouse=True)
 def same_locale():
-    """ITK's writer of DICOM leaves the process in the locale "C", in which later tests would read text as ASCII."""
+    """Restore the locale: ITK's DICOM writer sets "C", in which later tests would read text as ASCII."""
     before = locale.setlocale(locale.LC_ALL)
     yield
     locale.setlocale(locale.LC_ALL, before)

@@ -1,4 +1,4 @@
-"""Directions of fibres from files: in the world's axes whatever those of the file are, without a sign, and over a mesh."""
+"""Fibre directions from files: in world axes for any axes of the file, without sign, and over a mesh."""
 
 import numpy as np
 import pytest
@@ -59,7 +59,7 @@ def test_a_direction_is_that_of_the_world(tmp_path, kind, convention, flip):
 
 
 def test_signs_mean_nothing_and_what_is_not_known_is_left_out():
-    """Beside a mean of vectors, which is 0 between two of opposite sign."""
+    """A mean of vectors would be 0 between two of opposite sign."""
     data = np.zeros((4, 1, 1, 3))
     data[:3, 0, 0] = [[1, 0, 0], [-1, 0, 0], [0, 1, 0]]
     line = FibreDirections(data, np.diag([1e-3, 1e-3, 1e-3, 1]))

@@ -1,4 +1,4 @@
-"""Maps of labels from files: numbers and names, other programs' schemes, other grids, what is no map of labels."""
+"""Label maps from files: numbers and names, schemes of other programs, other grids, files that are no label map."""
 
 import nibabel
 import numpy as np

@@ -1,4 +1,4 @@
-"""Maps of labels on the grid of a file: nothing is moved, whatever lies between the voxels' middles."""
+"""Label maps on the grid of a file: nothing is shifted, for any offset between voxel centres."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ MM = np.diag([1e-3, 1e-3, 1e-3, 1.0])
 
 
 def ball(affine, shape, middle):
-    """Two shells about a point (m): inside 8 mm 2, inside 12 mm 1, by the voxels' middles."""
+    """Two shells around a point (m), by voxel centres: label 2 within 8 mm, 1 within 12 mm."""
     points = Volume(np.zeros(shape), affine).to_world(np.indices(shape).reshape(3, -1).T)
     away = np.linalg.norm(points - middle, axis=1).reshape(shape)
     return np.select([away < 8e-3, away < 12e-3], [2, 1], 0).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""Maps of a measured quantity: as they are in files, and at points."""
+"""Maps of a measured quantity: in files and at points."""
 
 import zipfile
 

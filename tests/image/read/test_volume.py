@@ -1,4 +1,4 @@
-"""Scans: same bits for flipped copies, the same head for slanted and coarser ones, units, every refusal."""
+"""Scans: same bits for flipped copies, the same head for oblique and coarser ones, units, all refusals."""
 
 import gzip
 import subprocess
@@ -20,7 +20,7 @@ BOX = (slice(22, 175), slice(23, 212), slice(0, 159))  # the brain and 4 mm arou
 
 @pytest.fixture(scope="module")
 def brain():
-    """MNI152 with less air around it."""
+    """MNI152 with a smaller margin."""
     whole = mni152().volume
     affine = whole.affine.copy()
     affine[:3, 3] = whole.to_world(np.array([[s.start for s in BOX]]))[0]
@@ -334,7 +334,7 @@ def test_mgh_is_read_as_nifti_is(wedge, tmp_path):
 
 
 def test_nan_around_a_head_is_background(wedge, tmp_path):
-    """As software writes it that leaves the outside out; inside of the head it is refused."""
+    """NaN outside the head, as some software writes it, is accepted; inside the head it is refused."""
     data, affine = wedge
     around = np.zeros(data.shape, bool)
     around[:, :, -2:] = True

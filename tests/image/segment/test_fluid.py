@@ -1,4 +1,4 @@
-"""Fluid that maps of labels do not name: sulci without a label, and ventricles in one class with all other fluid."""
+"""Fluid missing in label maps: sulci without a label, and ventricles in one class with other fluid."""
 
 import numpy as np
 import pytest
@@ -51,7 +51,7 @@ def test_what_has_fluid_or_no_grey_matter_is_left_alone():
 
 
 def test_ventricles_are_told_from_other_fluid():
-    """Of the template, as FAST would label it by the largest share; its lateral ventricles have 10 to 40 ml."""
+    """The template labelled as by FAST, by the largest share; its lateral ventricles have 10 to 40 ml."""
     fluid, grey, white = tissue_maps()
     brain = mni152().volume.data > 0
     classes = np.where(brain, 1 + np.argmax([fluid.data, grey.data, white.data], axis=0), 0)

@@ -1,4 +1,4 @@
-"""Deep grey matter where it is drawn: its edges in the picture, not those of the template."""
+"""Deep grey matter ends at the edges of the image, not at those of the template."""
 
 import numpy as np
 from colin import dice

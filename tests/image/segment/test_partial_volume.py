@@ -1,4 +1,4 @@
-"""Brains without a skull in coarse voxels: their rim, and that what is refused on the way to tissues names the file."""
+"""Skull-stripped brains in coarse voxels: their rim; an error of the segmentation names the file."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Tissue in a T1: MNI152 against its own maps, ventricles, a phantom, what grey values may do, refusals."""
+"""Tissue classes of a T1: MNI152 against its own maps, ventricles, a phantom, scale of grey values, refusals."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def without_ventricles(labels):
 
 
 def nucleus(volume, reach, *names):
-    """Mask of what is within so many radii of deep nuclei of the template."""
+    """Mask within a number of radii of the template's deep nuclei."""
     points = 1e3 * volume.to_world(np.argwhere(np.ones(volume.data.shape, bool)))
     radius = np.min([mni_landmarks.NUCLEI[name].radius(points) for name in names or mni_landmarks.NUCLEI], axis=0)
     return (radius < reach).reshape(volume.data.shape)
@@ -34,7 +34,7 @@ def nucleus(volume, reach, *names):
 
 @pytest.fixture
 def balls(monkeypatch):
-    """No template and no nuclei: balls are no brain, and only their ventricles lie where `PHANTOM` puts them."""
+    """Switch off template and nuclei: only the ventricles of the nested balls lie where `PHANTOM` puts them."""
     unknown = Volume(np.zeros((4, 4, 4), np.float32), MM)
     monkeypatch.setattr("ngbrain.image.segment.tissue_classes.tissue_maps", lambda: (unknown,) * 3)
     monkeypatch.setattr(
@@ -50,7 +50,7 @@ def scan():
 
 @pytest.fixture(scope="module")
 def maps():
-    """Shares of grey and white matter that nilearn brings along."""
+    """Shares of grey and white matter shipped with nilearn."""
     return load_mni152_gm_template(resolution=1).get_fdata(), load_mni152_wm_template(resolution=1).get_fdata()
 
 

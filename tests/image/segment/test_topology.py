@@ -1,4 +1,4 @@
-"""Pieces, tunnels and cavities of shapes that are known; islands and holes that go, and what stays."""
+"""Betti numbers of known shapes; removal of islands and holes."""
 
 import numpy as np
 import pytest

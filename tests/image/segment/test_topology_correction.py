@@ -1,4 +1,4 @@
-"""Handles cut: masks whose topology is known, and random ones, against counts of cells and of triangles."""
+"""Topology correction of masks of known topology and of random ones, against counts of cells and triangles."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""An atlas laid into a head: the template bent by a known field, of which the labels are known; refusals."""
+"""Label propagation from an atlas to the template deformed by a known field, with known labels; refusals."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from ngbrain.image.structures.atlas import propagate_labels
 
 @pytest.fixture(scope="module")
 def bent():
-    """The template on voxels of 4 mm and its tissue, and both stretched by 5 % and bent by 6 mm."""
+    """The template on voxels of 4 mm with its tissues, and both stretched by 5 % and bent by 6 mm."""
     scan = mni152()
     every, affine = (slice(None, None, 4),) * 3, scan.volume.affine @ np.diag([4, 4, 4, 1.0])
     t1, labels = scan.volume.data[every].copy(), label_tissues(scan).volume.data[every].astype(np.int32)

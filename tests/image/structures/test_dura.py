@@ -1,4 +1,4 @@
-"""Falx and tentorium: of parts that a plane divides, against the closed form, and of MNI152."""
+"""Falx and tentorium: for parts separated by a plane, against the closed form, and for MNI152."""
 
 from collections import Counter
 

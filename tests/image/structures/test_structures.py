@@ -33,7 +33,7 @@ def region(found, *names):
 
 
 def shares(found):
-    """Of grey and white matter: cerebrum, cerebellum, stem."""
+    """Shares of cerebrum, cerebellum and stem in grey and white matter."""
     ml = found.labels.volumes_ml()
     matter = {name: value for name, value in ml.items() if name not in ("csf", "ventricles")}
     total = sum(matter.values())

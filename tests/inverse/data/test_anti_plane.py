@@ -1,4 +1,4 @@
-"""One slice with motion through it: the modulus, an inclusion, the exponent of frequency, and what the answer says of itself."""
+"""Anti-plane motion of one slice: modulus, inclusion, exponent of frequency, and notes of the result."""
 
 from dataclasses import replace
 
@@ -63,7 +63,7 @@ def test_a_modulus_of_one_slice_and_what_is_said_of_it():
 
 
 def test_error_bars_of_one_slice():
-    """Its translation is one of the unknowns that are eliminated."""
+    """The uniform translation is one of the eliminated unknowns."""
     data = plane()
     bars = uncertainty(invert(data, uniform=False, regulariser="smooth"))
     mean = bars.mean("storage")
@@ -83,7 +83,7 @@ def test_an_inclusion_is_found(ratio):
 
 
 def test_the_seam_of_two_scans_is_no_tissue():
-    """A modulus that varies explains all of one load but the jump: that is told from the displacement itself."""
+    """A varying modulus explains one load except the jump, which the displacement itself reveals."""
     one, other = plane(shape=(30, 28)), plane(frequencies=(50.0,), shape=(30, 28))
     x = one.points[:, 0]
     left = (x < np.median(x))[None, :, None]

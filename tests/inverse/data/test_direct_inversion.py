@@ -1,4 +1,4 @@
-"""Direct inversion and local frequency: homogeneous moduli exactly, pressure waves told apart, masks, loads and frequencies."""
+"""Direct inversion and local frequency: exact for homogeneous moduli; pressure waves, masks, loads and frequencies."""
 
 from dataclasses import replace
 

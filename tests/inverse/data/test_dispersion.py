@@ -1,4 +1,4 @@
-"""One modulus for several frequencies: kept where it may serve them, refused or given an exponent where waves contradict it."""
+"""One modulus for several frequencies: kept where it fits, refused or given an exponent where the waves contradict it."""
 
 from dataclasses import replace
 
@@ -47,7 +47,7 @@ def test_one_modulus_is_refused_then():
 
 
 def test_gross_errors_hide_nothing():
-    """They are left out before frequencies are compared, by `invert` as by whoever does it first."""
+    """Outliers are removed before frequencies are compared, by `invert` or beforehand."""
     data = waves(1.7, 0.01)
     u = data.displacement.copy()
     wrong = np.arange(0, len(data.points), 7)

@@ -1,4 +1,4 @@
-"""Displacements that no smooth field explains: found, nothing else is, missing ones stay so; bad input."""
+"""Outliers of the displacement: detected without false alarms; missing values stay missing; bad input."""
 
 from dataclasses import replace
 

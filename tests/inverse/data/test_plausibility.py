@@ -1,4 +1,4 @@
-"""Waves of no tissue, and waves shorter than their points can tell."""
+"""Implausible moduli, and waves shorter than their sampling resolves."""
 
 import re
 
@@ -38,7 +38,7 @@ def test_zones_are_refused_at_once():
 
 
 def test_data_as_fast_as_kilohertz_are_more_points_than_a_wave():
-    """What truly moves at 60 kHz is sampled at random by points 2 mm apart."""
+    """Waves at 60 kHz are undersampled by points 2 mm apart."""
     points = grid(16, 16)
     random = np.random.default_rng(0).normal(size=(1, 256, 2)) * 1e-6
     with pytest.raises(InputError, match=r"^frequency is 60000"):
@@ -60,7 +60,7 @@ def test_what_is_said_of_a_frequency(shear, frequency, words):
 
 
 def test_an_inversion_says_so():
-    """Waves of 3.5 points, spoilt a little."""
+    """Waves with 3.5 points per wavelength, slightly disturbed."""
     data = shaken(3e3, 60.0, shape=(12, 12), spacing=8.25e-3).with_noise(0.01, 0)
     found = invert(data, uniform=False, regulariser="smooth")
     assert sum("distances between points" in note for note in found.warnings) == 1

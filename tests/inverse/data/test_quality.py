@@ -1,4 +1,4 @@
-"""Strain of data and its ratio to noise: closed forms, what is not measured, what is left out."""
+"""Octahedral shear strain and its SNR: closed forms, missing components, masked points."""
 
 from dataclasses import replace
 

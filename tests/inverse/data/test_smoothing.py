@@ -1,4 +1,4 @@
-"""Smooth fields: polynomials and their derivatives exactly, noise taken off and told, masks, turned grids, scattered points."""
+"""Smooth fields: exact for polynomials and derivatives, noise reduction and estimate, masks, rotated grids, scattered points."""
 
 import numpy as np
 import pytest
@@ -87,7 +87,7 @@ def test_a_third_of_the_noise_is_left_and_its_size_is_found():
 
 
 def test_the_number_of_splines_is_near_the_best(monkeypatch):
-    """Of all numbers tried, the one chosen has at most 1.15 times the smallest error."""
+    """The chosen number of knots has at most 1.15 times the smallest error of all numbers tried."""
     import ngbrain.inverse.data.smoothing as module
 
     points = grid(40, 36)

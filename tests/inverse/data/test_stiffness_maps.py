@@ -19,11 +19,11 @@ PLACE = np.array([[-2e-3, 0, 0, 20e-3], [0, 2e-3, 0, -20e-3], [0, 0, 2e-3, -10e-
 SHAPE = (21, 21, 21)
 MODULUS = 2000 + 800j
 MU, XI = 2 * abs(MODULUS) ** 2 / (MODULUS.real + abs(MODULUS)), 0.2
-"""Of that modulus, by the definitions of MRE134."""
+"""Stiffness and damping ratio of that modulus, by the definitions of MRE134."""
 
 
 def write(path, values: np.ndarray) -> str:
-    """In a ZIP archive of its own, float32, 0 where nothing was measured."""
+    """Write a map in a ZIP archive, float32, 0 where nothing was measured."""
     plain = path.with_suffix("")
     write_nifti(plain, Volume(values.astype(np.float32), PLACE))
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:

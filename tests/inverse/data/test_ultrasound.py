@@ -1,4 +1,4 @@
-"""Axial displacement of a pressed window at rest, its rim and tractions unknown: a lesion's contrast, and what is said of it."""
+"""Quasi-static axial displacement of a compressed window with unknown boundary tractions: contrast of a lesion, and notes."""
 
 from dataclasses import replace
 

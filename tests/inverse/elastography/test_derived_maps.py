@@ -1,4 +1,4 @@
-"""What is answered: numbers of published moduli, medians by label, errors against the truth."""
+"""Derived maps of published moduli, medians by label, errors against the truth."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Each frequency by itself: its own moduli, in processes too, and whose fault it is when one cannot be inverted."""
+"""Inversion of each frequency: its own moduli, also in processes; an error names the frequency."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What waves cannot tell: the bulk modulus, the scale at rest, and one of three numbers of a plane of fibres."""
+"""Identifiability: bulk modulus, scale of quasi-static data, and one of three parameters in a plane of fibres."""
 
 from dataclasses import replace
 
@@ -26,7 +26,7 @@ from ngbrain.mesh.geometry.structured import rectangles
 
 
 def effect(bulk_over_shear, noise=0.02):
-    """Of 10 % more bulk modulus on waves at the true moduli."""
+    """Effect of 10 % more bulk modulus on the waves at the true moduli."""
     data = replace(waves(n=9), bulk=5e3 * bulk_over_shear)
     experiment = ElastographyProblem(data, discretise(data))
     unknowns = experiment.unknowns(np.ones(1))
@@ -40,7 +40,7 @@ def effect(bulk_over_shear, noise=0.02):
 
 
 def test_bulk_fades_as_its_inverse():
-    """As 1/K from K/μ = 100 on: far below 2 % of noise at 10⁴, above it at 4."""
+    """The effect falls as 1/K from K/μ = 100 on: far below 2 % of noise at 10⁴, above it at 4."""
     found = [effect(ratio) for ratio in (1e2, 1e3, 1e4)]
     assert found[0] / found[1] == pytest.approx(10, rel=0.7) and found[1] / found[2] == pytest.approx(10, rel=0.1)
     assert found[2] < 0.1 < 1 < effect(4.0)
@@ -51,8 +51,8 @@ def test_noise_hides_it():
 
 
 def test_an_inversion_tells():
-    """In its checks and in words, for bodies of both kinds."""
-    for poisson, words in ((0.3, "an error of the maps"), (0.4995, "does little harm")):
+    """The effect is in checks and notes, for compressible and nearly incompressible bodies."""
+    for poisson, words in ((0.3, "an error of the maps"), (0.4995, "hardly affects the maps")):
         data = replace(Phantom.from_name("CV-G", 9), poisson=poisson).simulate_measurements(0.02).data()
         found = invert(data, uniform=False, regulariser="smooth")
         assert sum(words in note for note in found.warnings) == 1

@@ -1,4 +1,4 @@
-"""An inversion that starts from maps that are given: which fields they are, where they lead, what is no start."""
+"""Inversion from given start maps: the fields, the result, invalid maps."""
 
 import pickle
 from dataclasses import replace
@@ -74,7 +74,7 @@ def test_what_is_no_start(data, maps, named):
 
 
 def the_same(found, other):
-    """To the last bit, and as much work."""
+    """Assert equal results to the last bit, and equal work."""
     assert found.solves == other.solves and found.warnings == other.warnings and found.chosen == other.chosen
     assert [row.value for row in found.starts] == [row.value for row in other.starts]
     for name, values in found.maps.items():

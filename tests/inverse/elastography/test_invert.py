@@ -1,4 +1,4 @@
-"""The inversion in one call: all bodies, found noise, chosen regularisers and starts, scattered points, holes, bad input."""
+"""`invert` for all bodies: noise estimate, selection of regulariser and start, scattered points, holes, bad input."""
 
 from dataclasses import replace
 
@@ -30,13 +30,13 @@ def off(found, truth):
 
 
 def shear_error(data, maps):
-    """Of the elastic modulus that is looked for, relative L2."""
+    """Relative L2 error of the unknown elastic modulus."""
     name = next(name for name in ("youngs", "storage", "mu") if name in maps)
     return off(maps[name], data.truth_views[name])
 
 
 def told_error(data, maps):
-    """Of what waves tell: where fibres' volumes stay, of μ(1+φ) and μ(1+ζ), see `unseen`; else of the modulus."""
+    """Relative error of what waves determine: for incompressible fibres μ(1+φ) and μ(1+ζ) (`identifiability`), else the modulus."""
     if data.symmetry == "isotropic" or bulk_ratio(data) < 100:
         return shear_error(data, maps)
     truth = fibre_shear_moduli({name: np.real(values) for name, values in data.truth_views.items()})
@@ -70,7 +70,7 @@ def test_fields_of_labels_jump_where_labels_meet():
 
 
 def test_exact_data_are_no_more_exact_than_our_elements():
-    """Else fields fit the error of the elements, at the edges first."""
+    """With less noise, fields would fit the discretisation error, first at edges."""
     data = waves(rheology="elastic", n=31)
     found = invert(data.with_noise(0.0, 1), uniform=False, regulariser="smooth")
     assert found.noise == NEW_ELEMENTS_FLOOR and shear_error(data, found.maps) < 0.01
@@ -78,7 +78,7 @@ def test_exact_data_are_no_more_exact_than_our_elements():
 
 
 def test_the_error_of_our_elements_is_found_too():
-    """On 19² points it is 1.3 times what is assumed of exact data, which is a guess and no level that was given."""
+    """On 19² points the error is 1.3 times the level assumed for exact data, which is an assumption, not a given level."""
     data = waves(rheology="elastic", n=19)
     found = invert(data.with_noise(0.0, 1), uniform=False, regulariser="smooth")
     assert found.noise == pytest.approx(1.28 * NEW_ELEMENTS_FLOOR, rel=0.1)
@@ -102,7 +102,7 @@ def test_too_little_noise_is_told():
 
 
 def test_noise_that_is_far_too_little_is_corrected_before_any_way_down():
-    """200 times too little: ways down would fit noise for dozens of rounds, and take five times as long."""
+    """The noise is 200 times too small: descents would fit noise for dozens of iterations, and take five times as long."""
     measured = Phantom.from_name("CV-G", 13).simulate_measurements(0.02, seed=3)
     found = invert(measured.data(), noise=1e-4, uniform=False, regulariser="smooth")
     ratios = {phase: [each.misfit / each.expected for each in found.history if each.phase == phase] for phase in PHASES}
@@ -116,7 +116,7 @@ def test_noise_that_is_far_too_little_is_corrected_before_any_way_down():
 
 
 def test_a_level_that_was_raised_too_far_is_lowered_again():
-    """Ten times too little noise, and a third of the points without data: the first way down ends far off, at a misfit as if the
+    """Ten times too little noise, and a third of the points without data: the first descent ends far off, at a misfit as if the
     waves were nothing but noise."""
     measured = Phantom.from_name("CE-B", 9).simulate_measurements(0.01, seed=1)
     data, height = measured.data(), measured.points[:, 1]
@@ -137,7 +137,7 @@ def test_starts_are_compared_at_the_same_weights():
 
 
 def test_several_levels_of_uniform_fields():
-    """Without loss half the suggested modulus is stuck a cycle off, the modulus itself arrives: the least J is shown."""
+    """Without loss, half the suggested modulus ends in a local minimum, the modulus itself converges: the least J is selected."""
     measured = Phantom.from_name("CE-G", 17).simulate_measurements(0.01)
     ends = {levels: invert(measured.data(), regulariser="smooth", levels=levels) for levels in ((0.5,), (0.5, 1.0))}
     rows = {levels: {row.name: row for row in found.starts} for levels, found in ends.items()}
@@ -239,7 +239,7 @@ def test_true_fields_predict_the_data():
 
 
 def test_fibres_that_turn_are_no_noise():
-    """By a direction for each element, off by up to 3°, waves of the true properties would be off by 1.3 %."""
+    """With one direction per element, off by up to 3°, waves of the true properties would be off by 1.3 %."""
     data = waves("transversely_isotropic", "elastic")
     flipped = replace(data, fibre=np.where(np.arange(len(data.points))[:, None] % 2, -1, 1) * data.fibre)
     for each in (data, flipped):
@@ -284,7 +284,7 @@ def test_elements_of_data_that_name_none():
     ids=lambda each: "-".join(each) if isinstance(each, tuple) else str(each),
 )
 def test_waves_of_one_component(body, loads, missing):
-    """As ultrasound has them: along its axis, the other one never measured in some loads or in all."""
+    """Ultrasound measures the axial component only, in some loads or in all."""
     data = waves(*body, n=17).with_noise(0.02, seed=1)
     axial = data.displacement.copy()
     axial[loads, :, missing] = np.nan
@@ -304,7 +304,7 @@ def test_waves_of_one_component(body, loads, missing):
     ids=["fewer points", "K ~ G", "more noise", "K given"],
 )
 def test_strain_imaging(n, bulk, noise, bound, contrast):
-    """Displacements along one axis alone, at rest: the shape of the map, its level and a part of its contrast are not told."""
+    """Quasi-static displacements along one axis determine the shape of the map, not its level and only a part of its contrast."""
     data = pressed(bulk=bulk, tilted=True, n=n).with_noise(noise, seed=0)
     axial = data.displacement.copy()
     axial[:, :, 0] = np.nan
@@ -324,12 +324,12 @@ def test_strain_imaging_with_both_components():
 
 
 def shape_error(ratio):
-    """Rms of a map over the truth, but for a common factor."""
+    """Relative rms error of a map up to a common factor."""
     return float(np.std(ratio / np.exp(np.mean(np.log(ratio)))))
 
 
 def contrast_in(shear):
-    """Of the spot's middle to the median; truly 2.2."""
+    """Contrast of the spot's centre to the median; the truth is 2.2."""
     n = int(np.sqrt(shear.size))
     x, y = np.meshgrid(*[np.linspace(0, 1, n)] * 2)
     return float(np.mean(shear[((abs(x - 0.5) < 0.09) & (abs(y - 0.54) < 0.09)).ravel()]) / np.median(shear))

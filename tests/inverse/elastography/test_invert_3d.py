@@ -19,7 +19,7 @@ from ngbrain.io.waves import WaveData
 
 
 def medians(data, modulus):
-    """Of the ball's inside and of the rest of the block, off their borders."""
+    """Medians inside the ball and in the rest of the block, away from the interface."""
     away = np.linalg.norm(data.points - MIDDLE, axis=1)
     return np.median(modulus[away < RADIUS - 3e-3]), np.median(modulus[away > RADIUS + 3e-3])
 
@@ -213,7 +213,7 @@ def test_labels_that_are_not_there():
 
 
 def voxels(spacing, turn, side=0.048):
-    """Which points of a block of such voxels are in a ball, and data at all."""
+    """Points of a block of such voxels in a ball, and the data."""
     lines = [np.arange(0, side + h / 2, h) for h in spacing]
     points = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).transpose(2, 1, 0, 3).reshape(-1, 3)
     u = 1e-5 * np.stack([np.exp(-2j * np.pi * points[:, i] / 8e-3) for i in (1, 2, 0)], axis=1)[None]
@@ -223,7 +223,7 @@ def voxels(spacing, turn, side=0.048):
 
 @pytest.fixture
 def short_waves(monkeypatch):
-    """Of 8 mm whatever the data: elements are then as small as voxels allow."""
+    """Fix the wavelength at 8 mm for any data: elements are then as small as voxels allow."""
     monkeypatch.setattr(
         "ngbrain.inverse.problem.voxel_lattice.uniform_shear", lambda data: data.density * (50.0 * 8e-3) ** 2
     )
@@ -235,7 +235,7 @@ TURNED = Rotation.from_euler("xyz", (5, 80, 5), degrees=True).as_matrix()
 @pytest.mark.parametrize("spacing", [(2e-3, 2e-3, 2e-3), (2e-3, 2e-3, 6e-3), (6e-3, 1.5e-3, 3e-3)])
 @pytest.mark.parametrize("kind", ["masked", "turned", "left over"])
 def test_elements_cover_long_voxels_too(short_waves, spacing, kind):
-    """Whether the grid is known or only the points that are left of it, and along the coordinates or not."""
+    """For a known grid or only its remaining points, aligned with the coordinates or not."""
     ball, data = voxels(spacing, TURNED if kind == "turned" else np.eye(3))
     if kind == "left over":
         chosen = replace(
@@ -256,7 +256,7 @@ def test_elements_are_no_shorter_than_voxels(short_waves):
 
 @pytest.mark.parametrize("n, order", [(11, 1), (12, 2), (31, 3)])
 def test_elements_of_a_block_are_all_there(n, order):
-    """Where samples are in the middle between points too."""
+    """Also where samples lie halfway between points."""
     line = np.linspace(0, 0.002 * (n - 1), n)
     points = np.stack(np.meshgrid(line, line, line, indexing="ij"), axis=-1).transpose(2, 1, 0, 3).reshape(-1, 3)
     k = 2 * np.pi * 50 / 1.5

@@ -1,4 +1,4 @@
-"""Slabs of which the motion through their slices alone was measured: slice by slice, and how far waves leave the slices."""
+"""Slabs with only the through-slice motion measured: slice-by-slice inversion, and the share of out-of-slice propagation."""
 
 from dataclasses import replace
 
@@ -49,7 +49,7 @@ def three_components():
 
 
 def test_a_slab_of_three_components_has_a_start():
-    """Splines want eight points along each axis: a slab is smoothed by moving least squares."""
+    """Splines need eight points along each axis: a slab is smoothed by moving least squares."""
     found = uniform_modulus(three_components())
     assert found.value == pytest.approx(G, rel=0.25) and not found.note
 

@@ -1,4 +1,4 @@
-"""What is no body's waves is said not to be usable, with the reason; what is, is usable; ranges of tissue are warned of."""
+"""Data that are not waves of a body are rejected with the reason, good data accepted; warnings on the range of a tissue."""
 
 from dataclasses import replace
 
@@ -27,7 +27,7 @@ def inverted(data):
 
 
 def of_nonsense(data, kind, other):
-    """Waves spoilt; `other` is another scan of the same points."""
+    """Corrupted waves; `other` is another scan of the same points."""
     u, rng, across = data.displacement, np.random.default_rng(0), np.ptp(data.points, axis=0)
     if kind == "shuffled":
         return replace(data, displacement=u[:, rng.permutation(len(data.points))])
@@ -128,7 +128,7 @@ def in_space(data):
 
 @pytest.mark.slow
 def test_good_waves_in_space_are_usable_whatever_the_sign_of_a_load():
-    """A load's sign cannot be told, as its equation is linear, and does no harm."""
+    """The sign of a load is arbitrary, as its equation is linear."""
     data = block()
     found = in_space(data)
     turned = in_space(replace(data, displacement=data.displacement * np.array([1, -1])[:, None, None]))
@@ -175,7 +175,7 @@ def map_of(storage):
 
 
 def test_the_median_alone_does_not_make_a_map_usable(data):
-    """As of a living slice whose median was that of a brain, while a quarter of its points were above 10.9 kPa, 5 % above 260."""
+    """As for a measured slice with the median of a brain, but a quarter of its points above 10.9 kPa and 5 % above 260."""
     storage = np.full(289, 2600.0)
     storage[:72], storage[:15] = 12e3, 300e3
     brain = replace(data, tissue="brain")
@@ -198,7 +198,7 @@ def test_the_median_alone_does_not_make_a_map_usable(data):
 
 @pytest.mark.parametrize("lump", [0.3, 5.0])
 def test_a_lump_is_no_reason_against_a_map(data, lump):
-    """A tenth of a brain, as soft or as stiff as any that were measured."""
+    """A tenth of a brain as soft or as stiff as the published extremes."""
     storage = np.full(289, 2600.0)
     storage[:29] *= lump
     assert reasons_against(replace(data, tissue="brain"), map_of(storage), 0.1, 0.1) == []

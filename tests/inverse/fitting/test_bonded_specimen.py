@@ -1,4 +1,4 @@
-"""Constants from blocks that stick to their plates: against closed limits, other elements, and truths that are known."""
+"""Material parameters from specimens glued to their plates: against closed-form limits, other elements and known truths."""
 
 import numpy as np
 import pytest
@@ -60,7 +60,7 @@ def test_the_misfits_slope_is_theirs():
 
 @pytest.fixture(scope="module")
 def measured():
-    """Curves of cubes of the cortex's law in other elements, one percent of noise."""
+    """Curves of cubes with the cortex's law in other elements, with 1 % noise."""
     random, cube, curves = np.random.default_rng(3), BondedSpecimen(maxh=0.0025, form="P4/P3", levels=4), []
     for name, mode, where in (
         ("compression", "uniaxial", np.linspace(1, 0.9, 9)),

@@ -1,4 +1,4 @@
-"""Factors of two regions whose elements are too coarse: what one run on finer ones takes off."""
+"""Stiffness factors of two regions with coarse elements: the correction by one run on finer ones."""
 
 import math
 
@@ -55,7 +55,7 @@ def found(of, data, sigma):
 
 @pytest.mark.parametrize("size", [0.005, 0.0035])
 def test_half_of_what_elements_are_wrong_by_is_taken_off(size):
-    """Naive: the inversion's own elements, whose error is many times the noise's; the step leaves six tenths at most."""
+    """The error of the inversion's own elements is many times that of the noise; at most six tenths remain after the step."""
     truth = np.array(list(TRUTH.values()))
     data = model(0.0006).evaluate(truth).data
     sigma = NOISE * np.abs(data)

@@ -1,4 +1,4 @@
-"""One call from data to parameters: of equilibria and of runs, a law of a user's own, and what is refused."""
+"""`estimate` for static and transient models, a user-defined law, and refusals."""
 
 import ngsolve as ngs
 import numpy as np
@@ -30,7 +30,7 @@ def seen(mesh, form, law, parameters):
 
 
 def measured(law, noise, rng):
-    """From a finer mesh of another order, with noise of each observation's rms."""
+    """Data from a finer mesh of another order, with noise relative to each observation's rms."""
     fine = seen(square(12, size=SIDE), "P3/P2", law, {"none": ngs.Parameter(0.0)})
     data = fine.evaluate(fine.theta).data
     sigma = np.concatenate(
@@ -40,7 +40,7 @@ def measured(law, noise, rng):
 
 
 def test_a_users_own_law_by_one_call(rng):
-    """A field of stiffness and a number; the parameters have what was found, and bars hold the number."""
+    """A stiffness field and a number; the parameters are set to the estimate, and the interval contains the number."""
     mesh = square(6, size=SIDE)
     stiffness, hardening = ngs.GridFunction(ngs.H1(mesh, order=1)), ngs.Parameter(2.0)
     stiffness.Set(800.0)
@@ -69,7 +69,7 @@ def test_numbers_of_a_run_from_its_force():
 
 
 def test_what_is_given_is_taken(rng):
-    """A start and a change of variable; a negative number is looked for in units of its size."""
+    """A given initial guess and transform; a negative number is scaled by its size."""
     mu, alpha = ngs.Parameter(2e3), ngs.Parameter(-2.0)
     data = measured(Ogden(900.0, -8.0), 1e-3, rng)
     of = seen(square(4, size=SIDE), "P2/P1", Ogden(mu, alpha), {"mu": mu, "alpha": alpha})
@@ -99,7 +99,7 @@ def test_what_cannot_be_meant_is_refused():
 
 
 def test_as_many_numbers_as_data_leave_nothing_to_judge_the_misfit_by():
-    """Both are found, with intervals; how well the noise is met cannot be said."""
+    """Both are estimated with intervals; the misfit has no degrees of freedom left."""
     mu, bulk = ngs.Parameter(1e3), ngs.Parameter(1e4)
     tissue = {".*": Material(NeoHooke(mu), bulk)}
     body = Problem(block(), tissue, {"bottom": 0, "top": (0, 0, -4e-3)}, element="P2")

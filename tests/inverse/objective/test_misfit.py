@@ -1,4 +1,4 @@
-"""Misfits: what the truth costs, what outliers and gaps cost, slopes and curvature."""
+"""Misfits: values at the truth, for outliers and gaps; gradients and curvature."""
 
 import numpy as np
 import pytest
@@ -68,7 +68,7 @@ def test_real_data_count_once(rng):
 
 
 def test_data_that_do_not_fit_are_refused():
-    """Before they are broadcast to what nobody meant: a curve (n,) beside data (n, 1)."""
+    """Unintended broadcasting, as of a curve (n,) with data (n, 1), is refused."""
     with pytest.raises(InputError, match=r"sigma is of shape \(4,\); wanted: one that fits data of \(3, 2\)"):
         LeastSquares(np.zeros((3, 2)), np.ones(4))
     with pytest.raises(InputError, match="measured is 6 numbers, none of them known"):

@@ -1,4 +1,4 @@
-"""Changes of variables: their inverses and slopes, fields of few values, and what they refuse."""
+"""Transforms: inverses and derivatives, fields of few values, refusals."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Regularisers by name: what each thinks of a step and of a bump, names that are none, and one of the user's own in `invert`."""
+"""Regularisers by name: energies of a step and of a bump, unknown names, and a user-defined one in `invert`."""
 
 import ngsolve as ngs
 import numpy as np
@@ -55,7 +55,7 @@ def test_names():
 
 
 def test_one_of_ones_own_is_what_inverts():
-    """Fields that may hardly change: whatever the data say, a stiff spot stays unseen."""
+    """With a very strong regulariser a stiff spot is not resolved."""
 
     def stubborn(space, reference):
         made = smooth(space, reference)

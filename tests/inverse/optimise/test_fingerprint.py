@@ -1,4 +1,4 @@
-"""What makes a problem another one: each part of it is named when it is changed, and no other."""
+"""Fingerprint of a problem: each changed part is named, and no other."""
 
 from dataclasses import replace
 from functools import cache
@@ -71,7 +71,7 @@ def test_other_data(changes, words):
 
 
 def test_last_bits_do_not_matter():
-    """Sums of several threads differ in them."""
+    """Sums of several threads differ in the last bits."""
     almost = replace(data(), bulk=2e4 * (1 + 1e-13))
     assert not differing_parts(
         problem_fingerprint(problem(almost, start=2000.0 * (1 + 1e-13))), problem_fingerprint(problem(data()))
@@ -98,14 +98,14 @@ def test_other_choices(changes, words):
 
 
 def test_other_labels():
-    """They change no number of unknowns and no start."""
+    """Other labels change neither the number of unknowns nor the initial guess."""
     moved = replace(data(), labels=(data().points[:, 0] > 0.024).astype(int))
     one, other = (problem_fingerprint(problem(each, labelled=True)) for each in (data(), moved))
     assert differing_parts(one, other) == MATERIAL
 
 
 def test_another_driven_boundary():
-    """One side less: its start is no part of the problem."""
+    """One driven side less; its initial guess is not part of the problem."""
     flags = data().dirichlet & (data().points[:, 0] > 1e-9)
     assert differing_parts(
         problem_fingerprint(problem(replace(data(), dirichlet=flags))), problem_fingerprint(problem(data()))
@@ -113,7 +113,7 @@ def test_another_driven_boundary():
 
 
 def test_another_guess_of_unknown_displacements_is_no_other_problem():
-    """But other displacements that are given are."""
+    """Other prescribed displacements make another problem."""
     free = [problem(data()) for _ in range(2)]
     free[1].unknowns.start[free[1].unknowns.blocks[BOUNDARY]] *= 1.01
     assert not differing_parts(*map(problem_fingerprint, free))

@@ -79,7 +79,7 @@ def small(noise=0.01, **options):
 
 
 def test_ends_at_a_minimum():
-    """The gradient vanishes there, and none of ten random steps goes down."""
+    """The gradient vanishes there, and none of ten random steps lowers J."""
     inversion = small()
     found = uniform(inversion, policy=FixedWeights())
     gradient, random = inversion.reduced.evaluate(found.x).gradient(), np.random.default_rng(0)
@@ -91,7 +91,7 @@ def test_ends_at_a_minimum():
 
 
 def test_no_step_goes_up():
-    """Far from the truth and hardly regularised, where full steps do."""
+    """Far from the truth with a weak regulariser, where full steps raise J."""
     inversion = small(weight=1e-2, start={"storage": 3e3, "loss": 3e3})
     search, x = GaussNewton(inversion.reduced, FixedWeights()), inversion.start
     values = [inversion.reduced.value(x)]
@@ -103,7 +103,7 @@ def test_no_step_goes_up():
 
 
 def test_a_step_that_overshoots_is_halved():
-    """Two halves of which one is twice too soft: hardly a full step goes down, and each of six rounds finds one that does."""
+    """Two halves, one twice too soft: few full steps lower J, and each of six iterations finds a step that does."""
     inversion = Phantom.from_name("CE-B", 9).simulate_measurements(0.01).inversion(weight=10.0)
     search, x, told = GaussNewton(inversion.reduced, FixedWeights()), inversion.start, []
     values = [inversion.reduced.value(x)]
@@ -117,7 +117,7 @@ def test_a_step_that_overshoots_is_halved():
 
 
 def test_round_off_at_nodes_counts_as_not_seen():
-    """Of data at nodes, the functions of other nodes are 0 there, or what single or double precision leaves of them."""
+    """At data points on nodes, basis functions of other nodes are 0 up to single or double precision."""
     matrix = sp.csr_array(np.arange(1.0, 17).reshape(4, 4) ** 2)
     exact, *rounded = (sp.csr_array(sp.diags_array([4.0, 9.0, *rest])) for rest in ([0, 0], [0, 1e-31], [4e-29, 2e-14]))
     for square in rounded:

@@ -55,7 +55,7 @@ def problem(names=("tissue",), weight=1e3, boundary=False, law=None):
 
 
 def lowered(point, precondition, max_cg_iterations):
-    """½ x·Hx - b·x after so many iterations, with b the way down."""
+    """½ x·Hx - b·x after a number of iterations, with b the descent direction."""
     normal = NormalEquations(point, forcing=0.0, max_cg_iterations=max_cg_iterations)
     b = -normal.gradient()
     normal.precondition = precondition
@@ -118,7 +118,7 @@ def test_preconditioner_beats_the_regulariser():
 
 
 def test_directions_are_remembered():
-    """A second solve around the same point with another right-hand side is shorter by what the first has learnt."""
+    """A second solve at the same point with another right-hand side takes fewer iterations."""
     reduced, search = problem(weight=1e-2)
     normal = NormalEquations(reduced.evaluate(search.start), forcing=0.03)
     b = -normal.gradient()
@@ -129,7 +129,7 @@ def test_directions_are_remembered():
 
 @pytest.mark.parametrize("held", [0.5, 0.0])
 def test_likely_fields_are_as_the_regulariser_says(held, rng):
-    """Differences between neighbours, one value held or none: then their mean is free, and energies are those of the rest."""
+    """Differences between neighbours with one value fixed or none; without one the mean is free and does not count."""
     n = 8
     differences = sp.csr_array(np.eye(n - 1, n) - np.eye(n - 1, n, 1))
     matrix = sp.csr_array(differences.T @ differences + held * sp.diags_array(np.eye(n)[0]))
@@ -141,7 +141,7 @@ def test_likely_fields_are_as_the_regulariser_says(held, rng):
 
 
 def columns(weight, boundary):
-    """A point, how many of its storage moduli data determine, by all columns of H⁻¹, and the moduli's part of the regulariser."""
+    """A point, its effective number of storage parameters by all columns of H⁻¹, and their part of the regulariser."""
     reduced, search = problem(weight=weight, boundary=boundary)
     point = reduced.evaluate(search.start)
     block, regular = search.blocks["storage tissue"], reduced.regular_matrix(search.start)
@@ -155,7 +155,7 @@ def columns(weight, boundary):
 
 @pytest.mark.parametrize("boundary", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_what_data_determine(boundary):
-    """The mean of samples is the trace of 1 - αRH⁻¹, by columns; iterations that are cut short count too much, but not far."""
+    """The mean of samples is the trace of 1 - αRH⁻¹ by columns; truncated iterations overestimate it slightly."""
     point, trace, matrices = columns(1e4, boundary)
     blocks = point.reduced.unknowns.blocks
     found = []

@@ -1,4 +1,4 @@
-"""Levenberg and Marquardt: the minimum of Gauss-Newton, by a matrix and without; damping where steps are too long."""
+"""Levenberg-Marquardt: the minimum of Gauss-Newton, with a dense matrix and without; damping of long steps."""
 
 from types import SimpleNamespace
 
@@ -45,7 +45,7 @@ def test_matrix_and_traces_are_those_of_the_products():
 
 
 def test_damping_gets_through_where_full_steps_do_not():
-    """Almost no regulariser and a far start: some steps fail, none is taken that goes up."""
+    """A weak regulariser and a distant initial guess: some steps fail, and no accepted step raises J."""
     inversion = small(weight=1e-2, start={"storage": 3e3, "loss": 3e3})
     found = levenberg_marquardt(inversion.reduced, inversion.start, FixedWeights(), max_iterations=25)
     falls = [i.misfit for i in found.history]
@@ -72,7 +72,7 @@ def test_what_nothing_holds_is_said():
 
 
 def test_what_nothing_holds_at_a_trial_is_not_counted():
-    """H = diag(1 + α, 0) of a held number that data know as well as α does, and one that they know nothing of."""
+    """H = diag(1 + α, 0): one regularised unknown that the data determine as well, and one that they do not determine."""
     fields = ParameterFields(np.ones(2), {"a": slice(0, 1), "b": slice(1, 2)}, {"a": Unknown(1.0), "b": Unknown(1.0)})
 
     def known(theta):
@@ -94,7 +94,7 @@ def test_what_nothing_holds_at_a_trial_is_not_counted():
 
 
 class Blind:
-    """Data that hardly know of x: they fall by round-off alone, of which no slope foretells anything."""
+    """Data that hardly depend on x: the misfit falls by round-off only, which no gradient predicts."""
 
     calls = 0
 
@@ -117,7 +117,7 @@ def test_a_fall_that_nothing_foretold_is_an_end():
 
 
 def test_no_step_changes_an_unknown_beyond_what_can_be_foretold():
-    """A start far off and hardly a regulariser: steps without bound would take logarithms to where nothing is seen any more."""
+    """A distant initial guess and a weak regulariser: unbounded steps would move logarithms to where the data are insensitive."""
     inversion = small(weight=1e-5, start={"storage": 2e3, "loss": 2e3})
     seen = []
     at = inversion.reduced.evaluate

@@ -1,4 +1,4 @@
-"""Weights: both rules on a linear problem that is solved in closed form, and corners of L-curves."""
+"""Weight policies on a linear problem with a closed-form solution, and corners of L-curves."""
 
 from types import SimpleNamespace
 
@@ -21,7 +21,7 @@ N = 200
 
 
 class Diagonal:
-    """Data d = s x + noise of one, x of size 1/√α*: J is minimised number by number."""
+    """Data d = s x + unit noise, x of size 1/√α*: J is minimised componentwise."""
 
     def __init__(self, rng, true_weight=4.0):
         self.s = np.logspace(1.5, -1.5, N)
@@ -55,7 +55,7 @@ def test_evidence_finds_the_size_of_what_is_looked_for(rng):
 
 
 def test_a_weight_stays_above_the_least_of_its_regulariser(rng):
-    """What is no structure of the model can be fitted by fields as rough as it takes."""
+    """Without a lower bound, arbitrarily rough fields would fit errors that the model cannot represent."""
     problem = Diagonal(rng)
     problem.data *= 100
     free = problem.run(Evidence(), 60)[0]
@@ -66,7 +66,7 @@ def test_a_weight_stays_above_the_least_of_its_regulariser(rng):
 
 
 def test_errors_alike_at_many_points_are_no_structure(rng):
-    """Noise of 1 and as large an error that ten points share: in their means it is ten times the noise."""
+    """Unit noise and an equal error shared by ten points: in the means of these it is ten times the noise."""
     shared, rest = 10, 200 * N
     weights = {}
     for policy in (EvidenceWithModelError(), EvidenceWithModelError(points_per_node=shared)):
@@ -112,7 +112,7 @@ def test_given_weights_stay(rng):
 
 
 def test_a_bend_the_other_way_is_no_corner():
-    """Misfits that fall slowly, then fast, then not at all: the curve bends away first, then towards the origin."""
+    """Misfits that fall slowly, then fast, then not at all: the curve is first concave, then convex."""
     misfits = np.exp(np.array([9.0, 9.0, 9.0, 9.0, 7.0, 5.0, 3.0, 1.0, 0.0, -1.0, -2.0]))
     energies = np.exp(np.array([0.0, 2.0, 4.0, 6.0, 6.0, 6.0, 6.0, 6.0, 7.7, 9.4, 11.1]))
     assert l_curve_corner(misfits, energies) in (7, 8)

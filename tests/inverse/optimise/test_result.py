@@ -1,4 +1,4 @@
-"""When an inversion has settled: what the last step changed against what chance changes."""
+"""Convergence of an inversion: the change by the last step against the scatter caused by noise."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -18,7 +18,7 @@ class Factor:
 
 
 class Steady:
-    """Weights that change by a factor, and 50 numbers."""
+    """Weights that change by a factor, with 50 effective parameters."""
 
     def __init__(self, turned):
         self.turned, self.determined = turned, {"x": 50.0}
@@ -28,7 +28,7 @@ class Steady:
 
 
 def settled(misfit, turned=1.0, step=1.0, before=FIRST, phase="fields", level=None):
-    """Whether an iteration that ends at this misfit is the last; 1000 data, of which half are used up."""
+    """Whether an iteration that ends at this misfit is the last, for 1000 data with 500 degrees of freedom."""
     measured = np.zeros((1, 500, 1), complex)
     measured[0, 0] = np.sqrt(misfit)
     reduced = SimpleNamespace(misfit=LeastSquares(measured, np.ones((1, 500, 1))), weights={"x": 5.0}, model=None)
@@ -39,7 +39,7 @@ def settled(misfit, turned=1.0, step=1.0, before=FIRST, phase="fields", level=No
 
 @pytest.mark.parametrize("moved, expected", [(-5.0, True), (-15.0, True), (15.0, True), (-25.0, False)])
 def test_a_change_that_chance_makes_ends_it(moved, expected):
-    """√(2 · 50) = 10, times the misfit of two over its level."""
+    """The scatter is √(2 · 50) = 10, times the misfit of 2 over its expected value."""
     assert settled(1000.0 + moved) is expected
 
 
@@ -51,10 +51,10 @@ def test_not_while_weights_move_or_steps_are_cut():
 
 
 def test_not_where_data_leave_the_level_open():
-    """At rest fields creep for thirty rounds more, to a map that is 11 % off instead of 15, at the same misfit."""
+    """For quasi-static data, fields drift for thirty more iterations, from 15 % to 11 % error at the same misfit."""
     assert not settled(999.0, level=np.ones(3))
 
 
 def test_not_on_the_way_from_measured_waves():
-    """There the misfit need not fall."""
+    """In this phase the misfit need not fall."""
     assert not settled(999.0, phase="waves", before=replace(FIRST, phase="waves"))

@@ -1,4 +1,4 @@
-"""Solves are counted where they are done: as many as factors are asked for, in every way of inverting."""
+"""Solve counts equal the calls of factors, in every kind of inversion."""
 
 import numpy as np
 import pytest
@@ -20,14 +20,14 @@ from ngbrain.solvers.device import CpuFactor
 
 
 class Asked:
-    """What is asked of factors."""
+    """Calls of factors."""
 
     made = solved = 0
 
 
 @pytest.fixture
 def asked(monkeypatch):
-    """Counted at the factors themselves, whoever calls them."""
+    """Count the calls at the factors themselves."""
     count, make, solve = Asked(), CpuFactor.__init__, CpuFactor.solve
 
     def making(self, *arguments, **options):
@@ -57,7 +57,7 @@ def in_the_plane():
 
 
 def in_the_plane_without_loss():
-    """Whose next resonance is looked for."""
+    """An inversion that also computes the nearest resonance."""
     return invert(data(2, 3000.0, rheology="elastic"), uniform=False, regulariser="smooth", max_iterations=1).solves
 
 
@@ -108,7 +108,7 @@ def test_every_solve_is_counted(way, asked):
 
 
 def test_refinements_are_counted_too(asked):
-    """Of discontinuous pressures at K/μ = 10⁸, whose first solution leaves too much, and its adjoint likewise."""
+    """Discontinuous pressures at K/μ = 10⁸, whose first solution and adjoint need iterative refinement."""
     body = HarmonicProblem(square(4), Shearing(2000.0), [Wave(50.0, {"top": (1e-3, 0)})], bulk=2e11, form="P4/L2(2)")
     factors = body.factorise()
     factors.solve_wave(0, body.prescribed[0])

@@ -1,4 +1,4 @@
-"""Ways to a weight: the corner of an L-curve against the evidence, what it does not ask for, and how `invert` takes them."""
+"""Weight selection: the corner of an L-curve against the evidence, without a noise level, and in `invert`."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ def silent(_):
 
 
 def spot(stated=1.0):
-    """With noise of 2 % that is stated as this many times that."""
+    """A case with 2 % noise, of which a multiple is stated."""
     inversion = Phantom.from_name("CV-G", 11).simulate_measurements(0.02, seed=3).inversion()
     misfit = inversion.reduced.misfit
     inversion.reduced.misfit = LeastSquares(inversion.measured.displacement, stated * misfit.sigma)
@@ -37,7 +37,7 @@ def test_the_corner_is_as_good_as_the_evidence():
 
 
 def test_the_corner_asks_for_no_level_of_noise():
-    """J over σ², weights over σ²: the same minima, whatever is stated. The evidence fits noise of a half by wiggles."""
+    """J and weights scale with σ²: the minima are independent of the stated level. With half the level, the evidence fits noise."""
     right, wrong = (spot(stated) for stated in (1.0, 1 / 2))
     ends = [by_corner(inversion) for inversion in (right, wrong)]
     one, other = (inversion.errors(end.x) for inversion, end in zip((right, wrong), ends, strict=True))

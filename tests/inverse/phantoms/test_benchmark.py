@@ -17,7 +17,7 @@ RMS = {
     "NE-G": (0.9371, 0.9288),
     "NV-G": (0.6213, 0.1730),
 }
-"""Of the two components, mm, as published."""
+"""Published values of the two components (mm)."""
 
 
 @pytest.mark.parametrize("name", RMS)

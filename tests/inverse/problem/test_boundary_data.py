@@ -1,4 +1,4 @@
-"""Which part of the boundary drives a body: sides by their points' flags, waves with a free edge in closed form, inversions."""
+"""Driven part of the boundary by the points' flags: sides, waves with a free edge in closed form, inversions."""
 
 from dataclasses import replace
 
@@ -67,7 +67,7 @@ def test_waves_with_a_free_end(name):
 
 
 def test_in_their_own_elements_driven_nodes_are_those_that_are_flagged():
-    """As in published cases, whose driven edges own their corners."""
+    """As in the published cases, corners belong to the driven edges."""
     data = standing(9, 8, element="q4")
     experiment = ElastographyProblem(data, original_discretisation(data))
     assert set(experiment.model.driven_dofs) == {k + i * 72 for k in np.flatnonzero(data.dirichlet) for i in (0, 1)}
@@ -122,7 +122,7 @@ def test_flags_of_another_mask_are_refused():
 
 
 def test_sides_that_reach_out_of_the_points_are_driven():
-    """Of a ball whose lower half is free, those are free that are within a voxel of it."""
+    """For a ball with a free lower half, sides within a voxel of its surface are free."""
     data = standing(14, 14, 14, poisson=None, bulk=2e5)
     off = data.points - data.points.mean(axis=0)
     ball = replace(data, mask=np.linalg.norm(off, axis=1) < 6.5 * STEP, dirichlet=None)
@@ -144,7 +144,7 @@ def test_sides_that_reach_out_of_the_points_are_driven():
 
 
 def test_a_hole_between_scattered_points_is_free_where_its_border_says_so(rng):
-    """Its points are none of the hull, whose flags say nothing of it."""
+    """Points of the hole are not on the hull, whose flags do not apply."""
     points = 0.04 * rng.random((600, 2))
     radius = np.linalg.norm(points - 0.02, axis=1)
     data = WaveData(

@@ -1,4 +1,4 @@
-"""Noise of each point: noisy ones count less, in the plane, in space and in zones; misfits are where they are expected."""
+"""Pointwise noise: noisy points have less weight, in the plane, in space and in zones; misfits have their expected value."""
 
 from dataclasses import replace
 
@@ -62,7 +62,7 @@ def test_noisy_points_count_less(name, noisier):
 
 
 def test_weights_are_those_of_the_points():
-    """Of those that count; the model's error counts at all of them."""
+    """Weights at the points of the mask; the model error applies to all of them."""
     data = phantom("CE-G", 9)
     mask = np.arange(81) != 40
     spoilt = data.with_noise(noise := np.where(np.arange(81) % 3, 0.003, 0.03), 1)

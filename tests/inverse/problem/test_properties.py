@@ -1,4 +1,4 @@
-"""Storage and loss, or magnitude and phase: bounds, the modulus that they make, derivatives, what is gained, bad input."""
+"""Storage and loss, or magnitude and phase: bounds, moduli, derivatives, accuracy, bad input."""
 
 from dataclasses import replace
 

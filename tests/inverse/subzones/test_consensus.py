@@ -1,4 +1,4 @@
-"""What draws a zone's fields to its neighbours': its slope by differences, and fields through values at points."""
+"""Consensus regulariser: gradient by differences, and fields fitted to values at points."""
 
 import ngsolve as ngs
 import numpy as np

@@ -140,7 +140,7 @@ def test_bad_input(changes, choices, words):
 
 @pytest.mark.parametrize(("spacing", "side", "shared"), [(2e-3, 5, 2), (9e-3, 3, 1)])
 def test_zones_by_default(spacing, side, shared):
-    """Along the bar five elements that share two, a third of a wave each; three where voxels are a third of a wave."""
+    """Along the bar five elements of a third of a wavelength, with an overlap of two; three where voxels are that large."""
     points = grid(26, 12, 12, spacing=spacing)
     data = WaveData(points, clean(points), [HERTZ], RHO, "isotropic", "viscoelastic", bulk=2e5)
     assert [each[0] for each in _sizes_in_cells(data, build_lattice(data, "P3"), None, None)] == [side, shared]
@@ -175,7 +175,7 @@ def test_zones_find_a_ball_that_their_cut_goes_through_as_one_inversion_does():
 
 
 def test_weights_mean_the_same_in_a_zone_as_in_the_body():
-    """A slope costs as much in two halves as in the whole."""
+    """A gradient has the same energy in two halves as in the whole."""
     sides = np.array([0.04, 0.02, 0.02])
     whole, half = (block(tuple(sides / (share, 1, 1)), maxh=0.01) for share in (1, 2))
     common = ZoneSettings(float(sides[0]), False, 1, None)

@@ -1,4 +1,4 @@
-"""What zones say together: one weight of their regulariser, in closed form."""
+"""Merged zones: the shared regularisation weight in closed form."""
 
 from dataclasses import replace
 
@@ -49,7 +49,7 @@ def test_a_slope_along_the_bar_counts_by_length(bar):
 
 
 def test_fields_of_labels_are_of_their_quantity_and_of_their_places(bar):
-    """Of one label for all it is the field of all; of a label that is on one half alone, what is rough there."""
+    """With one label for all, the field is the global one; a label on one half has the roughness there."""
     data, cells = bar
     whole = together(data, cells, lambda x: 30 * x[:, 0], (3.0, 6.0))
     labels = np.full(len(data.points), 7)
@@ -68,14 +68,14 @@ def test_fields_of_labels_are_of_their_quantity_and_of_their_places(bar):
 
 
 def test_what_both_see_counts_once(bar):
-    """A bump in the cells that they share is all that is rough: E_1 = E_2 = E."""
+    """Only a bump in the shared cells is rough: E_1 = E_2 = E."""
     found = together(*bar, lambda x: np.exp(-(((x[:, 0] - LENGTH / 2) / 3e-3) ** 2)), (2.0, 2.0))
     share = sum(float(np.mean(zone.share)) for zone in found.zones)
     assert found.weights["loss"] == pytest.approx(2.0 * share, rel=0.02)
 
 
 def test_a_smoother_joined_map_wants_a_larger_weight(bar):
-    """Half the slopes, a quarter of the roughness, for as many determined numbers."""
+    """Half the gradient, a quarter of the roughness, for the same number of determined parameters."""
     first = together(*bar, lambda x: 30 * x[:, 0], (3.0, 3.0))
     later = together(*bar, lambda x: 15 * x[:, 0], (1.0, 1.0), first)
     assert later.weights["storage"] == pytest.approx(4 * first.weights["storage"], rel=1e-3)

@@ -1,4 +1,4 @@
-"""Cutting wave data into zones, and joining what they say: by counts, shares and closed forms."""
+"""Partition of wave data into zones, and merging of their maps: counts, shares and closed forms."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -94,7 +94,7 @@ def test_shares_fall_to_nothing_at_cut_faces_and_are_whole_elsewhere(egg):
 
 
 def test_a_point_that_others_leave_out_is_all_of_its_zone():
-    """On the face of a zone whose neighbour has nothing but a small piece there."""
+    """A point on the face of a zone whose neighbour has only a small piece there."""
     points = grid(21, 8, 8, spacing=SPACING)
     column = np.round(points[:, 0] / SPACING).astype(int)
     rod = (column < 12) & np.all(points[:, 1:] < 3 * SPACING, axis=1)

@@ -1,4 +1,4 @@
-"""Error bars of what `invert` finds: at the data's points, as functions, of means; of labels, of phases, of other elements."""
+"""Error bars of `invert`: at the data's points, as functions, of means; for labels, phases and other elements."""
 
 from dataclasses import replace
 
@@ -20,14 +20,14 @@ def bars(data, **options):
 
 @pytest.fixture(scope="module")
 def nodal():
-    """In the elements of the data, a point left out."""
+    """Error bars in the elements of the data, with a point left out."""
     data = Phantom.from_name("CV-G", 11).simulate_measurements(NOISE, seed=1).data()
     return bars(replace(data, mask=np.arange(121) != 20, dirichlet=None, truth={}))
 
 
 @pytest.fixture(scope="module")
 def cubic():
-    """In elements of our own, whose fields are of second order."""
+    """Error bars in new elements with fields of second order."""
     points = grid(10, 10, spacing=4e-3)
     return bars(waves(points, shear_waves(points, 5000 + 800j), poisson=0.4).with_noise(NOISE, seed=1))
 
@@ -105,7 +105,7 @@ def test_labels_have_fields_and_means_of_their_own():
 
 
 def test_fields_taken_for_uniform_are_named(nodal):
-    """Of the loss the data determine two numbers: its bands say how well a uniform loss is known, and miss the spot."""
+    """The data determine two parameters of the loss: its intervals are those of a uniform loss, and miss the spot."""
     truth = Phantom.from_name("CV-G", 11).simulate_measurements().truth["loss"]
     assert nodal.posterior.effective_parameters["loss"] < 5 < nodal.posterior.effective_parameters["storage"]
     assert nodal.interval("loss").high[60] < truth[60]

@@ -1,4 +1,4 @@
-"""Which prior fits data best: in closed form, and for truths that are smooth or have a step."""
+"""Model evidence: in closed form, and for truths that are smooth or have a step."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ def test_the_probability_of_data_and_the_variances_that_it_is_largest_at(rng):
 
 @pytest.fixture(scope="module")
 def smooth_truth():
-    """Inverted with H1, in the elements of the data."""
+    """An inversion with H1, in the elements of the data."""
     return invert(Phantom.from_name("CV-G", 17).simulate_measurements(0.01).data(), uniform=False, regulariser="smooth")
 
 
@@ -50,7 +50,7 @@ def test_the_prior_of_the_inversion_if_asked(smooth_truth):
 
 
 def test_the_level_of_uniform_tissue_is_not_taken_for_known():
-    """Gaussian fields of no variance fit best there, around a mean that would count as exact: the inversion's prior stays."""
+    """Gaussian fields of zero variance would fit best, with an exact mean: the prior of the inversion is kept."""
     points = grid(12, 12, spacing=4e-3)
     data = waves(points, shear_waves(points, 2500 + 500j, 30.0), (30.0,), poisson=0.4).with_noise(0.01, seed=0)
     found = invert(data, uniform=False, regulariser="smooth")

@@ -1,4 +1,4 @@
-"""Bands through changes of variables: closed forms of the log-normal, ends that keep their probability, bounds."""
+"""Intervals under transforms: closed forms of the log-normal, quantiles, bounds."""
 
 import numpy as np
 import pytest

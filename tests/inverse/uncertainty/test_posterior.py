@@ -1,4 +1,4 @@
-"""The posterior: closed forms of linear problems, what a low rank leaves out, bands against the exact posterior of waves."""
+"""Posterior: closed forms of linear problems, error of the low-rank truncation, intervals against the exact posterior of waves."""
 
 from itertools import pairwise
 from types import SimpleNamespace
@@ -40,7 +40,7 @@ class Linear:
 
 
 def linear(names="abc", rng=None):
-    """A linear problem whose blocks a and b are held by regularisers, and its Gauss-Newton matrix, dense."""
+    """A linear problem with regularised blocks a and b, and its dense Gauss-Newton matrix."""
     rng = rng or np.random.default_rng(1)
     total = sum(SIZES.values())
     A = rng.normal(size=(60, total)) * np.logspace(1, -2, total)
@@ -166,7 +166,7 @@ def test_many_rows_are_drawn(monkeypatch):
 
 
 def chain(n):
-    """Squared differences of neighbours: a constant costs nothing, as far as round-off lets one see."""
+    """Squared differences of neighbours, singular up to round-off: a constant has no energy."""
     steps = np.diff(np.eye(n), axis=0) * np.sqrt(np.linspace(0.1, 0.9, n - 1))[:, None]
     return steps.T @ steps
 
@@ -209,7 +209,7 @@ def test_bad_input():
 
 
 def test_waves_and_their_boundary():
-    """All of H, boundary included, whose displacements no regulariser holds."""
+    """The complete H, with boundary displacements that have no regulariser."""
     inversion = Phantom.from_name("CV-G", 5).simulate_measurements(0.01).inversion()
     point = inversion.reduced.evaluate(inversion.start)
     H = np.array([point.product(e) for e in np.eye(len(point.x))])
@@ -250,7 +250,7 @@ def test_mean_of_a_label_by_its_slope_and_by_draws():
 
 
 def pressed(measured):
-    """Shear and bulk modulus of a pressed square, known from what is measured of it with 1 % noise, and nothing assumed."""
+    """Shear and bulk modulus of a compressed square, from measurements with 1 % noise and without a prior."""
     body = model(NeoHooke, "number")
     data = body.evaluate(body.theta).data
     fields = ParameterFields(body.theta, body.blocks, {"mu": Unknown(1e3), "bulk": Unknown(4e3)})
@@ -268,14 +268,14 @@ def test_moduli_of_a_body_in_equilibrium():
 
 
 def test_displacements_alone_do_not_tell_moduli():
-    """Nothing but displacements drives it: it moves alike for all moduli times any number."""
+    """A body driven by displacements only moves alike for all moduli times any factor."""
     reduced = pressed(np.arange(7) < 4)
     with pytest.raises(InputError, match="none for mu, bulk"):
         at_start(reduced)
 
 
 def two_halves():
-    """Log moduli of two halves, one of them seen through little, the drive known."""
+    """Log moduli of two halves, one of them poorly observed, with known boundary data."""
     true = square(9, "Q1", 0.1)
     noise, measured = scatter(true.evaluate(true.theta).data, 0.1)
     model = square(9, "Q1", 0.1)
@@ -349,7 +349,7 @@ def test_waves_against_sampling():
 
 
 def autocorrelation(chain):
-    """How many of its states tell as much as one draw."""
+    """Number of states of the chain equivalent to one independent draw."""
     centred = chain - chain.mean()
     product = np.fft.irfft(np.abs(np.fft.rfft(centred, 2 * len(chain))) ** 2)[: len(chain)]
     product /= product[0]
@@ -359,7 +359,7 @@ def autocorrelation(chain):
 @pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.01, 0.05])
 def test_intervals_cover_what_they_say(noise):
-    """120 truths drawn from what is assumed of them, each measured once: shares of all nodes inside."""
+    """120 truths drawn from the prior, each measured once: coverage over all nodes."""
     inside = {0.68: [], 0.95: []}
     for seed in range(120):
         inversion, point = settled(noise=noise, seed=seed)

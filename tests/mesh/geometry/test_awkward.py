@@ -1,4 +1,4 @@
-"""Labels on which meshers of surfaces give up: every route makes a sound mesh of them."""
+"""Labels that surface meshers fail on: every route makes a valid mesh of them."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Curved elements: none folds, everything that can stays on the shape, and what is left of the mesh is untouched."""
+"""Curved elements: none folds, edges stay on the geometry where possible, and the rest of the mesh is unchanged."""
 
 import netgen.occ as occ
 import ngsolve as ngs
@@ -40,7 +40,7 @@ def curved_ball(*args):
 
 
 def with_and_without(monkeypatch, target, sizes):
-    """A head's mesh, and the same one with every edge on the shape."""
+    """A head's mesh, and the same mesh with every edge on the geometry."""
     straight = []
 
     def curve_a_copy_too(mesh):
@@ -102,7 +102,7 @@ def test_a_box_has_nothing_to_pull():
 
 
 def test_coefficients_bound_the_determinant(rng):
-    """Against derivatives of the shape functions at points inside, for elements bent at random."""
+    """Comparison with derivatives of the shape functions at interior points, for randomly deformed elements."""
     corners = np.vstack([np.eye(3), np.zeros((1, 3))])
     straight = np.vstack([corners, corners[_EDGES].mean(axis=1)])
     elements = straight + 0.1 * rng.standard_normal((50, 10, 3))

@@ -1,4 +1,4 @@
-"""Meshes and surfaces of other programs through the command: what comes out, and which options mean nothing there."""
+"""Meshes and surfaces of other programs through the command: the result, and options that do not apply."""
 
 import json
 

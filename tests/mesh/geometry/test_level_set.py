@@ -36,7 +36,7 @@ def directions(rng):
 
 
 def way_out(start, direction, semi_axes):
-    """How far (n,) from points inside the ellipsoid its surface is: the positive root."""
+    """Distance (n,) from points inside the ellipsoid to its surface: the positive root."""
     p, d = (start - CENTRE) / semi_axes, direction / semi_axes
     a, b, c = d @ d, p @ d, np.sum(p * p, axis=1) - 1
     return (-b + np.sqrt(b * b - a * c)) / a

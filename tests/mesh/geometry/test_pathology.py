@@ -20,7 +20,7 @@ EVEN = RadialSizeField(3 * MM, 3 * MM)
 
 
 def painted(labels, centre, radius, number, name="lesion", within=None):
-    """A ball of a label in a map of labels; `number` 0 takes it out."""
+    """Paint a ball with a label into a label map; `number` 0 removes it."""
     data = labels.volume.data.copy()
     at = labels.volume.to_world(np.argwhere(np.ones_like(data))).reshape(*data.shape, 3)
     ball = (np.linalg.norm(at - np.array(centre), axis=-1) < radius) & (data > 0)

@@ -1,4 +1,4 @@
-"""Made-up heads (`population`) become meshes: T1s by their tissues, and FreeSurfer's labels without fluid in the sulci.
+"""Synthetic heads (`population`) are meshed: T1s by their tissues, and FreeSurfer's labels without fluid in the sulci.
 
 Registration from one start and surfaces refined until they close lost more than half of these heads
 (benchmarks/results/heads.md).
@@ -20,7 +20,7 @@ from ngbrain.workflows.mesh_head import Subject, write_subject
 
 MM = 1e-3
 LEAST = {"hull": 12, "lattice": 12, "conforming": 8}
-"""Degrees, of the smallest dihedral angle."""
+"""Lower bound of the smallest dihedral angle (degrees)."""
 
 
 def written(volume, path):
@@ -32,7 +32,7 @@ def written(volume, path):
 
 
 def check(subject, path, route="hull", size=None):
-    """A mesh within its promises."""
+    """Check a mesh against the guaranteed bounds."""
     result = write_subject(subject, path, route, size)
     print(result["regions"], result["quality"]["min_dihedral_deg"], result["repairs"], result["time_s"])
     assert result["quality"]["min_dihedral_deg"] >= LEAST[route]
@@ -45,7 +45,7 @@ def check(subject, path, route="hull", size=None):
 
 
 def off(found, head):
-    """By how much (mm) the corners of the template's brain are misplaced, on average."""
+    """Mean displacement error (mm) of the corners of the template's brain."""
     corners = np.array(list(np.ndindex(2, 2, 2))) * [0.14, 0.17, 0.13] - [0.07, 0.1, 0.05]
     one, other = (corners @ affine[:3, :3].T + affine[:3, 3] for affine in (found, head.affine))
     return 1e3 * np.linalg.norm(one - other, axis=1).mean()

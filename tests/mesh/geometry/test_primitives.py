@@ -65,13 +65,13 @@ def test_the_cleft_has_exact_planes_and_the_depth_asked_for(opened):
 
 
 def segment(a, b, height):
-    """Area of the part of an ellipse above a height along its half axis b."""
+    """Area of the part of an ellipse above a height along its semi-axis b."""
     t = height / b
     return a * b * (np.pi / 2 - t * np.sqrt(1 - t * t) - np.arcsin(t))
 
 
 def sheet_areas():
-    """Closed forms: an ellipse less the inner one, both above the tentorium; a part of an ellipse less half a disc."""
+    """Closed forms: an ellipse minus the inner one, both above the tentorium; a part of an ellipse minus half a disc."""
     x, y, z = SEMI_AXES
     falx = segment(y, z, TENTORIUM_HEIGHT) - segment(FREE_MARGIN * y, FREE_MARGIN * z, TENTORIUM_HEIGHT)
     cut = np.sqrt(1 - (TENTORIUM_HEIGHT / z) ** 2)

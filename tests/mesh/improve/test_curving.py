@@ -1,4 +1,4 @@
-"""Curved interfaces of balls: radii and volumes, no fold even where much is asked, refusals."""
+"""Curved interfaces of balls: radii and volumes, no folds even for large moves, refusals."""
 
 from dataclasses import replace
 from itertools import combinations

@@ -1,4 +1,4 @@
-"""Measures of tetrahedra and of how a mesh follows its labels, on shapes with known answers."""
+"""Mesh quality and agreement with labels, on shapes with known values."""
 
 import numpy as np
 import pytest

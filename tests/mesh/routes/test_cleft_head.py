@@ -30,7 +30,7 @@ WALLS = {
 
 @pytest.fixture(scope="module")
 def scan():
-    """Masks and outlines of an ellipsoid with one in it."""
+    """Masks and outlines of nested ellipsoids."""
     axis = np.arange(-45, 46) * VOXEL
     points = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1)
     masks = [np.sum(((points - at) / axes) ** 2, axis=-1) <= 1 for at, axes in ((0, SEMI_AXES), (CENTRE, VENTRICLE))]

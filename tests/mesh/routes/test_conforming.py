@@ -251,7 +251,7 @@ def test_swaps_keep_the_space_and_make_the_worst_better():
 
 
 def volumes_near(mesh, labels, site, radius):
-    """Volumes of regions within a radius of a site: of the mesh, and of the voxels."""
+    """Volumes of regions within a radius of a site, of the mesh and of the voxels."""
     corners, where = mesh.points[mesh.tets], np.random.default_rng(0).dirichlet(np.ones(4), 100)
     share = np.mean([np.linalg.norm(np.einsum("k,nkd->nd", w, corners) - site, axis=1) < radius for w in where], axis=0)
     numbers, count = labels.region_numbers(), len(labels.regions)
@@ -390,7 +390,7 @@ def test_moves_make_the_worst_better_and_stay_where_they_may():
     ("site", "p95"), [((0.03, 0.0, 0.05), 1.0), ((0.02, -0.08, 0.03), 1.0), ((0.03, -0.07, 0.02), 1.3)]
 )
 def test_a_graded_head(site, p95):
-    """Near the third site there are .22 ml of fluid, of which smoothed labels, that distances are taken from, keep a quarter."""
+    """Near the third site there are .22 ml of fluid, of which the smoothed labels (the reference of distances) keep a quarter."""
     from ngbrain.image import mni152
     from ngbrain.surgery.head_models import Scanned
 

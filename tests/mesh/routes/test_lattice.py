@@ -60,7 +60,7 @@ def shell(x, y, z):
 
 
 def octants(x, y, z):
-    """Eight regions that meet in a point."""
+    """Labels of eight regions that meet in a point."""
     return np.where(np.sqrt(x**2 + y**2 + z**2) < 15, 1 + (x > 0) + 2 * (y > 0) + 4 * (z > 0), 0)
 
 
@@ -84,7 +84,7 @@ CASES = {  # labels, size (mm), largest relative error of a region's volume
 
 
 def sound(elements):
-    """What every mesh must be: no bad tetrahedron, every point used, interfaces where regions differ, facing outwards."""
+    """Check a mesh: no bad tetrahedron, every point used, interfaces where regions differ, facing outwards."""
     quality = Quality.of(elements)
     assert elements.volumes().min() > 0
     assert quality.dihedrals.min() > ANGLE - 1e-6 and quality.ratios.min() > RATIO - 1e-6
@@ -309,7 +309,7 @@ def folded(x, y, z):
 
 
 def volumes_near(mesh, labels, share):
-    """Volumes of regions, weighted by a share of places: of the mesh, and of the voxels."""
+    """Volumes of regions weighted by a share of the points, of the mesh and of the voxels."""
     corners, where = mesh.points[mesh.tets], np.random.default_rng(0).dirichlet(np.ones(4), 60)
     mine = np.mean([share(np.einsum("k,nkd->nd", w, corners)) for w in where], axis=0)
     numbers = labels.region_numbers()

@@ -1,4 +1,4 @@
-"""Surfaces of phantoms whose areas, volumes, distances and handles are known, and of a head; crossings; refusals."""
+"""Surfaces of phantoms with known areas, volumes, distances and handles, and of a head; intersections; refusals."""
 
 import numpy as np
 import pytest

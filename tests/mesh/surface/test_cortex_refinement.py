@@ -39,7 +39,7 @@ def constructed(outer, aside=0.0, noise=0.03):
 
 
 def errors(cortex, outer, aside=0.0):
-    """Of the thickness (mm), whose truth is the mean of the distances there and back."""
+    """Errors of the thickness (mm); the truth is the mean of both distances."""
     directions = cortex.white.points / np.linalg.norm(cortex.white.points, axis=1, keepdims=True)
     middle = np.array([aside, 0.0, 0.0])
     away = INNER * directions - middle

@@ -1,4 +1,4 @@
-"""Outlines of labels: horns keep their volume, specks and what is too near are left out and told."""
+"""Outlines of labels: horns keep their volume; specks and parts that are too close are left out and reported."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from ngbrain.mesh.surface.remeshing import SPECK
 
 @pytest.fixture(scope="module")
 def horned():
-    """A ventricle of a ball, 10 mm in radius, with a sheet of 2 mm out of it, in a head of 40 mm; a speck and an island."""
+    """A ventricle (a ball of 10 mm radius with a horn of 2 mm) in a head of 40 mm, with a speck and an island."""
     points, affine = grid(46)
     x, y, z = np.moveaxis(points, -1, 0)
     away = np.linalg.norm(points - np.array([-12.0, 0, 0]), axis=-1)

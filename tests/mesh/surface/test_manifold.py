@@ -1,4 +1,4 @@
-"""Sets of tetrahedra whose boundary touches itself: found, and mended by little."""
+"""Sets of tetrahedra with a non-manifold boundary: found and repaired by small changes."""
 
 import numpy as np
 import pytest

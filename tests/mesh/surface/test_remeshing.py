@@ -12,7 +12,7 @@ RADIUS = 18e-3
 
 
 def voxelised(inside):
-    """The smoothed outline of where `inside(x, y, z)` ≤ 0, within 32 mm of the origin."""
+    """The smoothed outline of the set `inside(x, y, z)` ≤ 0, within 32 mm of the origin."""
     axis = np.arange(-32, 33) * VOXEL
     mask = inside(*np.meshgrid(axis, axis, axis, indexing="ij")) <= 0
     return LevelSet.of(mask, np.full(3, axis[0]), VOXEL, smoothing=1e-3, margin=6e-3)

@@ -1,4 +1,4 @@
-"""The page of an inversion: its planes, its words, its numbers; from made-up results, nothing is solved."""
+"""The page of an inversion: planes, text and numbers, from synthetic results without a solve."""
 
 import re
 
@@ -137,7 +137,7 @@ def test_images_stand_upright():
 
 
 def test_a_grid_whose_coordinates_are_rounded_is_an_image_all_the_same():
-    """Also turned: cells lie around their points. Of centres with round-off in them Matplotlib warns."""
+    """Also for rotated grids: cells lie around their points. Matplotlib warns of centres with round-off."""
     from matplotlib.figure import Figure
 
     points, (c, s) = grid(5, 4), (np.cos(0.3), np.sin(0.3))

@@ -1,4 +1,4 @@
-"""What all pages share: a style that fits a phone, and colours of strain."""
+"""Common parts of all pages: a style that fits a phone, and the strain scale."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from ngbrain.report.pictures import style
 
 @pytest.mark.parametrize("template", sorted(path.name for path in Path(pages.__file__).parent.glob("*.html")))
 def test_no_template_is_wider_than_a_phone(template: str) -> None:
-    """Tables scroll in a container of their own, pictures shrink, and every page has the one style that says so."""
+    """Tables scroll in their own container, pictures shrink, and every page includes the common style."""
     folder = Path(pages.__file__).parent
     text, style_sheet = (folder / template).read_text(), (folder / "_head.html").read_text()
     assert text.count("<table") == text.count('<div class="scroll"><table>') == text.count("</table></div>")

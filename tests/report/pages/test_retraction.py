@@ -1,4 +1,4 @@
-"""The page of a retraction against what must be in it."""
+"""Required contents of the page of a retraction."""
 
 import base64
 import io
@@ -33,7 +33,7 @@ PROTOCOLS = ("continuous", "intermittent", "my own <way>")
 
 
 GRID = 1.5e-4
-"""Of a picture of a tool (m): how far off its corners are."""
+"""Tolerance (m) of the corners of a drawn tool."""
 
 
 def series(peak_mmHg: float, blade_mm: float) -> dict[str, list[float]]:  # noqa: N803
@@ -49,13 +49,13 @@ def series(peak_mmHg: float, blade_mm: float) -> dict[str, list[float]]:  # noqa
 
 
 def worth(value: float, mesh: float, order: float | None, step: float, numerics: float, *material: float) -> dict:
-    """Of one number."""
+    """Error budget of one number."""
     return dict(zip(KINDS, (value, mesh, order, step, numerics, list(material)), strict=True))
 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder as `demo` leaves it, with a displacement made up."""
+    """A result folder like that of `demo`, with a synthetic displacement."""
     folder = tmp_path_factory.mktemp("run")
     cleft = cleft_to(np.array([0.017, 0.0059, 0.0262]))
     grid = QuadraticGrid(idealised_head(cleft, sizes=Sizes(3e-3, 8e-3, 20e-3)))
@@ -138,7 +138,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def coarse() -> Iterator[None]:
-    """Coarse pictures are quick ones."""
+    """Use a low resolution, for speed."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(renderer, "SUPERSAMPLING", 1)
         patch.setattr(style, "DPI", 60)
@@ -154,7 +154,7 @@ def page(made: Path, coarse: None) -> str:
 
 @pytest.fixture(scope="module")
 def alone(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Report:
-    """A report of one protocol, whose checks were left out."""
+    """A report of one protocol without verification runs."""
     folder = tmp_path_factory.mktemp("alone")
     (folder / "continuous.vtkhdf").write_bytes((made / "continuous.vtkhdf").read_bytes())
     result = json.loads((made / "result.json").read_text())
@@ -163,7 +163,7 @@ def alone(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Report:
 
 
 def without_checks(result: dict, status: str) -> dict:
-    """As a run leaves it in which one protocol is done, and no check."""
+    """The result of one protocol before any verification run."""
     of_peak = result["error_budget"]["peak_pressure_mmHg"] | dict.fromkeys(KINDS[1:5])
     return result | {
         "answers": {"continuous": result["answers"]["continuous"]},
@@ -377,7 +377,7 @@ def test_blades_share_the_way_and_a_tube_goes_half_of_it_on_each_side(kind: str,
 
 
 def test_a_blade_is_drawn_as_contact_sees_it() -> None:
-    """Bent, with a rounded tip: the picture's front is the rigid body's surface."""
+    """For a curved face with a rounded tip, the drawn front is the rigid body's surface."""
     cleft = Cleft(np.zeros(3), np.array([0, 0, 1.0]), np.array([1.0, 0, 0]), 30e-3, 4e-3, 12e-3)
     sizes = {"width_m": 0.01, "tip_clearance_m": 0.004, "thickness_m": 0.002, "edge_radius_m": 0.001}
     (one,) = tool_drawings(sizes | {"face_radius_m": 0.04}, cleft, 1e-3)

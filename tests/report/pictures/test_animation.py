@@ -1,4 +1,4 @@
-"""The animation against made-up runs: whose states, when, where on the picture."""
+"""The animation of synthetic runs: states, times and positions in the picture."""
 
 import io
 from dataclasses import replace
@@ -36,7 +36,7 @@ GEOMETRY = {
 HALF = 0.01
 """Of a cube of tissue around the target (m); the blade ends above it."""
 SHIFT = 6e-3
-"""How far (m) it goes across, evenly in time, as a blade does that has gone half as far."""
+"""Displacement (m) across, linear in time; the blade moves half as far."""
 ENDS = {"long": 8.0, "short": 4.0}
 FRAMES = {"long": (0.0, 2.0, 8.0), "short": (0.0, 1.0, 4.0)}
 SCALE = style.StrainScale.up_to(0.36)
@@ -48,7 +48,7 @@ def gone(t, name):
 
 
 def strained(t, name):
-    """From 3 to 36 %."""
+    """Strains from 3 to 36 %."""
     return 0.03 + 0.33 * t / ENDS[name]
 
 
@@ -111,7 +111,7 @@ def test_moments_say_the_time_and_what_each_protocol_has_then(film):
 
 
 def panels(moment):
-    """Its picture (rows, columns, 3), cut in two, and mm per pixel."""
+    """Both halves of the picture (rows, columns, 3), and mm per pixel."""
     picture = np.asarray(Image.open(io.BytesIO(moment.picture)).convert("RGB"), float) / 255
     wide = picture.shape[1]
     assert wide == round(style.WIDTH * 75 * animation.SHARE)
@@ -121,7 +121,7 @@ def panels(moment):
 
 @pytest.mark.parametrize("number", range(5))
 def test_each_panel_shows_its_own_run_at_the_moments_time(film, number):
-    """Strain by its colour; the tissue's way by where the right face of the cube is."""
+    """Strain by its colour, displacement by the position of the right face of the cube."""
     moment, start = film.frames[number], film.frames[0]
     (shown, scale), (first, _) = panels(moment), panels(start)
     for name, picture, still in zip(ENDS, shown, first, strict=True):
@@ -136,7 +136,7 @@ def test_each_panel_shows_its_own_run_at_the_moments_time(film, number):
 
 
 def test_the_mark_is_where_the_curves_have_that_time(film):
-    """The steepest pressure, of the short one, has its peak at 2 s."""
+    """The steepest pressure curve, of the short run, has its peak at 2 s."""
     (axis,) = film.axes
     picture = imread(io.BytesIO(film.curves), format="png")[..., :3]
     height, width, _ = picture.shape
@@ -149,7 +149,7 @@ def test_the_mark_is_where_the_curves_have_that_time(film):
 
 
 def test_many_frames_are_thinned_evenly_in_time_and_way():
-    """A ramp of a second with 500 frames, a hold of 99 with 500: half of the way along both counts is the ramp's."""
+    """A ramp of 1 s and a hold of 99 s with 500 frames each: half of the combined measure belongs to the ramp."""
     times = np.unique(np.concatenate([np.linspace(0, 1, 500), np.linspace(1, 100, 500)]))
 
     class Made:

@@ -1,4 +1,4 @@
-"""Slices of a made-up scan: what lies where in the picture, and files that are no scan."""
+"""Slices of a synthetic scan: positions in the picture, and invalid files."""
 
 import io
 import json
@@ -95,7 +95,7 @@ def plain(peak: DeformedHead) -> np.ndarray:
 
 
 def places(shown: np.ndarray, wanted: np.ndarray, view: int, row: int) -> tuple[np.ndarray, float]:
-    """Of the wanted pixels in a slice: (k, 2) mm right and up from its middle; and pixels per mm."""
+    """Positions (k, 2) in mm right and up from the centre of a slice of the selected pixels, and pixels per mm."""
     wide, tall = np.array([160, 120, 120]) + 2 * slices.MARGIN, 160 + 2 * slices.MARGIN
     scale = shown.shape[1] / (wide.sum() + 4 * slices.GAP)
     left = slices.GAP * (view + 1) + wide[:view].sum()
@@ -142,7 +142,7 @@ def test_a_dark_spot_is_where_radiologists_look_for_it(
     right: float,
     up: float,
 ) -> None:
-    """The spot is told by its difference to a scan with another; its place is measured from its slice's middle."""
+    """The spot is found by the difference from a scan with another one; its position is relative to the slice's centre."""
     with_it = picture(scan(mark), peak)
     changed = np.abs(with_it - plain).max(axis=-1) > 0.1
     at, scale = places(with_it, changed, view, row)
@@ -171,7 +171,7 @@ SECTIONS = ("The head and the opening", "Scan, tissues and mesh", "Pressure over
 
 @pytest.fixture
 def run(tmp_path: Path, grid: QuadraticGrid, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder of a run, whose other pictures are left out."""
+    """A result folder; other pictures are not drawn."""
     for name in ("head", "strain_slice"):
         monkeypatch.setattr(figures, name, lambda *_: b"none")
     monkeypatch.setattr(animation, "animation", lambda *_: animation.Animation([], 0, b"", []))

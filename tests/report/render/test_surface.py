@@ -1,4 +1,4 @@
-"""Surfaces and cuts of meshes against closed forms, and what a camera sees of them."""
+"""Surfaces and sections of meshes against closed forms, and their rendering."""
 
 import netgen.occ as occ
 import ngsolve as ng
@@ -30,7 +30,7 @@ def ball() -> QuadraticGrid:
 
 
 def edge_balance(tris: np.ndarray) -> np.ndarray:
-    """How often each edge is run through one way less the other: 0 all over on a closed, oriented surface."""
+    """Number of traversals of each edge in one direction minus the other: 0 on a closed, oriented surface."""
     edges = np.concatenate([tris[:, [0, 1]], tris[:, [1, 2]], tris[:, [2, 0]]])
     way = np.where(edges[:, 0] < edges[:, 1], 1, -1)
     _, number = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)

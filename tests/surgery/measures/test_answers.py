@@ -1,4 +1,4 @@
-"""From a run's record to what a result says: units, sums over regions, and the band of what is not known."""
+"""From a run's record to the answers: units, sums over regions, material uncertainty."""
 
 from dataclasses import replace
 from types import SimpleNamespace as Namespace
@@ -134,7 +134,7 @@ def test_a_check_that_failed_leaves_its_error_out():
 
 
 def test_like_constants_are_named_and_the_others_left_out_for_a_reason():
-    """Every entry for white matter or the whole brain is on one side, by the rule that is printed."""
+    """Every entry for white matter or the whole brain is included or excluded by the stated rule."""
     tissue = Tissue(region="white", material="griffiths2024:white_matter")
     found = comparable_moduli("white", tissue, 10.0)
     wanted = {"griffiths2024:white_matter": 1.0, "griffiths2024:corpus_callosum": 1.0, "bennion2022:brain": 1.0}
@@ -173,7 +173,7 @@ def test_like_constants_are_named_and_the_others_left_out_for_a_reason():
 
 
 def made(ramp, *more, friction=0.0):
-    """Where a blade goes 5 mm in `ramp` s, with `more` protocols, a brain 0.15 m wide, waves of 2 and 5 m/s."""
+    """A model with a blade travel of 5 mm in `ramp` s, `more` protocols, a brain 0.15 m wide, shear-wave speeds of 2 and 5 m/s."""
     mesh = ngs.Mesh(occ.OCCGeometry(occ.Box((0, 0, 0), (0.15, 0.1, 0.1))).GenerateMesh(maxh=0.1))
     axes = (np.array([0, 0, 1.0]), np.array([1.0, 0, 0]))
     scene = Scene.shipped("idealised_fast")
@@ -192,7 +192,7 @@ def made(ramp, *more, friction=0.0):
 
 
 def inertia(ramp, *more, **runs):
-    """What is said of it."""
+    """The sentence on inertia."""
     first, *others = model_limitations(made(ramp, *more), runs)
     assert others[-1] == "sulci" and not [text for text in others if "inertia" in text]
     return first
@@ -226,7 +226,7 @@ def test_friction_is_left_out_where_there_is_none():
 
 
 def test_one_fast_piece_of_one_protocol_is_enough_for_inertia():
-    """Here in letting go, 4 mm in 0.02 s."""
+    """The fast piece is the release, 4 mm in 0.02 s."""
     pieces = {"times": (0.0, 20.0, 20.02, 100.0), "travel": (0.0, 4e-3, 0.0, 0.0)}
     text = inertia(10.0, Protocol(kind="program", name="sudden", **pieces))
     assert text.startswith(

@@ -1,4 +1,4 @@
-"""A head with a cleft: what must be true of forces on it, whatever the numbers."""
+"""A head with a cleft: invariants of the forces."""
 
 import math
 from dataclasses import replace
@@ -37,7 +37,7 @@ def test_doubling_every_modulus_doubles_every_force():
 
 @pytest.mark.slow
 def test_contact_is_as_hard_as_one_three_times_harder(monkeypatch):
-    """Elastic, 4 mm, coarse elements: tissue stays out of the blade, and more penalty adds little."""
+    """Elastic, 4 mm opening, coarse elements: little penetration, and a larger penalty changes little."""
     set_threads(1)
     opening, rows = 4e-3, []
     for penalty in (surgery_model.PENALTY, 3 * surgery_model.PENALTY):
@@ -50,7 +50,7 @@ def test_contact_is_as_hard_as_one_three_times_harder(monkeypatch):
 
 @pytest.mark.slow
 def test_without_its_offset_contact_is_a_matter_of_the_penalty(monkeypatch):
-    """The same with a penalty alone: the blade sinks in, and the pressure is that of a smaller opening."""
+    """With the penalty alone the blade penetrates, and the pressure is that of a smaller opening."""
     set_threads(1)
     opening, rows = 4e-3, []
     monkeypatch.setattr(surgery_model, "OFFSET_SHARE", 0.0)
@@ -101,7 +101,7 @@ def test_a_force_beyond_the_opening_is_one_error():
 
 @pytest.mark.slow
 def test_friction_on_the_blade_raises_the_pressure():
-    """Elastic, 4 mm, coarse elements: with a coefficient of 0.1 it is 16 % higher, and the balance of energy is as good."""
+    """Elastic, 4 mm opening, coarse elements: friction of 0.1 raises the pressure by 16 %, with the same energy balance."""
     set_threads(1)
     free, rubs = (opened_elastic(4e-3, friction) for friction in (0.0, 0.1))
     assert rubs.pressure == pytest.approx(1.156 * free.pressure, rel=0.02)
@@ -109,7 +109,7 @@ def test_friction_on_the_blade_raises_the_pressure():
 
 
 def opened_elastic(opening, friction=0.0):
-    """The fast idealised head, opened so far with elastic tissue, and what is read then."""
+    """The fast idealised head, opened by a distance with elastic tissue, and the record at that state."""
     scene = Scene.shipped("idealised_fast")
     scene = replace(scene, tools=(replace(scene.tool, travel=opening),))
     scene = replace(scene, tools=(replace(scene.tool, friction=friction),))

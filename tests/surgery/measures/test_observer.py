@@ -1,4 +1,4 @@
-"""Pressures on the parts of a blade's face, of a wall that is pressed unevenly in a known way."""
+"""Pressures on parts of a blade's face, for a known non-uniform loading of the wall."""
 
 from dataclasses import replace
 
@@ -30,7 +30,7 @@ OUT, SLOT = np.array([0, 1.0, 0]), (DEPTH, 4e-3, 12e-3)
 
 
 def observed(press):
-    """Rest of a block whose top is a wall that a blade stands on; it goes up by press(height above the tip) m."""
+    """Undeformed block with a blade on its top wall, which is raised by press(height above the tip) m."""
     target = np.array([SIZE[0] / 2, 0.004, SIZE[2] + 2e-3])
     cleft = Cleft(target, np.array([0, 1.0, 0]), np.array([0, 0, -1.0]), DEPTH, 4e-3, 12e-3)
     blade = Spatula(cleft, WIDTH, 1e-3, TIP, 2e-3)
@@ -62,7 +62,7 @@ def test_the_centre_is_a_disc_in_the_middle_of_the_patch_and_the_tip_its_end():
 
 
 def pressed_between(blade, sides):
-    """A block held at an end, with blades on the sides that are named, all moved by one way; it bulges by 1 % of where it is."""
+    """A block fixed at one end, with blades on the named sides, all moved by one distance; it bulges by 1 % of the position."""
     way = ngs.Parameter(0.0)
     clefts = {
         "top": Cleft(np.array([SIZE[0] / 2, 0.004, SIZE[2] + 2e-3]), OUT, np.array([0, 0, -1.0]), *SLOT),
@@ -100,7 +100,7 @@ def test_of_two_blades_pressures_are_of_both_patches_and_the_force_is_of_one():
 @pytest.mark.parametrize("blade", [spatula, lambda cleft: Tube(cleft, WIDTH, 1e-3, TIP)])
 @pytest.mark.parametrize("sides", [("top",), ("top", "bottom")])
 def test_what_moving_blades_takes_is_the_slope_of_the_contacts_energy(blade, sides):
-    """Whatever the shape: a tube presses on all sides, which no force along the push knows of."""
+    """For any shape: a tube presses on all sides, which the force along one direction does not include."""
     body, _, way = pressed_between(blade, sides)
     way.Set(2e-4)
     driving = WallPass(body, [DrivingForce([Patch(contact) for contact in body.contacts])])()[0]
@@ -113,7 +113,7 @@ def test_what_moving_blades_takes_is_the_slope_of_the_contacts_energy(blade, sid
 
 @pytest.mark.parametrize("blade", [spatula, lambda cleft: Tube(cleft, WIDTH, 1e-3, TIP)])
 def test_a_blades_surface_moves_with_its_distance(blade, rng):
-    """A place that goes with the surface stays as far from it: ∂φ/∂a + ∇φ · ∂moves/∂a = 0, on faces and rounded edges."""
+    """A point moving with the surface keeps its distance: ∂φ/∂a + ∇φ · ∂moves/∂a = 0, on faces and rounded edges."""
     cleft, advance = Cleft(np.zeros(3), OUT, np.array([0, 0, -1.0]), *SLOT), ngs.Parameter(1e-3)
     mesh = block((0.01, 0.03, 0.01), 0.01)
     x = ngs.CF((ngs.x - 0.005, ngs.y, ngs.z - 0.005)).MakeVariable()
@@ -125,7 +125,7 @@ def test_a_blades_surface_moves_with_its_distance(blade, rng):
 
 
 def test_columns_of_a_row_are_observables_with_gradients(rng):
-    """A column and its observable are one number, and the observable has a slope by the state; an area in touch jumps."""
+    """A column and its observable are equal, and the observable has a gradient; the contact area is discontinuous."""
     body, blades, _ = pressed_between(spatula, ("top", "bottom"))
     row, asked = Observer(body, blades, "back")(0.0, 0.0, 1.0), retraction_observables(body, blades)
     names = {"opening", "area", "force", "pressure", "tip_pressure", "centre_pressure", "depth", "net_reaction"}
@@ -154,7 +154,7 @@ def test_columns_of_a_row_are_observables_with_gradients(rng):
 
 @pytest.mark.slow
 def test_pressures_of_a_retraction_are_data_of_a_model():
-    """By how stiff the cortex is, which a blade opens and holds: rate 2, and twice as stiff means more under the blade."""
+    """Derivative by the cortex's stiffness for an opening and a hold: Taylor rate 2, and a stiffer cortex has more pressure."""
     scene = Scene.shipped("idealised_fast")
     mesh = replace(scene.mesh, wall=8e-3, craniotomy=20e-3, largest=45e-3)
     model = RetractionModel.from_scene(replace(scene, mesh=mesh, tools=(replace(scene.tool, travel=1e-3),)))

@@ -1,4 +1,4 @@
-"""Blades, protocols and measures against what they are by hand."""
+"""Blades, protocols and measures against values by hand."""
 
 import ngsolve as ngs
 import numpy as np
@@ -107,7 +107,7 @@ def test_times_above_and_dose():
 
 
 def test_a_hold_in_few_steps_has_its_dose():
-    """A relaxing pressure at eleven times: straight lines are .7 % off, a curve that does not bend at the event .15 %."""
+    """A relaxing pressure at eleven times: linear interpolation has an error of .7 %, a spline smooth at the event .15 %."""
     t = np.concatenate([[0, 5], 10 + 600 * np.linspace(0, 1, 9) ** 2])
     p = np.where(t <= 10, 5 * t, 20 + 30 * np.exp(-(t - 10) / 60))
     exact = (250 + 600 * 20 + 30 * 60 * -np.expm1(-10)) / 60

@@ -1,4 +1,4 @@
-"""What pressure means for a patient: perfusion, and what published counts leave of the probability of an infarct."""
+"""Effect of pressure on a patient: perfusion, and bounds of the infarct probability from published counts."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ NOTHING = "no bound: not sustained at 20 mmHg or more for 15 minutes, but loaded
 
 
 def course(*corners):
-    """Pressure (mmHg) straight between (minute, value)s."""
+    """Piecewise linear pressure (mmHg) through (minute, value) pairs."""
     t, p = np.array(corners, float).T
     return TimeCurve(60 * t, p, 60 * t)
 
@@ -53,7 +53,7 @@ def test_without_an_arterial_pressure_nothing_is_said():
 
 
 def test_intervals_are_exact():
-    """At the ends of a Clopper-Pearson interval the tail that reaches to the count has 2.5 %; 6 of 6 and 1 of 6 by hand."""
+    """At the ends of a Clopper-Pearson interval the tail up to the count has 2.5 %; 6 of 6 and 1 of 6 by hand."""
     low, high = interval(6, 6)
     assert low == pytest.approx(0.025 ** (1 / 6)) and high == 1.0
     low, high = interval(1, 6)

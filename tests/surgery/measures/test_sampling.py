@@ -1,4 +1,4 @@
-"""Strain, stress and rate read off a body, by region, against closed forms; a largest mean at a singular edge."""
+"""Strain, stress and strain rate of a body by region, against closed forms; the largest mean at a singular edge."""
 
 import ngsolve as ngs
 import numpy as np
@@ -32,7 +32,7 @@ def body_of(law=None):
 
 
 def deform(body, F, pressure=0.0):
-    """Put the body into the homogeneous deformation x = F X."""
+    """Set the homogeneous deformation x = F X."""
     body.u.Interpolate(ngs.CF(tuple(map(tuple, F - np.eye(3))), dims=(3, 3)) * ngs.CF((ngs.x, ngs.y, ngs.z)))
     body.p.Interpolate(ngs.CF(pressure))
 
@@ -55,7 +55,7 @@ def test_von_mises_stress_of_a_stretched_and_turned_neo_hookean_block():
 
 
 def test_von_mises_stress_is_on_the_current_area():
-    """Swollen by J, the law sees the same change of shape, on a body with more room: σ = μ dev(b̄) / J."""
+    """With a volume ratio J and the same isochoric deformation: σ = μ dev(b̄) / J."""
     body = body_of(NeoHooke(700.0))
     sampler = Sampler(body, CLEFT, EVERYWHERE)
     deform(body, 1.1 * uniaxial(1.3))
@@ -64,7 +64,7 @@ def test_von_mises_stress_is_on_the_current_area():
 
 
 def test_von_mises_stress_relaxes_as_the_law_does():
-    """A sudden stretch of a Prony law, held: μ∞ + μ₁ exp(-t/τ) in the place of μ."""
+    """A step stretch of a Prony law, held: μ∞ + μ₁ exp(-t/τ) in place of μ."""
     body = body_of(Viscous(NeoHooke(300.0), (Branch(NeoHooke(900.0), 20.0),)))
     sampler = Sampler(body, CLEFT, EVERYWHERE)
     body.begin(1e-9)
@@ -155,7 +155,7 @@ def test_a_spread_is_weighted_by_volume_and_near_the_site():
 
 
 def test_percentiles_near_the_site_are_observables_with_gradients():
-    """What the sampler reads off its own points, smoothed, and at points of their own; the slope is that of the value."""
+    """The observables equal the sampler's values, smoothed and at their own points; the gradient is that of the value."""
     mesh = block((0.06, 0.05, 0.05), 0.012)
     body = Problem(mesh, {".*": Material(NeoHooke(700.0), 1e5)}, {"left": 0}, element="P2/P1", history=True)
     cleft = Cleft(np.array([0.0, 0.025, 0.025]), np.array([1.0, 0, 0]), np.array([0, 0, 1.0]), 20e-3, 4e-3, 12e-3)
@@ -198,7 +198,7 @@ def test_near_is_within_the_neighbourhood_of_the_cleft():
 
 
 def test_the_largest_mean_at_a_singular_edge_settles_where_the_maximum_does_not():
-    """r^(-1/2) off an edge: its mean over the quarter cylinder of volume V = π ρ² L/4 around it is 4/3 ρ^(-1/2)."""
+    """A field r^(-1/2) at an edge: its mean over the quarter cylinder of volume V = π ρ² L/4 around it is 4/3 ρ^(-1/2)."""
     volume = 0.05
     exact = 4 / 3 * np.sqrt(4 * volume / np.pi) ** -0.5
     rule = ngs.IntegrationRule(ngs.TET, 2)

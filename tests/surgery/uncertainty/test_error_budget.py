@@ -1,4 +1,4 @@
-"""What numbers are worth: errors of the numerics by name, and the range of published materials."""
+"""Error budget: numerical errors by name, and the range of published materials."""
 
 from dataclasses import replace
 from types import SimpleNamespace as Namespace
@@ -18,7 +18,7 @@ T = [0.0, 10.0, 100.0, 190.0]
 
 
 def held(peak, strain=0.2, left=0.5, volume=1.5):
-    """An answer of a hold from which `left` of the peak (mmHg) is left at its end."""
+    """An answer of a hold with the pressure `left` (mmHg) at its end."""
     pressure = [0.0, peak, left * peak, left * peak]
     found = {
         "peak_force_N": peak / 30,
@@ -57,7 +57,7 @@ def test_every_number_has_its_errors_and_its_range():
 
 
 def test_a_scene_that_measures_its_own_errors_is_compared_with_itself():
-    """Half steps on the scene's own mesh, other elements against a hold that no protocol is."""
+    """Half steps on the scene's own mesh; other elements against a hold that is not one of the protocols."""
     found = errors(held(40.0), checked() | {HALF: (None, held(39.0)), MESH: (held(40.0), held(43.0))}, [], Patient())
     assert (found["peak_pressure_mmHg"]["step"], found["peak_pressure_mmHg"]["mesh"]) == pytest.approx((1.0, 3.0))
 

@@ -1,4 +1,4 @@
-"""Samples from seeds: waves that are waves, compression that is compression, files that are whole and say what made them."""
+"""Training samples by seed: waves, compression, complete files with their provenance."""
 
 import h5py
 import numpy as np
@@ -11,7 +11,7 @@ from ngbrain.surrogate.data.dataset import DataSet, generate, sample, solve_disp
 
 
 def test_waves_of_a_published_case():
-    """CV-G in fourth order against the published bilinear elements: these come nearer fourfold with each halving."""
+    """CV-G in fourth order against the published bilinear elements, which converge with second order."""
     off = []
     for nodes in (41, 81):
         phantom = Phantom.from_name("CV-G", nodes)
@@ -83,7 +83,7 @@ def test_names_that_are_none(modality, split, field):
 
 
 def test_elements_are_fine_enough(monkeypatch):
-    """The shortest waves of the range, on half as many elements more: a third of the noise that the operator is made for."""
+    """The shortest waves with 1.5 times as many elements differ by a third of the operator's noise level."""
     random = np.random.default_rng(0)
     y, x = np.meshgrid(*2 * (np.linspace(0, 1, 201),), indexing="ij")
     shear = 3e3 * dataset.family("tumour")(random, x, y) * (1 + 0.2j)

@@ -25,7 +25,7 @@ def test_maps_are_positive_and_each_seed_has_its_own(name):
 
 @pytest.mark.parametrize("name", SMOOTH)
 def test_smooth_families_have_no_edges(name):
-    """No step between neighbours is larger than the steepest of the family allows at 1/60 of the edge."""
+    """No difference of neighbours exceeds the steepest gradient of the family at 1/60 of the edge."""
     steps = [max(np.abs(np.diff(drawn(name, seed), axis=axis)).max() for axis in (0, 1)) for seed in range(20)]
     assert max(steps) < 0.35 * BUMP[1]
 
@@ -40,7 +40,7 @@ def test_sharp_families_have_plateaus_within_the_contrast(name):
 
 
 def test_spots_of_the_published_width():
-    """`gaussian_place` moves the spot of the published cases, exp(-r²/400 mm²) on 120 mm."""
+    """`gaussian_place` shifts the inclusion of the published cases, exp(-r²/400 mm²) on 120 mm."""
     for seed in range(5):
         excess = drawn("gaussian_place", seed) - 1
         row, column = np.unravel_index(np.abs(excess).argmax(), X.shape)

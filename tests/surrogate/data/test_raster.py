@@ -1,4 +1,4 @@
-"""From points of a grid to square cells and back, and squares that cover what is measured."""
+"""From grid points to square cells and back, and squares that cover the measured points."""
 
 from dataclasses import replace
 

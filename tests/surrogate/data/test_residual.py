@@ -1,4 +1,4 @@
-"""Maps that are right have no residual, wrong ones do; and a square that is driven in another way is known by its edges."""
+"""True maps have no residual, wrong ones do; other boundary conditions are detected at the edges."""
 
 import ngsolve as ngs
 import numpy as np
@@ -32,7 +32,7 @@ def test_right_maps_have_no_residual_whatever_the_pressure(poisson, across):
 
 
 def test_a_wave_too_stiff_by_a_factor():
-    """Of a plane wave A = αM, so that r = |α - 1|/√(α² + 1)."""
+    """For a plane wave A = αM, so that r = |α - 1|/√(α² + 1)."""
     y, x = np.meshgrid(*2 * (np.linspace(0, 1, 81),), indexing="ij")
     k = 11.0
     wave = np.exp(-1j * k * (0.6 * x + 0.8 * y))[..., None] * [0.8, -0.6]

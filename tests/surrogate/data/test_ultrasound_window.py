@@ -1,4 +1,4 @@
-"""A window cut out of a larger body, whose rim moves as tissue does: what the operator of compression makes of it."""
+"""The compression operator on a window of a larger body, whose boundary deforms."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What the operator sees: derivatives that are exact where they can be, the modulus of uniform tissue, noise that is found."""
+"""Input channels: exact derivatives of polynomials, the modulus of uniform tissue, noise estimates."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ def test_partial_derivatives_know_their_axes():
 
 @pytest.mark.parametrize("poisson", [0.3, 0.499])
 def test_a_uniform_square_tells_its_modulus(poisson):
-    """From the curl, whatever ν; in units of ρω²L²."""
+    """The estimate by the curl is independent of ν, in units of ρω²L²."""
     shear = 6e3 * (1 + 0.2j)
     u = solve_displacement(np.full((5, 5), shear), 50.0, poisson, {"top": (1e-3, 0)}, 51)
     found = modality("waves").features(u[None], np.array([poisson]))[0, :, 5:-5, 5:-5]
@@ -43,7 +43,7 @@ def test_a_uniform_square_tells_its_modulus(poisson):
 
 
 def test_features_mean_the_same_on_every_grid():
-    """Of a field without noise, on 51 and 101 points; what is left is what windows of whole points cannot share."""
+    """A field without noise on 51 and 101 points; the difference is due to windows of whole points."""
     one = sample("waves", "sinc", 0, "test", 0, 101)
     fine = modality("waves").features(one.displacement[None], np.array([one.poisson]))[:, :-1, ::2, ::2]
     coarse = modality("waves").features(one.displacement[None, ::2, ::2], np.array([one.poisson]))[:, :-1]
@@ -52,7 +52,7 @@ def test_features_mean_the_same_on_every_grid():
 
 
 def test_moduli_and_amplitudes_have_no_units():
-    """Twice the size, a quarter of the frequency squared, any amplitude and phase: the same picture but for its phase."""
+    """Twice the size, half the frequency, any amplitude and phase: the same channels up to the phase."""
     shear = np.full((5, 5), 5e3 + 500j)
     u = solve_displacement(shear, 60.0, 0.3, {"top": (1e-3, 0)}, 31)
     twice = solve_displacement(shear, 30.0, 0.3, {"top": (7e-3j, 0)}, 31, side=0.24)
@@ -73,7 +73,7 @@ def test_noise_is_found(name, sigma):
 
 
 def correlation(noise, lag, axis):
-    """Of noise (batch, n, n, …) at points that are so many apart."""
+    """Correlation of noise (batch, n, n, …) at a distance in points."""
     n = noise.shape[axis]
     one, other = (np.take(noise, np.arange(n - lag) + shift, axis) for shift in (0, lag))
     return (one * np.conj(other)).real.mean() / (np.abs(noise) ** 2).mean()
@@ -115,7 +115,7 @@ def test_grained_noise_is_found_though_not_all_of_it():
 
 @pytest.mark.parametrize("across", [26, 51, 101])
 def test_a_seam_is_a_jump_and_an_edge_of_tissue_is_none(across):
-    """The noise, a median over the points, knows nothing of it."""
+    """The noise estimate, a median over the points, is insensitive to the seam."""
     one, other = (sample("waves", "inclusions", 0, "validation", i, across).displacement[None] for i in (1, 4))
     torn = one.copy()
     torn[:, :, : across // 2] = other[:, :, : across // 2] * np.linalg.norm(one) / np.linalg.norm(other)

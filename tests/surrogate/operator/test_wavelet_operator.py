@@ -1,4 +1,4 @@
-"""The operator means lengths, not points; it learns; and it runs without PyTorch."""
+"""The operator acts on lengths, not points; it learns; and it runs without PyTorch."""
 
 import math
 
@@ -17,7 +17,7 @@ from ngbrain.surrogate.training.export import write_onnx  # noqa: E402
 
 
 def smooth(n: int, phase: float = 0.0):
-    """Two waves, a bump and the places, (1, 5, n, n)."""
+    """Two waves, a bump and the coordinates, (1, 5, n, n)."""
     y, x = torch.meshgrid(*2 * (torch.linspace(0, 1, n, dtype=torch.float64),), indexing="ij")
     waves = [torch.sin(2 * math.pi * (k * x + y) + phase) * torch.cos(math.pi * k * y) for k in (1, 2)]
     bump = torch.exp(-20 * ((x - 0.4) ** 2 + (y - 0.6) ** 2))
@@ -31,12 +31,12 @@ def net():
 
 
 def off(found, wanted) -> float:
-    """Relative to how wanted varies in space."""
+    """Error relative to the spatial variation of the target."""
     return ((found - wanted).norm() / (wanted - wanted.mean((2, 3), keepdim=True)).norm()).item()
 
 
 def test_a_finer_grid_gives_the_same_answer(net, monkeypatch):
-    """At the native points the same to round-off, between them what is interpolated; a net of points, not lengths, is lost."""
+    """At the native points equal to round-off, interpolated between them; a network tied to points would fail."""
     coarse, fine = net(smooth(51)), net(smooth(101))
     assert off(fine[..., ::2, ::2], coarse) < 1e-5
     between = torch.nn.functional.interpolate(coarse, size=(101, 101), mode="bicubic", align_corners=True)
@@ -64,7 +64,7 @@ def test_every_weight_learns_and_there_are_few():
 
 
 def test_what_was_learned_on_51_points_holds_on_101():
-    """The slope of a wave along x. The answer is not the input at a point: its neighbours must be asked."""
+    """The gradient of a wave along x, which needs neighbouring points."""
     torch.manual_seed(0)
 
     def example(n: int, phases):

@@ -53,7 +53,7 @@ def test_means_of_a_constant_are_the_constant_and_details_nothing():
 
 
 def test_a_finer_grid_gives_the_native_coefficients(field):
-    """101 points hold the 51; 64 do not, but tell a smooth field."""
+    """101 points contain the 51; 64 do not, but resolve a smooth field."""
     wavelet, fine = Wavelet("db2"), field(101, 101)
     native = wavelet.axis(51)
     finer = native.resample(101)

@@ -1,4 +1,4 @@
-"""From wave data to maps: units, squares, loads, what is left out and said, and what is refused."""
+"""From wave data to maps: units, squares, loads, notes on omitted data, refusals."""
 
 from dataclasses import replace
 
@@ -28,7 +28,7 @@ def test_a_uniform_square_in_pascal():
 
 @pytest.mark.parametrize("size, density", [(2.0, 1.0), (1.0, 2.0)])
 def test_size_frequency_and_density_that_come_to_the_same(size, density):
-    """At a frequency that is lower by so much the square moves alike, and has the same moduli."""
+    """At the dynamically similar frequency the square moves alike, with the same moduli."""
     plain = uniform()
     given = {"points": size * plain.points, "density": density * plain.density, "truth": {}, "dirichlet": None}
     other = replace(plain, frequency=plain.frequency / (size * density**0.5), **given)
@@ -69,7 +69,7 @@ def test_several_loads_are_averaged_by_their_certainty():
 
 
 def test_a_strip_and_a_hole():
-    """Squares half over one another; the hole and what no square reaches stay empty, and are counted."""
+    """Half-overlapping squares; the hole and points outside all squares stay empty, and are counted."""
     plain = uniform(across=61)
     rows = plain.points[:, 1] < 0.0801
     strip = WaveData(
@@ -97,7 +97,7 @@ def test_high_frequencies_are_looked_at_in_smaller_squares():
 
 
 def pressed(**changes):
-    """A square that is pressed, its axial displacement, and the truth."""
+    """A compressed square, its axial displacement, and the truth."""
     data = few("compression", "validation")
     u = np.concatenate([np.full_like(data.displacement[0], np.nan), data.displacement[0]], axis=2)
     given = {"poisson": float(data.poisson[0]), "truth": {"youngs": data.storage[0].ravel()}, **changes}

@@ -1,4 +1,4 @@
-"""The weights that are shipped: what they are off, that they know what they do not know, and that PyTorch is not needed."""
+"""Shipped weights: errors, detection of untrustworthy data, independence of PyTorch."""
 
 import subprocess
 import sys
@@ -22,7 +22,7 @@ SEED = 20
 
 
 def looks(operator, rows, sigma=0.01):
-    """What the operator sees and says of samples, with noise."""
+    """Inputs and predictions of the operator for samples, with noise."""
     side = SIDES[operator.kind.name]
     u = noisy(np.array([row.displacement for row in rows]), sigma) / side
     nu = np.array([row.poisson for row in rows])
@@ -87,7 +87,7 @@ def test_right_maps_pass_and_those_of_another_square_do_not(waves):
 
 
 def driven(drive=None, frequency=None, shear=None, count=4):
-    """Squares that are like those of the training but for this; their waves reach the edge opposite to the one that is shaken."""
+    """Squares like those of the training except for one change; their waves reach the edge opposite to the driven one."""
     y, x = np.meshgrid(*2 * (np.linspace(0, 1, FINE),), indexing="ij")
     rows = samples("waves", count)
     found = []

@@ -1,4 +1,4 @@
-"""Numbers that say when not to trust: what they are of squares like those of the training, and of others."""
+"""Out-of-distribution scores of squares like those of the training, and of others."""
 
 import hashlib
 import json
@@ -113,7 +113,7 @@ def test_noise():
 
 
 def test_noise_with_the_longest_grain():
-    """It looks smoother than it is, and is told all the same."""
+    """Correlated noise looks smoother, and is detected nevertheless."""
     operator, data = algebraic("compression"), few("compression", "validation")
     count = len(data.displacement)
     u = add_noise(data.displacement, np.full(count, 0.1), np.random.default_rng(0), np.full(count, GRAIN))
@@ -162,7 +162,7 @@ def test_cards_and_weights_that_are_none(tmp_path):
 
 
 def told_otherwise(card, path, value):
-    """A card with something else in one place, or without it."""
+    """A card with one entry changed or removed."""
     changed = json.loads(json.dumps(card))
     *places, last = path
     at = changed
@@ -206,7 +206,7 @@ def test_a_card_with_anything_else_in_it_is_refused(tmp_path, name):
 
 
 def test_weights_that_are_not_those_of_the_card_are_refused(tmp_path):
-    """Bits of the graph that any reader takes: all moduli a tenth higher, say."""
+    """A modified graph that is still readable, for example with all moduli 10 % higher."""
     pytest.importorskip("onnxruntime")
     for suffix in ("json", "onnx"):
         shutil.copy(WEIGHTS / f"waves.{suffix}", tmp_path)

@@ -1,4 +1,4 @@
-"""The operator's rivals are of its size, answer on its grids, and are what they are called."""
+"""Baseline networks have the operator's size, accept its grids, and are what they are called."""
 
 import pytest
 
@@ -20,7 +20,7 @@ def test_as_many_weights_as_the_operator(rival, channels):
 
 @pytest.mark.parametrize("network", [WaveletOperator, *RIVALS])
 def test_answers_begin_near_nothing(network):
-    """So that what is corrected starts as it is."""
+    """The initial output is near zero, so that the first estimate is unchanged."""
     torch.manual_seed(0)
     with torch.no_grad():
         assert 0 < network(10, 2)(torch.randn(2, 10, 51, 51)).std() < 0.4

@@ -1,4 +1,4 @@
-"""How weights move: along all directions of a matrix alike, group by group, never off a cliff, and on from where they stopped."""
+"""Optimiser steps: equal in all directions of a matrix, by group, skipped for gradients that are not finite, resumable."""
 
 import pytest
 
@@ -40,14 +40,14 @@ def test_everything_moves():
 
 
 def stepped(net, loss, rate=1.0):
-    """What the first of many steps changes."""
+    """Change of the weights in the first of many steps."""
     before = {name: p.detach().clone() for name, p in net.named_parameters()}
     Descent(net, rate, 1000).step(loss)
     return {name: p.detach() - before[name] for name, p in net.named_parameters()}
 
 
 def test_all_directions_of_a_matrix_learn_alike():
-    """A gradient UΣVᵀ, Σ over two decades, steps along -UVᵀ."""
+    """A gradient UΣVᵀ with Σ over two decades gives a step along -UVᵀ."""
     torch.manual_seed(1)
     u, v = (torch.linalg.qr(torch.randn(5, 5))[0] for _ in range(2))
     slope = u @ torch.diag(torch.logspace(-1, 1, 5)) @ v.T
@@ -60,7 +60,7 @@ def test_all_directions_of_a_matrix_learn_alike():
 
 
 def test_groups_are_matrices_of_their_own():
-    """A thousandth of the slope in one group: all the same as great a step there, as it is where it stands alone."""
+    """A thousandth of the gradient in one group gives as large a step there as for the group alone."""
     torch.manual_seed(2)
     slope = torch.randn(6, 2, 3, 3)
     slope[3:] *= 1e-3
@@ -75,7 +75,7 @@ def test_groups_are_matrices_of_their_own():
 
 
 def test_what_is_no_layers_moves_entry_by_entry():
-    """The first step of AdamW is as long for each, whatever its slope."""
+    """The first step of AdamW is equally long for every entry."""
     net = Net()
     step = stepped(net, (net.bare * torch.logspace(-2, 2, 72).reshape(9, 2, 2, 2)).sum() + net(torch.ones(4, 6)))[
         "bare"
@@ -123,7 +123,7 @@ def test_weights_that_are_no_rows_in_memory_move_alike():
 
 @pytest.mark.parametrize("shape", [(12, 8), (8, 12)])
 def test_steps_are_those_of_pytorchs_own(shape):
-    """Which rounds to bfloat16: ten steps of great weights, so that their decay counts, differ by less than two per cent."""
+    """PyTorch's Muon rounds to bfloat16: ten steps of large weights, with weight decay, differ by less than 2 %."""
     torch.manual_seed(3)
     ours, theirs = (nn.Parameter(50 * weights) for weights in 2 * [torch.randn(shape)])
     before = ours.detach().clone()

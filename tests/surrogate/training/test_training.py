@@ -1,4 +1,4 @@
-"""Training: noise and symmetries as stated, normalisers of training data alone, runs that go on as if never stopped, ONNX."""
+"""Training: noise and symmetries, normalisation by training data only, resumed runs, ONNX."""
 
 from dataclasses import replace
 
@@ -48,7 +48,7 @@ def test_noise_is_relative_to_what_is_not_affine(sets, rng):
 
 @pytest.mark.parametrize("sets", ["waves"], indirect=True)
 def test_what_is_turned_is_a_square_of_the_same_kind(sets, rng):
-    """Features of turned waves tell turned moduli: those of the curl are turned with the truth."""
+    """Channels of transformed waves correspond to transformed moduli: those of the curl transform with the truth."""
     learner = Learner.from_data(sets[0])
     kind = learner.kind
     u, maps = turned(kind.name, sets[0].displacement, learner.maps, rng)
@@ -61,7 +61,7 @@ def test_what_is_turned_is_a_square_of_the_same_kind(sets, rng):
 
 
 def test_a_mirror_turns_signs(rng):
-    """What moves along x at the left moves against x at the right."""
+    """A displacement along x at the left becomes one against x at the right."""
     u = rng.standard_normal((20, 6, 6, 1))
     seen, maps = turned("compression", u, u.transpose(0, 3, 1, 2), rng)
     mirrored = [i for i in range(20) if not np.allclose(seen[i], u[i])]
@@ -95,7 +95,7 @@ def test_scales_do_not_move_means():
 
 
 def test_a_tenth_less_is_worth_as_much_of_any_error():
-    """Of samples five times apart the means learn alike; far below the floor they learn no more."""
+    """Means learn equally for errors that differ by a factor of five; far below the floor they stop."""
 
     def slope(size: float):
         mean = torch.full((1, 2, 4, 4), size, requires_grad=True)
@@ -117,7 +117,7 @@ def test_normalisers_are_of_the_training_data(sets):
 
 
 def test_an_operator_corrects_a_first_estimate_by_the_spread_of_the_targets(sets):
-    """Of waves the modulus that their curl tells, of compression the mean of the training."""
+    """First estimates: for waves the modulus by the curl, for compression the mean of the training."""
     learner = Learner.from_data(sets[0])
     kind, answers = learner.kind, len(learner.kind.answers)
     constant = torch.nn.Conv2d(kind.channels, 2 * answers, 1)
@@ -156,7 +156,7 @@ def test_a_stopped_training_goes_on_as_if_never_stopped(sets, tmp_path):
 
 
 def test_a_training_begins_with_the_weights_of_another(sets, tmp_path):
-    """At a rate of next to nothing they are what it ends with, and its passes are not those of the other."""
+    """At a vanishing learning rate the weights equal those of the earlier training; its epochs do not count."""
     first = train(small, *sets, tmp_path / "first", Settings(epochs=2, batch=4))
     start, told = tmp_path / "first/checkpoint.pt", list[dict[str, float]]()
     second = train(small, *sets, tmp_path / "second", Settings(epochs=2, batch=4, rate=1e-9), told.append, start)
@@ -190,7 +190,7 @@ def test_families_that_matter_most_are_seen_twice_as_often(sets, tmp_path, monke
 
 
 def test_an_operator_learns(sets, tmp_path):
-    """Sixteen samples, until it knows more of four others than a mean does."""
+    """Sixteen samples, until the error on four others is below that of the mean."""
     told: list[dict[str, float]] = []
     train(small, *sets, tmp_path, Settings(epochs=12, batch=4, rate=1e-2), told.append)
     assert told[-1]["objective"] < 0.7 * told[0]["objective"]
