@@ -95,7 +95,7 @@ def test_compression_comes_back_as_images(tmp_path, capsys):
     assert status == 0 and not out and errors == [f"ngbrain: note: {note}" for note in result["warnings"]]
     assert result["solves"]["forward"] == 1 and any("up to a constant factor" in note for note in result["warnings"])
     assert result["answers"]["youngs"]["relative_l2_error"] < 0.45
-    (shown,) = (float(note.split("shown as ")[1].split()[0]) for note in result["warnings"] if "shown as" in note)
+    (shown,) = (float(note.split("set to ")[1].split()[0]) for note in result["warnings"] if "set to" in note)
     import nibabel
 
     for name in ("youngs", "youngs_deviation"):

@@ -155,9 +155,10 @@ def test_a_shared_beginning_changes_no_bit(tmp_path):
     model = RetractionModel.from_scene(scene)
     first, second = (model.program(scene, asked) for asked in scene.protocols)
     quiet = {"callback": lambda *_: None}
-    begun = retraction._begin(model, second, tmp_path, False, **quiet)
+    begun = retraction._run_first_piece(model, second, tmp_path, False, **quiet)
     together = {
-        program.name: retraction._go(model, program, tmp_path, False, begun, **quiet) for program in (second, first)
+        program.name: retraction._run_protocol(model, program, tmp_path, False, begun, **quiet)
+        for program in (second, first)
     }
     for program in (first, second):
         alone = ProtocolRun(model, program, None).go()

@@ -90,7 +90,7 @@ def test_zones_that_have_not_settled_are_said(bar):
     found = together(*bar, lambda x: np.full(len(x), 8.0), (3.0, 3.0))
     assert not _zone_notes([found], MisfitLevel(250.0, 100.0))
     found.results[1].converged = False
-    level = "the misfit of all is 250, expected are 100"
+    level = "the total misfit is 250, its expected value 100"
     assert _zone_notes([found], MisfitLevel(250.0, 100.0)) == [
         f"1 of 2 zones stopped before fields and weights converged: {level}"
     ]

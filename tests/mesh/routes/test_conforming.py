@@ -316,7 +316,7 @@ def test_a_flat_element_on_the_surface_joins_the_outside_unless_surfaces_would_t
     tets[turned] = tets[turned][:, [1, 0, 2, 3]]
     for region, joins in (([1, 0, 0, 1, 1, 1], True), ([1, 1, 1, 0, 0, 0], True), ([1, 0, 0, 1, 1, 0], False)):
         swaps = Reconnection(points, tets, np.array(region))
-        assert (swaps._outside(0) is not None) == joins
+        assert (swaps._remove_surface_tet(0) is not None) == joins
         swaps.improve(0.2)
         assert not joins or (swaps.arrays()[1] > 0).sum() == sum(region) - 1
 

@@ -107,7 +107,7 @@ def test_a_check_that_has_no_mesh_is_missing_and_the_result_stands(monkeypatch):
     model = Namespace(scene=Scene.shipped("idealised_fast"), head=None)
     with pytest.raises(SolverError, match=r"no mesh for a check.*far_mm"):
         verification_runs.other_elements(model, None, False, lambda *_: None)
-    assert retraction._check(model, MESH, None, False, lambda *_: None) is None
+    assert retraction._run_check(model, MESH, None, False, lambda *_: None) is None
 
 
 def test_what_came_back_is_from_where_the_blade_let_go_though_it_goes_further_later():
