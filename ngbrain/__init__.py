@@ -17,8 +17,8 @@ Where to begin
 - a boundary-value problem of your own: `nb.Problem` with `nb.Material`, solved by `nb.LoadPath` (quasi-static) or
   `nb.TimeStepper` (transient), and `nb.HarmonicProblem` for waves; `nb.estimate` fits parameters to data
 
-Tutorials are in `tutorials/`, guides and a glossary in `tutorials/guide/`. `help(nb.materials)` and so on list the modules of
-a package.
+Tutorials are in `tutorials/`, guides and a glossary in `tutorials/guide/`. `help(nb.materials)` and so on list the names
+and modules of a package.
 
 Packages
 --------
@@ -41,9 +41,10 @@ Internal units are SI (m, Pa, s); `nb.units` has kPa, mm, mmHg. Long computation
 `nb.set_threads` sets the number of threads; `nb.show_versions()` prints what a bug report needs.
 """
 
-from importlib import import_module
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from ngbrain.lazy import lazy_names
 
 if TYPE_CHECKING:
     from ngbrain import (
@@ -80,6 +81,8 @@ if TYPE_CHECKING:
     from ngbrain.workflows.mesh_head import mesh_head
     from ngbrain.workflows.preview import preview
     from ngbrain.workflows.simulate import simulate
+else:
+    __getattr__, __dir__ = lazy_names(__name__)
 
 __version__ = version("ngbrain")
 
@@ -118,42 +121,3 @@ __all__ = [
     "units",
     "viz",
 ]
-
-_HOME = {
-    "HarmonicProblem": "forward.harmonic.problem",
-    "LoadPath": "forward.statics.load_path",
-    "Material": "forward.common.material",
-    "Problem": "forward.solid.problem",
-    "Scene": "scene",
-    "TimeStepper": "forward.transient.time_stepper",
-    "calibrate": "surgery.calibrate",
-    "cohort": "workflows.cohort",
-    "estimate": "inverse.fitting.estimate",
-    "invert": "inverse.elastography.invert",
-    "mesh_head": "workflows.mesh_head",
-    "predict": "surrogate.prediction.predict",
-    "preview": "workflows.preview",
-    "read_scan": "image.read.volume",
-    "read_waves": "io.waves",
-    "segment": "image.labelling:label_tissues",
-    "set_threads": "threads",
-    "show_versions": "io.versions",
-    "simulate": "workflows.simulate",
-}
-
-if not TYPE_CHECKING:  # type checkers see only the names above and the modules
-
-    def __getattr__(name: str) -> Any:
-        """Import names and modules on first use: importing all of them takes more than a second."""
-        if name in _HOME:
-            module, _, own = _HOME[name].partition(":")
-            return getattr(import_module(f"ngbrain.{module}"), own or name)
-        try:
-            return import_module(f"ngbrain.{name}")
-        except ModuleNotFoundError as error:
-            if error.name != f"ngbrain.{name}":
-                raise
-            raise AttributeError(f"module 'ngbrain' has no attribute {name!r}") from None
-
-    def __dir__() -> list[str]:
-        return sorted(__all__)

@@ -6,23 +6,42 @@ Problems
 Loads
     `TractionLoad`, `PressureLoad`, `BodyForce`, `Spring`, `RigidFace`, `RigidBody`, `CavityPressure`, `CavityVolume`.
 Contact
-    `RigidContact`, `SlidingSupport`, `SelfContact` (self-contact), `Friction`, `PrescribedForce` (force-controlled rigid bodies).
+    `RigidContact`, `SlidingSupport`, `SelfContact`, `Friction`, `PrescribedForce` (force-controlled rigid bodies).
 Solution
-    `LoadPath` (equilibrium), `TimeStepper` and `run_load_history` (time), with `StepControl`, `ErrorControl` or `PrescribedSteps`.
-    For a loop of your own: `advance` makes one step from one `State` to the next under a `LoadProgram`; `newton_for` gives
-    Newton's method with the settings that the element needs.
+    `LoadPath` (equilibrium), `TimeStepper` and `run_load_history` (time), with `StepControl`, `ErrorControl` or `PrescribedSteps`
+    (each a `Control` of the time step). For a loop of your own: `advance` makes one step from one `State` to the next under a
+    `LoadProgram` or `LoadHistory`; `newton_for` gives Newton's method with the settings that the element needs.
+Stability
+    `smallest_eigenvalue` of the tangent, `compressed_fraction`, `creased_surface_fraction`.
 Harmonic waves
-    `HarmonicProblem` with `Wave` and `AbsorbingBoundary` boundaries; `HarmonicProblem.about` for small waves on a deformed body.
+    `HarmonicProblem` with `Wave` and `AbsorbingBoundary`; `HarmonicProblem.about` for small waves on a deformed body.
+Observables
+    `Displacements`, `Force`, `Moment`, `StrainEnergy`, `StrainPercentile`, `StressPercentile`, `Functional` (any integral),
+    `Ratio`, `LinearObservable`; `Observable` is the interface. More are in `ngbrain.forward.observables`.
+Values at points
+    `evaluation`, `points_in_mesh`, `quadrature_points`, `quadrature_field`.
 Differentiable models
-    `StaticModel` of equilibria (`LoadCase`), `RunModel` of runs in time, `WaveModel` of harmonic waves.
+    `StaticModel` of equilibria (`LoadCase`), `RunModel` of runs in time, `WaveModel` of harmonic waves, `Positions` in the loaded
+    body; linearised: `StaticLinearisation`, `RunLinearisation`, `WaveLinearisation`. What they depend on beside material fields:
+    `NodePositions`, `PrescribedDisplacement`.
 
-Sub-packages: `common`, `contact`, `harmonic`, `observables`, `sensitivity`, `solid`, `statics`, `transient`.
+Modules
+-------
+- `common`: what all problems share: kinematics, materials, supports, loads, elements.
+- `contact`: contact with rigid bodies, friction.
+- `solid`: the nonlinear solid, and one step of it.
+- `statics`, `transient`, `harmonic`: equilibrium, time stepping, waves.
+- `observables`: numbers with a unit, and how they change with the unknowns.
+- `sensitivity`: models from parameters to data, with first and second derivatives.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from ngbrain.lazy import lazy_names
 
 if TYPE_CHECKING:
+    from ngbrain.forward import common, contact, harmonic, observables, sensitivity, solid, statics, transient
+    from ngbrain.forward.common.interpolation import evaluation, points_in_mesh, quadrature_field, quadrature_points
     from ngbrain.forward.common.kinematics import AntiPlane, Axisymmetric, PlaneStrain
     from ngbrain.forward.common.loads import (
         BodyForce,
@@ -40,40 +59,29 @@ if TYPE_CHECKING:
     from ngbrain.forward.contact.friction import Friction
     from ngbrain.forward.contact.rigid import RigidContact, SelfContact, SlidingSupport
     from ngbrain.forward.harmonic.problem import HarmonicProblem
-    from ngbrain.forward.harmonic.wave import Wave
-    from ngbrain.forward.sensitivity.harmonic.wave_model import WaveModel
-    from ngbrain.forward.sensitivity.static_model import LoadCase, StaticModel
+    from ngbrain.forward.harmonic.wave import AbsorbingBoundary, Wave
+    from ngbrain.forward.observables.base import LinearObservable, Observable
+    from ngbrain.forward.observables.force import Force, Moment
+    from ngbrain.forward.observables.integrals import Functional, StrainEnergy
+    from ngbrain.forward.observables.percentiles import StrainPercentile, StressPercentile
+    from ngbrain.forward.observables.points import Displacements
+    from ngbrain.forward.observables.ratio import Ratio
+    from ngbrain.forward.sensitivity.harmonic.wave_model import WaveLinearisation, WaveModel
+    from ngbrain.forward.sensitivity.parameter_blocks import NodePositions, PrescribedDisplacement
+    from ngbrain.forward.sensitivity.reference_shape import Positions
+    from ngbrain.forward.sensitivity.static_equilibrium import LoadCase
+    from ngbrain.forward.sensitivity.static_model import StaticLinearisation, StaticModel
+    from ngbrain.forward.sensitivity.transient.run_linearisation import RunLinearisation
     from ngbrain.forward.sensitivity.transient.run_model import RunModel
     from ngbrain.forward.solid.advance import LoadHistory, LoadProgram, advance, newton_for
     from ngbrain.forward.solid.inertia import GeneralizedAlpha, Inertia
     from ngbrain.forward.solid.problem import Problem
     from ngbrain.forward.statics.load_path import LoadPath
-    from ngbrain.forward.transient.step_control import ErrorControl, PrescribedSteps, StepControl
+    from ngbrain.forward.statics.stability import compressed_fraction, creased_surface_fraction, smallest_eigenvalue
+    from ngbrain.forward.transient.step_control import Control, ErrorControl, PrescribedSteps, StepControl
     from ngbrain.forward.transient.time_stepper import TimeStepper, run_load_history
-
-_HOME = {
-    "contact.rigid": ("SelfContact", "RigidContact", "SlidingSupport"),
-    "contact.force_control": ("PrescribedForce",),
-    "contact.friction": ("Friction",),
-    "harmonic.problem": ("HarmonicProblem",),
-    "harmonic.wave": ("AbsorbingBoundary", "Wave"),
-    "sensitivity.static_model": ("LoadCase", "StaticModel"),
-    "solid.inertia": ("GeneralizedAlpha", "Inertia"),
-    "common.kinematics": ("AntiPlane", "Axisymmetric", "PlaneStrain"),
-    "statics.load_path": ("LoadPath",),
-    "common.loads": (
-        "CavityPressure", "CavityVolume", "PressureLoad", "RigidBody", "RigidFace", "Spring", "TractionLoad", "BodyForce",
-    ),
-    "common.material": ("Material",),
-    "common.state": ("State",),
-    "solid.advance": ("LoadHistory", "LoadProgram", "advance", "newton_for"),
-    "solid.problem": ("Problem",),
-    "sensitivity.harmonic.wave_model": ("WaveModel",),
-    "transient.step_control": ("ErrorControl", "PrescribedSteps", "StepControl"),
-    "sensitivity.transient.run_model": ("RunModel",),
-    "transient.time_stepper": ("TimeStepper", "run_load_history"),
-}  # fmt: skip
-_MODULE = {name: module for module, names in _HOME.items() for name in names}
+else:
+    __getattr__, __dir__ = lazy_names(__name__)
 
 __all__ = [
     "AbsorbingBoundary",
@@ -82,47 +90,68 @@ __all__ = [
     "BodyForce",
     "CavityPressure",
     "CavityVolume",
+    "Control",
+    "Displacements",
     "ErrorControl",
+    "Force",
     "Friction",
+    "Functional",
     "GeneralizedAlpha",
     "HarmonicProblem",
     "Inertia",
+    "LinearObservable",
     "LoadCase",
     "LoadHistory",
     "LoadPath",
     "LoadProgram",
     "Material",
+    "Moment",
+    "NodePositions",
+    "Observable",
     "PlaneStrain",
+    "Positions",
+    "PrescribedDisplacement",
     "PrescribedForce",
     "PrescribedSteps",
     "PressureLoad",
     "Problem",
+    "Ratio",
     "RigidBody",
     "RigidContact",
     "RigidFace",
+    "RunLinearisation",
     "RunModel",
     "SelfContact",
     "SlidingSupport",
     "Spring",
     "State",
+    "StaticLinearisation",
     "StaticModel",
     "StepControl",
+    "StrainEnergy",
+    "StrainPercentile",
+    "StressPercentile",
     "TimeStepper",
     "TractionLoad",
     "Wave",
+    "WaveLinearisation",
     "WaveModel",
     "advance",
+    "common",
+    "compressed_fraction",
+    "contact",
+    "creased_surface_fraction",
+    "evaluation",
+    "harmonic",
     "newton_for",
+    "observables",
+    "points_in_mesh",
+    "quadrature_field",
+    "quadrature_points",
     "run_load_history",
+    "sensitivity",
+    "smallest_eigenvalue",
+    "solid",
+    "statics",
+    "transient",
 ]
-
-if not TYPE_CHECKING:
-
-    def __getattr__(name: str) -> Any:
-        """The names above, imported when they are first used."""
-        if name not in _MODULE:
-            raise AttributeError(f"module 'ngbrain.forward' has no attribute {name!r}")
-        return getattr(import_module(f"ngbrain.forward.{_MODULE[name]}"), name)
-
-    def __dir__() -> list[str]:
-        return sorted({*globals(), *__all__})

@@ -20,6 +20,7 @@ import numpy as np
 from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError
 from ngbrain.io.versions import versions
+from ngbrain.lazy import definitions
 from ngbrain.reading import read_npz
 
 Arrays = dict[str, np.ndarray]
@@ -117,8 +118,8 @@ def _imports_of(name: str) -> frozenset[str]:
 
 
 def _imports(tree: ast.Module, package: str) -> Iterator[str]:
-    """Modules of this package in the import statements of a module, also inside functions."""
-    for node in ast.walk(tree):
+    """Modules of this package in the import statements that a module executes, also inside functions."""
+    for node in _executed(tree):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names if _is_internal(alias.name))
         elif isinstance(node, ast.ImportFrom):
@@ -126,10 +127,29 @@ def _imports(tree: ast.Module, package: str) -> Iterator[str]:
             base = ".".join(filter(None, (base, node.module)))
             if not _is_internal(base):
                 continue
-            parts = [f"{base}.{alias.name}" for alias in node.names]
-            yield from (part for part in parts if _file(part) is not None)
-            if any(_file(part) is None for part in parts):  # a name defined or re-exported by the module
-                yield base
+            for alias in node.names:
+                part = f"{base}.{alias.name}"
+                yield part if _file(part) is not None else _home(base, alias.name)
+
+
+def _executed(tree: ast.Module) -> Iterator[ast.AST]:
+    """Nodes of a module without those that only type checkers read."""
+    waiting: list[ast.AST] = [tree]
+    while waiting:
+        node = waiting.pop()
+        yield node
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+            waiting += node.orelse
+        else:
+            waiting += ast.iter_child_nodes(node)
+
+
+def _home(module: str, name: str) -> str:
+    """Module in which a name is defined that a package imports on first use; otherwise the given one."""
+    path = _file(module)
+    if path is None or path.name != "__init__.py":
+        return module
+    return definitions(module).get(name, (module, name))[0]
 
 
 def _is_internal(name: str) -> bool:

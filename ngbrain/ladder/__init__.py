@@ -3,8 +3,15 @@
     result = ngbrain.simulate(ngbrain.Scene.from_toml("palpation.toml"))
     result["answers"], result["model"], result["left_out"]
 
-A `Question` asks for an observable of your own, in addition to the scene's quantities.
+- the search: `solve` a scene, or its parts: `search_models` (a `SearchResult` of `Rung`s), `ModelHierarchy` with a
+  `SolutionCache`, `run_search`
+- what may be enriched: `axes_of` a scene, its `cheapest` and `richest` model
+- a `Question` asks for an observable of your own, in addition to the scene's quantities; a result says of each what
+  `RequestedQuantity` holds
+- `relative_difference` of answers
 
+Modules
+-------
 - `axes`, `levels`: The axes along which a model can be enriched, and their levels.
 - `model_search`: The search itself; `summary`: its result as plain data.
 - `estimates`: Estimates of the change by one step along an axis; `solutions`: a cache of solutions.
@@ -19,18 +26,21 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ngsolve import ngsglobals
 
 from ngbrain import parallel
 from ngbrain.io import versions, write_json
-from ngbrain.ladder.axes import axes_of
+from ngbrain.ladder.axes import axes_of, cheapest, richest
+from ngbrain.ladder.estimates import relative_difference
 from ngbrain.ladder.levels import Model
 from ngbrain.ladder.model_search import Rung, SearchResult, assess, search_models
 from ngbrain.ladder.models.hierarchy import ModelHierarchy
 from ngbrain.ladder.quantities import Asked, Question
+from ngbrain.ladder.solutions import SolutionCache
 from ngbrain.ladder.summary import RequestedQuantity, summarise
+from ngbrain.lazy import lazy_names
 from ngbrain.progress import log_progress, reporting
 from ngbrain.result import Status
 from ngbrain.scene import Scene
@@ -38,15 +48,46 @@ from ngbrain.scene.result import SceneResult
 from ngbrain.scene.tissues import DENSITY
 from ngbrain.threads import threads as using
 
+if TYPE_CHECKING:
+    from ngbrain.ladder import (
+        adaptivity,
+        axes,
+        estimates,
+        levels,
+        model_search,
+        models,
+        quantities,
+        singular_edges,
+        solutions,
+        summary,
+    )
+else:
+    __getattr__, __dir__ = lazy_names(__name__)
+
 __all__ = [
     "ModelHierarchy",
     "Question",
     "RequestedQuantity",
     "Rung",
     "SearchResult",
+    "SolutionCache",
+    "adaptivity",
+    "axes",
+    "axes_of",
+    "cheapest",
+    "estimates",
+    "levels",
+    "model_search",
+    "models",
+    "quantities",
+    "relative_difference",
+    "richest",
     "run_search",
     "search_models",
+    "singular_edges",
+    "solutions",
     "solve",
+    "summary",
 ]
 
 

@@ -2,8 +2,8 @@
 
 `run` is the one driver: a `Task` has a name, and results come back by name. `ProcessExecutor` uses processes of this machine,
 `DaskExecutor`, `MpiExecutor` and `SlurmExecutor` those of a cluster; `open_executor` opens the one named on a command line.
-`predicted_memory` estimates the memory of a task, `share_threads` lets a task use idle threads, and `TaskLost` is raised when a
-task dies with its process.
+`predicted_memory` estimates the memory of a task by `memory_table`, `share_threads` lets a task use idle threads, and
+`TaskLost` is raised when a task dies with its process. `AnyExecutor` and `Callback` are the types of arguments.
 
 - `dask_cluster`: A Dask cluster as an executor.
 - `driver`: Run tasks through an executor.
@@ -18,6 +18,9 @@ task dies with its process.
 - `worker`: Main loop of a process of `ProcessExecutor`.
 """
 
+from typing import TYPE_CHECKING
+
+from ngbrain.lazy import lazy_names
 from ngbrain.parallel.dask_cluster import DaskExecutor
 from ngbrain.parallel.driver import run
 from ngbrain.parallel.executors import open_executor
@@ -26,6 +29,23 @@ from ngbrain.parallel.mpi_job import MpiExecutor
 from ngbrain.parallel.processes import ProcessExecutor
 from ngbrain.parallel.slurm_jobs import SlurmExecutor
 from ngbrain.parallel.tasks import AnyExecutor, Callback, Task, TaskLost, share_threads
+
+if TYPE_CHECKING:
+    from ngbrain.parallel import (
+        dask_cluster,
+        driver,
+        executors,
+        kernel,
+        memory,
+        mpi_job,
+        processes,
+        remote,
+        slurm_jobs,
+        tasks,
+        worker,
+    )
+else:
+    __getattr__, __dir__ = lazy_names(__name__)
 
 __all__ = [
     "AnyExecutor",
@@ -36,9 +56,20 @@ __all__ = [
     "SlurmExecutor",
     "Task",
     "TaskLost",
+    "dask_cluster",
+    "driver",
+    "executors",
+    "kernel",
+    "memory",
     "memory_table",
+    "mpi_job",
     "open_executor",
     "predicted_memory",
+    "processes",
+    "remote",
     "run",
     "share_threads",
+    "slurm_jobs",
+    "tasks",
+    "worker",
 ]

@@ -4,13 +4,13 @@
 Values are in SI units; in TOML the unit is the suffix of the key (`width_mm`, `ramp_s`, `mu_Pa`). `ngbrain.schema.document` reads
 and writes. A part checks its own fields when it is made (also in Python), a `Scene` the relations between fields and parts.
 
-- `geometry`: The body and its element sizes.
-- `tissues`: Materials.
-- `conditions`: Supports and loads.
-- `contacts`: Rigid bodies.
-- `operation`: Cleft, tool and patient.
-- `protocols`: Time and the tool's motion.
-- `quantities`: What is asked.
+- `geometry`: The body and its element sizes: `Geometry`, `MeshSize`.
+- `tissues`: Materials: `Tissue`.
+- `conditions`: Supports and loads: `DisplacementBC`, `Traction`, `Pressure`, `Gravity`.
+- `contacts`: Rigid bodies: `Contact`.
+- `operation`: Cleft, tool and patient: `CleftSpec`, `Tool`, `Patient`.
+- `protocols`: Time and the tool's motion: `Time`, `Protocol`.
+- `quantities`: What is asked: `Quantity`.
 - `result`: The result of a scene.
 - `schema`: JSON schema and reference page of the file format.
 """
@@ -22,9 +22,10 @@ from dataclasses import dataclass
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from ngbrain.errors import InputError, nearest
+from ngbrain.lazy import lazy_names
 from ngbrain.look import NotebookCard
 from ngbrain.materials.registry import reading
 from ngbrain.mesh.geometry.primitives import Ellipsoids
@@ -37,6 +38,11 @@ from ngbrain.scene.quantities import Quantity
 from ngbrain.scene.tissues import Tissue
 from ngbrain.schema.document import Document, Section, brief, entries
 from ngbrain.schema.fields import table, text
+
+if TYPE_CHECKING:
+    from ngbrain.scene import conditions, contacts, geometry, operation, protocols, quantities, result, schema, tissues
+else:
+    __getattr__, __dir__ = lazy_names(__name__)
 
 __all__ = [
     "CleftSpec",
@@ -54,6 +60,15 @@ __all__ = [
     "Tissue",
     "Tool",
     "Traction",
+    "conditions",
+    "contacts",
+    "geometry",
+    "operation",
+    "protocols",
+    "quantities",
+    "result",
+    "schema",
+    "tissues",
 ]
 
 

@@ -1,5 +1,19 @@
 """Simulated brain retraction: tools, protocols, runs, measures of tissue injury, uncertainty and calibration.
 
+`ngbrain.simulate` runs a scene, `ngbrain.calibrate` fits tissue stiffness; the names below are their parts.
+
+- heads: `load_head` of a scene, `Idealised`, `Scanned`
+- tools: `make_tools` of a scene, `Spatula`, `Tube`, `Ball`, `ClosedSurface`; `RigidTool` is the interface
+- protocols: `continuous_retraction`, `intermittent_retraction`, `staged_retraction` (a `ToolMotion` each), `ForceProtocol`;
+  `Drive` moves a tool
+- runs: `RetractionModel`, `ProtocolRun`, `ProtocolResult`, `to_columns`
+- measures: `answer` of a run, `Observer`, `retraction_observables`, `Sites`, `TissueSample`, `von_mises`, `dose`,
+  `infarct_probability`
+- one tissue column: `Column`, `LoadingHistory`, `dose_with_recovery`
+- calibration: `Observations`, `Retracted` (the model), `Calibrated` (the result)
+
+Modules
+-------
 - `model`: A scene's mesh, tissues, tools and contacts; it builds transient problems (`RetractionModel`).
 - `head_models`: Heads to operate on: the idealised head and heads from T1 scans.
 - `tools`: Retractors as rigid bodies with a signed distance.
@@ -16,11 +30,90 @@
 - `plausibility`, `corridor`: Warnings for implausible moduli and for corridors near the mid plane.
 """
 
+from typing import TYPE_CHECKING
+
+from ngbrain.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ngbrain.surgery import (
+        answers,
+        calibrate,
+        corridor,
+        head_models,
+        material_point,
+        measures,
+        model,
+        model_selection,
+        observations,
+        plausibility,
+        protocol_run,
+        protocols,
+        quantities,
+        relative_stiffness,
+        retraction,
+        tools,
+        uncertainty,
+    )
+    from ngbrain.surgery.answers import answer
+    from ngbrain.surgery.calibrate import Calibrated, Retracted
+    from ngbrain.surgery.head_models import Idealised, Scanned, load_head
+    from ngbrain.surgery.material_point import Column, LoadingHistory, dose_with_recovery
+    from ngbrain.surgery.measures.dose_response import infarct_probability
+    from ngbrain.surgery.measures.injury import dose, von_mises
+    from ngbrain.surgery.measures.observer import Observer, retraction_observables
+    from ngbrain.surgery.measures.sampling import Sites, TissueSample
+    from ngbrain.surgery.model import RetractionModel
+    from ngbrain.surgery.observations import Observations
+    from ngbrain.surgery.protocol_run import ProtocolResult, ProtocolRun, to_columns
+    from ngbrain.surgery.protocols import (
+        Drive,
+        ForceProtocol,
+        ToolMotion,
+        continuous_retraction,
+        intermittent_retraction,
+        staged_retraction,
+    )
+    from ngbrain.surgery.tools import make_tools
+    from ngbrain.surgery.tools.base import RigidTool
+    from ngbrain.surgery.tools.blades import Ball, Spatula, Tube
+    from ngbrain.surgery.tools.closed_surface import ClosedSurface
+else:
+    __getattr__, __dir__ = lazy_names(__name__)
+
 __all__ = [
+    "Ball",
+    "Calibrated",
+    "ClosedSurface",
+    "Column",
+    "Drive",
+    "ForceProtocol",
+    "Idealised",
+    "LoadingHistory",
+    "Observations",
+    "Observer",
+    "ProtocolResult",
+    "ProtocolRun",
+    "Retracted",
+    "RetractionModel",
+    "RigidTool",
+    "Scanned",
+    "Sites",
+    "Spatula",
+    "TissueSample",
+    "ToolMotion",
+    "Tube",
+    "answer",
     "answers",
     "calibrate",
+    "continuous_retraction",
     "corridor",
+    "dose",
+    "dose_with_recovery",
     "head_models",
+    "infarct_probability",
+    "intermittent_retraction",
+    "load_head",
+    "make_tools",
     "material_point",
     "measures",
     "model",
@@ -32,6 +125,10 @@ __all__ = [
     "quantities",
     "relative_stiffness",
     "retraction",
+    "retraction_observables",
+    "staged_retraction",
+    "to_columns",
     "tools",
     "uncertainty",
+    "von_mises",
 ]

@@ -1,5 +1,14 @@
 """Complete jobs, from files to files, shared by the command line and Python.
 
+The jobs themselves are `ngbrain.simulate`, `ngbrain.preview`, `ngbrain.mesh_head` and `ngbrain.cohort`. Beside them:
+
+- heads: `Subject`, `write_subject`
+- cohorts: `read_list`, `CohortCase`; their results `Cohort`, `ResultRow`, `summarise`
+- outliers: `find_outliers`, `Outlier`, `GroupStatistics`
+- results: `main_numbers`, `write_inversion`, `write_maps`, `full_model`
+
+Modules
+-------
 - `cohort`: Many scans or cases through one verb of the command line: one table and one report.
 - `listing`: The list of a cohort, checked before the computation.
 - `rows`: One row of a cohort, computed in its own folder.
@@ -11,15 +20,56 @@
 - `property_maps`: The files of an inversion.
 """
 
+from typing import TYPE_CHECKING
+
+from ngbrain.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ngbrain.workflows import (
+        cohort,
+        gate,
+        listing,
+        mesh_head,
+        preview,
+        property_maps,
+        results,
+        rows,
+        simulate,
+        summary,
+    )
+    from ngbrain.workflows.gate import GroupStatistics, Outlier, find_outliers
+    from ngbrain.workflows.listing import CohortCase, read_list
+    from ngbrain.workflows.mesh_head import Subject, write_subject
+    from ngbrain.workflows.property_maps import write_inversion, write_maps
+    from ngbrain.workflows.results import Cohort, ResultRow, summarise
+    from ngbrain.workflows.simulate import full_model
+    from ngbrain.workflows.summary import main_numbers
+else:
+    __getattr__, __dir__ = lazy_names(__name__)
+
 __all__ = [
+    "Cohort",
+    "CohortCase",
+    "GroupStatistics",
+    "Outlier",
+    "ResultRow",
+    "Subject",
     "cohort",
+    "find_outliers",
+    "full_model",
     "gate",
     "listing",
+    "main_numbers",
     "mesh_head",
     "preview",
     "property_maps",
+    "read_list",
     "results",
     "rows",
     "simulate",
+    "summarise",
     "summary",
+    "write_inversion",
+    "write_maps",
+    "write_subject",
 ]

@@ -133,7 +133,8 @@ def test_imports_are_followed_however_they_are_written(tmp_path, monkeypatch):
         found[name] = {path.name for path in source_files([module.__name__])}
     assert {"one.py", "tensors.py", "units.py"} <= found["one.py"]
     assert {"two.py", "cleft.py", "errors.py"} <= found["two.py"]
-    assert {"three.py", "cleft.py", "primitives.py"} <= found["three.py"]  # through the package, which hands it on
+    assert {"three.py", "cleft.py", "errors.py"} <= found["three.py"]  # through the package, which hands it on
+    assert not {"__init__.py", "primitives.py"} & found["three.py"]  # and nothing else that it could hand on
 
 
 def flipped(good):

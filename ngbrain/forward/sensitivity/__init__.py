@@ -11,6 +11,25 @@
 - `differences`: a central difference quotient of eighth order.
 """
 
+from typing import TYPE_CHECKING
+
+from ngbrain.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ngbrain.forward.sensitivity import (
+        contact_work,
+        differences,
+        harmonic,
+        parameter_blocks,
+        reference_shape,
+        static_equilibrium,
+        static_model,
+        tangent_inverse,
+        transient,
+    )
+else:
+    __getattr__, __dir__ = lazy_names(__name__)
+
 __all__ = [
     "contact_work",
     "differences",

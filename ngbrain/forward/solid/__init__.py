@@ -6,6 +6,28 @@ loads); `tangent` is the factorised tangent. `virtual_work` has the virtual work
 `advance` makes one step; load paths, time stepping and replays are controllers of it.
 """
 
+from typing import TYPE_CHECKING
+
+from ngbrain.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ngbrain.forward.solid import (
+        advance,
+        discretisation,
+        external_loads,
+        inertia,
+        internal_forces,
+        internal_variables,
+        problem,
+        reactions,
+        stateful,
+        tangent,
+        tissue,
+        virtual_work,
+    )
+else:
+    __getattr__, __dir__ = lazy_names(__name__)
+
 __all__ = [
     "advance",
     "discretisation",

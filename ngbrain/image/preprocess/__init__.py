@@ -10,6 +10,24 @@
 - `skull_strip`: Skull stripping by registration and grey values.
 """
 
+from typing import TYPE_CHECKING
+
+from ngbrain.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ngbrain.image.preprocess import (
+        bias_field,
+        brain,
+        check_brain,
+        contrast,
+        external_skull_strip,
+        mni_landmarks,
+        registration,
+        skull_strip,
+    )
+else:
+    __getattr__, __dir__ = lazy_names(__name__)
+
 __all__ = [
     "bias_field",
     "brain",

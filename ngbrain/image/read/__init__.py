@@ -12,6 +12,26 @@
 - `volume`: Volumes on a voxel grid, and T1 scans.
 """
 
+from typing import TYPE_CHECKING
+
+from ngbrain.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ngbrain.image.read import (
+        dicom,
+        fibre_directions,
+        label_file,
+        label_map,
+        label_schemes,
+        landmarks,
+        nifti,
+        property_maps,
+        template,
+        volume,
+    )
+else:
+    __getattr__, __dir__ = lazy_names(__name__)
+
 __all__ = [
     "dicom",
     "fibre_directions",

@@ -10,6 +10,24 @@
 - `ventricles`: Segmentation of the lateral ventricles.
 """
 
+from typing import TYPE_CHECKING
+
+from ngbrain.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ngbrain.image.segment import (
+        fluid,
+        from_surfaces,
+        nuclei,
+        partial_volume,
+        tissue_classes,
+        topology,
+        topology_correction,
+        ventricles,
+    )
+else:
+    __getattr__, __dir__ = lazy_names(__name__)
+
 __all__ = [
     "fluid",
     "from_surfaces",

@@ -14,6 +14,28 @@
 - `ultrasound`: quasi-static data with one component tracked by ultrasound: assumptions and notes.
 """
 
+from typing import TYPE_CHECKING
+
+from ngbrain.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ngbrain.inverse.data import (
+        direct_inversion,
+        dispersion,
+        moving_least_squares,
+        outliers,
+        plausibility,
+        quality,
+        smooth_field,
+        smoothing,
+        stiffness_maps,
+        subset,
+        time_convention,
+        ultrasound,
+    )
+else:
+    __getattr__, __dir__ = lazy_names(__name__)
+
 __all__ = [
     "direct_inversion",
     "dispersion",

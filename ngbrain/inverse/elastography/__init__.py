@@ -13,6 +13,27 @@
 - `usability`: reasons against the use of maps.
 """
 
+from typing import TYPE_CHECKING
+
+from ngbrain.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ngbrain.inverse.elastography import (
+        assembly,
+        derived_maps,
+        each_frequency,
+        identifiability,
+        initial_guess,
+        inverse_crime,
+        invert,
+        invert_3d,
+        invert_slices,
+        result,
+        usability,
+    )
+else:
+    __getattr__, __dir__ = lazy_names(__name__)
+
 __all__ = [
     "assembly",
     "derived_maps",

@@ -6,4 +6,13 @@
 - `regularisers`: The regularisers that `invert` offers by name.
 """
 
+from typing import TYPE_CHECKING
+
+from ngbrain.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ngbrain.inverse.objective import misfit, parameters, regularisation, regularisers
+else:
+    __getattr__, __dir__ = lazy_names(__name__)
+
 __all__ = ["misfit", "parameters", "regularisation", "regularisers"]

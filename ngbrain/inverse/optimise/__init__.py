@@ -22,6 +22,28 @@ Regularisation weights and checkpoints
 - `fingerprint`: Fingerprint of an inverse problem, by which a checkpoint is matched to its problem.
 """
 
+from typing import TYPE_CHECKING
+
+from ngbrain.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ngbrain.inverse.optimise import (
+        fingerprint,
+        gauss_newton,
+        gauss_newton_cg,
+        gauss_newton_hessian,
+        kkt,
+        levenberg_marquardt,
+        normal_equations,
+        preconditioners,
+        quasi_newton,
+        regularisation_weight,
+        result,
+        weight_selection,
+    )
+else:
+    __getattr__, __dir__ = lazy_names(__name__)
+
 __all__ = [
     "fingerprint",
     "gauss_newton",

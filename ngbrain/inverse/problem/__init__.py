@@ -10,6 +10,24 @@
 - `wave_problem`: the inverse problem of some data: material, wave model and unknowns.
 """
 
+from typing import TYPE_CHECKING
+
+from ngbrain.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ngbrain.inverse.problem import (
+        boundary_data,
+        discretisation,
+        field_values,
+        label_shares,
+        properties,
+        property_fields,
+        voxel_lattice,
+        wave_problem,
+    )
+else:
+    __getattr__, __dir__ = lazy_names(__name__)
+
 __all__ = [
     "boundary_data",
     "discretisation",

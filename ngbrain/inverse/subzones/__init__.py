@@ -9,4 +9,13 @@
 - `zone_result`: the result of a zone, and its checkpoint file.
 """
 
+from typing import TYPE_CHECKING
+
+from ngbrain.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ngbrain.inverse.subzones import consensus, global_check, invert, merge, partition, roughness, zone_result
+else:
+    __getattr__, __dir__ = lazy_names(__name__)
+
 __all__ = ["consensus", "global_check", "invert", "merge", "partition", "roughness", "zone_result"]

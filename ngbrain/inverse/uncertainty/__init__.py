@@ -7,4 +7,13 @@
 - `randomised_eigenvalues`: Dominant eigenvalues of a symmetric operator, by a randomised two-pass method.
 """
 
+from typing import TYPE_CHECKING
+
+from ngbrain.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ngbrain.inverse.uncertainty import credible_maps, evidence, interval, posterior, randomised_eigenvalues
+else:
+    __getattr__, __dir__ = lazy_names(__name__)
+
 __all__ = ["credible_maps", "evidence", "interval", "posterior", "randomised_eigenvalues"]

@@ -11,4 +11,23 @@
 - `waves`: The harmonic problem of a scene, and the requested amplitudes.
 """
 
-__all__ = ["bodies", "contacts", "geometry", "motions", "property_maps", "section", "waves"]
+from typing import TYPE_CHECKING
+
+from ngbrain.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ngbrain.ladder.models import (
+        bodies,
+        contacts,
+        geometry,
+        hierarchy,
+        laws,
+        motions,
+        property_maps,
+        section,
+        waves,
+    )
+else:
+    __getattr__, __dir__ = lazy_names(__name__)
+
+__all__ = ["bodies", "contacts", "geometry", "hierarchy", "laws", "motions", "property_maps", "section", "waves"]

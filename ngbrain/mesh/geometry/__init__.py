@@ -9,4 +9,13 @@
 - `structured`: structured quadrilateral and hexahedral meshes on grids of points or of cells.
 """
 
+from typing import TYPE_CHECKING
+
+from ngbrain.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ngbrain.mesh.geometry import cleft, cleft_walls, curved_elements, level_set, primitives, sizing, structured
+else:
+    __getattr__, __dir__ = lazy_names(__name__)
+
 __all__ = ["cleft", "cleft_walls", "curved_elements", "level_set", "primitives", "sizing", "structured"]

@@ -10,6 +10,24 @@
 - `volume_matching`: interface moves that give regions their target volumes.
 """
 
+from typing import TYPE_CHECKING
+
+from ngbrain.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ngbrain.mesh.improve import (
+        curving,
+        guarded_moves,
+        octree,
+        reconnection,
+        snapped_lattice,
+        snapping,
+        vertex_relocation,
+        volume_matching,
+    )
+else:
+    __getattr__, __dir__ = lazy_names(__name__)
+
 __all__ = [
     "curving",
     "guarded_moves",

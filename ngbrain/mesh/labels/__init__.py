@@ -6,4 +6,13 @@
 - `volume_zones`: zones in which the regions' volumes are matched: the whole mesh, or its refined part and the rest.
 """
 
+from typing import TYPE_CHECKING
+
+from ngbrain.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ngbrain.mesh.labels import indicators, sampling, volume_fractions, volume_zones
+else:
+    __getattr__, __dir__ = lazy_names(__name__)
+
 __all__ = ["indicators", "sampling", "volume_fractions", "volume_zones"]

@@ -10,4 +10,13 @@
 - `subtraction`: a cleft subtracted from labels, for the routes that mesh any labels.
 """
 
+from typing import TYPE_CHECKING
+
+from ngbrain.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ngbrain.mesh.routes import cleft_head, conforming, craniotomy, heads, hull, lattice, registry, subtraction
+else:
+    __getattr__, __dir__ = lazy_names(__name__)
+
 __all__ = ["cleft_head", "conforming", "craniotomy", "heads", "hull", "lattice", "registry", "subtraction"]

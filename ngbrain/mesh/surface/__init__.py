@@ -11,6 +11,25 @@
 - `cortical_files`: files of the cortical surfaces of a subject.
 """
 
+from typing import TYPE_CHECKING
+
+from ngbrain.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ngbrain.mesh.surface import (
+        cortex,
+        cortex_refinement,
+        cortical_files,
+        head_outlines,
+        manifold,
+        mask_surface,
+        remeshing,
+        smoothing,
+        triangle_mesh,
+    )
+else:
+    __getattr__, __dir__ = lazy_names(__name__)
+
 __all__ = [
     "cortex",
     "cortex_refinement",

@@ -13,6 +13,27 @@
 - `tables`: tables and sentences of the retraction report.
 """
 
+from typing import TYPE_CHECKING
+
+from ngbrain.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ngbrain.report.pages import (
+        anatomy,
+        calibration,
+        cohort,
+        elastography,
+        ladder,
+        page,
+        parameters,
+        prediction,
+        preview,
+        retraction,
+        tables,
+    )
+else:
+    __getattr__, __dir__ = lazy_names(__name__)
+
 __all__ = [
     "anatomy",
     "calibration",

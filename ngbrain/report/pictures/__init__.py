@@ -12,4 +12,24 @@
 - `style`: common sizes, colours, strain scale and anatomical directions.
 """
 
+from typing import TYPE_CHECKING
+
+from ngbrain.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ngbrain.report.pictures import (
+        animation,
+        cut_plane,
+        figures,
+        frame,
+        planes,
+        slices,
+        style,
+        timeline,
+        tool,
+        volume,
+    )
+else:
+    __getattr__, __dir__ = lazy_names(__name__)
+
 __all__ = ["animation", "cut_plane", "figures", "frame", "planes", "slices", "style", "timeline", "tool", "volume"]

@@ -7,4 +7,13 @@
 - `sampling`: Sampling points in tissue with stretches, stress and rates, and statistics that single points do not dominate.
 """
 
+from typing import TYPE_CHECKING
+
+from ngbrain.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ngbrain.surgery.measures import dose_response, injury, observer, perfusion, sampling
+else:
+    __getattr__, __dir__ = lazy_names(__name__)
+
 __all__ = ["dose_response", "injury", "observer", "perfusion", "sampling"]

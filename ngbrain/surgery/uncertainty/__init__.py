@@ -5,4 +5,13 @@
 - `verification_runs`: Runs with another time step, order, mesh, or exponent of the law.
 """
 
+from typing import TYPE_CHECKING
+
+from ngbrain.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ngbrain.surgery.uncertainty import error_budget, material_uncertainty, verification_runs
+else:
+    __getattr__, __dir__ = lazy_names(__name__)
+
 __all__ = ["error_budget", "material_uncertainty", "verification_runs"]

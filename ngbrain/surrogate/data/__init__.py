@@ -7,4 +7,13 @@
 - `ultrasound_window`: windows of larger bodies, as seen by an ultrasound probe
 """
 
+from typing import TYPE_CHECKING
+
+from ngbrain.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ngbrain.surrogate.data import dataset, random_fields, raster, residual, ultrasound_window
+else:
+    __getattr__, __dir__ = lazy_names(__name__)
+
 __all__ = ["dataset", "random_fields", "raster", "residual", "ultrasound_window"]

@@ -6,4 +6,13 @@
 - `wavelets`: two-dimensional wavelet transform by matrix products (needs PyTorch)
 """
 
+from typing import TYPE_CHECKING
+
+from ngbrain.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ngbrain.surrogate.operator import encoding, symmetries, wavelet_operator, wavelets
+else:
+    __getattr__, __dir__ = lazy_names(__name__)
+
 __all__ = ["encoding", "symmetries", "wavelet_operator", "wavelets"]

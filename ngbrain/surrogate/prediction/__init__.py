@@ -6,4 +6,13 @@
 - `trust`: out-of-distribution scores and their calibration
 """
 
+from typing import TYPE_CHECKING
+
+from ngbrain.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ngbrain.surrogate.prediction import predict, pretrained, tiling, trust
+else:
+    __getattr__, __dir__ = lazy_names(__name__)
+
 __all__ = ["predict", "pretrained", "tiling", "trust"]

@@ -6,4 +6,13 @@
 - `training`: the training loop
 """
 
+from typing import TYPE_CHECKING
+
+from ngbrain.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ngbrain.surrogate.training import baselines, export, optimisers, training
+else:
+    __getattr__, __dir__ = lazy_names(__name__)
+
 __all__ = ["baselines", "export", "optimisers", "training"]

@@ -9,6 +9,23 @@
 - `state_work`: virtual work of small waves on a large static deformation.
 """
 
+from typing import TYPE_CHECKING
+
+from ngbrain.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ngbrain.forward.sensitivity.harmonic import (
+        about_equilibrium,
+        at_rest,
+        field_gradients,
+        matrix_derivative,
+        medium,
+        state_work,
+        wave_model,
+    )
+else:
+    __getattr__, __dir__ = lazy_names(__name__)
+
 __all__ = [
     "about_equilibrium",
     "at_rest",

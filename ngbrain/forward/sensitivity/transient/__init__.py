@@ -13,6 +13,29 @@
 - `quadrature_blocks`: variables and functions at quadrature points.
 """
 
+from typing import TYPE_CHECKING
+
+from ngbrain.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ngbrain.forward.sensitivity.transient import (
+        friction_step,
+        inertia_step,
+        maxwell_step,
+        quadrature_blocks,
+        replay,
+        run_linearisation,
+        run_model,
+        run_observables,
+        step,
+        step_hessian,
+        step_shape,
+        tangents,
+        tissue_hessian,
+    )
+else:
+    __getattr__, __dir__ = lazy_names(__name__)
+
 __all__ = [
     "friction_step",
     "inertia_step",
