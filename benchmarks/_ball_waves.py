@@ -8,14 +8,11 @@ import ngsolve as ngs
 import numpy as np
 from netgen.csg import CSGeometry, OrthoBrick, Pnt
 
-from ngbrain.forward.common.interpolation import evaluation
-from ngbrain.forward.harmonic.problem import HarmonicProblem
-from ngbrain.forward.harmonic.wave import Wave
-from ngbrain.inverse.problem.discretisation import Discretisation
-from ngbrain.inverse.problem.label_shares import combine_labels, label_shares
-from ngbrain.io.waves import WaveData
+from ngbrain.forward import HarmonicProblem, Wave, evaluation
+from ngbrain.inverse import Discretisation, combine_labels, label_shares
+from ngbrain.io import WaveData
 from ngbrain.materials import Shearing
-from ngbrain.mesh.geometry.structured import boxes
+from ngbrain.mesh import boxes
 
 Array = np.ndarray
 BULK = 2e5

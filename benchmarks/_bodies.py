@@ -8,12 +8,9 @@ import netgen.occ as occ
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.forward.common.interpolation import evaluation
-from ngbrain.forward.harmonic.problem import HarmonicProblem
-from ngbrain.forward.harmonic.wave import Wave
-from ngbrain.io.waves import WaveData
-from ngbrain.materials import Shearing, TransverselyIsotropic
-from ngbrain.materials.linear import SmallStrainLaw
+from ngbrain.forward import HarmonicProblem, Wave, evaluation
+from ngbrain.io import WaveData
+from ngbrain.materials import Shearing, SmallStrainLaw, TransverselyIsotropic
 
 SIDE = 0.08
 BULK = {"compressible": 2e4, "nearly incompressible": 1e7}

@@ -20,7 +20,7 @@ import ngsolve as ngs
 
 from ngbrain import parallel
 from ngbrain.errors import InputError
-from ngbrain.io.versions import versions
+from ngbrain.io import versions
 from ngbrain.threads import set_threads
 
 Record = dict

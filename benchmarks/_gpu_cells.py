@@ -247,7 +247,7 @@ def cholesky_on_device(system: System) -> Record:
 def cudss(system: System) -> Record:
     """LDLᵀ by cuDSS, of the complex symmetric matrix where there is one."""
     matrix, b, free = system.complex or (system.matrix, system.b, system.free)
-    from ngbrain.solvers.device import CudssFactor
+    from ngbrain.solvers import CudssFactor
 
     need_cudss()
     begun = time.perf_counter()

@@ -21,22 +21,23 @@ from unittest.mock import patch
 import numpy as np
 from _ball_waves import BallInBlock
 
-from ngbrain.adjoint.reduced import Reduced
-from ngbrain.forward.harmonic.problem import HarmonicProblem
-from ngbrain.forward.sensitivity.harmonic.field_gradients import FieldGradient
-from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, WaveLinearisation
-from ngbrain.inverse.data.quality import noise_deviation
-from ngbrain.inverse.objective.misfit import LeastSquares
-from ngbrain.inverse.objective.parameters import ParameterFields
-from ngbrain.inverse.objective.regularisation import smooth
-from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
-from ngbrain.inverse.optimise.regularisation_weight import FixedWeights
-from ngbrain.inverse.phantoms.benchmark import SIDE, Phantom
-from ngbrain.inverse.problem.discretisation import Discretisation
-from ngbrain.inverse.problem.wave_problem import ElastographyProblem
-from ngbrain.io.waves import WaveData
-from ngbrain.mesh.geometry.structured import rectangles
-from ngbrain.solvers.device import Device, Factor
+from ngbrain.adjoint import Reduced
+from ngbrain.forward import HarmonicProblem, WaveLinearisation, sensitivity
+from ngbrain.inverse import (
+    Discretisation,
+    ElastographyProblem,
+    FixedWeights,
+    LeastSquares,
+    ParameterFields,
+    Phantom,
+    levenberg_marquardt,
+    noise_deviation,
+    phantoms,
+    smooth,
+)
+from ngbrain.io import WaveData
+from ngbrain.mesh import rectangles
+from ngbrain.solvers import Device, Factor
 
 Array = np.ndarray
 Record = dict
@@ -100,7 +101,7 @@ def assembly(clock: Clock) -> Iterator[None]:
         for owner, name in (
             (HarmonicProblem, "factorise"),
             (WaveLinearisation, "_sensitivity"),
-            (FieldGradient, "__call__"),
+            (sensitivity.harmonic.field_gradients.FieldGradient, "__call__"),
         ):
             stack.enter_context(patch.object(owner, name, clock.counting("assembly", getattr(owner, name))))
         yield
@@ -116,7 +117,7 @@ def waves(case: str, quick: bool) -> WaveData:
 
 def problem(case: str, data: WaveData, n: int, device: Device) -> tuple[ElastographyProblem, Reduced]:
     """In n elements along a side."""
-    line = np.linspace(0, SIDE, n + 1)
+    line = np.linspace(0, phantoms.benchmark.SIDE, n + 1)
     every = np.ones(len(data.points), bool)
     plane = case == PLANE
     elements = (
@@ -126,7 +127,9 @@ def problem(case: str, data: WaveData, n: int, device: Device) -> tuple[Elastogr
     assert data.noise is not None
     sigma = noise_deviation(data, data.noise)
     whole = experiment.unknowns(sigma)
-    moduli = {name: unknown for name, unknown in whole.unknowns.items() if name != BOUNDARY}
+    moduli = {
+        name: unknown for name, unknown in whole.unknowns.items() if name != sensitivity.harmonic.wave_model.BOUNDARY
+    }
     fields = ParameterFields(whole.theta(whole.start), experiment.model.blocks, moduli)
     regularisers = {name: smooth(experiment.space, fields.start[fields.blocks[name]]) for name in moduli}
     weights = dict.fromkeys(moduli, WEIGHTS[case])

@@ -9,19 +9,19 @@ import numpy as np
 import scipy.sparse as sp
 from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
 
-from ngbrain.adjoint.reduced import Reduced
-from ngbrain.forward.common.loads import BodyForce
-from ngbrain.forward.common.material import Material
-from ngbrain.forward.observables import Displacements
-from ngbrain.forward.sensitivity.reference_shape import Positions
-from ngbrain.forward.sensitivity.static_model import LoadCase, NodePositions, StaticModel
-from ngbrain.forward.solid.problem import Problem
-from ngbrain.inverse.objective.misfit import LeastSquares
-from ngbrain.inverse.objective.parameters import ParameterFields, ScaledTransform, Unknown
-from ngbrain.inverse.objective.regularisation import QuadraticRegulariser, smooth
-from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
-from ngbrain.inverse.optimise.regularisation_weight import DiscrepancyPrinciple
-from ngbrain.inverse.optimise.result import OptimisationResult
+from ngbrain.adjoint import Reduced
+from ngbrain.forward import BodyForce, Displacements, LoadCase, Material, NodePositions, Positions, Problem, StaticModel
+from ngbrain.inverse import (
+    DiscrepancyPrinciple,
+    LeastSquares,
+    OptimisationResult,
+    ParameterFields,
+    QuadraticRegulariser,
+    ScaledTransform,
+    Unknown,
+    levenberg_marquardt,
+    smooth,
+)
 from ngbrain.materials import NeoHooke
 
 Array = np.ndarray

@@ -8,21 +8,21 @@ import netgen.csg as csg
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.forward.common import interpolation as points
-from ngbrain.forward.common.interpolation import evaluation, points_in_mesh, quadrature_field, quadrature_points
-from ngbrain.forward.harmonic import problem as harmonic
-from ngbrain.forward.harmonic.problem import HarmonicProblem
-from ngbrain.forward.harmonic.wave import Wave
-from ngbrain.image import mni152
-from ngbrain.image.labelling import label_tissues
-from ngbrain.image.read.label_map import LabelMap
-from ngbrain.inverse.data import stiffness_maps
-from ngbrain.inverse.data.stiffness_maps import StiffnessMap, read_stiffness
-from ngbrain.io.cache import load_or_compute
-from ngbrain.io.waves import WaveData
+from ngbrain.forward import (
+    HarmonicProblem,
+    Wave,
+    common,
+    evaluation,
+    harmonic,
+    points_in_mesh,
+    quadrature_field,
+    quadrature_points,
+)
+from ngbrain.image import LabelMap, label_tissues, mni152
+from ngbrain.inverse import StiffnessMap, data, read_stiffness
+from ngbrain.io import WaveData, load_or_compute
 from ngbrain.materials import Shearing
-from ngbrain.mesh.geometry.sizing import RadialSizeField
-from ngbrain.mesh.routes.registry import mesh_elements
+from ngbrain.mesh import RadialSizeField, mesh_elements
 
 Array = np.ndarray
 NAMES = ("grey", "white", "inclusion", "fluid")
@@ -115,7 +115,7 @@ def waves_of_head(size: float, form: str, spacing: float, maps: tuple[str, str] 
         volumes = (subject.measured.stiffness, subject.measured.damping_ratio)
         body_of += [*(volume.digest() for volume in volumes), STIFFER, DETAIL, VOXEL, SEED, EDGE]
     made_from = [subject.labels.volume.digest(), size, form, spacing, body_of, FREQUENCY, HINGE, NODDING, SIDEWAYS]
-    made = load_or_compute("head-waves", made_from, (harmonic, points, stiffness_maps), make)
+    made = load_or_compute("head-waves", made_from, (harmonic.problem, common.interpolation, data.stiffness_maps), make)
     return _on_grid(subject, made["points"], made["displacement"], spacing)
 
 

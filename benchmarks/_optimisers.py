@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
-from ngbrain.inverse.optimise.quasi_newton import bfgs, l_bfgs, newton_cg
-from ngbrain.inverse.optimise.result import OptimisationResult
+from ngbrain.inverse import OptimisationResult, bfgs, l_bfgs, levenberg_marquardt, newton_cg
 
 OURS = "Levenberg-Marquardt"
 OPTIMISERS: dict[str, Callable[..., OptimisationResult]] = {

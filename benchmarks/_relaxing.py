@@ -10,17 +10,13 @@ import ngsolve as ngs
 import numpy as np
 from ngsolve.solvers import Newton as NgsolveNewton
 
-from ngbrain.adjoint.time_curve import TimeCurve
+from ngbrain.adjoint import TimeCurve
 from ngbrain.errors import SolverError
-from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.rigid import RigidContact
-from ngbrain.forward.solid.problem import Problem
-from ngbrain.forward.transient.step_control import Control, StepControl
-from ngbrain.forward.transient.time_stepper import TimeStepper
+from ngbrain.forward import Control, Material, Problem, RigidContact, StepControl, TimeStepper
 from ngbrain.materials import Branch, Deformation, NeoHooke, Ogden, Viscous, step_factors
 from ngbrain.mesh import block
-from ngbrain.solvers.newton import Newton
-from ngbrain.surgery.protocols import Drive, ToolMotion
+from ngbrain.solvers import Newton
+from ngbrain.surgery import Drive, ToolMotion
 from ngbrain.tensors import isochoric
 
 SIZE, BULK, PENALTY = (0.02, 0.02, 0.02), 1.5e6, 3e8

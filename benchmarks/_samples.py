@@ -19,12 +19,10 @@ import numpy as np
 from _bodies import sampled
 from inversion_retraction import FINER, NOISE, noisy, observed, operation
 
-from ngbrain.forward.harmonic.problem import HarmonicProblem
-from ngbrain.forward.harmonic.wave import Wave
-from ngbrain.io.waves import WaveData, write_waves
+from ngbrain.forward import HarmonicProblem, Wave
+from ngbrain.io import WaveData, write_waves
 from ngbrain.materials import Shearing
-from ngbrain.surgery.model import RetractionModel
-from ngbrain.surgery.observations import FORCE, LANDMARKS
+from ngbrain.surgery import RetractionModel, observations
 
 SHIPPED = Path(__file__).parents[1] / "ngbrain" / "samples"
 DENSITY, SEED = 1000.0, 20260101
@@ -154,7 +152,10 @@ def retraction(folder: Path) -> None:
         for where, way in zip(seen.landmarks, ways, strict=True)
     ]
     print(f"standard deviations: {1e3 * seen.sigma[0]:.2g} mm, {seen.sigma[1]:.2g} N")
-    tables = {"landmarks": (LANDMARKS, moved), "force": (FORCE, zip(seen.times, seen.force, strict=True))}
+    tables = {
+        "landmarks": (observations.LANDMARKS, moved),
+        "force": (observations.FORCE, zip(seen.times, seen.force, strict=True)),
+    }
     for table, (columns, rows) in tables.items():
         lines = [",".join(columns), *(",".join(f"{value:.6g}" for value in row) for row in rows)]
         (folder / f"retraction_{table}.csv").write_text("\n".join(lines) + "\n")

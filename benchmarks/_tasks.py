@@ -12,13 +12,10 @@ from _ladder import cases
 from _work import NOISE, quiet, waves
 
 from ngbrain import ladder, parallel
-from ngbrain.image.read.label_map import LabelMap
-from ngbrain.image.read.volume import Volume
-from ngbrain.inverse.elastography.invert import invert
-from ngbrain.inverse.elastography.invert_3d import invert_in_space
-from ngbrain.mesh.geometry.sizing import RadialSizeField
-from ngbrain.mesh.routes.registry import ROUTES
-from ngbrain.surrogate.data.dataset import _block
+from ngbrain.image import LabelMap, Volume
+from ngbrain.inverse import invert, invert_in_space
+from ngbrain.mesh import ROUTES, RadialSizeField
+from ngbrain.surrogate import data
 
 Found = tuple[float, str]
 
@@ -99,7 +96,7 @@ def rung(seed: int) -> list[Any]:
 
 def samples(seed: int) -> list[Any]:
     """Waves to train with."""
-    block = _block("compression", "sinc", seed, "test", range(4), 51, callback=lambda *_: 1)
+    block = data.dataset._block("compression", "sinc", seed, "test", range(4), 51, callback=lambda *_: 1)
     return [block[name] for name in sorted(block)]
 
 

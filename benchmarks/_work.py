@@ -15,13 +15,11 @@ from statics_scaling import form, known, ours
 
 from ngbrain import datasets
 from ngbrain.cli import main as command
-from ngbrain.inverse.elastography.invert import invert
-from ngbrain.inverse.elastography.invert_3d import invert_in_space
-from ngbrain.io.waves import WaveData
+from ngbrain.inverse import invert, invert_in_space
+from ngbrain.io import WaveData
 from ngbrain.scene import Scene
-from ngbrain.solvers.condensed import Condensed
-from ngbrain.surgery.model import RetractionModel
-from ngbrain.surgery.protocol_run import ProtocolRun
+from ngbrain.solvers import Condensed
+from ngbrain.surgery import ProtocolRun, RetractionModel
 from ngbrain.threads import set_threads
 
 MODULUS, HERTZ, DENSITY, NOISE = 3000 + 900j, 60.0, 1000.0, 0.02

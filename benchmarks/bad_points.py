@@ -25,15 +25,11 @@ from _command import main, run, sweep
 from _front import figure
 
 from ngbrain import parallel
-from ngbrain.forward.common.interpolation import evaluation
-from ngbrain.forward.common.kinematics import AntiPlane
-from ngbrain.forward.harmonic.problem import HarmonicProblem
-from ngbrain.forward.harmonic.wave import Wave
-from ngbrain.inverse.elastography.invert import invert
-from ngbrain.inverse.elastography.result import Inversion
-from ngbrain.io.waves import WaveData, read_waves
+from ngbrain.forward import AntiPlane, HarmonicProblem, Wave, evaluation
+from ngbrain.inverse import Inversion, invert
+from ngbrain.io import WaveData, read_waves
 from ngbrain.materials import Shearing
-from ngbrain.mesh.geometry.structured import rectangles
+from ngbrain.mesh import rectangles
 from ngbrain.threads import set_threads
 
 Record = dict

@@ -24,9 +24,8 @@ from _command import main
 from _front import figure
 from scipy.optimize import minimize
 
-from ngbrain.inverse.fitting.bonded_specimen import BondedFit, BondedSpecimen
+from ngbrain.inverse import BondedFit, BondedSpecimen
 from ngbrain.materials import Ogden, lab
-from ngbrain.materials.lab.fit import Fit
 
 Record = dict
 TRUTH = {"mu": 1442.0, "alpha": -19.2}
@@ -70,7 +69,7 @@ def off(parameters: dict[str, float]) -> float:
     return max(abs(parameters[name] / TRUTH[name] - 1) for name in TRUTH)
 
 
-def fitted(case: str, method: str, fit: Callable[[], Fit], **more: Any) -> Record:
+def fitted(case: str, method: str, fit: Callable[[], lab.Fit], **more: Any) -> Record:
     """A fit as a record."""
     begun = time.process_time()
     found = fit()
@@ -83,7 +82,7 @@ def known(quick: bool) -> list[Record]:
     """Without noise by all meshes, with noise by one."""
     curves, records = exact(quick), []
 
-    def of(method: str, fit: Callable[[], Fit], **more: Any) -> None:
+    def of(method: str, fit: Callable[[], lab.Fit], **more: Any) -> None:
         made = fitted("known", method, fit, **more)
         records.append(made | {"error": off(made["parameters"])})
         print(line(records[-1]), file=sys.stderr, flush=True)

@@ -39,12 +39,8 @@ from _head_waves import CENTRE, NAMES, RADIUS, head, waves_of_head
 from scipy.ndimage import gaussian_filter
 from scipy.stats import spearmanr
 
-from ngbrain.inverse.data.direct_inversion import helmholtz_of_curl, local_frequency
-from ngbrain.inverse.data.smoothing import fit_smooth_field
-from ngbrain.inverse.elastography.invert_3d import invert_in_space
-from ngbrain.inverse.optimise.result import Iteration
-from ngbrain.inverse.problem.discretisation import discretise
-from ngbrain.io.waves import WaveData
+from ngbrain.inverse import Iteration, discretise, fit_smooth_field, helmholtz_of_curl, invert_in_space, local_frequency
+from ngbrain.io import WaveData
 from ngbrain.threads import threads
 
 Record = dict

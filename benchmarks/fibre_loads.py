@@ -21,12 +21,11 @@ from _command import main, sweep
 from _front import figure
 
 from ngbrain import parallel
-from ngbrain.inverse.elastography.identifiability import fibre_shear_moduli
-from ngbrain.inverse.optimise.gauss_newton import GaussNewton
-from ngbrain.inverse.phantoms.benchmark import DRIVE, PHANTOMS, Phantom
+from ngbrain.inverse import PHANTOMS, GaussNewton, Phantom, fibre_shear_moduli, phantoms
 
 Record = dict
 NODES, NOISE = 21, 0.01
+DRIVE = phantoms.benchmark.DRIVE
 MORE = ({"left": (0, DRIVE)}, {"right": (DRIVE, 0)}, {"bottom": (DRIVE, 0)}, {"right": (0, DRIVE)})
 MORE += ({"top": (0, DRIVE)}, {"left": (DRIVE, 0)})
 LOADS = ((2, (50.0,)), (4, (50.0,)), (8, (50.0,)), (2, (30.0, 50.0, 80.0)), (4, (30.0, 80.0)))

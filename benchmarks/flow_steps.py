@@ -19,9 +19,7 @@ from _command import main
 from scipy.integrate import solve_ivp
 
 from ngbrain.errors import require
-from ngbrain.materials import Maxwell, MaxwellVariables, Ogden
-from ngbrain.materials.maxwell import ENTRIES, tensors
-from ngbrain.materials.points import Points
+from ngbrain.materials import Maxwell, MaxwellVariables, Ogden, Points, maxwell
 
 MU, ALPHA, END, POINTS = 1000.0, -18.0, 2.0, 1000
 ETAS = {"τ = 0.8 s": 800.0, "τ = 8 ms": 8.0}
@@ -93,14 +91,14 @@ def stepped(kind: type[MaxwellVariables], eta: float, n: int) -> np.ndarray:
         flow.relax(after)
         flow.finish(after)
         before = after
-    S, F = tensors(flow.stress)[0], path(END)
+    S, F = maxwell.tensors(flow.stress)[0], path(END)
     tau = F @ S @ F.T
     return tau - np.trace(tau) / 3 * np.eye(3)
 
 
 def six(C: np.ndarray) -> np.ndarray:
     """One shape at all points."""
-    return np.outer([C[i, j] for i, j in ENTRIES], np.ones(POINTS))
+    return np.outer([C[i, j] for i, j in maxwell.ENTRIES], np.ones(POINTS))
 
 
 METHODS: dict[str, tuple[int, Callable[[float, int], np.ndarray]]] = {

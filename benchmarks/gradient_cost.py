@@ -21,11 +21,9 @@ import numpy as np
 from _command import main
 from _front import figure
 
-from ngbrain.forward.harmonic.problem import HarmonicProblem
-from ngbrain.forward.harmonic.wave import Wave
-from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, WaveLinearisation, WaveModel
+from ngbrain.forward import HarmonicProblem, Wave, WaveLinearisation, WaveModel, sensitivity
 from ngbrain.materials import Shearing, TransverselyIsotropic
-from ngbrain.mesh.geometry.structured import boxes, rectangles
+from ngbrain.mesh import boxes, rectangles
 
 Record = dict
 SIDE, POINTS, STEP = 0.1, 40, 1e-4
@@ -71,7 +69,7 @@ def least(run: Callable[[], object], times: int) -> float:
 
 def off(of: WaveModel, there: WaveLinearisation, wanted: np.ndarray) -> float:
     """Of the gradient of ½ |d - d0|² from a central difference, along all fields at random."""
-    theta, fields = of.theta, slice(0, of.blocks[BOUNDARY].start)
+    theta, fields = of.theta, slice(0, of.blocks[sensitivity.harmonic.wave_model.BOUNDARY].start)
     direction = np.zeros(of.size)
     direction[fields] = theta[fields] * np.random.default_rng(2).normal(size=fields.stop)
     mine = there.gradient(there.data - wanted) @ direction
@@ -95,7 +93,7 @@ def measured(fields: str, form: str, n: int, loads: str, times: int, dim: int = 
     around = least(lambda: WaveLinearisation(of, there.factors, there.waves).vjp(w), times)
     own = {"case": "plane" if dim == 2 else "space", "fields": fields, "form": form, "loads": loads}
     more = {"order": of.body.form.order, "ndof": of.body.fes.ndof, "waves_s": waves, "converged": True, "reason": ""}
-    error, unknowns = off(of, there, wanted), of.blocks[BOUNDARY].start
+    error, unknowns = off(of, there, wanted), of.blocks[sensitivity.harmonic.wave_model.BOUNDARY].start
     for method, spent in ((OURS, ours), (MATRIX, around), (DIFFERENCES, unknowns * waves)):
         if method == DIFFERENCES:
             more |= {"converged": False, "reason": "not run: its time is that of a set of waves for each unknown"}

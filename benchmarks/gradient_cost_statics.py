@@ -28,11 +28,7 @@ from _command import main
 from _front import figure
 from ngsolve.meshes import MakeStructured3DMesh
 
-from ngbrain.forward.common.material import Material
-from ngbrain.forward.observables import Displacements
-from ngbrain.forward.sensitivity import tangent_inverse as implicit_solve
-from ngbrain.forward.sensitivity.static_model import LoadCase, StaticLinearisation, StaticModel
-from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward import Displacements, LoadCase, Material, Problem, StaticLinearisation, StaticModel, sensitivity
 from ngbrain.materials import LinearElastic, NeoHooke
 
 Record = dict
@@ -98,14 +94,14 @@ def measured(case: str, form: str, n: int, times: int) -> Iterator[Record]:
     forward, there = least(equilibrium, times)
     factors, wanted = each.work.factorisations // times, 1.1 * there.data
     symbols, _ = least(lambda: each.parameter_gradient, 1)
-    few = implicit_solve.FEW
+    few = sensitivity.tangent_inverse.FEW
     ways = {OLD: few} if case == LINEAR else {OLD: few, NEW: 0}
     for method, allowed in ways.items():
-        implicit_solve.FEW = allowed
+        sensitivity.tangent_inverse.FEW = allowed
         gradient, slope = least(
             lambda: StaticLinearisation(of, theta, there.states).gradient(there.data - wanted), times
         )
-        implicit_solve.FEW = few
+        sensitivity.tangent_inverse.FEW = few
         yield {
             "method": method,
             "case": case,

@@ -23,19 +23,24 @@ import numpy as np
 from _command import main
 from _front import figure
 
-from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.friction import Friction
-from ngbrain.forward.contact.rigid import RigidContact
-from ngbrain.forward.observables import Displacements, Force
-from ngbrain.forward.sensitivity.transient.run_model import RunLinearisation, RunModel
-from ngbrain.forward.sensitivity.transient.step import Parameter
-from ngbrain.forward.solid.inertia import Inertia
-from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward import (
+    Displacements,
+    Force,
+    Friction,
+    Inertia,
+    Material,
+    Problem,
+    RigidContact,
+    RunLinearisation,
+    RunModel,
+    sensitivity,
+)
 from ngbrain.materials import Law, Maxwell, NeoHooke, Ogden, Prony, Viscous
 from ngbrain.mesh import block
-from ngbrain.surgery.protocols import Drive, ToolMotion
+from ngbrain.surgery import Drive, ToolMotion
 
 Record = dict
+Parameter = sensitivity.transient.step.Parameter
 Laws = Callable[[ngs.Mesh], tuple[Law | Viscous, dict[str, Parameter]]]
 SIDE, STEP = 0.02, 1e-3
 PRESS = ToolMotion("press", (0.0, 1.0, 61.0), (0.0, 2e-3, 2e-3))

@@ -24,11 +24,9 @@ from _command import main
 from ngsolve.meshes import MakeStructured3DMesh
 
 from ngbrain.errors import CollapseWarning, SolverError, StabilityWarning
-from ngbrain.forward.common.material import Material
-from ngbrain.forward.solid.problem import Problem
-from ngbrain.forward.statics.load_path import LoadPath
+from ngbrain.forward import LoadPath, Material, Problem
 from ngbrain.materials import Deformation, constants
-from ngbrain.surgery.measures.injury import von_mises
+from ngbrain.surgery import von_mises
 from ngbrain.tensors import deformation_gradient
 
 SIZE, HALF_WIDTH, DEEP, EDGE = (36e-3, 24e-3, 48e-3), 6e-3, 30e-3, 9e-3

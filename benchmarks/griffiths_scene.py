@@ -32,14 +32,20 @@ from _command import main
 from protocols_compared import half_time
 
 from ngbrain.errors import RangeWarning, SolverError
-from ngbrain.forward.transient.step_control import Control
+from ngbrain.forward import Control
 from ngbrain.materials import constants
 from ngbrain.scene import Scene
-from ngbrain.surgery.material_point import Column, LoadingHistory
-from ngbrain.surgery.measures.sampling import Sites, TissueSample
-from ngbrain.surgery.model import RetractionModel
-from ngbrain.surgery.protocol_run import ProtocolRun, to_columns
-from ngbrain.surgery.protocols import ToolMotion, continuous_retraction
+from ngbrain.surgery import (
+    Column,
+    LoadingHistory,
+    ProtocolRun,
+    RetractionModel,
+    Sites,
+    TissueSample,
+    ToolMotion,
+    continuous_retraction,
+    to_columns,
+)
 from ngbrain.units import to_mmHg
 
 HEADS = {"idealised": "idealised_fast", "MNI152": "demo_fast"}

@@ -25,8 +25,7 @@ import ngsolve as ngs
 import numpy as np
 from ngsolve.meshes import MakeStructured2DMesh
 
-from ngbrain.forward.harmonic.problem import HarmonicProblem
-from ngbrain.forward.harmonic.wave import Wave
+from ngbrain.forward import HarmonicProblem, Wave
 from ngbrain.materials import Shearing
 
 HERTZ, RHO, LENGTH, BULK = 50.0, 1000.0, 0.1, 1e5

@@ -19,23 +19,19 @@ from _command import main
 
 from ngbrain.errors import require
 from ngbrain.image import mni152
-from ngbrain.mesh import Sizes, smallest_angles
-from ngbrain.mesh.geometry.level_set import LevelSet
-from ngbrain.mesh.routes.cleft_head import head
-from ngbrain.mesh.surface.head_outlines import BRAIN, VENTRICLES
-from ngbrain.mesh.tet_mesh import Elements, Surface
+from ngbrain.mesh import Elements, LevelSet, Sizes, Surface, routes, smallest_angles, surface
 from ngbrain.scene import Scene
-from ngbrain.surgery.head_models import Scanned
+from ngbrain.surgery import Scanned
 
 OURS, PEER = "ngbrain:hull", "marching cubes and Netgen"
-REGIONS = (BRAIN, VENTRICLES)
+REGIONS = (surface.head_outlines.BRAIN, surface.head_outlines.VENTRICLES)
 
 
 def ours(scanned: Scanned, site: float, near: float, far: float) -> Elements:
     """The demo's cleft with elements of these sizes (mm)."""
     where = Scene.shipped("demo").cleft
     sizes = Sizes(site * 1e-3, near * 1e-3, far * 1e-3)
-    return head(scanned.outlines, where.slot(scanned), where.craniotomy, sizes).elements
+    return routes.cleft_head.head(scanned.outlines, where.slot(scanned), where.craniotomy, sizes).elements
 
 
 def peer(scanned: Scanned, step: int) -> Elements:

@@ -33,10 +33,7 @@ from _command import add_executor, executor_of, run, sweep
 from _heads_page import filled
 
 from ngbrain.errors import InputError, require
-from ngbrain.image import read_scan
-from ngbrain.image.labelling import label_tissues, template_affine
-from ngbrain.image.read.nifti import resample_labels
-from ngbrain.image.segment.tissue_classes import CSF, GREY, VENTRICLE, WHITE
+from ngbrain.image import CSF, GREY, VENTRICLE, WHITE, label_tissues, read_scan, resample_labels, template_affine
 from ngbrain.io import write_json
 from ngbrain.scene import Scene
 

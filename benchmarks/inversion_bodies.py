@@ -21,9 +21,8 @@ from _command import main, sweep
 from _front import figure
 
 from ngbrain import parallel
-from ngbrain.inverse.elastography.identifiability import fibre_shear_moduli
-from ngbrain.inverse.elastography.invert import invert
-from ngbrain.io.waves import WaveData
+from ngbrain.inverse import fibre_shear_moduli, invert
+from ngbrain.io import WaveData
 
 Record = dict
 BODIES = tuple(product(("isotropic", "transversely_isotropic"), ("elastic", "viscoelastic"), BULK))

@@ -20,9 +20,7 @@ from _front import figure
 
 from ngbrain import parallel
 from ngbrain.errors import NgbrainError
-from ngbrain.inverse.elastography.invert import invert
-from ngbrain.inverse.phantoms.benchmark import PHANTOMS, Phantom
-from ngbrain.inverse.problem.discretisation import discretise, original_discretisation
+from ngbrain.inverse import PHANTOMS, Phantom, discretise, invert, original_discretisation
 
 Record = dict
 QUOTED = {

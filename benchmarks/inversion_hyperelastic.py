@@ -25,15 +25,9 @@ from _front import figure
 from _optimisers import COLOURS, OPTIMISERS
 from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
 
-from ngbrain.adjoint.reduced import Reduced
-from ngbrain.forward.common.material import Material
-from ngbrain.forward.observables import Displacements, Force
-from ngbrain.forward.sensitivity.static_model import LoadCase, StaticModel
-from ngbrain.forward.solid.problem import Problem
-from ngbrain.inverse.objective.misfit import LeastSquares
-from ngbrain.inverse.objective.parameters import ParameterFields, Unknown
-from ngbrain.inverse.objective.regularisation import smooth
-from ngbrain.inverse.optimise.regularisation_weight import DiscrepancyPrinciple
+from ngbrain.adjoint import Reduced
+from ngbrain.forward import Displacements, Force, LoadCase, Material, Problem, StaticModel
+from ngbrain.inverse import DiscrepancyPrinciple, LeastSquares, ParameterFields, Unknown, smooth
 from ngbrain.materials import NeoHooke
 
 Record = dict

@@ -21,12 +21,19 @@ import numpy as np
 from _front import STRONG, figure, front
 
 from ngbrain.errors import NgbrainError
-from ngbrain.inverse.data import direct_inversion
-from ngbrain.inverse.optimise.gauss_newton import GaussNewton
-from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
-from ngbrain.inverse.optimise.quasi_newton import bfgs, l_bfgs, newton_cg
-from ngbrain.inverse.optimise.result import OptimisationResult
-from ngbrain.inverse.phantoms.benchmark import Phantom, PhantomData, PhantomInversion
+from ngbrain.inverse import (
+    GaussNewton,
+    OptimisationResult,
+    Phantom,
+    PhantomData,
+    PhantomInversion,
+    bfgs,
+    helmholtz,
+    l_bfgs,
+    levenberg_marquardt,
+    local_frequency,
+    newton_cg,
+)
 
 Record = dict
 CASE = "CV-G"
@@ -74,7 +81,7 @@ def record(measured: PhantomData, method: str, way: Callable) -> Record:
     begun = time.process_time()
     shear = way(measured.data())
     cpu_s, truth = time.process_time() - begun, measured.truth["storage"] + 1j * measured.truth["loss"]
-    if way is direct_inversion.local_frequency:
+    if way is local_frequency:
         shear, truth = np.abs(shear), np.abs(truth)
     there = np.isfinite(shear)
     error = float(np.linalg.norm((shear - truth)[there]) / np.linalg.norm(truth[there]))
@@ -141,7 +148,7 @@ def of_start(optimiser: Callable) -> Callable:
     return lambda inversion, callback: optimiser(inversion.reduced, inversion.start, callback=callback)
 
 
-WAYS = {"direct inversion": direct_inversion.helmholtz, "local frequency": direct_inversion.local_frequency}
+WAYS = {"direct inversion": helmholtz, "local frequency": local_frequency}
 DESCENTS = (
     ("ngbrain:GN from waves", "waves", from_waves),
     ("ngbrain:GN", "uniform", gauss_newton),

@@ -36,18 +36,21 @@ from _front import figure
 from _hanging import NOISE, SIDE, Hanging, meshed, rms
 from _optimisers import COLOURS, OPTIMISERS
 
-from ngbrain.adjoint.reduced import Reduced
+from ngbrain.adjoint import Reduced
 from ngbrain.errors import ConvergenceError
-from ngbrain.forward.common.material import Material
-from ngbrain.forward.observables import Displacements, Force
-from ngbrain.forward.sensitivity.static_model import LoadCase, StaticModel
-from ngbrain.forward.solid.problem import Problem
-from ngbrain.inverse.objective.misfit import LeastSquares
-from ngbrain.inverse.objective.parameters import BoundedTransform, ParameterFields, ScaledTransform, Unknown
-from ngbrain.inverse.objective.regularisation import ridge, smooth
-from ngbrain.inverse.optimise.regularisation_weight import EvidenceWithModelError
-from ngbrain.inverse.optimise.result import OptimisationResult
-from ngbrain.inverse.uncertainty.posterior import Posterior
+from ngbrain.forward import Displacements, Force, LoadCase, Material, Problem, StaticModel
+from ngbrain.inverse import (
+    BoundedTransform,
+    EvidenceWithModelError,
+    LeastSquares,
+    OptimisationResult,
+    ParameterFields,
+    Posterior,
+    ScaledTransform,
+    Unknown,
+    ridge,
+    smooth,
+)
 from ngbrain.materials import HolzapfelGasserOgden, Ogden
 
 Record = dict

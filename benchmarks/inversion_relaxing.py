@@ -31,16 +31,10 @@ from _optimisers import COLOURS, OPTIMISERS
 from netgen.occ import Box, Glue, OCCGeometry, X, Y, Z
 
 from ngbrain.errors import NgbrainError
-from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.rigid import RigidContact, SlidingSupport
-from ngbrain.forward.observables import Displacements, Force
-from ngbrain.forward.sensitivity.transient.run_model import RunModel
-from ngbrain.forward.solid.problem import Problem
-from ngbrain.inverse.fitting.estimate import ParameterEstimate, estimate
-from ngbrain.inverse.objective.parameters import BoundedTransform, Transform, Unknown
-from ngbrain.inverse.optimise.result import OptimisationResult
+from ngbrain.forward import Displacements, Force, Material, Problem, RigidContact, RunModel, SlidingSupport
+from ngbrain.inverse import BoundedTransform, OptimisationResult, ParameterEstimate, Transform, Unknown, estimate
 from ngbrain.materials import Law, Maxwell, NeoHooke, Prony, Viscous
-from ngbrain.surgery.protocols import Drive, ToolMotion
+from ngbrain.surgery import Drive, ToolMotion
 
 Record = dict
 Numbers = dict[str, float]

@@ -26,12 +26,9 @@ from _front import figure
 from _optimisers import OPTIMISERS, OURS
 from scipy.special import ndtri
 
-from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
-from ngbrain.inverse.uncertainty.interval import LEVEL
+from ngbrain.inverse import levenberg_marquardt, uncertainty
 from ngbrain.scene import Protocol, Scene
-from ngbrain.surgery.calibrate import SPREAD, Calibrated, Retracted, Search, calibrate
-from ngbrain.surgery.model import RetractionModel
-from ngbrain.surgery.observations import Observations
+from ngbrain.surgery import Calibrated, Observations, Retracted, RetractionModel, calibrate
 
 Record = dict
 TRUTH = {"idealised_fast": {"cortex": 1.5, "white": 0.7}, "demo_fast": {"grey": 1.5, "white": 0.7}}
@@ -89,14 +86,14 @@ def record(
     seen: Observations,
     noise: float,
     method: str = OURS,
-    search: Search | None = None,
+    search: calibrate.Search | None = None,
 ) -> Record:
     """One search, by the method's own or another."""
     retracted = Retracted(model, seen.landmarks, seen.times, list(TRUTH[name]))
     first = time.process_time()
     retracted.run.evaluate(retracted.run.theta)
     run, begun = time.process_time() - first, time.process_time()
-    got: Calibrated = calibrate(
+    got: Calibrated = calibrate.calibrate(
         model, noisy(seen, noise), list(TRUTH[name]), search=search or OPTIMISERS[method], finer=False
     )
     factors = {tissue: float(band.value) for tissue, band in got.factors.items()}
@@ -132,7 +129,7 @@ def held(
     slopes = np.array(
         [state.jvp(factor * one) / sigma for factor, one in zip(factors, np.eye(len(factors)), strict=True)]
     )
-    A, prior = slopes.reshape(len(factors), -1), np.eye(len(factors)) / np.log(SPREAD) ** 2
+    A, prior = slopes.reshape(len(factors), -1), np.eye(len(factors)) / np.log(calibrate.SPREAD) ** 2
     holds = np.zeros(len(factors), int)
     for seed in range(SEEDS):
         off = ((noisy(seen, noise, seed).data - state.data) / sigma).ravel()
@@ -140,7 +137,10 @@ def held(
         left = off - A.T @ step
         missed = max(1.0, left @ left / (left.size - len(factors)))
         deviation = np.sqrt(np.diag(np.linalg.inv(A @ A.T / missed + prior)))
-        holds += np.abs(np.log(list(truth.values())) - np.log(factors) - step) < ndtri(0.5 + LEVEL / 2) * deviation
+        holds += (
+            np.abs(np.log(list(truth.values())) - np.log(factors) - step)
+            < ndtri(0.5 + uncertainty.interval.LEVEL / 2) * deviation
+        )
     return dict(zip(truth, holds.tolist(), strict=True))
 
 

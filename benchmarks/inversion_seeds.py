@@ -25,10 +25,7 @@ from _front import figure
 
 from ngbrain import parallel
 from ngbrain.errors import NgbrainError
-from ngbrain.inverse.elastography.invert import SHORT
-from ngbrain.inverse.optimise.gauss_newton import GaussNewton
-from ngbrain.inverse.optimise.result import OptimisationResult
-from ngbrain.inverse.phantoms.benchmark import Phantom
+from ngbrain.inverse import GaussNewton, OptimisationResult, Phantom, elastography
 
 Record = dict
 SEEDS = 10
@@ -79,7 +76,7 @@ def rows(name: str, noise: float, seed: int, nodes: int | None) -> list[Record]:
     begin, waves = (inversion := measured.inversion()).start, inversion.waves
     first, x = record("waves", lambda search: search.from_waves(begin, waves))
     third, _ = record("both", lambda search: search.descend(x), x)
-    second, _ = record("uniform", lambda search: search.descend(begin, SHORT))
+    second, _ = record("uniform", lambda search: search.descend(begin, elastography.invert.SHORT))
     return [first, second, third]
 
 

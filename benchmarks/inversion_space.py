@@ -22,10 +22,8 @@ from _command import main, sweep
 from _front import figure
 
 from ngbrain import parallel
-from ngbrain.inverse.data.direct_inversion import helmholtz_of_curl, local_frequency
-from ngbrain.inverse.data.smoothing import fit_smooth_field
-from ngbrain.inverse.elastography.invert_3d import invert_in_space
-from ngbrain.io.waves import WaveData
+from ngbrain.inverse import fit_smooth_field, helmholtz_of_curl, invert_in_space, local_frequency
+from ngbrain.io import WaveData
 
 Record = dict
 BLOCK = BallInBlock(0.06, (0.032, 0.028, 0.030), 7.5e-3, (2400 + 1000j, 4800 + 2000j), 50.0, 0.011)

@@ -24,12 +24,16 @@ from _ball_waves import BallInBlock
 from _command import main
 from _front import figure
 
-from ngbrain.inverse.data.direct_inversion import helmholtz_of_curl
-from ngbrain.inverse.data.smoothing import fit_smooth_field
-from ngbrain.inverse.elastography.invert_3d import invert_in_space
-from ngbrain.inverse.elastography.result import Inversion, StartResult
-from ngbrain.inverse.subzones.invert import OVERLAP, SIDE, invert_by_subzones
-from ngbrain.io.waves import WaveData
+from ngbrain.inverse import (
+    Inversion,
+    StartResult,
+    fit_smooth_field,
+    helmholtz_of_curl,
+    invert_by_subzones,
+    invert_in_space,
+    subzones,
+)
+from ngbrain.io import WaveData
 from ngbrain.threads import set_threads
 
 Record = dict
@@ -83,7 +87,7 @@ def one(data: WaveData, rounds: int, cells: int | None = None, whole: Maps | Non
 
 def zones(data: WaveData, rounds: int, size: float, whole: Maps) -> list[Record]:
     """Zones of a size in wave lengths, and their passes."""
-    lengths = {"size": size * WAVE, "overlap": OVERLAP / SIDE * size * WAVE}
+    lengths = {"size": size * WAVE, "overlap": subzones.invert.OVERLAP / subzones.invert.SIDE * size * WAVE}
     found = invert_by_subzones(data, noise=NOISE, **lengths, passes=PASSES, max_iterations=rounds)
     points = found.model["points_of_a_zone"]
     side = max(points) ** (1 / 3) * data.point_spacing / WAVE

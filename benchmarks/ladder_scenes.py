@@ -24,11 +24,16 @@ from _ladder import Case, cases
 
 from ngbrain import parallel
 from ngbrain.errors import SolverError
-from ngbrain.ladder.axes import axes_of, richest
-from ngbrain.ladder.estimates import SOLVED, relative_difference
-from ngbrain.ladder.model_search import SearchResult, search_models
-from ngbrain.ladder.models.hierarchy import ModelHierarchy
-from ngbrain.ladder.solutions import SolutionCache
+from ngbrain.ladder import (
+    ModelHierarchy,
+    SearchResult,
+    SolutionCache,
+    axes_of,
+    estimates,
+    relative_difference,
+    richest,
+    search_models,
+)
 from ngbrain.scene import Scene
 
 Record = dict
@@ -144,7 +149,7 @@ def chart(records: list[Record], png: str) -> None:
     for r in judged:
         for p in r["pairs"]:
             colour = "#D55E00" if p["doubt"] else "#0072B2"
-            if p["estimated"] is not None and p["how"] != SOLVED:
+            if p["estimated"] is not None and p["how"] != estimates.SOLVED:
                 last.plot(max(p["true"], 1e-4), max(p["estimated"], 1e-4), ".", color=colour, ms=4)
     line_of = np.array([1e-4, 1])
     for factor, style in ((1, "-"), (0.3, "--"), (3, "--")):
@@ -169,7 +174,7 @@ def line(r: Record) -> str:
     """A record to read."""
     flag = f", flagged: {'; '.join(r['flags'])}" if r["flags"] else ""
     chosen = ", ".join(f"{axis} {level}" for axis, level in r["model"].items())
-    judged = [p for p in r["pairs"] if p["true"] > r["tolerance"] and p["how"] != SOLVED]
+    judged = [p for p in r["pairs"] if p["true"] > r["tolerance"] and p["how"] != estimates.SOLVED]
     good = sum(0.3 <= (p["effectivity"] or 0) <= 3 for p in judged)
     told = f", {good} of {len(judged)} changes foretold" if judged else ""
     return (

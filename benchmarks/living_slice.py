@@ -40,13 +40,17 @@ from scipy.stats import spearmanr, t
 
 from ngbrain import parallel
 from ngbrain.cli import main as ngbrain
-from ngbrain.inverse.data.direct_inversion import helmholtz, local_frequency
-from ngbrain.inverse.data.outliers import screen_outliers
-from ngbrain.inverse.objective.regularisation import smooth as gradients
-from ngbrain.inverse.problem.discretisation import discretise
-from ngbrain.inverse.problem.field_values import field_observations, fit_field
-from ngbrain.inverse.problem.wave_problem import ElastographyProblem
-from ngbrain.io.waves import WaveData, read_waves
+from ngbrain.inverse import (
+    ElastographyProblem,
+    discretise,
+    field_observations,
+    fit_field,
+    helmholtz,
+    local_frequency,
+    screen_outliers,
+)
+from ngbrain.inverse import smooth as gradients
+from ngbrain.io import WaveData, read_waves
 from ngbrain.threads import set_threads
 
 Record = dict

@@ -20,7 +20,7 @@ import numpy as np
 from _command import main
 
 from ngbrain.errors import require
-from ngbrain.forward.solid.internal_variables import History
+from ngbrain.forward import solid
 from ngbrain.materials import (
     Deformation,
     Demiray,
@@ -110,7 +110,7 @@ def flowing(mesh: ngs.Mesh, law: Law) -> tuple[ngs.FESpace, ngs.CF, dict]:
     """The same with two Maxwell branches of the law beside it, in the middle of a time step."""
     fes = ngs.VectorH1(mesh, order=2) * ngs.H1(mesh, order=1)
     material = Viscous(law, (Maxwell(law, 1e3), Maxwell(law, 1e5)))
-    history = History(mesh, {"tissue": material}, 1)
+    history = solid.internal_variables.History(mesh, {"tissue": material}, 1)
     state = strained(fes).components[0]
     history.follow(Deformation.from_gradient(ngs.Id(3) + ngs.Grad(state)).shape)
     history.begin(1.0)

@@ -22,17 +22,10 @@ import scipy.sparse.linalg as sparse
 from _command import main
 
 from ngbrain.errors import require
-from ngbrain.forward.common.material import Material
-from ngbrain.forward.solid.problem import Problem
-from ngbrain.forward.statics.load_path import LoadPath
-from ngbrain.image import mni152
-from ngbrain.image.labelling import label_tissues
-from ngbrain.image.read.label_map import LabelMap
+from ngbrain.forward import LoadPath, Material, Problem
+from ngbrain.image import LabelMap, label_tissues, mni152
 from ngbrain.materials import NeoHooke
-from ngbrain.mesh.geometry.sizing import RadialSizeField
-from ngbrain.mesh.routes.registry import ROUTES
-from ngbrain.mesh.surface.head_outlines import outlines
-from ngbrain.mesh.tet_mesh import Elements
+from ngbrain.mesh import ROUTES, Elements, RadialSizeField, outlines
 from ngbrain.units import to_mmHg
 
 MU = {"csf": 200.0, "grey": 1000.0, "white": 1500.0, "ventricles": 100.0}

@@ -26,19 +26,17 @@ from _command import main
 from scipy.optimize import brentq
 
 from ngbrain.errors import RangeWarning, SolverError
-from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.rigid import RigidContact
-from ngbrain.forward.solid.problem import Problem
-from ngbrain.forward.transient.step_control import ErrorControl
-from ngbrain.forward.transient.time_stepper import TimeStepper
+from ngbrain.forward import ErrorControl, Material, Problem, RigidContact, TimeStepper
 from ngbrain.materials import Branch, Scaled, Viscous, constants
 from ngbrain.mesh import block
-from ngbrain.surgery.material_point import Column, LoadingHistory, dose_with_recovery
-from ngbrain.surgery.measures.injury import dose
-from ngbrain.surgery.protocols import (
+from ngbrain.surgery import (
+    Column,
     Drive,
+    LoadingHistory,
     ToolMotion,
     continuous_retraction,
+    dose,
+    dose_with_recovery,
     intermittent_retraction,
     staged_retraction,
 )

@@ -25,13 +25,17 @@ from typing import Any
 from _command import main
 
 from ngbrain.errors import require
-from ngbrain.forward.transient.step_control import Control
+from ngbrain.forward import Control
 from ngbrain.look import STYLE
 from ngbrain.scene import Scene
-from ngbrain.surgery.answers import answer
-from ngbrain.surgery.model import RetractionModel
-from ngbrain.surgery.protocol_run import ProtocolRun
-from ngbrain.surgery.protocols import ToolMotion, continuous_retraction, intermittent_retraction
+from ngbrain.surgery import (
+    ProtocolRun,
+    RetractionModel,
+    ToolMotion,
+    answer,
+    continuous_retraction,
+    intermittent_retraction,
+)
 from ngbrain.threads import threads
 from ngbrain.units import to_mmHg
 

@@ -22,10 +22,7 @@ from _command import main
 from ngbrain.errors import require
 from ngbrain.look import STYLE
 from ngbrain.scene import Scene
-from ngbrain.surgery.answers import answer
-from ngbrain.surgery.model import RetractionModel
-from ngbrain.surgery.protocol_run import ProtocolRun
-from ngbrain.surgery.uncertainty.verification_runs import COARSE
+from ngbrain.surgery import ProtocolRun, RetractionModel, answer, uncertainty
 
 SIZES = tuple(tuple(size * 2 ** (k / 2) for size in (1.0, 2.5, 6.5)) for k in (5, 4, 3, 2, 1))
 """Elements (mm) at the site, under the craniotomy, elsewhere: each mesh √2 times as fine as the one before."""
@@ -50,7 +47,7 @@ def measure(quick: bool) -> list[dict]:
         found = [held(made, head, sizes) for sizes in meshes]
         exact = found[-1]["values"]
         for record, coarser, finer in zip(found[1:], found, [*found[2:], None], strict=False):
-            other = finer if record["site_mm"] >= 1e3 * COARSE["wall"] else coarser
+            other = finer if record["site_mm"] >= 1e3 * uncertainty.verification_runs.COARSE["wall"] else coarser
             record["estimates"] = apart(record["values"], other["values"])
         for record in found[:-1]:
             record["errors"] = apart(record["values"], exact)
@@ -65,7 +62,7 @@ def measure(quick: bool) -> list[dict]:
 def held(on: RetractionModel, head: str, sizes: tuple[float, ...]) -> dict[str, Any]:
     """The hold on a mesh."""
     started = time.process_time()
-    finer = {name: 1e-3 * mm for name, mm in zip(COARSE, sizes, strict=True)}
+    finer = {name: 1e-3 * mm for name, mm in zip(uncertainty.verification_runs.COARSE, sizes, strict=True)}
     model = RetractionModel.from_scene(replace(on.scene, mesh=replace(on.scene.mesh, **finer)), on.head)
     run = ProtocolRun(model, model.hold("hold"), None).go()
     found = answer(run.result(), model.scene.patient)

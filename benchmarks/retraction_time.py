@@ -42,8 +42,8 @@ from _relaxing import (
 )
 
 from ngbrain.errors import require
-from ngbrain.forward.transient.step_control import ErrorControl, StepControl
-from ngbrain.surgery.protocols import ToolMotion, continuous_retraction
+from ngbrain.forward import ErrorControl, StepControl
+from ngbrain.surgery import ToolMotion, continuous_retraction
 
 PROTOCOL, HALF_AN_HOUR = (
     continuous_retraction(3e-3, 4.0, 40.0),

@@ -29,8 +29,7 @@ from scipy.sparse.linalg import spsolve
 
 from ngbrain.errors import require
 from ngbrain.mesh import block
-from ngbrain.solvers.condensed import Condensed
-from ngbrain.solvers.linear import prepare
+from ngbrain.solvers import Condensed, prepare
 from ngbrain.threads import set_threads
 
 MU, SIDE, GIB = 1000.0, 0.1, 2**30

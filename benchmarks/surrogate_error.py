@@ -29,24 +29,24 @@ from _front import figure
 from scipy.ndimage import distance_transform_edt, map_coordinates
 
 from ngbrain import parallel
-from ngbrain.adjoint.reduced import Reduced
+from ngbrain.adjoint import Reduced
 from ngbrain.errors import NgbrainError
-from ngbrain.inverse.data.direct_inversion import helmholtz_of_curl, local_frequency
-from ngbrain.inverse.data.quality import noise_deviation
-from ngbrain.inverse.data.smoothing import fit_smooth_field
-from ngbrain.inverse.elastography.initial_guess import unknowns_from_maps
-from ngbrain.inverse.elastography.invert import FIRST, invert
-from ngbrain.inverse.objective.misfit import LeastSquares
-from ngbrain.inverse.objective.regularisation import smooth
-from ngbrain.inverse.optimise.gauss_newton import GaussNewton
-from ngbrain.inverse.problem.discretisation import discretise
-from ngbrain.inverse.problem.wave_problem import ElastographyProblem
-from ngbrain.io.waves import WaveData
-from ngbrain.surrogate.data.dataset import DENSITY, SIDES, Sample, sample
-from ngbrain.surrogate.data.random_fields import SHARP, SMOOTH
-from ngbrain.surrogate.operator.encoding import GRAIN, add_noise
-from ngbrain.surrogate.prediction.predict import predict
-from ngbrain.surrogate.prediction.pretrained import Operator
+from ngbrain.inverse import (
+    ElastographyProblem,
+    GaussNewton,
+    LeastSquares,
+    discretise,
+    elastography,
+    fit_smooth_field,
+    helmholtz_of_curl,
+    invert,
+    local_frequency,
+    noise_deviation,
+    smooth,
+    unknowns_from_maps,
+)
+from ngbrain.io import WaveData
+from ngbrain.surrogate import DENSITY, GRAIN, SHARP, SIDES, SMOOTH, Operator, Sample, add_noise, predict, sample
 
 Record = dict
 ACROSS, SEED = 51, 0
@@ -133,7 +133,7 @@ def refined(data: WaveData) -> dict[str, np.ndarray]:
     names = [name for name in unknowns.blocks if name != "boundary"]
     regularisers = {name: smooth(experiment.space, unknowns.start[unknowns.blocks[name]]) for name in names}
     misfit = LeastSquares(experiment.measured, sigma)
-    problem = Reduced(experiment.model, misfit, unknowns, regularisers, dict.fromkeys(names, FIRST))
+    problem = Reduced(experiment.model, misfit, unknowns, regularisers, dict.fromkeys(names, elastography.invert.FIRST))
     return experiment.maps(unknowns, GaussNewton(problem).descend(x, 2).x)
 
 

@@ -21,18 +21,20 @@ from _front import figure
 from surrogate_error import ACROSS, measured
 
 from ngbrain import parallel
-from ngbrain.adjoint.reduced import Reduced
+from ngbrain.adjoint import Reduced
 from ngbrain.errors import SolverError
-from ngbrain.inverse.data.quality import noise_deviation
-from ngbrain.inverse.elastography.initial_guess import unknowns_from_maps
-from ngbrain.inverse.elastography.invert import FAR, FIRST
-from ngbrain.inverse.objective.misfit import LeastSquares
-from ngbrain.inverse.objective.regularisation import smooth
-from ngbrain.inverse.optimise.gauss_newton import GaussNewton
-from ngbrain.inverse.problem.discretisation import discretise
-from ngbrain.inverse.problem.wave_problem import ElastographyProblem
-from ngbrain.io.waves import WaveData
-from ngbrain.surrogate.prediction.predict import predict
+from ngbrain.inverse import (
+    ElastographyProblem,
+    GaussNewton,
+    LeastSquares,
+    discretise,
+    elastography,
+    noise_deviation,
+    smooth,
+    unknowns_from_maps,
+)
+from ngbrain.io import WaveData
+from ngbrain.surrogate import predict
 
 Record = dict
 FAMILIES, SAMPLES, NOISE = ("gaussian_width", "sinc", "inclusions", "tumour"), 3, 0.01
@@ -74,7 +76,7 @@ def way(data: WaveData, start: str, maps: dict[str, np.ndarray]) -> Record:
     names = [name for name in unknowns.blocks if name != "boundary"]
     x = unknowns_from_maps(experiment, unknowns, maps) if start == "surrogate" else experiment.uniform(unknowns, 1.0)
     regularisers = {name: smooth(experiment.space, unknowns.start[unknowns.blocks[name]]) for name in names}
-    weights = dict.fromkeys(names, FIRST if start == "surrogate" else FAR)
+    weights = dict.fromkeys(names, elastography.invert.FIRST if start == "surrogate" else elastography.invert.FAR)
     problem = Reduced(experiment.model, LeastSquares(experiment.measured, sigma), unknowns, regularisers, weights)
 
     def error() -> float:

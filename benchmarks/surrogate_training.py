@@ -27,8 +27,9 @@ import numpy as np
 from _command import main
 from _front import figure
 
-from ngbrain.surrogate.data.dataset import COLUMNS, DataSet
-from ngbrain.surrogate.operator.encoding import modality
+from ngbrain.surrogate import DataSet, modality, operator
+from ngbrain.surrogate import data as training_data
+from ngbrain.surrogate import training as trainers
 
 Record = dict
 FOLDER = Path("out/surrogate")
@@ -76,37 +77,33 @@ def measure(quick: bool) -> list[Record]:
 def spread(data: DataSet, count: int) -> DataSet:
     """So many samples, every family by its share."""
     rows = np.linspace(0, len(data) - 1, count).round().astype(int)
-    return replace(data, **{key: getattr(data, key)[rows] for key in COLUMNS})
+    return replace(data, **{key: getattr(data, key)[rows] for key in training_data.dataset.COLUMNS})
 
 
 def network(run: Run) -> Any:
     """What makes it, by its channels in and out."""
-    from ngbrain.surrogate.operator.wavelet_operator import WaveletOperator
-    from ngbrain.surrogate.training.baselines import FourierOperator, UNet
-
     if run.network == "wavelet":
-        return partial(WaveletOperator, width=run.width, levels=run.levels)
-    return partial({"Fourier": FourierOperator, "U-Net": UNet}[run.network], width=run.width)
+        return partial(operator.wavelet_operator.WaveletOperator, width=run.width, levels=run.levels)
+    baselines = trainers.baselines
+    return partial({"Fourier": baselines.FourierOperator, "U-Net": baselines.UNet}[run.network], width=run.width)
 
 
 def row(run: Run, training: DataSet, validation: DataSet, epochs: int) -> Record:
     """Train with some of the samples, for as many maps as `epochs` of all are, and judge."""
-    from ngbrain.surrogate.operator.wavelet_operator import count_weights
-    from ngbrain.surrogate.training.training import Settings, train
-
     epochs = round(epochs * len(training) / run.samples)
     begun = time.process_time()
     curve: list[dict[str, float]] = []
     with tempfile.TemporaryDirectory() as folder:
         some = spread(training, run.samples)
-        model = train(network(run), some, validation, Path(folder), Settings(epochs=epochs), curve.append)
+        settings = trainers.training.Settings(epochs=epochs)
+        model = trainers.training.train(network(run), some, validation, Path(folder), settings, curve.append)
     cpu = time.process_time() - begun
     first = modality(training.modality).answers[0]
     told = [{"maps": each["epoch"] * run.samples, **errors_of(each, first)} for each in curve]
     made: Record = {
         "method": f"ngbrain:{run.network}",
         "order": 0,
-        "ndof": count_weights(model),
+        "ndof": operator.wavelet_operator.count_weights(model),
         "modality": training.modality,
     }
     made |= {**run._asdict(), "epochs": epochs, "error": gaussian(told[-1]), "errors": told[-1], "cpu_s": cpu}

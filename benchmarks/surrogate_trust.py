@@ -30,13 +30,27 @@ import numpy as np
 from _command import main
 from _front import figure
 
-from ngbrain.surrogate.data import dataset as made
-from ngbrain.surrogate.data.dataset import DENSITY, FINE, FREQUENCY, SHEAR, SIDES, Sample, sample, solve_displacement
-from ngbrain.surrogate.data.random_fields import SHARP, SMOOTH, family
-from ngbrain.surrogate.operator.encoding import GRAIN, add_noise, relative_errors
-from ngbrain.surrogate.prediction.pretrained import Operator
-from ngbrain.surrogate.prediction.tiling import TilePrediction
-from ngbrain.surrogate.prediction.trust import auc, scores
+from ngbrain.surrogate import (
+    DENSITY,
+    FINE,
+    FREQUENCY,
+    GRAIN,
+    SHARP,
+    SHEAR,
+    SIDES,
+    SMOOTH,
+    Operator,
+    Sample,
+    TilePrediction,
+    add_noise,
+    auc,
+    data,
+    family,
+    relative_errors,
+    sample,
+    scores,
+    solve_displacement,
+)
 
 Record = dict
 LEARNT = (*SMOOTH, *SHARP, "tumour")
@@ -72,13 +86,13 @@ def waves(
     def change(random: np.random.Generator, relative: np.ndarray) -> Sample:
         hertz, stiff = frequency(random), factor(random)
         storage = np.exp(random.uniform(*np.log(SHEAR))) * relative if stiff == 1 else stiff * relative
-        loss = random.uniform(*made.LOSS) * storage
-        poisson = random.uniform(*(made.COMPRESSIBLE if random.random() < 0.5 else made.NEARLY))
+        loss = random.uniform(*data.dataset.LOSS) * storage
+        poisson = random.uniform(*(data.dataset.COMPRESSIBLE if random.random() < 0.5 else data.dataset.NEARLY))
         angle = random.uniform(0, 2 * np.pi)
         u = solve_displacement(
             storage + 1j * loss, hertz, poisson, drive(1e-3 * np.cos(angle), 1e-3 * np.sin(angle)), ACROSS, held
         )
-        return Sample(u, made._interpolate(storage, ACROSS), made._interpolate(loss, ACROSS), hertz, poisson)
+        return Sample(u, data.dataset._interpolate(storage, ACROSS), data.dataset._interpolate(loss, ACROSS), hertz, poisson)
 
     return at(change)
 
@@ -88,7 +102,7 @@ def compression(power: float = 1.0, held: dict[str, str] | None = None) -> Drawn
     side = SIDES["compression"]
 
     def change(random: np.random.Generator, relative: np.ndarray) -> Sample:
-        poisson = random.uniform(*(made.COMPRESSIBLE if random.random() < 0.5 else made.NEARLY))
+        poisson = random.uniform(*(data.dataset.COMPRESSIBLE if random.random() < 0.5 else data.dataset.NEARLY))
         contrast = random.uniform(6, 10) if power != 1 else 1.0
         inside = np.abs(relative - 1) > 0.25
         youngs = 1e4 * (np.where(inside, contrast, 1.0) if power != 1 else relative)
@@ -101,7 +115,7 @@ def compression(power: float = 1.0, held: dict[str, str] | None = None) -> Drawn
             held or {"x": "bottom", "y": "bottom|top"},
             side,
         )
-        return Sample(u.real[..., 1:], made._interpolate(youngs, ACROSS), np.zeros((ACROSS, ACROSS)), 0.0, poisson)
+        return Sample(u.real[..., 1:], data.dataset._interpolate(youngs, ACROSS), np.zeros((ACROSS, ACROSS)), 0.0, poisson)
 
     return at(change, "inclusions" if power != 1 else None)
 

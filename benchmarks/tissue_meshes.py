@@ -21,14 +21,17 @@ from _command import main, sweep
 
 from ngbrain import parallel
 from ngbrain.errors import require
-from ngbrain.image import mni152
-from ngbrain.image.labelling import label_tissues
-from ngbrain.image.read.label_map import LabelMap
-from ngbrain.mesh.geometry.sizing import RadialSizeField
-from ngbrain.mesh.labels.indicators import Indicators
-from ngbrain.mesh.quality import Quality, deviations, volume_errors
-from ngbrain.mesh.routes.registry import ROUTES
-from ngbrain.mesh.tet_mesh import Elements, named_elements
+from ngbrain.image import LabelMap, label_tissues, mni152
+from ngbrain.mesh import (
+    ROUTES,
+    Elements,
+    Indicators,
+    Quality,
+    RadialSizeField,
+    deviations,
+    named_elements,
+    volume_errors,
+)
 
 SITE, NEAR = (0.03, 0.0, 0.05), 20e-3
 CORNERS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])

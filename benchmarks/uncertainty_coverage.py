@@ -24,14 +24,19 @@ from _coverage import coverage, told
 from scipy.special import ndtri
 
 from ngbrain import parallel
-from ngbrain.adjoint.reduced import Reduced
-from ngbrain.inverse.objective.parameters import ParameterFields
-from ngbrain.inverse.objective.regularisation import matern
-from ngbrain.inverse.optimise.gauss_newton import GaussNewton
-from ngbrain.inverse.optimise.regularisation_weight import Evidence, FixedWeights, WeightPolicy
-from ngbrain.inverse.phantoms.benchmark import Phantom, PhantomInversion
-from ngbrain.inverse.phantoms.prior_draws import draw_phantom
-from ngbrain.inverse.uncertainty.posterior import Posterior
+from ngbrain.adjoint import Reduced
+from ngbrain.inverse import (
+    Evidence,
+    FixedWeights,
+    GaussNewton,
+    ParameterFields,
+    Phantom,
+    PhantomInversion,
+    Posterior,
+    WeightPolicy,
+    draw_phantom,
+    matern,
+)
 
 Record = dict
 NODES, WEIGHT, LENGTH = 9, 2.0, 0.03

@@ -25,24 +25,24 @@ from _coverage import coverage, told
 from ngsolve.meshes import MakeStructured2DMesh
 
 from ngbrain import parallel
-from ngbrain.adjoint.reduced import Reduced
+from ngbrain.adjoint import Reduced
 from ngbrain.errors import InputError, SolverError
-from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.rigid import RigidContact
-from ngbrain.forward.observables import Displacements, Force
-from ngbrain.forward.sensitivity.static_model import LoadCase, StaticModel
-from ngbrain.forward.sensitivity.transient.run_model import RunModel
-from ngbrain.forward.solid.problem import Problem
-from ngbrain.inverse.objective.misfit import LeastSquares
-from ngbrain.inverse.objective.parameters import LogTransform, ParameterFields, ScaledTransform, Unknown
-from ngbrain.inverse.objective.regularisation import matern
-from ngbrain.inverse.optimise.gauss_newton_hessian import Metric
-from ngbrain.inverse.optimise.levenberg_marquardt import levenberg_marquardt
-from ngbrain.inverse.optimise.regularisation_weight import FixedWeights
-from ngbrain.inverse.uncertainty.posterior import Posterior
+from ngbrain.forward import Displacements, Force, LoadCase, Material, Problem, RigidContact, RunModel, StaticModel
+from ngbrain.inverse import (
+    FixedWeights,
+    LeastSquares,
+    LogTransform,
+    Metric,
+    ParameterFields,
+    Posterior,
+    ScaledTransform,
+    Unknown,
+    levenberg_marquardt,
+    matern,
+)
 from ngbrain.materials import NeoHooke, Ogden, Prony
 from ngbrain.mesh import block
-from ngbrain.surgery.protocols import Drive, ToolMotion
+from ngbrain.surgery import Drive, ToolMotion
 
 Record = dict
 Model = StaticModel | RunModel

@@ -30,16 +30,11 @@ from netgen.csg import CSGeometry, OrthoBrick, Pnt
 from scipy.special import ndtri
 
 from ngbrain import parallel
-from ngbrain.forward.common.interpolation import evaluation
-from ngbrain.forward.harmonic.problem import HarmonicProblem
-from ngbrain.forward.harmonic.wave import Wave
-from ngbrain.inverse.elastography.invert import invert
-from ngbrain.inverse.phantoms.benchmark import Phantom
-from ngbrain.inverse.problem.discretisation import Discretisation, discretise
-from ngbrain.inverse.uncertainty.credible_maps import Uncertainty, uncertainty
-from ngbrain.io.waves import WaveData
+from ngbrain.forward import HarmonicProblem, Wave, evaluation
+from ngbrain.inverse import Discretisation, Phantom, Uncertainty, discretise, invert, uncertainty
+from ngbrain.io import WaveData
 from ngbrain.materials import Shearing
-from ngbrain.mesh.geometry.structured import boxes
+from ngbrain.mesh import boxes
 
 Record = dict
 MAPS = ("storage", "loss")
@@ -171,7 +166,7 @@ def drawn(case: str, seed: int) -> Draw:
     begun = time.process_time()
     found = invert(exact.with_noise(CASES[case][1], seed), elements, callback=lambda _: None)
     inverted = time.process_time()
-    bars = uncertainty(found, prior="own")
+    bars = uncertainty.credible_maps.uncertainty(found, prior="own")
     between = time.process_time()
     by = {"own": bars, "best": bars.with_best_prior()}
     ended = time.process_time()

@@ -15,14 +15,10 @@ import numpy as np
 from ngsolve import TaskManager
 
 import ngbrain
-from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.rigid import RigidContact
-from ngbrain.forward.solid.problem import Problem
-from ngbrain.forward.transient.step_control import StepControl
-from ngbrain.forward.transient.time_stepper import TimeStepper
+from ngbrain.forward import Material, Problem, RigidContact, StepControl, TimeStepper
 from ngbrain.materials import NeoHooke, Prony, constants
 from ngbrain.mesh import block, load
-from ngbrain.surgery.protocols import Drive, continuous_retraction
+from ngbrain.surgery import Drive, continuous_retraction
 
 FAST = bool(os.environ.get("NGBRAIN_FAST"))
 ngbrain.set_threads(1)

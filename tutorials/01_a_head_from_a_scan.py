@@ -17,12 +17,10 @@ import ngsolve as ngs
 import numpy as np
 
 import ngbrain
-from ngbrain.image import mni152
-from ngbrain.image.segment.tissue_classes import NAMES
+from ngbrain.image import mni152, segment
 from ngbrain.mesh import Sizes, smallest_angles
 from ngbrain.scene import Scene
-from ngbrain.surgery.head_models import Scanned
-from ngbrain.surgery.model import RetractionModel
+from ngbrain.surgery import RetractionModel, Scanned
 
 FAST = bool(os.environ.get("NGBRAIN_FAST"))
 ngbrain.set_threads(1)
@@ -85,7 +83,7 @@ kinds = axes[1].imshow(
 )
 axes[2].imshow(np.where(number < 0, np.nan, shade), cmap="Blues", vmin=-0.2, vmax=1.2, origin="lower", extent=edges)
 bar = figure.colorbar(kinds, ax=axes[1], ticks=range(5), location="bottom")
-bar.ax.set_xticklabels(NAMES, fontsize=8)
+bar.ax.set_xticklabels(segment.tissue_classes.NAMES, fontsize=8)
 way = np.array([cleft.target, cleft.entry]) * 1e3
 for ax, title in zip(axes, ("T1", "tissue labels", "elements"), strict=True):
     ax.plot(way[:, 0], way[:, 2], color="tab:red")

@@ -13,9 +13,8 @@ import ngsolve as ngs
 import numpy as np
 
 import ngbrain
-from ngbrain.forward.common.material import Material
-from ngbrain.forward.solid.problem import Problem
-from ngbrain.inverse.fitting.bonded_specimen import BondedSpecimen
+from ngbrain.forward import Material, Problem
+from ngbrain.inverse import BondedSpecimen
 from ngbrain.materials import (
     CATALOGUE,
     Deformation,

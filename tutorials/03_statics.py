@@ -16,12 +16,17 @@ from ngsolve.meshes import MakeStructured2DMesh
 
 import ngbrain
 from ngbrain.errors import ConvergenceError, InputError
-from ngbrain.forward.common.kinematics import Axisymmetric
-from ngbrain.forward.common.loads import CavityPressure, CavityVolume, Spring, TractionLoad
-from ngbrain.forward.common.material import Material
-from ngbrain.forward.solid.problem import Problem
-from ngbrain.forward.statics.load_path import LoadPath
-from ngbrain.forward.statics.stability import smallest_eigenvalue
+from ngbrain.forward import (
+    Axisymmetric,
+    CavityPressure,
+    CavityVolume,
+    LoadPath,
+    Material,
+    Problem,
+    Spring,
+    TractionLoad,
+    smallest_eigenvalue,
+)
 from ngbrain.materials import NeoHooke, UnsplitNeoHooke, squared_log
 from ngbrain.mesh import block
 

@@ -22,19 +22,19 @@ from matplotlib.colors import to_rgb
 
 import ngbrain
 from ngbrain import viz
-from ngbrain.image import mni152
-from ngbrain.image.labelling import label_tissues
-from ngbrain.image.read.label_map import LabelMap
-from ngbrain.image.read.landmarks import landmarks
-from ngbrain.image.read.volume import Volume
-from ngbrain.io.exchange import write_mesh
-from ngbrain.io.foreign import read_mesh
-from ngbrain.mesh.geometry.sizing import RadialSizeField
-from ngbrain.mesh.labels.indicators import Indicators
-from ngbrain.mesh.quality import Quality, deviations, volumes_ml
-from ngbrain.mesh.routes.registry import ROUTES, mesh_elements
-from ngbrain.mesh.surface.cortex import cortex
-from ngbrain.mesh.transfer import voxelise
+from ngbrain.image import LabelMap, Volume, label_tissues, landmarks, mni152
+from ngbrain.io import read_mesh, write_mesh
+from ngbrain.mesh import (
+    ROUTES,
+    Indicators,
+    Quality,
+    RadialSizeField,
+    cortex,
+    deviations,
+    mesh_elements,
+    volumes_ml,
+    voxelise,
+)
 
 FAST = bool(os.environ.get("NGBRAIN_FAST"))
 ngbrain.set_threads(1)

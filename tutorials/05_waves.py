@@ -18,8 +18,7 @@ import numpy as np
 from ngsolve.meshes import MakeStructured2DMesh
 
 from ngbrain.forward import AbsorbingBoundary, HarmonicProblem, LoadPath, Material, Problem, Wave, WaveModel
-from ngbrain.materials import NeoHooke, Shearing, TransverselyIsotropic
-from ngbrain.materials.modulus import shear_wave
+from ngbrain.materials import NeoHooke, Shearing, TransverselyIsotropic, shear_wave
 
 ngs.ngsglobals.msg_level = 0
 FAST = bool(os.environ.get("NGBRAIN_FAST"))

@@ -18,14 +18,9 @@ import numpy as np
 
 import ngbrain
 from ngbrain.datasets import load_waves
-from ngbrain.forward.harmonic.problem import HarmonicProblem
-from ngbrain.forward.harmonic.wave import Wave
-from ngbrain.inverse.data.direct_inversion import navier
-from ngbrain.inverse.data.outliers import remove_outliers
-from ngbrain.inverse.elastography.derived_maps import map_statistics, parameters_from_shear
-from ngbrain.inverse.elastography.invert import invert
-from ngbrain.inverse.problem.discretisation import discretise
-from ngbrain.io.waves import WaveData
+from ngbrain.forward import HarmonicProblem, Wave
+from ngbrain.inverse import discretise, invert, map_statistics, navier, parameters_from_shear, remove_outliers
+from ngbrain.io import WaveData
 from ngbrain.materials import Shearing
 
 FAST = bool(os.environ.get("NGBRAIN_FAST"))

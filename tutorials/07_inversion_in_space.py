@@ -16,11 +16,9 @@ import numpy as np
 from netgen.csg import CSGeometry, OrthoBrick, Pnt
 
 import ngbrain
-from ngbrain.forward.harmonic.problem import HarmonicProblem
-from ngbrain.forward.harmonic.wave import Wave
-from ngbrain.inverse.data.direct_inversion import helmholtz_of_curl, local_frequency
-from ngbrain.inverse.elastography.invert_3d import invert_in_space
-from ngbrain.io.waves import WaveData
+from ngbrain.forward import HarmonicProblem, Wave
+from ngbrain.inverse import helmholtz_of_curl, invert_in_space, local_frequency
+from ngbrain.io import WaveData
 from ngbrain.materials import Shearing
 
 FAST = bool(os.environ.get("NGBRAIN_FAST"))

@@ -17,9 +17,14 @@ import numpy as np
 import ngbrain
 from ngbrain.errors import RangeWarning
 from ngbrain.materials import Branch, NeoHooke, Viscous, constants, lab
-from ngbrain.surgery.material_point import Column, dose_with_recovery
-from ngbrain.surgery.measures.injury import dose
-from ngbrain.surgery.protocols import continuous_retraction, intermittent_retraction, staged_retraction
+from ngbrain.surgery import (
+    Column,
+    continuous_retraction,
+    dose,
+    dose_with_recovery,
+    intermittent_retraction,
+    staged_retraction,
+)
 from ngbrain.units import to_minutes, to_mmHg
 
 ngbrain.set_threads(1)

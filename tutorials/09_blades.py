@@ -15,10 +15,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import ngbrain
-from ngbrain.forward.transient.step_control import StepControl
+from ngbrain.forward import StepControl
 from ngbrain.scene import Scene
-from ngbrain.surgery.measures.observer import Observer
-from ngbrain.surgery.model import RetractionModel
+from ngbrain.surgery import Observer, RetractionModel
 from ngbrain.units import to_mm, to_mmHg
 
 ngbrain.set_threads(1)

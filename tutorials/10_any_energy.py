@@ -20,20 +20,25 @@ import numpy as np
 from ngsolve.meshes import MakeStructured2DMesh
 
 import ngbrain
-from ngbrain.adjoint.check import taylor
-from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.rigid import RigidContact
-from ngbrain.forward.observables import Displacements, Force, Observable, StrainPercentile
-from ngbrain.forward.observables.base import LinearObservable
-from ngbrain.forward.sensitivity.static_model import LoadCase, StaticModel
-from ngbrain.forward.sensitivity.transient.run_model import RunModel
-from ngbrain.forward.solid.problem import Problem
-from ngbrain.forward.statics.load_path import LoadPath
-from ngbrain.inverse.fitting.estimate import estimate
-from ngbrain.materials import NeoHooke, Prony
-from ngbrain.materials.base import Law
+from ngbrain.adjoint import taylor
+from ngbrain.forward import (
+    Displacements,
+    Force,
+    LinearObservable,
+    LoadCase,
+    LoadPath,
+    Material,
+    Observable,
+    Problem,
+    RigidContact,
+    RunModel,
+    StaticModel,
+    StrainPercentile,
+)
+from ngbrain.inverse import estimate
+from ngbrain.materials import Law, NeoHooke, Prony
 from ngbrain.mesh import block
-from ngbrain.surgery.protocols import Drive, ToolMotion
+from ngbrain.surgery import Drive, ToolMotion
 
 ngbrain.set_threads(1)
 FAST = bool(os.environ.get("NGBRAIN_FAST"))

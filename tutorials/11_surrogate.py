@@ -18,12 +18,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import ngbrain
-from ngbrain.inverse.elastography.invert import invert
-from ngbrain.inverse.problem.discretisation import discretise
-from ngbrain.io.waves import WaveData
-from ngbrain.surrogate.data.dataset import DENSITY, FINE, SIDES, sample, solve_displacement
-from ngbrain.surrogate.operator.encoding import add_noise
-from ngbrain.surrogate.prediction.predict import predict
+from ngbrain.inverse import discretise, invert
+from ngbrain.io import WaveData
+from ngbrain.surrogate import DENSITY, FINE, SIDES, add_noise, predict, sample, solve_displacement
 
 FAST = bool(os.environ.get("NGBRAIN_FAST"))
 ngbrain.set_threads(1)

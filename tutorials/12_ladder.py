@@ -18,10 +18,8 @@ import numpy as np
 
 import ngbrain
 from ngbrain import ladder
-from ngbrain.forward import LoadCase, Material, Problem, StaticModel
-from ngbrain.forward.observables import Displacements, Force, Observable
-from ngbrain.forward.observables.base import LinearObservable
-from ngbrain.inverse.fitting.estimate import estimate
+from ngbrain.forward import Displacements, Force, LinearObservable, LoadCase, Material, Observable, Problem, StaticModel
+from ngbrain.inverse import estimate
 from ngbrain.materials import NeoHooke
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Time, Tissue
 

@@ -16,11 +16,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import ngbrain
+from ngbrain import calibrate
 from ngbrain.scene import Protocol, Scene
-from ngbrain.surgery.calibrate import Retracted, calibrate
-from ngbrain.surgery.model import RetractionModel
-from ngbrain.surgery.observations import Observations
-from ngbrain.surgery.protocol_run import ProtocolRun
+from ngbrain.surgery import Observations, ProtocolRun, Retracted, RetractionModel
 from ngbrain.units import to_mmHg
 
 ngbrain.set_threads(1)

@@ -20,7 +20,7 @@ import numpy as np
 from scipy import ndimage
 
 import ngbrain
-from ngbrain.image.preprocess.contrast import tissue_maps
+from ngbrain.image import tissue_maps
 
 ngbrain.set_threads(1)
 FAST = bool(os.environ.get("NGBRAIN_FAST"))

@@ -18,10 +18,9 @@ import numpy as np
 from ngsolve.meshes import MakeStructured2DMesh
 
 import ngbrain
-from ngbrain.adjoint.check import taylor
-from ngbrain.forward import Friction, Material, Problem, RigidContact, RunModel
-from ngbrain.forward.observables import Force
-from ngbrain.inverse.fitting.estimate import estimate
+from ngbrain.adjoint import taylor
+from ngbrain.forward import Force, Friction, Material, Problem, RigidContact, RunModel
+from ngbrain.inverse import estimate
 from ngbrain.materials import NeoHooke, Prony
 
 ngbrain.set_threads(1)

@@ -8,14 +8,9 @@ from ngsolve_plain import domain, wave
 
 import ngbrain
 from ngbrain.errors import ConvergenceError, InvertedElementError
-from ngbrain.forward.common.loads import TractionLoad
-from ngbrain.forward.common.material import Material
-from ngbrain.forward.solid.advance import newton_for
-from ngbrain.forward.solid.problem import Problem
-from ngbrain.forward.statics.load_path import LoadPath
-from ngbrain.materials import NeoHooke, UnsplitNeoHooke
-from ngbrain.materials.volumetric import squared_log
-from ngbrain.solvers.record import PathRecord
+from ngbrain.forward import LoadPath, Material, Problem, TractionLoad, newton_for
+from ngbrain.materials import NeoHooke, UnsplitNeoHooke, squared_log
+from ngbrain.solvers import PathRecord
 from ngbrain.threads import set_threads
 
 LABELS = {"residual": "assemble"}
