@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from ngbrain.lazy import lazy_names
 
 if TYPE_CHECKING:
-    from ngbrain.surrogate.operator import encoding, symmetries, wavelet_operator, wavelets
+    from ngbrain.surrogate.operator import encoding, symmetries, wavelet_operator
 else:
     __getattr__, __dir__ = lazy_names(__name__)
 
