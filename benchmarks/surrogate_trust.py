@@ -92,7 +92,9 @@ def waves(
         u = solve_displacement(
             storage + 1j * loss, hertz, poisson, drive(1e-3 * np.cos(angle), 1e-3 * np.sin(angle)), ACROSS, held
         )
-        return Sample(u, data.dataset._interpolate(storage, ACROSS), data.dataset._interpolate(loss, ACROSS), hertz, poisson)
+        return Sample(
+            u, data.dataset._interpolate(storage, ACROSS), data.dataset._interpolate(loss, ACROSS), hertz, poisson
+        )
 
     return at(change)
 
@@ -115,7 +117,9 @@ def compression(power: float = 1.0, held: dict[str, str] | None = None) -> Drawn
             held or {"x": "bottom", "y": "bottom|top"},
             side,
         )
-        return Sample(u.real[..., 1:], data.dataset._interpolate(youngs, ACROSS), np.zeros((ACROSS, ACROSS)), 0.0, poisson)
+        return Sample(
+            u.real[..., 1:], data.dataset._interpolate(youngs, ACROSS), np.zeros((ACROSS, ACROSS)), 0.0, poisson
+        )
 
     return at(change, "inclusions" if power != 1 else None)
 
