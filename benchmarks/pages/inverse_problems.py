@@ -59,9 +59,8 @@ def relaxing() -> str:
 
 
 def relaxing_searches() -> str:
-    found = [
-        r for r in records("inversion_relaxing") if r["seed"] == 0 and r["noise"] == 0.01 and r["grid"] == "2.5 mm"
-    ]
+    of = records("inversion_relaxing")[0]
+    found = [r for r in records("inversion_relaxing") if all(r[key] == of[key] for key in ("seed", "noise", "grid"))]
     methods = list(dict.fromkeys(r["method"] for r in found))
     rows = []
     for problem in dict.fromkeys(r["problem"] for r in found):

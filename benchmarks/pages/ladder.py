@@ -54,6 +54,7 @@ def conclusion() -> str:
         held = sum(r["error"] <= tolerance for r in of)
         middle = number(np.median([r["cost_ratio"] for r in of]))
         texts.append(f"{percent(tolerance)}, {held} of {len(of)} within it, {middle} of the time")
+    texts.append(f"all, {number(np.median([r['cost_ratio'] for r in records('ladder_scenes')]))} of the time")
     pairs = [p for r in records("ladder_scenes") for p in r["pairs"] if p["true"] > JUDGED]
     foretold = [p for p in pairs if p["how"] != "solved"]
     near = sum(FACTOR[0] <= (p["effectivity"] or 0) <= FACTOR[1] for p in foretold)
