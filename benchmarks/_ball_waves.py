@@ -1,4 +1,4 @@
-"""Waves of a block with a stiff ball in it, simulated with tetrahedra that know nothing of the elements that invert them."""
+"""Waves of a block with a stiff ball, simulated on tetrahedra that are independent of the elements of the inversion."""
 
 from __future__ import annotations
 
@@ -55,17 +55,17 @@ class BallInBlock:
         return data.with_noise(noise, seed=0)
 
     def hexahedra(self, order: int, cells: int, points: int) -> Discretisation:
-        """So many along a side, that invert waves of an order at so many points."""
+        """Hexahedra along a side for the inversion of waves at a number of points."""
         line = np.linspace(0, self.side, cells + 1)
         mesh = boxes(np.ones((cells,) * 3, bool), line, line, line)
         return Discretisation(mesh, f"P{order}", (order + 1) // 2, None, np.ones(points, bool))
 
     def label(self, x: Array) -> Array:
-        """1 in the ball, for points (n, 3)."""
+        """Indicator of the ball at points (n, 3)."""
         return (self.away(x) < self.radius).astype(int)
 
     def away(self, x: Array) -> Array:
-        """From the ball's middle (m)."""
+        """Distance from the ball's centre (m)."""
         return np.asarray(np.linalg.norm(x - np.array(self.centre), axis=1))
 
     def contrast(self, points: Array, values: Array, known: Array | bool = True) -> float:

@@ -17,7 +17,7 @@ BULK = {"compressible": 2e4, "nearly incompressible": 1e7}
 
 
 def bump(x, y, exp=np.exp):  # type: ignore[no-untyped-def]
-    """A stiff place in the middle."""
+    """A stiff inclusion at the centre."""
     return exp(-((x - SIDE / 2) ** 2 + (y - SIDE / 2) ** 2) / 3e-4)
 
 
@@ -65,7 +65,7 @@ def waves(
 
 
 def sampled(body: HarmonicProblem, points: np.ndarray) -> np.ndarray:
-    """Its waves (loads, n, 2) at points."""
+    """Waves (loads, n, 2) at points."""
     at = evaluation(ngs.H1(body.mesh, order=body.form.order), points)
     waves = [(u.components[0] if body.mixed else u).vec.FV().NumPy() for u in body.solve()]
     return np.array([(at @ values[: 2 * at.shape[1]].reshape(2, -1).T) for values in waves])

@@ -1,4 +1,4 @@
-"""How often intervals hold the truth, by level, and its chart."""
+"""Coverage of intervals by level, and its chart."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ ASKED = ((0.68, 0.60, 0.76), (0.95, 0.90, 0.99))
 
 
 def coverage(scores: np.ndarray) -> Record:
-    """Of what is so many standard deviations off; `error` is |coverage - .95| at 95 %."""
+    """Coverage from errors in standard deviations; `error` is |coverage - .95| at 95 %."""
     covered = [float(np.mean(np.abs(scores) < ndtri(0.5 + level / 2))) for level in LEVELS]
     at = dict(zip(LEVELS, covered, strict=True))
     return {
@@ -27,7 +27,7 @@ def coverage(scores: np.ndarray) -> Record:
 
 
 def told(r: Record) -> str:
-    """In words."""
+    """One record as text."""
     return f"68 % cover {100 * r['coverage_68']:.1f} %, 95 % cover {100 * r['coverage_95']:.1f} %"
 
 

@@ -1,4 +1,4 @@
-"""Waves in the head of the MNI152 brain, made up: what `elastography_head` inverts."""
+"""Simulated waves in the MNI152 head, the data of `elastography_head`."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ from ngbrain.mesh import RadialSizeField, mesh_elements
 Array = np.ndarray
 NAMES = ("grey", "white", "inclusion", "fluid")
 MODULI = np.array([2.0e3 + 0.8e3j, 2.7e3 + 1.2e3j, 5.4e3 + 2.4e3j, 0.3e3 + 0.3e3j])
-"""G* (Pa) at 50 Hz: of the size that magnetic resonance elastography reports at 50 to 80 Hz; the inclusion twice white."""
+"""G* (Pa) at 50 Hz, of the magnitude reported by MR elastography at 50 to 80 Hz; the inclusion has twice that of white matter."""
 BULK = 2e5
-"""Pa, known: about a hundred times the shear moduli, where tissue has a million times."""
+"""Known bulk modulus (Pa): about a hundred times the shear moduli; tissue has a million times."""
 CENTRE, RADIUS = np.array([0.028, -0.012, 0.022]), 7.5e-3
 FREQUENCY, DENSITY = 50.0, 1000.0
 HINGE = (0.0, -0.02, -0.07)
 NODDING, SIDEWAYS = 2e-4, 15e-6
-"""rad about the left-right axis through HINGE, m along it."""
+"""Rotation (rad) about the left-right axis through HINGE, translation (m) along it."""
 EDGE = 60e-3
-"""m, of the cube around the ball that is simulated with a measured map."""
+"""Edge (m) of the cube around the ball that is simulated with a measured map."""
 STIFFER, DETAIL, VOXEL, SEED = 2.0, 0.15, 2e-3, 0
-"""What a measured map is multiplied by: by this in the ball, and in every voxel of 2 mm by the exponential of a normal number of
+"""Factors on a measured map: this one in the ball, and in every voxel of 2 mm the exponential of a normal number with
 this standard deviation, as a mean of 134 people is smooth and a person is not."""
 
 
@@ -50,7 +50,7 @@ class Head:
     measured: StiffnessMap | None = None
 
     def modulus_at(self, x: Array) -> Array:
-        """G* (Pa) at points (n, 3) m; ventricles have the fluid's."""
+        """G* (Pa) at points (n, 3) m; ventricles have that of the fluid."""
         label = self.label_at(x)
         if self.measured is None:
             return MODULI[label]
@@ -63,13 +63,13 @@ class Head:
         return self.measured.interpolate(x)
 
     def label_at(self, x: Array) -> Array:
-        """Which of `NAMES` points (n, 3) m are, as numbers (n,): what is neither white nor in a ventricle counts as grey."""
+        """Index (n,) in `NAMES` of points (n, 3) m: neither white nor ventricle counts as grey."""
         tissue = self._tissue(x)
         number = np.select([tissue == "white", tissue == "ventricles"], [1, 3], 0)
         return np.where(np.linalg.norm(x - CENTRE, axis=1) < RADIUS, 2, number)
 
     def parenchyma(self, x: Array) -> Array:
-        """Which points (n, 3) m are grey or white matter or the ball."""
+        """Mask of the points (n, 3) m in grey matter, white matter or the ball."""
         near = np.linalg.norm(x - CENTRE, axis=1) < RADIUS
         return near | np.isin(self._tissue(x), ("grey", "white"))
 
@@ -83,7 +83,7 @@ class Head:
 
 
 def waves_of_head(size: float, form: str, spacing: float, maps: tuple[str, str] | None = None) -> WaveData:
-    """Without noise, at voxels of the parenchyma; simulated on tetrahedra of `size` (m).
+    """Noise-free waves at voxels of the parenchyma; simulated on tetrahedra of `size` (m).
 
     Two loads: the skull nods, and it moves sideways. Ventricles are filled with a fluid that is soft and lossy.
 
@@ -126,18 +126,18 @@ def _cube(size: float) -> ngs.Mesh:
 
 
 def head(maps: tuple[str, str] | None = None) -> Head:
-    """The brain of MNI152, with the moduli of two files if there are some."""
+    """The MNI152 brain, with the moduli of two files if given."""
     return Head(label_tissues(mni152()).labels, read_stiffness(*maps) if maps else None)
 
 
 def _normal(voxel: Array) -> Array:
-    """A normal number for each voxel (n, 3), the same for the same voxel whatever else is asked for."""
+    """A normal number for each voxel (n, 3), reproducible for each voxel."""
     box = np.random.default_rng(SEED).standard_normal((256, 256, 256))
     return box[tuple((voxel % 256).T)]
 
 
 def _voxels(subject: Head, mesh: ngs.Mesh, spacing: float) -> Array:
-    """Middles (n, 3) m of the voxels that are in the parenchyma and in the mesh."""
+    """Centres (n, 3) m of the voxels in the parenchyma and in the mesh."""
     corners = np.array([v.point for v in mesh.vertices])
     first, last = np.floor(corners.min(axis=0) / spacing), np.ceil(corners.max(axis=0) / spacing)
     lines = [np.arange(a, b + 1) for a, b in zip(first, last, strict=True)]
@@ -147,7 +147,7 @@ def _voxels(subject: Head, mesh: ngs.Mesh, spacing: float) -> Array:
 
 
 def _on_grid(subject: Head, points: Array, displacement: Array, spacing: float) -> WaveData:
-    """On the box of voxels around all points, those as its mask."""
+    """The data on the bounding box of voxels, with the points as mask."""
     low = points.min(axis=0)
     index = np.rint((points - low) / spacing).astype(int)
     shape = index.max(axis=0) + 1

@@ -1,4 +1,4 @@
-"""Tables of the page of results on heads, written from the records of `heads_of_strangers` between marks in its text."""
+"""Tables of the page of results on heads, written between marks of its text from the records of `heads_of_strangers`."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ MARKS = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
 def filled(page: str, records: list[Record]) -> str:
-    """The page with the text between `<!-- table: NAME -->` and `<!-- end -->` written anew, NAME one of `TABLES`."""
+    """The page with the text between `<!-- table: NAME -->` and `<!-- end -->` replaced, NAME one of `TABLES`."""
     return MARKS.sub(lambda found: f"{found[1]}{TABLES[found[2]](records)}\n{found[3]}", page)
 
 
 def labels(records: list[Record]) -> str:
-    """Labels beside MUSE's, ° behind a head that was never segmented before."""
+    """Labels compared with MUSE's; ° marks a head that was never segmented before."""
     titles = (
         "head", "CPU s", "brain ml", "ventricles ml", "contrast", "grey", "white", "ventricles", "brain",
         "grey of the ceiling", "white of the ceiling",
@@ -34,7 +34,7 @@ def labels(records: list[Record]) -> str:
 
 
 def meshes(records: list[Record]) -> str:
-    """Labels and meshes by hull of T1s that no map of labels comes with, those that are refused too."""
+    """Labels and hull meshes of T1s without a label map, including refused ones."""
     titles = (
         "T1", "labels CPU s", "brain ml", "ventricles ml", "contrast", "mesh CPU s", "both", "smallest dihedral",
     )  # fmt: skip
@@ -50,7 +50,7 @@ def meshes(records: list[Record]) -> str:
 
 
 def demos(records: list[Record]) -> str:
-    """The fast demo on each head, and how many reached the report."""
+    """The fast demo on each head, and the number of finished reports."""
     rows = [record for record in records if "demo" in record]
     titles = (
         "T1", "report", "CPU s", "GiB", "brain ml", "ventricles ml", "off by", "smallest dihedral",
@@ -74,7 +74,7 @@ def _demo(record: Record) -> list[str]:
 
 
 def routes(records: list[Record]) -> str:
-    """Meshes by the routes that keep tissues apart."""
+    """Meshes by the routes with tissue interfaces."""
     rows = [(record, route) for route in ROUTES for record in records if route in record]
     titles = ("T1", "route", "mesh", "smallest dihedral", "regions off by at most", "tetrahedra", "CPU s", "GiB")
     lines = []
@@ -92,7 +92,7 @@ TABLES = {"labels": labels, "meshes": meshes, "demos": demos, "routes": routes}
 
 
 def _order(record: Record) -> tuple[bool, str, int]:
-    """s2 before s10, and persons last."""
+    """Sort key: s2 before s10, persons last."""
     name = _name(record)
     return name.startswith("person"), name.rstrip("0123456789"), int(re.sub(r"\D", "", name) or 0)
 

@@ -1,4 +1,4 @@
-"""The optimisers that every inverse problem is compared by."""
+"""The optimisers that are compared on every inverse problem."""
 
 from __future__ import annotations
 

@@ -66,7 +66,7 @@ def waves_plane() -> WaveData:
 
 
 def waves_space() -> WaveData:
-    """The inner 39 mm of a block of 60 mm, shaken at 60 Hz along x at its bottom, then along y at its left.
+    """The inner 39 mm of a block of 60 mm, driven at 60 Hz along x at its bottom, then along y at its left.
 
     A point every 3 mm, 2 % noise. G* = 3 + 1i kPa, with a lump of up to twice that.
     """
@@ -100,7 +100,7 @@ def waves_space() -> WaveData:
 
 
 def ultrasound() -> WaveData:
-    """A square of 40 mm at rest, pushed down by 0.4 mm with a slippery plate; the axial (y) displacement alone, 0.15 % noise.
+    """A square of 40 mm compressed by 0.4 mm with a frictionless plate; the axial (y) displacement only, 0.15 % noise.
 
     E = 10 kPa, three times as much in a round lesion of 10 mm whose edge fades over 1 mm.
     """
@@ -137,7 +137,7 @@ def ultrasound() -> WaveData:
 
 
 def retraction(folder: Path) -> None:
-    """A retraction of the idealised head by 3 mm in 5 s, held for five more, as a scene; and what was seen of it, with 1 % noise.
+    """A retraction of the idealised head by 3 mm in 5 s, held for 5 s, as a scene; and its measurements with 1 % noise.
 
     In truth the cortex is 1.5 and white matter 0.7 times as stiff as in the scene.
     """
@@ -166,7 +166,7 @@ WAVES: dict[str, Callable[[], WaveData]] = {each.__name__: each for each in (wav
 
 
 def square(side: float, size: float) -> ngs.Mesh:
-    """Triangles; its edges are bottom, top and sides."""
+    """A triangle mesh; its edges are bottom, top and sides."""
     face = occ.Rectangle(side, side).Face()
     face.edges.name = "sides"
     face.edges.Max(occ.Y).name, face.edges.Min(occ.Y).name = "top", "bottom"
@@ -179,12 +179,12 @@ def grid(line: np.ndarray, dim: int) -> np.ndarray:
 
 
 def bulk_of(shear, poisson: float):  # type: ignore[no-untyped-def]
-    """K of a shear modulus."""
+    """Bulk modulus of a shear modulus."""
     return 2 * (1 + poisson) / (3 * (1 - 2 * poisson)) * shear
 
 
 def rounded(data: WaveData) -> WaveData:
-    """Displacements and truth to seven digits, far below the noise: the files are half as large."""
+    """Displacements and truth in seven digits, far below the noise, which halves the files."""
 
     def single(values: np.ndarray) -> np.ndarray:
         return values.astype(np.complex64 if np.iscomplexobj(values) else np.float32).astype(values.dtype)

@@ -120,7 +120,7 @@ def percent(error: float) -> str:
 
 
 def line(r: dict) -> str:
-    """A record to read."""
+    """One record as text."""
     result = f"{r['error']:.1e}" if r["converged"] else "failed"
     text = f"{r['method']:<24} {r['mesh']:>6} {r['ndof'] or 0:8d} unknowns  {result:>8}  {r['cpu_s'] or 0:7.2f} s"
     counts = "".join(f", {r[name]} {name}" for name in ("newton", "factorisations", "cuts") if r.get(name) is not None)

@@ -1,4 +1,4 @@
-"""Waves with gross errors, as at a bad rim, a vessel or a wrapped patch: is the modulus found all the same?
+"""Waves with gross errors, as at a bad rim, a vessel or a wrapped patch: error of the modulus.
 
 One slice of 162 by 150 mm with motion through it at 50 Hz, pixels of 2.5 mm in an oval mask, G* = 2.0 + 0.8i kPa with two discs of
 15 mm, 1.5 and 0.6 times as stiff; 2 % noise. Gross errors: at 1.8 % of all points, all at the rim, .3 of the waves' rms; or at 5,
@@ -35,7 +35,7 @@ from ngbrain.threads import set_threads
 Record = dict
 G, SIZE, PIXEL, NOISE = 2000 + 800j, (0.1625, 0.15), 2.5e-3, 0.02
 DISCS = {1.5: (0.055, 0.075), 0.6: (0.108, 0.07)}
-"""How stiff, and where (m)."""
+"""Stiffness factors and positions (m)."""
 RADIUS, CORE = 7.5e-3, 5e-3
 RIM, RIM_SIZE = 0.018, 0.3
 CASES = {"none": 0.0, "rim": RIM, "5 %": 0.05, "10 %": 0.1, "20 %": 0.2}
@@ -43,7 +43,7 @@ CASES = {"none": 0.0, "rim": RIM, "5 %": 0.05, "10 %": 0.1, "20 %": 0.2}
 
 @cache
 def slice_of_waves() -> WaveData:
-    """Without errors, computed with order 4; all the border moves as one."""
+    """Waves without errors, computed with order 4; the border moves as a rigid body."""
     mesh = rectangles(*(np.linspace(0, side, round(side / 5e-3) + 1) for side in SIZE))
     ratio = ngs.CF(1.0)
     for stiff, (x, y) in DISCS.items():
@@ -68,7 +68,7 @@ def slice_of_waves() -> WaveData:
 
 
 def spoilt(case: str) -> tuple[WaveData, np.ndarray]:
-    """Waves with gross errors, and which points these are at."""
+    """Waves with gross errors, and the mask of their points."""
     data, rng, share = slice_of_waves(), np.random.default_rng(1), CASES[case]
     where = data.border if case == "rim" else data.mask
     wrong = where & (rng.random(len(where)) < share * data.mask.sum() / where.sum())
@@ -85,7 +85,7 @@ def measure(quick: bool, executor: parallel.AnyExecutor = None) -> list[Record]:
 
 
 def case(name: str) -> Record:
-    """What `invert` makes of it."""
+    """The record of `invert`."""
     data, wrong = spoilt(name)
     begun = time.process_time()
     found = invert(data)
@@ -109,7 +109,7 @@ def case(name: str) -> Record:
 
 
 def file(path: str) -> Record:
-    """Of a file whose truth is `G` everywhere."""
+    """Errors for a file with the truth `G` everywhere."""
     begun = time.process_time()
     found = invert(read_waves(path))
     return {"method": "file", **_common(found, _modulus(found), time.process_time() - begun), "notes": found.warnings}
@@ -147,7 +147,7 @@ def chart(records: list[Record], png: str) -> None:
 
 
 def line(r: Record) -> str:
-    """A record to read."""
+    """One record as text."""
     more = ""
     if "contrasts" in r:
         contrasts = ", ".join(f"{value:.2f} for {stiff}" for stiff, value in r["contrasts"].items())

@@ -1,4 +1,4 @@
-"""Constants of brain tissue from cubes glued to plates: whole fields against fits that take the cubes for homogeneous.
+"""Constants of brain tissue from cubes glued to plates: full-field fits against fits that assume homogeneous deformation.
 
 known    a cube of 5 mm of a one-term Ogden law (1442 Pa, -19.2), pressed and pulled by a tenth and sheared by a fifth; 11 points of
          each curve by elements of fourth order (1.25 mm), with noise of 0, 1 and 2 % of each curve's peak, ten seeds. Fitted with
@@ -41,7 +41,7 @@ REGIONS = ("cortex", "corona_radiata", "basal_ganglia", "corpus_callosum")
 
 
 def cube(form: str, maxh: float) -> BondedSpecimen:
-    """Of 5 mm."""
+    """A cube of 5 mm."""
     return BondedSpecimen(form=form, maxh=maxh)
 
 
@@ -55,7 +55,7 @@ def exact(quick: bool) -> list[lab.Curve]:
 
 
 def noisy(curves: list[lab.Curve], noise: float, seed: int) -> list[lab.Curve]:
-    """With noise of a part of each peak."""
+    """Curves with noise relative to each peak."""
     random = np.random.default_rng(seed)
     sigmas = [noise * np.abs(c.stress).max() for c in curves]
     return [
@@ -79,7 +79,7 @@ def fitted(case: str, method: str, fit: Callable[[], lab.Fit], **more: Any) -> R
 
 
 def known(quick: bool) -> list[Record]:
-    """Without noise by all meshes, with noise by one."""
+    """Records without noise for all meshes, with noise for one."""
     curves, records = exact(quick), []
 
     def of(method: str, fit: Callable[[], lab.Fit], **more: Any) -> None:
@@ -151,7 +151,7 @@ def searches(quick: bool) -> list[Record]:
 
 
 def measured(quick: bool) -> list[Record]:
-    """Budday's regions."""
+    """Records of Budday's regions."""
     records = []
     for region in REGIONS[: 1 if quick else None]:
         data = lab.budday(region)
@@ -176,7 +176,7 @@ def measured(quick: bool) -> list[Record]:
 
 
 def measure(quick: bool) -> list[Record]:
-    """All three."""
+    """All records."""
     return known(quick) + searches(quick) + measured(quick)
 
 
@@ -235,7 +235,7 @@ def chart(records: list[Record], png: str) -> None:
 
 
 def line(r: Record) -> str:
-    """One record in words."""
+    """One record as text."""
     where = r.get("region") or (f"noise {r['noise']:.0%} seed {r['seed']}" if "noise" in r else "")
     mesh = f" {1e3 * r['maxh']:.2f} mm" if r.get("maxh") else ""
     numbers = ", ".join(f"{name} {value:.4g}" for name, value in r["parameters"].items())

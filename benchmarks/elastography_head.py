@@ -53,27 +53,27 @@ COLOURS = dict(zip(TISSUES, ("#0072B2", "#56B4E9", "#D55E00"), strict=True))
 
 
 def algebraic(data: WaveData, quick: bool) -> tuple[np.ndarray, Record]:
-    """Of the curl, in windows of 5 mm."""
+    """Algebraic inversion of the curl, in windows of 5 mm."""
     return helmholtz_of_curl(data, fit_smooth_field(data), 5e-3), {}
 
 
 def frequency(data: WaveData, quick: bool) -> tuple[np.ndarray, Record]:
-    """Its size only."""
+    """Local frequency estimation, of the magnitude only."""
     return local_frequency(data), {}
 
 
 def fields(data: WaveData, quick: bool) -> tuple[np.ndarray, Record]:
-    """One field for all."""
+    """Inversion with one field for all tissue."""
     return _inverted(data, False, quick)
 
 
 def labels(data: WaveData, quick: bool) -> tuple[np.ndarray, Record]:
-    """A field for each label."""
+    """Inversion with a field for each label."""
     return _inverted(data, True, quick)
 
 
 def blurred(width: float) -> Answer:
-    """The truth, where details below a width (m) are lost."""
+    """The truth smoothed over a width (m)."""
 
     def answer(data: WaveData, quick: bool) -> tuple[np.ndarray, Record]:
         first, last = data.points.min(axis=0), data.points.max(axis=0)
@@ -100,7 +100,7 @@ ROWS: dict[str, Answer] = {
     **{f"truth, {1e3 * width:g} mm": blurred(width) for width in (4e-3, 6e-3, 8e-3)},
 }
 MEASURED = "MRE134: "
-"""Before the name of a row whose truth are measured maps."""
+"""Prefix of rows whose truth is a measured map."""
 ROWS |= {MEASURED + name: ROWS[name] for name in ("algebraic", "local frequency", "ngbrain:inversion", "truth, 6 mm")}
 Maps = tuple[str, str]
 
@@ -128,7 +128,7 @@ def _inverted(data: WaveData, labelled: bool, quick: bool) -> tuple[np.ndarray, 
 
 
 def measure(quick: bool, maps: list[str] | None = None, only: list[str] | None = None) -> list[Record]:
-    """One record for each way."""
+    """One record for each method."""
     files = [Path(each) for each in maps or ()]
     missing = (
         ["--maps is not given"] if not files else [f"{each.name} is not there" for each in files if not each.exists()]
@@ -148,7 +148,7 @@ def measure(quick: bool, maps: list[str] | None = None, only: list[str] | None =
 
 
 def row(method: str, quick: bool, maps: Maps | None = None) -> Record:
-    """In a process of its own."""
+    """Run in a separate process."""
     data = waves_of_head(*(COARSE if quick else FINE), maps).with_noise(NOISE, seed=0)
     with threads(THREADS):
         begun, cpu = time.time(), time.process_time()
@@ -161,7 +161,7 @@ def row(method: str, quick: bool, maps: Maps | None = None) -> Record:
 
 
 def judged(data: WaveData, modulus: np.ndarray) -> Record:
-    """Against the truth, where there is an answer."""
+    """Errors against the truth, where there is a result."""
     away, known = np.linalg.norm(data.points - CENTRE, axis=1), _known(data, modulus)
     truth, label = data.truth["shear"], data.labels
     core, around = known & (away < RADIUS - 2e-3), known & (away > RADIUS) & (away < RADIUS + 5e-3)
@@ -183,7 +183,7 @@ def judged(data: WaveData, modulus: np.ndarray) -> Record:
 
 
 def against_map(data: WaveData, modulus: np.ndarray, maps: Maps) -> Record:
-    """What an answer has of a map that varies from point to point."""
+    """Agreement with a map that varies from point to point."""
     known = _known(data, modulus)
     outside = known & (np.linalg.norm(data.points - CENTRE, axis=1) > RADIUS + 2e-3)
     truth, smooth = data.truth["shear"], np.zeros_like(data.truth["shear"])
@@ -247,7 +247,7 @@ def chart(records: list[Record], png: str) -> None:
 
 
 def line(r: Record) -> str:
-    """A record to read."""
+    """One record as text."""
     off = ", ".join(
         f"{name} {' and '.join(f'{100 * v:+.1f}' for v in r['median_off'][name].values())} %" for name in TISSUES
     )

@@ -111,7 +111,7 @@ def chart(records: list[Record], png: str) -> None:
 
 
 def line(r: Record) -> str:
-    """A record to read."""
+    """One record as text."""
     errors = ", ".join(f"{FIELDS[name]} {100 * value:.3g}" for name, value in r["errors"].items())
     numbers = ", ".join(f"{FIELDS[name]} {value:.1f}" for name, value in r["determined"].items())
     at = ", ".join(f"{f:g}" for f in r["frequencies"])

@@ -147,7 +147,7 @@ def chart(records: list[dict], path: str) -> None:
 
 
 def line(r: dict) -> str:
-    """A record to read."""
+    """One record as text."""
     error = f"{r['error']:.1e}" if r["converged"] else "failed"
     return f"{r['case']:<11} {r['method']:<24} {r['steps']:4d} steps  {error:>8}  {r['cpu_s']:6.2f} s"
 

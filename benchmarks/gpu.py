@@ -262,7 +262,7 @@ def crossing(records: list[Record]) -> int:
 
 
 def line(record: Record) -> str:
-    """One record in words."""
+    """One record as text."""
     head = f"{record['problem']:24} {record['ndof'] or '':>8} {record['method']:42} {record['device']:5}"
     if record.get("solve_s") is None:
         return f"{head} {record['reason'] or record.get('version', '')} {record.get('name', '')}"

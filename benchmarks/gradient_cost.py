@@ -145,7 +145,7 @@ def chart(records: list[Record], png: str) -> None:
 
 
 def line(r: Record) -> str:
-    """One record in words."""
+    """One record as text."""
     solves = "" if r["adjoints"] is None else f", {r['adjoints']:.3f} of it solves"
     where = f"{r['case']} {r['form']:6} {r['fields']:22} {r['loads']:14} {r['ndof']:7}"
     spent = f"waves {r['waves_s']:.3f} s, gradient {r['ratio']:.3f}{solves}"

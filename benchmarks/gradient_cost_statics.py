@@ -179,7 +179,7 @@ def chart(records: list[Record], png: str) -> None:
 
 
 def line(r: Record) -> str:
-    """One record in words."""
+    """One record as text."""
     begun = f"{r['case']:13} {r['form']:6}{r['tetrahedra']:7} tets{r['ndof'] or 0:8} {r['method']:28} "
     if not r["converged"]:
         return begun + r["reason"]

@@ -252,7 +252,7 @@ def chart(records: list[Record], png: str) -> None:
 
 
 def line(r: Record) -> str:
-    """One record in words."""
+    """One record as text."""
     if r["method"] == DIFFERENCES:
         return f"{r['law']:20} {r['method']:30} {r['ndof']:6} unknowns, {r['steps']:4} steps: {r['ratio']:.0f} runs"
     held = "" if r["memory_mb"] is None else f" {r['memory_mb']:.1f} MB,"

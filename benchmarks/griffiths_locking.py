@@ -31,14 +31,14 @@ from ngbrain.tensors import deformation_gradient
 
 SIZE, HALF_WIDTH, DEEP, EDGE = (36e-3, 24e-3, 48e-3), 6e-3, 30e-3, 9e-3
 SITE = 6e-3
-"""Stress is read this far (m) from the face and from the strip's edges."""
+"""Distance (m) from the face and the strip's edges within which stress is evaluated."""
 WAY, SMALL = 5.75e-3, 1e-3
 LOAD_STEPS = {WAY: 5, SMALL: 1}
 THEIRS, OURS = 0.49, 0.4995
-"""ν; ours is K/μ = 1000."""
+"""Poisson's ratios; ours is K/μ = 1000."""
 POISSON = (0.3, 0.45, THEIRS, OURS)
 FINEST = ("Q3/Q2", 6.0)
-"""Form and cells (mm) that errors are from. At ν = .49 Q4 is 0.3 % off it for the small way, and Q3 0.5 % for the whole one,
+"""Form and cells (mm) of the reference solution. At ν = .49 Q4 is 0.3 % off it for the small way, and Q3 0.5 % for the whole one,
 
 where det F falls to .26: errors of less than some per cent say nothing there.
 """
@@ -59,7 +59,7 @@ def fall(x: ngs.CoefficientFunction, start: float) -> ngs.CoefficientFunction:
 
 
 SHAPE = fall(ngs.y, HALF_WIDTH) * fall(SIZE[2] - ngs.z, DEEP)
-"""Share of the way that a point of the face goes."""
+"""Share of the travel that a point of the face moves."""
 
 
 def slab(cells: float, hexes: bool) -> ngs.Mesh:
@@ -75,7 +75,7 @@ def slab(cells: float, hexes: bool) -> ngs.Mesh:
 
 
 def pushed(form: str, cells: float, nu: float, way: float) -> Problem:
-    """The slab, not yet solved."""
+    """The unsolved problem of the slab."""
     law = constants("griffiths2024:white_matter").law().equilibrium
     held = {"front|right|bottom": 0, "left": (None, 0, None), "back": (way * SHAPE, None, None)}
     material = {".*": Material(law, ratio(nu) * law.mu)}
@@ -129,7 +129,7 @@ def solved(form: str, cells: float, nu: float, way: float) -> dict:
 
 
 def measure(quick: bool) -> list[dict]:
-    """All records; `quick` has the small way and coarse meshes alone."""
+    """All records; `quick` has the small travel and coarse meshes only."""
     warnings.simplefilter("ignore", CollapseWarning)
     warnings.simplefilter("ignore", StabilityWarning)
     ways = (SMALL,) if quick else (SMALL, WAY)
@@ -162,7 +162,7 @@ def measure(quick: bool) -> list[dict]:
 
 
 def chart(records: list[dict], path: str) -> None:
-    """Force over the finest's against time, what grows with ν, and the two differences side by side."""
+    """Relative force against time, errors against ν, and both differences side by side."""
     plt, figure, (small, whole, locks) = _front.figure(16, 5.2, 3)
     looks = {("Q1 alone", THEIRS): ("#D55E00", "s-"), ("Q1 alone", OURS): ("#D55E00", "s:")}
     looks |= {("ngbrain:P2/P1", THEIRS): ("#0072B2", "o-"), ("ngbrain:P2/P1", OURS): ("#0072B2", "o:")}
@@ -222,7 +222,7 @@ def chart(records: list[dict], path: str) -> None:
 
 
 def line(r: dict) -> str:
-    """A record to read."""
+    """One record as text."""
     what = f"{r['kind']:<8} {r['method']:<14} {r['cells_mm']:4g} mm {r['ndof']:6d} unknowns, ν {r['nu']}, {r['way_mm']:g} mm"
     if not r["converged"]:
         return f"{what}  {r['reason']}"

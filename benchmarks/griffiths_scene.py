@@ -53,7 +53,7 @@ A_SIDE, RAMP, END = 5.75e-3, 150.0, 1950.0
 CASES = (("idealised", "ours"), ("idealised", "theirs"), ("MNI152", "ours"))
 """Head and steps."""
 SOURCES = {"cortex": "cortex", "grey": "cortex", "white": "white_matter"}
-"""Tissue → its constants of Griffiths'."""
+"""Tissue → its constants by Griffiths."""
 PRESSED = (1e-3, 0.05, 0.1, 0.2)
 
 
@@ -65,16 +65,16 @@ class Theirs:
     shortest: float = 0.01
 
     def propose_step(self, at: Any, travel: Any) -> float:
-        """By the time alone."""
+        """Next step, by the time only."""
         return 1.5 if at.t < RAMP - 1e-6 else 6.0 if at.t < 210.0 - 1e-6 else 348.0
 
     def check_step(self, body: Any, before: Any, at: Any) -> str:
-        """Nothing: they do not look at their error."""
+        """No error control."""
         return ""
 
 
 def scene(head: str, opening: float) -> Scene:
-    """A shipped scene with two spatulas that share the way."""
+    """A shipped scene with two spatulas that share the travel."""
     base = Scene.shipped(HEADS[head])
     return replace(
         base,
@@ -86,7 +86,7 @@ def scene(head: str, opening: float) -> Scene:
 
 
 def stresses(sites: Sites, sample: TissueSample) -> dict[str, dict[str, float]]:
-    """Tissue → mean and percentiles of its von Mises stress (Pa) near the walls, and how much there is of it (ml)."""
+    """Tissue → mean and percentiles of its von Mises stress (Pa) near the walls, and its volume there (ml)."""
     found = {}
     for k, name in enumerate(sites.names):
         mine = sites.part[sites.near] == k
@@ -101,7 +101,7 @@ def stresses(sites: Sites, sample: TissueSample) -> dict[str, dict[str, float]]:
 
 
 def held(model: RetractionModel, protocol: ToolMotion, control: Control | None) -> dict:
-    """One run: a record of how it went; `reached_mm` is where a run that fails ends."""
+    """Record of one run; `reached_mm` is the opening at which a failing run ends."""
     start = time.process_time()
     run = ProtocolRun(model, protocol, None, control=control)
     record: dict[str, Any] = {"ndof": run.transient.problem.fes.ndof, "a_side_mm": 500 * max(protocol.advance)}
@@ -133,7 +133,7 @@ def held(model: RetractionModel, protocol: ToolMotion, control: Control | None) 
 
 
 def took(start: float) -> float:
-    """CPU seconds since."""
+    """CPU time (s) since a start."""
     return time.process_time() - start
 
 
@@ -143,7 +143,7 @@ def finite(value: float) -> float | None:
 
 
 def on_head(head: str, steps: str) -> Iterator[dict]:
-    """With our steps or theirs; ours that fail are done again as far as they got."""
+    """Records with our steps or theirs; failing runs are repeated up to their last opening."""
     opening = 2 * A_SIDE
     model = RetractionModel.from_scene(scene(head, opening))
     kind = {"kind": "head", "head": head}
@@ -174,7 +174,7 @@ def columns() -> Iterator[dict]:
 
 
 def measure(quick: bool) -> list[dict]:
-    """All records; `quick` is the column's alone and the idealised head with our steps."""
+    """All records; `quick` is the column and the idealised head with our steps."""
     warnings.simplefilter("ignore", RangeWarning)
     records = list(columns())
     for case in CASES[:1] if quick else CASES:
@@ -183,7 +183,7 @@ def measure(quick: bool) -> list[dict]:
 
 
 def compared(records: list[dict]) -> list[dict]:
-    """With errors from their steps and what these take longer."""
+    """Records with errors relative to their steps and the ratio of times."""
     for r in (r for r in records if r["kind"] == "head" and r["converged"] and r["steps"] == "ours"):
         for fine in (s for s in records if alike(r, s) and s["steps"] == "theirs" and s["converged"]):
             r["error"] = abs(r["peak_mmHg"] / fine["peak_mmHg"] - 1)
@@ -193,12 +193,12 @@ def compared(records: list[dict]) -> list[dict]:
 
 
 def alike(r: dict, s: dict) -> bool:
-    """Whether two runs of a head differ in their steps alone."""
+    """Whether two runs of a head differ in their steps only."""
     return s["kind"] == "head" and all(r[k] == s[k] for k in ("head", "a_side_mm"))
 
 
 def chart(records: list[dict], path: str) -> None:
-    """What is left over time, and stress by tissue."""
+    """Remaining force over time, and stress by tissue."""
     plt, figure, (over, left, tissues) = _front.figure(16, 5.4, 3, width_ratios=(1.1, 1.1, 1.2))
     heads = [r for r in records if r["kind"] == "head" and r["converged"]]
     colours = {"idealised": "#0072B2", "MNI152": "#D55E00"}
@@ -256,7 +256,7 @@ def by_tissue(axes: Any, heads: list[dict], colours: dict[str, str]) -> None:
 
 
 def line(r: dict) -> str:
-    """A record to read."""
+    """One record as text."""
     if r["kind"] == "column":
         return f"column {r['tissue']:<13} {r['strain']:5.1%}  peak {r['peak_mmHg']:7.2f} mmHg  left {r['left']:.3f}"
     what = f"{r['head']:<10} {r['steps']:<7} {r['ndof']:6d} unknowns"

@@ -28,14 +28,14 @@ REGIONS = (surface.head_outlines.BRAIN, surface.head_outlines.VENTRICLES)
 
 
 def ours(scanned: Scanned, site: float, near: float, far: float) -> Elements:
-    """The demo's cleft with elements of these sizes (mm)."""
+    """Mesh with the demo's cleft, for these element sizes (mm)."""
     where = Scene.shipped("demo").cleft
     sizes = Sizes(site * 1e-3, near * 1e-3, far * 1e-3)
     return routes.cleft_head.head(scanned.outlines, where.slot(scanned), where.craniotomy, sizes).elements
 
 
 def peer(scanned: Scanned, step: int) -> Elements:
-    """Marching cubes in steps of so many voxels."""
+    """Mesh by marching cubes with a step in voxels."""
     measure = require("skimage.measure", "mri")
     points, surfaces = [np.zeros((0, 3))], []
     shape = scanned.outlines
@@ -61,7 +61,7 @@ def deviation(elements: Elements, boundaries: tuple[str, ...], outline: LevelSet
 
 
 def record(method: str, size: str, scanned: Scanned, run: Callable[[], Elements]) -> dict:
-    """One measurement; a failure is a record too."""
+    """One measurement; a failure is recorded too."""
     start = time.process_time()
     out = {"method": method, "size": size, "order": 1, "ndof": None, "error": None}
     try:
@@ -91,7 +91,7 @@ def record(method: str, size: str, scanned: Scanned, run: Callable[[], Elements]
 
 
 def measure(quick: bool) -> list[dict]:
-    """All records; `quick` stays under a minute."""
+    """All records; `quick` takes less than a minute."""
     scanned = Scanned.from_scan(mni152())
     grids = [(4, 14, 28), (4, 10, 26)] if quick else [(4, 10, 26), (4, 10, 16), (2, 6, 12), (2, 6, 8.9), (2, 6, 7)]
     steps = (12, 8) if quick else (16, 12, 8, 6, 4, 3)
@@ -139,7 +139,7 @@ def chart(records: list[dict], path: str) -> None:
 
 
 def line(r: dict) -> str:
-    """A record to read."""
+    """One record as text."""
     error = f"{r['error_mm']:.2f} mm" if r["converged"] else f"failed: {r.get('reason', 'inverted elements')}"
     return f"{r['method']:<26} {r['size']:<14} {r.get('n_tets', ''):>7}  {r['cpu_s']:6.1f} s  {error}"
 

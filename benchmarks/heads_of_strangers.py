@@ -1,4 +1,4 @@
-"""Heads that nothing was tuned on: which of them are recognised, segmented, meshed and operated on, and how well.
+"""Heads that were not used for tuning: success and quality of recognition, segmentation, meshing and simulated operation.
 
 Runs over a folder of T1s: NIfTI, MGH, or a folder each of a DICOM series. A head NAME_t1.nii.gz may have a map of labels
 NAME_muse_labels.nii.gz in the MUSE numbering on the same voxels; its tissues are then compared, and the ceiling is printed:
@@ -51,7 +51,7 @@ LEFT_OUT = (1, 35, 61, 62)  # fluid outside, the brain stem
 
 
 def anew(path: Path, wanted: list[str], keep: Path | None) -> Record:
-    """What is wanted of one head: its labels' numbers, and a record for each other thing by its name."""
+    """Requested results of one head: numbers of its labels, and a record for each other item by name."""
     found: Record = {"head": path.name}
     with tempfile.TemporaryDirectory() as cache:
         os.environ["NGBRAIN_CACHE"] = cache
@@ -140,7 +140,7 @@ def ceiling(grey_values: np.ndarray, muse: np.ndarray) -> tuple[float, float]:
 
 
 def meshed(path: Path, route: str) -> Record:
-    """What `ngbrain mesh` with no option but the route makes of a head whose labels are in the cache."""
+    """Record of `ngbrain mesh` with the route as the only option, for a head with cached labels."""
     with tempfile.TemporaryDirectory() as folder:
         made = Path(folder, "head.vtu")
         found, text = ngbrain("mesh", path, "--route", route, "-o", made, "-q")
@@ -154,7 +154,7 @@ def meshed(path: Path, route: str) -> Record:
 
 
 def operated(path: Path, folder: Path) -> Record:
-    """What the fast demo makes of a head, to its report: where the cleft lies, pressures and forces."""
+    """Record of the fast demo on a head: position of the cleft, pressures and forces."""
     found, text = ngbrain("demo", "--fast", "--no-checks", "--threads", "1", "--image", path, "-o", folder, "--force")
     found["report"] = (folder / "report.html").exists()
     if not (folder / "result.json").exists():
@@ -261,7 +261,7 @@ def table(records: list[Record]) -> str:
 
 
 def main() -> None:
-    """Measure a folder, or write tables of what was measured."""
+    """Measure a folder, or write tables of records."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", nargs="?", type=Path)
     parser.add_argument("--measure", nargs="+", choices=[LABELS, *ROUTES, DEMO], default=[LABELS], metavar="WHAT")

@@ -109,7 +109,7 @@ def chart(records: list[Record], png: str) -> None:
 
 
 def line(r: Record) -> str:
-    """One record in words."""
+    """One record as text."""
     errors = ", ".join(f"{name} {100 * value:.3g} %" for name, value in r["errors"].items())
     return f"{r['body']:50} {100 * r['noise']:g} % seed {r['seed']} {r['start']:8} {errors}; {r['cpu_s']:.0f} s"
 

@@ -1,4 +1,4 @@
-"""Published cases of MatNLI inverted by one call that is told nothing: neither start nor weight nor regulariser.
+"""Published cases of MatNLI inverted by one call without a given start, weight or regulariser.
 
 Six of its nine cases and the transversely isotropic one with two loads (`ngbrain.inverse.phantoms.benchmark`), made anew on
 their own
@@ -111,7 +111,7 @@ def chart(records: list[Record], path: str) -> None:
 
 
 def line(record: Record) -> str:
-    """For people."""
+    """One record as text."""
     errors = ", ".join(f"{name} {100 * value:.2f} %" for name, value in record.get("errors", {}).items())
     start = f"{record['case']:<6} noise {100 * record['noise']:.0f} %"
     off = f", {record['mismatch']:.2%} of mismatch" if record.get("mismatch") else ""

@@ -197,7 +197,7 @@ def chart(records: list[Record], png: str) -> None:
 
 
 def line(r: Record) -> str:
-    """One record in words."""
+    """One record as text."""
     how = f"error {r['error']:.3f}, contrast {r['contrast']:.2f}, misfit {r['misfit_over_expected']:.2f} of expected"
     cost = f"{r['cpu_s']:.1f} s = {r['forwards']:.0f} forward solves, {r['rounds']} rounds"
     return f"{r['case']} {r['noise']:.0%} {r['method']:28} {how}; {cost}, converged {r['converged']}, {r['solves']}"

@@ -42,15 +42,15 @@ LONG, SHORT = 90.0, 4.0
 """CPU seconds after which a descent is stopped."""
 PUBLISHED = "MatNLI BFGS"
 WATCHED = (10, 30, 100, 300)
-"""Iterations at which it is looked at."""
+"""Iterations at which errors are recorded."""
 
 
 class OutOfTime(Exception):
-    """The descent has had its time."""
+    """The time limit of a descent is reached."""
 
 
 def measure(quick: bool) -> list[Record]:
-    """One record for each method and noise; several of the published one."""
+    """One record for each method and noise level; several for the published method."""
     records: list[Record] = []
     for noise in NOISES[:2] if quick else NOISES:
         measured = Phantom.from_name(CASE, 17 if quick else None).simulate_measurements(noise)
@@ -63,7 +63,7 @@ def measure(quick: bool) -> list[Record]:
 
 
 def blank(measured: PhantomData, method: str, start: str) -> Record:
-    """What all records have."""
+    """Entries common to all records."""
     ndof = len(measured.truth) * len(measured.points)
     fixed = {"method": method, "order": 1, "ndof": ndof, "error": None, "cpu_s": None, "converged": False}
     return fixed | {"noise": measured.noise, "case": CASE, "seed": 0, "start": start, "n": measured.phantom.nodes}
@@ -77,7 +77,7 @@ def judged(measured: PhantomData, fields: dict[str, np.ndarray]) -> Record:
 
 
 def record(measured: PhantomData, method: str, way: Callable) -> Record:
-    """Of a method that needs no start."""
+    """Record of a method without an initial guess."""
     begun = time.process_time()
     shear = way(measured.data())
     cpu_s, truth = time.process_time() - begun, measured.truth["storage"] + 1j * measured.truth["loss"]
@@ -89,7 +89,7 @@ def record(measured: PhantomData, method: str, way: Callable) -> Record:
 
 
 def published(measured: PhantomData, limit: float) -> Iterator[Record]:
-    """BFGS without a regulariser, at several iterations and at its end; an error beyond 1 is no answer."""
+    """BFGS without a regulariser, at several iterations and at its end; an error above 1 counts as a failure."""
     begun, last = time.process_time(), None
     for iterate in measured.published_iterations():
         last, cpu_s = iterate, time.process_time() - begun
@@ -109,7 +109,7 @@ def _published(measured: PhantomData, iterate, cpu_s: float) -> Record:  # type:
 
 
 def descended(measured: PhantomData, method: str, start: str, descend: Callable, limit: float) -> Record:
-    """Of a descent with a regulariser, weighed by the evidence."""
+    """Record of a descent with a regulariser and evidence weights."""
     inversion, begun = measured.inversion(), time.process_time()
     steps: list[object] = []
 
@@ -129,22 +129,22 @@ def descended(measured: PhantomData, method: str, start: str, descend: Callable,
 
 
 def gauss_newton(inversion: PhantomInversion, callback: Callable) -> OptimisationResult:
-    """From the uniform start."""
+    """Descent from the uniform initial guess."""
     return GaussNewton(inversion.reduced, callback=callback).descend(inversion.start)
 
 
 def from_waves(inversion: PhantomInversion, callback: Callable) -> OptimisationResult:
-    """From the measured waves."""
+    """Inversion from the measured waves."""
     return GaussNewton(inversion.reduced, callback=callback).from_waves(inversion.start, inversion.waves)
 
 
 def both(inversion: PhantomInversion, callback: Callable) -> OptimisationResult:
-    """From where `from_waves` ends."""
+    """Descent from the result of `from_waves`."""
     return GaussNewton(inversion.reduced, callback=callback).descend(from_waves(inversion, callback).x)
 
 
 def of_start(optimiser: Callable) -> Callable:
-    """An optimiser of J alone."""
+    """An optimiser with J only."""
     return lambda inversion, callback: optimiser(inversion.reduced, inversion.start, callback=callback)
 
 
@@ -189,7 +189,7 @@ def chart(records: list[Record], png: str) -> None:
 
 
 def line(r: Record) -> str:
-    """A record to read."""
+    """One record as text."""
     error = "-" if r["error"] is None else f"{100 * r['error']:.3g} %"
     parts = "" if "loss" not in r else f"G' {100 * r['storage']:.3g} G'' {100 * r['loss']:.3g}"
     state = "" if r["converged"] else f"  failed {r.get('reason', '')}"

@@ -1,4 +1,4 @@
-"""Three inverse problems end to end: the shape of a body before its weight pulled at it, μ and α of an Ogden tissue, fibres.
+"""Three inverse problems end to end: the unloaded shape of a body under its weight, μ and α of an Ogden tissue, fibres.
 
 Each from data of a finer mesh in elements of another order with 1 % noise (of the rms displacement, and of a force's size),
 inverted in P2/P1 by Levenberg and Marquardt with an H1 regulariser.
@@ -62,7 +62,7 @@ SEARCHES: dict[str, Callable[..., OptimisationResult]] = {
 
 
 def lattice(n: int, dim: int) -> Array:
-    """Where displacements are seen (n^dim, dim)."""
+    """Points (n^dim, dim) at which displacements are observed."""
     line = (np.arange(n) + 0.5) * SIDE / n
     return np.stack(np.meshgrid(*[line] * dim), axis=-1).reshape(-1, dim)
 
@@ -74,7 +74,7 @@ def off(found: ngs.CoefficientFunction, truth: ngs.CoefficientFunction, mesh: ng
 
 
 def record(problem: str, method: str, found: OptimisationResult | None, model: StaticModel, begun: float) -> Record:
-    """What all problems have."""
+    """Entries common to all problems."""
     return {
         "problem": problem,
         "method": method,
@@ -98,7 +98,7 @@ def resting(model: StaticModel) -> float:
 
 
 def shapes(cells: int, fine: int) -> list[Record]:
-    """By all ways."""
+    """Records by all methods."""
     of, records = Hanging(cells, fine), []
     inner = of.model.model
     for method in ("seen shape", "displacement taken back", "fixed point", OURS):
@@ -121,7 +121,7 @@ def shapes(cells: int, fine: int) -> list[Record]:
 
 @dataclass(frozen=True)
 class Loaded:
-    """A block between plates: one body for each load, seen at points and by the force on its plate.
+    """A block between plates: one body for each load, observed at points and by the force on its plate.
 
     dim     2 or 3
     loads   name → how the upper plate moves (m)
@@ -133,7 +133,7 @@ class Loaded:
     points: int
 
     def model(self, mesh: ngs.Mesh, material: Material, names: Sequence[str], form: str, of: dict) -> StaticModel:
-        """Under some of the loads."""
+        """The model for some of the loads."""
         seen = [Displacements(lattice(self.points, self.dim)), Force("top")]
         bodies = [Problem(mesh, {".*": material}, {"bottom": 0, "top": self.loads[n]}, element=form) for n in names]
         return StaticModel([LoadCase(body, seen) for body in bodies], of, steps=2)
@@ -153,7 +153,7 @@ class Loaded:
 
 
 def together(misfits: Sequence[LeastSquares]) -> LeastSquares:
-    """Data of several loads as one."""
+    """Joint data of several loads."""
     return LeastSquares(*(np.concatenate([getattr(m, what) for m in misfits]) for what in ("measured", "sigma")))
 
 
@@ -164,7 +164,7 @@ CUBE = Loaded(3, {"small": (0, 0, -0.001)} | LARGE, 5)
 
 
 def cube_data(fine: int, noise: float = NOISE) -> dict[str, LeastSquares]:
-    """Of all loads."""
+    """The data of all loads."""
     return CUBE.measured(meshed(fine, 3), Material(Ogden(MU, ALPHA), 2e4), noise=noise)
 
 
@@ -208,7 +208,7 @@ def fibred(angle: ngs.CoefficientFunction, k1: float | ngs.Parameter) -> Materia
 
 
 def square_data(fine: int, noise: float = NOISE) -> dict[str, LeastSquares]:
-    """Of all loads."""
+    """The data of all loads."""
     return SQUARE.measured(meshed(fine), fibred(ANGLE, K1), noise=noise)
 
 
@@ -268,13 +268,13 @@ def searched(quick: bool) -> list[Record]:
 
 
 def chosen(records: list[Record]) -> list[Record]:
-    """Which of several starts fits best."""
+    """Index of the best fit of several initial guesses."""
     best = min(records, key=lambda r: np.inf if r["misfit_over_expected"] is None else r["misfit_over_expected"])
     return [r | {"chosen": r is best} for r in records]
 
 
 def measure(quick: bool) -> list[Record]:
-    """All three."""
+    """All records."""
     records: list[Record] = []
 
     def told(made: list[Record]) -> None:
@@ -349,7 +349,7 @@ def chart(records: list[Record], png: str) -> None:
 
 
 def line(r: Record) -> str:
-    """One record in words."""
+    """One record as text."""
     errors = ", ".join(f"{key} {value:.3f}" for key, value in r.items() if key.startswith(("error", "left", "infl")))
     start = f" from {r['start_degrees']}°{'*' if r['chosen'] else ''}" if "chosen" in r else ""
     fit = "" if r["misfit_over_expected"] is None else f", misfit {r['misfit_over_expected']:.2f} of expected"

@@ -302,7 +302,7 @@ def compared(r: Record, problem: str, method: str) -> bool:
 
 
 def line(r: Record) -> str:
-    """One record in words."""
+    """One record as text."""
     found = ", ".join(f"{name} {100 * error:+.1f} %" for name, error in r["errors"].items()) or r["reason"]
     where = f"{r['problem']}, {r['grid']} ({100 * r['mismatch']:.2f} % off), {r['noise']:.0%}, seed {r['seed']}"
     spent = f"{r['runs']} runs, {r['jacobians']} Jacobians, {r['gradients']} gradients, {r['cpu_s']:.1f} s"

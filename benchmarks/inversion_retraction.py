@@ -1,4 +1,4 @@
-"""Tissues' stiffness from a retraction: landmarks that move and the blade's force, on an idealised and on a real head.
+"""Tissue stiffness from a retraction: displacements of landmarks and the blade's force, on an idealised and on a real head.
 
 Truth: grey matter 1.5 and white .7 times their published constants; its run's elements are a fifth smaller and its time
 steps a third as far off. Sixteen landmarks within 2 cm of the cleft's floor, seen at five times with the force, 1 and 2 % noise
@@ -52,7 +52,7 @@ def operation(name: str, finer: float = 1.0, tolerance: float = 0.01, elapsed: f
 
 
 def landmarks(model: RetractionModel) -> np.ndarray:
-    """In tissue near the cleft's floor, at random."""
+    """Random landmarks in tissue near the cleft's floor."""
     mesh, random, found = model.mesh, np.random.default_rng(5), list[np.ndarray]()
     while len(found) < LANDMARKS:
         point = model.cleft.target + random.uniform(-NEAR, NEAR, 3)
@@ -63,7 +63,7 @@ def landmarks(model: RetractionModel) -> np.ndarray:
 
 
 def observed(name: str, model: RetractionModel, stages: tuple[float, ...] = STAGES) -> Observations:
-    """Without noise."""
+    """Measurements without noise."""
     points = landmarks(model)
     retracted = Retracted(model, points, np.array(stages), list(TRUTH[name]))
     data = retracted.run.evaluate(np.array(list(TRUTH[name].values()))).data
@@ -72,7 +72,7 @@ def observed(name: str, model: RetractionModel, stages: tuple[float, ...] = STAG
 
 
 def noisy(seen: Observations, noise: float, seed: int = 0) -> Observations:
-    """Of a part of the displacements' rms and of the largest force."""
+    """Add noise relative to the displacements' rms and to the largest force."""
     sigma = noise * float(np.sqrt(np.mean(seen.displacements**2))), noise * float(np.abs(seen.force).max())
     random = np.random.default_rng(20260101 + seed)
     moved = seen.displacements + sigma[0] * random.normal(size=seen.displacements.shape)
@@ -88,7 +88,7 @@ def record(
     method: str = OURS,
     search: calibrate.Search | None = None,
 ) -> Record:
-    """One search, by the method's own or another."""
+    """One calibration, by the default optimiser or another."""
     retracted = Retracted(model, seen.landmarks, seen.times, list(TRUTH[name]))
     first = time.process_time()
     retracted.run.evaluate(retracted.run.theta)
@@ -123,7 +123,7 @@ def record(
 def held(
     retracted: Retracted, seen: Observations, noise: float, factors: np.ndarray, truth: dict[str, float]
 ) -> dict[str, int]:
-    """Of each tissue, how many draws of noise have an interval that holds the truth, to first order around the factors found."""
+    """For each tissue, the number of noise draws whose interval contains the truth, to first order around the estimate."""
     state = retracted.run.evaluate(factors)
     sigma = np.append(np.full(seen.data.shape[1] - 1, noisy(seen, noise).sigma[0]), noisy(seen, noise).sigma[1])
     slopes = np.array(
@@ -145,7 +145,7 @@ def held(
 
 
 def measure(quick: bool) -> list[Record]:
-    """All heads; quick, one round on its own mesh while the blade opens."""
+    """Records of all heads; `quick` is one iteration on a coarse mesh during the opening."""
     if quick:
         (name, *_), stages = TRUTH, STAGES[:2]
         model = RetractionModel.from_scene(operation(name, 1.4, 0.1, stages[-1] + 1))
@@ -163,7 +163,7 @@ def measure(quick: bool) -> list[Record]:
 
 
 def chart(records: list[Record], png: str) -> None:
-    """Factors with their intervals, and the truth."""
+    """Chart of the factors with their intervals, and the truth."""
     heads = list(dict.fromkeys(r["head"] for r in records))
     plt, made, axes = figure(5.5 * len(heads) + 1, 4, len(heads))
     for axis, head in zip(np.atleast_1d(axes), heads, strict=True):
@@ -185,7 +185,7 @@ def chart(records: list[Record], png: str) -> None:
 
 
 def line(r: Record) -> str:
-    """One record in words."""
+    """One record as text."""
     ends = {t: "{:.3f} to {:.3f}".format(*r["intervals"][t]) for t in r["factors"]}
     factors = ", ".join(f"{t} {value:.3f} ({ends[t]})" for t, value in r["factors"].items())
     fit = f"misfit {r['misfit_over_expected']:.2f} of expected"

@@ -1,4 +1,4 @@
-"""Seeds of noise: what Gauss-Newton finds from measured waves, from uniform fields, and from the one after the other.
+"""Noise seeds: Gauss-Newton from measured waves, from uniform fields, and from one after the other.
 
 Published cases (`ngbrain.inverse.phantoms.benchmark`) in their own discretisation, noise on every point, boundary included;
 smooth fields,
@@ -35,13 +35,13 @@ BOUNDS = {
     ("NE-G", 0.01): {"youngs": 0.03},
     ("CE-B", 0.01): {"youngs": 0.06},
 }
-"""What was asked for."""
+"""The required bound of the error."""
 COLOURS = {"waves": "#0072B2", "uniform": "#E69F00", "both": "#009E73"}
 SYMBOLS = {"youngs": "E", "storage": "G′", "loss": "G″"}
 
 
 def measure(quick: bool, executor: parallel.AnyExecutor = None) -> list[Record]:
-    """Three records for each case, noise and seed."""
+    """Three records for each case, noise level and seed."""
     cases, seeds, nodes = (CASES[:1], 2, 17) if quick else (CASES, SEEDS, None)
     draws = {
         f"{name}, noise {noise:g}, seed {seed}": (name, noise, seed, nodes)
@@ -95,7 +95,7 @@ def groups(records: list[Record]) -> dict[tuple[str, float], dict[str, list[Reco
 
 
 def chart(records: list[Record], png: str) -> None:
-    """Every seed's error, the median, and what was asked for."""
+    """Every seed's error, the median, and the required bound."""
     columns = [
         (case, field, starts)
         for case, starts in groups(records).items()
@@ -124,7 +124,7 @@ def chart(records: list[Record], png: str) -> None:
 
 
 def line(r: Record) -> str:
-    """A record to read."""
+    """One record as text."""
     errors = ", ".join(f"{name} {100 * value:.3g} %" for name, value in r["errors"].items())
     return f"{r['case']} {100 * r['noise']:g} % seed {r['seed']} {r['start']:<8} {errors}, {r['cpu_s']:.1f} s"
 

@@ -39,13 +39,13 @@ COLOURS = {
 
 
 def measure(quick: bool, executor: parallel.AnyExecutor = None) -> list[Record]:
-    """One record for each way."""
+    """One record for each method."""
     ways = [*DIRECT, *(CELLS[:1] if quick else CELLS)]
     return sweep(way, {str(each): (each, quick) for each in ways}, executor)
 
 
 def way(which: str | tuple[int, int], quick: bool) -> Record:
-    """By the name of a direct method, or by order and cells of the elements."""
+    """Record of a direct method by name, or of elements by order and number."""
     data = _waves(quick)
     return direct(data, which, DIRECT[which]) if isinstance(which, str) else inverted(data, *which, 1 if quick else 16)
 
@@ -63,7 +63,7 @@ DIRECT = {"algebraic": _algebraic, "local frequency": local_frequency}
 
 
 def direct(data: WaveData, method: str, answer: Callable[[WaveData], np.ndarray]) -> Record:
-    """Without a model of the body."""
+    """Record of a direct method."""
     begun = time.process_time()
     modulus = answer(replace(data))  # a smooth field is kept with its data
     made = {"method": method, "order": None, "ndof": 0, "converged": True, **judged(data, modulus)}
@@ -71,7 +71,7 @@ def direct(data: WaveData, method: str, answer: Callable[[WaveData], np.ndarray]
 
 
 def inverted(data: WaveData, order: int, cells: int, rounds: int) -> Record:
-    """By `invert_in_space`."""
+    """Record of `invert_in_space`."""
     elements = BLOCK.hexahedra(order, cells, len(data.points))
     begun = time.process_time()
     found = invert_in_space(replace(data), elements, noise=NOISE, max_iterations=rounds)
@@ -90,7 +90,7 @@ def inverted(data: WaveData, order: int, cells: int, rounds: int) -> Record:
 
 
 def judged(data: WaveData, modulus: np.ndarray) -> Record:
-    """Against the truth, where there is an answer."""
+    """Errors against the truth, where there is a result."""
     known = np.isfinite(modulus) & (modulus != 0)
     size, truth = np.abs(modulus), np.array(BLOCK.moduli)[data.labels]
 
@@ -138,7 +138,7 @@ def chart(records: list[Record], png: str) -> None:
 
 
 def line(r: Record) -> str:
-    """A record to read."""
+    """One record as text."""
     size = f" {r['cells']}³ cells, {r['ndof']} unknowns" if r["order"] else ""
     return (
         f"{r['method']}{size}: rms {100 * r['error']:.3g} %, contrast {r['contrast']:.3g}, "

@@ -1,4 +1,4 @@
-"""Zones against one inversion: how far their maps are from its map and from the truth, and what they cost, by the size of zones.
+"""Subzones against one inversion: difference of the maps, error against the truth, and cost, by zone size.
 
 A block of 6 cm with a ball of 20 mm, twice as stiff, in its middle, where eight zones meet; two loads at 80 Hz, 2.3
 wave lengths from side to side, simulated with fourth order on tetrahedra, points every 2.5 mm, 2 % noise, one seed. `off` is the
@@ -41,7 +41,7 @@ Maps = dict[str, np.ndarray]
 BLOCK = BallInBlock(0.06, (0.03, 0.03, 0.03), 0.010, (4000 + 1600j, 8000 + 3200j), 80.0, 0.009)
 NOISE, FAILED, PASSES = 0.02, 0.1, 1
 WAVE = 0.026
-"""Length of a wave of shear in the block (m)."""
+"""Shear wavelength in the block (m)."""
 SIZES = (1.0, 1.35, 1.7)
 PARTS = ("storage", "loss")
 TIMES, PER_CENT = (200, 300, 400, 600, 800, 1200, 1600), (1, 1.5, 2, 3, 4, 5, 7, 10, 20, 50, 100, 200)
@@ -50,7 +50,7 @@ COLOURS = {"algebraic": "#D55E00", ONE: "#4d4d4d", 1.0: "#56B4E9", 1.35: "#0072B
 
 
 def measure(quick: bool) -> list[Record]:
-    """One record for each way, zones once for themselves and once after each pass."""
+    """One record for each method; for zones one before and one after each pass."""
     data = BLOCK.waves(*((2, 4e-3) if quick else (4, 2.5e-3)), NOISE)
     rounds = 1 if quick else 16
     whole, record = apart(one, data, rounds)
@@ -62,13 +62,13 @@ def measure(quick: bool) -> list[Record]:
 
 
 def apart(way, *arguments):
-    """In a process of its own, whose peak of memory is its own."""
+    """Run in a separate process, to measure its peak memory."""
     with ProcessPoolExecutor(1, get_context("spawn"), initializer=set_threads, initargs=(1,)) as executor:
         return executor.submit(way, *arguments).result()
 
 
 def direct(data: WaveData, whole: Maps) -> Record:
-    """Algebraic inversion, the peer."""
+    """Algebraic inversion, for comparison."""
     begun = time.process_time()
     modulus = helmholtz_of_curl(data, fit_smooth_field(data), 5e-3)
     maps = {"storage": np.maximum(modulus.real, 1.0), "loss": np.maximum(modulus.imag, 1.0)}
@@ -77,7 +77,7 @@ def direct(data: WaveData, whole: Maps) -> Record:
 
 
 def one(data: WaveData, rounds: int, cells: int | None = None, whole: Maps | None = None) -> tuple[Maps, Record]:
-    """Of the whole block; with so many hexahedra along a side for others than its own."""
+    """Inversion of the whole block, optionally with another number of hexahedra along a side."""
     elements = BLOCK.hexahedra(3, cells, len(data.points)) if cells else None
     found = invert_in_space(data, elements, noise=NOISE, max_iterations=rounds)
     name = f"{ONE}, {cells}³ cells" if cells else ONE
@@ -86,7 +86,7 @@ def one(data: WaveData, rounds: int, cells: int | None = None, whole: Maps | Non
 
 
 def zones(data: WaveData, rounds: int, size: float, whole: Maps) -> list[Record]:
-    """Zones of a size in wave lengths, and their passes."""
+    """Zones of a size in wavelengths, and their passes."""
     lengths = {"size": size * WAVE, "overlap": subzones.invert.OVERLAP / subzones.invert.SIDE * size * WAVE}
     found = invert_by_subzones(data, noise=NOISE, **lengths, passes=PASSES, max_iterations=rounds)
     points = found.model["points_of_a_zone"]
@@ -103,7 +103,7 @@ def zones(data: WaveData, rounds: int, size: float, whole: Maps) -> list[Record]
 
 
 def about(found: Inversion, rows: list[StartResult]) -> Record:
-    """Size, and cost of all these rows."""
+    """Size and cost, common to these rows."""
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     cpu = sum(row.cpu_s for row in rows)
     return {
@@ -116,7 +116,7 @@ def about(found: Inversion, rows: list[StartResult]) -> Record:
 
 
 def judged(data: WaveData, maps: Maps, whole: Maps) -> Record:
-    """Against one inversion and against the truth; medians of the ball's core and off it."""
+    """Errors against one inversion and against the truth; medians in the ball's core and outside it."""
     truth = np.array(BLOCK.moduli)[data.labels]
     true = {"storage": truth.real, "loss": truth.imag}
 
@@ -176,7 +176,7 @@ def chart(records: list[Record], png: str) -> None:
 
 
 def line(r: Record) -> str:
-    """A record to read."""
+    """One record as text."""
     kind = f" of {r['size']:g} wave lengths, {r['passes']} passes" if "size" in r else ""
     off, error, contrast = ("{:.3g}, {:.3g}".format(*r[key]) for key in ("off", "errors", "contrast"))
     return f"{r['method']}{kind}: off one inversion {off}, truth {error}; contrast {contrast}; {r['cpu_s']:.0f} s"

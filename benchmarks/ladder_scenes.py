@@ -171,7 +171,7 @@ def chart(records: list[Record], png: str) -> None:
 
 
 def line(r: Record) -> str:
-    """A record to read."""
+    """One record as text."""
     flag = f", flagged: {'; '.join(r['flags'])}" if r["flags"] else ""
     chosen = ", ".join(f"{axis} {level}" for axis, level in r["model"].items())
     judged = [p for p in r["pairs"] if p["true"] > r["tolerance"] and p["how"] != estimates.SOLVED]

@@ -1,4 +1,4 @@
-"""A living brain: one axial slice with motion through it, 30 to 60 Hz, inverted by the command line as a stranger would.
+"""A measured brain: one axial slice with through-plane motion, 30 to 60 Hz, inverted by the command line with default options.
 
 FILE is MRE_demo_data.mat of https://github.com/aaronfeng369/Brain_actuator (figure14; Qiu et al. 2021, 10.1002/nbm.4592): the
 displacement at four times of a period, and the authors' map of the shear modulus by local frequency estimation (kPa). Pixels of
@@ -59,17 +59,17 @@ CHOICES = {**{f"{hz:g}": [i] for i, hz in enumerate(FREQUENCIES)}, "all": list(r
 PIXEL, DEEP, SMOOTH, TAPER = 1.25e-3, 10e-3, 5e-3, 20e-3
 DENSITY = 1000.0
 THROUGH = 2
-"""The component that moves through the slice; nothing else was measured."""
+"""The measured through-plane component."""
 STIFFEST = 20e3
-"""Pa: larger answers of Helmholtz count as this before they are smoothed."""
+"""Upper limit (Pa) of Helmholtz inversion before smoothing."""
 FACTORS, TANGENTS = (0.5, 0.75, 1.0, 1.33, 2.0, 3.0, 4.0), (0.02, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2)
-"""On the authors' map, and G''/G'."""
+"""Factors on the authors' map, and loss tangents."""
 LONG = 60e-3
 """Wavelength (m) in the plane of the shortest unknown sources; the authors' modulus has waves of 22 to 34 mm."""
 
 
 class Slice:
-    """What the file has, cut to the brain: samples (x, y, times, frequencies) m, the authors' map (x, y, frequencies) Pa, mask."""
+    """The file, cropped to the brain: samples (x, y, times, frequencies) m, the authors' map (x, y, frequencies) Pa, mask."""
 
     def __init__(self, path: Path) -> None:
         file = scipy.io.loadmat(path)
@@ -121,7 +121,7 @@ class Slice:
 
 
 class Against:
-    """What given maps of the modulus leave of the displacement at one frequency."""
+    """Residual of the displacement at one frequency for given modulus maps."""
 
     def __init__(self, data: WaveData) -> None:
         self.data = screen_outliers(data)[0]
@@ -167,7 +167,7 @@ class Against:
 
 
 def against(known: Slice, which: int, data: WaveData, storage: np.ndarray, loss: np.ndarray) -> Record:
-    """What the authors' map times factors leaves, the least over tangents; and what our own map does."""
+    """Residual of the authors' map times factors, the smallest over loss tangents; and that of our own map."""
     judge, grid = Against(data), data.grid
     assert grid is not None
     theirs = grid.flat(known.authors[..., which])
@@ -194,19 +194,19 @@ def against(known: Slice, which: int, data: WaveData, storage: np.ndarray, loss:
 
 
 def smooth(values: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """By a Gaussian over what is known."""
+    """Smooth by a Gaussian over the known points."""
     weight = ndimage.gaussian_filter(known.astype(float), SMOOTH / PIXEL)
     return ndimage.gaussian_filter(values, SMOOTH / PIXEL) / np.maximum(weight, 1e-9)
 
 
 def measure(path: Path, names: list[str], executor: parallel.AnyExecutor = None) -> list[Record]:
-    """One record for each of `CHOICES` that is named."""
+    """One record for each selected item of `CHOICES`."""
     known = Slice(path)
     return sweep(record, {name: (known, CHOICES[name]) for name in names}, executor)
 
 
 def record(known: Slice, chosen: list[int]) -> Record:
-    """What `ngbrain invert` makes of these frequencies, told nothing."""
+    """Record of `ngbrain invert` with default options for these frequencies."""
     with tempfile.TemporaryDirectory() as place:
         file, folder = Path(place) / "slice.npz", Path(place) / "inverted"
         known.write(file, chosen)
@@ -240,7 +240,7 @@ def record(known: Slice, chosen: list[int]) -> Record:
 
 
 def chart(records: list[Record], png: str) -> None:
-    """What is left against the factor on the authors' map, with the noise of the images."""
+    """Residual against the factor on the authors' map, with the noise of the images."""
     shown = [r for r in records if "against" in r]
     plt, made, panels = figure(7.6, 3.4, 2, sharey=True)
     titles = {"rim": "rim unknown", "sources": f"and sources of {1e3 * LONG:g} mm or longer"}
@@ -275,7 +275,7 @@ def exponent(records: list[Record]) -> str:
 
 
 def line(r: Record) -> str:
-    """A record to read."""
+    """One record as text."""
     which = ", ".join(f"{f:g}" for f in r["frequency"])
     if "ratio" not in r:
         return f"{which} Hz: exit {r['status']}"

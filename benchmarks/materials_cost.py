@@ -187,7 +187,7 @@ def chart(records: list[dict], path: str) -> None:
 
 
 def line(r: dict) -> str:
-    """A record to read."""
+    """One record as text."""
     return f"{r['method']:<38} 1 - R² {r['error']:.3f}   {r['ratio']:6.2f} compiled   {r['plain']:7.2f} not"
 
 

@@ -1,4 +1,4 @@
-"""How much memory a task will take, by its size: measured, fitted, and foretold for sizes that the fit has not seen.
+"""Memory of a task by its size: measured, fitted, and predicted for other sizes.
 
 Each size has a process of its own, on one thread, whose peak of memory counts; sizes that `statics_scaling` and
 `inversion_zones` have on record are taken from there. Fitted is base + factor n^power, where the base is a process without
@@ -27,7 +27,7 @@ from _command import main
 GIB = 2**30
 HERE = Path(__file__).resolve().parent
 PARTS = HERE.parent / "out" / "bench" / "memory.parts.jsonl"
-"""Of a full run that was stopped; delete it to measure anew."""
+"""Records of an interrupted run; delete the file to measure again."""
 TABLE = HERE.parent / "ngbrain" / "parallel" / "memory.json"
 SIZES: dict[str, tuple[str, tuple[float, ...], tuple[float, ...]]] = {
     "statics": ("unknowns", (), (2_000, 4_000, 8_000)),
@@ -36,15 +36,15 @@ SIZES: dict[str, tuple[str, tuple[float, ...], tuple[float, ...]]] = {
     "scan": ("elements", (8, 5, 3.5), (14, 12, 10)),
     "plane": ("points", (15, 21, 41), (9, 11, 13)),
 }
-"""Kind → what its size is counted in, what it is called with, and what with --quick."""
+"""Kind → unit of its size, arguments, and arguments with --quick."""
 HELD_OUT: dict[str, tuple[str, tuple[float, ...], int]] = {
     "two_frequencies": ("zone", (5, 7), 2),
     "head": ("retraction", (1.0, 0.7), 1),
 }
-"""Other work → the kind that it is of, what it is called with, frequencies."""
+"""Other work → its kind, arguments, frequencies."""
 QUICK = ("statics", "plane")
 ENOUGH = 0.25
-"""Error up to which a prediction is of use."""
+"""Largest error of a useful prediction."""
 
 
 def one(kind: str, size: float) -> dict:
@@ -59,7 +59,7 @@ def one(kind: str, size: float) -> dict:
 
 
 def apart(kind: str, size: float, quick: bool) -> dict:
-    """The same in a process of its own, or from a run that was stopped."""
+    """The same in a separate process, or from an interrupted run."""
     for kept in PARTS.read_text().splitlines() if PARTS.exists() and not quick else ():
         if (found := json.loads(kept))["kind"] == kind and found["size"] == size:
             return found
@@ -79,7 +79,7 @@ def apart(kind: str, size: float, quick: bool) -> dict:
 
 
 def measure(quick: bool) -> list[dict]:
-    """A record for each size, with what was foretold of it."""
+    """A record for each size, with its prediction."""
     base = apart("nothing", 0, quick)["peak_gib"]
     records = []
     for kind in QUICK if quick else SIZES:
@@ -98,7 +98,7 @@ def measure(quick: bool) -> list[dict]:
 
 
 def held_out(records: list[dict]) -> list[dict]:
-    """Of other work, foretold from all sizes of its kind; the smallest of two frequencies says what a frequency takes."""
+    """Records of other work, predicted from all sizes of its kind; the smallest with two frequencies gives that of a frequency."""
     fits, found = table(records), []
     for work, (kind, sizes, frequencies) in HELD_OUT.items():
         own = [apart(work, size, False) | {"frequencies": frequencies} for size in sizes]
@@ -116,7 +116,7 @@ def held_out(records: list[dict]) -> list[dict]:
 
 
 def share_of_a_frequency(alone: list[dict], several: list[dict]) -> float:
-    """What one frequency more adds to what is above the base, as a share of that: by the smallest size with both."""
+    """Relative memory above the base of one more frequency, from the smallest size with both."""
     for more in sorted(several, key=lambda r: r["n"]):
         for one in alone:
             if one["n"] == more["n"] and "from" not in one:
@@ -145,13 +145,13 @@ def measured_before(kind: str) -> list[dict]:
 
 
 def fitted(n: np.ndarray, peak: np.ndarray, base: float) -> tuple[float, float]:
-    """Factor and power of what is above the base, least squares of logarithms."""
+    """Factor and power of the memory above the base, by least squares of logarithms."""
     power, factor = np.polyfit(np.log(n), np.log(np.maximum(peak - base, 1e-3)), 1)
     return float(np.exp(factor)), float(power)
 
 
 def table(records: list[dict]) -> dict[str, dict]:
-    """What the library predicts from: kind → what is counted, base, factor, power, the sizes measured, the largest error."""
+    """Table of the library: kind → unit, base, factor, power, measured sizes, largest error."""
     found = {}
     for kind in dict.fromkeys(r["kind"] for r in records):
         every = [r for r in records if r["kind"] == kind]
@@ -172,7 +172,7 @@ def table(records: list[dict]) -> dict[str, dict]:
 
 
 def chart(records: list[dict], png: str) -> None:
-    """Memory against size, measured and foretold."""
+    """Memory against size, measured and predicted."""
     from _front import figure
 
     plt, made, panels = figure(12, 3.6, len({r["kind"] for r in records}))
@@ -195,7 +195,7 @@ def chart(records: list[dict], png: str) -> None:
 
 
 def line(r: dict) -> str:
-    """A record to read."""
+    """One record as text."""
     foretold = f", foretold {r['foretold_gib']:.2f}" if "foretold_gib" in r else ""
     return f"{r['kind']:<12}{r['n']:>9}  {r['peak_gib']:6.2f} GiB{foretold}  {r['cpu_s']:.0f} s"
 

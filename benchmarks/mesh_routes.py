@@ -1,4 +1,4 @@
-"""Does the detail of a mesh matter? The same pressing and the same 50 Hz wave on the brain of MNI152 by each route.
+"""Effect of mesh detail: the same indentation and the same 50 Hz wave on the MNI152 brain by each meshing route.
 
 Every route gets the same labels and stiffness by tissue: as a field of voxels inside a hull, by region where interfaces
 conform. Pressing: a smooth dent of 5 mm in the surface, 12 mm in radius, elastic, K/μ = 20, order 2; asked are the mean
@@ -38,7 +38,7 @@ ORDERS = (2, 3)
 SIZES = {"hull": (14, 10, 7, 5), "lattice": (14, 10, 8), "conforming": (14, 10, 8, 6, 5)}
 QUICK = {"hull": (16,), "lattice": (18,), "conforming": ()}
 PRESSED = 65_000
-"""Tetrahedra from which on a mesh is only shaken; the finest one that is pressed has tissues that conform."""
+"""Number of tetrahedra above which only the wave is computed."""
 LOOK = {"hull": ("#0072B2", "o-"), "lattice": ("#D55E00", "s-"), "conforming": ("#009E73", "^-")}
 RTOL, MOST = 1e-4, 200
 """Residual of waves that are shaken, and iterations to it before GMRES begins anew, once."""
@@ -176,7 +176,7 @@ def records_of(
 
 
 def measure(quick: bool) -> list[dict]:
-    """All records; `quick` stays under a minute."""
+    """All records; `quick` takes less than a minute."""
     labels = label_tissues(mni152()).labels
     brain = outlines(labels).brain
     middles = brain.outline().mean(axis=1)
@@ -247,7 +247,7 @@ def chart(records: list[dict], path: str) -> None:
 
 
 def line(r: dict) -> str:
-    """A record to read."""
+    """One record as text."""
     start = f"{r['method']:<20} {r['size_mm']:>4} mm, order {r['order']}"
     if not r["converged"]:
         return f"{start}  failed: {r['reason']}"

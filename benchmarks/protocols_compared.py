@@ -1,4 +1,4 @@
-"""Which way of retracting presses tissue less, and which constants relax as brains do.
+"""Pressure by retraction protocol, and relaxation by published constants against measurements.
 
 One point of tissue under a blade (`ngbrain.surgery.material_point`), every relaxing set of constants of the catalogue,
 openings of 0.1
@@ -49,30 +49,30 @@ SETS = {
 SETS |= {"miller1997:brain": "Miller 1997", "miller2002:brain": "Miller 2002"}
 OPENING, RAMP, WORK = 5e-3, 10.0, 1800.0
 STRAINS = np.array([1e-3, 0.05, 0.1, 0.15, 0.18])
-"""Opening over depth; Griffiths' data end at 10 %."""
+"""Opening relative to depth; Griffiths' data end at 10 %."""
 PATTERNS = ((300.0, 300.0), (600.0, 180.0), (900.0, 300.0))
-"""Hold and rest (s); the rest begins when the blade is back."""
+"""Hold and rest (s); the rest begins when the blade is fully retracted."""
 RISES = (0.5, 2.0, 5.0, 10.0, 20.0, 40.0, 80.0, 150.0)
 HALVED, LEFT = 6.6, 0.35
 FORCES = {"30 gf": 0.294 / 2e-4, "50 gf": 0.490 / 2e-4}
 """On 10 × 20 mm (Pa)."""
 DRAINED = ((0.1, 60.0), (0.5, 600.0))
-"""Share of the sudden stress that leaves with a fluid, and in which time (s)."""
+"""Share of the initial stress that is lost by fluid drainage, and its time constant (s)."""
 SPEEDS = (0.5, 2.0, 10.0, 50.0)
 STEPS = 16
 LEVELS = (20.0, 30.0)
 Values = Iterator[dict]
-"""Records without cost and error: what they are of, and `value`."""
+"""Records without cost and error: their keys, and `value`."""
 
 
 def rests(hold: float, rest: float) -> ToolMotion:
-    """Half an hour of work in holds."""
+    """Half an hour of working time in holds."""
     n = round(WORK / hold)
     return intermittent_retraction(OPENING, RAMP, n * (RAMP + hold) + (n - 1) * (RAMP + rest), hold, RAMP + rest)
 
 
 def half_time(course: LoadingHistory) -> float:
-    """Minutes from the peak until half of it is left; nan if more stays."""
+    """Minutes from the peak to half of it; NaN if it is never reached."""
     top = course.pressure.argmax()
     below = course.curve.crossings(to_mmHg(course.pressure[top]) / 2)
     after = below[below > course.t[top]]
@@ -80,7 +80,7 @@ def half_time(course: LoadingHistory) -> float:
 
 
 def holds(column: Column, strains: np.ndarray, rises: tuple[float, ...]) -> Values:
-    """What is left of the peak after half an hour, and the half-time."""
+    """Remaining share of the peak after half an hour, and the half-time."""
     for rise in rises:
         for strain, course in zip(
             strains, column.push_each(OPENING / strains, continuous_retraction(OPENING, rise, rise + WORK)), strict=True
@@ -91,7 +91,7 @@ def holds(column: Column, strains: np.ndarray, rises: tuple[float, ...]) -> Valu
 
 
 def against(one: LoadingHistory, on: LoadingHistory, many: LoadingHistory) -> Iterator[tuple[str, str, float]]:
-    """Comparison, measure and value of holds with rests against one hold as long as their work, and as long as all of them."""
+    """Comparison, measure and value of holds with rests against one hold of equal working time, and of equal total time."""
     a, b = one.curve, many.curve
     work, peaks = dose(a), many.peaks() / one.pressure.max()
     yield "equal work", "first peak", peaks[0]
@@ -112,7 +112,7 @@ def against(one: LoadingHistory, on: LoadingHistory, many: LoadingHistory) -> It
 
 
 def rested(column: Column, strains: np.ndarray, patterns: tuple[tuple[float, float], ...]) -> Values:
-    """Holds with rests."""
+    """Protocol of holds with rests."""
     depths = OPENING / strains
     ones = column.push_each(depths, continuous_retraction(OPENING, RAMP, RAMP + WORK))
     for hold, rest in patterns:
@@ -126,7 +126,7 @@ def rested(column: Column, strains: np.ndarray, patterns: tuple[tuple[float, flo
 
 
 def stages(column: Column, strains: np.ndarray) -> Values:
-    """Five stages with a minute between, let go meanwhile or not; then held as long as one hold, or until that one ends."""
+    """Five stages a minute apart, with release between them or not; then held as long as one hold, or to its end."""
     depths, all_open = OPENING / strains, RAMP + 4 * 60.0
     ones = column.push_each(depths, continuous_retraction(OPENING, RAMP, RAMP + WORK))
     for protocol in (staged_retraction(OPENING, RAMP, all_open + WORK, 5, 60.0), higher(5, 60.0)):
@@ -150,7 +150,7 @@ def higher(stages: int, rest: float) -> ToolMotion:
 
 
 def forced(column: Column) -> Values:
-    """A blade of given force: how far it gets, and the dose of that force, in as much work."""
+    """A blade of prescribed force: its advance, and the dose of that force, at equal working time."""
     protocol = rests(*PATTERNS[0])
     open_ = np.array(protocol.advance) > 0
     for name, force in FORCES.items():
@@ -166,7 +166,7 @@ def forced(column: Column) -> Values:
 
 
 def speeds(column: Column, strains: np.ndarray) -> Values:
-    """The peak against the speed of opening."""
+    """The peak against the opening rate."""
     depths = OPENING / strains
     runs = [
         column.push_each(depths, continuous_retraction(OPENING, OPENING / (1e-3 * v), OPENING / (1e-3 * v) + 60))
@@ -184,14 +184,14 @@ def speeds(column: Column, strains: np.ndarray) -> Values:
 
 
 def drained(material: Viscous, share: float, tau: float) -> Viscous:
-    """The tissue with a fluid that bears `share` of a sudden stress and leaves, and comes back, in `tau`: one more branch."""
+    """The tissue with a fluid that bears `share` of an initial stress and drains with the time constant `tau`: one more branch."""
     return Viscous(
         material.equilibrium, (*material.branches, Branch(Scaled(material.instantaneous, share / (1 - share)), tau))
     )
 
 
 def of_set(name: str, steps: int, quick: bool) -> Values:
-    """All of one set of constants."""
+    """All records of one set of constants."""
     material = constants(name).law()
     column = Column(material, OPENING / 0.1, "planar", steps)
     strains, patterns = (STRAINS[[2]], PATTERNS[:1]) if quick else (STRAINS, PATTERNS)
@@ -249,7 +249,7 @@ def blocks(tolerance: float, strain: float = 0.1) -> Values:
 
 
 def both(method: str, fine: Callable[[], Values], coarse: Callable[[], Values], common: dict) -> Iterator[dict]:
-    """Records: what is found with fine steps, how far it is from that with coarse ones, and what the fine ones take."""
+    """Records: results with fine steps, their difference from coarse steps, and the cost of the fine ones."""
     start = time.process_time()
     try:
         good = list(fine())
@@ -268,14 +268,14 @@ def both(method: str, fine: Callable[[], Values], coarse: Callable[[], Values], 
 
 
 def key(r: dict) -> tuple:
-    """What a record is of."""
+    """Identifying keys of a record."""
     names = ("kind", "rise_s", "mm_s", "pattern", "comparison", "measure", "share", "tau_s")
     strain = "" if r.get("comparison") == "given force" else round(r["strain"], 9)
     return (strain, *(r.get(name) for name in names))
 
 
 def measure(quick: bool) -> list[dict]:
-    """All records; `quick` stays under a minute."""
+    """All records; `quick` takes less than a minute."""
     warnings.simplefilter("ignore", RangeWarning)
     steps, found = 8 if quick else STEPS, []
     for name in list(SETS)[1::3] if quick else SETS:
@@ -287,7 +287,7 @@ def measure(quick: bool) -> list[dict]:
 
 
 def chart(records: list[dict], path: str) -> None:
-    """Relaxation against what was measured; pressures; who wins where; and what recovery would have to be."""
+    """Relaxation against measurements; pressures; better protocol by case; recovery time for equal doses."""
     plt, figure, (left, right) = _front.figure(15, 10, 2)
     (relaxing, who), (pressed, recovering) = (halves(figure, axes) for axes in (left, right))
     colours = dict(zip(SETS, ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#8a8a8a", "#c0a030"), strict=True))
@@ -319,7 +319,7 @@ def halves(figure: Any, axes: Any) -> tuple[Any, Any]:
 
 
 def relaxation(axes: Any, records: list[dict], colours: dict[str, str]) -> None:
-    """What is left after half an hour against the half-time, along the time of opening."""
+    """Remaining share after half an hour against the half-time, along the opening time."""
     for name, colour in colours.items():
         for strain, style in ((STRAINS[0], "--"), (STRAINS[2], "-")):
             mine = [r for r in records if r["constants"] == name and abs(r["strain"] - strain) < 1e-9 and r["value"]]
@@ -352,7 +352,7 @@ def courses(axes: Any) -> None:
 
 
 def winners(axes: Any, records: list[dict]) -> None:
-    """Ranges over constants, openings and patterns, of what is a ratio."""
+    """Ranges of ratios over constants, openings and patterns."""
     rows = [r for r in records if "(min)" not in r["measure"] and not r["measure"].startswith("kept")]
     names = list(dict.fromkeys((r["comparison"].replace("drained, ", ""), r["measure"]) for r in rows))
     for k, (comparison, measure) in enumerate(names):
@@ -382,7 +382,7 @@ def winners(axes: Any, records: list[dict]) -> None:
 
 
 def line(r: dict) -> str:
-    """A record to read."""
+    """One record as text."""
     if not r["converged"]:
         return f"{r['constants']:<30} failed: {r['reason']}"
     of = " ".join(str(r[name]) for name in ("pattern", "comparison", "rise_s", "mm_s", "share", "tau_s") if name in r)

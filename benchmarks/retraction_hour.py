@@ -42,7 +42,7 @@ from ngbrain.units import to_mmHg
 HOUR, RAMP, HOLD, REST = 3600.0, 10.0, 490.0, 120.0
 FAR, LONGEST = 9.5e-3, 600.0
 ASKED_MIN = {"continuous": 10.0, "intermittent": 20.0}
-"""Minutes on the clock that each may take."""
+"""Limit of the wall time (minutes) of each run."""
 COLOURS = {"continuous": "#0072B2", "intermittent": "#D55E00"}
 
 
@@ -59,7 +59,7 @@ def protocols(opening: float) -> tuple[ToolMotion, ToolMotion]:
 
 
 def went(on: RetractionModel, protocol: ToolMotion, control: Control | None, folder: Path | None) -> dict:
-    """A whole run: a record of it, with the clock's minutes at which each step ended."""
+    """Record of a complete run, with the wall time (minutes) at the end of each step."""
     clock, processors, minutes = time.perf_counter(), time.process_time(), [0.0]
     run = ProtocolRun(on, protocol, folder, control=control)
     run.go(lambda *_: minutes.append((time.perf_counter() - clock) / 60))
@@ -96,7 +96,7 @@ def measure(quick: bool) -> list[dict]:
 
 
 def studied(quick: bool) -> list[dict]:
-    """What the length of steps does to an hour: one hold with two kinds of shorter ones, six holds with half as long ones."""
+    """Effect of the step length on an hour: one hold with two kinds of shorter steps, six holds with half as long ones."""
     head = model("demo_fast")
     one, six = protocols(head.scene.tool.travel)
     asked, halved = head.control(), head.control().halve()
@@ -106,7 +106,7 @@ def studied(quick: bool) -> list[dict]:
 
 
 def compared(on: RetractionModel, protocol: ToolMotion, controls: dict[str, Control]) -> list[dict]:
-    """Errors from the last one's peak and dose."""
+    """Errors relative to the last record's peak and dose."""
     found = {name: went(on, protocol, control, None) for name, control in controls.items()}
     *_, finest = found.values()
     records = []
@@ -130,7 +130,7 @@ def hours() -> list[dict]:
 
 
 def chart(records: list[dict], path: str) -> None:
-    """Pressure over the hour; the clock over the hour; error against time of the steps."""
+    """Pressure over the hour; wall time over the hour; error against computing time."""
     plt: Any = require("matplotlib.pyplot", "demo")
     plt.rcParams.update(STYLE)
     figure, (pressure, clock, steps) = plt.subplots(1, 3, figsize=(13, 4.2), layout="constrained")
@@ -164,7 +164,7 @@ def chart(records: list[dict], path: str) -> None:
 
 
 def line(r: dict) -> str:
-    """A record to read."""
+    """One record as text."""
     text = f"{r['study']:<5} {r['protocol']:<12} {r.get('steps', ''):<7} {r['ndof']:6d} unknowns  {r['wall_s']:6.0f} s"
     text += f" ({r['cpu_s']:.0f} s of processors), {r['n_steps']} steps, {r['rejected']} again, {r['newton']} Newton"
     text += f", {r['factorisations']} factors  {r['peak_mmHg']:.1f} mmHg, {r['dose_mmHg_min']:.0f} mmHg min"

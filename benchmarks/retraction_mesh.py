@@ -1,4 +1,4 @@
-"""What the size of elements does to a retraction, on five meshes of two heads, and what a result's own check says of it.
+"""Effect of the element size on a retraction, on five meshes of two heads, and the estimate of a result's own check.
 
 A spatula opens a cleft by 5 mm in 10 s and holds for 110 s (the fast demos): MNI152 and the idealised head, Griffiths' constants,
 elements of 5.7, 4, 2.8, 2 and 1.4 mm at the site. Quantities of a record: value; error, from the finest mesh; estimate, by which
@@ -27,7 +27,7 @@ from ngbrain.surgery import ProtocolRun, RetractionModel, answer, uncertainty
 SIZES = tuple(tuple(size * 2 ** (k / 2) for size in (1.0, 2.5, 6.5)) for k in (5, 4, 3, 2, 1))
 """Elements (mm) at the site, under the craniotomy, elsewhere: each mesh √2 times as fine as the one before."""
 SCATTERED = (0.99, 1.01)
-"""Of the second mesh."""
+"""Scale factors of the second mesh."""
 SCENES = {"mni152": "demo_fast", "idealised": "idealised_fast"}
 QUANTITIES = {
     "peak_pressure_mmHg": "peak pressure",
@@ -60,7 +60,7 @@ def measure(quick: bool) -> list[dict]:
 
 
 def held(on: RetractionModel, head: str, sizes: tuple[float, ...]) -> dict[str, Any]:
-    """The hold on a mesh."""
+    """Record of the hold on a mesh."""
     started = time.process_time()
     finer = {name: 1e-3 * mm for name, mm in zip(uncertainty.verification_runs.COARSE, sizes, strict=True)}
     model = RetractionModel.from_scene(replace(on.scene, mesh=replace(on.scene.mesh, **finer)), on.head)
@@ -84,12 +84,12 @@ def held(on: RetractionModel, head: str, sizes: tuple[float, ...]) -> dict[str, 
 
 
 def apart(values: dict[str, float], others: dict[str, float]) -> dict[str, float]:
-    """By which share of the others each differs from them."""
+    """Relative differences of each from the others."""
     return {name: abs(values[name] / other - 1) for name, other in others.items()}
 
 
 def chart(records: list[dict], path: str) -> None:
-    """Errors against time, a panel for each head, with what the check says."""
+    """Errors against time, a panel for each head, with the estimates of the check."""
     plt: Any = require("matplotlib.pyplot", "demo")
     plt.rcParams.update(STYLE)
     heads = list(dict.fromkeys(r["head"] for r in records))
@@ -125,7 +125,7 @@ def chart(records: list[dict], path: str) -> None:
 
 
 def line(r: dict) -> str:
-    """A record to read."""
+    """One record as text."""
     text = f"{r['study']:<8}{r['head']:<10}{r['site_mm']:6.3f} mm {r['ndof']:7d} unknowns {r['cpu_s']:7.1f} s  "
     text += ", ".join(f"{QUANTITIES[name]} {value:.4g}" for name, value in r["values"].items())
     for key in ("errors", "estimates"):

@@ -61,7 +61,7 @@ Judge = Callable[[Pressed], dict]
 def record(
     study: str, method: str, grid: Grid, run: Callable[[], Pressed], judge: Judge, protocol: ToolMotion, **more: Any
 ) -> dict:
-    """One measurement; a failure is a record too."""
+    """One measurement; a failure is recorded too."""
     start = time.process_time()
     out = {"study": study, "method": method, "order": grid[0], "maxh": grid[1], "protocol": protocol.name, **more}
     try:
@@ -85,7 +85,7 @@ def against(exact: Pressed) -> Judge:
 
 
 def steps(quick: bool) -> list[dict]:
-    """Half an hour on one mesh."""
+    """Records of half an hour on one mesh."""
     grid, protocol = (2, 0.02) if quick else GRID, HALF_AN_HOUR
     exact = ours(ErrorControl(1e-5 if quick else 1e-7, touch=0.01), protocol, grid)
     peers_exact = plain(exponential, exact.t, protocol, grid)
@@ -125,7 +125,7 @@ def fewer(r: dict, records: list[dict]) -> float | None:
 
 
 def space(quick: bool) -> list[dict]:
-    """Orders and meshes, with steps that are short enough."""
+    """Records of orders and meshes, with sufficiently short steps."""
     exact = ours(chosen(1 / 8), PROTOCOL, (3, 0.01) if quick else (3, 0.005)).dose(PROTOCOL)
 
     def judge(found: Pressed) -> dict:
@@ -146,7 +146,7 @@ def space(quick: bool) -> list[dict]:
 
 
 def penalty(quick: bool) -> list[dict]:
-    """How stiff the plate is, with and without the offset that makes up for it."""
+    """Records of the penalty stiffness, with and without the contact offset."""
     grid = (2, 0.02) if quick else GRID
     exact = ours(
         chosen(1.0), PROTOCOL, grid, plate=partial(contact, penalty=1e3 * PENALTY, softness=SOFTNESS)
@@ -167,7 +167,7 @@ def penalty(quick: bool) -> list[dict]:
 
 
 def measure(quick: bool) -> list[dict]:
-    """All records; `quick` stays under a minute."""
+    """All records; `quick` takes less than a minute."""
     return steps(quick) + space(quick) + penalty(quick)
 
 
@@ -232,12 +232,12 @@ def chart(records: list[dict], path: str) -> None:
 
 
 def methods(records: list[dict]) -> list[str]:
-    """In the order of `LOOKS`."""
+    """Records in the order of `LOOKS`."""
     return [method for method in LOOKS if any(r["method"] == method for r in records)]
 
 
 def held_up(r: dict) -> bool:
-    """Whether there is an answer, and it is off by less than all of it."""
+    """Whether there is a result with an error below 100 %."""
     return r["converged"] and r["error"] < 1
 
 
@@ -261,7 +261,7 @@ def told(axes: Any, rows: list[dict], x: str, text: Callable[[dict], str], above
 
 
 def line(r: dict) -> str:
-    """A record to read."""
+    """One record as text."""
     error = f"{r['error']:.1e}" if r["converged"] else "failed"
     more = " ".join(
         f"{name} {r[name]:g}" for name in ("dt", "tolerance", "penalty", "fewer") if r.get(name) is not None

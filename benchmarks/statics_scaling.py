@@ -242,7 +242,7 @@ def chart(records: list[dict], path: str) -> None:
 
 
 def line(r: dict) -> str:
-    """A record to read."""
+    """One record as text."""
     start = f"{r['case']:<12} {r['method']:<24} {r['ndof']:8d}"
     if not r["converged"]:
         return f"{start}  failed: {r['reason']}"

@@ -54,7 +54,7 @@ FAMILIES = (*SMOOTH, *SHARP, "tumour")
 NOISES = (0.0, 0.01, 0.02, 0.05, 0.1, 0.15)
 SLOW_NOISES, SLOW_FAMILIES = (0.0, 0.01, 0.05), ("gaussian_width", "inclusions")
 SLOWEST = 0.01
-"""What inversions are compared at; noise for the one of all points, which takes minutes."""
+"""Noise levels of the comparison; noise for the inversion of all points, which takes minutes."""
 MANY, FEW = 10, 1
 """Samples of a family for methods of milliseconds, and for those of many seconds."""
 GRAINED = (0.01, 0.05)
@@ -63,7 +63,7 @@ PARTS = ("edge", "plateau")
 NEAR, JUMP = 0.03, 0.05
 """Distance to a jump of the truth, in edges, and the least of its logarithm from one point to the next."""
 LEAST = 1e-3
-"""Noise that an inversion is told at least."""
+"""Least noise given to an inversion."""
 COLOURS = {
     "ngbrain:surrogate": "#0072B2",
     "ngbrain:surrogate, checked": "#000000",
@@ -107,7 +107,7 @@ def clean(modality: str, family: str, index: int) -> Sample:
 
 
 def of_surrogate(data: WaveData) -> dict[str, np.ndarray]:
-    """Maps of the shipped operator, and their deviations: what it sees, and its answer."""
+    """Maps of the shipped operator with their standard deviations: input channels and prediction."""
     name = "waves" if data.frequency[0] else "compression"
     operator = Operator.load_default(name)
     u = data.displacement.reshape(1, ACROSS, ACROSS, 2)[..., slice(None) if name == "waves" else slice(1, None)]
@@ -120,12 +120,12 @@ def of_surrogate(data: WaveData) -> dict[str, np.ndarray]:
 
 
 def checked(data: WaveData) -> dict[str, np.ndarray]:
-    """The same by `predict`, which says whether to trust them."""
+    """The same by `predict`, with trust scores."""
     return predict(data).maps
 
 
 def refined(data: WaveData) -> dict[str, np.ndarray]:
-    """Two rounds of Gauss-Newton from there."""
+    """Two Gauss-Newton iterations from the prediction."""
     experiment = ElastographyProblem(data, discretise(data))
     sigma = noise_deviation(data, max(data.noise or 0, LEAST))
     unknowns = experiment.unknowns(sigma)
@@ -138,13 +138,13 @@ def refined(data: WaveData) -> dict[str, np.ndarray]:
 
 
 def inverted(data: WaveData) -> dict[str, np.ndarray]:
-    """The whole inversion from measured waves, smooth fields, its own weights."""
+    """The complete inversion from measured waves, with smooth fields and evidence weights."""
     noise = max(data.noise or 0, LEAST)
     return invert(data, discretise(data), noise=noise, regulariser="smooth", uniform=False).maps
 
 
 def inverted_coarsely(data: WaveData) -> dict[str, np.ndarray]:
-    """The same from every second point along x and y, its maps taken back to all by splines."""
+    """The same from every second point along x and y, with maps interpolated to all points by splines."""
     few = np.arange(len(data.points)).reshape(ACROSS, ACROSS)[::2, ::2].ravel()
     picked = {"points": data.points[few], "displacement": data.displacement[:, few], "mask": None, "dirichlet": None}
     coarse = replace(data, **picked, truth={name: values[few] for name, values in data.truth.items()})
@@ -155,7 +155,7 @@ def inverted_coarsely(data: WaveData) -> dict[str, np.ndarray]:
 
 
 def zoom(values: np.ndarray, times: float) -> np.ndarray:
-    """Cubic splines through a grid, on one so many times as fine."""
+    """Cubic spline interpolation of a grid to a finer one."""
     n = len(values)
     at = np.linspace(0, n - 1, round((n - 1) * times) + 1)
     return map_coordinates(values, np.meshgrid(at, at, indexing="ij"), order=3, mode="nearest")
@@ -231,7 +231,7 @@ def case(modality: str, family: str, noise: float, grain: float, index: int, slo
 
 @cache
 def _ready(modality: str) -> None:
-    """Load what the surrogate needs, once in a process: it is no part of a method's time."""
+    """Load what the surrogate needs once per process, outside the measured time."""
     of_surrogate(measured(modality, "sinc", 0, 0.01))
 
 
@@ -242,7 +242,7 @@ def conditions(modality: str, quick: bool) -> list[tuple[float, float]]:
 
 
 def row(told: Record, data: WaveData, name: str, method: Callable) -> Record:
-    """What a method makes of a sample."""
+    """Record of a method for a sample."""
     made: Record = {"method": name, "order": 0, "ndof": 2 * ACROSS**2, **told}
     made |= {"poisson": data.poisson, "frequency": float(data.frequency[0])}
     begun = time.process_time()
@@ -290,7 +290,7 @@ def beside_jumps(truth: np.ndarray) -> np.ndarray:
 
 
 def mean(records: list[Record], part: str | None = None, **of: object) -> float:
-    """Mean error of those records, or of a part of it; of white noise if nothing else is said."""
+    """Mean error of records, or of a part of the points; for white noise by default."""
     of = {"grain": 0.0, **of}
     chosen = [r for r in records if all(r[key] == value for key, value in of.items())]
     values = [r["error"] if part is None else r["parts"].get(part, 1.0) for r in chosen]
@@ -351,7 +351,7 @@ def chart(records: list[Record], png: str) -> None:
 
 
 def line(r: Record) -> str:
-    """A record to read."""
+    """One record as text."""
     errors = ", ".join(f"{name} {100 * value:.3g} %" for name, value in r["errors"].items()) or r["reason"]
     errors += "".join(f", {part} {100 * value:.3g} %" for part, value in r["parts"].items())
     noise = f"{100 * r['noise']:g} %" + (" grained" if r["grain"] else "")

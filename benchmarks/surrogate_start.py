@@ -1,4 +1,4 @@
-"""What the trained operator is worth as the start of an inversion: Gauss-Newton from its map, and from a uniform field.
+"""The trained operator as initial guess of an inversion: Gauss-Newton from its map, and from a uniform field.
 
 Waves of test samples with 1 % noise, every second of the operator's 51 × 51 points, in elements of the inversion's own; smooth
 fields, weights by the evidence. Error of the first modulus and solves (factors of the waves and of the steps) after every round.
@@ -50,7 +50,7 @@ def measure(quick: bool, executor: parallel.AnyExecutor = None) -> list[Record]:
 
 
 def rows(family: str, index: int) -> list[Record]:
-    """Both starts of a sample."""
+    """Records of both initial guesses of a sample."""
     data = measured("waves", family, index, NOISE)
     maps = predict(data).maps
     few = np.arange(len(data.points)).reshape(ACROSS, ACROSS)[::2, ::2].ravel()
@@ -68,7 +68,7 @@ def rows(family: str, index: int) -> list[Record]:
 
 
 def way(data: WaveData, start: str, maps: dict[str, np.ndarray]) -> Record:
-    """Round after round from one start."""
+    """Errors by iteration from one initial guess."""
     begun = time.process_time()
     experiment = ElastographyProblem(data, discretise(data))
     sigma = noise_deviation(data, NOISE)
@@ -121,14 +121,14 @@ def chart(records: list[Record], png: str) -> None:
 
 
 def line(r: Record) -> str:
-    """A record to read."""
+    """One record as text."""
     first, last = 100 * r["errors"][0], 100 * r["errors"][-1]
     text = f"{r['family']} {r['sample']} from {r['start']:<9} {first:.1f} to {last:.2f} %"
     return f"{text}, {r['solves_to']} solves, {r['cpu_s']:.0f} s"
 
 
 def ratio(records: list[Record]) -> tuple[float, int]:
-    """Median of the operator's solves over the uniform start's where both arrive, and how often that start alone does not."""
+    """Median ratio of solves (operator's to uniform start) where both converge, and how often only the uniform start does not."""
     pairs = list(zip(records[::2], records[1::2], strict=True))
     both = [a["solves_to"] / max(b["solves_to"], 1) for a, b in pairs if a["converged"] and b["converged"]]
     return median(both), sum(a["converged"] and not b["converged"] for a, b in pairs)

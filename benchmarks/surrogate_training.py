@@ -1,4 +1,4 @@
-"""What decides how well an operator learns: the kind of network, its width, its levels, or how much data it is given.
+"""Factors of an operator's accuracy: kind of network, width, levels, amount of data.
 
 Three networks of equal size, the wavelet operator, a Fourier operator and a U-Net; the first with other widths, levels and numbers
 of samples. Waves, and compression as ultrasound sees it (`ngbrain.surrogate.data.dataset`): 2900 samples of seven families,
@@ -54,7 +54,7 @@ PANELS = {
     "levels": [Run("wavelet", 16, 2), BASE],
     "training samples": [BASE._replace(samples=440), BASE._replace(samples=1450), BASE],
 }
-"""What is compared, and with what."""
+"""Runs of the comparison, by panel."""
 COLOURS = ("#0072B2", "#D55E00", "#009E73")
 
 
@@ -75,13 +75,13 @@ def measure(quick: bool) -> list[Record]:
 
 
 def spread(data: DataSet, count: int) -> DataSet:
-    """So many samples, every family by its share."""
+    """A subset of samples with the families in proportion."""
     rows = np.linspace(0, len(data) - 1, count).round().astype(int)
     return replace(data, **{key: getattr(data, key)[rows] for key in training_data.dataset.COLUMNS})
 
 
 def network(run: Run) -> Any:
-    """What makes it, by its channels in and out."""
+    """Constructor of the network from its input and output channels."""
     if run.network == "wavelet":
         return partial(operator.wavelet_operator.WaveletOperator, width=run.width, levels=run.levels)
     baselines = trainers.baselines
@@ -89,7 +89,7 @@ def network(run: Run) -> Any:
 
 
 def row(run: Run, training: DataSet, validation: DataSet, epochs: int) -> Record:
-    """Train with some of the samples, for as many maps as `epochs` of all are, and judge."""
+    """Train with some of the samples, for as many maps as `epochs` of all, and validate."""
     epochs = round(epochs * len(training) / run.samples)
     begun = time.process_time()
     curve: list[dict[str, float]] = []
@@ -111,7 +111,7 @@ def row(run: Run, training: DataSet, validation: DataSet, epochs: int) -> Record
 
 
 def errors_of(epoch: dict[str, float], answer: str) -> dict[str, float]:
-    """Of the families, by their names."""
+    """Errors by family."""
     prefix = f"{answer} "
     return {key.removeprefix(prefix): value for key, value in epoch.items() if key.startswith(prefix)}
 
@@ -148,7 +148,7 @@ def chart(records: list[Record], png: str) -> None:
 
 
 def label(panel: str, r: Record) -> str:
-    """What sets a run apart in a panel."""
+    """Distinguishing label of a run in a panel."""
     size = f"{r['ndof'] / 1000:.0f} 000 weights"
     return {
         "networks of equal size": f"{r['network']}, {size}, {r['cpu_s'] / 60:.0f} min",
@@ -158,7 +158,7 @@ def label(panel: str, r: Record) -> str:
 
 
 def line(r: Record) -> str:
-    """A record to read."""
+    """One record as text."""
     errors = ", ".join(f"{name} {100 * value:.2f} %" for name, value in r["errors"].items() if name != "maps")
     text = f"{r['modality']} {r['network']}, width {r['width']}, levels {r['levels']}, {r['samples']} samples"
     return f"{text}, {r['ndof']} weights, {r['epochs']} epochs, {r['cpu_s']:.0f} s: {100 * r['error']:.2f} %; {errors}"

@@ -1,4 +1,4 @@
-"""Whether the trained operators know what they do not know: outsiders told from insiders, error bars that hold, finer grids.
+"""Trust in the trained operators: out-of-distribution detection, coverage of error bars, finer grids.
 
 Insiders are test samples of the learnt families with 1 % noise. Outsiders, the same random draws but for one thing:
 
@@ -65,7 +65,7 @@ def usual(modality: str, across: int = ACROSS) -> Drawn:
 
 
 def at(change: Callable[[np.random.Generator, np.ndarray], Sample], kind: str | None = None) -> Drawn:
-    """Samples that are computed in another way."""
+    """Samples computed in another way."""
 
     def drawn(i: int) -> Sample:
         random = np.random.default_rng([i, 77])
@@ -81,7 +81,7 @@ def waves(
     drive: Callable[[complex, complex], dict] = lambda a, b: {"top": (a, b)},
     held: str | None = None,
 ) -> Drawn:
-    """Waves but for one thing."""
+    """Waves with one change."""
 
     def change(random: np.random.Generator, relative: np.ndarray) -> Sample:
         hertz, stiff = frequency(random), factor(random)
@@ -100,7 +100,7 @@ def waves(
 
 
 def compression(power: float = 1.0, held: dict[str, str] | None = None) -> Drawn:
-    """Compression with other contrasts, or held otherwise."""
+    """Compression with other contrasts or boundary conditions."""
     side = SIDES["compression"]
 
     def change(random: np.random.Generator, relative: np.ndarray) -> Sample:
@@ -125,12 +125,12 @@ def compression(power: float = 1.0, held: dict[str, str] | None = None) -> Drawn
 
 
 def misstated(drawn: Drawn, factor: float) -> Drawn:
-    """The frequency said is another than the one that was."""
+    """The stated frequency differs from the true one."""
     return lambda i: replace(drawn(i), frequency=drawn(i).frequency * factor)
 
 
 def torn(modality: str) -> Drawn:
-    """The left half of a test sample is that of another of its family, as large, all else as for the first."""
+    """The left half of a test sample is replaced by that of another of its family."""
 
     def drawn(i: int) -> Sample:
         one, other = (usual(modality)(k) for k in (i, (i + len(LEARNT)) % (2 * MANY)))
@@ -170,14 +170,14 @@ OUTSIDERS: dict[str, dict[str, tuple[Drawn, float] | tuple[Drawn, float, float]]
         "unseen: brain slices": (lambda i: sample("compression", "slices", 0, "test", i, ACROSS), NOISE),
     },
 }
-"""How they are drawn, their noise, and its grain where it has one."""
+"""Generator, noise, and correlation length of each kind."""
 UNASKED = ("misstated", "unseen", "as learnt")
 
 
 def seen(
     operator: Operator, many: int, drawn: Drawn, noise: float, grain: float = 0.0
 ) -> tuple[list[TilePrediction], np.ndarray, np.ndarray]:
-    """What the operator says of samples; errors of the first answer; and how many deviations it is off, (answers, …)."""
+    """Predictions for samples; errors of the first quantity; and errors in standard deviations (answers, …)."""
     kind, looks, off, far = operator.kind, [], [], []
     for i in range(many):
         one = drawn(i)
@@ -194,7 +194,7 @@ def seen(
 
 
 def measure(quick: bool) -> list[Record]:
-    """A record of insiders and one of each kind of outsider, by modality."""
+    """One record of in-distribution samples and one for each kind of outsider, by modality."""
     many = 7 if quick else MANY
     records = []
     for name, outsiders in OUTSIDERS.items():
@@ -264,7 +264,7 @@ def speed(operator: Operator, n: int = 64, batch: int = 64) -> Record:
 
 
 def chart(records: list[Record], png: str) -> None:
-    """Outsiders by how well they are told; error bars by how many points they hold."""
+    """Detection of outsiders; coverage of error bars."""
     plt, plot, (left, right) = figure(11, 4.6, 2, width_ratios=(1.7, 1))
     rows = [r for r in records if "auc" in r][::-1]
     for i, r in enumerate(rows):
@@ -295,7 +295,7 @@ def chart(records: list[Record], png: str) -> None:
 
 
 def line(r: Record) -> str:
-    """A record to read."""
+    """One record as text."""
     if r["who"] == "insiders":
         held = {level: [round(100 * part, 1) for part in parts] for level, parts in r["coverage"].items()}
         text = f"{r['modality']} insiders: error {100 * r['error']:.2f} %, {100 * r['flagged']:.1f} % flagged"

@@ -161,7 +161,7 @@ def dealt(tasks: int, workers: int, seconds: float, overhead: float, spread: flo
 
 
 def line(r: dict) -> str:
-    """A record to read."""
+    """One record as text."""
     if r["kind"] == "empty":
         return f"{r['method']:<28} start {r['start_s']:6.2f} s, a task {1e3 * r['overhead_s']:8.2f} ms"
     if r["kind"] == "cohort":

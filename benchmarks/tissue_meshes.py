@@ -1,4 +1,4 @@
-"""Meshes of all tissues of the MNI152 brain: how far interfaces are off, how sound elements are, against CPU time.
+"""Meshes of all tissues of the MNI152 brain: interface error and element quality against CPU time.
 
 Routes `lattice` and `conforming` of ngbrain, even and graded (2 mm within 20 mm of a site, 10.5 for a lattice, 8 mm away),
 against the peer that needs no library: cubes of voxels cut into six tetrahedra each. Error: mean of the first-order distance
@@ -36,7 +36,7 @@ from ngbrain.mesh import (
 SITE, NEAR = (0.03, 0.0, 0.05), 20e-3
 CORNERS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
 SIX = np.array([[0, 4, 6, 7], [0, 6, 2, 7], [0, 2, 3, 7], [0, 3, 1, 7], [0, 1, 5, 7], [0, 5, 4, 7]])
-"""Kuhn's tetrahedra of a cube."""
+"""Kuhn triangulation of a cube."""
 LOOK = {
     "ngbrain:lattice": ("#D55E00", "s-"),
     "ngbrain:conforming": ("#009E73", "o-"),
@@ -45,7 +45,7 @@ LOOK = {
 
 
 def voxels(labels: LabelMap, stride: int) -> Elements:
-    """Every cube of `stride` voxels a side in six, of the commonest label in it."""
+    """Six tetrahedra in every cube of `stride` voxels a side, with its most frequent label."""
     data = labels.region_numbers()
     shape = -(-np.array(data.shape) // stride)
     data = np.pad(data, [(0, n * stride - m) for n, m in zip(shape, data.shape, strict=True)])
@@ -64,7 +64,7 @@ def voxels(labels: LabelMap, stride: int) -> Elements:
 
 
 def record(method: str, size: str, make: Callable[[], Elements], labels: LabelMap, graded: bool) -> dict:
-    """One measurement; a failure is a record too."""
+    """One measurement; a failure is recorded too."""
     found = {
         "method": method,
         "size": size,
@@ -90,7 +90,7 @@ def record(method: str, size: str, make: Callable[[], Elements], labels: LabelMa
 
 
 def measure(quick: bool, executor: parallel.AnyExecutor = None) -> list[dict]:
-    """All records; `quick` stays under a minute."""
+    """All records; `quick` takes less than a minute."""
     even = {"lattice": (7,), "conforming": (8,)} if quick else {"lattice": (6, 4, 3.1, 2.5), "conforming": (6, 4, 2.5)}
     cases: list[tuple[str, float | None]] = []
     for route, sizes in even.items():
@@ -100,7 +100,7 @@ def measure(quick: bool, executor: parallel.AnyExecutor = None) -> list[dict]:
 
 
 def case(route: str, size: float | None) -> dict:
-    """A route's mesh of even elements (mm), or graded without a size; or of voxels of so many cells."""
+    """Mesh by a route with uniform elements (mm), or graded without a size; or of voxel cubes."""
     labels = _labels()
     if route == "voxels":
         return record("voxels in six", f"{size} mm", lambda: voxels(labels, size), labels, False)
@@ -156,7 +156,7 @@ def chart(records: list[dict], path: str) -> None:
 
 
 def line(r: dict) -> str:
-    """A record to read."""
+    """One record as text."""
     start = f"{r['method']:<20} {r['size']:<10} {r['cpu_s']:6.1f} s"
     if not r["converged"]:
         return f"{start}  failed: {r['reason']}"

@@ -127,7 +127,7 @@ def chart(records: list[Record], png: str) -> None:
 
 
 def line(r: Record) -> str:
-    """A record to read."""
+    """One record as text."""
     return f"{r['method']:<34} {100 * r['noise']:>3g} % noise, {r['repetitions']} times: {told(r)}, {r['cpu_s']:.2f} s"
 
 

@@ -1,4 +1,4 @@
-"""Do intervals hold the truth as often as they say, at large strain and in relaxing tissue?
+"""Coverage of intervals at large strain and in viscoelastic tissue.
 
 *large strain*: a square of Ogden's tissue, ln μ a Gaussian field and α a number, pressed by 15 % and sheared by 20 %; displacements
 of 64 points and the plate's force. *relaxing*: a block that a plate presses in 4 s and holds, its force at the end of each step;
@@ -51,13 +51,13 @@ WEIGHT, LENGTH = 2.0, 0.03
 """ln μ deviates by about .3, over bumps of 3 cm."""
 MU, ALPHA = 1e3, -8.0
 AWAY = 0.3
-"""How far from the truth numbers begin, in ln or in units of their size."""
+"""Distance of the initial guess of numbers from the truth, in ln or relative."""
 NOISES = (0.01, 0.05, 0.2)
 OURS, NAIVE = "ngbrain:posterior", "naive ± in units"
 
 
 def large_strain() -> tuple[StaticModel, dict[str, Unknown]]:
-    """The square under both loads, and where searches begin."""
+    """The square under both loads, and the initial guess."""
     mesh = MakeStructured2DMesh(False, CELLS, CELLS, mapping=lambda x, y: (SIDE * x, SIDE * y))
     mu, alpha = ngs.GridFunction(ngs.H1(mesh, order=1)), ngs.Parameter(ALPHA)
     mu.Set(MU)
@@ -75,7 +75,7 @@ def large_strain() -> tuple[StaticModel, dict[str, Unknown]]:
 
 
 def relaxing() -> tuple[RunModel, dict[str, Unknown]]:
-    """The block under its plate, and where searches begin."""
+    """The block under its plate, and the initial guess."""
     drive, side = Drive(ToolMotion("hold", (0.0, 4.0, 40.0), (0.0, 2e-3, 2e-3))), 0.02
     p = {"mu": ngs.Parameter(MU), "g": ngs.Parameter(0.5), "tau": ngs.Parameter(3.0)}
     tissue = Material(Prony(NeoHooke(p["mu"]), [p["g"]], [p["tau"]]), 1e6)
@@ -98,12 +98,12 @@ def measure(quick: bool, executor: parallel.AnyExecutor = None) -> list[Record]:
 
 
 def listed(case: str, noise: float, number: int) -> list[Record]:
-    """The records of a case."""
+    """Records of a case."""
     return list(records(case, noise, number))
 
 
 def records(case: str, noise: float, number: int) -> Iterator[Record]:
-    """Coverage over so many repetitions, of ours and of the rival."""
+    """Coverage over a number of repetitions, for our intervals and the alternative."""
     model, unknowns = CASES[case]()
     fields = ParameterFields(model.theta, model.blocks, unknowns)
     held = {}
@@ -163,7 +163,7 @@ def chart(records: list[Record], png: str) -> None:
 
 
 def line(r: Record) -> str:
-    """A record to read."""
+    """One record as text."""
     which = f"{r['case']:<13} {r['method']:<18} {100 * r['noise']:>3g} % noise, {r['repetitions']} times"
     return f"{which}: {told(r)}, {r['cpu_s']:.2f} s"
 

@@ -1,4 +1,4 @@
-"""Do intervals of whole inversions hold the truth as often as they say? Several draws of the noise, data from other elements.
+"""Coverage of the intervals of complete inversions: several noise draws, data from other elements.
 
 plane   CV-G of `ngbrain.inverse.phantoms.benchmark` on every second of its 51 × 51 points, made in bilinear elements, 2 %
         noise, twenty draws
@@ -59,7 +59,7 @@ def plane() -> tuple[WaveData, Discretisation]:
 
 
 Bump = tuple[float, float, float, float, float]
-"""Its middle, its width (m) and its height."""
+"""Centre, width (m) and height of a bump."""
 
 
 def share(bumps: list[Bump], x, y, z, exp):  # type: ignore[no-untyped-def]
@@ -94,13 +94,13 @@ def block(
 
 
 def one_bump() -> tuple[WaveData, Discretisation]:
-    """1.6 times the modulus in the middle of a bump."""
+    """A bump with 1.6 times the modulus at its centre."""
     bump = [(0.014, 0.016, 0.015, 1e-2, 0.6)]
     return block(0.03, 3, 2.5e-3, 0.01, 6, lambda *at: [modulus * (1 + share(bump, *at)) for modulus in MODULUS])
 
 
 def bumps(seed: int) -> tuple[WaveData, Discretisation]:
-    """Several, other ones for each seed."""
+    """Several bumps, different for each seed."""
     side, random = 0.02, np.random.default_rng([seed, 1])
     each: list[list[Bump]] = [
         [
@@ -125,7 +125,7 @@ CASES = {"plane": (plane, 0.02, 20), "space": (one_bump, 0.02, 6), "drawn": (bum
 
 
 def scores(bars: Uncertainty) -> np.ndarray:
-    """How many standard deviations the truth is off, of ln storage and ln loss at all points."""
+    """Error in standard deviations of ln storage and ln loss at all points."""
     truth, found, reach = bars.data.truth_views, bars.arrays(), ndtri(0.975)
     parts = []
     for name in MAPS:
@@ -145,7 +145,7 @@ def measure(quick: bool, executor: parallel.AnyExecutor = None) -> list[Record]:
 
 @dataclass
 class Draw:
-    """What one draw of the noise led to: by prior, scores, errors of the maps and CPU time (s); and that of the inversion."""
+    """Results of one noise draw: scores, errors of the maps and CPU time (s) by prior; and that of the inversion."""
 
     off: dict[str, np.ndarray]
     errors: dict[str, list[float]]
@@ -156,7 +156,7 @@ class Draw:
 
 @cache
 def made(case: str, seed: int) -> tuple[WaveData, Discretisation]:
-    """Exact data and elements, of a case that draws its truth those of a seed."""
+    """Noise-free data and elements; of a seed if the case draws its truth."""
     return CASES[case][0](seed) if case == "drawn" else CASES[case][0]()
 
 
@@ -201,7 +201,7 @@ def measured(case: str, draws: list[Draw]) -> list[Record]:
 
 
 def line(r: Record) -> str:
-    """A record to read."""
+    """One record as text."""
     storage, loss = (100 * each for each in r["l2"])
     spent = f"{r['bars_s']:.0f} s after {r['cpu_s']:.0f} s"
     return f"{r['case']}, {r['method']}: {told(r)}; storage {storage:.2g} %, loss {loss:.2g} %, {spent}"

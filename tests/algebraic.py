@@ -1,4 +1,4 @@
-"""Operators without weights: what stands for a trained one answers with the modulus that its features tell algebraically."""
+"""Operators without weights: a stand-in for a trained one returns the algebraic modulus estimate of its input channels."""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -24,7 +24,7 @@ class OfWaves:
 
 
 class OfCompression:
-    """Stiff where the strain is small."""
+    """Modulus by the inverse of the strain."""
 
     def run(self, _, given):
         mean = -np.clip(given["features"][:, 4:5], -1, 1)
@@ -59,7 +59,7 @@ def algebraic(modality="waves"):
 
 
 def uniform(shear=6e3 * (1 + 0.2j), frequency=50.0, across=41, **changes):
-    """A uniform square shaken at its top, as wave data."""
+    """A uniform square driven at its top, as wave data."""
     u = solve_displacement(
         np.full((5, 5), shear), frequency, changes.get("poisson") or 0.3, {"top": (1e-3, 5e-4)}, across
     )

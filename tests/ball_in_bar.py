@@ -1,4 +1,4 @@
-"""Waves in a bar with a stiff ball in its middle, made with fourth order on tetrahedra, at points with 2 % noise."""
+"""Waves in a bar with a stiff ball at its centre, computed with fourth order on tetrahedra, at points with 2 % noise."""
 
 import ngsolve as ngs
 import numpy as np
@@ -21,7 +21,7 @@ WAVES = [
 
 
 def away(points):
-    """From the ball's middle (m)."""
+    """Distance from the ball's centre (m)."""
     return np.linalg.norm(points - np.array(SIDES) / 2, axis=1)
 
 

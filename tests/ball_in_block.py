@@ -1,4 +1,4 @@
-"""Waves in a block with a stiff ball, made with third order on tetrahedra, at points with 2 % noise."""
+"""Waves in a block with a stiff ball, computed with third order on tetrahedra, at points with 2 % noise."""
 
 from dataclasses import replace
 from functools import cache
@@ -81,7 +81,7 @@ def wave_data():
 
 
 def between(low, high):
-    """Those of them in a box (m)."""
+    """The points in a box (m)."""
     data = wave_data()
     inside = np.all((data.points > np.array(low) - 1e-6) & (data.points < np.array(high) + 1e-6), axis=1)
     return replace(

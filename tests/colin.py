@@ -1,4 +1,4 @@
-"""The Colin27 head: its raw T1 (mricron-data's ch2, 1 mm, with skull), masks that others made of it, and copies of it.
+"""The Colin27 head: its raw T1 (mricron-data's ch2, 1 mm, with skull), masks by other programs, and transformed copies.
 
 The T1 is not in the repository; a test that needs it is skipped where `shared/data/heads` is absent. The masks in
 tests/image/data/colin27_masks.npz are the output of deepbet 1.0.2 (MIT; threshold 0.5, no dilation) and of ROBEX by
@@ -38,13 +38,13 @@ def dice(a, b):
 
 
 def seen(data, affine):
-    """A scan whose file has just these voxels."""
+    """A scan whose file has exactly these voxels."""
     volume = Volume(np.asarray(data, np.float32), affine)
     return Scan(resample_to_ras(volume), affine, volume.data.shape, "case/t1.nii.gz")
 
 
 def tilted(volume, degrees, axis):
-    """The head turned about its middle, and the turn (4, 4)."""
+    """The head rotated about its centre, and the rotation (4, 4)."""
     middle, turn = volume.to_world(np.array([volume.data.shape]) / 2)[0], np.eye(4)
     turn[:3, :3] = rotation(degrees, np.array(axis))
     turn[:3, 3] = middle - turn[:3, :3] @ middle
@@ -52,7 +52,7 @@ def tilted(volume, degrees, axis):
 
 
 def cropped(volume, *ranges):
-    """What a smaller field of view shows: first and last voxel along each axis."""
+    """The scan with a smaller field of view: first and last voxel along each axis."""
     affine = volume.affine.copy()
     affine[:3, 3] = volume.to_world(np.array([[start for start, _ in ranges]]))[0]
     return seen(volume.data[tuple(slice(*each) for each in ranges)], affine)

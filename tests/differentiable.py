@@ -1,4 +1,4 @@
-"""Small models for whatever takes any: one of complex waves, one of real data that has not a solution everywhere."""
+"""Small models for generic optimisers: one of complex waves, one of real data without a solution everywhere."""
 
 import ngsolve as ngs
 import numpy as np

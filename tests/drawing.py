@@ -1,4 +1,4 @@
-"""Inversions of phantoms whose truth is drawn from what the inversion assumes of it."""
+"""Inversions of phantoms whose truth is drawn from the prior."""
 
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.inverse.objective.parameters import ParameterFields
@@ -15,7 +15,7 @@ def prior(space, x):
 
 
 def begun(weight=5.0, noise=0.02, nodes=7, seed=0):
-    """A viscoelastic phantom's inversion, not yet begun; ln moduli deviate by about .44/√weight."""
+    """The inverse problem of a viscoelastic phantom; ln moduli deviate by about .44/√weight."""
     return (
         draw_phantom(Phantom.from_name("CV-G", nodes), prior, weight, seed)
         .simulate_measurements(noise, seed)
@@ -24,7 +24,7 @@ def begun(weight=5.0, noise=0.02, nodes=7, seed=0):
 
 
 def settled(weight=5.0, noise=0.02, nodes=7, seed=0):
-    """The same, and where it ends."""
+    """The same, and the point where it ends."""
     inversion = begun(weight, noise, nodes, seed)
     return inversion, descended(inversion.reduced)
 
@@ -35,7 +35,7 @@ def descended(reduced):
 
 
 def boundary_as_measured(inversion):
-    """The problem without unknown displacements of the boundary: they are what was measured, noise included."""
+    """The problem with the measured boundary displacements taken as exact, noise included."""
     reduced = inversion.reduced
     unknowns = {name: each for name, each in reduced.unknowns.unknowns.items() if name != "boundary"}
     fields = ParameterFields(reduced.unknowns.theta(inversion.start), inversion.model.blocks, unknowns)

@@ -1,4 +1,4 @@
-"""Inverse problems with one or two unknowns, and what descends in them."""
+"""Inverse problems with one or two unknowns, and their optimisers."""
 
 import ngsolve as ngs
 import numpy as np
@@ -42,7 +42,7 @@ def scatter(data, noise, seed=0):
 
 
 def one_modulus(loss, start, nodes=17):
-    """ln of the modulus of the whole square, all edges held at what is measured with 1 % noise; J, and waves to start from."""
+    """ln of the modulus of the whole square, with all edges prescribed as measured with 1 % noise; J, and waves to start from."""
     true = square(nodes, "Q1", loss)
     sigma, measured = scatter(true.evaluate(true.theta).data, 0.01)
     model = square(nodes, "Q1", loss, held=".*")

@@ -1,4 +1,4 @@
-"""Maps of labels whose volumes, areas and topology are known."""
+"""Label maps with known volumes, areas and topology."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ MM = 1e-3
 
 
 def grid(half, spacing=1.0):
-    """Middles (n, n, n, 3) of voxels (mm) around the origin, and the affine to m."""
+    """Centres (n, n, n, 3) of voxels (mm) around the origin, and the affine to m."""
     n = int(np.ceil(half / spacing))
     axis = spacing * np.arange(-n, n + 1)
     affine = np.diag([MM * spacing] * 3 + [1.0])
@@ -26,7 +26,7 @@ def nested(radii=(40.0, 30.0, 12.0), names=("grey", "white", "ventricles"), spac
 
 
 def turned(labels, matrix):
-    """The same voxels in a scanner that is turned: affine times a rotation about the origin."""
+    """The same voxels in a rotated scanner: affine times a rotation about the origin."""
     affine = np.eye(4)
     affine[:3, :3] = matrix
     return LabelMap(Volume(labels.volume.data, affine @ labels.volume.affine), labels.names)

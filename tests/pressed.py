@@ -1,4 +1,4 @@
-"""What ultrasound sees of a lesion in tissue that an uneven plate presses: a window cut out of a block three times as large."""
+"""Ultrasound data of a lesion in tissue compressed by an uneven plate: a window of a block three times as large."""
 
 from dataclasses import replace
 
@@ -45,7 +45,7 @@ def ball():
 
 
 def compression(shape, noise=1.5e-3, grain=(0.6, 0.4), seed=0):
-    """Axial displacement of the window: a slippery plate pressed by 1 % of the window, tilted and bent.
+    """Axial displacement of the window: a frictionless plate, tilted and bent, moved by 1 % of the window.
 
     noise   relative to the rms; grain  widths (mm) of the Gaussians that it is smoothed by, along the beam and across; None: white
     """

@@ -1,4 +1,4 @@
-"""The problems that benchmarks solve end to end, for small versions of them."""
+"""The inverse problems of the benchmarks, in small versions."""
 
 import importlib
 import sys

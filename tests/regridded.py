@@ -1,4 +1,4 @@
-"""Copies of a scan on other grids, that show the same head."""
+"""Copies of a scan of the same head on other grids."""
 
 import numpy as np
 from scipy import ndimage
@@ -14,7 +14,7 @@ def rotation(degrees, axis):
 
 
 def slanted(volume, degrees=12.0, axis=(1.0, 2.0, 0.5)):
-    """The same head in a scanner whose axes are turned; margins of 8 voxels, zeros kept exact."""
+    """The same head in a scanner with rotated axes; margins of 8 voxels, exact zeros."""
     centre = volume.to_world(np.array([volume.data.shape]) / 2)[0]
     shape = np.array(volume.data.shape) + 16
     affine = np.eye(4)

@@ -1,4 +1,4 @@
-"""Wave data with a known truth, computed on triangles of a high order and sampled on a grid: never in the elements that invert."""
+"""Wave data with a known truth, computed on triangles of high order and sampled on a grid, without an inverse crime."""
 
 from __future__ import annotations
 
