@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ngbrain.errors import InputError
-from ngbrain.image.mre.displacement import octahedral_strain
+from ngbrain.image.mre.strain import octahedral_strain
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.read.landmarks import landmarks
 from ngbrain.image.read.volume import Volume

@@ -1,6 +1,7 @@
-"""MR elastography: from phase images to complex displacements.
+"""MR elastography: from phase images to complex displacements, and their strain.
 
-- `displacement`: Phase unwrapping, first harmonic, removal of rigid motion, strain and its noise.
+- `displacement`: Phase unwrapping, first harmonic, removal of rigid motion.
+- `strain`: Octahedral shear strain and its signal-to-noise ratio.
 """
 
 from typing import TYPE_CHECKING
@@ -8,8 +9,8 @@ from typing import TYPE_CHECKING
 from ngbrain.lazy import lazy_names
 
 if TYPE_CHECKING:
-    from ngbrain.image.mre import displacement
+    from ngbrain.image.mre import displacement, strain
 else:
     __getattr__, __dir__ = lazy_names(__name__)
 
-__all__ = ["displacement"]
+__all__ = ["displacement", "strain"]

@@ -12,7 +12,7 @@ from scipy import ndimage
 
 from ngbrain.errors import InputError, NgbrainError
 from ngbrain.forward.harmonic.factors import Factorised
-from ngbrain.image.mre.displacement import gradient_noise, octahedral_amplitude, strain_snr
+from ngbrain.image.mre.strain import gradient_noise, octahedral_amplitude, strain_snr
 from ngbrain.image.preprocess.registration import largest_component
 from ngbrain.inverse.data.outliers import discontinuity_share
 from ngbrain.inverse.data.smoothing import fit_smooth_field

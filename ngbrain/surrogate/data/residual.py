@@ -20,7 +20,8 @@ import numpy as np
 
 from ngbrain.errors import SolverError
 from ngbrain.surrogate.data.dataset import SIDES, solve_displacement
-from ngbrain.surrogate.operator.encoding import FINEST, NOISE, estimate_noise, partial_derivative, remove_affine
+from ngbrain.surrogate.operator.derivatives import partial_derivative
+from ngbrain.surrogate.operator.encoding import FINEST, NOISE, estimate_noise, remove_affine
 
 Array = np.ndarray
 BUMPS = 13

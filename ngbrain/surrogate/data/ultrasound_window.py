@@ -15,7 +15,8 @@ import numpy as np
 from ngbrain.errors import SolverError
 from ngbrain.surrogate.data.dataset import SIDES, solve_displacement
 from ngbrain.surrogate.data.residual import UNSOLVED
-from ngbrain.surrogate.operator.encoding import GRAIN, partial_derivative, remove_affine
+from ngbrain.surrogate.operator.derivatives import partial_derivative
+from ngbrain.surrogate.operator.encoding import GRAIN, remove_affine
 
 Array = np.ndarray
 HALF, DEGREE = 4 * GRAIN, 3

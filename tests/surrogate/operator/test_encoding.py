@@ -5,15 +5,14 @@ import pytest
 
 from ngbrain.errors import InputError
 from ngbrain.surrogate.data.dataset import sample, solve_displacement
+from ngbrain.surrogate.operator.derivatives import derivative_matrix, partial_derivative
 from ngbrain.surrogate.operator.encoding import (
     FLAT,
     GRAIN,
     add_noise,
-    derivative_matrix,
     estimate_jump,
     estimate_noise,
     modality,
-    partial_derivative,
     remove_affine,
 )
 
