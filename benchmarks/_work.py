@@ -87,7 +87,7 @@ def retraction(size: float, scene_name: str = "idealised_fast") -> int:
     mesh = {name: size * getattr(scene.mesh, name) for name in ("wall", "craniotomy", "largest")}
     scene = replace(scene, mesh=replace(scene.mesh, **mesh))
     model = RetractionModel.from_scene(scene)
-    ProtocolRun(model, model.program(scene, scene.protocols[0]), None).go(until=1.0)
+    ProtocolRun(model, model.program(scene, scene.protocols[0]), None).run(until=1.0)
     return int(model.mesh.ne)
 
 

@@ -93,7 +93,7 @@ def stresses(sites: Sites, sample: TissueSample) -> dict[str, dict[str, float]]:
         if mine.any():
             part = replace(sites, near=sites.near[mine])
             values, volume = sample.von_mises[mine], sites.volume[part.near]
-            spread = part.spread(sample.t, values)
+            spread = part.statistics(sample.t, values)
             mean = float(values @ volume / volume.sum())
             found[name] = {"mean": mean, "p50": spread.p50, "p95": spread.p95, "p99": spread.p99}
             found[name]["ml"] = float(1e6 * volume.sum())
@@ -108,7 +108,7 @@ def held(model: RetractionModel, protocol: ToolMotion, control: Control | None) 
     of: dict[str, dict] = {}
     try:
         for end, name in zip(protocol.times[1:], ("stress_opened_Pa", "stress_end_Pa"), strict=True):
-            run.go(until=end)
+            run.run(until=end)
             of[name] = stresses(run.sampler.sites, run.sampler(end))
     except SolverError as error:
         way = 500 * protocol.value(run.transient.progress.t)

@@ -27,14 +27,14 @@ OURS, PEER = "ngbrain:hull", "marching cubes and Netgen"
 REGIONS = (surface.head_outlines.BRAIN, surface.head_outlines.VENTRICLES)
 
 
-def ours(scanned: Scanned, site: float, near: float, far: float) -> Elements:
+def ours(scanned: ScannedHead, site: float, near: float, far: float) -> Elements:
     """Mesh with the demo's cleft, for these element sizes (mm)."""
     where = Scene.shipped("demo").cleft
     sizes = Sizes(site * 1e-3, near * 1e-3, far * 1e-3)
     return routes.cleft_head.head(scanned.outlines, where.slot(scanned), where.craniotomy, sizes).elements
 
 
-def peer(scanned: Scanned, step: int) -> Elements:
+def peer(scanned: ScannedHead, step: int) -> Elements:
     """Mesh by marching cubes with a step in voxels."""
     measure = require("skimage.measure", "mri")
     points, surfaces = [np.zeros((0, 3))], []
@@ -60,7 +60,7 @@ def deviation(elements: Elements, boundaries: tuple[str, ...], outline: LevelSet
     return 1e3 * float(np.sqrt(np.average(squares.mean(axis=1), weights=area)))
 
 
-def record(method: str, size: str, scanned: Scanned, run: Callable[[], Elements]) -> dict:
+def record(method: str, size: str, scanned: ScannedHead, run: Callable[[], Elements]) -> dict:
     """One measurement; a failure is recorded too."""
     start = time.process_time()
     out = {"method": method, "size": size, "order": 1, "ndof": None, "error": None}
@@ -92,7 +92,7 @@ def record(method: str, size: str, scanned: Scanned, run: Callable[[], Elements]
 
 def measure(quick: bool) -> list[dict]:
     """All records; `quick` takes less than a minute."""
-    scanned = Scanned.from_scan(mni152())
+    scanned = ScannedHead.from_scan(mni152())
     grids = [(4, 14, 28), (4, 10, 26)] if quick else [(4, 10, 26), (4, 10, 16), (2, 6, 12), (2, 6, 8.9), (2, 6, 7)]
     steps = (12, 8) if quick else (16, 12, 8, 6, 4, 3)
     records = [record(OURS, "{}, {}, {} mm".format(*g), scanned, lambda g=g: ours(scanned, *g)) for g in grids]

@@ -65,7 +65,7 @@ def landmarks(model: RetractionModel) -> np.ndarray:
 def observed(name: str, model: RetractionModel, stages: tuple[float, ...] = STAGES) -> Observations:
     """Measurements without noise."""
     points = landmarks(model)
-    retracted = Retracted(model, points, np.array(stages), list(TRUTH[name]))
+    retracted = CalibrationModel(model, points, np.array(stages), list(TRUTH[name]))
     data = retracted.run.evaluate(np.array(list(TRUTH[name].values()))).data
     moved, force = data[:, :-1].reshape(len(stages), -1, 3), data[:, -1]
     return Observations(np.array(stages), points, moved, force, (1e-6, 1e-6))
@@ -89,7 +89,7 @@ def record(
     search: calibrate.Search | None = None,
 ) -> Record:
     """One calibration, by the default optimiser or another."""
-    retracted = Retracted(model, seen.landmarks, seen.times, list(TRUTH[name]))
+    retracted = CalibrationModel(model, seen.landmarks, seen.times, list(TRUTH[name]))
     first = time.process_time()
     retracted.run.evaluate(retracted.run.theta)
     run, begun = time.process_time() - first, time.process_time()
@@ -121,7 +121,7 @@ def record(
 
 
 def held(
-    retracted: Retracted, seen: Observations, noise: float, factors: np.ndarray, truth: dict[str, float]
+    retracted: CalibrationModel, seen: Observations, noise: float, factors: np.ndarray, truth: dict[str, float]
 ) -> dict[str, int]:
     """For each tissue, the number of noise draws whose interval contains the truth, to first order around the estimate."""
     state = retracted.run.evaluate(factors)

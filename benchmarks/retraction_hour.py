@@ -62,7 +62,7 @@ def went(on: RetractionModel, protocol: ToolMotion, control: Control | None, fol
     """Record of a complete run, with the wall time (minutes) at the end of each step."""
     clock, processors, minutes = time.perf_counter(), time.process_time(), [0.0]
     run = ProtocolRun(on, protocol, folder, control=control)
-    run.go(lambda *_: minutes.append((time.perf_counter() - clock) / 60))
+    run.run(lambda *_: minutes.append((time.perf_counter() - clock) / 60))
     found, at, opening = answer(run.result(), on.scene.patient), run.transient.progress, on.scene.tool.travel
     last = run.rows[-1]
     return {

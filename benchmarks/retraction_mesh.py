@@ -64,7 +64,7 @@ def held(on: RetractionModel, head: str, sizes: tuple[float, ...]) -> dict[str, 
     started = time.process_time()
     finer = {name: 1e-3 * mm for name, mm in zip(uncertainty.verification_runs.COARSE, sizes, strict=True)}
     model = RetractionModel.from_scene(replace(on.scene, mesh=replace(on.scene.mesh, **finer)), on.head)
-    run = ProtocolRun(model, model.hold("hold"), None).go()
+    run = ProtocolRun(model, model.hold("hold"), None).run()
     found = answer(run.result(), model.scene.patient)
     return {
         "study": "mesh",

@@ -17,7 +17,7 @@ from ngbrain.inverse.optimise.result import Iteration
 from ngbrain.inverse.uncertainty.interval import CredibleInterval
 from ngbrain.result import Status
 from ngbrain.scene import Protocol, Scene
-from ngbrain.surgery.calibrate import Calibrated, Retracted
+from ngbrain.surgery.calibrate import Calibration, CalibrationModel
 from ngbrain.surgery.model import RetractionModel
 
 TRUTH = {"cortex": 1.5, "white": 0.7}
@@ -55,7 +55,7 @@ def searched(monkeypatch):
         stiff = tuple(t.with_scale(0.7) if t.region == "white" else t for t in scene.tissues)
         bands, stiffer = {"white": CredibleInterval(0.7, 0.05, 0.6, 0.8)}, replace(scene, tissues=stiff)
         moved = {"white": 0.95} if finer else None
-        return Calibrated(bands, stiffer, 0.9 * seen.data, MisfitLevel(9.0, 3.0), moved, status=Status.CONVERGED)
+        return Calibration(bands, stiffer, 0.9 * seen.data, MisfitLevel(9.0, 3.0), moved, status=Status.CONVERGED)
 
     monkeypatch.setattr(verb, "calibrate", calibrate)
     return given
@@ -117,7 +117,9 @@ def test_a_known_truth_comes_back_from_tables(tmp_path):
     scene = operation()
     model = RetractionModel.from_scene(scene)
     points = model.cleft.target + np.array([[x, y, z] for x in (-12, 14) for y in (-8, 9) for z in (-6, 7)]) / 1000
-    data = Retracted(model, points, np.array(TIMES), list(TRUTH)).run.evaluate(np.array(list(TRUTH.values()))).data
+    data = (
+        CalibrationModel(model, points, np.array(TIMES), list(TRUTH)).run.evaluate(np.array(list(TRUTH.values()))).data
+    )
     lines = ["t_s,x_mm,y_mm,z_mm,ux_mm,uy_mm,uz_mm"]
     for point, moved in zip(points, data[0, :-1].reshape(-1, 3), strict=True):
         lines.append(",".join(f"{value!r}" for value in (TIMES[0], *map(float, 1e3 * point), *map(float, 1e3 * moved))))

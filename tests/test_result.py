@@ -18,7 +18,7 @@ from ngbrain.materials.lab import Curve, fit
 from ngbrain.result import Result, Status
 from ngbrain.result_file import FileResult
 from ngbrain.scene.result import SceneResult
-from ngbrain.surgery.calibrate import Calibrated
+from ngbrain.surgery.calibrate import Calibration
 
 pytest.importorskip("matplotlib.figure", reason="matplotlib is not installed")
 
@@ -43,7 +43,7 @@ def test_a_line_a_card_and_a_file(tmp_path):
     told = json.loads(root.save(tmp_path / "root.json").read_text())
     assert told["value"] == {"x": 1.5, "field": [1.0, 3.0]} and told["usable"] and told["warnings"] == ["near <0>"]
     assert [path.name for path in tmp_path.iterdir()] == ["root.json"]
-    bands = Calibrated(
+    bands = Calibration(
         {"white": CredibleInterval(0.7, np.nan, 0.6, 0.8)}, None, None, MisfitLevel(9.0, 3.0), status=Status.CONVERGED
     )
     kept = json.loads(bands.save(tmp_path / "bands.json").read_text())["value"]
@@ -75,7 +75,7 @@ def test_every_result_of_the_library_says_what_its_value_is_and_what_was_counted
         "ParameterEstimate",
         "Inversion",
         "Prediction",
-        "Calibrated",
+        "Calibration",
         "Fit",
     }
     assert names >= {"SearchResult", "ProtocolResult", "SceneResult", "Segmentation", "LabelMesh", "HeadMesh"}

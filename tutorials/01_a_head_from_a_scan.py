@@ -40,7 +40,7 @@ print(scan.source, scan.volume.data.shape, f"{scan.volume.voxel_volume * 1e9:.2f
 # fluid to wall. It is done once: the labels are kept in a cache.
 
 # %%
-head = Scanned.from_scan(scan)
+head = ScannedHead.from_scan(scan)
 volumes = head.describe(RetractionModel.from_scene(Scene.shipped("demo_fast"), head).mesh)["label_volumes_ml"]
 print({name: round(ml) for name, ml in volumes.items()}, "ml")
 

@@ -59,7 +59,7 @@ def opened(blade):
     seconds, way = scene.time.ramp, scene.tool.travel
     run = model.run(model.ramp("open"), StepControl(seconds / 2, first=0.05), model.elastic_materials(seconds))
     run.run(lambda *_: None)
-    return Observer(run.problem, model.blades, model.held)(seconds, way, 1.0)
+    return Observer(run.problem, model.blades, model.fixed)(seconds, way, 1.0)
 
 
 read = {name: opened(blade) for name, blade in blades.items()}

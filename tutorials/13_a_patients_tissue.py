@@ -51,7 +51,7 @@ TRUTH = {"cortex": 1.5, "white": 0.7}
 TIMES = np.array([2.0, 6.0])
 around = np.array([[x, y, z] for x in (-12, 14) for y in (-8, 9) for z in (-6, 7)]) / 1000
 landmarks = model.cleft.target + around
-data = Retracted(model, landmarks, TIMES, list(TRUTH)).run.evaluate(np.array(list(TRUTH.values()))).data
+data = CalibrationModel(model, landmarks, TIMES, list(TRUTH)).run.evaluate(np.array(list(TRUTH.values()))).data
 moved, force = data[:, :-1].reshape(len(TIMES), -1, 3), data[:, -1]
 sigma = 0.01 * float(np.sqrt(np.mean(moved**2))), 0.01 * float(force.max())
 random = np.random.default_rng(1)
@@ -89,7 +89,7 @@ def pressure(scene: Scene, factors: dict[str, float]) -> float:
     """Peak (mmHg) of a plain opening by 3 mm, of the scene's tissues times some factors."""
     further = replace(scene, tools=(replace(scene.tool, travel=3e-3),), time=replace(scene.time, end=2.5))
     on = RetractionModel.from_scene(further)
-    run = ProtocolRun(on, on.program(further, further.protocols[0]), None, materials=on.scaled_materials(factors)).go()
+    run = ProtocolRun(on, on.program(further, further.protocols[0]), None, materials=on.scaled_materials(factors)).run()
     return float(to_mmHg(max(row.pressure for row in run.rows)))
 
 

@@ -20,7 +20,7 @@ from ngbrain.reading import read_json
 from ngbrain.report.pages import calibration as page
 from ngbrain.scene import Scene
 from ngbrain.schema.document import brief
-from ngbrain.surgery.calibrate import Calibrated, calibrate
+from ngbrain.surgery.calibrate import Calibration, calibrate
 from ngbrain.surgery.observations import Observations
 from ngbrain.threads import threads
 from ngbrain.workflows.property_maps import finite
@@ -99,14 +99,14 @@ def _read_factors(path: Path) -> dict[str, float]:
     return factors
 
 
-def result_data(scene: Scene, seen: Observations, found: Calibrated) -> dict[str, Any]:
+def result_data(scene: Scene, seen: Observations, found: Calibration) -> dict[str, Any]:
     """The calibration as plain data; lengths in mm, forces in N.
 
     Parameters
     ----------
     scene : Scene
     seen : Observations
-    found : Calibrated
+    found : Calibration
 
     Returns
     -------
@@ -136,7 +136,7 @@ def _plain(data: Any) -> dict[str, Any]:
     return {"displacements_mm": moved.tolist(), "force_N": data[:, -1].tolist()}
 
 
-def _warnings(found: Calibrated) -> list[str]:
+def _warnings(found: Calibration) -> list[str]:
     notes = list(found.warnings)
     if found.level.ratio > page.UNEXPLAINED:
         notes.append(

@@ -51,7 +51,7 @@ SPREAD = 3.0
 
 
 @dataclass(repr=False, eq=False)
-class Calibrated(Result):
+class Calibration(Result):
     """Calibrated stiffness factors of tissues.
 
     Parameters
@@ -96,7 +96,7 @@ class Calibrated(Result):
         return {"iterations": len(self.history)}
 
 
-class Retracted:
+class CalibrationModel:
     """Forward model of a calibration: from tissue factors to landmark displacements and blade force of one protocol.
 
     `run` is the `RunModel`, `factors` its parameters.
@@ -169,7 +169,7 @@ def calibrate(
     callback: Callable[[Iteration, dict[str, float]], None] = log_progress,
     search: Search = levenberg_marquardt,
     finer: bool = True,
-) -> Calibrated:
+) -> Calibration:
     """Calibrate stiffness factors of a scene's tissues from measurements of one of its protocols.
 
     A tissue that the data do not determine keeps the factor 1, with an interval given by `spread`.
@@ -200,12 +200,12 @@ def calibrate(
 
     Returns
     -------
-    Calibrated
+    Calibration
 
     Raises
     ------
     InputError
-        As for `Retracted`.
+        As for `CalibrationModel`.
     ConvergenceError
         No step from the start reduces the objective.
 
@@ -221,7 +221,9 @@ def calibrate(
         raise InputError("start", start, "factors above 0")
     model = scene if isinstance(scene, RetractionModel) else RetractionModel.from_scene(scene)
     check_moduli(model)
-    retracted = Retracted(model, np.asarray(seen.landmarks, float), np.asarray(seen.times, float), tissues, protocol)
+    retracted = CalibrationModel(
+        model, np.asarray(seen.landmarks, float), np.asarray(seen.times, float), tissues, protocol
+    )
     run = retracted.run
     fields = ParameterFields(run.theta, run.blocks, {name: Unknown(1.0, LogTransform()) for name in retracted.factors})
     priors = {name: ridge(fields.start[place]) for name, place in fields.blocks.items()}
@@ -253,7 +255,7 @@ def calibrate(
     parts = [_scaled(t, float(bands[t.region].value)) if t.region in bands else t for t in model.scene.tissues]
     calibrated = replace(model.scene, tissues=tuple(parts))
     by = {name: float(np.exp(moved[place])[0]) for name, place in fields.blocks.items()}
-    return Calibrated(
+    return Calibration(
         bands,
         calibrated,
         fitted,
@@ -265,11 +267,13 @@ def calibrate(
     )
 
 
-def _finer(model: RetractionModel, retracted: Retracted, point: Point, posterior: Posterior) -> tuple[Array, Array]:
+def _finer(
+    model: RetractionModel, retracted: CalibrationModel, point: Point, posterior: Posterior
+) -> tuple[Array, Array]:
     """Change of ln s due to finer elements, and the measurements that they would give, to first order."""
     sizes = {name: size / math.sqrt(2) for name, size in vars(model.scene.mesh).items() if name != "order"}
     scene = replace(model.scene, mesh=replace(model.scene.mesh, **sizes))
-    other = Retracted(
+    other = CalibrationModel(
         RetractionModel.from_scene(scene, model.head),
         retracted.landmarks,
         retracted.times,

@@ -87,7 +87,7 @@ class Head(Openable, Protocol):
         """Images for the report: T1, labels and their position; empty without a scan."""
 
 
-class Idealised(primitives.Ellipsoids):
+class IdealisedHead(primitives.Ellipsoids):
     """The idealised head of ellipsoids, see `ngbrain.mesh.idealised_head`."""
 
     left_out = "pia, dura, vessels and the sulci of the cortex; the head is an idealised shape"
@@ -119,7 +119,7 @@ class Idealised(primitives.Ellipsoids):
 
 
 @dataclass(eq=False)
-class Scanned:
+class ScannedHead:
     """A head from a T1 scan: tissue labels, and smooth outlines of the brain and its ventricles.
 
     Parameters
@@ -143,7 +143,7 @@ class Scanned:
         self.outlines = outlines(LabelMap(self.labels, TISSUES))
 
     @classmethod
-    def from_scan(cls, scan: Scan, route: str = "hull") -> Scanned:
+    def from_scan(cls, scan: Scan, route: str = "hull") -> ScannedHead:
         """From a T1 scan of a whole head or of a brain (`label_tissues`); raises `InputError` for other images.
 
         Parameters
@@ -154,7 +154,7 @@ class Scanned:
 
         Returns
         -------
-        Scanned
+        ScannedHead
         """
         return cls(scan, label_tissues(scan).volume, route=route)
 
@@ -349,9 +349,9 @@ def load_head(geometry: Geometry, route: str = "hull") -> Head:
         The scan cannot be used.
     """
     if geometry.kind == "idealised":
-        return Idealised()
+        return IdealisedHead()
     scan = mni152() if geometry.kind == "mni152" else read_scan(str(geometry.image))
-    head = Scanned.from_scan(scan, route)
+    head = ScannedHead.from_scan(scan, route)
     return replace(head, stiffness=_stiffness(geometry, scan)) if geometry.stiffness_map else head
 
 

@@ -297,7 +297,7 @@ class RetractionModel:
         touches: list[WallContact | Friction | PrescribedForce] = [*contacts, *rubs, *films, meeting]
         if isinstance(drive, PrescribedForce):
             touches.append(drive)
-        parts = (self.mesh, materials, {self.held: 0} if self.held else {}, (), touches, f"P{order}/P{order - 1}")
+        parts = (self.mesh, materials, {self.fixed: 0} if self.fixed else {}, (), touches, f"P{order}/P{order - 1}")
         near = self.cleft.distance_to_walls(centres(self.mesh)) < FOCUS
         body = Problem(*parts)
         body.focus(near)
@@ -305,7 +305,7 @@ class RetractionModel:
         return TimeStepper(body, drive, control or self.control(), scene.mesh.wall / 2, newton)
 
     @property
-    def held(self) -> str:
+    def fixed(self) -> str:
         """Pattern of the fixed boundaries."""
         return self._boundaries("bonded")
 

@@ -195,7 +195,7 @@ class Operation:
         found, ndof = dict[str, dict[str, Any]](), 0
         for program in (made.program(scene, asked) for asked in scene.protocols if asked.name in names):
             elastic = made.elastic_materials(scene.time.ramp) if model.get("time") == "relaxed" else None
-            run = ProtocolRun(made, program, None, materials=elastic).go()
+            run = ProtocolRun(made, program, None, materials=elastic).run()
             found[program.name], ndof = answers.answer(run.result(), scene.patient), run.transient.problem.fes.ndof
         values = [found[quantity.protocol or scene.protocols[0].name][quantity.name] for quantity in self.questions]
         return Solution(np.array(values, float), {}, ndof, time.process_time() - begun)

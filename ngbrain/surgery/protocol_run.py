@@ -35,7 +35,7 @@ FRAME_SPACING = 1 / 12
 FRAME_WAY = 1 / 4
 """A frame is also stored when the advance or the force has changed by this fraction of its maximum."""
 LARGEST = ("von_mises", "rate")
-"""Measures (`TissueSample.spreads`) that are stored at the step where their own 95th percentile is largest."""
+"""Measures (`TissueSample.statistics`) that are stored at the step where their own 95th percentile is largest."""
 
 VOLUMES = {
     "window": (1, swept_volume("craniotomy")),
@@ -165,7 +165,7 @@ class ProtocolResult(Result):
 
 
 class ProtocolRun:
-    """A protocol on a model, with its record; `go` runs it and writes `FOLDER/NAME.vtkhdf` after every step.
+    """A protocol on a model, with its record; `run` runs it and writes `FOLDER/NAME.vtkhdf` after every step.
 
     Parameters
     ----------
@@ -201,7 +201,7 @@ class ProtocolRun:
         self.transient: TimeStepper = model.run(protocol, control, materials, order)
         body = self.transient.problem
         self._way = next(c.travel for c in body.contacts if isinstance(c, RigidContact) and c.travel)
-        self.observer = Observer(body, model.blades, model.held)
+        self.observer = Observer(body, model.blades, model.fixed)
         self.sampler = Sampler(body, model.cleft, model.parts(order))
         self._moving = {name: (sign, of.on(body)) for name, (sign, of) in VOLUMES.items()}
         self.rows: list[StepRecord] = []
@@ -214,11 +214,11 @@ class ProtocolRun:
         elif start is not None:
             self._load_state(*start)
         else:
-            self.look(
+            self.record_state(
                 self.transient.problem, self.transient.progress, NewtonRecord(status=Status.CONVERGED, min_det_F=1.0)
             )
 
-    def go(self, callback: Callback | None = None, until: float = float("inf")) -> ProtocolRun:
+    def run(self, callback: Callback | None = None, until: float = float("inf")) -> ProtocolRun:
         """Run to the end.
 
         Parameters
@@ -236,7 +236,7 @@ class ProtocolRun:
         end = self.protocol.times[-1]
 
         def watch(body: Problem, at: StepperProgress, record: NewtonRecord) -> None:
-            self.look(body, at, record)
+            self.record_state(body, at, record)
             if callback is not None:
                 callback(self.protocol.name, at.t, at.t / end)
 
@@ -255,7 +255,7 @@ class ProtocolRun:
         parts = (to_columns(self.rows), self.protocol.times, self.peak, self.largest, self.protocol.working_s)
         return ProtocolResult(*parts, *work, status=Status.CONVERGED)
 
-    def look(self, body: Problem, at: StepperProgress, record: NewtonRecord) -> None:
+    def record_state(self, body: Problem, at: StepperProgress, record: NewtonRecord) -> None:
         """Record the present state of the problem.
 
         Parameters
@@ -268,7 +268,7 @@ class ProtocolRun:
         """
         self.rows.append(self.observer(at.t, self._way.Get(), record.min_det_F))
         sample = self.sampler(at.t)
-        spreads = sample.spreads()
+        spreads = sample.statistics()
         if self.peak is None or spreads["mps"].p95 > self.peak.mps.p95:
             self.peak = Peak.from_sample(sample, spreads, self._volumes())
         for name in LARGEST:
@@ -357,7 +357,7 @@ def is_frame_due(protocol: ToolMotion | ForceProtocol, last: float, t: float) ->
     bool
     """
     way = abs(protocol.value(t) - protocol.value(last))
-    return t - last >= FRAME_SPACING * protocol.times[-1] or way >= FRAME_WAY * protocol.most
+    return t - last >= FRAME_SPACING * protocol.times[-1] or way >= FRAME_WAY * protocol.maximum
 
 
 def to_columns(rows: list[StepRecord]) -> dict[str, np.ndarray]:

@@ -52,7 +52,7 @@ class ToolMotion:
         return _time_of_maximum(self.times, self.advance)
 
     @property
-    def most(self) -> float:
+    def maximum(self) -> float:
         """Largest advance (m)."""
         return max(self.advance)
 
@@ -113,7 +113,7 @@ class ForceProtocol:
         return _time_of_maximum(self.times, self.force)
 
     @property
-    def most(self) -> float:
+    def maximum(self) -> float:
         """Largest force (N)."""
         return max(self.force)
 

@@ -241,7 +241,7 @@ def _run_first_piece(
     if run.transient.progress.t > program.times[1]:
         return None
     with share_threads(callback) as progress:
-        return run.go(progress, program.times[1]).snapshot()
+        return run.run(progress, program.times[1]).snapshot()
 
 
 def _run_protocol(
@@ -255,7 +255,7 @@ def _run_protocol(
 ) -> ProtocolResult:
     """A run, from the end of a shared beginning if there is one."""
     with share_threads(callback) as progress:
-        return ProtocolRun(model, program, folder, resume, start).go(progress).result()
+        return ProtocolRun(model, program, folder, resume, start).run(progress).result()
 
 
 def _run_check(model: RetractionModel, name: str, folder: Path | None, resume: bool, callback: Callback) -> Any:

@@ -112,8 +112,10 @@ def _operation(scene: Scene) -> Drawing:
     model.materials(2)
     names = sorted(set(model.mesh.GetBoundaries()))
     conditions = [
-        Condition("held", "held", tuple(model.held.split("|"))) if model.held else None,
-        Condition("slides", "slides along a fixed surface", tuple(model.sliding.split("|"))) if model.sliding else None,
+        Condition("fixed", "fixed", tuple(model.fixed.split("|"))) if model.fixed else None,
+        Condition("sliding", "slides along a fixed surface", tuple(model.sliding.split("|")))
+        if model.sliding
+        else None,
         Condition(
             "walls of the cleft", "the wall that the tool pushes, and the opposite one", _matching("wall_.*", names)
         ),
@@ -166,9 +168,9 @@ def _displacement(bc: DisplacementBC, names: Sequence[str], scene: Scene) -> Con
     if bc.rotation is not None:
         about = f"({_listed(bc.axis or ())}) through ({_listed(bc.toml_value('centre') or (0, 0, 0))}) mm"
         words = f"rotated by {bc.toml_value('rotation')}° about {about}"
-        return Condition("turned", words, mine)
+        return Condition("rotated", words, mine)
     if not any(bc.value):
-        return Condition("held", f"held{along}", mine)
+        return Condition("fixed", f"fixed{along}", mine)
     way = bc.displacement([np.zeros(1)] * 3, scene.time.end, 1.0) if bc.is_even else None
     moved = None if way is None else np.array([float(each) for each in way])
     face = ", by a face along which it slides" if bc.contact == "frictionless" else ""

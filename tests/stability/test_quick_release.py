@@ -15,7 +15,9 @@ from ngbrain.threads import set_threads
 
 def lost(model, control):
     """Share of the work that is not in balance when the blade has left."""
-    run = ProtocolRun(model, model.program(model.scene, model.scene.protocols[0]), None, control=control).go(until=10.0)
+    run = ProtocolRun(model, model.program(model.scene, model.scene.protocols[0]), None, control=control).run(
+        until=10.0
+    )
     last = run.rows[-1]
     assert last.force == 0 < last.gap
     return abs(last.blade_work - last.contact_energy - last.tissue_work) / last.tissue_work_size

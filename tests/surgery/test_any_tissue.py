@@ -244,7 +244,7 @@ def test_a_short_retraction(short, name):
     }
     brain = Tissue(region="cortex|white", **named.get(name, {"material": name}))
     scene = replace(short.scene, tissues=(brain, *short.scene.tissues[2:]))
-    run = ProtocolRun(replace(short, scene=scene), short.program(scene, scene.protocols[0]), None).go()
+    run = ProtocolRun(replace(short, scene=scene), short.program(scene, scene.protocols[0]), None).run()
     found = answer(run.result(), scene.patient)
     pressure = np.array(found["series"]["pressure_mmHg"])
     left = pressure[-1] / pressure.max()

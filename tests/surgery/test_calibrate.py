@@ -11,7 +11,7 @@ from ngbrain.errors import InputError
 from ngbrain.materials import Ogden, constants
 from ngbrain.materials.families import stiffen
 from ngbrain.scene import Protocol, Scene
-from ngbrain.surgery.calibrate import Retracted, calibrate
+from ngbrain.surgery.calibrate import CalibrationModel, calibrate
 from ngbrain.surgery.model import RetractionModel
 from ngbrain.surgery.observations import Observations
 
@@ -43,7 +43,7 @@ def landmarks(model):
 
 @pytest.fixture(scope="module")
 def retracted(model, landmarks):
-    return Retracted(model, landmarks, TIMES, list(TRUTH))
+    return CalibrationModel(model, landmarks, TIMES, list(TRUTH))
 
 
 def seen(retracted, landmarks, noise, force=True):
@@ -100,7 +100,7 @@ def test_finer_elements_move_the_factors_and_widen_the_intervals(model, landmark
     scene = model.scene
     sizes = {name: getattr(scene.mesh, name) / 2 for name in ("wall", "craniotomy", "largest")}
     fine = RetractionModel.from_scene(replace(scene, mesh=replace(scene.mesh, **sizes)), model.head)
-    data = seen(Retracted(fine, landmarks, TIMES, list(TRUTH)), landmarks, 0.01)
+    data = seen(CalibrationModel(fine, landmarks, TIMES, list(TRUTH)), landmarks, 0.01)
     naive, got = (calibrate(model, data, list(TRUTH), finer=finer) for finer in (False, True))
     assert naive.moved is None
     for name, factor in TRUTH.items():
@@ -138,14 +138,14 @@ def test_measurements_without_sense_are_refused(wrong, said):
 
 def test_operations_that_cannot_be_differentiated_are_refused(model, landmarks):
     with pytest.raises(InputError, match="1 outside of the mesh"):
-        Retracted(model, np.vstack([landmarks, [[1.0, 0, 0]]]), TIMES)
+        CalibrationModel(model, np.vstack([landmarks, [[1.0, 0, 0]]]), TIMES)
     with pytest.raises(InputError, match="2 to 60 s; wanted: after 0 and up to 6 s, when continuous ends"):
-        Retracted(model, landmarks, [2.0, 60.0])
+        CalibrationModel(model, landmarks, [2.0, 60.0])
     with pytest.raises(InputError, match="did you mean 'cortex'"):
-        Retracted(model, landmarks, TIMES, ["cortx"])
+        CalibrationModel(model, landmarks, TIMES, ["cortx"])
     rough = replace(model, scene=replace(model.scene, tools=(replace(model.scene.tool, friction=0.2),)))
     with pytest.raises(InputError, match="without friction"):
-        Retracted(rough, landmarks, TIMES)
+        CalibrationModel(rough, landmarks, TIMES)
     data = Observations(TIMES, landmarks, np.zeros((2, 8, 3)), np.zeros(2), (1e-4, 0.1))
     with pytest.raises(InputError, match="above 1"):
         calibrate(model, data, spread=1.0)
@@ -157,4 +157,4 @@ def test_a_tissue_with_a_map_of_moduli_is_not_looked_for(model, landmarks):
     first, *others = model.scene.tissues
     mapped = replace(model.scene, tissues=(replace(first, shear_modulus_map="mu.nii"), *others))
     with pytest.raises(InputError, match=f"tissues is {first.region}, which has a shear_modulus_map"):
-        Retracted(replace(model, scene=mapped), landmarks, TIMES, [first.region])
+        CalibrationModel(replace(model, scene=mapped), landmarks, TIMES, [first.region])

@@ -18,7 +18,7 @@ from ngbrain.image.segment.tissue_classes import WHITE
 from ngbrain.mesh import Sizes
 from ngbrain.mesh.tet_mesh import centres
 from ngbrain.scene import Scene
-from ngbrain.surgery.head_models import Scanned, load_head, transfer_scene
+from ngbrain.surgery.head_models import ScannedHead, load_head, transfer_scene
 from ngbrain.surgery.model import RetractionModel
 from ngbrain.surgery.protocol_run import ProtocolRun
 
@@ -92,7 +92,7 @@ def test_one_tissue_twice_is_that_tissue(model):
 
 @pytest.mark.slow
 def test_the_first_push_of_the_blade(model):
-    run = ProtocolRun(model, model.ramp("push"), None).go(until=0.2)
+    run = ProtocolRun(model, model.ramp("push"), None).run(until=0.2)
     row, body = run.rows[-1], run.transient.problem
     assert 0.2 <= row.t < 1 and row.force > 0 and row.net_reaction > 0 and row.gap < 0 < row.area
     assert row.balance < 1e-4 and row.min_det_F > 0.8
@@ -114,7 +114,7 @@ def test_a_flipped_copy_is_the_same_head_and_its_voxels_are_its_own(model, tmp_p
     turn = np.array([[1, -1], [2, 1], [0, -1]])
     file = written(tmp_path / "turned.nii.gz", volume, turn)
     copy = load_head(replace(model.scene.geometry, kind="scan", image=file))
-    assert isinstance(copy, Scanned) and np.array_equal(copy.labels.data, model.head.labels.data)
+    assert isinstance(copy, ScannedHead) and np.array_equal(copy.labels.data, model.head.labels.data)
     target = np.array(model.scene.cleft.target)
     voxel = Volume(volume.data, copy.scan.file_affine).to_voxels(target[None])[0]
     cleft = replace(model.scene.cleft, target=None, voxel=tuple(voxel))

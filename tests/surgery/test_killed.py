@@ -48,7 +48,7 @@ from ngbrain.surgery.model import RetractionModel
 from ngbrain.surgery.protocol_run import ProtocolRun
 set_threads(1)
 model = RetractionModel.from_scene(Scene.from_toml(sys.argv[1]))
-ProtocolRun(model, model.program(model.scene, model.scene.protocols[0]), Path(sys.argv[2]), resume=True).go()
+ProtocolRun(model, model.program(model.scene, model.scene.protocols[0]), Path(sys.argv[2]), resume=True).run()
 """
 KILLS = 20
 

@@ -161,7 +161,7 @@ def test_a_shared_beginning_changes_no_bit(tmp_path):
         for program in (second, first)
     }
     for program in (first, second):
-        alone = ProtocolRun(model, program, None).go()
+        alone = ProtocolRun(model, program, None).run()
         rows = to_columns(alone.rows)
         assert len(rows["t"]) > 10 and alone.peak == together[program.name].peak
         assert all(np.array_equal(rows[name], together[program.name].rows[name]) for name in rows)

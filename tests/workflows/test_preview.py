@@ -59,7 +59,7 @@ def test_what_acts_where_is_in_the_pictures_and_in_words(tmp_path):
     held = preview(body(FOOT, DisplacementBC(boundary="top", value=(0, 0, 0))), tmp_path / "held")
     for picture in (1, 2):
         assert seen(page, KINDS["moved"], picture) > 0.002 and seen(held, KINDS["moved"], picture) == 0
-        assert seen(page, KINDS["held"], picture) == pytest.approx(seen(held, KINDS["held"], picture) / 2, rel=0.2)
+        assert seen(page, KINDS["fixed"], picture) == pytest.approx(seen(held, KINDS["fixed"], picture) / 2, rel=0.2)
     assert seen(page, KINDS["moved"], 3) == 0  # the middle plane meets neither
     text = page.read_text()
     assert "moved by 0, 0, -2 mm" in text and "lesion" in text and "z = 20.0 mm" in text
@@ -79,7 +79,7 @@ def test_all_that_can_act_is_drawn(tmp_path):
         ],
     )
     page = preview(made, tmp_path)
-    for kind in ("turned", "traction", "pressure", "contact"):
+    for kind in ("rotated", "traction", "pressure", "contact"):
         assert any(seen(page, KINDS[kind], picture) > 0.001 for picture in (1, 2)), kind
     assert seen(page, TOOL, 1) > 0.002 and "rotated by 5*t° about (0, 0, 1)" in page.read_text()
 
@@ -110,7 +110,7 @@ def test_an_operation_is_drawn(tmp_path):
     data = tomllib.loads(Scene.shipped("idealised_fast").to_toml())
     page = preview(Scene.from_dict(data), tmp_path)
     assert seen(page, KINDS["walls of the cleft"], 2) > 1e-4 and seen(page, TOOL, 2) > 1e-4
-    assert seen(page, KINDS["held"], 1) > 2e-3 and "at its furthest" in page.read_text()
+    assert seen(page, KINDS["fixed"], 1) > 2e-3 and "at its furthest" in page.read_text()
 
 
 @pytest.mark.slow

@@ -18,10 +18,10 @@ from ngbrain.report.render.renderer import Camera, Layer, draw
 from ngbrain.report.render.surface import Floats, Ints, cut_surface, cut_tets, vertex_normals
 
 KINDS = {
-    "held": "#7A7A7A",
+    "fixed": "#7A7A7A",
     "moved": "#D55E00",
-    "turned": "#AA3377",
-    "slides": "#8C6D00",
+    "rotated": "#AA3377",
+    "sliding": "#8C6D00",
     "traction": "#0072B2",
     "pressure": "#56B4E9",
     "contact": "#009E73",
@@ -306,7 +306,7 @@ def _space(drawing: Drawing) -> bytes:
         colour = np.array(colors.to_rgb(drawing.boundary_colour(name)))
         normals = vertex_normals(drawing.points, tris) if drawing.head else None
         # The head's surface is transparent, since the cleft and the tool are behind it.
-        through = drawing.head and drawing.boundary_colour(name) in (FREE, KINDS["held"], KINDS["slides"])
+        through = drawing.head and drawing.boundary_colour(name) in (FREE, KINDS["fixed"], KINDS["sliding"])
         layers.append(
             Layer(
                 drawing.points,

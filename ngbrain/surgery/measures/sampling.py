@@ -103,7 +103,7 @@ class Sites:
     near: np.ndarray
     names: tuple[str, ...]
 
-    def spread(self, t: float, values: np.ndarray) -> MeasureStatistics:
+    def statistics(self, t: float, values: np.ndarray) -> MeasureStatistics:
         """Statistics of a measure near the site.
 
         Parameters
@@ -280,7 +280,7 @@ class TissueSample:
     von_mises: np.ndarray
     rate: np.ndarray
 
-    def spreads(self) -> dict[str, MeasureStatistics]:
+    def statistics(self) -> dict[str, MeasureStatistics]:
         """Statistics of every measure, by name."""
         near = self.sites.near
         measures = {
@@ -289,4 +289,4 @@ class TissueSample:
             "von_mises": self.von_mises,
             "rate": self.rate,
         }
-        return {name: self.sites.spread(self.t, values) for name, values in measures.items()}
+        return {name: self.sites.statistics(self.t, values) for name, values in measures.items()}

@@ -143,7 +143,7 @@ def _run_hold(
     callback: Callback,
     control: Control | None = None,
 ) -> Answer:
-    run = ProtocolRun(model, model.hold(name), folder, resume, control=control).go(callback)
+    run = ProtocolRun(model, model.hold(name), folder, resume, control=control).run(callback)
     return answer(run.result(), model.scene.patient)
 
 
@@ -230,7 +230,7 @@ def compare_orders(model: RetractionModel, path: Path | None = None, resume: boo
         reached = wanted
         if at.t == protocol.times[-1]:
             for run in runs:
-                run.look(run.transient.problem, at, record)
+                run.record_state(run.transient.problem, at, record)
         elif path is not None:
             state = {"scene": scene, "low": low.checkpoint(), "high": high.checkpoint(), "reached": reached}
             save_state(path, state)

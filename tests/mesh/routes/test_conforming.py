@@ -392,9 +392,9 @@ def test_moves_make_the_worst_better_and_stay_where_they_may():
 def test_a_graded_head(site, p95):
     """Near the third site there are .22 ml of fluid, of which the smoothed labels (the reference of distances) keep a quarter."""
     from ngbrain.image import mni152
-    from ngbrain.surgery.head_models import Scanned
+    from ngbrain.surgery.head_models import ScannedHead
 
-    labels = LabelMap(Scanned.from_scan(mni152()).labels, {**NAMES, 4: "ventricle"})
+    labels = LabelMap(ScannedHead.from_scan(mni152()).labels, {**NAMES, 4: "ventricle"})
     mesh = conforming(labels, RadialSizeField(2e-3, 8e-3, site, ROUTES["conforming"].radius))
     quality, errors = Quality.of(mesh), volume_errors(mesh, labels)
     assert quality.n_tets < 80_000 and quality.dihedrals.min() > 3 and (quality.ratios < 0.1).mean() < 1e-3

@@ -389,9 +389,9 @@ def test_shares_are_those_of_the_indicators():
 
 def head():
     from ngbrain.image import mni152
-    from ngbrain.surgery.head_models import Scanned
+    from ngbrain.surgery.head_models import ScannedHead
 
-    return LabelMap(Scanned.from_scan(mni152()).labels, {1: "csf", 2: "grey", 3: "white", 4: "ventricles"})
+    return LabelMap(ScannedHead.from_scan(mni152()).labels, {1: "csf", 2: "grey", 3: "white", 4: "ventricles"})
 
 
 def checked(labels, size, where=None, fluid=0.35, all_of_them=0.3):

@@ -30,7 +30,7 @@ def test_doubling_every_modulus_doubles_every_force():
     scene = Scene.shipped("idealised_fast")
     twice = replace(scene, tissues=tuple(tissue.with_scale(2.0) for tissue in scene.tissues))
     model = RetractionModel.from_scene(scene)
-    soft, stiff = (to_columns(ProtocolRun(replace(model, scene=s), PUSH, None).go().rows) for s in (scene, twice))
+    soft, stiff = (to_columns(ProtocolRun(replace(model, scene=s), PUSH, None).run().rows) for s in (scene, twice))
     assert soft["force"].max() > 0.1
     assert stiff["force"] == pytest.approx(2 * soft["force"], rel=1e-6, abs=1e-6 * soft["force"].max())
 
@@ -73,7 +73,7 @@ def test_a_blade_of_30_gf_opens_the_cleft_and_creeps(tmp_path, friction):
     )
     model = RetractionModel.from_scene(scene)
     program = model.program(scene, scene.protocols[0])
-    whole = ProtocolRun(model, program, None).go()
+    whole = ProtocolRun(model, program, None).run()
     rows = to_columns(whole.rows)
     t, way, opening = (rows[name] for name in ("t", "advance", "opening"))
     assert rows["force"] == pytest.approx(gf(30.0) * np.minimum(t / 2, 1), rel=1e-3)
@@ -83,8 +83,8 @@ def test_a_blade_of_30_gf_opens_the_cleft_and_creeps(tmp_path, friction):
     assert way[held][-1] > 1.05 * way[held][0] > 1e-3
     rubbed, stored = rows["friction_work"][-1], rows["contact_energy"][-1] + rows["tissue_work"][-1]
     assert rubbed + stored == pytest.approx(rows["blade_work"][-1], rel=2e-3) and (rubbed > 0) == (friction > 0)
-    ProtocolRun(model, program, tmp_path).go(until=3.0)
-    again = to_columns(ProtocolRun(model, program, tmp_path, resume=True).go().rows)
+    ProtocolRun(model, program, tmp_path).run(until=3.0)
+    again = to_columns(ProtocolRun(model, program, tmp_path, resume=True).run().rows)
     assert all(np.array_equal(again[name], rows[name]) for name in rows)
 
 
@@ -96,7 +96,7 @@ def test_a_force_beyond_the_opening_is_one_error():
     scene = replace(scene, tools=(tool,), time=shared, protocols=(SceneProtocol(kind="force", force_gf=50.0),))
     model = RetractionModel.from_scene(scene)
     with pytest.raises(ContactError, match="beyond the limit of 1 mm"):
-        ProtocolRun(model, model.program(scene, scene.protocols[0]), None).go()
+        ProtocolRun(model, model.program(scene, scene.protocols[0]), None).run()
 
 
 @pytest.mark.slow
@@ -116,7 +116,7 @@ def opened_elastic(opening, friction=0.0):
     model = RetractionModel.from_scene(scene)
     ramp = model.ramp("open")
     run = model.run(ramp, StepControl(scene.time.ramp / 10, first=0.05), model.elastic_materials(scene.time.ramp))
-    observe, rows = Observer(run.problem, model.blades, model.held), []
+    observe, rows = Observer(run.problem, model.blades, model.fixed), []
     run.run(lambda body, at, record: rows.append(observe(at.t, ramp.value(at.t), record.min_det_F)))
     row = rows[-1]
     off = abs(row.blade_work - row.contact_energy - row.tissue_work - row.friction_work) / row.tissue_work_size

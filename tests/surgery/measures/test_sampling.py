@@ -134,7 +134,7 @@ def test_tissue_is_counted_that_is_compressed_so_far_that_surfaces_fold(stretch,
     deform(body, turn(0.4) @ uniaxial(stretch))
     body.tissue_forces()
     sample = sampler(1.0)
-    assert Peak.from_sample(sample, sample.spreads(), {}).creased["tissue"] == pytest.approx(ml)
+    assert Peak.from_sample(sample, sample.statistics(), {}).creased["tissue"] == pytest.approx(ml)
 
 
 def test_what_no_part_is_of_is_not_sampled():
@@ -147,7 +147,7 @@ def test_what_no_part_is_of_is_not_sampled():
 def test_a_spread_is_weighted_by_volume_and_near_the_site():
     volume = AMOUNT * np.array([1.0, 0.75, 2.0, 50.0, 25.0])
     sites = Sites(volume, np.zeros(5, int), np.array([0, 1, 2, 4]), ("tissue",))
-    spread = sites.spread(3.0, np.array([0.1, 0.3, 0.2, 0.0]))
+    spread = sites.statistics(3.0, np.array([0.1, 0.3, 0.2, 0.0]))
     # Volumes' middles, of 28.75: 0 at 12.5, .1 at 25.5, .2 at 27, .3 at 28.375.
     expected = [0.1 * (14.375 - 12.5) / 13, 0.2 + 0.1 * (27.3125 - 27) / 1.375, 0.3]
     assert spread.t == 3.0 and [spread.p50, spread.p95, spread.p99] == pytest.approx(expected)
@@ -167,7 +167,7 @@ def test_percentiles_near_the_site_are_observables_with_gradients():
     body.u.Set(shape)
     body.tissue_forces()
     sampler, asked = Sampler(body, cleft, parts), tissue_percentiles(cleft, parts)
-    spreads, x = sampler(1.0).spreads(), body.x
+    spreads, x = sampler(1.0).statistics(), body.x
     assert set(asked) == {f"{name}_p{percent}" for name in ("mps", "oss") for percent in BANDS}
     motion = ngs.GridFunction(body.fes)
     motion.components[0].Set(ngs.CF((ngs.sin(60 * ngs.y), ngs.x * 20, ngs.cos(50 * ngs.z))) * ngs.x * 1e-2)
