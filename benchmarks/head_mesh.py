@@ -21,7 +21,7 @@ from ngbrain.errors import require
 from ngbrain.image import mni152
 from ngbrain.mesh import Elements, LevelSet, Sizes, Surface, routes, smallest_angles, surface
 from ngbrain.scene import Scene
-from ngbrain.surgery import Scanned
+from ngbrain.surgery import ScannedHead
 
 OURS, PEER = "ngbrain:hull", "marching cubes and Netgen"
 REGIONS = (surface.head_outlines.BRAIN, surface.head_outlines.VENTRICLES)

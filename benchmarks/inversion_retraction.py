@@ -28,7 +28,7 @@ from scipy.special import ndtri
 
 from ngbrain.inverse import levenberg_marquardt, uncertainty
 from ngbrain.scene import Protocol, Scene
-from ngbrain.surgery import Calibrated, Observations, Retracted, RetractionModel, calibrate
+from ngbrain.surgery import Calibration, CalibrationModel, Observations, RetractionModel, calibrate
 
 Record = dict
 TRUTH = {"idealised_fast": {"cortex": 1.5, "white": 0.7}, "demo_fast": {"grey": 1.5, "white": 0.7}}
@@ -93,7 +93,7 @@ def record(
     first = time.process_time()
     retracted.run.evaluate(retracted.run.theta)
     run, begun = time.process_time() - first, time.process_time()
-    got: Calibrated = calibrate.calibrate(
+    got: Calibration = calibrate.calibrate(
         model, noisy(seen, noise), list(TRUTH[name]), search=search or OPTIMISERS[method], finer=False
     )
     factors = {tissue: float(band.value) for tissue, band in got.factors.items()}

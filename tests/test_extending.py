@@ -161,7 +161,7 @@ def test_an_operation_takes_a_mesh_route_of_its_own(own_route, balls, monkeypatc
     mesh = model.mesh
     assert set(mesh.GetBoundaries()) >= {"skull", "craniotomy", "wall_plus", "wall_minus", "floor", "ventricle_wall"}
     assert set(mesh.GetMaterials()) == {"grey", "white", "ventricles"} == set(model.materials())
-    assert model.held == "skull" and 6 * np.count_nonzero(balls) > mesh.ne == 6 * (mesh.ne // 6)
+    assert model.fixed == "skull" and 6 * np.count_nonzero(balls) > mesh.ne == 6 * (mesh.ne // 6)
     walls = mesh.Boundaries("wall_plus")
     assert ngs.Integrate(ngs.specialcf.normal(3)[0], mesh, ngs.BND, definedon=walls) < 0
     assert ngs.Integrate((ngs.x - VOXEL) ** 2, mesh, ngs.BND, definedon=walls) < 1e-20

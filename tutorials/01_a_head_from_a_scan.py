@@ -20,7 +20,7 @@ import ngbrain
 from ngbrain.image import mni152, segment
 from ngbrain.mesh import Sizes, smallest_angles
 from ngbrain.scene import Scene
-from ngbrain.surgery import RetractionModel, Scanned
+from ngbrain.surgery import RetractionModel, ScannedHead
 
 FAST = bool(os.environ.get("NGBRAIN_FAST"))
 ngbrain.set_threads(1)

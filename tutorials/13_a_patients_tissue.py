@@ -18,7 +18,7 @@ import numpy as np
 import ngbrain
 from ngbrain import calibrate
 from ngbrain.scene import Protocol, Scene
-from ngbrain.surgery import Observations, ProtocolRun, Retracted, RetractionModel
+from ngbrain.surgery import CalibrationModel, Observations, ProtocolRun, RetractionModel
 from ngbrain.units import to_mmHg
 
 ngbrain.set_threads(1)

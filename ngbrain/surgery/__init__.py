@@ -2,7 +2,7 @@
 
 `ngbrain.simulate` runs a scene, `ngbrain.calibrate` fits tissue stiffness; the names below are their parts.
 
-- heads: `load_head` of a scene, `Idealised`, `Scanned`
+- heads: `load_head` of a scene, `IdealisedHead`, `ScannedHead`
 - tools: `make_tools` of a scene, `Spatula`, `Tube`, `Ball`, `ClosedSurface`; `RigidTool` is the interface
 - protocols: `continuous_retraction`, `intermittent_retraction`, `staged_retraction` (a `ToolMotion` each), `ForceProtocol`;
   `Drive` moves a tool
@@ -10,7 +10,7 @@
 - measures: `answer` of a run, `Observer`, `retraction_observables`, `Sites`, `TissueSample`, `von_mises`, `dose`,
   `infarct_probability`
 - one tissue column: `Column`, `LoadingHistory`, `dose_with_recovery`
-- calibration: `Observations`, `Retracted` (the model), `Calibrated` (the result)
+- calibration: `Observations`, `CalibrationModel` (the model), `Calibration` (the result)
 
 Modules
 -------
@@ -55,8 +55,8 @@ if TYPE_CHECKING:
         uncertainty,
     )
     from ngbrain.surgery.answers import answer
-    from ngbrain.surgery.calibrate import Calibrated, Retracted
-    from ngbrain.surgery.head_models import Idealised, Scanned, load_head
+    from ngbrain.surgery.calibrate import Calibration, CalibrationModel
+    from ngbrain.surgery.head_models import IdealisedHead, ScannedHead, load_head
     from ngbrain.surgery.material_point import Column, LoadingHistory, dose_with_recovery
     from ngbrain.surgery.measures.dose_response import infarct_probability
     from ngbrain.surgery.measures.injury import dose, von_mises
@@ -82,21 +82,21 @@ else:
 
 __all__ = [
     "Ball",
-    "Calibrated",
+    "Calibration",
+    "CalibrationModel",
     "ClosedSurface",
     "Column",
     "Drive",
     "ForceProtocol",
-    "Idealised",
+    "IdealisedHead",
     "LoadingHistory",
     "Observations",
     "Observer",
     "ProtocolResult",
     "ProtocolRun",
-    "Retracted",
     "RetractionModel",
     "RigidTool",
-    "Scanned",
+    "ScannedHead",
     "Sites",
     "Spatula",
     "TissueSample",

@@ -21,7 +21,7 @@ def opened(model, share):
     run = model.run(model.ramp("opening"), StepControl(ramp / 10, first=0.05), materials)
     smallest = []
     run.run(lambda body, at, record: smallest.append(record.min_det_F))
-    observe = Observer(run.problem, model.blades, model.held)
+    observe = Observer(run.problem, model.blades, model.fixed)
     return observe(0.0, 0.0, 1.0).pressure, min(smallest)
 
 
