@@ -27,13 +27,8 @@ from ngbrain.lazy import lazy_names
 if TYPE_CHECKING:
     from ngbrain.image import labelling, mre, preprocess, read, segment, structures
     from ngbrain.image.labelling import Segmentation, label_by_atlas, label_structures, label_tissues, template_affine
-    from ngbrain.image.mre.displacement import (
-        first_harmonic,
-        octahedral_strain,
-        phase_to_displacement,
-        remove_rigid_motion,
-        unwrap_phase,
-    )
+    from ngbrain.image.mre.displacement import first_harmonic, phase_to_displacement, remove_rigid_motion, unwrap_phase
+    from ngbrain.image.mre.strain import octahedral_strain
     from ngbrain.image.preprocess.bias_field import correct_bias_field
     from ngbrain.image.preprocess.brain import find_brain
     from ngbrain.image.preprocess.check_brain import check_extracted
