@@ -37,7 +37,8 @@ Packages
 
 Conventions
 -----------
-Internal units are SI (m, Pa, s); `nb.units` has kPa, mm, mmHg. Long computations log to `logging.getLogger("ngbrain")`.
+Internal units are SI (m, Pa, s); `nb.units` has kPa, mm, mmHg. Long computations show a bar on a terminal and in a notebook, and
+log a line every 30 s to `logging.getLogger("ngbrain")`; a function `callback` of your own takes the place of both.
 `nb.set_threads` sets the number of threads; `nb.show_versions()` prints what a bug report needs.
 """
 

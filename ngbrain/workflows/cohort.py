@@ -14,6 +14,7 @@ from ngbrain.errors import InputError, require
 from ngbrain.io.json_file import write_json
 from ngbrain.io.versions import versions
 from ngbrain.parallel import AnyExecutor, ProcessExecutor, run
+from ngbrain.progress import Step, log_progress, reporting
 from ngbrain.reading import read_json
 from ngbrain.workflows.gate import find_outliers
 from ngbrain.workflows.listing import CohortCase, read_list, values_of
@@ -30,6 +31,7 @@ GROUP = "group"
 """Default column of the groups."""
 
 
+@reporting()
 def cohort(
     path: str | Path,
     folder: str | Path,
@@ -38,7 +40,7 @@ def cohort(
     group: str | None = None,
     executor: AnyExecutor = 1,
     again: bool = False,
-    callback: Callable[..., Any] | None = None,
+    callback: Callable[[str | Step], Any] = log_progress,
 ) -> Cohort:
     """Run one verb of the command line for many scans or cases.
 
@@ -63,7 +65,7 @@ def cohort(
     again : bool
         Compute all rows, including finished ones.
     callback : callable, optional
-        Called with a progress text.
+        Called with a text, or with a `ngbrain.progress.Step` once rows are counted.
 
     Returns
     -------
@@ -95,7 +97,7 @@ def cohort(
     groups = values_of(cases, by) if by else dict.fromkeys((case.name for case in cases), "")
     _check_folder(folder)
     with lock_folder(folder):
-        records, computed = _computed(cases, folder, executor, again, callback or (lambda *_: None))
+        records, computed = _computed(cases, folder, executor, again, callback)
         rows = [_row(case, records[case.name], groups[case.name], folder, case.name in computed) for case in cases]
         done = _judged(rows, folder, by, [case.name for case in cases])
         _write(done, path, executor, time.monotonic() - started)
@@ -142,17 +144,18 @@ def _computed(
     tasks = [(case.name, run_row, (case, str(places[case.name]), digests[case.name])) for case in new]
     ended, under_way = list[str](), list[str]()
 
-    def words() -> str:
+    def step() -> Step:
         now = ", ".join(name for name in under_way if name not in ended)
-        return f"{len(finished) + len(ended)} of {len(cases)} rows done" + (f"; {now}" if now else "")
+        done = len(finished) + len(ended)
+        return Step(f"{done} of {len(cases)} rows done" + (f"; {now}" if now else ""), done / len(cases))
 
     def on_start(name: str) -> None:
         under_way.append(name)
-        callback(words())
+        callback(step())
 
     def on_end(name: str, _: Any) -> None:
         ended.append(name)
-        callback(words())
+        callback(step())
 
     found = _run(tasks, executor, on_start, on_end) if tasks else {}
     for name, outcome in found.items():

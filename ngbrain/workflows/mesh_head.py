@@ -34,6 +34,7 @@ from ngbrain.mesh.routes.registry import conforming_routes, find_route, mesh_lab
 from ngbrain.mesh.surface.cortical_files import write_cortex
 from ngbrain.mesh.surface.head_outlines import LESION, VENTRICLES, Repair, excessive
 from ngbrain.mesh.tet_mesh import Elements
+from ngbrain.progress import Progress, display
 
 OFF = 0.1
 """Relative error of a region's volume above which it is reported."""
@@ -299,12 +300,14 @@ def mesh_head(
     """
     if labels and structures:
         raise InputError("structures", "given with labels", "a T1 to find them in, or labels without it")
-    if labels:
-        named = None if labels is True else labels
-        subject = Subject.from_labels(source, named)
-    else:
-        subject = Subject.from_structures(source) if structures else Subject.from_scan(source)
-    return write_subject(subject, path, route, size)
+    with Progress(display(), text="reading and labelling") as line:
+        if labels:
+            named = None if labels is True else labels
+            subject = Subject.from_labels(source, named)
+        else:
+            subject = Subject.from_structures(source) if structures else Subject.from_scan(source)
+        line.callback("meshing")
+        return write_subject(subject, path, route, size)
 
 
 def write_subject(
