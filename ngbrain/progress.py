@@ -71,7 +71,11 @@ def terminal(quiet: bool = False) -> Show | None:
     if quiet or multiprocessing.parent_process() or not sys.stderr.isatty():
         return None
     if find_spec("tqdm"):
-        return _bar(f"{{bar:{WIDTH}}}", file=sys.stderr, **({"dynamic_ncols": True} if _columns() else {"ncols": LINE, "nrows": 2}))
+        return _bar(
+            f"{{bar:{WIDTH}}}",
+            file=sys.stderr,
+            **({"dynamic_ncols": True} if _columns() else {"ncols": LINE, "nrows": 2}),
+        )
 
     def show(step: Step | None, seconds: float) -> None:
         line = "" if step is None else _line(step, seconds)[:LINE]
