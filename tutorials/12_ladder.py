@@ -63,7 +63,7 @@ def show(result: dict) -> None:
     for rung in result["rungs"]:
         step = rung["taken"] or "chosen"
         print(
-            f"{rung['cost_s']:6.1f} s {rung['ndof']:7} unknowns, {100 * max(rung['missing']):8.3g} % missing -> {step}"
+            f"{rung['cost_s']:6.1f} s {rung['ndof']:7} unknowns, {100 * max(rung['missing']):8.3g} % estimated error -> {step}"
         )
     for each in result["left_out"]:
         print(f"  without {each['what']}: {100 * abs(each['change'][0]):.2g} % ({each['how']})")

@@ -13,9 +13,9 @@
 Modules
 -------
 - `axes`, `levels`: The axes along which a model can be enriched, and their levels.
-- `model_search`: The search itself; `summary`: its result as plain data.
+- `model_search`: The search itself; `next_step`: which axes it enriches next; `search_result`, `summary`: its result.
 - `estimates`: Estimates of the change by one step along an axis; `solutions`: a cache of solutions.
-- `models`: What a model is of a scene: geometry, materials, motions, contacts, waves.
+- `models`: The models of a scene: geometry, materials, motions, contacts, waves.
 - `quantities`: The requested quantities of a solved body.
 - `adaptivity`: Refinement of the elements that matter to a quantity.
 - `singular_edges`: Edges at which forces diverge.
@@ -35,9 +35,10 @@ from ngbrain.io import versions, write_json
 from ngbrain.ladder.axes import axes_of, cheapest, richest
 from ngbrain.ladder.estimates import relative_difference
 from ngbrain.ladder.levels import Model
-from ngbrain.ladder.model_search import Rung, SearchResult, assess, search_models
+from ngbrain.ladder.model_search import assess, search_models
 from ngbrain.ladder.models.hierarchy import ModelHierarchy
 from ngbrain.ladder.quantities import Asked, Question
+from ngbrain.ladder.search_result import Rung, SearchResult
 from ngbrain.ladder.solutions import SolutionCache
 from ngbrain.ladder.summary import RequestedQuantity, summarise
 from ngbrain.lazy import lazy_names

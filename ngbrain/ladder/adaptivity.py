@@ -20,7 +20,7 @@ from ngbrain.ladder.quantities import Asked, BodyState, evaluate, gradient, inte
 
 Array = np.ndarray
 SHARE = {2: 0.8, 3: 0.5}
-"""Fraction of the total error contribution that refined elements cover, by dimension: in space more neighbours are refined."""
+"""Fraction of the total error contribution that refined elements cover, by dimension: in 3-D more neighbours are refined."""
 TINY = 1e-300
 
 

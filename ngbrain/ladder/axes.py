@@ -82,16 +82,16 @@ AXES = {
         Axis(
             "tissue",
             tuple(TissueLevel),
-            ("that tissues differ", "how stiffness varies within a tissue"),
+            ("differences between tissues", "variation of stiffness within a tissue"),
             ("step", "step"),
             (1.2, 1.2),
         ),
         Axis("fibres", tuple(PresenceLevel), ("fibres",), ("step",), (1.5,)),
-        Axis("strain", tuple(StrainLevel), ("that strains and turns are finite",), ("strained",), (5.0,)),
+        Axis("strain", tuple(StrainLevel), ("finite strains and rotations",), ("strained",), (5.0,)),
         Axis(
             "time",
             tuple(TimeLevel),
-            ("relaxation", "how parts relax one beside the other", "that relaxing parts strain far"),
+            ("relaxation", "viscoelasticity with several relaxation times", "finite viscoelastic strain"),
             ("step", "coarse", "coarse"),
             (1.0, 30.0, 3.0),
             to_richest=(False, True, True),
@@ -100,19 +100,19 @@ AXES = {
         Axis(
             "pressure",
             tuple(PressureLevel),
-            ("pressures of their own in nearly incompressible tissue",),
+            ("pressure unknowns in nearly incompressible tissue",),
             ("step",),
             (2.0,),
         ),
-        Axis("contact", tuple(PresenceLevel), ("that tissue slides and parts",), ("touching",), (2.0,)),
+        Axis("contact", tuple(PresenceLevel), ("sliding and separation of tissue",), ("touching",), (2.0,)),
         Axis("friction", tuple(PresenceLevel), ("friction",), ("coarse",), (2.0,)),
-        Axis("extent", tuple(ExtentLevel), ("what lies around the region of interest",), ("roughly",), (2.0,)),
-        Axis("space", tuple(SpaceLevel), ("what happens out of the plane",), ("roughly",), (20.0,)),
+        Axis("extent", tuple(ExtentLevel), ("the surroundings of the region of interest",), ("roughly",), (2.0,)),
+        Axis("space", tuple(SpaceLevel), ("out-of-plane effects",), ("roughly",), (20.0,)),
         Axis("order", tuple(OrderLevel)[:3], ("elements one order higher",) * 2, ("order",) * 2, (5.0, 5.0), 1.3),
         Axis(
             "mesh",
             tuple(MeshLevel),
-            ("elements half as large", "elements half as large where less is asked of them") * 2,
+            ("elements half as large", "elements half as large where they matter less") * 2,
             ("mesh",) * 4,
             (4.0, 3.0, 4.0, 3.0),
             1.6,
@@ -123,9 +123,10 @@ AXES = {
 ELEMENTS = ("order", "mesh")
 """Axes of the discretisation."""
 SLOW = 3.0
-"""Inertia is considered for loads that grow faster than this number of shear-wave transit times."""
+"""Inertia is considered for loads that increase within this number of shear-wave transit times."""
 LONG, SOFT = 0.2, 300.0
-"""Assumed longest side (m) of a body that is no block, and modulus (Pa) of tissue with a map: neither is read at this stage."""
+"""Assumed longest side (m) of a body that is no block, and modulus (Pa) of tissue with a map: the files are not read at this
+stage."""
 
 
 def _solved(axis: Axis) -> Axis:
@@ -201,9 +202,9 @@ def axes_of(scene: Scene, richest: Model | None = None, questions: Sequence[Labe
             continue
         last = axis.index(bounds.get(name, axis.levels[-1])) + 1
         least, last = (first, max(first + 1, min(last, most))) if name == "tissue" else (0, last)
-        if name == "time" and not any(law.maxwell_branches for law in laws):  # hereditary branches are all there is
+        if name == "time" and not any(law.maxwell_branches for law in laws):  # all branches are hereditary
             last = min(last, axis.index(TimeLevel.PRONY) + 1)
-        if name == "time" and scene.is_timed:  # moduli as they are at one moment stand for a ramp and a hold alone
+        if name == "time" and scene.is_timed:  # relaxed moduli are defined for a ramp and a hold only
             least, last = axis.index(TimeLevel.PRONY), max(last, axis.index(TimeLevel.PRONY) + 1)
         if last - least > 1 or (name == "time" and least) or name in bounds or name in ("order", "mesh", "space"):
             found[name] = restrict(axis, least, last)

@@ -31,7 +31,7 @@ Array = np.ndarray
 Solved = Callable[[Model], Solution]
 """Gives a model's solution, from the cache or computed now."""
 Estimator = Callable[[Any, Model, Model, Solved], "Estimate"]
-"""Estimates a step from a model to a richer one; the first argument is a `ModelHierarchy`, or any other `Solver` of models."""
+"""Estimates a step from a model to a richer one; the first argument is a `ModelHierarchy`, or another `ModelSolver`."""
 TRUSTED = 0.3
 """Length of the second Newton step, relative to the first, up to which the first-order estimate is accepted."""
 SOLVED = "solved"
@@ -127,7 +127,7 @@ def estimate_by_adjoint(hierarchy: ModelHierarchy, model: Model, richer: Model, 
         x = interpolate_state(state, body, SMALL if richer["strain"] == "linear" else 1.0)
         try:
             if not body.min_det(x) > 0:
-                raise Breakdown("the small strains, taken as finite strains, fold the body")
+                raise Breakdown("the linear solution, interpreted as finite strain, inverts elements")
             with np.errstate(over="raise"):
                 first, second, share = _steps(body, x, state)
             if share > TRUSTED:
@@ -143,8 +143,8 @@ def estimate_by_adjoint(hierarchy: ModelHierarchy, model: Model, richer: Model, 
 def estimate_finite_strain(hierarchy: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
     """Effect of finite strain by `estimate_by_adjoint`; for first-order elements in second-order elements too.
 
-    First-order elements are too stiff in bending, and the effect of finite strain grows with the square of the displacement: a
-    column under shear changed by .9 % on them, and by 24 % with second order.
+    First-order elements are too stiff in bending, and the effect of finite strain increases with the square of the
+    displacement: a column under shear changed by .9 % on them, and by 24 % with second order.
 
     Parameters
     ----------
@@ -180,7 +180,7 @@ def _steps(body: Problem, x: Array, state: BodyState) -> tuple[Array, Array, flo
 def _both(body: Problem, x: Array, r: Array, inverse: Solve) -> tuple[Array, Array, float]:
     first = -inverse(r)
     if not body.min_det(x + first) > 0:
-        raise Breakdown("the Newton step folds the body")
+        raise Breakdown("the Newton step inverts elements")
     second = -inverse(body.residual(x + first)[0])
     return first, second, float(np.sqrt((body.weights @ second**2) / max(body.weights @ first**2, 1e-300)))
 
@@ -311,7 +311,7 @@ def section_estimator(of: Estimator) -> Estimator:
     """An estimator applied to the plane section, where there is one; unreliable estimates are replaced by solutions, which are
     cheap there.
 
-    Without a section, and where steps fold the body, it is the linear body's change; likewise for bodies with inertia.
+    Without a section, and where steps invert elements, it is the linear body's change; likewise for bodies with inertia.
     """
 
     def estimate(hierarchy: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
@@ -340,7 +340,7 @@ def estimate_order(hierarchy: ModelHierarchy, model: Model, richer: Model, solve
     """Change by a higher order, in the section if there is one; strain in space, since a ball in space is a cylinder in the
     section.
 
-    In a stiff ball, strains with the lowest order are 5.2 % off where the section gives 1.5.
+    In a stiff ball, the error of strains at the lowest order is 5.2 %; the section estimates 1.5 %.
 
     Parameters
     ----------

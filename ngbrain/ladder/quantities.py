@@ -38,7 +38,7 @@ class BodyState:
     thickness : float
         Thickness (m) of a section, else 1.
     without_memory : Problem, optional
-        The same elastic body, since a viscoelastic one is stressed at rest once it has moved.
+        The same elastic body, because a viscoelastic one keeps stresses after a motion.
     """
 
     body: Problem
@@ -127,7 +127,7 @@ class Question:
     def _number(self, body: Problem) -> float:
         value = self.observable.value(body)
         if np.size(value) != 1:
-            raise InputError("Question.observable", f"of {np.size(value)} numbers", "an observable of one")
+            raise InputError("Question.observable", f"of {np.size(value)} numbers", "a scalar observable")
         return float(value[0])
 
 
@@ -152,9 +152,11 @@ def check_questions(asked: Sequence[Asked], scene: Scene, own: Sequence[Question
     labels = [quantity.label for quantity in asked]
     for i, label in enumerate(labels):
         if label in labels[:i]:
-            raise InputError("questions", repr(label), "a question that is not asked already")
+            raise InputError("questions", repr(label), "a quantity that is requested once")
     if own and scene.time.frequency is not None:
-        raise InputError("questions", repr(own[0].label), "none of a body that is shaken: its state is a wave")
+        raise InputError(
+            "questions", repr(own[0].label), "none in a harmonic problem, whose state is a complex amplitude"
+        )
 
 
 def interpolate_state(state: BodyState, body: Problem, factor: float) -> Array:
@@ -325,7 +327,9 @@ def reference_size(quantity: Asked, state: BodyState) -> float:
         return float(np.abs(nodes.vec.FV().NumPy()).max())
     forces = body.tissue_forces()
     spaces = (body.u.space.Range(i) for i in range(body.mesh.dim))
-    largest = max(float(np.abs(forces[span.start : span.stop]).sum()) for span in spaces) / 2  # there and back
+    largest = (
+        max(float(np.abs(forces[span.start : span.stop]).sum()) for span in spaces) / 2
+    )  # sets the state, and restores it
     return largest * state.thickness / state.factor
 
 
@@ -346,7 +350,7 @@ def mesh_point(mesh: ngs.Mesh, quantity: Quantity, plane: bool) -> ngs.MeshPoint
     Raises
     ------
     InputError
-        A point outside the body.
+        A point outside of the body.
     """
     found = mesh(*mesh_components(quantity.point or (0.0, 0.0, 0.0), plane))
     if found.nr < 0:
@@ -379,7 +383,9 @@ def quadrature_in_region(mesh: ngs.Mesh, quantity: Quantity) -> tuple[Array, Arr
     volume = _within(mesh, quantity) * ngs.Det(ngs.specialcf.JacobianMatrix(mesh.dim))
     weights = np.tile(np.array(rule.weights), mesh.ne) * np.abs(np.array(volume(points)).ravel())
     if not (weights > 0).any():
-        raise InputError("quantity.region", repr(quantity.region), "a region and a distance that hold some of the body")
+        raise InputError(
+            "quantity.region", repr(quantity.region), "a region and a radius that contain some of the body"
+        )
     return points[weights > 0], weights[weights > 0]
 
 

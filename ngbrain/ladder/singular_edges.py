@@ -45,8 +45,8 @@ def find_singular_edges(scene: Scene, mesh: ngs.Mesh) -> list[str]:
     for one, other in combinations([bc for bc in scene.displacement_bcs if bc.contact == "bonded"], 2):
         felt = any(re.fullmatch(pattern, name) for pattern in asked for name in _names(mesh, one) | _names(mesh, other))
         if felt and _apart(one, other, _shared(mesh, one, other), scene.time.end):
-            where = f"{one.boundary} and {other.boundary} meet at an edge and are held apart there"
-            found.append(f"{where}: forces on them grow without end as elements get smaller")
+            where = f"{one.boundary} and {other.boundary} meet at an edge with different prescribed displacements"
+            found.append(f"{where}: forces on them diverge under mesh refinement")
     return found
 
 

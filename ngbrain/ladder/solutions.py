@@ -19,7 +19,7 @@ from ngbrain.ladder.models.hierarchy import Solution
 from ngbrain.ladder.quantities import BodyState
 
 PLACE = ("space", "extent")
-"""Axes along which bodies occupy different places."""
+"""Axes whose levels are bodies of different geometry."""
 Key = tuple[tuple[str, str], ...]
 Result = TypeVar("Result")
 
@@ -83,9 +83,8 @@ class SolutionCache:
         return self.kept[key]
 
     def _near(self, model: Model) -> Mapping[str, BodyState] | None:
-        """States of the most similar finite-strain model in the same place; None without one, or for small strain.
-
-        Models with sliding contact need the same elements: from others the solution takes a quarter longer than from rest.
+        """States of the most similar finite-strain model in the same place; None without one, or for small strain. With sliding
+        contact the elements have to be the same: from others the solution takes a quarter longer than from rest.
         """
         if model.get("strain") != "finite":
             return None

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ngbrain.ladder.model_search import SearchResult
 from ngbrain.ladder.quantities import Asked, Question
+from ngbrain.ladder.search_result import SearchResult
 
 Array = np.ndarray
 

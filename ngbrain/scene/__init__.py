@@ -10,7 +10,7 @@ and writes. A part checks its own fields when it is made (also in Python), a `Sc
 - `contacts`: Rigid bodies: `Contact`.
 - `operation`: Cleft, tool and patient: `CleftSpec`, `Tool`, `Patient`.
 - `protocols`: Time and the tool's motion: `Time`, `Protocol`.
-- `quantities`: What is asked: `Quantity`.
+- `quantities`: Requested quantities: `Quantity`.
 - `result`: The result of a scene.
 - `schema`: JSON schema and reference page of the file format.
 """
@@ -79,7 +79,7 @@ class Scene(NotebookCard, Document):
     Parameters
     ----------
     title
-        A line.
+        Title, one line.
     geometry
         The body.
     mesh
@@ -93,12 +93,12 @@ class Scene(NotebookCard, Document):
     contacts
         Rigid bodies that press on it.
     cleft, tools, protocols, patient
-        Of an operation; the default is one continuous protocol.
+        Parts of an operation; by default with one continuous protocol.
     time
         Ramp and end, or a frequency.
     quantities
-        Requested quantities, with tolerances: the cheapest model within them is used. An operation without any is computed as
-        described.
+        Requested quantities, with tolerances: the cheapest model within them is used. An operation without any is computed with
+        the elements of `mesh`.
 
     Examples
     --------
@@ -146,12 +146,12 @@ class Scene(NotebookCard, Document):
         self._check_unique("protocol", self.protocols, "name", [_as_file(protocol.name) for protocol in self.protocols])
 
     def _check_kind(self) -> None:
-        """What a body under loads and an operation have, and what not; an operation's defaults."""
+        """Check what a body under loads and an operation must have or must not have; set an operation's defaults."""
         if self.cleft is None:
             for name, none in (("tools", ()), ("protocols", ()), ("patient", Patient())):
                 wanted = "this table left out: without a [cleft] there is no operation"
                 self._need_table(getattr(self, name) == none, name, "given", wanted)
-            wanted = "one or more tables [[quantity]]: what is asked of a body under loads"
+            wanted = "one or more tables [[quantity]], the requested quantities of a body under loads"
             self._need_table(self.quantities, "quantities", "missing", wanted)
             wanted = "a [[displacement_bc]], [[traction]], [[pressure]], [[contact]] or [gravity]"
             loaded = self.displacement_bcs or self.tractions or self.pressures or self.contacts or self.gravity
@@ -176,7 +176,7 @@ class Scene(NotebookCard, Document):
             raise InputError(entries(self)[name].key, found, wanted)
 
     def summary(self) -> dict[str, str]:
-        """Kind of job, geometry, tissues, and what acts and is asked, in words."""
+        """Kind of job, geometry, tissues, loads and requested quantities, in words."""
         acting = {
             "displacement condition": len(self.displacement_bcs),
             "traction": len(self.tractions),
@@ -235,17 +235,17 @@ class Scene(NotebookCard, Document):
         for i, tissue in enumerate(self.tissues, 1):
             said = tissue.cautions
             if waves and not tissue.loss_tangent and not tissue.law().branches:
-                said = [*said, "it neither relaxes nor has a loss: waves in it do not fade"]
+                said = [*said, "it is neither viscoelastic nor has a loss tangent: waves in it are not attenuated"]
             found += [f"tissue#{i} ({tissue.region}): {caution}" for caution in said]
         if self.time == Time() and any(tissue.law().branches for tissue in self.tissues):
             found.append(f"time is not given: {self.time.in_words} are assumed")
         if self.geometry.stiffness_map:
             found.append(
                 "geometry.stiffness_map is relative: where it is 1.1 times its mean over a tissue, that tissue's moduli are 1.1 "
-                "times what the scene says; its own level, measured with fast and small strains, is not used"
+                "times those of the scene; its absolute values, measured at high rates and small strains, are not used"
             )
         if self.is_operation and not any(tissue.law().branches for tissue in self.tissues):
-            found.append("no tissue relaxes: pressures do not fall while the tool holds")
+            found.append("no tissue is viscoelastic: pressures do not relax during holds")
         return found
 
     @staticmethod

@@ -93,22 +93,29 @@ class DisplacementBC(Section):
         if scene.cleft is not None:
             wanted = "bonded or sliding: in an operation only the tool pushes"
             self._need(self.contact != "frictionless", path, "contact", wanted)
-            self._need(not any(self.value), path, "value", "0 in each place: in an operation only the tool moves")
+            self._need(not any(self.value), path, "value", "all 0: in an operation only the tool moves")
             self._need(
                 self.rotation is None, path, "rotation", "this key left out: in an operation only the tool moves"
             )
-            self._need(self.components == "xyz", path, "components", "'xyz': in an operation all of them are held")
+            self._need(self.components == "xyz", path, "components", "'xyz': in an operation all components are fixed")
             return
         self._need(self.contact != "sliding", path, "contact", "bonded or frictionless, but in an operation")
         if self.contact == "frictionless":
-            self._need(scene.time.frequency is None, path, "contact", "'bonded': a wave's tissue does not part")
             self._need(
-                self.components == "xyz", path, "components", "'xyz': a rigid face's motion is known in all of them"
+                scene.time.frequency is None,
+                path,
+                "contact",
+                "'bonded', as in a harmonic problem tissue cannot separate",
             )
-            self._need(self.is_even, path, "value", "numbers: a frictionless face moves straight")
-            self._need(any(self.value), path, "value", "not 0 in each place: a frictionless face has to push")
+            self._need(
+                self.components == "xyz", path, "components", "'xyz': the motion of a rigid face has all components"
+            )
+            self._need(self.is_even, path, "value", "numbers: a frictionless face moves along a straight line")
+            self._need(any(self.value), path, "value", "not all 0: a frictionless face has to push the boundary")
         in_time = scene.time.frequency is not None and any(map(depends_on_time, self.value))
-        self._need(not in_time, path, "value", "numbers or formulas of x, y, z: of a wave they are amplitudes")
+        self._need(
+            not in_time, path, "value", "numbers or formulas of x, y, z: in a harmonic problem they are amplitudes"
+        )
 
     def _check_rotation(self, path: str, scene: Scene) -> None:
         turns = self.rotation is not None
@@ -117,9 +124,14 @@ class DisplacementBC(Section):
         if not turns:
             return
         self._need(any(self.axis or ()), path, "axis", "a direction: not all 0")
-        self._need(scene.time.frequency is None, path, "rotation", "this key left out: of a wave there are amplitudes")
-        self._need(self.components == "xyz", path, "components", "'xyz': a turned boundary moves along all of them")
-        self._need(self.contact == "bonded", path, "contact", "'bonded': what turns a boundary sticks to it")
+        self._need(
+            scene.time.frequency is None,
+            path,
+            "rotation",
+            "this key left out: a harmonic problem has displacement amplitudes only",
+        )
+        self._need(self.components == "xyz", path, "components", "'xyz': a rotation has all components")
+        self._need(self.contact == "bonded", path, "contact", "'bonded', for a rotated boundary")
         if not isinstance(self.rotation, Formula):
             fits = 0 < abs(self.rotation or 0.0) <= MOST_TURN
             self._need(fits, path, "rotation", f"an angle of at most {MOST_TURN:g} degrees, not 0")
@@ -198,12 +210,14 @@ class Traction(Section):
         numbers = [abs(each) for each in self.value if not isinstance(each, Formula)]
         self._need(max(numbers, default=0) <= MOST_TRACTION, path, "value", f"at most {MOST_TRACTION:g} Pa")
         in_time = scene.time.frequency is not None and any(map(depends_on_time, self.value))
-        self._need(not in_time, path, "value", "numbers or formulas of x, y, z: of a wave they are amplitudes")
+        self._need(
+            not in_time, path, "value", "numbers or formulas of x, y, z: in a harmonic problem they are amplitudes"
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Pressure(Section):
-    """A pressure on the boundaries that match a pattern, as of a fluid: it follows them as they move and turn.
+    """A follower pressure, such as that of a fluid, on the boundaries that match a pattern.
 
     Parameters
     ----------
@@ -220,13 +234,16 @@ class Pressure(Section):
         fits = isinstance(self.value, Formula) or abs(self.value) <= MOST_TRACTION
         self._need(fits, path, "value", f"at most {MOST_TRACTION:g} Pa")
         self._need(
-            scene.time.frequency is None, path, "value", "a [[traction]]: the pressure of a wave does not follow"
+            scene.time.frequency is None,
+            path,
+            "value",
+            "a [[traction]]: in a harmonic problem pressures do not follow the surface",
         )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Gravity(Section):
-    """Gravity, applied to a body that is stress-free without it; it grows with the loads.
+    """Gravity, applied to a body that is stress-free without it; it increases with the loads.
 
     Parameters
     ----------
@@ -240,4 +257,4 @@ class Gravity(Section):
         wanted = f"an acceleration of at most {MOST_ACCELERATION:g} m/s², not all 0"
         largest = max(map(abs, self.acceleration))
         self._need(0 < largest <= MOST_ACCELERATION, path, "acceleration", wanted)
-        self._need(scene.time.frequency is None, path, "acceleration", "no [gravity] of a wave: it has none")
+        self._need(scene.time.frequency is None, path, "acceleration", "no [gravity]: a harmonic problem has none")

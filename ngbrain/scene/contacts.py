@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Contact(Section):
-    """A rigid body that the boundaries that match a pattern may meet, slide along and leave.
+    """A rigid body in unilateral contact with the boundaries that match a pattern.
 
     Parameters
     ----------
@@ -49,15 +49,17 @@ class Contact(Section):
 
     def _check(self, path: str, scene: Scene) -> None:
         flat = self.shape == "plane"
-        self._need((self.radius is None) == flat, path, "radius", "a radius of a ball or a cylinder, and of no plane")
-        wanted = "a direction of a cylinder or a plane, and of no ball"
+        self._need((self.radius is None) == flat, path, "radius", "a radius for a ball or a cylinder, none for a plane")
+        wanted = "a direction for a cylinder or a plane, none for a ball"
         self._need((self.direction is None) == (self.shape == "ball"), path, "direction", wanted)
         self._need(self.direction is None or any(self.direction), path, "direction", "a direction: not all 0")
         self._need(self.friction <= 1, path, "friction", "at most 1: the largest tangential over the normal force")
-        self._need(scene.time.frequency is None, path, "shape", "no [[contact]] of a wave: its tissue does not part")
+        self._need(
+            scene.time.frequency is None, path, "shape", "no [[contact]]: in a harmonic problem tissue cannot separate"
+        )
         timed = [depends_on_time(each) for each in self.travel if each]
         alike = not self.friction or all(timed) or not any(timed)
-        self._need(alike, path, "travel", "all numbers or all formulas of t, of what rubs")
+        self._need(alike, path, "travel", "all numbers or all formulas of t, for a body with friction")
 
     @property
     def is_timed(self) -> bool:

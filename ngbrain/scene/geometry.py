@@ -26,31 +26,31 @@ class Geometry(Section):
     Parameters
     ----------
     kind
-        block: a box of tissue with its foot in the plane z = 0 and its middle at x = y = 0, of the region "tissue", with the
+        block: a box of tissue on the plane z = 0, centred at x = y = 0, of the region "tissue", with the
         boundaries left, right (x), front, back (y), bottom, top (z); idealised: a head of ellipsoids; mni152: the average brain
-        that nilearn brings along; scan: the head of a T1 image (both, under loads, of the regions grey, white and ventricles, with
-        the boundary skull); mesh: a volume mesh with regions and boundaries of its own.
+        distributed with nilearn; scan: the head of a T1 image (both, under loads, of the regions grey, white and ventricles,
+        with the boundary skull); mesh: a volume mesh with named regions and boundaries.
     image
         Path of the T1 image (NIfTI) of a scan.
     file
         Path of a mesh (.vol, .vol.gz).
     unit
-        Of the file's coordinates.
+        Unit of the file's coordinates.
     size
-        Of the block along x, y and z (m).
+        Edge lengths of the block along x, y and z (m).
     plate
         Sides along x and y (m) of a rectangle in the middle of the block's top, boundary "plate".
     lesion_radius
-        Of a ball in the block, region "lesion".
+        Radius of a spherical lesion in the block, region "lesion".
     lesion_centre
-        Of that ball.
+        Centre of the lesion.
     slot
         Width between its walls (x) and depth (m) of a cut through the block's whole top, boundaries "wall_minus", "wall_plus".
     stiffness_map
         Path of a volume of shear moduli or shear stiffness in any unit, of a head: its ratio to the mean over each tissue
         multiplies that tissue's moduli.
     stiffness_map_space
-        head: it lies in the head as it is; mni152: it lies in the template, which is registered to the head.
+        head: coordinates of the head; mni152: coordinates of the template, which is registered to the head.
     """
 
     kind: str = choice("kind", MISSING, ["block", *HEADS, "mesh"])

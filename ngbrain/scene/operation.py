@@ -52,7 +52,7 @@ class Openable(Interface):
         opening, width : float
             Distance between the walls and width along them (m).
         approach : (3,) array, optional
-            Direction outwards; by default the shortest way.
+            Direction outwards; by default the shortest route.
         across : (3,) array, optional
             Direction from wall to wall.
 
@@ -79,9 +79,9 @@ class CleftSpec(Section):
     craniotomy_diameter
         Of the hole in the skull.
     trajectory
-        Direction from the target outwards; the shortest way by default.
+        Direction from the target outwards; the shortest route by default.
     wall_normal
-        Direction from wall to wall, the way the tool pushes; left to right by default.
+        Direction from wall to wall, in which the tool pushes; left to right by default.
     """
 
     KEY = "cleft"
@@ -107,7 +107,7 @@ class CleftSpec(Section):
         of_scan = scene.geometry.kind != "idealised"
         self._need(of_scan or self.voxel is None, path, "voxel", "cleft.target_mm: the idealised head has no voxels")
         self._need(max(map(abs, self.target or (0,))) < 1, path, "target", "a point inside the brain")
-        wanted = "a direction: no way out is the shortest one from the centre of the brain, cleft.target_mm = [0, 0, 0]"
+        wanted = "a direction: the target is at the centre of the brain, cleft.target_mm = [0, 0, 0], so no route is shortest"
         self._need(of_scan or self.trajectory or any(self.target or ()), path, "trajectory", wanted)
 
     def slot(self, head: Openable) -> Cleft:
@@ -138,7 +138,7 @@ class Tool(Section):
     travel
         Its displacement from first contact with the wall.
     width
-        Along the walls; of a tube, the width of the wall over which pressure is read; of a ball, its diameter.
+        Along the walls; of a tube, the width of the wall over which pressure is evaluated; of a ball, its diameter.
     edge_radius
         Rounding of its edges and its tip.
     tip_clearance
@@ -152,8 +152,9 @@ class Tool(Section):
     height
         Of a plate, from its tip to its upper edge.
     file
-        Path of a closed surface (.stl, .ply, .obj, .off) in mm: x the way the tool pushes, y along the wall, z out of the cleft.
-        Its foremost point is put at the unloaded wall, its lowest at `tip_clearance`; edges are rounded by about half a millimetre.
+        Path of a closed surface (.stl, .ply, .obj, .off) in mm: x is the direction in which the tool pushes, y along the wall,
+        z out of the cleft. Its foremost point is placed at the unloaded wall, its lowest at `tip_clearance`; edges are rounded
+        by about half a millimetre.
     friction
         Coefficient of Coulomb friction between tool and tissue.
     """

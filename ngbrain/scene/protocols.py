@@ -19,7 +19,7 @@ MOST = 1000
 MOMENT = 1e-5
 """Shortest step, ramp, hold or rest, relative to `Time.end`: with shorter ones a run would take too long."""
 CLEAR = 1e-3
-"""Distance (m) behind first contact at which a released tool waits."""
+"""Distance (m) behind first contact to which a released tool is withdrawn."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +54,9 @@ class Time(Section):
         if scene.cleft is None:
             self._need(self.end >= self.ramp, path, "end", f"at least {self.ramp:g}, time.ramp_s")
             return
-        self._need(self.frequency is None, path, "frequency", "this key left out: an operation is no wave")
+        self._need(
+            self.frequency is None, path, "frequency", "this key left out: an operation is not a harmonic problem"
+        )
         self._need(self.end > self.ramp, path, "end", f"more than {self.ramp:g}, time.ramp_s")
         for name in ("ramp", "max_step_contact", "max_step_hold"):
             self._need(getattr(self, name) >= self.moment, path, name, self.not_shorter)
@@ -83,8 +85,8 @@ class Protocol(Section):
     ----------
     kind
         continuous: open, hold; intermittent: open, hold, release, open again, …; staged: open in equal steps with a rest after
-        each, hold; program: prescribed travel over time; force: prescribed force over time, with the travel as an unknown of at
-        most `Tool.travel`.
+        each, then hold; program: prescribed travel over time; force: prescribed force over time, with the travel as an unknown
+        of at most `Tool.travel`.
     name
         The kind by default.
     hold
@@ -143,14 +145,14 @@ class Protocol(Section):
         ramp, end = shared.ramp, shared.end
         cycle = ramp + self.hold + self.rest
         before = math.ceil(min(max((end * (1 - 1e-12) - ramp - self.hold) / cycle, 0), MOST))  # holds before the last
-        wanted = f"holds of which one, not the first and of at most {MOST}, is under way at the end"
+        wanted = f"a duration with which the run ends during a hold, the second to the {MOST}th"
         wanted += f", for rest_s = {self.rest:g}, {shared.in_words}"
         many = max(before, 2)
         exact = (end - many * ramp - (many - 1) * self.rest) / many
         wanted += f"; such as {math.ceil(1e3 * exact - 1e-6) / 1e3:.10g}" if before < MOST and exact > 1 else ""
         self._need(0 < before < MOST and before * cycle + ramp < end, path, "hold", wanted)
         least = ramp * (1 + 2 * CLEAR / tool.travel)
-        wanted = f"more than {least:g}, for the way back and forth"
+        wanted = f"more than {least:g}, the time for release and reopening"
         wanted += f" at tool.travel_mm = {tool.toml_value('travel'):g} in time.ramp_s = {ramp:g}"
         self._need(self.rest > least, path, "rest", wanted)
 
@@ -167,7 +169,7 @@ class Protocol(Section):
         self._need(fits, path, "travel", wanted)
 
     def _check_force(self, path: str, scene: Scene) -> None:
-        wanted = "another one with tool.kind = 'tube', whose force is not along one way"
+        wanted = "another one with tool.kind = 'tube', whose force has no single direction"
         self._need(scene.tool.kind != "tube", path, "kind", wanted)
         if not self.times:
             self._need(

@@ -36,7 +36,7 @@ class Quantity(Section):
     name
         force: of a boundary, along a direction (N); displacement: of a point, along a direction (m); strain: a percentile of the
         maximum principal strain (Green-Lagrange) in the regions that match a pattern, within a radius of a point if one is given;
-        of a wave the amplitude of each. Of an operation a number of a protocol's answer, such as peak_pressure_mmHg.
+        in a harmonic problem the amplitude of each. For an operation, a result of a protocol, such as peak_pressure_mmHg.
     boundary
         Of a force: a name or a regular expression.
     direction
@@ -78,7 +78,7 @@ class Quantity(Section):
             self._need(self.protocol in (None, *names), path, "protocol", f"one of {', '.join(names)}")
             return
         self._need(self.protocol is None, path, "protocol", "this key left out: only an operation has protocols")
-        wanted = "a boundary of a force, and of nothing else"
+        wanted = "a boundary for a force, and for no other quantity"
         self._need((self.boundary is None) == (self.name != "force"), path, "boundary", wanted)
         wanted = "a direction of a force or a displacement, not all 0"
         self._need(self.direction is None or (any(self.direction) and self.name != "strain"), path, "direction", wanted)
@@ -86,7 +86,7 @@ class Quantity(Section):
         self._need(self.point is not None or not needs_point, path, "point", "a point to go with it")
         self._need(self.percentile <= 100, path, "percentile", "at most 100")
         of_wave = scene.time.frequency is not None and self.when == "ramp"
-        self._need(not of_wave, path, "when", "'end': the amplitude of a wave has no ramp")
+        self._need(not of_wave, path, "when", "'end': amplitudes of a harmonic problem have no ramp")
 
     @property
     def unit_vector(self) -> tuple[float, float, float]:
@@ -111,7 +111,7 @@ class Quantity(Section):
 
     @property
     def moment(self) -> str:
-        """Time of a body's quantity; empty for an operation's, which is of a whole protocol."""
+        """Time of a body's quantity; empty for an operation's, which refers to a whole protocol."""
         return self.when if self.name in OF_BODIES else ""
 
     @property

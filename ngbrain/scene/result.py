@@ -25,7 +25,8 @@ class SceneResult(FileResult):
 
     @property
     def errors(self) -> dict[str, float | None]:
-        """Quantity → estimated relative error, None where it is not known; empty for an operation as described."""
+        """Quantity → estimated relative error, None where it is unknown; empty for an operation without requested
+        quantities."""
         answers: Any = self.data.get("answers", {})
         asked = answers if isinstance(answers, list) else []
         return {each["quantity"]: each["error_estimate"] for each in asked}

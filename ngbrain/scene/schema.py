@@ -1,4 +1,4 @@
-"""The file format of a scene: as a JSON schema, and as the reference page, both generated from the fields and their docstrings.
+"""The file format of a scene: JSON schema and reference page, both generated from the fields and their docstrings.
 
 `python -m ngbrain.scene.schema` prints the page.
 """

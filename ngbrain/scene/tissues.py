@@ -46,15 +46,16 @@ class Tissue(Section):
         A name or a regular expression.
     material
         Name in the catalogue, which `ngbrain materials` lists, or a law by its name with its parameters, such as
-        { name = "Gent", mu_Pa = 900.0, jm = 0.5 }; `ngbrain materials --laws` lists these. A law of your own by its place, such
-        as { path = "my_laws.py:MyLaw", mu = 900.0 }: the file is run, and no scene beside a result.json may ask for it.
+        { name = "Gent", mu_Pa = 900.0, jm = 0.5 }; `ngbrain materials --laws` lists these. A user-defined law by its path, such
+        as { path = "my_laws.py:MyLaw", mu = 900.0 }: the file is executed; a scene beside a result.json may not name one.
     prony_g
         Relaxing fractions of that law's stress (a quasi-linear Prony series).
     prony_tau
         Relaxation times (s) of these fractions.
     maxwell
-        Relaxing branches of finite viscoelasticity beside that law: the table of a law and its viscosity each, such as
-        [{ name = "Gent", mu_Pa = 400.0, jm = 0.5, eta_Pa_s = 900.0 }]; the law is isotropic, and may be another one.
+        Maxwell branches of finite viscoelasticity beside that law: for each the table of a law and its viscosity, such as
+        [{ name = "Gent", mu_Pa = 400.0, jm = 0.5, eta_Pa_s = 900.0 }]; their laws are isotropic, and may differ from the
+        equilibrium law.
     mu
         In place of `material`: shear moduli (Pa) of the equilibrium part, then of the viscoelastic branches.
     alpha
@@ -69,11 +70,11 @@ class Tissue(Section):
         Bulk modulus over initial shear modulus. Without it and without Poisson's ratio it is the source's where it has one, else
         1000, with a warning that says so.
     poissons_ratio
-        Of an instantaneous small strain, in place of the ratio of moduli: K = 2μ₀(1 + ν)/3(1 - 2ν).
+        Poisson's ratio for instantaneous small strain, in place of the ratio of moduli: K = 2μ₀(1 + ν)/3(1 - 2ν).
     density
         Mass over volume; without it 1040 kg/m³, with a warning where it matters.
     loss_tangent
-        G″/G′ of waves, for tissue without branches.
+        Loss tangent G″/G′ in harmonic problems, for tissue without branches.
     fibre_stiffness
         k₁ (Pa) of the fibres of Holzapfel, Gasser and Ogden.
     fibre_exponent
@@ -82,13 +83,13 @@ class Tissue(Section):
         Direction of the fibres.
     fibre_map
         Path of a NIfTI file of directions in the body's own axes, in place of one direction: vectors (x, y, z, 3), or tensors of
-        diffusion (x, y, z, 6) or (x, y, z, 3, 3), of which the principal direction counts; 0 where none is known.
+        diffusion (x, y, z, 6) or (x, y, z, 3, 3), of which the principal direction is used; 0 where none is known.
     fibre_map_convention
-        Along which axes its components are. fsl: the voxels' own, the first reversed where the affine keeps handedness, tensors
+        Axes of its components. fsl: the voxels' own, the first reversed where the affine keeps handedness, tensors
         xx xy xz yy yz zz; mrtrix: the scanner's, tensors xx yy zz xy xz yz; nifti: the scanner's, tensors xx xy yy xz yz zz.
     shear_modulus_map
-        Path of a NIfTI volume of shear moduli (Pa) of instantaneous small strain, in the body's own axes (mm): all moduli and
-        viscosities are in proportion to it, and only their ratios are taken from the above.
+        Path of a NIfTI volume of shear moduli (Pa) for instantaneous small strain, in the body's coordinates (mm): all moduli
+        and viscosities are scaled to it, so that only their ratios are used.
     """
 
     region: str = pattern("region", ".*")
@@ -147,9 +148,7 @@ class Tissue(Section):
         self._need((self.fibre_stiffness is None) != directed, path, "fibre", wanted)
         self._need(self.fibre is None or self.fibre_map is None, path, "fibre_map", "this key or fibre, not both")
         wanted = (
-            f"{', '.join(CONVENTIONS)}: along which axes components are"
-            if self.fibre_map
-            else "this key only with a map"
+            f"{', '.join(CONVENTIONS)}: the axes of the components" if self.fibre_map else "this key only with a map"
         )
         self._need(
             (self.fibre_map is None) == (self.fibre_map_convention is None), path, "fibre_map_convention", wanted
@@ -177,7 +176,7 @@ class Tissue(Section):
 
     def _check_prony(self, path: str) -> None:
         g, tau = self.prony_g or (), self.prony_tau or ()
-        wanted = "this key only with a law that does not relax by itself: material = { name = ... }"
+        wanted = "this key only with a law that is not viscoelastic itself: material = { name = ... }"
         self._need(not self.maxwell or isinstance(self.material, NamedLaw), path, "maxwell", wanted)
         if not (g or tau):
             return

@@ -24,9 +24,10 @@ from ngbrain.errors import InputError
 from ngbrain.ladder import RequestedQuantity, run_search
 from ngbrain.ladder.axes import Axis, check_levels, restrict
 from ngbrain.ladder.levels import HALVINGS, MeshLevel, Model, PresenceLevel, TimeLevel, TissueLevel
-from ngbrain.ladder.model_search import Rung, assess_along, search_along
+from ngbrain.ladder.model_search import assess_along, search_along
 from ngbrain.ladder.models.hierarchy import Solution
 from ngbrain.ladder.quantities import BodyState
+from ngbrain.ladder.search_result import Rung
 from ngbrain.ladder.solutions import SolutionCache
 from ngbrain.materials.families import NEO_HOOKE, is_neo_hooke
 from ngbrain.progress import log_progress, reporting
@@ -144,7 +145,7 @@ def solve(
         result["answers"], result["model"], result["left_out"]
     """
     operation = Operation(scene)
-    axes, keeper = axes_of(scene, richest), SolutionCache(operation, executor)
+    axes, cache = axes_of(scene, richest), SolutionCache(operation, executor)
     check_moduli(operation.build_model({"mesh": "0"}))
     tolerances = np.array([quantity.tolerance for quantity in operation.questions])
     asked = [RequestedQuantity.from_quantity(quantity) for quantity in operation.questions]
@@ -153,11 +154,11 @@ def solve(
             scene,
             folder,
             threads,
-            lambda watch: search_along(axes, keeper, tolerances, callback, watch),
+            lambda watch: search_along(axes, cache, tolerances, callback, watch),
             asked,
             checkpoint=checkpoint,
         )
-    return run_search(scene, folder, threads, lambda _: assess_along(axes, keeper, model), asked, checkpoint=checkpoint)
+    return run_search(scene, folder, threads, lambda _: assess_along(axes, cache, model), asked, checkpoint=checkpoint)
 
 
 class Operation:

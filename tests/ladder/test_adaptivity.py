@@ -8,10 +8,12 @@ import pytest
 from ngbrain.ladder.adaptivity import mark_elements
 from ngbrain.ladder.axes import axes_of, cheapest
 from ngbrain.ladder.estimates import Estimate, relative_difference
-from ngbrain.ladder.model_search import Rung, _towards, search_models
+from ngbrain.ladder.model_search import search_models
 from ngbrain.ladder.models.bodies import SMALL, linear_state
 from ngbrain.ladder.models.hierarchy import ModelHierarchy, solve
+from ngbrain.ladder.next_step import target_level
 from ngbrain.ladder.quantities import BodyState, evaluate, gradient
+from ngbrain.ladder.search_result import Rung
 from ngbrain.ladder.solutions import SolutionCache
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Tissue
 
@@ -96,9 +98,9 @@ def test_a_step_is_judged_whole_and_climbed_in_part_where_that_will_do() -> None
         model = linear(asked, order=order)
         changes = {name: Estimate(np.full(1, change), "", to="1") for name in taken}
         rung = Rung(model, np.ones(1), 1, changes, np.ones(1), taken)
-        assert _towards(axes["mesh"], rung, np.full(1, 0.01)) == to
+        assert target_level(axes["mesh"], rung, np.full(1, 0.01)) == to
     order = Rung(linear(asked), np.ones(1), 1, {"order": Estimate(np.ones(1), "", to="2")}, np.ones(1), ("order",))
-    assert _towards(axes["order"], order, np.ones(1)) == "2"
+    assert target_level(axes["order"], order, np.ones(1)) == "2"
 
 
 def test_a_bound_may_be_a_part_and_heads_have_none() -> None:
@@ -118,23 +120,23 @@ def test_a_bound_may_be_a_part_and_heads_have_none() -> None:
 def test_a_climb_goes_over_a_part_and_is_as_accurate_as_asked() -> None:
     asked = scene(replace(FORCE, tolerance=0.03))
     bounds = {"order": "2", "mesh": "1", "strain": "linear", "extent": "near"}
-    keeper = SolutionCache(ModelHierarchy(asked))
-    found = search_models(asked, bounds, keeper=keeper)
+    cache = SolutionCache(ModelHierarchy(asked))
+    found = search_models(asked, bounds, cache=cache)
     assert found.chosen.model["mesh"] == "0+"
-    rich = keeper({**found.chosen.model, "order": "2", "mesh": "1"}).answers
+    rich = cache({**found.chosen.model, "order": "2", "mesh": "1"}).answers
     assert np.abs(relative_difference(found.chosen.answers, rich)).max() < 0.03
 
 
 def test_a_model_starts_where_the_one_most_like_it_came_to_rest(monkeypatch) -> None:
     asked = scene()
-    keeper = SolutionCache(ModelHierarchy(asked))
+    cache = SolutionCache(ModelHierarchy(asked))
     model = linear(asked, strain="finite", space="solid", extent="whole")
-    first = keeper(model)
-    keeper({**model, "space": "plane"})
-    assert keeper._near({**model, "order": "2"}) is first.states
-    assert keeper._near({**model, "order": "2", "extent": "near"}) is None
-    assert keeper._near({**model, "strain": "linear"}) is None
-    near = keeper({**model, "order": "2"})
-    assert keeper._near({**model, "order": "2", "mesh": "1"}) is near.states
-    alone = solve(keeper.solver, {**model, "order": "2"})
+    first = cache(model)
+    cache({**model, "space": "plane"})
+    assert cache._near({**model, "order": "2"}) is first.states
+    assert cache._near({**model, "order": "2", "extent": "near"}) is None
+    assert cache._near({**model, "strain": "linear"}) is None
+    near = cache({**model, "order": "2"})
+    assert cache._near({**model, "order": "2", "mesh": "1"}) is near.states
+    alone = solve(cache.solver, {**model, "order": "2"})
     assert near.answers == pytest.approx(alone.answers, rel=1e-6)

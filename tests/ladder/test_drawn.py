@@ -159,12 +159,12 @@ def test_an_answer_takes_hardly_more_unknowns_than_an_experts_first_guess():
     for seed in FIRST_GUESSES:
         scene = drawn(seed)
         best = {name: axis.levels[-1] for name, axis in axes_of(scene, RICHEST).items()}
-        guess, keeper = SolutionCache(ModelHierarchy(scene)), SolutionCache(ModelHierarchy(scene))
+        guess, cache = SolutionCache(ModelHierarchy(scene)), SolutionCache(ModelHierarchy(scene))
         first, truth = guess({**best, "mesh": "0", "order": "2"}), guess(best)
         if np.abs(relative_difference(first.answers, truth.answers)).max() > TOLERANCE:
             raise ValueError("the first guess does not meet the tolerance")
-        search_models(scene, RICHEST, keeper=keeper)
-        dearer.append(sum(found.ndof for found in keeper.kept.values()) / first.ndof)
+        search_models(scene, RICHEST, cache=cache)
+        dearer.append(sum(found.ndof for found in cache.kept.values()) / first.ndof)
     print(dearer)
     assert np.median(dearer) < 1.2
 

@@ -92,10 +92,10 @@ def test_what_lies_in_the_section_has_one():
     ("part", "reason"),
     [
         ("fibre", "the fibre of '.*' is oblique"),
-        ("displacement", "displacement of 'left' has a part along y"),
-        ("traction", "traction on 'top' has a part along y"),
-        ("gravity", "gravity has a part along y"),
-        ("asked", "force on bottom along .* has a part along y"),
+        ("displacement", "displacement of 'left' has a component along y"),
+        ("traction", "traction on 'top' has a component along y"),
+        ("gravity", "gravity has a component along y"),
+        ("asked", "force on bottom along .* has a component along y"),
     ],
 )
 def test_the_section_declines_by_name_what_is_oblique_to_it(part, reason):
@@ -223,7 +223,7 @@ def test_what_is_zero_by_symmetry_ends(quantity):
     (value,), (error,) = result.value.values(), result.errors.values()
     assert abs(value) < NOTHING * largest and error <= 0.1
     assert result["rungs"][-1]["ndof"] < 10_000
-    assert any("nearly nothing" in flag and "part of" in flag for flag in result["flags"])
+    assert any("nearly zero" in flag and "relative to" in flag for flag in result["flags"])
 
 
 def test_what_elements_at_the_top_leave_is_in_the_error():

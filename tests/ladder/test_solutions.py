@@ -44,14 +44,14 @@ def test_models_that_fail_are_asked_for_once() -> None:
 
         return estimate
 
-    keeper, begun = SolutionCache(Odd("a scene"), executor=1), time.process_time()
-    found = keeper.run_estimates({"even": of(2, 6), "odd": of(2, 1), "here": of(4, 8)})
+    cache, begun = SolutionCache(Odd("a scene"), executor=1), time.process_time()
+    found = cache.run_estimates({"even": of(2, 6), "odd": of(2, 1), "here": of(4, 8)})
     assert found == {"even": [2.0, 6.0], "odd": "1 is odd", "here": [4.0, 8.0]}
     assert Odd.asked == ["2", "6", "1", "4", "8"]  # what has states comes last: it is solved here
     with pytest.raises(SolverError, match="1 is odd"):
-        keeper({"number": "1"})
+        cache({"number": "1"})
     assert len(Odd.asked) == 5
-    assert 200 <= keeper.clock() - begun < 300
+    assert 200 <= cache.clock() - begun < 300
 
 
 def test_estimates_side_by_side_are_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -95,7 +95,7 @@ def test_a_prony_series_belongs_to_a_law_that_does_not_relax():
     relaxing = Tissue(material={"name": "Gent", "mu_Pa": 900.0, "jm": 2.0}, prony_g=(0.4, 0.2), prony_tau=(1.0, 30.0))
     assert relaxing.law() == Prony(Gent(900.0, 2.0), (0.4, 0.2), (1.0, 30.0)) and relaxing.initial_modulus == 900.0
     for more, said in (
-        ({"material": "griffiths2024:cortex", "prony_g": 0.4, "prony_tau": 1.0}, "does not relax by itself"),
+        ({"material": "griffiths2024:cortex", "prony_g": 0.4, "prony_tau": 1.0}, "is not viscoelastic itself"),
         ({"material": {"name": "NeoHooke", "mu_Pa": 1.0}, "prony_g": 0.4}, "prony_tau_s is missing"),
         ({"material": {"name": "NeoHooke", "mu_Pa": 1.0}, "prony_g": 1.0, "prony_tau": 1.0}, "less than 1"),
     ):
@@ -134,7 +134,7 @@ def test_maxwell_branches_are_of_any_isotropic_law(tmp_path, own):
         ({"maxwell": [branch | {"eta_Pa_s": 0}]}, r"maxwell\.eta_Pa_s is 0; wanted"),
         ({"maxwell": [branch | {"mu": 3}]}, r"maxwell\.mu is not a known key"),
         ({"maxwell": branch, "prony_g": 0.4, "prony_tau_s": 1.0}, "this key or prony_g, not both"),
-        ({"maxwell": branch, "material": "griffiths2024:cortex"}, "does not relax by itself"),
+        ({"maxwell": branch, "material": "griffiths2024:cortex"}, "is not viscoelastic itself"),
         ({"maxwell": "Gent"}, "a table of a law"),
         ({"maxwell": {"name": "Fibres", "eta_Pa_s": 1.0}}, "maxwell is Fibres; wanted: an isotropic law"),
     ):

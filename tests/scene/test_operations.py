@@ -396,7 +396,7 @@ BAD = [
     ("protocol.0.name", "../x", r"protocol#1\.name is '\.\./x'"),
     ("protocol.0.hold_s", 3.0, r"#1\.hold_s is 3\.0; wanted: this key left out: kind 'continuous' has kind, name"),
     ("protocol.1.rest_s", DELETED, r"#2\.rest_s is missing; wanted: a value: .* has kind, name, hold_s, rest_s"),
-    ("protocol.1.hold_s", 900.0, r"#2\.hold_s is 900\.0; wanted: holds of which one, not the first.*; such as 395$"),
+    ("protocol.1.hold_s", 900.0, r"#2\.hold_s is 900\.0; wanted: a duration with which the run ends during a hold.*; such as 395$"),
     ("protocol.1", {"kind": "intermittent", "hold_s": 440, "rest_s": 14}, r"#2\.rest_s is 14\.0; wanted: more than 14, "),
     ("protocol.1.hold_s", 1e-9, r"protocol#2\.hold_s is 1e-09"),
     ("protocol.1", {"kind": "intermittent", "hold_s": 1e-9, "rest_s": 1e-9}, r"protocol#2\.hold_s"),

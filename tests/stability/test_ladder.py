@@ -26,10 +26,10 @@ def test_a_linear_model_that_serves_palpation_fails_a_deep_press(mm, cheap_enoug
         displacement_bcs=(DisplacementBC(boundary="bottom"), DisplacementBC(boundary="top", value=(0, 0, mm / 1000))),
         quantities=(Quantity(name="force", boundary="top", tolerance=TOLERANCE),),
     )
-    keeper, axes = SolutionCache(ModelHierarchy(scene)), axes_of(scene, BOUNDS)
-    rich = keeper({**richest(axes), "space": "solid"}).answers
-    naive = keeper({**richest(axes), "strain": "linear"}).answers
-    found = search_models(scene, BOUNDS, keeper=keeper)
+    cache, axes = SolutionCache(ModelHierarchy(scene)), axes_of(scene, BOUNDS)
+    rich = cache({**richest(axes), "space": "solid"}).answers
+    naive = cache({**richest(axes), "strain": "linear"}).answers
+    found = search_models(scene, BOUNDS, cache=cache)
     off = float(np.abs(relative_difference(naive, rich)).max())
     assert off < 0.01 if cheap_enough else off > 0.4
     assert np.abs(relative_difference(found.chosen.answers, rich)).max() < TOLERANCE

@@ -108,8 +108,8 @@ def test_an_operation_climbs_where_its_questions_want_it() -> None:
 def test_the_chosen_model_of_an_operation_is_as_accurate_as_asked() -> None:
     scene = asked(replace(PEAK, tolerance=0.1), Quantity(name="mps_p95", tolerance=0.1))
     scene = replace(scene, tools=(replace(scene.tool, travel=5e-3),), time=replace(scene.time, end=120.0))
-    axes, keeper = axes_of(scene), SolutionCache(Operation(scene))
-    found = search_along(axes, keeper, np.full(2, 0.1), lambda _: None)
-    rich = keeper(richest(axes)).answers
+    axes, cache = axes_of(scene), SolutionCache(Operation(scene))
+    found = search_along(axes, cache, np.full(2, 0.1), lambda _: None)
+    rich = cache(richest(axes)).answers
     assert np.abs(relative_difference(found.chosen.answers, rich)).max() < 0.1
     assert found.chosen.model["stiffening"] == "all" and found.chosen.model != richest(axes)

@@ -151,7 +151,7 @@ def test_what_was_not_measured_is_said():
     scene = Scene.shipped("demo_fast")
     mapped = replace(scene, geometry=replace(scene.geometry, stiffness_map="map.nii"))
     (said,) = [text for text in mapped.warnings if text not in scene.warnings]
-    assert "relative" in said and "its own level" in said
+    assert "relative" in said and "its absolute values" in said
 
 
 def test_a_map_in_the_template_goes_where_the_template_lies_in_the_head(tmp_path, monkeypatch):

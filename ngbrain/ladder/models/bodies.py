@@ -66,7 +66,7 @@ class SceneBodies:
     def __init__(self, scene: Scene, questions: Sequence[Question] = ()) -> None:
         self.scene, part = scene, region_of_interest(scene.geometry)
         self.init_arguments = (scene, tuple(questions))
-        """What another process makes the same of."""
+        """Arguments with which another process rebuilds it."""
         self.questions: tuple[Asked, ...] = (*scene.quantities, *questions)
         check_questions(self.questions, scene, questions)
         size, route = scene.mesh.largest, scene.mesh.meshing_route

@@ -74,7 +74,7 @@ def make_contact(
             normal = [each / math.hypot(*(body.direction or ())) for each in body.direction or ()]
             return sum((a * normal[k] for a, k in zip(r, course.axes, strict=True)), ngs.CF(0.0))
         square = sum((a * a for a in r), ngs.CF(INSIDE**2))
-        if body.shape == "cylinder" and not course.plane:  # across the section its axis is no part of the distance
+        if body.shape == "cylinder" and not course.plane:  # normal to the section the axis does not enter the distance
             axis = [each / math.hypot(*(body.direction or ())) for each in body.direction or ()]
             square = square - sum((a * n for a, n in zip(r, axis, strict=True)), ngs.CF(0.0)) ** 2
         return ngs.sqrt(square) - (body.radius or 0.0)

@@ -27,7 +27,7 @@ from ngbrain.units import LARGEST_BODY
 FINER = 2.0
 """Refinement factor of elements at a plate, a lesion or a slot."""
 FAR = 0.6
-"""Growth of elements away from there (Netgen's grading)."""
+"""Grading of elements away from there (Netgen's)."""
 
 
 OF_SECTION = ("left", "right", "bottom", "top", "plate", "wall_minus", "wall_plus")
@@ -41,7 +41,7 @@ WORTH = 0.8
 
 
 def region_of_interest(geometry: Geometry) -> Geometry | None:
-    """The part of a block around its plate, slot or lesion; None where that is nearly the whole block.
+    """The part of a block around its plate, slot or lesion; None where that would be nearly the whole block.
 
     Examples
     --------
@@ -52,7 +52,7 @@ def region_of_interest(geometry: Geometry) -> Geometry | None:
         return None
     x, y, z = geometry.size
     plate, slot, ball = geometry.plate or (0.0, 0.0), geometry.slot or (0.0, 0.0), geometry.lesion_radius or 0.0
-    # A slot goes through along y, and is as deep as its strains reach.
+    # A slot extends through the block along y; its strains reach as far as its depth.
     half_x = max(plate[0] / 2, slot[1], abs(geometry.centre[0]) * bool(ball) + ball)
     half_y = y / 2 if geometry.slot else max(plate[1] / 2, abs(geometry.centre[1]) * bool(ball) + ball)
     smaller = (min(x, 2 * REACH * half_x), min(y, 2 * REACH * half_y), z)
@@ -146,7 +146,7 @@ class Meshes:
 
     def _block(self, plane: bool) -> meshing.Mesh:
         shape = _section(self.geometry, self.size) if plane else _block(self.geometry, self.size)
-        # In one thread: where others work too, those that wait take a hundred times as long as the mesh does.
+        # On one thread: on a busy machine waiting threads take a hundred times as long as the meshing.
         wanted = meshing.MeshingParameters(maxh=self.size, grading=FAR, optsteps3d=1, parallel_meshing=False)
         return occ.OCCGeometry(shape, dim=2 if plane else 3).GenerateMesh(wanted)
 
@@ -190,7 +190,7 @@ def _read(geometry: Geometry) -> meshing.Mesh:
     """The mesh of a file; `InputError` for one that is not a mesh in space."""
     file = Path(str(geometry.file))
     check_regular(file, "geometry.file")
-    check_in_subprocess(file, "geometry.file", __name__, "read_netgen")  # Netgen crashes on half a file
+    check_in_subprocess(file, "geometry.file", __name__, "read_netgen")  # Netgen crashes on a truncated file
     try:
         mesh = read_netgen(str(file))
     except Exception as error:
@@ -212,7 +212,7 @@ def read_netgen(name: str) -> meshing.Mesh:
     """Read a file that Netgen can read."""
     mesh = meshing.Mesh()
     mesh.Load(name)
-    ngs.Mesh(mesh)  # crashes too where elements have points that there are none of
+    ngs.Mesh(mesh)  # crashes too where elements refer to missing points
     return mesh
 
 

@@ -162,7 +162,7 @@ def _at_rest(hierarchy: ModelHierarchy, model: Model, near: Mapping[str, BodySta
         if model["strain"] == "linear":
             x = linear_state(body)
         else:
-            # From rest what touches a rigid body: how it has slid so far counts.
+            # Contact problems start from rest, as friction depends on the path.
             close = None if hierarchy.scene.contacts else near.get(when) or next(iter(found.values()), None)
             LoadPath(body, hierarchy.course(body)).solve(
                 start=None if close is None else interpolate_state(close, body, 1.0)
@@ -181,7 +181,7 @@ def _through_time(hierarchy: ModelHierarchy, model: Model) -> tuple[Array, Array
     asked = hierarchy.questions
     answers, scales, ndof = np.zeros(len(asked)), np.zeros(len(asked)), 0
     moments = dict.fromkeys(hierarchy.time(quantity.when) for quantity in asked)
-    for last in moments if model.get("time") == "relaxed" else [max(moments)]:  # else one run is good for all
+    for last in moments if model.get("time") == "relaxed" else [max(moments)]:  # otherwise one run serves all questions
         body = hierarchy.relaxing(model, last)
         still = (
             hierarchy.static(model, last)
@@ -203,7 +203,7 @@ def _through_time(hierarchy: ModelHierarchy, model: Model) -> tuple[Array, Array
 
 
 def _times(hierarchy: ModelHierarchy, model: Model, last: float) -> Array:
-    """Time steps up to a time (s), equal ones while loads grow."""
+    """Time steps up to a time (s), uniform during the ramp."""
     ramp = hierarchy.scene.time.ramp
     hold, moving = last - ramp, model.get("inertia") == "all"
     count = max(RAMP, math.ceil(CROSSING * ramp / hierarchy.crossing)) if moving else RAMP

@@ -30,12 +30,12 @@ FIELDS: Mapping[str, Callable[..., Any]] = {
 }
 """Functions of formulas, for coefficient functions."""
 BEGUN = 1e-9
-"""Growth of the loads from which they count as applied."""
+"""Load factor from which loads count as applied."""
 LONG, SAMPLES, MOMENTS = 0.2, 2001, 21
 """Assumed side (m) of a body that is no block; number of times at which motions are sampled, and at which they are checked."""
 GOLDEN = (5**0.5 - 1) / 2
 INSTANT = 1e-7
-"""Fraction of the total time for a finite-difference speed: there may be many periods between samples."""
+"""Fraction of the total time for a finite-difference speed; there may be many periods between samples."""
 MOST = 5000
 """Largest number of time steps of a motion."""
 
@@ -102,7 +102,9 @@ class PrescribedMotion:
         if self._moves and self._problem is not None:
             self._problem.prescribed = self._problem.supports.coefficients(self._problem.u.space)[0]
         if self._problem is not None and not np.isfinite(self._problem.prescribed).all():
-            raise InputError("displacement_bc.value_mm", "not finite at some node", "numbers all over the boundary")
+            raise InputError(
+                "displacement_bc.value_mm", "not finite at some node", "finite values all over the boundary"
+            )
 
     def travel(self, start: float, end: float) -> float:
         """Advance of a rigid body, which it does not have.
@@ -136,7 +138,7 @@ def characteristic_time(scene: Scene, until: float) -> float:
     sides = np.array(scene.geometry.sides if scene.geometry.kind == "block" else (LONG,) * 3)
     corners = np.array([(a, b, c) for a in (-0.5, 0.5) for b in (-0.5, 0.5) for c in (0, 1)]) * sides
     place = list(np.vstack([corners, [(0, 0, sides[2] / 2)]]).T[:, :, None])
-    times = until * (np.arange(SAMPLES) * GOLDEN % 1)  # even ones meet what is periodic at the same phase
+    times = until * (np.arange(SAMPLES) * GOLDEN % 1)  # uniform ones sample a periodic motion at the same phase
 
     def courses(t: np.ndarray) -> list[Any]:
         found = [bc.displacement(place, t, 1.0) for bc in scene.displacement_bcs if bc.is_timed]
@@ -182,7 +184,9 @@ def time_steps(scene: Scene, until: float, share: int, longest: float) -> np.nda
     ramp = scene.time.ramp
     longest = min(longest, min(ramp, characteristic_time(scene, until)) / share)
     if until / longest > MOST:
-        raise InputError("time.end_s", until, f"at most {MOST * longest:.3g}: {MOST} steps of what moves so fast")
+        raise InputError(
+            "time.end_s", until, f"at most {MOST * longest:.3g}, which takes {MOST} steps of a motion this fast"
+        )
     grow = np.linspace(0, ramp, math.ceil(ramp / longest) + 1)
     if until <= ramp * (1 + 1e-9):
         return grow
@@ -215,9 +219,9 @@ def check(scene: Scene, mesh: ngs.Mesh, sides: tuple[float, ...]) -> None:
         key = f"displacement_bc#{i}.{'value_mm' if bc.rotation is None else 'rotation_deg'}"
         shown = bc.toml_value("value" if bc.rotation is None else "rotation")
         if not all(np.isfinite(u).all() for u in moved):
-            raise InputError(key, shown, f"numbers all over {bc.boundary!r}, at every moment")
+            raise InputError(key, shown, f"finite values all over {bc.boundary!r}, at every time")
         if any(np.abs(u[:, 0]).max(initial=0) > 1e-9 for u in moved):
-            raise InputError(key, shown, "a formula of t that is 0 at t = 0: a body begins at rest")
+            raise InputError(key, shown, "a formula of t that is 0 at t = 0, as the body starts at rest")
         if bc.rotation is None and not all(
             np.abs(u).max(initial=0) < side for u, side in zip(moved, sides, strict=True)
         ):
@@ -227,9 +231,9 @@ def check(scene: Scene, mesh: ngs.Mesh, sides: tuple[float, ...]) -> None:
         with np.errstate(all="ignore"):
             parts = [np.broadcast_to(part, MOMENTS) for part in body.displacement(times, growth)]
         if not np.isfinite(parts).all():
-            raise InputError(f"contact#{i}.travel_mm", body.toml_value("travel"), "numbers at every moment")
+            raise InputError(f"contact#{i}.travel_mm", body.toml_value("travel"), "finite values at every time")
         if any(abs(part[0]) > 1e-9 for part in parts):
-            wanted = "formulas of t that are 0 at t = 0: a body begins at rest"
+            wanted = "formulas of t that are 0 at t = 0, as the body starts at rest"
             raise InputError(f"contact#{i}.travel_mm", body.toml_value("travel"), wanted)
         if body.boundary and not any(re.fullmatch(body.boundary, name) for name in names):
             raise InputError(f"contact#{i}.boundary", repr(body.boundary), f"one of {', '.join(names)}")
@@ -241,9 +245,11 @@ def check(scene: Scene, mesh: ngs.Mesh, sides: tuple[float, ...]) -> None:
             with np.errstate(all="ignore"):
                 found = np.broadcast_to(evaluate_at(each, place, times), (len(place[0]), MOMENTS))
             if not np.isfinite(found).all():
-                raise InputError(f"{name}.value_Pa", load.toml_value("value"), f"numbers all over {load.boundary!r}")
+                raise InputError(
+                    f"{name}.value_Pa", load.toml_value("value"), f"finite values all over {load.boundary!r}"
+                )
             if depends_on_time(each) and np.abs(found[:, 0]).max(initial=0) > 1e-9 * np.abs(found).max(initial=0):
-                wanted = "a formula of t that is 0 at t = 0: a body begins at rest"
+                wanted = "a formula of t that is 0 at t = 0, as the body starts at rest"
                 raise InputError(f"{name}.value_Pa", load.toml_value("value"), wanted)
 
 

@@ -50,7 +50,7 @@ def interpolate_map(volume: Volume, mesh: ngs.Mesh) -> ngs.GridFunction:
     where, last = volume.to_voxels(points), np.array(volume.data.shape) - 1
     beyond = float(np.max(np.maximum(-where, where - last)))
     if beyond > 1.0:
-        raise InputError("map", f"a picture that ends {beyond:.0f} voxels inside the body", "one of the whole body")
+        raise InputError("map", f"an image that ends {beyond:.0f} voxels inside the body", "an image of the whole body")
     field = ngs.GridFunction(ngs.H1(mesh, order=1))
     field.vec.FV().NumPy()[:] = volume.interpolate(volume.to_world(np.clip(where, 0, last)))
     return field
@@ -83,7 +83,7 @@ def fibre_field(directions: FibreDirections, mesh: ngs.Mesh, where: np.ndarray) 
     covered = directions.covers(points[where[element]])
     if covered.mean() < COVERED:
         found = f"without a direction at {1 - covered.mean():.0%} of the tissue"
-        raise InputError("fibre_map", found, "one in the space of the body, measured over most of it")
+        raise InputError("fibre_map", found, "a map in the coordinates of the body that covers most of it")
     tensors = np.zeros((mesh.ne, 3, 3))
     np.add.at(tensors, element, directions.tensors(points))
     parts = []

@@ -52,10 +52,10 @@ def not_in_section(scene: Scene, questions: Sequence[Labelled] = ()) -> str | No
     ...     quantities=[Quantity(name="force", boundary="top")],
     ... )
     >>> not_in_section(scene)
-    "the displacement of 'top' has a part along y"
+    "the displacement of 'top' has a component along y"
     """
     for question in questions:
-        return f"what is asked, {question.label!r}, is of a body in space"
+        return f"the requested {question.label!r} is of a 3-D body"
     loads: list[Traction | Pressure] = [*scene.tractions, *scene.pressures]
     patterns = [load.boundary for load in loads] + [body.boundary for body in scene.contacts]
     patterns += [str(quantity.boundary) for quantity in scene.quantities if quantity.name == "force"]
@@ -67,7 +67,7 @@ def not_in_section(scene: Scene, questions: Sequence[Labelled] = ()) -> str | No
         x, y, z = body.direction or (0.0, 0.0, 0.0)
         across = {"plane": abs(y), "cylinder": math.hypot(x, z), "ball": math.inf}[body.shape]
         if across > IN_PLANE * math.hypot(x, y, z) or body.travel[1]:
-            return f"the {body.shape} on {body.boundary!r} is none of a section, or leaves it"
+            return f"the {body.shape} on {body.boundary!r} has no section, or moves out of it"
     for bc in scene.displacement_bcs:
         if bc.axis and math.hypot(bc.axis[0], bc.axis[2]) > IN_PLANE * math.hypot(*bc.axis):
             return f"the rotation of {bc.boundary!r} is not about y"
@@ -80,8 +80,8 @@ def not_in_section(scene: Scene, questions: Sequence[Labelled] = ()) -> str | No
         if any(isinstance(part, Formula) and "y" in part.variables for part in parts):
             return f"{name} varies along y"
         if isinstance(parts[1], Formula):
-            return f"{name} has a part along y"
-    # Formulas along x and z count as nothing beside what there is along y.
+            return f"{name} has a component along y"
+    # Formulas along x and z do not enter the comparison.
     vectors = [
         (name, tuple(0.0 if isinstance(part, Formula) else part for part in parts))
         for name, parts in given
@@ -89,10 +89,10 @@ def not_in_section(scene: Scene, questions: Sequence[Labelled] = ()) -> str | No
     ]
     vectors += [("gravity", scene.gravity.acceleration)] if scene.gravity else []
     asked = [quantity for quantity in scene.quantities if quantity.name != "strain"]
-    vectors += [(f"what is asked, {quantity.label!r},", quantity.unit_vector) for quantity in asked]
+    vectors += [(f"the requested {quantity.label!r}", quantity.unit_vector) for quantity in asked]
     for name, vector in vectors:
         if abs(vector[1]) > IN_PLANE * math.hypot(*vector):
-            return f"{name} has a part along y"
+            return f"{name} has a component along y"
     for tissue in scene.tissues:
         if tissue.fibre_map is not None:
             return f"the fibres of {tissue.region!r} are those of a map"
@@ -113,7 +113,7 @@ def cannot_be_cut(scene: Scene) -> bool:
     uneven = [bc.boundary for bc in scene.displacement_bcs if not bc.is_even]
     uneven += [load.boundary for load in loads if any(isinstance(each, Formula) for each in _parts(load))]
     if any(re.fullmatch(pattern, side) for pattern in uneven for side in SHORTER):
-        return True  # what is given over all of a side is not what is given over a part of it
+        return True  # a condition on a whole side differs from one on a part of it
     patterns += [str(quantity.boundary) for quantity in scene.quantities if quantity.name == "force"]
     points = [quantity.point for quantity in scene.quantities if quantity.point]
     beyond = [point for point in points if any(abs(point[i]) > part.sides[i] / 2 for i in (0, 1))]

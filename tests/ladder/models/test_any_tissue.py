@@ -150,4 +150,4 @@ def test_what_is_assumed_is_said():
     assert line == "tissue#1 (.*): density_kg_m3 is not given: 1040 is assumed"
     shaken = replace(heavy, gravity=None, time=Time(frequency=50.0), tissues=(replace(heavy.tissues[0], density=1e3),))
     (line,) = ladder.solve(shaken, model=model_of(shaken))["warnings"]
-    assert line == "tissue#1 (.*): it neither relaxes nor has a loss: waves in it do not fade"
+    assert line == "tissue#1 (.*): it is neither viscoelastic nor has a loss tangent: waves in it are not attenuated"

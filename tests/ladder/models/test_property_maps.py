@@ -76,9 +76,9 @@ def test_a_bar_that_stiffens_has_its_force(stiffening) -> None:
 def test_a_map_is_taken_where_it_is_worth_it_and_foretold(stiffening) -> None:
     scene = pulled(stiffening)
     assert axes_of(scene)["tissue"].levels == ("each", "map")
-    keeper, model = SolutionCache(ModelHierarchy(scene)), levels(scene, order="2")
-    found = estimate(keeper, model, axes_of(scene)["tissue"])
-    true = relative_difference(keeper(model).answers, keeper({**model, "tissue": "map"}).answers)
+    cache, model = SolutionCache(ModelHierarchy(scene)), levels(scene, order="2")
+    found = estimate(cache, model, axes_of(scene)["tissue"])
+    true = relative_difference(cache(model).answers, cache({**model, "tissue": "map"}).answers)
     assert found.change == pytest.approx(true, rel=1e-3) and true[0] == pytest.approx(2 / (3 * np.log(2)) - 1, rel=0.1)
     bounds = {"order": "2", "mesh": "0", "space": "plane"}
     for tolerance, level in ((0.01, "map"), (0.2, "each")):

@@ -118,6 +118,6 @@ def test_what_is_no_question_is_refused():
         time=Time(frequency=50.0),
         quantities=SCENE.quantities,
     )
-    with pytest.raises(InputError, match="shaken"):
+    with pytest.raises(InputError, match="harmonic problem"):
         ModelHierarchy(wave, [Question(region_volume())])
     assert np.isfinite(Question(region_volume()).tolerance)

@@ -162,6 +162,6 @@ def test_nothing_that_turns_is_without_effect(body, tmp_path):
         try:
             found = answers(wrong, **RUNGS["map"])
         except Exception as error:
-            assert name == "map" and "picture that ends" in str(error)
+            assert name == "map" and "image that ends" in str(error)
             continue
         assert np.abs(found / first - 1).max() > 1e-4, name

@@ -287,7 +287,7 @@ def test_what_makes_no_sense(changes, named):
 
 def test_a_pressure_that_follows_is_refused_by_a_gpu():
     of = model(neo_hooke, load=PressureLoad, held="top").body
-    with pytest.raises(InputError, match="follows"):
+    with pytest.raises(InputError, match="follower"):
         HarmonicProblem.about(of.state.body, of.waves, device=Device("cuda", CPU.make))
 
 
