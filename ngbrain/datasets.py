@@ -75,22 +75,22 @@ class Dataset:
 DATASETS: Mapping[str, Dataset] = MappingProxyType(
     {
         "waves_plane": Dataset(
-            "shear waves of 60 Hz in a slice of 72 mm with a stiff lump and a soft spot, two loads, 2 % noise",
+            "shear waves of 60 Hz in a slice of 72 mm with a stiff and a soft inclusion, two loads, 2 % noise",
             ("waves_plane.npz",),
             "waves",
         ),
         "waves_space": Dataset(
-            "shear waves of 60 Hz in 39 mm of a block with a stiff lump, two loads, 2 % noise",
+            "shear waves of 60 Hz in a block of 39 mm with a stiff inclusion, two loads, 2 % noise",
             ("waves_space.npz",),
             "waves",
         ),
         "ultrasound": Dataset(
-            "axial displacement alone of a pressed square of 40 mm with a lesion three times as stiff, 0.15 % noise",
+            "axial displacement of a compressed 40 mm square with a lesion three times as stiff, 0.15 % noise",
             ("ultrasound.npz",),
             "waves",
         ),
         "plate": Dataset(
-            "a plate pressed into a block of grey matter, and a quantity asked, for `ngbrain simulate`",
+            "a plate pressed into a block of grey matter, with one requested quantity, for `ngbrain simulate`",
             ("plate.toml",),
             "scene",
         ),
@@ -100,7 +100,7 @@ DATASETS: Mapping[str, Dataset] = MappingProxyType(
             "scene",
         ),
         "retraction": Dataset(
-            "a short retraction of an idealised head, and what was seen of it, for `ngbrain simulate` and `calibrate`",
+            "a short retraction of an idealised head, and measurements of it, for `ngbrain simulate` and `calibrate`",
             ("retraction.toml", "retraction_landmarks.csv", "retraction_force.csv"),
             "scene",
         ),

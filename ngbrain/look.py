@@ -27,7 +27,7 @@ STYLE = {
 
 
 class NotebookCard:
-    """Representation of an object by a few words: one line as text, a table with a thumbnail in a notebook.
+    """Short representation of an object: one line of text, or a table with a thumbnail in a notebook.
 
     Subclasses define `summary`, and `plot` where there is something to see.
     """

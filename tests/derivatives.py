@@ -31,7 +31,8 @@ from ngbrain.forward.contact.friction import Friction
 from ngbrain.forward.contact.rigid import RigidContact, SelfContact
 from ngbrain.forward.contact.rigid import SlidingSupport as Film
 from ngbrain.forward.observables import Force, Functional
-from ngbrain.forward.sensitivity.parameter_blocks import NodePositions, PrescribedDisplacement
+from ngbrain.forward.sensitivity.node_positions import NodePositions
+from ngbrain.forward.sensitivity.parameter_blocks import PrescribedDisplacement
 from ngbrain.forward.sensitivity.static_model import LoadCase, StaticModel
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.inertia import Inertia

@@ -26,7 +26,7 @@ GAUSS = 24
 
 
 class WaveQuantity(DerivedQuantity):
-    """A number for each complex displacement (m) of a wave.
+    """A real number for each complex displacement (m) of a wave.
 
     Raises
     ------
@@ -38,7 +38,9 @@ class WaveQuantity(DerivedQuantity):
     def _size(data: Array) -> Array:
         size = np.abs(data)
         if still := int(np.sum(size == 0)):
-            raise InputError("data", f"0 in {still} of {data.size} displacements", "points and components that move")
+            raise InputError(
+                "data", f"0 in {still} of {data.size} displacements", "points and components with non-zero amplitude"
+            )
         return size
 
 
@@ -161,7 +163,7 @@ class TimeQuantity(DerivedQuantity):
     times : array (m,)
         Times of the data's rows (s), as `RunModel.times` has them.
     interpolation : Interpolation
-        Between the times: linear, or the monotone cubic of a retraction's report.
+        Interpolation between the times: linear, or the monotone cubic that a retraction's report uses.
     events : sequence of float, optional
         See `TimeCurve`.
     """
@@ -270,7 +272,7 @@ class Dose(TimeQuantity):
 
 @dataclass
 class _SmoothedTime:
-    """∫ 1/(1 + exp(-x)) over intervals in which x goes evenly from a to b: mean, and slopes by a and b."""
+    """Mean of 1/(1 + exp(-x)) over intervals in which x is linear from a to b, and its derivatives with respect to a and b."""
 
     mean: Array
     by_begin: Array
@@ -280,8 +282,8 @@ class _SmoothedTime:
 class TimeAbove(TimeQuantity):
     """Time (s) that data spend above a threshold, smoothed.
 
-    The time itself has no derivative where data touch the threshold. Here time counts by the logistic function
-    1/(1 + exp(-(d - threshold)/width)), which has one.
+    The time itself has no derivative where data touch the threshold. Here time is weighted by the logistic function 1/(1 +
+    exp(-(d - threshold)/width)), which is smooth.
 
     Parameters
     ----------
@@ -290,7 +292,7 @@ class TimeAbove(TimeQuantity):
     threshold : float
         In the unit of the data.
     width : float
-        Half the range over which the weight rises from .27 to .73; the smaller, the nearer to `raw`.
+        Half the range over which the weight rises from 0.27 to 0.73; the smaller, the closer to `raw`.
     """
 
     name = "time above a threshold"
@@ -320,7 +322,7 @@ class TimeAbove(TimeQuantity):
         return np.array([curve.above(self.threshold)[0] for curve in self.curves(data)])
 
     def gradient(self, data: Array) -> Array:
-        """By each interval's values at its two ends, with the contribution of a cubic's slopes."""
+        """Derivative with respect to the values at both ends of each interval, with the contribution of a cubic's slopes."""
         if self.interpolation is not Interpolation.LINEAR:
             return np.array([by[1:] for _, by in self._counted(data)]).T
         above = self._above(data)

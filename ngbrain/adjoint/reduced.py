@@ -38,7 +38,7 @@ class LinearisedState(Protocol):
     def gradient(self, w: Array) -> Array:
         """Vector-Jacobian product Re(Jᵀ w̄), cheap for one w."""
 
-    # `second(w, direction)`, (Re Σ w̄ · data)'' δθ, where the model has it: for `Point.hessian`.
+    # optional: `hvp(w, direction)`, (Re Σ w̄ · data)'' δθ, for `Point.hessian`
 
 
 class Model(Protocol):

@@ -102,7 +102,7 @@ class TimeCurve:
         return float(self.polynomial.integrate(start, end if until is None else until))
 
     def crossings(self, value: float) -> Array:
-        """Times (s) at which the curve crosses a value; none where it stays at it."""
+        """Times (s) at which the curve crosses a value; none while it is constant at it."""
         found = self.polynomial.solve(value, discontinuity=False, extrapolate=False)
         return np.asarray(found[np.isfinite(found)])
 
@@ -153,7 +153,8 @@ class TimeCurve:
         return float(np.sum(h * weights * part)), self._gather(*by)[:, 0]
 
     def _gather(self, begin: Array, end: Array, rise_begin: Array, rise_end: Array) -> Array:
-        """By the values, from what each step (m, 1) has of those at its ends and of the slopes there."""
+        """Derivative with respect to the values, from those with respect to values and slopes at the ends of each step (m,
+        1)."""
         found = np.zeros((len(self.times), 1))
         for piece in self.pieces:
             steps = slice(piece.start, piece.stop - 1)
@@ -204,7 +205,7 @@ def monotone_slopes(t: Array, values: Array) -> tuple[Array, Array]:
     """
     h, n = np.diff(t), len(t)
     secant = np.diff(values) / h
-    by = np.zeros((n, n - 1))  # the secants' part
+    by = np.zeros((n, n - 1))  # contribution of the secants
     if n == 2:
         slopes, by[:] = np.repeat(secant, 2), 1.0
     else:
@@ -226,7 +227,7 @@ def monotone_slopes(t: Array, values: Array) -> tuple[Array, Array]:
 
 
 def _end_slope(near: float, next_to: float, secant: float, following: float) -> tuple[float, Array]:
-    """At an end, from the steps and secants next to it: of three points, held to the sign of the first secant and thrice it."""
+    """Slope at an end, by a three-point formula limited to the sign of the first secant and to three times its size."""
     by = np.array([2 * near + next_to, -near]) / (near + next_to)
     slope = float(by @ [secant, following])
     if np.sign(slope) != np.sign(secant):

@@ -37,7 +37,7 @@ def function(of: Model | Reduced, start: Array) -> Callable[[Any], Any]:
     Parameters
     ----------
     of : Model or Reduced
-        What is to be differentiated.
+        Model or objective to differentiate.
     start : array (n,)
         A θ (or x) with a solution; solved once, as JAX needs the shape of the result beforehand.
 

@@ -12,15 +12,16 @@ from ngbrain.interop import function as functions
 
 Array = np.ndarray
 BACK = 10.0
-"""How much steeper it goes up behind a failed step than it went down before: a line search comes back to about .02 of it."""
+"""Slope of the penalty behind a failed step, relative to the descent before it: a line search backtracks to about 0.02 of the
+step."""
 RECENT = 10
-"""Solved values that no failed one may be below: an iterate is among them."""
+"""Number of last values above which the penalty starts; the current iterate is among them."""
 
 
 class Objective:
     """Objective J of a `Reduced` for `scipy.optimize.minimize`: `fun`, `jac`, `hessp`.
 
-    After a failed solve (`SolverError`) the value is that of a penalty that a line search backs away from:
+    After a failed solve (`SolverError`) the value is that of a penalty, from which a line search backtracks:
 
         J_max + 10 |g·(x - x̂)|      g the last gradient, computed at x̂, J_max the largest of the last J
 

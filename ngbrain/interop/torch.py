@@ -73,7 +73,7 @@ def function(of: Model | Reduced) -> Callable[[Any], Any]:
         if x.dtype != torch.float64:
             raise InputError("x.dtype", x.dtype, "torch.float64: x.double()")
         if x.device.type != "cpu":
-            raise InputError("x.device", x.device, "the processor, where the solver is: x.cpu()")
+            raise InputError("x.device", x.device, "the CPU, where the solver is: x.cpu()")
         return Solved.apply(x)
 
     return solved

@@ -33,7 +33,7 @@ Array = np.ndarray
 Numbers = list[float]
 Config = dict[str, Any] | None
 BEYOND = 1e30
-"""J where there is no solution: JSON has no infinity."""
+"""Value of J where there is no solution, as JSON has no infinity."""
 
 
 def model(of: Model | Reduced, start: Array, name: str = "ngbrain") -> Any:
@@ -47,7 +47,7 @@ def model(of: Model | Reduced, start: Array, name: str = "ngbrain") -> Any:
     Parameters
     ----------
     of : Model or Reduced
-        What is to be served.
+        Model or objective to serve.
     start : array (n,)
         A θ (or x) with a solution; solved once, as the size of the output has to be known.
     name : str
@@ -120,7 +120,7 @@ def model(of: Model | Reduced, start: Array, name: str = "ngbrain") -> Any:
 
 
 class _PenalisedObjective(ObjectiveFunction):
-    """J that is high where there is no solution, with the Gauss-Newton matrix where a model has no second derivatives."""
+    """Objective with the value `BEYOND` where there is no solution, and the Gauss-Newton matrix where there is no Hessian."""
 
     def value(self, x: Array) -> Array:
         try:
@@ -143,7 +143,7 @@ class _PenalisedObjective(ObjectiveFunction):
 
 @contextmanager
 def _told() -> Iterator[None]:
-    """What is raised in here reaches the client as an error of the protocol; otherwise it would get a page that is no JSON."""
+    """Context whose exceptions reach the client as protocol errors, in place of a page that is not JSON."""
     try:
         yield
     except NgbrainError as error:
@@ -153,13 +153,13 @@ def _told() -> Iterator[None]:
 
 
 def _real(y: Array) -> Numbers:
-    """As real numbers: all real parts, then all imaginary parts."""
+    """Real array: all real parts, then all imaginary parts."""
     parts = (y.real, y.imag) if np.iscomplexobj(y) else (y,)
     return np.concatenate([part.ravel() for part in parts]).tolist()
 
 
 def _like(y: Array, numbers: Numbers) -> Array:
-    """The reverse, of y's shape."""
+    """Inverse of `_real`, with the shape of y."""
     w = np.array(numbers)
     if np.iscomplexobj(y):
         w = w[: y.size] + 1j * w[y.size :]

@@ -187,7 +187,7 @@ class MaxwellVariables:
         self._begin(dt, *self._strained(_congruence(self.G), shapes))
 
     def _begin(self, dt: float, axes: np.ndarray, e: np.ndarray) -> None:
-        """The same where GᵀC̄G has these axes and the elastic strains are e."""
+        """`begin`, from the axes of GᵀC̄G and the elastic strains e."""
         self._axes, self._start = axes, e
         slope = self._at(e)[1:3]
         squared, along = np.sum(slope * slope, axis=0), np.sum(e * slope, axis=0)
@@ -248,7 +248,7 @@ class MaxwellVariables:
         self._finish(shapes)
 
     def _finish(self, shapes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The same; returns the axes of the new GᵀC̄G, which the flow does not rotate, and its elastic strains."""
+        """`finish`, which returns the axes of the new GᵀC̄G, unchanged by viscous flow, and its elastic strains."""
         axes, x = self._strained(self._pull, shapes)
         e, _ = self._minimum(x)
         self.G = self._step @ _stretched(axes, e - x)
@@ -422,12 +422,12 @@ class MaxwellTerm:
 
     @property
     def frozen(self) -> list[np.ndarray]:
-        """What the energy is made of now, to be put back as it was."""
+        """Coefficients of the energy in the current state."""
         return [field.vec.FV().NumPy().copy() for field in (self._energy, self._stress)]
 
     @frozen.setter
     def frozen(self, values: list[np.ndarray]) -> None:
-        """The coefficients of the energy, to be restored later."""
+        """Restore these coefficients."""
         for field, value in zip((self._energy, self._stress), values, strict=True):
             field.vec.FV().NumPy()[:] = value
 

@@ -239,7 +239,7 @@ def _through(executor: Executor, plan: _Plan, callback: Callback) -> None:
                 raise
             except BrokenExecutor as error:
                 raise SolverError(
-                    f"{name}: a process of its executor died ({error}); what has ended is kept"
+                    f"{name}: a process of its executor died ({error}); finished results are kept"
                 ) from error
             except CancelledError:
                 plan.fail(name, SolverError(f"{name}: its executor was shut down before it began"))
@@ -266,6 +266,6 @@ def _next(inbox: queue.SimpleQueue[Any]) -> Any:
 
 
 def _heed() -> None:
-    """Only the main thread receives Ctrl-C: another thread stops when the interrupt has ended the program."""
+    """Only the main thread receives Ctrl-C; other threads stop when the interrupt has ended the program."""
     if isinstance(getattr(sys, "last_value", None), KeyboardInterrupt) and not hasattr(sys, "ps1"):
         raise KeyboardInterrupt

@@ -1,8 +1,8 @@
-"""Files as data: what they would take in memory is checked before it is taken, nothing in them is run, nothing is created.
+"""Safe reading of files: sizes are checked before memory is allocated, and nothing in a file is executed.
 
 - `files`: bytes, text, JSON, tables, NumPy archives, zip and gzip: `read_bytes`, `read_text`, `read_json`, `read_table`
   (a `Table`), `read_npz`, `npz_arrays`, `unzip`, `gunzip`; `check_regular`, `check_size` against the limits `MOST`, `MOST_TEXT`.
-- `hdf5`: HDF5 files, looked through in a process of its own first.
+- `hdf5`: HDF5 files, first read in a subprocess.
 """
 
 from ngbrain.reading.files import (

@@ -1,6 +1,4 @@
-"""Safe reading of data files: sizes are checked before memory is allocated, nothing in a file is executed, and no read waits for
-ever.
-"""
+"""Safe reading of data files: sizes are checked before memory is allocated, nothing is executed, and no read blocks."""
 
 from __future__ import annotations
 

@@ -241,7 +241,7 @@ def _along(path: Path, newton: Newton, x: Array, t: float, goal: float, record: 
     lifted = path.load(x, near)
     rate = (path.residual(lifted)[0] - r) / PROBE
     if newton.inverse is None:
-        # For the right-hand side that it is to solve: r vanishes here, and an old factor would seem good for it.
+        # Factorise for this right-hand side: the residual r is zero here, and an old factor would seem accurate for it.
         newton.inverse = path.factorise(path.load(x, t), rate)
         record.work.factorisations += 1
     record.work.residuals += 2

@@ -96,7 +96,7 @@ class Device:
     def factor(self, matrix: ngs.BaseMatrix, free: ngs.BitArray | None = None, what: str = "the matrix") -> Factor:
         """Factorise a matrix.
 
-        A singular matrix is not always found out: check residuals.
+        A singular matrix is not always detected: check residuals.
 
         Parameters
         ----------
@@ -175,7 +175,7 @@ class CudssFactor:
         cudss = require("nvmath.sparse.advanced", "gpu")
         from ngsolve.solvers.cudss import make_directsolver_options
 
-        options = make_directsolver_options()  # names cuDSS's library of threads, which orders the unknowns
+        options = make_directsolver_options()  # sets cuDSS's threading library, used for reordering
         n = matrix.height
         self._free = np.ones(n, bool) if free is None else np.fromiter(free, bool, n)
         inner = to_scipy(matrix)[self._free][:, self._free]
@@ -186,7 +186,7 @@ class CudssFactor:
         inner.indices, inner.indptr = inner.indices.astype(np.int32), inner.indptr.astype(np.int32)
         self._type = inner.dtype
         self._solver = cudss.DirectSolver(inner, np.zeros(inner.shape[0], self._type), options=options)
-        weakref.finalize(self, self._solver.free).atexit = False  # a process that ends gives all back
+        weakref.finalize(self, self._solver.free).atexit = False  # a process that ends frees everything
         self._solver.plan()
         self._solver.factorize()
 
@@ -201,7 +201,7 @@ class CudssFactor:
 class NgsolveFactor:
     """Factorisation on the CPU, solves by NGSolve's device operators on its GPU or on its host reference device.
 
-    The reference device is as slow as it is exact: it emulates a GPU. Device operators are real, so a complex A = R + iS is
+    The reference device emulates a GPU, exactly but slowly. Device operators are real, so a complex A = R + iS is
     factorised as the symmetric
 
         [R  S] [ Re x]   [Re b]
@@ -245,12 +245,12 @@ def _try(device: Device) -> None:
         x = device.make(matrix, None).solve(np.array([4.0, 7.0]))
     except MissingExtra:
         raise
-    except Exception as error:  # no driver, no device, another version of a library: each has its own
+    except Exception as error:  # the exception depends on the cause: no driver, no device, another library version
         found = f"{error}"
     else:
         found = "" if np.allclose(x, [1, 2]) else f"2 x 2 unknowns come out as {x}"
         if device.name == "ngsolve" and ngs.gpu.backend == "host":
-            found = "it has none, and its reference device only plays one"
+            found = "there is none; the reference device only emulates one"
     if found:
         by = {"cuda": "cuDSS", "ngsolve": "NGSolve"}[device.name]
         raise InputError("device", repr(device.name), f"a GPU that {by} solves on ({found}), or 'cpu'")

@@ -26,7 +26,7 @@ def require_package(name: str) -> None:
         require("mumps", "mumps")
     if name == "pardiso":
         try:
-            importlib.metadata.version("mkl")  # a library without a module, which NGSolve loads itself
+            importlib.metadata.version("mkl")  # a shared library that NGSolve loads itself
         except importlib.metadata.PackageNotFoundError as error:
             raise MissingExtra("mkl", "pardiso") from error
     if name == "cudss":

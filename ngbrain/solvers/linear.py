@@ -88,7 +88,7 @@ def choose(
     Choice
     """
     if not symmetric:
-        return Choice("umfpack", "the matrix is not symmetric, which only a factor with pivots is for")
+        return Choice("umfpack", "the matrix is not symmetric, which needs a factorisation with pivoting")
     size = f"{n_free} unknowns in {dim}-D, K/μ {ratio:.2g}"
     if form_kind == "continuous pressure":
         name, needed = "minres-amg", MIXED_ITERATIONS
@@ -100,11 +100,12 @@ def choose(
     if dim == 3 and needed <= MAX_ITERATIONS:
         limit = min(limit, round(17_000 * math.sqrt(needed)))
     if n_free <= limit:
-        return Choice("sparsecholesky", f"{size}: a factor for several solves is cheapest up to {limit}")
+        return Choice("sparsecholesky", f"{size}: one factorisation for several solves is cheapest up to {limit}")
     if needed <= MAX_ITERATIONS:
-        return Choice(name, f"{size}: about {needed:.0f} iterations are cheaper than a factor beyond {limit}")
+        return Choice(name, f"{size}: about {needed:.0f} iterations are cheaper than a factorisation beyond {limit}")
     return Choice(
-        "sparsecholesky", f"{size}: a factor of many GiB, as {name} does not converge; a continuous pressure would"
+        "sparsecholesky",
+        f"{size}: a factorisation of many GiB, as {name} does not converge; with a continuous pressure an iterative solver would",
     )
 
 

@@ -110,7 +110,7 @@ class Cycle:
 
 
 def _vertex_block(matrix: ngs.BaseMatrix, patches: Patches) -> sp.bsr_array:
-    """Matrix of the vertex functions, node by node; a fixed degree of freedom keeps its diagonal only."""
+    """Matrix of the vertex functions, node by node; of a fixed degree of freedom only the diagonal."""
     values, columns, rows = (np.asarray(part) for part in matrix.CSR())
     whole = sp.csr_array((values, columns, rows), shape=matrix.shape)
     block = whole[patches.vertices][:, patches.vertices]

@@ -27,7 +27,7 @@ def multigrid(form: ngs.BilinearForm) -> Maker:
             patches.append(Patches(form.space.components[0] if mixed else form.space, free(form)))
         try:
             return Cycle(form.mat, patches[0])
-        except Exception as error:  # NGSolve's blocks and pyamg's levels each have their own
+        except Exception as error:  # NGSolve and pyamg raise exceptions of different kinds
             raise Breakdown(f"multigrid cannot be set up: {error}") from error
 
     return make

@@ -55,7 +55,7 @@ class QuasiNewtonPreconditioner:
 
     @property
     def arrays(self) -> Array:
-        """All of them, normed, each with its image: (kept, 2, n)."""
+        """Stored directions, normalised, each with its image: (stored, 2, n)."""
         return np.array(self._pairs)
 
     @arrays.setter

@@ -2,9 +2,9 @@
 
 `base`: the interface, `Observable` of any problem and `ProblemObservable` of one. `points`: `Displacements`,
 `SolutionUnknowns`; `force`: `Force`, `Moment`; `integrals`: `Functional`, any integral of the state, `StrainEnergy`,
-`region_volume`; `percentiles`: `StrainPercentile`, `StressPercentile`; `ratio`: `Ratio`; `wall`, for walls in contact with
+`region_volume`; `percentiles`: `StrainPercentile`, `StressPercentile`; `ratio`: `Ratio`; `patches`, of walls in contact with
 rigid bodies: `patch_pressure`, `NormalForce`, `ContactForce`, `ContactArea`, `CurrentArea`, `PatchDisplacement`, `mean_depth`,
-each on one `Patch` or several. A user-defined one is a `WallIntegral`; `WallPass` evaluates many at once.
+each on one `Patch` or several. `wall`: `WallIntegral` for user-defined ones; `WallPass` evaluates many at once.
 
     Force("top", (0, 0, 1)).value(problem)                     at the current state, or at a `State`
     StrainPercentile(95, band=0.05).gradient(problem)          with respect to all unknowns
@@ -17,21 +17,20 @@ A user-defined observable is a class with `name`, `unit` and `on`; for an integr
 from ngbrain.forward.observables.base import Observable, ProblemObservable
 from ngbrain.forward.observables.force import Force, Moment
 from ngbrain.forward.observables.integrals import Functional, StrainEnergy, region_volume
-from ngbrain.forward.observables.percentiles import StrainPercentile, StressPercentile
-from ngbrain.forward.observables.points import Displacements, SolutionUnknowns
-from ngbrain.forward.observables.ratio import Ratio
-from ngbrain.forward.observables.wall import (
+from ngbrain.forward.observables.patches import (
     ContactArea,
     ContactForce,
     CurrentArea,
     NormalForce,
     Patch,
     PatchDisplacement,
-    WallIntegral,
-    WallPass,
     mean_depth,
     patch_pressure,
 )
+from ngbrain.forward.observables.percentiles import StrainPercentile, StressPercentile
+from ngbrain.forward.observables.points import Displacements, SolutionUnknowns
+from ngbrain.forward.observables.ratio import Ratio
+from ngbrain.forward.observables.wall import WallIntegral, WallPass
 
 __all__ = [
     "ContactArea",

@@ -3,7 +3,8 @@
 - `static_model`: bodies in static equilibrium (`StaticModel`).
 - `transient`: time-dependent viscoelastic runs (`RunModel`).
 - `harmonic`: time-harmonic waves (`WaveModel`).
-- `parameter_blocks`: what θ is made of: fields, numbers, prescribed displacements, node positions.
+- `parameters`: parameters that models accept; their blocks of θ are in `parameter_blocks` (fields, numbers, prescribed
+  displacements) and `node_positions`.
 - `static_equilibrium`: one load case, its equilibrium and the forms that derivatives need.
 - `tangent_inverse`: solves with the tangent at equilibrium and with its transpose.
 - `contact_work`: virtual work of contacts and loads, and its derivatives.
@@ -34,7 +35,9 @@ __all__ = [
     "contact_work",
     "differences",
     "harmonic",
+    "node_positions",
     "parameter_blocks",
+    "parameters",
     "reference_shape",
     "static_equilibrium",
     "static_model",

@@ -24,7 +24,7 @@ Array = np.ndarray
 class ContactForms:
     """Virtual work C(x; θ)[λ] of loads and of contacts with rigid bodies, at the body's state.
 
-    With a force-controlled tool, a motion λ has one more entry, the tool's displacement. Self-contact takes no part.
+    With a force-controlled tool, a motion λ has one more entry, the tool's displacement. Self-contact is not included.
 
     Parameters
     ----------

@@ -1,20 +1,19 @@
-"""Parameters of a body as blocks of one vector θ: fields, numbers, prescribed displacements and node positions."""
+"""Parameters of a body as blocks of one vector θ: fields, numbers and prescribed displacements."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from itertools import accumulate
-from typing import Protocol, TypeAlias
+from typing import Protocol
 
 import ngsolve as ngs
 import numpy as np
 import scipy.sparse as sp
 
-from ngbrain.errors import InputError, InvertedElementError
+from ngbrain.errors import InputError
 from ngbrain.forward.common.regions import boundaries
-from ngbrain.forward.sensitivity.differences import central_difference
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.forward.solid.virtual_work import Terms, derivatives, terms, vector
+from ngbrain.forward.solid.virtual_work import Terms, derivatives, vector
 from ngbrain.solvers.matrices import to_scipy
 
 Array = np.ndarray
@@ -144,7 +143,7 @@ class Field:
         callable
             Assembles the Jacobian (ndof, size).
         """
-        return _assembled_jacobian(space, self.gfu.space, derivatives(parts, self.gfu, self.gfu.space.TrialFunction()))
+        return assembled_jacobian(space, self.gfu.space, derivatives(parts, self.gfu, self.gfu.space.TrialFunction()))
 
 
 class Scalar:
@@ -289,127 +288,7 @@ class PrescribedDisplacement:
         return lambda: sp.csr_array((space.ndof, self.size))
 
 
-class NodePositions:
-    """Displacements (m) of a mesh's nodes, one vector a vertex, all first components first.
-
-    Everything in an element moves with its nodes: the points of observed displacements and fields too. Prescribed displacements
-    do not change. Runs have no second derivatives with respect to node positions. Create the block before the bodies that use it.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        Undeformed mesh; the block sets its deformation.
-
-    Raises
-    ------
-    InputError
-        For a mesh that is deformed already.
-    InvertedElementError
-        By `set_value`, where a shift inverts an element.
-    """
-
-    def __init__(self, mesh: ngs.Mesh) -> None:
-        if mesh.deformation is not None:
-            raise InputError("mesh", "deformed already", "an undeformed mesh")
-        self.mesh, self.shift = mesh, ngs.GridFunction(ngs.VectorH1(mesh, order=1))
-        self.size = self.shift.space.ndof
-        self._stretch = ngs.Det(ngs.specialcf.JacobianMatrix(mesh.dim))
-        self._direction = ngs.GridFunction(self.shift.space)
-        mesh.SetDeformation(self.shift)
-        self._signs = np.sign(self._integrals(self._stretch))
-
-    @property
-    def value(self) -> Array:
-        """Displacements of the nodes (m)."""
-        return np.array(self.shift.vec.FV().NumPy())
-
-    def set_value(self, value: Array) -> None:
-        """Move the nodes."""
-        self.shift.vec.FV().NumPy()[:] = value
-        if np.any(np.sign(self._integrals(self._stretch)) != self._signs):
-            raise InvertedElementError("the node positions invert an element")
-
-    def set_direction(self, direction: Array) -> None:
-        """Set the direction of `finite_difference`."""
-        self._direction.vec.FV().NumPy()[:] = direction
-
-    def directional_derivative(self, parts: Terms) -> Terms:
-        """Not available, as NGSolve differentiates a shape only once; see `finite_difference`."""
-        raise InputError("parameters", "of type NodePositions", "one with second derivatives")
-
-    def finite_difference(self, function: Callable[[], Array], least: float = np.inf) -> Array:
-        """Directional derivative by central differences of what integrals give.
-
-        Parameters
-        ----------
-        function : callable
-            Assembles an array at the node positions of the moment.
-        least : float
-            Smallest length (m) over which the integrands vary in space.
-
-        Returns
-        -------
-        array
-            Derivative of the array along the direction last set.
-        """
-        here, way = self.value, np.array(self._direction.vec.FV().NumPy())
-
-        def at(s: float) -> Array:
-            self.set_value(here + s * way)
-            return function()
-
-        gradient = ngs.Grad(self._direction)
-        strain, size = (self._integrals(of) for of in (ngs.InnerProduct(gradient, gradient), ngs.CF(1.0)))
-        try:
-            return central_difference(
-                at, max(float(np.sqrt(np.max(strain / size))), float(np.max(np.abs(way))) / least)
-            )
-        finally:
-            self.set_value(here)
-
-    def gradient(self, parts: Terms, mesh: ngs.Mesh) -> Callable[[], Array]:
-        """Shape gradient by one linear form.
-
-        Parameters
-        ----------
-        parts : list of Term
-            Integrals that are summed.
-        mesh : Mesh
-            Mesh of the body.
-
-        Returns
-        -------
-        callable
-            Assembles the gradient (size,).
-        """
-        return vector(self.shift.space, self._moved(parts, self.shift.space.TestFunction()))
-
-    def jacobian(self, space: ngs.FESpace, parts: Terms) -> Callable[[], sp.csr_array]:
-        """Shape Jacobian by one bilinear form.
-
-        Parameters
-        ----------
-        space : FESpace
-            Space of the test functions.
-        parts : list of Term
-            Integrals, linear in the test functions.
-
-        Returns
-        -------
-        callable
-            Assembles the Jacobian (ndof, size).
-        """
-        return _assembled_jacobian(space, self.shift.space, self._moved(parts, self.shift.space.TrialFunction()))
-
-    def _moved(self, parts: Terms, direction: ngs.CoefficientFunction) -> Terms:
-        return [term for part in parts for term in terms((part.coef * part.over).DiffShape(direction))]
-
-    def _integrals(self, function: ngs.CoefficientFunction) -> Array:
-        """Integral over each element."""
-        return np.array(ngs.Integrate(function, self.mesh, element_wise=True).NumPy())
-
-
-def _assembled_jacobian(space: ngs.FESpace, along: ngs.FESpace, parts: Terms) -> Callable[[], sp.csr_array]:
+def assembled_jacobian(space: ngs.FESpace, along: ngs.FESpace, parts: Terms) -> Callable[[], sp.csr_array]:
     """Assembler of a matrix with test functions of one space and trial functions of another."""
     form = ngs.BilinearForm(trialspace=along, testspace=space)
     for part in parts:
@@ -422,37 +301,3 @@ def _assembled_jacobian(space: ngs.FESpace, along: ngs.FESpace, parts: Terms) ->
         return to_scipy(form.mat)
 
     return assembled
-
-
-Parameter: TypeAlias = ngs.GridFunction | ngs.Parameter | PrescribedDisplacement | NodePositions
-
-
-def parameter_block(name: str, of: Parameter) -> ParameterBlock:
-    """The block of a GridFunction or an `ngs.Parameter`; a block is returned as it is.
-
-    Parameters
-    ----------
-    name : str
-        Name of the parameter, for messages.
-    of : GridFunction, Parameter, PrescribedDisplacement or NodePositions
-        The parameter.
-
-    Returns
-    -------
-    ParameterBlock
-
-    Raises
-    ------
-    InputError
-        For a complex GridFunction and for anything else.
-    """
-    if isinstance(of, ngs.GridFunction):
-        if of.space.is_complex:
-            raise InputError(f"parameters.{name}", "complex", "a real field")
-        return Field(of)
-    if isinstance(of, ngs.Parameter):
-        return Scalar(of)
-    if not isinstance(of, (PrescribedDisplacement, NodePositions)):
-        wanted = "a GridFunction, a Parameter, PrescribedDisplacement(body, boundary) or NodePositions(mesh)"
-        raise InputError(f"parameters.{name}", type(of).__name__, wanted)
-    return of

@@ -8,7 +8,7 @@ import scipy.sparse as sp
 
 from ngbrain.errors import InputError
 from ngbrain.forward.common.interpolation import evaluation
-from ngbrain.forward.sensitivity.parameter_blocks import NodePositions
+from ngbrain.forward.sensitivity.node_positions import NodePositions
 from ngbrain.forward.sensitivity.static_model import StaticLinearisation, StaticModel
 
 Array = np.ndarray

@@ -19,7 +19,8 @@ import scipy.sparse as sp
 
 from ngbrain.errors import InputError, solver_error
 from ngbrain.forward.observables.base import Observable
-from ngbrain.forward.sensitivity.parameter_blocks import NodePositions, ParameterBlock, block_slices
+from ngbrain.forward.sensitivity.node_positions import NodePositions
+from ngbrain.forward.sensitivity.parameter_blocks import ParameterBlock, block_slices
 from ngbrain.forward.solid.advance import newton_for
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.virtual_work import Motion, Terms, VirtualWork, slope, vector
@@ -32,21 +33,21 @@ Array = np.ndarray
 RTOL, XTOL = 1e-10, 1e-9
 """Tolerances of Newton's method: derivatives are as accurate as the equilibria."""
 SHORTEST = 1 / 16
-"""Smallest step of continuation, as a fraction of the way between two θ."""
+"""Smallest step of continuation, as a fraction of the change of θ."""
 FACTORISATIONS = 5
 """Factorisations allowed in each of these steps."""
 
 
 @dataclass(frozen=True, eq=False)
 class LoadCase:
-    """A body under its loads, and what is observed of it.
+    """A body under its loads, and its observables.
 
     Parameters
     ----------
     body : Problem
         Body with supports and loads.
     observations : sequence of Observable
-        What is observed.
+        Observables of its state.
     """
 
     body: Problem
@@ -92,7 +93,7 @@ class Equilibrium:
                 )
         self.adjoint, self.change = ngs.GridFunction(self.body.fes), ngs.GridFunction(self.body.fes)
         self.inverse: Solve | None = None
-        """The last factor, with which Newton's method starts."""
+        """The last factorisation, with which Newton's method starts."""
         self.work = SolverWork()
         self._work, self._now = VirtualWork(self.body), self.body.gfu
         self._trial, self._test = self.body.fes.TnT()
@@ -105,7 +106,7 @@ class Equilibrium:
         Parameters
         ----------
         set_parameters : callable
-            Sets the parameters at a fraction of the way: 0 are those of the known equilibrium, 1 the wanted ones.
+            Sets the parameters at a fraction of their change: 0 are those of the known equilibrium, 1 the new ones.
         last : array (ndof,), optional
             The known equilibrium; None: from rest.
 
@@ -119,7 +120,7 @@ class Equilibrium:
         InvertedElementError, ConvergenceError
             Where no equilibrium is found.
         """
-        with np.errstate(over="ignore", invalid="ignore"):  # an energy that overflows is not finite
+        with np.errstate(over="ignore", invalid="ignore"):  # overflow gives an energy that is not finite
             reached = None if last is None else self._along(set_parameters, last)
             return self._from_rest(set_parameters) if reached is None else reached
 
@@ -131,7 +132,7 @@ class Equilibrium:
         self.work += record.work
         self.inverse = newton.inverse
         if not record.converged:
-            said = f"no equilibrium: {record.reason}; try parameters nearer to the last that had one"
+            said = f"no equilibrium: {record.reason}; try parameters closer to the last ones with an equilibrium"
             raise solver_error(said, record.status, record)
         return reached
 
@@ -166,7 +167,7 @@ class Equilibrium:
                 seen.set_weights(w[where])
 
     def lagrangian(self, state: Motion, *along: Motion) -> Terms:
-        """L at a state, or its derivative along motions; only observables that are integrals take part."""
+        """L at a state, or its derivative along motions; only observables that are integrals are included."""
         parts = [term for seen in self.observables if seen.symbolic for term in seen.functional(state, *along)]
         return parts + [term.times(-1) for term in self._work(state, self.adjoint, *along)]
 
@@ -189,7 +190,7 @@ class Equilibrium:
     def quadratic(self) -> bool:
         """Whether the energy is quadratic in the state (linear elasticity), so that the tangent is constant."""
         forces, tangent = self._work(self._trial, self.adjoint), self._work(self._trial, self.adjoint, self.change)
-        # Forces do depend on the state: where this test misses that, its answer for the tangent is not trusted either.
+        # Forces always depend on the state: where the test misses that, its result for the tangent is not used either.
         return any(term.follows_trial for term in forces) and not any(term.follows_trial for term in tangent)
 
     def gradient_derivative(self) -> tuple[Array, Array]:

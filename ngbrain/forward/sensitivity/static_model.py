@@ -25,14 +25,9 @@ import scipy.sparse as sp
 
 from ngbrain.errors import ConvergenceError, InputError, check_shape
 from ngbrain.forward.common.solve_counts import Solves
-from ngbrain.forward.sensitivity.parameter_blocks import (
-    NodePositions,
-    Parameter,
-    ParameterBlock,
-    PrescribedDisplacement,
-    block_slices,
-    parameter_block,
-)
+from ngbrain.forward.sensitivity.node_positions import NodePositions
+from ngbrain.forward.sensitivity.parameter_blocks import ParameterBlock, PrescribedDisplacement, block_slices
+from ngbrain.forward.sensitivity.parameters import Parameter, parameter_block
 from ngbrain.forward.sensitivity.static_equilibrium import Equilibrium, LoadCase
 from ngbrain.forward.sensitivity.tangent_inverse import TangentInverse
 from ngbrain.forward.solid.problem import Problem
@@ -99,7 +94,7 @@ class StaticModel:
         steps: int = 1,
     ) -> None:
         if not cases or not all(case.observations for case in cases):
-            raise InputError("cases", "without observables", "one body or more, each with one observable or more")
+            raise InputError("cases", "without observables", "one or more bodies, each with one or more observables")
         self.parts = {name: parameter_block(name, of) for name, of in parameters.items()}
         sizes = [part.size for part in self.parts.values()]
         self.blocks, self.size = dict(zip(self.parts, block_slices(sizes), strict=True)), sum(sizes)
@@ -296,7 +291,7 @@ class StaticLinearisation:
         return [self._rows(k) for k in self._cases()]
 
     def hand_over(self) -> None:
-        """Give the factors to Newton's method, for the next θ."""
+        """Pass the factorisations to Newton's method, for the next θ."""
         for k, inverses in self._inverses.items():
             self.model.equilibria[k].inverse = inverses.factor or self.model.equilibria[k].inverse
 
@@ -327,7 +322,7 @@ class StaticLinearisation:
         return self._inverse(k).solve(b) + driven
 
     def _solved(self, w: Array) -> list[Array]:
-        """Adjoint states of weights of the data; the last ones are kept."""
+        """Adjoint states for weights of the data; the last ones are stored."""
         check_shape("w", np.shape(w), self.data.shape)
         if self._adjoints is None or not np.array_equal(self._adjoints[0], w):
             found = []
@@ -394,5 +389,5 @@ def _check_supports(name: str, part: ParameterBlock, body: Problem) -> None:
     for pattern, components in body.supports.values.items():
         made = [WorkIntegral(ngs.CF(value), ngs.ds) for value in components if value is not None]
         if part.directional_derivative(made):
-            wanted = f"PrescribedDisplacement(body, {pattern!r}), as a parameter of its own"
+            wanted = f"PrescribedDisplacement(body, {pattern!r}) as a separate parameter"
             raise InputError(f"parameters.{name}", f"part of the support of {pattern!r}", wanted)

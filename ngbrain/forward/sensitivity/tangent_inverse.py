@@ -19,8 +19,9 @@ Array = np.ndarray
 TIGHT = 1e-11
 """Relative tolerance of iterative solvers: derivatives are as accurate as these solves."""
 FEW, AT_MOST = 2, 20
-"""In 3-D displacement forms: solves preconditioned by Newton's last factor before a new factor is made, and iterations of each.
-Measured with 14 739 unknowns: 6 to 11 iterations, half the time of a factorisation. With pressures it takes more than 20."""
+"""In 3-D displacement forms: number of solves preconditioned by Newton's last factorisation before a new one is made, and
+iterations of each. Measured with 14 739 unknowns: 6 to 11 iterations, half the time of a factorisation. With pressures it takes
+more than 20."""
 
 
 class TangentInverse:
@@ -48,7 +49,7 @@ class TangentInverse:
         self._old = body.last_factor if worth else None
         self._few = FEW
         self.factor = self._old if quadratic and body.factored else None
-        """The factor, once there is one."""
+        """The factorisation, once computed."""
         if not (quadratic and body.assembled):
             self.assemble()
 

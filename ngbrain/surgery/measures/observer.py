@@ -10,16 +10,16 @@ import numpy as np
 
 from ngbrain.forward.contact.rigid import SURFACE_ORDER, RigidContact
 from ngbrain.forward.observables import Force, Functional, Observable
-from ngbrain.forward.observables.wall import (
+from ngbrain.forward.observables.patches import (
     ContactArea,
     ContactForce,
     DrivingForce,
     Patch,
     PatchDisplacement,
-    WallPass,
     mean_depth,
     patch_pressure,
 )
+from ngbrain.forward.observables.wall import WallPass
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.virtual_work import FieldState
 from ngbrain.scene.operation import FACED

@@ -39,7 +39,7 @@ from ngbrain.forward.observables import (
 from ngbrain.forward.observables.base import LinearObservable
 from ngbrain.forward.observables.percentiles import ProblemPercentile
 from ngbrain.forward.observables.ratio import Quotient
-from ngbrain.forward.sensitivity.parameter_blocks import NodePositions
+from ngbrain.forward.sensitivity.node_positions import NodePositions
 from ngbrain.forward.sensitivity.static_model import LoadCase, StaticModel
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.advance import newton_for

@@ -11,7 +11,8 @@ from ngbrain.errors import InputError
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.rigid import RigidContact
 from ngbrain.forward.observables import Patch
-from ngbrain.forward.observables.wall import DrivingForce, WallPass
+from ngbrain.forward.observables.patches import DrivingForce
+from ngbrain.forward.observables.wall import WallPass
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import NeoHooke

@@ -17,7 +17,7 @@ from ngbrain.forward.harmonic.about_state import AboutState
 from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.observables.points import SolutionUnknowns
 from ngbrain.forward.sensitivity.harmonic.state_work import StateWork
-from ngbrain.forward.sensitivity.parameter_blocks import Parameter
+from ngbrain.forward.sensitivity.parameters import Parameter
 from ngbrain.forward.sensitivity.static_model import LoadCase, StaticLinearisation, StaticModel
 from ngbrain.solvers.newton import Newton
 

@@ -11,7 +11,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from ngbrain.forward.harmonic.about_state import AboutState, derivative_by_state
-from ngbrain.forward.sensitivity.parameter_blocks import NodePositions, ParameterBlock
+from ngbrain.forward.sensitivity.node_positions import NodePositions
+from ngbrain.forward.sensitivity.parameter_blocks import ParameterBlock
 from ngbrain.forward.solid.virtual_work import Motion, Terms, slope, vector
 from ngbrain.solvers.matrices import to_scipy
 

@@ -25,7 +25,8 @@ from ngbrain.forward.harmonic.factors import Factorised
 from ngbrain.forward.harmonic.problem import HarmonicProblem
 from ngbrain.forward.sensitivity.harmonic.at_rest import AtRest
 from ngbrain.forward.sensitivity.harmonic.medium import Medium
-from ngbrain.forward.sensitivity.parameter_blocks import Parameter, block_slices
+from ngbrain.forward.sensitivity.parameter_blocks import block_slices
+from ngbrain.forward.sensitivity.parameters import Parameter
 from ngbrain.solvers.newton import Newton
 
 Array = np.ndarray
@@ -221,7 +222,7 @@ class WaveLinearisation:
             b = -pushed
             if driven[k].any():
                 b -= self.factors.apply(k, driven[k])
-            still = not b.any()  # of a direction that drives another wave
+            still = not b.any()  # the direction may prescribe other displacements
             change[k] = 0 if still else self.factors.solve(k, b, "incremental") + driven[k]
         return change
 

@@ -8,7 +8,7 @@ motion λ of the wall, σ of a tool, and weights M,
 
 λ_t is the tangential part of λ and b' the tool's tangential displacement per metre of its path. Newton's method keeps pressure and
 normal fixed in friction's tangent, which is then symmetric; here they change with x too, and the tangent is not symmetric. Second
-derivatives are those of ℓ', the derivative of ℓ along a direction of all of these, by symbols.
+derivatives are those of ℓ', the derivative of ℓ along a direction of all of these, symbolic.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ class CarriedGradients(NamedTuple):
     Parameters
     ----------
     by_end, by_start : array (n,)
-        By the step's end and start.
+        With respect to the step's end and start.
     by_carried : array (size,)
-        By the variables carried from the step before.
+        With respect to the internal variables at the start.
     by_theta : array (θ,)
-        By the parameters.
+        With respect to the parameters.
     """
 
     by_end: Array
@@ -154,7 +154,7 @@ class FrictionStep:
 
     @cached_property
     def _by_end(self) -> Callable[[], Array]:
-        """Of the slips alone: along a test function, with λ = 0."""
+        """Gradient of the slips alone, with λ = 0."""
         test = self.body.fes.TestFunction()
         return vector(self.body.fes, derivatives(self._weighted_slip([StepPerturbation(self._x, end=test)]), self._x))
 

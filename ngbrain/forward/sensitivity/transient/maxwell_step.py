@@ -54,7 +54,7 @@ def step_factors(dt: Value, tau: Value) -> tuple[CoefficientFunction, Coefficien
 
 
 def half_step_factors(y: CoefficientFunction) -> tuple[CoefficientFunction, CoefficientFunction]:
-    """Factors θ and κ Δt/η of `materials.flow.half_step_factors`, as expressions to differentiate."""
+    """Factors θ and κ Δt/η of `materials.maxwell.half_step_factors`, as expressions to differentiate."""
     e, beta = step_factors(y, 1.0)
     theta = ngs.IfPos(y - SERIES, 2 * (beta - e) / (y * beta), e * _series(-y, 3) / beta)
     return theta, 2 * beta / ngs.IfPos(y - SERIES, 2 * (1 - beta) / y, _series(y, 3))

@@ -218,8 +218,8 @@ class Replay:
             said = f"the step from {self.grid[n]:.3g} to {self.grid[n + 1]:.3g} s of the replayed run fails: {made.failure}"
             raise solver_error(said, made.failure.status, made.record)
         if self.body.tool is not None and self.body.tool.prescribed.fixed_travel is not None:
-            end = made.state.x  # the tool is back where it just does not touch
-        return replace(made.state, t=self.grid[n + 1], x=end)  # one array, whoever keeps it
+            end = made.state.x  # the tool is again just clear of the tissue
+        return replace(made.state, t=self.grid[n + 1], x=end)  # one array, shared by all references
 
     def _end(self, n: int, x: Array, before: Array) -> tuple[Array, NewtonRecord]:
         """End of a step from x: known, or solved for."""
@@ -227,7 +227,7 @@ class Replay:
             return self._states[n], NewtonRecord(status=Status.CONVERGED)
         guess = self._guess(n, x, before)
         if self._apart(x):
-            self._near.inverse = None  # that tangent is without the contact
+            self._near.inverse = None  # that tangent does not contain the contact
             if self._apart(guess):
                 x = guess = self._landed(x)
         new, record = self._solved(n, x, guess)
@@ -241,7 +241,7 @@ class Replay:
         if self._known:
             moved = x - self._known[n - 1] if n else np.zeros_like(x)
             if n and self.body.tool is not None and not self.body.tool.prescribed.prescribed_force(self.grid[n]):
-                moved[-1] = 0.0  # it has come back since
+                moved[-1] = 0.0  # it has been withdrawn since
             guess = self._known[n] + moved
         else:
             travel = self.motion.travel(self.grid[n], self.grid[n + 1])

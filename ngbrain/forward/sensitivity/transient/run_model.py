@@ -25,14 +25,9 @@ from ngbrain.errors import ConvergenceError, InputError
 from ngbrain.forward.contact.motion import Motion
 from ngbrain.forward.observables.base import Observable
 from ngbrain.forward.sensitivity.contact_work import ContactForms
-from ngbrain.forward.sensitivity.parameter_blocks import (
-    NodePositions,
-    ParameterBlock,
-    PrescribedDisplacement,
-    Scalar,
-    block_slices,
-    parameter_block,
-)
+from ngbrain.forward.sensitivity.node_positions import NodePositions
+from ngbrain.forward.sensitivity.parameter_blocks import ParameterBlock, PrescribedDisplacement, Scalar, block_slices
+from ngbrain.forward.sensitivity.parameters import parameter_block
 from ngbrain.forward.sensitivity.transient.friction_step import FrictionStep
 from ngbrain.forward.sensitivity.transient.inertia_step import InertiaSensitivity
 from ngbrain.forward.sensitivity.transient.replay import TIGHT, Replay, ReplayStep
@@ -66,7 +61,7 @@ class RunModel:
         loads, such as a factor of a blade's displacement; `PrescribedDisplacement(body, boundary)` at load factor 1; or
         `NodePositions(mesh)`.
     observables : sequence of Observable
-        What is observed, see `ngbrain.forward.observables`.
+        Observables, see `ngbrain.forward.observables`.
     times : sequence of float, optional
         Times (s) of the observations, added to the grid; None: the end of every step.
     newton : Newton
@@ -216,11 +211,11 @@ class RunModel:
         return found
 
     def _check_tool(self, grid: Array) -> None:
-        """A tool without contact is placed by its nearest point, which is not differentiated; friction would depend on it."""
+        """Refuse a tool that leaves contact and returns, with friction: its position without contact is not differentiated."""
         assert self.body.tool is not None
         prescribed, travel = self.body.tool.prescribed, self.body.tool.prescribed.parameter
         presses = np.array([prescribed.prescribed_force(t) > 0 for t in grid[1:]])
         again = np.any(presses[np.argmin(presses) :]) and not presses.all()
         if again and any(f.moves and f.contact.travel is travel for f in self.body.friction.frictions):
-            wanted = "a force that stays on, as friction acts along the tool's path: derivatives of a run need it"
+            wanted = "a force that stays positive, as friction depends on the tool's path: derivatives of a run need it"
             raise InputError("motion", "a force that returns after it was zero", wanted)

@@ -15,7 +15,8 @@ from ngbrain.errors import InputError
 from ngbrain.forward.observables.base import Along, Observable, ProblemObservable
 from ngbrain.forward.observables.force import Reaction
 from ngbrain.forward.sensitivity.contact_work import ContactForms
-from ngbrain.forward.sensitivity.parameter_blocks import NodePositions, ParameterBlock, block_slices
+from ngbrain.forward.sensitivity.node_positions import NodePositions
+from ngbrain.forward.sensitivity.parameter_blocks import ParameterBlock, block_slices
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.virtual_work import Motion, Terms
 
@@ -30,7 +31,7 @@ class RunObservables:
     body : Problem
         The body.
     observables : sequence of Observable
-        What is observed.
+        Observables of its state.
     parts : dict of str to ParameterBlock
         Blocks of θ.
 

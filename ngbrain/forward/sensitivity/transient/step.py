@@ -47,7 +47,7 @@ from ngbrain.tensors import from_voigt, to_voigt
 
 Array = np.ndarray
 Parameter: TypeAlias = ngs.GridFunction | ngs.Parameter
-"""A scalar real GridFunction or an `ngs.Parameter` that materials are made of."""
+"""A parameter of materials: a scalar real GridFunction, or an `ngs.Parameter`."""
 View: TypeAlias = Callable[[QuadratureBlock], CoefficientFunction]
 UNPERTURBED, PERTURBED = attrgetter("variable"), attrgetter("perturbed")
 """Blocks as variables to differentiate with respect to, and as perturbed along a direction."""

@@ -19,7 +19,7 @@ from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.sensitivity.parameter_blocks import NodePositions
+from ngbrain.forward.sensitivity.node_positions import NodePositions
 from ngbrain.forward.sensitivity.transient.quadrature_blocks import (
     QuadratureFunction,
     set_rows,

@@ -95,7 +95,7 @@ class Tangents:
         return self._factor(b)
 
     def _renew(self) -> None:
-        self._factor = None  # the old one's memory first
+        self._factor = None  # frees the memory of the old one first
         self._factor = factor(self.body.form, self._held)
         self._fresh = True
         self.factorisations += 1

@@ -101,9 +101,9 @@ class SymbolicTissueHessian:
         return ngs.CF((0.0, *by_history, *(self._turned(slope) for slope in slopes))).Compile()
 
     def _turned(self, work: tuple[CoefficientFunction, ...]) -> CoefficientFunction:
-        """ℓ' of `_work`, or of its derivative by a parameter.
+        """ℓ' from `_work`, or from its derivative with respect to a parameter.
 
-        Those by parameters are taken first, where there is least to derive.
+        Parameters are differentiated first, where the expression is smallest.
         """
 
         def whole(energy: CoefficientFunction, kept: CoefficientFunction) -> CoefficientFunction:
@@ -114,7 +114,7 @@ class SymbolicTissueHessian:
     def _work(
         self, material: Material, F: CoefficientFunction, p: CoefficientFunction | None
     ) -> tuple[CoefficientFunction, CoefficientFunction]:
-        """W as a function of r, by which μ goes, and s, and Λ · U as one of s, at a state."""
+        """W as a function of r, the amplitude of μ, and of s; and Λ · U as a function of s, at a state."""
         forms, way = self._forms, (self._s, self._way)
         energies = forms.energies(material, *forms.perturbed_state(F, p, (self._r, self._motion), way), self._seen)
         updates = forms.updates(material, forms.perturbed_state(F, p, way)[0].shape, self._seen)

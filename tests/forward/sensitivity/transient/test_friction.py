@@ -7,7 +7,7 @@ from rubbing import VALUES, Sliding, model
 from ngbrain.adjoint.check import taylor
 from ngbrain.errors import InputError
 from ngbrain.forward.observables import Force
-from ngbrain.forward.sensitivity.parameter_blocks import NodePositions
+from ngbrain.forward.sensitivity.node_positions import NodePositions
 from ngbrain.forward.sensitivity.transient.friction_step import FrictionStep
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 
