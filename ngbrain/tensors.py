@@ -90,24 +90,6 @@ def lagrangian_deviator(A: CoefficientFunction, C: CoefficientFunction) -> Coeff
     return A - ngs.InnerProduct(A, C) / 3 * ngs.Inv(C)
 
 
-def safe_norm(A: CoefficientFunction, floor: float = 1e-12) -> CoefficientFunction:
-    """Regularised Frobenius norm √(A:A + floor²), differentiable also at A = 0.
-
-    Parameters
-    ----------
-    A : CoefficientFunction
-        Vector or tensor.
-    floor : float, optional
-        Norm at A = 0, in the unit of A.
-
-    Returns
-    -------
-    CoefficientFunction
-        Scalar, in the unit of A.
-    """
-    return ngs.sqrt(ngs.InnerProduct(A, A) + floor**2)
-
-
 def principal_values(C: CoefficientFunction) -> tuple[CoefficientFunction, CoefficientFunction, CoefficientFunction]:
     """Eigenvalues c₁ ≥ c₂ ≥ c₃ of a symmetric 3×3 tensor by the trigonometric formula, differentiable also at equal values.
 

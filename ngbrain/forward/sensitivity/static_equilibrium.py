@@ -78,18 +78,18 @@ class Equilibrium:
         self.body, self.blocks, self.steps = case.body, blocks, steps
         self.newton = newton or newton_for(self.body, rtol=RTOL, xtol=XTOL)
         self.observables = [observation.on(self.body) for observation in case.observations]
-        self.slices = block_slices([seen.size for seen in self.observables])
-        self.size = sum(seen.size for seen in self.observables)
-        self.linear = all(seen.matrix is not None for seen in self.observables)
+        self.slices = block_slices([observable.size for observable in self.observables])
+        self.size = sum(observable.size for observable in self.observables)
+        self.linear = all(observable.matrix is not None for observable in self.observables)
         """Whether all data are linear in u."""
-        for seen in self.observables:
-            if not (seen.symbolic and seen.has_shape_derivative) and any(
+        for observable in self.observables:
+            if not (observable.symbolic and observable.has_shape_derivative) and any(
                 isinstance(block, NodePositions) for block in blocks.values()
             ):
                 raise InputError(
                     "parameters",
                     "of type NodePositions",
-                    f"others: {type(seen).__name__} has no shape derivative",
+                    f"others: {type(observable).__name__} has no shape derivative",
                 )
         self.adjoint, self.change = ngs.GridFunction(self.body.fes), ngs.GridFunction(self.body.fes)
         self.inverse: Solve | None = None
@@ -121,35 +121,35 @@ class Equilibrium:
             Where no equilibrium is found.
         """
         with np.errstate(over="ignore", invalid="ignore"):  # overflow gives an energy that is not finite
-            reached = None if last is None else self._along(set_parameters, last)
-            return self._from_rest(set_parameters) if reached is None else reached
+            state = None if last is None else self._continue(set_parameters, last)
+            return self._from_rest(set_parameters) if state is None else state
 
     def _from_rest(self, set_parameters: Callable[[float], None]) -> Array:
         set_parameters(1.0)
         self.body.invalidate_tangent()
         newton = replace(self.newton)
-        reached, record = LoadPath(self.body).follow(newton, self.steps)
+        state, record = LoadPath(self.body).follow(newton, self.steps)
         self.work += record.work
         self.inverse = newton.inverse
         if not record.converged:
             said = f"no equilibrium: {record.reason}; try parameters closer to the last ones with an equilibrium"
             raise solver_error(said, record.status, record)
-        return reached
+        return state
 
-    def _along(self, set_parameters: Callable[[float], None], x: Array) -> Array | None:
+    def _continue(self, set_parameters: Callable[[float], None], x: Array) -> Array | None:
         at, step = 0.0, 1.0
         while step >= SHORTEST:
             goal = min(1.0, at + step)
             set_parameters(goal)
             self.body.invalidate_tangent()
             newton = replace(self.newton, inverse=self.inverse, max_factorisations=FACTORISATIONS)
-            found, record = newton.solve(self.body, self.body.load(x, 1.0))
+            state, record = newton.solve(self.body, self.body.load(x, 1.0))
             self.work += record.work
             self.inverse = newton.inverse
             if not record.converged:
                 step /= 2
                 continue
-            x, at = found, goal
+            x, at = state, goal
             if at >= 1:
                 return x
         return None
@@ -158,17 +158,22 @@ class Equilibrium:
 
     def values(self) -> Array:
         """Data (size,)."""
-        return np.concatenate([seen.value() for seen in self.observables])
+        return np.concatenate([observable.value() for observable in self.observables])
 
     def set_weights(self, w: Array) -> None:
         """Set the weights w (size,) of L."""
-        for seen, where in zip(self.observables, self.slices, strict=True):
-            if seen.symbolic:
-                seen.set_weights(w[where])
+        for observable, where in zip(self.observables, self.slices, strict=True):
+            if observable.symbolic:
+                observable.set_weights(w[where])
 
     def lagrangian(self, state: Motion, *along: Motion) -> Terms:
         """L at a state, or its derivative along motions; only observables that are integrals are included."""
-        parts = [term for seen in self.observables if seen.symbolic for term in seen.functional(state, *along)]
+        parts = [
+            term
+            for observable in self.observables
+            if observable.symbolic
+            for term in observable.functional(state, *along)
+        ]
         return parts + [term.times(-1) for term in self._work(state, self.adjoint, *along)]
 
     @cached_property
@@ -195,21 +200,23 @@ class Equilibrium:
 
     def gradient_derivative(self) -> tuple[Array, Array]:
         """Derivatives of ∂L/∂u (ndof,) and ∂L/∂θ (θ,) along `change` of u and the blocks' directions of θ."""
-        for seen in self.observables:
-            if not seen.has_second_derivative:
-                raise InputError(type(seen).__name__, "without second derivatives", "an observable that is an integral")
-            seen.set_direction(np.array(self.change.vec.FV().NumPy()), self._change)
+        for observable in self.observables:
+            if not observable.has_second_derivative:
+                raise InputError(
+                    type(observable).__name__, "without second derivatives", "an observable that is an integral"
+                )
+            observable.set_direction(np.array(self.change.vec.FV().NumPy()), self._parameter_change)
         by_state, by_theta = (of() for of in self._gradient_derivatives)
         for block in self.blocks.values():
             if isinstance(block, NodePositions):
-                moved = block.finite_difference(
-                    lambda: np.concatenate([self.state_gradient(), self.parameter_gradient()]), self._softest
+                shape_part = block.finite_difference(
+                    lambda: np.concatenate([self.state_gradient(), self.parameter_gradient()]), self._smallest_softness
                 )
-                by_state, by_theta = by_state + moved[: len(by_state)], by_theta + moved[len(by_state) :]
+                by_state, by_theta = by_state + shape_part[: len(by_state)], by_theta + shape_part[len(by_state) :]
         return by_state, by_theta
 
     @property
-    def _softest(self) -> float:
+    def _smallest_softness(self) -> float:
         """Smallest softening depth (m) of the contacts, which limits finite differences."""
         soft = [part.softness for part in (*self.body.contacts, *self.body.loads) if hasattr(part, "softness")]
         return min((float(each.Get() if isinstance(each, ngs.Parameter) else each) for each in soft), default=np.inf)
@@ -221,10 +228,12 @@ class Equilibrium:
         )
 
     def _gradient_derivative_terms(self, state: Motion) -> Terms:
-        bent = [term for seen in self.observables if seen.symbolic for term in seen.weight_change(state)]
-        return self.lagrangian(state, self.change) + self._along_blocks(self.lagrangian(state)) + bent
+        weight_terms = [
+            term for observable in self.observables if observable.symbolic for term in observable.weight_change(state)
+        ]
+        return self.lagrangian(state, self.change) + self._along_blocks(self.lagrangian(state)) + weight_terms
 
-    def _change(self, parts: Terms) -> Callable[[], float]:
+    def _parameter_change(self, parts: Terms) -> Callable[[], float]:
         """Derivative along the blocks' directions of θ."""
         integrals = [term.integral for term in self._along_blocks(parts)]
         return lambda: sum(float(ngs.Integrate(part, self.body.mesh)) for part in integrals)
@@ -255,7 +264,7 @@ class Equilibrium:
     def observation_gradient(self, w: Array) -> Array:
         """State gradient of w · d for observables that are linear maps or no integrals (ndof,)."""
         b = np.zeros(self.body.fes.ndof)
-        for seen, where in zip(self.observables, self.slices, strict=True):
-            if seen.matrix is not None or not seen.symbolic:
-                b += seen.gradient(w[where])
+        for observable, where in zip(self.observables, self.slices, strict=True):
+            if observable.matrix is not None or not observable.symbolic:
+                b += observable.gradient(w[where])
         return b

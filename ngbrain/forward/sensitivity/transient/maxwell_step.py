@@ -85,17 +85,17 @@ class SpectralDecomposition:
 
 
 ParameterPerturbation: TypeAlias = Callable[[CoefficientFunction, CoefficientFunction], CoefficientFunction]
-"""From `made` and `law` to `made` with perturbed parameters; the perturbation is zero but has a derivative."""
+"""From `coefficients` and `law` to `coefficients` with perturbed parameters; the perturbation is zero but has a derivative."""
 
 
-def _still(made: CoefficientFunction, law: CoefficientFunction) -> CoefficientFunction:
-    return made
+def _unperturbed(coefficients: CoefficientFunction, law: CoefficientFunction) -> CoefficientFunction:
+    return coefficients
 
 
 class MaxwellStart:
     """A Maxwell branch at the start of a step: G after half of the flow with the initial stress, and κ.
 
-    Parameters enter only through the variable `made`, whose value is `law`.
+    Parameters enter only through the variable `coefficients`, whose value is `law`.
 
     Parameters
     ----------
@@ -105,10 +105,10 @@ class MaxwellStart:
         Time step (s).
     shape, G : CoefficientFunction
         C̄ and G at the start.
-    settled : CoefficientFunction
-        What `MaxwellVariables.settled` has: the strains at which parameters are differentiated, and a fraction.
-    moved : callable
-        From `made` and `law` to `made` with perturbed parameters.
+    converged : CoefficientFunction
+        `MaxwellVariables.step_solution`: the strains at which parameters are differentiated, and a fraction.
+    perturb : callable
+        From `coefficients` and `law` to `coefficients` with perturbed parameters.
 
     Attributes
     ----------
@@ -124,20 +124,20 @@ class MaxwellStart:
         dt: Value,
         shape: CoefficientFunction,
         G: CoefficientFunction,
-        settled: CoefficientFunction,
-        moved: ParameterPerturbation = _still,
+        converged: CoefficientFunction,
+        perturb: ParameterPerturbation = _unperturbed,
     ) -> None:
         start = SpectralDecomposition(G.trans * shape * G)
-        law = _start(branch, ngs.CF((settled[2], settled[3])))
-        made = moved(_start(branch, ngs.CF(tuple(start.x))), law).MakeVariable()
-        slope, rest, eta = [made[0], made[1]], made[2], made[3]
-        found = settled[2], settled[3]
+        law = _start(branch, ngs.CF((converged[2], converged[3])))
+        coefficients = perturb(_start(branch, ngs.CF(tuple(start.x))), law).MakeVariable()
+        slope, rest, eta = [coefficients[0], coefficients[1]], coefficients[2], coefficients[3]
+        found = converged[2], converged[3]
         pairs = (slope, slope), (start.x, slope), (found, found)
         squared, along, size = (_sum(a * b for a, b in zip(*pair, strict=True)) for pair in pairs)
         theta, factor = half_step_factors(dt / eta * ngs.IfPos(size - SMALL**2, squared / (2 * along), rest))
-        flowed = [-settled[4] * theta * dt / (4 * eta) * s for s in slope]
-        self.value = ngs.CF((G * start.exponential(flowed), eta / dt * factor))
-        self.strain, self.made, self.law = start.x, made, law
+        viscous_strain = [-converged[4] * theta * dt / (4 * eta) * s for s in slope]
+        self.value = ngs.CF((G * start.exponential(viscous_strain), eta / dt * factor))
+        self.strain, self.coefficients, self.law = start.x, coefficients, law
 
 
 def _start(branch: Maxwell, strain: CoefficientFunction) -> CoefficientFunction:
@@ -156,9 +156,9 @@ class MaxwellEnd:
         C̄ at the end.
     half : CoefficientFunction
         `MaxwellStart.value`.
-    settled : CoefficientFunction
+    converged : CoefficientFunction
         As in `MaxwellStart`.
-    moved : callable
+    perturb : callable
         As in `MaxwellStart`.
 
     Attributes
@@ -167,7 +167,7 @@ class MaxwellEnd:
         Energy density (Pa).
     G : CoefficientFunction
         Nine entries.
-    made, law : CoefficientFunction
+    coefficients, law : CoefficientFunction
         As in `MaxwellStart`.
     """
 
@@ -176,21 +176,21 @@ class MaxwellEnd:
         branch: Maxwell,
         shape: CoefficientFunction,
         half: CoefficientFunction,
-        settled: CoefficientFunction,
-        moved: ParameterPerturbation = _still,
+        converged: CoefficientFunction,
+        perturb: ParameterPerturbation = _unperturbed,
     ) -> None:
         G = ngs.CF(tuple(half[i] for i in range(9)), dims=(3, 3))
         kappa, end = half[9], SpectralDecomposition(G.trans * shape * G)
-        law = branch.slopes(ngs.CF((settled[0], settled[1])))
-        made = moved(law, law).MakeVariable()
-        W, first, second, a, b, c = (made[i] for i in range(6))
-        off = [end.x[i] - settled[i] for i in range(2)]
+        law = branch.slopes(ngs.CF((converged[0], converged[1])))
+        coefficients = perturb(law, law).MakeVariable()
+        W, first, second, a, b, c = (coefficients[i] for i in range(6))
+        off = [end.x[i] - converged[i] for i in range(2)]
         r, k = (first - 2 * kappa * off[0], second - 2 * kappa * off[1]), 2 * kappa
         det = (a + k) * (c + k) - b * b
         back = ((c + k) * r[0] - b * r[1]) / det, ((a + k) * r[1] - b * r[0]) / det
         self.energy = W + kappa * (off[0] ** 2 + off[1] ** 2) - (r[0] * back[0] + r[1] * back[1]) / 2
         self.G = (G * end.exponential([-off[i] - back[i] for i in range(2)])).Reshape((9,))
-        self.made, self.law, self.branch = made, law, branch
+        self.coefficients, self.law, self.branch = coefficients, law, branch
 
 
 def _sum(parts: Iterable[CoefficientFunction]) -> CoefficientFunction:

@@ -48,29 +48,29 @@ class QuadratureBlock:
 class QuadratureFunction:
     """A function of the variables, with derivatives with respect to the parameters.
 
-    Where parameters enter only through a few coefficients `made`, derivatives are taken through these.
+    Where parameters enter only through a few coefficients `coefficients`, derivatives are taken through these.
 
     Parameters
     ----------
     value : CoefficientFunction
         The function.
     slopes : list of CoefficientFunction
-        Derivatives with respect to each parameter, of the function or of `made`.
-    made : CoefficientFunction, optional
+        Derivatives with respect to each parameter, of the function or of `coefficients`.
+    coefficients : CoefficientFunction, optional
         The coefficients, a variable.
     """
 
     value: CoefficientFunction
     slopes: Expressions = field(default_factory=list)
-    made: CoefficientFunction | None = None
+    coefficients: CoefficientFunction | None = None
 
     @property
     def parameter_derivatives(self) -> Expressions:
         """Derivatives with respect to each parameter."""
-        if self.made is None:
+        if self.coefficients is None:
             return self.slopes
-        by_made = self.value.Diff(self.made)
-        return [contract(by_made, slope) for slope in self.slopes]
+        by_coefficients = self.value.Diff(self.coefficients)
+        return [contract(by_coefficients, slope) for slope in self.slopes]
 
     def directional_derivative(self, s: ngs.Parameter, ways: Expressions) -> CoefficientFunction:
         """Derivative with respect to s plus that along a direction of the parameters, unless s moves these.
@@ -86,16 +86,18 @@ class QuadratureFunction:
         -------
         CoefficientFunction
         """
-        moved = self.value.Diff(s)
+        change_by_s = self.value.Diff(s)
         if not self.slopes:
-            return moved
+            return change_by_s
         change = reduce(add, (slope * way for slope, way in zip(self.slopes, ways, strict=True)))
-        return moved + (change if self.made is None else contract(self.value.Diff(self.made), change))
+        return change_by_s + (
+            change if self.coefficients is None else contract(self.value.Diff(self.coefficients), change)
+        )
 
     def apply(self, operator: Derivative) -> QuadratureFunction:
         """The function after a linear operator without parameters."""
-        slopes = self.slopes if self.made is not None else [operator(slope) for slope in self.slopes]
-        return QuadratureFunction(operator(self.value), slopes, self.made)
+        slopes = self.slopes if self.coefficients is not None else [operator(slope) for slope in self.slopes]
+        return QuadratureFunction(operator(self.value), slopes, self.coefficients)
 
 
 def set_rows(blocks: Iterable[QuadratureBlock], what: str, rows: Array) -> None:

@@ -141,7 +141,7 @@ class Replay:
         self._program.set(0.0)
         self.checkpoints: list[RunCheckpoint] = []
         self._last: list[ReplayStep] = []
-        self._keeping, self._states, self._known = states, list[Array](), list[Array]()
+        self._store_states, self._states, self._known_states = states, list[Array](), list[Array]()
 
     @property
     def stored_histories(self) -> int:
@@ -154,10 +154,10 @@ class Replay:
         start = self.body.reset()
         self._newton = replace(self.newton, inverse=None, largest=0.0)
         rtol, xtol = max(self.newton.rtol, Newton.rtol), max(self.newton.xtol, Newton.xtol)
-        self._near = replace(self._newton, rtol=rtol, xtol=xtol)
+        self._loose_newton = replace(self._newton, rtol=rtol, xtol=xtol)
         self.checkpoints, self._last = [], []
         if len(self._states) == len(self.grid) - 1:
-            self._known = self._states
+            self._known_states = self._states
         self._states = []
         here = RunCheckpoint(0, start, start.x)
         while here.n < len(self.grid) - 1:
@@ -188,68 +188,68 @@ class Replay:
             self._segment(start, lambda step: None)
         return self._last
 
-    def _segment(self, start: RunCheckpoint, seen: Callable[[ReplayStep], None]) -> RunCheckpoint:
+    def _segment(self, start: RunCheckpoint, callback: Callable[[ReplayStep], None]) -> RunCheckpoint:
         """Steps from one checkpoint to the next."""
         steps, state, before = list[ReplayStep](), start.state, start.before
         self._last = []
         for n in range(start.n, min(start.n + self.every, len(self.grid) - 1)):
-            state, before = self._step(n, state, before, steps, seen), state.x
+            state, before = self._step(n, state, before, steps, callback), state.x
         self._last = steps
         return RunCheckpoint(steps[-1].n + 1, state, before)
 
     def _step(
-        self, n: int, start: State, before: Array, steps: list[ReplayStep], seen: Callable[[ReplayStep], None]
+        self, n: int, start: State, before: Array, steps: list[ReplayStep], callback: Callable[[ReplayStep], None]
     ) -> State:
         end = np.empty(0)
 
         def solve() -> tuple[Array, NewtonRecord]:
             nonlocal end
-            end, record = self._end(n, start.x, before)
+            end, record = self._solve_end(n, start.x, before)
             return end, record
 
         def look(record: NewtonRecord) -> None:
-            self._flow(end)
+            self._set_end(end)
             steps.append(ReplayStep(n, start, end))
-            seen(steps[-1])
+            callback(steps[-1])
 
         dt = self.grid[n + 1] - self.grid[n]
-        made = advance(self.body, start, dt, self._program, solve, look)
-        if made.failure is not None:
-            said = f"the step from {self.grid[n]:.3g} to {self.grid[n + 1]:.3g} s of the replayed run fails: {made.failure}"
-            raise solver_error(said, made.failure.status, made.record)
+        result = advance(self.body, start, dt, self._program, solve, look)
+        if result.failure is not None:
+            said = f"the step from {self.grid[n]:.3g} to {self.grid[n + 1]:.3g} s of the replayed run fails: {result.failure}"
+            raise solver_error(said, result.failure.status, result.record)
         if self.body.tool is not None and self.body.tool.prescribed.fixed_travel is not None:
-            end = made.state.x  # the tool is again just clear of the tissue
-        return replace(made.state, t=self.grid[n + 1], x=end)  # one array, shared by all references
+            end = result.state.x  # the tool is again just clear of the tissue
+        return replace(result.state, t=self.grid[n + 1], x=end)  # one array, shared by all references
 
-    def _end(self, n: int, x: Array, before: Array) -> tuple[Array, NewtonRecord]:
+    def _solve_end(self, n: int, x: Array, before: Array) -> tuple[Array, NewtonRecord]:
         """End of a step from x: known, or solved for."""
         if n < len(self._states):
             return self._states[n], NewtonRecord(status=Status.CONVERGED)
         guess = self._guess(n, x, before)
-        if self._apart(x):
-            self._near.inverse = None  # that tangent does not contain the contact
-            if self._apart(guess):
-                x = guess = self._landed(x)
-        new, record = self._solved(n, x, guess)
+        if self._out_of_contact(x):
+            self._loose_newton.inverse = None  # that tangent does not contain the contact
+            if self._out_of_contact(guess):
+                x = guess = self._in_contact(x)
+        new, record = self._solve_in_substeps(n, x, guess)
         self.solved += 1
-        if self._keeping:
+        if self._store_states:
             self._states.append(new)
         return new, record
 
     def _guess(self, n: int, x: Array, before: Array) -> Array:
         """Initial guess from the run at other parameters, or extrapolated from the previous step."""
-        if self._known:
-            moved = x - self._known[n - 1] if n else np.zeros_like(x)
+        if self._known_states:
+            moved = x - self._known_states[n - 1] if n else np.zeros_like(x)
             if n and self.body.tool is not None and not self.body.tool.prescribed.prescribed_force(self.grid[n]):
                 moved[-1] = 0.0  # it has been withdrawn since
-            guess = self._known[n] + moved
+            guess = self._known_states[n] + moved
         else:
             travel = self.motion.travel(self.grid[n], self.grid[n + 1])
             last = self.motion.travel(self.grid[n - 1], self.grid[n]) if n else 0.0
             guess = x + (travel / last if last * travel > 0 else 0.0) * (x - before)
         return guess if self.body.min_det(guess) > self.newton.min_det else x
 
-    def _apart(self, guess: Array) -> bool:
+    def _out_of_contact(self, guess: Array) -> bool:
         """Whether a force-controlled tool that should press is not in contact."""
         tool = self.body.tool
         if tool is None or tool.prescribed.fixed_travel is not None:
@@ -257,43 +257,43 @@ class Replay:
         self.body.x = guess
         return not self.body.min_gap() < 0
 
-    def _landed(self, x: Array) -> Array:
+    def _in_contact(self, x: Array) -> Array:
         """State with a force-controlled tool moved into contact."""
         assert self.body.tool is not None
 
         def solve(guess: Array) -> tuple[Array, bool]:
-            found, record = self._near.solve(self._system, guess)
+            found, record = self._loose_newton.solve(self._system, guess)
             return found, record.converged
 
         def set_unknowns(x: Array) -> None:
             self.body.x = x
 
         guess = self.body.tool.establish_contact(x, solve, set_unknowns)
-        self._near.inverse = None
+        self._loose_newton.inverse = None
         return guess
 
-    def _solved(self, n: int, x: Array, guess: Array) -> tuple[Array, NewtonRecord]:
+    def _solve_in_substeps(self, n: int, x: Array, guess: Array) -> tuple[Array, NewtonRecord]:
         """End of a step, by substeps of the rigid bodies' motion where Newton's method does not converge at once."""
         start, end = self.grid[n], self.grid[n + 1]
         done, part = 0.0, 1.0
         while True:
-            reached, record = self._newton_at(start + (end - start) * (done + part), guess)
+            reached, record = self._solve_at(start + (end - start) * (done + part), guess)
             if record.converged:
                 done, x, guess = done + part, reached, reached
                 if done >= 1:
                     return x, record
                 part = min(2 * part, 1 - done)
             elif part > SHORTEST:
-                part, x = part / 4, self._landed(x) if self._apart(x) else x
+                part, x = part / 4, self._in_contact(x) if self._out_of_contact(x) else x
                 guess = x
             else:
                 return x, record
 
-    def _newton_at(self, t: float, guess: Array) -> tuple[Array, NewtonRecord]:
+    def _solve_at(self, t: float, guess: Array) -> tuple[Array, NewtonRecord]:
         """Newton's method with loose tolerances, under which contact may open and close, then with tight ones."""
-        x, record = self._near.solve(self._system, self._program.prescribe(guess, t))
+        x, record = self._loose_newton.solve(self._system, self._program.prescribe(guess, t))
         if record.converged:
-            self._newton.inverse = self._near.inverse
+            self._newton.inverse = self._loose_newton.inverse
             x, record = self._newton.solve(self._system, x)
         return x, record
 
@@ -304,10 +304,10 @@ class Replay:
         body.set_state(step.start)
         body.begin(self.grid[step.n + 1] - self.grid[step.n])
         self._program.set(self.grid[step.n + 1])
-        self._flow(step.x)
+        self._set_end(step.x)
         return step
 
-    def _flow(self, x: Array) -> None:
+    def _set_end(self, x: Array) -> None:
         """Set the degrees of freedom, and update the Maxwell branches there."""
         self.body.x = x
         if self.body.history.flows:

@@ -54,15 +54,15 @@ class RunLinearisation:
 
     def __init__(self, model: RunModel) -> None:
         self.model = model
-        self.data = np.zeros((len(model.times), model.seen.size))
+        self.data = np.zeros((len(model.times), model.observables.size))
 
-        def seen(step: ReplayStep) -> None:
+        def record(step: ReplayStep) -> None:
             if step.n in model.row:
-                self.data[model.row[step.n]] = model.seen.value()
+                self.data[model.row[step.n]] = model.observables.value()
 
         try:
             with np.errstate(divide="raise", over="raise", invalid="raise"):
-                model.replay.run(seen)
+                model.replay.run(record)
         except FloatingPointError as error:
             raise ConvergenceError(f"the run failed at these parameters: {error}") from error
 
@@ -89,7 +89,7 @@ class RunLinearisation:
         later, total = CarriedState.zeros(self.model), np.zeros(self.model.size)
         for step in self.model.replay.backwards():
             adjoint, motion, shown = self._adjoint(step, w, later)
-            later, by_theta = self._back(step, adjoint, motion, later)
+            later, by_theta = self._previous_state_gradient(step, adjoint, motion, later)
             total += by_theta + shown
         return total
 
@@ -118,35 +118,38 @@ class RunLinearisation:
         for name in self.model.shapes:
             raise InputError(f"parameters.{name}", "of type NodePositions", "one with second derivatives")
         check_shape("w", np.shape(w), self.data.shape)
-        model, curved = self.model, self.model.curvature
-        total, later, turned, n = (
+        model, second_derivatives = self.model, self.model.curvature
+        total, later, hessian_state, n = (
             np.zeros(model.size),
             CarriedState.zeros(model),
             CarriedState.zeros(model),
             model.body.fes.ndof,
         )
-        for step, x, before in self._changes_back(direction):
+        for step, x, before in self._changes_backwards(direction):
             adjoint, motion, _ = self._adjoint(step, w, later, FINE_RTOL)
             theta = model.split(direction) | ({} if len(x) == n else {model.tool_block: x[n:]})
-            model.seen.set_weights(self._row(step, w))
-            curved.set_direction(x, before.history, theta)
-            bent = curved(adjoint, (adjoint + motion)[:n], later.history)
-            forces, slopes = np.append(bent.by_state, bent.by_theta[model.size :]), bent.by_theta[: model.size]
-            rest = CarriedState(np.zeros(model.n), bent.by_history, [])
+            model.observables.set_weights(self._data_weights(step, w))
+            second_derivatives.set_direction(x, before.history, theta)
+            second = second_derivatives(adjoint, (adjoint + motion)[:n], later.history)
+            forces, slopes = np.append(second.by_state, second.by_theta[model.size :]), second.by_theta[: model.size]
+            second_state = CarriedState(np.zeros(model.n), second.by_history, [])
             for each, carried, weights in zip(model.carried, before.carried, later.carried, strict=True):
                 each.set_direction(x, before.end, carried, list(theta.values()))
                 of = each.gradient_derivatives(adjoint + motion if each.in_reactions else adjoint, weights)
                 forces, slopes = forces + of.by_end, slopes + of.by_theta[: model.size]
-                rest.end += of.by_start
-                rest.carried.append(of.by_carried)
-            b = forces + self._carried_gradient(turned)
+                second_state.end += of.by_start
+                second_state.carried.append(of.by_carried)
+            b = forces + self._carried_gradient(hessian_state)
             change = -model.tangents.solve_transpose(b)
             total += self._prescribed_gradient(step, b, change)
-            turned, more = self._back(step, change, np.zeros(model.n), turned)
-            turned.end, turned.history = turned.end + rest.end, turned.history + rest.history
-            turned.carried = [a + b for a, b in zip(turned.carried, rest.carried, strict=True)]
-            later, _ = self._back(step, adjoint, motion, later)
-            total += slopes + more
+            hessian_state, hessian_theta = self._previous_state_gradient(step, change, np.zeros(model.n), hessian_state)
+            hessian_state.end, hessian_state.history = (
+                hessian_state.end + second_state.end,
+                hessian_state.history + second_state.history,
+            )
+            hessian_state.carried = [a + b for a, b in zip(hessian_state.carried, second_state.carried, strict=True)]
+            later, _ = self._previous_state_gradient(step, adjoint, motion, later)
+            total += slopes + hessian_theta
         return total
 
     def _adjoint(
@@ -154,16 +157,16 @@ class RunLinearisation:
     ) -> tuple[Array, Array, Array]:
         """λ and Zᵀw of a step, and the gradient of the observables at its end, without that of the tissue's forces."""
         model = self.model
-        self._begin(step, 1, rtol)
-        row, shown = self._row(step, w), np.zeros(model.size)
+        self._prepare(step, 1, rtol)
+        row, shown = self._data_weights(step, w), np.zeros(model.size)
         b, motion = self._carried_gradient(later), np.zeros(model.n)
         if row.any():
-            n, by_theta = model.body.fes.ndof, model.seen.parameter_gradient(row)
-            b[:n] += model.seen.state_gradient(row, model.tangents.apply)
+            n, by_theta = model.body.fes.ndof, model.observables.parameter_gradient(row)
+            b[:n] += model.observables.state_gradient(row, model.tangents.apply)
             shown, b[n:], motion[:n] = (
                 by_theta[: model.size],
                 b[n:] + by_theta[model.size :],
-                model.seen.motions.T @ row,
+                model.observables.motions.T @ row,
             )
         adjoint = -model.tangents.solve_transpose(b)
         return adjoint, motion, shown + self._prescribed_gradient(step, b, adjoint)
@@ -185,7 +188,9 @@ class RunLinearisation:
             (each.carried_state_gradient(of) for each, of in zip(model.carried, later.carried, strict=True)), 0.0
         )
 
-    def _back(self, step: ReplayStep, adjoint: Array, motion: Array, later: CarriedState) -> tuple[CarriedState, Array]:
+    def _previous_state_gradient(
+        self, step: ReplayStep, adjoint: Array, motion: Array, later: CarriedState
+    ) -> tuple[CarriedState, Array]:
         """Gradient of later data with respect to the start of a step, and with respect to θ."""
         model, n = self.model, self.model.body.fes.ndof
         moved = (adjoint + motion)[:n]
@@ -207,11 +212,11 @@ class RunLinearisation:
             before.carried.append(carried)
         return before, total - sum(adjoint[n:]) * model.prescribed_force_gradient(step)
 
-    def _row(self, step: ReplayStep, w: Array) -> Array:
+    def _data_weights(self, step: ReplayStep, w: Array) -> Array:
         """Weights of the data at the end of a step."""
         return np.asarray(w[self.model.row[step.n]] if step.n in self.model.row else np.zeros(w.shape[1]))
 
-    def _changes_back(self, direction: Array) -> Iterator[tuple[ReplayStep, Array, CarriedState]]:
+    def _changes_backwards(self, direction: Array) -> Iterator[tuple[ReplayStep, Array, CarriedState]]:
         """From the last step to the first: changes of its end and of its start, along a direction of θ.
 
         Changes of histories are stored at the checkpoints only, all others at every step.
@@ -227,7 +232,9 @@ class RunLinearisation:
         for step in replay.forwards():
             if step.n % replay.every == 0:
                 kept[step.n] = before.history
-            before, _ = self._ahead(step, self._begin(step, 1, FINE_RTOL), self._columns(step), direction, before)
+            before, _ = self._state_change(
+                step, self._prepare(step, 1, FINE_RTOL), self._columns(step), direction, before
+            )
             changes.append(CarriedState(before.end, np.empty(0), before.carried))
         at_rest = CarriedState.zeros(model)
         for steps in replay.segments():
@@ -246,17 +253,19 @@ class RunLinearisation:
         data = np.zeros((len(directions), *self.data.shape))
         before = [CarriedState.zeros(model) for _ in directions]
         for step in model.replay.forwards():
-            solve, columns = self._begin(step, len(directions)), self._columns(step)
-            seen = model.row.get(step.n)
-            by_state, by_theta = model.seen.rows(model.tangents.apply) if seen is not None else (np.empty(0),) * 2
+            solve, columns = self._prepare(step, len(directions)), self._columns(step)
+            row = model.row.get(step.n)
+            by_state, by_theta = model.observables.rows(model.tangents.apply) if row is not None else (np.empty(0),) * 2
             for i, direction in enumerate(directions):
-                before[i], r = self._ahead(step, solve, columns, direction, before[i])
-                if seen is not None:
+                before[i], r = self._state_change(step, solve, columns, direction, before[i])
+                if row is not None:
                     x = before[i].end
-                    data[i, seen] = by_state @ x[:n] + model.seen.motions @ r + by_theta @ np.append(direction, x[n:])
+                    data[i, row] = (
+                        by_state @ x[:n] + model.observables.motions @ r + by_theta @ np.append(direction, x[n:])
+                    )
         return data
 
-    def _ahead(
+    def _state_change(
         self, step: ReplayStep, solve: Solve, columns: sp.csr_array, direction: Array, before: CarriedState
     ) -> tuple[CarriedState, Array]:
         """Changes at the end of a step, from those at its start and of θ, and the change of the tissue's forces (ndof,)."""
@@ -288,7 +297,7 @@ class RunLinearisation:
         felt = model.contacts.tool_force_parameter_gradient()[: model.size] - model.prescribed_force_gradient(step)
         return sp.csr_array(sp.vstack([columns, sp.csr_array(felt[None])]))
 
-    def _begin(self, step: ReplayStep, n_rhs: int, rtol: float = RTOL) -> Solve:
+    def _prepare(self, step: ReplayStep, n_rhs: int, rtol: float = RTOL) -> Solve:
         """Prepare forms and tangent of a step at whose end the body is."""
         self._set(step)
         return self.model.tangents.prepare(n_rhs, rtol)

@@ -165,8 +165,8 @@ class RunModel:
         pivots = friction is not None or body.pivots or body.form.condense
         inner = PivotedTangents(body, friction) if pivots else Tangents(body)
         self.tangents = inner if body.tool is None else BorderedTangents(inner, self.contacts, friction)
-        self.seen = RunObservables(body, observables, made_of)
-        self.observation_slices = self.seen.slices
+        self.observables = RunObservables(body, observables, made_of)
+        self.observation_slices = self.observables.slices
         """Where each observable is in a row of the data."""
         system = None if friction is None else TangentSystem(body, self.tangents)
         steps = np.sort(np.concatenate([grid[apart], times]))
@@ -182,7 +182,7 @@ class RunModel:
     @cached_property
     def curvature(self) -> StepHessian:
         """Second derivatives of a time step, made at first use."""
-        return StepHessian(self.forms, self._made_of, self.contacts, self.seen)
+        return StepHessian(self.forms, self._made_of, self.contacts, self.observables)
 
     def evaluate(self, theta: Array) -> RunLinearisation:
         """The run at θ, with its derivatives; the parameters keep the values of the last call."""

@@ -82,7 +82,7 @@ class StepForms:
             (QuadratureBlock(space, 6, self._s), QuadratureBlock(space, 6, self._s)) for _ in range(history.n_branches)
         ]
         self._strain = [QuadratureBlock(space, 6, self._s)] if flows else []
-        self._G, self._half, self._settled = (
+        self._G, self._half, self._converged = (
             [QuadratureBlock(space, size, self._s) for _ in flows] for size in (9, 10, 5)
         )
         self.blocks = [block for pair in self._pairs for block in pair] + self._strain + self._G
@@ -93,15 +93,17 @@ class StepForms:
         for material in body.materials.values():
             self._check(material)
         self.update_quadrature()
-        self._motion, self._moving = ngs.GridFunction(body.fes), ngs.GridFunction(body.fes)
+        self._motion, self._state_change = ngs.GridFunction(body.fes), ngs.GridFunction(body.fes)
         materials, of = body.materials, body.mesh.MaterialCF
-        self._changed = self.nodal_forces({p: self._changing(m) for p, m in materials.items()})
-        self._remembered = self.nodal_forces({p: self._weighted(m) for p, m in materials.items()})
-        self._back = of({p: self._backward(m) for p, m in materials.items()})
-        self._forth = of({p: self._forward(m) for p, m in materials.items()})
-        self._before = of({p: self._inner_backward(m) for p, m in materials.items()})
-        self._begun = of({p: self._inner_forward(m) for p, m in materials.items()})
-        self._forms = {name: self._slope(p) for name, p in self.parameters.items() if isinstance(p, ngs.GridFunction)}
+        self._residual_change = self.nodal_forces({p: self._work_change(m) for p, m in materials.items()})
+        self._weighted_update = self.nodal_forces({p: self._weighted_updates(m) for p, m in materials.items()})
+        self._adjoint_fields = of({p: self._adjoint_expressions(m) for p, m in materials.items()})
+        self._update_change = of({p: self._update_expressions(m) for p, m in materials.items()})
+        self._start_adjoint_fields = of({p: self._start_adjoint_expressions(m) for p, m in materials.items()})
+        self._start_change = of({p: self._start_expressions(m) for p, m in materials.items()})
+        self._forms = {
+            name: self._gradient_form(p) for name, p in self.parameters.items() if isinstance(p, ngs.GridFunction)
+        }
 
     def update_quadrature(self) -> None:
         """Compute the quadrature weights on the mesh as it is."""
@@ -125,7 +127,7 @@ class StepForms:
         return None if self.body.p is None else 1.0 * self.body.p
 
     def perturbed_state(
-        self, F: CoefficientFunction, p: CoefficientFunction | None, *ways: tuple[ngs.Parameter, Any]
+        self, F: CoefficientFunction, p: CoefficientFunction | None, *changes: tuple[ngs.Parameter, Any]
     ) -> tuple[Deformation, CoefficientFunction | None]:
         """A state perturbed along motions.
 
@@ -135,17 +137,17 @@ class StepForms:
             Deformation gradient.
         p : CoefficientFunction or None
             Pressure (Pa).
-        *ways : tuple of Parameter and Motion
+        *changes : tuple of Parameter and Motion
             A number that is zero, and the motion that it multiplies.
 
         Returns
         -------
         Deformation, CoefficientFunction or None
         """
-        for number, motion in ways:
-            way = self.body.layout.fields(motion)
-            F = F + number * self.body.kinematics.change(way.u, ngs.Grad(way.u))
-            p = None if p is None else p + number * way.p
+        for number, motion in changes:
+            change = self.body.layout.fields(motion)
+            F = F + number * self.body.kinematics.change(change.u, ngs.Grad(change.u))
+            p = None if p is None else p + number * change.p
         return Deformation.from_gradient(F), p
 
     # Derivatives of a step.
@@ -170,9 +172,9 @@ class StepForms:
 
     def read_maxwell_states(self) -> None:
         """Read from the Maxwell branches their start and their solution."""
-        for flow, half, settled in zip(self.body.history.flows.flows, self._half, self._settled, strict=True):
+        for flow, half, converged in zip(self.body.history.flows.flows, self._half, self._converged, strict=True):
             set_rows([half], "value", flow.step_state)
-            set_rows([settled], "value", flow.step_solution)
+            set_rows([converged], "value", flow.step_solution)
 
     def residual_derivative(self, history: Array, theta: Mapping[str, Array]) -> Array:
         """R_h δh + R_m δm + R_θ δθ.
@@ -189,17 +191,17 @@ class StepForms:
         array (ndof,)
         """
         self.set_direction(history, theta)
-        return self._changed()
+        return self._residual_change()
 
     def history_derivative(self, x: Array) -> Array:
         """δh⁺ for δx, with δh and δθ of the last `residual_derivative`."""
-        unknowns(self._moving)[:] = x
-        return self.points(self._forth)[1:]
+        unknowns(self._state_change)[:] = x
+        return self.points(self._update_change)[1:]
 
     def history_state_gradient(self, weights: Array) -> Array:
         """(∂U/∂x)ᵀ Λ (ndof,)."""
         set_rows(self.blocks, "weight", weights)
-        return self._remembered() if self.size else np.zeros(self.body.fes.ndof)
+        return self._weighted_update() if self.size else np.zeros(self.body.fes.ndof)
 
     def adjoint_gradients(self, motion: Array, weights: Array) -> tuple[Array, dict[str, Array]]:
         """Gradients of ℓ with respect to h and to each parameter.
@@ -221,18 +223,18 @@ class StepForms:
         set_rows(self.blocks, "weight", weights)
         unknowns(self._motion)[:] = motion
         inner = sum(block.size for block in self._half)
-        by_history, by_inner, by_theta = np.split(self.points(self._back)[1:], [self.size, self.size + inner])
+        by_history, by_inner, by_theta = np.split(self.points(self._adjoint_fields)[1:], [self.size, self.size + inner])
         if inner:
             set_rows(self._half, "weight", by_inner)
-            before = self.points(self._before)[1:]
+            before = self.points(self._start_adjoint_fields)[1:]
             by_history, by_theta = by_history + before[: self.size], by_theta + before[self.size :]
         return by_history, self.assemble_gradient(by_theta)
 
     def assemble_gradient(self, densities: Array) -> dict[str, Array]:
         """Gradients with respect to degrees of freedom, from densities with respect to values at the points."""
-        return {name: self._gathered(name, s) for name, s in zip(self.parameters, densities, strict=True)}
+        return {name: self._assemble_density(name, s) for name, s in zip(self.parameters, densities, strict=True)}
 
-    def _gathered(self, name: str, density: Array) -> Array:
+    def _assemble_density(self, name: str, density: Array) -> Array:
         if name not in self._forms:
             return np.array([self.quadrature @ density])
         at_points, form = self._forms[name]
@@ -245,12 +247,16 @@ class StepForms:
     def _check(self, material: Material) -> None:
         """Derivatives are with respect to values at points: a material must not use a parameter's gradient."""
         at = Deformation.from_gradient(self.deformation_gradient(self.body.u))
-        flows = [ngs.CF((ended.law, ended.branch.eta)) for ended in self._ended(material, at.shape, UNPERTURBED)]
+        flows = [
+            ngs.CF((branch_end.law, branch_end.branch.eta))
+            for branch_end in self._maxwell_ends(material, at.shape, UNPERTURBED)
+        ]
         for name, parameter in self.parameters.items():
             if isinstance(parameter, ngs.GridFunction):
-                for made in (self.energies(material, at, self.p, UNPERTURBED)[0].value, *flows):
+                for coefficients in (self.energies(material, at, self.p, UNPERTURBED)[0].value, *flows):
                     if re.search(
-                        r"diffop = (?!Id\b)", str(made.Diff(parameter, parameter.space.TestFunction()).Compile())
+                        r"diffop = (?!Id\b)",
+                        str(coefficients.Diff(parameter, parameter.space.TestFunction()).Compile()),
                     ):
                         raise InputError(
                             f"parameters.{name}",
@@ -265,22 +271,22 @@ class StepForms:
 
     def directional_derivative(self, function: CoefficientFunction) -> CoefficientFunction:
         """Derivative of a function along δθ."""
-        ways = zip(self.parameter_derivatives(function), self._directions.values(), strict=True)
-        return reduce(add, (slope * way for slope, way in ways), 0.0 * function)
+        changes = zip(self.parameter_derivatives(function), self._directions.values(), strict=True)
+        return reduce(add, (slope * change for slope, change in changes), 0.0 * function)
 
-    def _nothing(self, size: int) -> QuadratureFunction:
+    def _zero_function(self, size: int) -> QuadratureFunction:
         return QuadratureFunction(ngs.CF((0.0,) * size), [ngs.CF((0.0,) * size)] * len(self.parameters))
 
-    def _ways(self, seen: View) -> tuple[ParameterPerturbation, ...]:
+    def _parameter_perturbation(self, view: View) -> tuple[ParameterPerturbation, ...]:
         """Perturbation of a Maxwell branch's parameters, if anything is perturbed."""
-        return (self._theta_moved,) if seen is PERTURBED else ()
+        return (self._perturb_coefficients,) if view is PERTURBED else ()
 
-    def _theta_moved(self, made: CoefficientFunction, law: CoefficientFunction) -> CoefficientFunction:
-        """`made` plus s times the change of `law` along δθ."""
-        return made + self._s * self.directional_derivative(law)
+    def _perturb_coefficients(self, coefficients: CoefficientFunction, law: CoefficientFunction) -> CoefficientFunction:
+        """`coefficients` plus s times the change of `law` along δθ."""
+        return coefficients + self._s * self.directional_derivative(law)
 
     def energies(
-        self, material: Material, at: Deformation, p: CoefficientFunction, seen: View
+        self, material: Material, at: Deformation, p: CoefficientFunction, view: View
     ) -> list[QuadratureFunction]:
         """Energy density W, as in `Tissue`.
 
@@ -292,8 +298,8 @@ class StepForms:
             Deformation.
         p : CoefficientFunction
             Pressure.
-        seen : callable
-            `UNPERTURBED` or `PERTURBED`: how blocks enter.
+        view : callable
+            `UNPERTURBED` or `PERTURBED`: whether blocks are perturbed.
 
         Returns
         -------
@@ -304,26 +310,31 @@ class StepForms:
         factors = [step_factors(self.dt, branch.tau) for branch in law.hereditary_branches]
         energy = law.density(at, [beta for _, beta in factors]) + material.volumetric_energy(at.J, p)
         for (e, beta), (stress, over) in zip(factors, self._pairs, strict=False):
-            energy += 0.5 * ngs.InnerProduct(from_voigt(e * seen(over) - beta * seen(stress)), at.shape)
-        flows = (self._of(ended.energy, ended, seen) for ended in self._ended(material, at.shape, seen))
+            energy += 0.5 * ngs.InnerProduct(from_voigt(e * view(over) - beta * view(stress)), at.shape)
+        flows = (
+            self._branch_function(branch_end.energy, branch_end, view)
+            for branch_end in self._maxwell_ends(material, at.shape, view)
+        )
         return [QuadratureFunction(energy, self.parameter_derivatives(energy)), *flows]
 
-    def _ended(self, material: Material, shape: CoefficientFunction, seen: View) -> list[MaxwellEnd]:
-        parts = zip(material.viscous.maxwell_branches, self._half, self._settled, strict=False)
+    def _maxwell_ends(self, material: Material, shape: CoefficientFunction, view: View) -> list[MaxwellEnd]:
+        parts = zip(material.viscous.maxwell_branches, self._half, self._converged, strict=False)
         return [
-            MaxwellEnd(branch, shape, seen(half), settled.variable, *self._ways(seen))
-            for branch, half, settled in parts
+            MaxwellEnd(branch, shape, view(half), converged.variable, *self._parameter_perturbation(view))
+            for branch, half, converged in parts
         ]
 
-    def _of(self, value: CoefficientFunction, flow: MaxwellStart | MaxwellEnd, seen: View) -> QuadratureFunction:
+    def _branch_function(
+        self, value: CoefficientFunction, flow: MaxwellStart | MaxwellEnd, view: View
+    ) -> QuadratureFunction:
         """A quantity of a Maxwell branch as a `QuadratureFunction`."""
         return (
             QuadratureFunction(value)
-            if seen is PERTURBED
-            else QuadratureFunction(value, self.parameter_derivatives(flow.law), flow.made)
+            if view is PERTURBED
+            else QuadratureFunction(value, self.parameter_derivatives(flow.law), flow.coefficients)
         )
 
-    def updates(self, material: Material, shape: CoefficientFunction, seen: View) -> list[QuadratureFunction]:
+    def updates(self, material: Material, shape: CoefficientFunction, view: View) -> list[QuadratureFunction]:
         """Updated internal variables U, block by block; branches that a region does not have stay at rest.
 
         Parameters
@@ -332,113 +343,131 @@ class StepForms:
             Material of a region.
         shape : CoefficientFunction
             C̄.
-        seen : callable
+        view : callable
             As in `energies`.
 
         Returns
         -------
         list of QuadratureFunction
         """
-        found, C = list[QuadratureFunction](), shape.MakeVariable()
+        functions, C = list[QuadratureFunction](), shape.MakeVariable()
         for branch, (stress, over) in zip(material.viscous.hereditary_branches, self._pairs, strict=False):
             W = density(branch.law, Deformation.from_stretch(C))
             new = QuadratureFunction(
                 to_voigt(overstress(W, C)), [to_voigt(overstress(slope, C)) for slope in self.parameter_derivatives(W)]
             )
             factors = ngs.CF(step_factors(self.dt, branch.tau))
-            made = ngs.CF((factors, new.value)).MakeVariable()
+            coefficients = ngs.CF((factors, new.value)).MakeVariable()
             both = zip(self.parameter_derivatives(factors), new.slopes, strict=True)
-            moved = made[0] * seen(over) + made[1] * (ngs.CF(tuple(made[i] for i in range(2, 8))) - seen(stress))
-            found += [new, QuadratureFunction(moved, [ngs.CF(slopes) for slopes in both], made)]
-        found += [self._nothing(6)] * (2 * len(self._pairs) - len(found))
+            update = coefficients[0] * view(over) + coefficients[1] * (
+                ngs.CF(tuple(coefficients[i] for i in range(2, 8))) - view(stress)
+            )
+            functions += [new, QuadratureFunction(update, [ngs.CF(slopes) for slopes in both], coefficients)]
+        functions += [self._zero_function(6)] * (2 * len(self._pairs) - len(functions))
         if self._strain:
-            flowed = [self._of(ended.G, ended, seen) for ended in self._ended(material, shape, seen)]
-            strain = replace(self._nothing(6), value=to_voigt(shape))
-            found += [strain, *flowed, *[self._nothing(9)] * (len(self._G) - len(flowed))]
-        return found
+            branch_updates = [
+                self._branch_function(branch_end.G, branch_end, view)
+                for branch_end in self._maxwell_ends(material, shape, view)
+            ]
+            strain = replace(self._zero_function(6), value=to_voigt(shape))
+            functions += [strain, *branch_updates, *[self._zero_function(9)] * (len(self._G) - len(branch_updates))]
+        return functions
 
-    def maxwell_starts(self, material: Material, seen: View) -> list[MaxwellStart]:
+    def maxwell_starts(self, material: Material, view: View) -> list[MaxwellStart]:
         """Start of the step in each Maxwell branch.
 
         Parameters
         ----------
         material : Material
             Material of a region.
-        seen : callable
+        view : callable
             As in `energies`.
 
         Returns
         -------
         list of MaxwellStart
         """
-        found = list[MaxwellStart]()
-        for branch, G, settled in zip(material.viscous.maxwell_branches, self._G, self._settled, strict=False):
-            nine, strain = seen(G), from_voigt(seen(self._strain[0]))
+        functions = list[MaxwellStart]()
+        for branch, G, converged in zip(material.viscous.maxwell_branches, self._G, self._converged, strict=False):
+            nine, strain = view(G), from_voigt(view(self._strain[0]))
             three = ngs.CF(tuple(nine[i] for i in range(9)), dims=(3, 3))
-            found.append(MaxwellStart(branch, self.dt, strain, three, settled.variable, *self._ways(seen)))
-        return found
+            functions.append(
+                MaxwellStart(branch, self.dt, strain, three, converged.variable, *self._parameter_perturbation(view))
+            )
+        return functions
 
-    def _inner(self, material: Material, seen: View) -> list[QuadratureFunction]:
+    def _start_functions(self, material: Material, view: View) -> list[QuadratureFunction]:
         """P, block by block."""
-        found = [self._of(begun.value, begun, seen) for begun in self.maxwell_starts(material, seen)]
-        return found + [self._nothing(10)] * (len(self._half) - len(found))
+        functions = [
+            self._branch_function(branch_start.value, branch_start, view)
+            for branch_start in self.maxwell_starts(material, view)
+        ]
+        return functions + [self._zero_function(10)] * (len(self._half) - len(functions))
 
     # Directional derivatives are with respect to one number, as those along a change repeat shared subexpressions.
 
-    def _along(self, part: QuadratureFunction) -> CoefficientFunction:
+    def _derivative_along_direction(self, part: QuadratureFunction) -> CoefficientFunction:
         """Derivative of a function along everything that is perturbed."""
         return part.directional_derivative(self._s, list(self._directions.values()))
 
-    def _changing(self, material: Material) -> Density:
-        return lambda at, p: reduce(add, map(self._along, self.energies(material, at, p, PERTURBED)))
+    def _work_change(self, material: Material) -> Density:
+        return lambda at, p: reduce(
+            add, map(self._derivative_along_direction, self.energies(material, at, p, PERTURBED))
+        )
 
-    def _weighted(self, material: Material) -> Density:
+    def _weighted_updates(self, material: Material) -> Density:
         return lambda at, p: reduce(
             add,
             (w.value for w in weighted_functions(self.blocks, self.updates(material, at.shape, UNPERTURBED))),
             0 * (at.J if p is None else p),
         )
 
-    def _derived(self, parts: Sequence[QuadratureFunction], blocks: Sequence[QuadratureBlock]) -> CoefficientFunction:
+    def _block_derivatives(
+        self, parts: Sequence[QuadratureFunction], blocks: Sequence[QuadratureBlock]
+    ) -> CoefficientFunction:
         """Derivatives of a sum with respect to blocks and to θ."""
-        found = [[*(part.value.Diff(b.variable) for b in blocks), *part.parameter_derivatives] for part in parts]
-        return ngs.CF((0.0, *(reduce(add, of) for of in zip(*found, strict=True)))).Compile()
+        functions = [[*(part.value.Diff(b.variable) for b in blocks), *part.parameter_derivatives] for part in parts]
+        return ngs.CF((0.0, *(reduce(add, of) for of in zip(*functions, strict=True)))).Compile()
 
-    def _backward(self, material: Material) -> CoefficientFunction:
+    def _adjoint_expressions(self, material: Material) -> CoefficientFunction:
         """∂ℓ by h, m and θ."""
         F = self.deformation_gradient(self.body.u).MakeVariable()
-        moving, held = Deformation.from_gradient(F), Deformation.from_gradient(self.deformation_gradient(self.body.u))
+        state, fixed = Deformation.from_gradient(F), Deformation.from_gradient(self.deformation_gradient(self.body.u))
         motion = self.body.layout.fields(self._motion)
         t = ngs.Parameter(0.0)
         names = ("shape", "C", "J", "F")
         # Variables: derivatives with respect to a block do not descend into them again.
-        still = [getattr(held, name).MakeVariable() for name in names]
+        fixed_measures = [getattr(fixed, name).MakeVariable() for name in names]
         change = self.body.kinematics.change(motion.u, ngs.Grad(motion.u))
-        changes = [getattr(moving, name).Diff(F, change) for name in names]
-        at = Deformation(*(part + t * change for part, change in zip(still, changes, strict=True)))
+        changes = [getattr(state, name).Diff(F, change) for name in names]
+        at = Deformation(*(part + t * change for part, change in zip(fixed_measures, changes, strict=True)))
         p = None if self.p is None else self.p.MakeVariable() + t * motion.p
         works = [W.apply(lambda part: part.Diff(t)) for W in self.energies(material, at, p, UNPERTURBED)]
-        return self._derived(
-            works + weighted_functions(self.blocks, self.updates(material, still[0], UNPERTURBED)),
+        return self._block_derivatives(
+            works + weighted_functions(self.blocks, self.updates(material, fixed_measures[0], UNPERTURBED)),
             [*self.blocks, *self._half],
         )
 
-    def _forward(self, material: Material) -> CoefficientFunction:
+    def _update_expressions(self, material: Material) -> CoefficientFunction:
         """δh⁺."""
-        moving = self.body.layout.fields(self._moving).u
-        F = self.deformation_gradient(self.body.u) + self._s * self.body.kinematics.change(moving, ngs.Grad(moving))
+        state = self.body.layout.fields(self._state_change).u
+        F = self.deformation_gradient(self.body.u) + self._s * self.body.kinematics.change(state, ngs.Grad(state))
         updates = self.updates(material, Deformation.from_gradient(F).shape, PERTURBED)
-        return ngs.CF((0.0, *map(self._along, updates))).Compile()
+        return ngs.CF((0.0, *map(self._derivative_along_direction, updates))).Compile()
 
-    def _inner_backward(self, material: Material) -> CoefficientFunction:
+    def _start_adjoint_expressions(self, material: Material) -> CoefficientFunction:
         """∂(M · P) by h and θ."""
-        return self._derived(weighted_functions(self._half, self._inner(material, UNPERTURBED)), self.blocks)
+        return self._block_derivatives(
+            weighted_functions(self._half, self._start_functions(material, UNPERTURBED)), self.blocks
+        )
 
-    def _inner_forward(self, material: Material) -> CoefficientFunction:
+    def _start_expressions(self, material: Material) -> CoefficientFunction:
         """δm."""
-        return ngs.CF((0.0, *map(self._along, self._inner(material, PERTURBED)))).Compile()
+        return ngs.CF(
+            (0.0, *map(self._derivative_along_direction, self._start_functions(material, PERTURBED)))
+        ).Compile()
 
-    def _slope(self, parameter: ngs.GridFunction) -> tuple[ngs.GridFunction, ngs.LinearForm]:
+    def _gradient_form(self, parameter: ngs.GridFunction) -> tuple[ngs.GridFunction, ngs.LinearForm]:
         at_points, form = ngs.GridFunction(self.body.history.space), ngs.LinearForm(parameter.space)
         weight = self.body.kinematics.weight()
         form += weight * at_points * parameter.space.TestFunction() * ngs.dx(intrules=self.body.history.rules)
@@ -461,7 +490,7 @@ class StepForms:
             else:
                 direction.Set(float(theta[name][0]))
         if self._half:
-            set_rows(self._half, "change", self.points(self._begun)[1:])
+            set_rows(self._half, "change", self.points(self._start_change)[1:])
 
 
 def _direction(name: str, parameter: Parameter) -> Parameter:

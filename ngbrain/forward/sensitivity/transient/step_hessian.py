@@ -44,7 +44,7 @@ class StepHessian:
         Blocks of θ.
     contacts : ContactForms
         Virtual work of contacts and loads.
-    seen : RunObservables
+    observables : RunObservables
         Observables.
 
     Raises
@@ -54,9 +54,9 @@ class StepHessian:
     """
 
     def __init__(
-        self, forms: StepForms, parts: Mapping[str, ParameterBlock], contacts: ContactForms, seen: RunObservables
+        self, forms: StepForms, parts: Mapping[str, ParameterBlock], contacts: ContactForms, observables: RunObservables
     ) -> None:
-        self._parts, self._contacts, self._seen, body = list(parts.values()), contacts, seen, forms.body
+        self._parts, self._contacts, self._observables, body = list(parts.values()), contacts, observables, forms.body
         self._mesh = body.mesh
         if any(isinstance(contact, SelfContact) for contact in body.contacts):
             raise InputError("body", "with self-contact", "a body without it, for second derivatives of a run")
@@ -64,9 +64,9 @@ class StepHessian:
         self._tissues = (
             DifferenceTissueHessian(forms, of_tissue) if body.history.flows else SymbolicTissueHessian(forms)
         )
-        self._way = ngs.GridFunction(body.fes)
-        touched = self._touched()
-        self._by_state = vector(body.fes, self._touched(body.fes.TestFunction()))
+        self._direction = ngs.GridFunction(body.fes)
+        touched = self._contact_and_observable_part()
+        self._by_state = vector(body.fes, self._contact_and_observable_part(body.fes.TestFunction()))
         self._by_theta = [part.gradient(touched, body.mesh) for part in self._parts]
 
     def set_direction(self, state: Array, history: Array, theta: Mapping[str, Array]) -> None:
@@ -81,11 +81,11 @@ class StepHessian:
         theta : dict of str to array
             δθ.
         """
-        unknowns(self._way)[:] = state[: len(unknowns(self._way))]
+        unknowns(self._direction)[:] = state[: len(unknowns(self._direction))]
         self._tissues.set_direction(state, history, theta)
         for part, way in zip(self._parts, theta.values(), strict=True):
             part.set_direction(way)
-        self._seen.set_direction(np.array(unknowns(self._way)), self._change)
+        self._observables.set_direction(np.array(unknowns(self._direction)), self._change)
 
     def __call__(self, adjoint: Array, motion: Array, weights: Array) -> TissueGradients:
         """Gradients of ℓ' with respect to x, h and θ, with λ, λ + Zᵀw and Λ."""
@@ -95,12 +95,14 @@ class StepHessian:
         of_contacts[: len(by_theta)] += by_theta
         return TissueGradients(by_state + self._by_state(), by_history, of_contacts)
 
-    def _touched(self, *tested: Motion) -> Terms:
+    def _contact_and_observable_part(self, *test_args: Motion) -> Terms:
         """Part of ℓ' of contacts and observables, or its derivative along a test function."""
-        still = self._contacts.weighted_work(*tested) + self._seen.terms(*tested)
-        along = [term for part in self._parts for term in part.directional_derivative(still)]
-        moved = self._contacts.weighted_work(self._way, *tested) + self._seen.terms(self._way, *tested)
-        return moved + along + self._seen.weight_terms(*tested)
+        at_state = self._contacts.weighted_work(*test_args) + self._observables.terms(*test_args)
+        parameter_change = [term for part in self._parts for term in part.directional_derivative(at_state)]
+        change_along = self._contacts.weighted_work(self._direction, *test_args) + self._observables.terms(
+            self._direction, *test_args
+        )
+        return change_along + parameter_change + self._observables.weight_terms(*test_args)
 
     def _change(self, parts: Terms) -> Callable[[], float]:
         """Derivative along the direction of θ."""

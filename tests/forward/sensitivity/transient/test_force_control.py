@@ -68,7 +68,7 @@ def test_it_replays_what_time_stepping_does():
 
 def test_steps_that_are_solved_again_give_the_same(rng):
     of, other = forced(program=AGAIN), forced(program=AGAIN)
-    other.replay._keeping = False
+    other.replay._store_states = False
     w, _ = weighed(of, rng)
     assert other.evaluate(of.theta).gradient(w) == pytest.approx(of.evaluate(of.theta).gradient(w), rel=1e-6)
 
@@ -107,13 +107,13 @@ def test_a_bug_lowers_the_rate(bug, monkeypatch, rng):
 
 
 def test_a_way_that_stays_lowers_that_of_second_derivatives(monkeypatch, rng):
-    changes = RunLinearisation._changes_back
+    changes = RunLinearisation._changes_backwards
 
     def still(self, direction):
         for step, x, before in changes(self, direction):
             yield step, np.append(x[:-1], 0.0), before
 
-    monkeypatch.setattr(RunLinearisation, "_changes_back", still)
+    monkeypatch.setattr(RunLinearisation, "_changes_backwards", still)
     _, twice, _, _ = checked(forced(), rng)
     assert np.all(twice < 1.3), twice
 
