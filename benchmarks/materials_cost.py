@@ -115,7 +115,7 @@ def flowing(mesh: ngs.Mesh, law: Law) -> tuple[ngs.FESpace, ngs.CF, dict]:
     history.follow(Deformation.from_gradient(ngs.Id(3) + ngs.Grad(state)).shape)
     history.begin(1.0)
     history.relax()
-    history.flows.stiffen()
+    history.maxwell.stiffen()
     u, p = fes.TrialFunction()
     at = Deformation.from_gradient(ngs.Id(3) + ngs.Grad(u))
     energy = material.density(at, []) + history.energy(material, at.shape) + perturbed_lagrangian(at.J, p, BULK)

@@ -83,7 +83,7 @@ class Amplitude(WaveQuantity):
         """
         return np.asarray(w * data / self._size(data))
 
-    def bend(self, data: Array, w: Array, change: Array) -> Array:
+    def vjp_derivative(self, data: Array, w: Array, change: Array) -> Array:
         """w (δu - u Re(ū δu)/|u|²)/|u|.
 
         Parameters
@@ -138,7 +138,7 @@ class Phase(WaveQuantity):
         """
         return np.asarray(1j * w * data / self._size(data) ** 2)
 
-    def bend(self, data: Array, w: Array, change: Array) -> Array:
+    def vjp_derivative(self, data: Array, w: Array, change: Array) -> Array:
         """-w i conj(δu)/ū².
 
         Parameters
@@ -248,7 +248,7 @@ class Dose(TimeQuantity):
         """Quadrature weights of the times, with the contribution of a cubic's slopes."""
         return np.array([curve.integral_slope()[1:] for curve in self.curves(data)]).T
 
-    def bend(self, data: Array, w: Array, change: Array) -> Array:
+    def vjp_derivative(self, data: Array, w: Array, change: Array) -> Array:
         """Zero with linear interpolation.
 
         Parameters
@@ -266,7 +266,7 @@ class Dose(TimeQuantity):
             With the monotone cubic, which has no second derivatives here.
         """
         if self.interpolation is not Interpolation.LINEAR:
-            return super().bend(data, w, change)
+            return super().vjp_derivative(data, w, change)
         return np.zeros_like(data)
 
 
@@ -315,7 +315,7 @@ class TimeAbove(TimeQuantity):
         """Smoothed time above the threshold, of each column."""
         if self.interpolation is not Interpolation.LINEAR:
             return np.array([time for time, _ in self._counted(data)])
-        return np.asarray((self.steps * self._above(data).mean).sum(axis=0))
+        return np.asarray((self.steps * self._logistic_mean(data).mean).sum(axis=0))
 
     def raw(self, data: Array) -> Array:
         """Time above the threshold without smoothing: the difference is the smoothing error."""
@@ -325,7 +325,7 @@ class TimeAbove(TimeQuantity):
         """Derivative with respect to the values at both ends of each interval, with the contribution of a cubic's slopes."""
         if self.interpolation is not Interpolation.LINEAR:
             return np.array([by[1:] for _, by in self._counted(data)]).T
-        above = self._above(data)
+        above = self._logistic_mean(data)
         by_begin, by_end = (self.steps * each / self.width for each in (above.by_begin, above.by_end))
         return np.asarray(by_end + np.concatenate([by_begin[1:], np.zeros((1, data.shape[1]))]))
 
@@ -334,7 +334,7 @@ class TimeAbove(TimeQuantity):
         count = (points + 1) / 2, weights / 2
         return [curve.smoothed_time_above(count, self.threshold, self.width) for curve in self.curves(data)]
 
-    def _above(self, data: Array) -> _SmoothedTime:
+    def _logistic_mean(self, data: Array) -> _SmoothedTime:
         a, b = ((side - self.threshold) / self.width for side in self.sides(data))
         apart = b - a
         near = np.abs(apart) < CLOSE
@@ -425,8 +425,8 @@ class DerivedState:
         InputError
             Where the quantity or the model has no second derivatives.
         """
-        bent = self.quantity.bend(self.inner.data, w, self.inner.jvp(direction))
-        return np.asarray(self.inner.hvp(self._back(w), direction) + self.inner.vjp(bent))
+        derivative_weights = self.quantity.vjp_derivative(self.inner.data, w, self.inner.jvp(direction))
+        return np.asarray(self.inner.hvp(self._back(w), direction) + self.inner.vjp(derivative_weights))
 
     def _back(self, w: Array) -> Array:
         check_shape("w", np.shape(w), self.data.shape)

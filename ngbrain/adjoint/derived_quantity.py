@@ -60,7 +60,7 @@ class DerivedQuantity(ABC):
             Of the shape of `data`.
         """
 
-    def bend(self, data: Array, w: Array, change: Array) -> Array:
+    def vjp_derivative(self, data: Array, w: Array, change: Array) -> Array:
         """Derivative of `vjp` with respect to the data, in a direction.
 
         Parameters

@@ -118,8 +118,8 @@ def estimate_by_adjoint(hierarchy: ModelHierarchy, model: Model, richer: Model, 
     -------
     Estimate
     """
-    where = " of the elastic body at rest" if _at_rest(model) else ""
-    model, richer = {**model, **_at_rest(model)}, {**richer, **_at_rest(richer)}
+    where = " of the elastic body at rest" if _static_elastic_levels(model) else ""
+    model, richer = {**model, **_static_elastic_levels(model)}, {**richer, **_static_elastic_levels(richer)}
     states, doubts = solved(model).states, []
     moved: dict[str, BodyState] = {}
     for when, state in states.items():
@@ -129,7 +129,7 @@ def estimate_by_adjoint(hierarchy: ModelHierarchy, model: Model, richer: Model, 
             if not body.min_det(x) > 0:
                 raise Breakdown("the linear solution, interpreted as finite strain, inverts elements")
             with np.errstate(over="raise"):
-                first, second, share = _steps(body, x, state)
+                first, second, share = _newton_steps(body, x, state)
             if share > TRUSTED:
                 doubts.append(f"the second step is {share:.2g} of the first")
             best = x + first + second if share < 1 and body.min_det(x + first + second) > 0 else x + first
@@ -164,7 +164,7 @@ def estimate_finite_strain(hierarchy: ModelHierarchy, model: Model, richer: Mode
     return replace(other, how=f"{other.how}, in elements of second order")
 
 
-def _steps(body: Problem, x: Array, state: BodyState) -> tuple[Array, Array, float]:
+def _newton_steps(body: Problem, x: Array, state: BodyState) -> tuple[Array, Array, float]:
     """Two Newton steps from x, and the size of the second relative to the first.
 
     They use the factorisation of the given state (small strain, same elements) where it is reliable (`TRUSTED`).
@@ -172,12 +172,12 @@ def _steps(body: Problem, x: Array, state: BodyState) -> tuple[Array, Array, flo
     r = body.residual(x)[0]
     old = state.body.last_factor if state.linear and len(state.x) == len(x) else None
     with suppress(FloatingPointError):
-        if old and (found := _both(body, x, r, old))[2] <= TRUSTED:
+        if old and (found := _two_newton_steps(body, x, r, old))[2] <= TRUSTED:
             return found
-    return _both(body, x, r, body.factorise(x, r))
+    return _two_newton_steps(body, x, r, body.factorise(x, r))
 
 
-def _both(body: Problem, x: Array, r: Array, inverse: Solve) -> tuple[Array, Array, float]:
+def _two_newton_steps(body: Problem, x: Array, r: Array, inverse: Solve) -> tuple[Array, Array, float]:
     first = -inverse(r)
     if not body.min_det(x + first) > 0:
         raise Breakdown("the Newton step inverts elements")
@@ -188,20 +188,20 @@ def _both(body: Problem, x: Array, r: Array, inverse: Solve) -> tuple[Array, Arr
 def linear_elastic_levels(model: Model, **levels: str) -> dict[str, str]:
     """The linear elastic approximation of a model, relaxed where it is viscoelastic; some of its levels replaced."""
     flat = {"strain": "linear"} if "strain" in model else {}
-    return {**model, **flat, **_forgetful(model), **levels}
+    return {**model, **flat, **_elastic_levels(model), **levels}
 
 
-def _forgetful(model: Model) -> dict[str, str]:
+def _elastic_levels(model: Model) -> dict[str, str]:
     """Levels to replace for an elastic model."""
     return {"time": "relaxed"} if has_memory(model) else {}
 
 
-def _at_rest(model: Model) -> dict[str, str]:
+def _static_elastic_levels(model: Model) -> dict[str, str]:
     """Levels to replace for a model with states: elastic and without mass."""
-    return _forgetful(model) | ({"inertia": "none"} if _moves(model) else {})
+    return _elastic_levels(model) | ({"inertia": "none"} if _has_inertia(model) else {})
 
 
-def _moves(model: Model) -> bool:
+def _has_inertia(model: Model) -> bool:
     """Whether it is a body under loads with inertia."""
     return model.get("inertia") == "all" and "strain" in model
 
@@ -223,13 +223,13 @@ def estimate_linear_coarse(hierarchy: ModelHierarchy, model: Model, richer: Mode
     least = np.maximum(np.abs(change), UNSEEN)
     doubts = []
     if model.get("strain") == "finite":
-        still = _at_rest(model)
-        bent = np.abs(
+        still = _static_elastic_levels(model)
+        bending = np.abs(
             estimate_by_solution(
                 hierarchy, {**linear_elastic_levels(model), **still}, {**model, **still}, solved
             ).change
         )
-        doubts += ["finite strains change more"] * bool(np.any(bent > least))
+        doubts += ["finite strains change more"] * bool(np.any(bending > least))
     if model["mesh"] == "0":
         how = "the linear elastic body's" if "strain" in model else SOLVED
         return Estimate(change, how, "; ".join(doubts))
@@ -267,7 +267,7 @@ def estimate_contact(hierarchy: ModelHierarchy, model: Model, richer: Model, sol
     -------
     Estimate
     """
-    before, after = ({**each, **_at_rest(each), "mesh": "0"} for each in (model, richer))
+    before, after = ({**each, **_static_elastic_levels(each), "mesh": "0"} for each in (model, richer))
     found = estimate_by_solution(hierarchy, before, after, solved)
     return found if before == model else replace(found, how="the elastic body's at rest, on the coarsest elements")
 
@@ -315,14 +315,14 @@ def section_estimator(of: Estimator) -> Estimator:
     """
 
     def estimate(hierarchy: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
-        if _moves(model):
+        if _has_inertia(model):
             flat = {"space": "plane"} if "space" in model else {}
             pair = (solved(linear_elastic_levels(each, **flat)) for each in (model, richer))
             return Estimate(relative_change(*pair), "the linear elastic body's" + (", in the section" if flat else ""))
         if "space" not in model:
             found = of(hierarchy, model, richer, solved)
             return found if np.all(np.isfinite(found.change)) else estimate_linear(hierarchy, model, richer, solved)
-        flat = {"space": "plane", **_forgetful(model)}
+        flat = {"space": "plane", **_elastic_levels(model)}
         before, after = {**model, **flat}, {**richer, **flat}
         seen = solved(before)
         if before != model and np.any(np.abs(seen.answers) < NOTHING * np.asarray(seen.scales)):
@@ -352,7 +352,7 @@ def estimate_order(hierarchy: ModelHierarchy, model: Model, richer: Model, solve
     Estimate
     """
     strains = any(isinstance(quantity, Question) or quantity.name == "strain" for quantity in hierarchy.questions)
-    if strains and model.get("space") == "solid" and not _moves(model):
+    if strains and model.get("space") == "solid" and not _has_inertia(model):
         return estimate_refinement(hierarchy, model, richer, solved)
     return section_estimator(estimate_refinement)(hierarchy, model, richer, solved)
 
@@ -393,7 +393,7 @@ def estimate_elastic(hierarchy: ModelHierarchy, model: Model, richer: Model, sol
     -------
     Estimate
     """
-    before, after = ({**each, **_forgetful(each)} for each in (model, richer))
+    before, after = ({**each, **_elastic_levels(each)} for each in (model, richer))
     found = estimate_by_solution(hierarchy, before, after, solved)
     return found if before == model else replace(found, how="of the elastic body")
 

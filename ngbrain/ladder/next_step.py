@@ -26,6 +26,19 @@ def next_axes(above: Mapping[str, Axis], rung: Rung, tolerances: Array) -> tuple
 
     Where one refinement step would not reach the tolerance, element size and order are refined together, unless a single step is
     cheap (`CHEAP_STEP`): the model in between would not be the last.
+
+    Parameters
+    ----------
+    above : mapping of Axis
+        Axes that are not at their richest level.
+    rung : Rung
+        The current model, with its estimates.
+    tolerances : (n,) array
+        Relative tolerance of each answer.
+
+    Returns
+    -------
+    tuple of str
     """
 
     def gains(name: str) -> float:
@@ -58,6 +71,18 @@ def target_level(axis: Axis, rung: Rung, tolerances: Array) -> str:
 
     The remaining change is that of `model_search`, for all axes that are enriched together: otherwise another step would
     follow.
+
+    Parameters
+    ----------
+    axis : Axis
+    rung : Rung
+        The current model, with its estimates and the axes that are enriched next.
+    tolerances : (n,) array
+        Relative tolerance of each answer.
+
+    Returns
+    -------
+    str
     """
     whole, part = rung.estimates[axis.name].to, axis.next_level(rung.model[axis.name])
     if not part or not part.is_partial:

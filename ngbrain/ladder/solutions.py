@@ -70,7 +70,7 @@ class SolutionCache:
     """
 
     def __init__(self, solver: ModelSolver, executor: parallel.AnyExecutor = None) -> None:
-        self.solver, self.kept = solver, dict[Key, Solution]()
+        self.solver, self.solutions = solver, dict[Key, Solution]()
         self._executor, self._elsewhere, self._failed = executor, 0.0, dict[Key, SolverError]()
 
     def __call__(self, model: Model) -> Solution:
@@ -78,11 +78,11 @@ class SolutionCache:
         key = _key(model)
         if key in self._failed:
             raise self._failed[key]
-        if key not in self.kept:
-            self.kept[key] = self.solver.solve(model, self._near(model))
-        return self.kept[key]
+        if key not in self.solutions:
+            self.solutions[key] = self.solver.solve(model, self._similar_states(model))
+        return self.solutions[key]
 
-    def _near(self, model: Model) -> Mapping[str, BodyState] | None:
+    def _similar_states(self, model: Model) -> Mapping[str, BodyState] | None:
         """States of the most similar finite-strain model in the same place; None without one, or for small strain. With sliding
         contact the elements have to be the same: from others the solution takes a quarter longer than from rest.
         """
@@ -91,7 +91,9 @@ class SolutionCache:
         like = ("strain", *PLACE, *(ELEMENTS if model.get("contact") == "all" else ()))
         same = {axis: model[axis] for axis in like if axis in model}
         others = [
-            (dict(key), found.states) for key, found in self.kept.items() if found.states and same.items() <= set(key)
+            (dict(key), found.states)
+            for key, found in self.solutions.items()
+            if found.states and same.items() <= set(key)
         ]
         return max(others, key=lambda other: len(other[0].items() & model.items()), default=(None, None))[1]
 
@@ -111,21 +113,21 @@ class SolutionCache:
             for name, function in estimates.items():
                 if name not in done:
                     try:
-                        done[name] = function(self._if_solved)
+                        done[name] = function(self._known_or_raise)
                     except _NotSolved as unknown:
                         if not self.solver.has_states(unknown.model):
                             wanted[_key(unknown.model)] = unknown.model
             if not wanted:
                 break
-            self._fetch(wanted)
+            self._solve_missing(wanted)
         return {name: done[name] if name in done else function(self) for name, function in estimates.items()}
 
-    def _if_solved(self, model: Model) -> Solution:
-        if (key := _key(model)) not in self.kept and key not in self._failed:
+    def _known_or_raise(self, model: Model) -> Solution:
+        if (key := _key(model)) not in self.solutions and key not in self._failed:
             raise _NotSolved(model)
         return self(model)
 
-    def _fetch(self, models: Mapping[Key, Model]) -> None:
+    def _solve_missing(self, models: Mapping[Key, Model]) -> None:
         sent = pickle.dumps(self.solver.init_arguments)
         tasks = [
             parallel.Task(", ".join(map(" ".join, key)), _solve, (type(self.solver), sent, model))
@@ -134,7 +136,7 @@ class SolutionCache:
         found = parallel.run(tasks, self._executor, on_error="return")
         for key, solution in zip(models, found.values(), strict=True):
             if isinstance(solution, Solution):
-                self.kept[key] = solution
+                self.solutions[key] = solution
                 self._elsewhere += solution.cost_s
             elif isinstance(solution, SolverError) and not isinstance(solution, parallel.TaskLost):
                 self._failed[key] = solution
@@ -157,11 +159,11 @@ def _key(model: Model) -> Key:
 def _solve(
     kind: Callable[..., ModelSolver], init_arguments: bytes, model: Model, *, callback: parallel.Callback
 ) -> Solution:
-    return _rebuilt(kind, init_arguments).solve(model)
+    return _rebuild(kind, init_arguments).solve(model)
 
 
 @lru_cache(maxsize=1)
-def _rebuilt(kind: Callable[..., ModelSolver], init_arguments: bytes) -> ModelSolver:
+def _rebuild(kind: Callable[..., ModelSolver], init_arguments: bytes) -> ModelSolver:
     """A solver made once in each process, with its meshes."""
     ngsglobals.msg_level = 0
     return kind(*pickle.loads(init_arguments))

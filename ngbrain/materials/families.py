@@ -115,11 +115,11 @@ def RelaxingOgden(  # noqa: N802  (reads as a law)
     times = eta or tau
     if len(times) >= len(mu):
         raise InputError(f"RelaxingOgden.{'eta' if eta else 'tau'}", f"{len(times)} values", f"fewer than {len(mu)}")
-    stay = len(mu) - len(times)
+    n_equilibrium = len(mu) - len(times)
     terms = [NeoHooke(m) if a == NEO_HOOKE else Ogden(m, a) for m, a in zip(mu, exponents, strict=True)]
-    law = terms[0] if stay == 1 else Ogden(tuple(mu[:stay]), tuple(exponents[:stay]))
-    relaxing: type[Branch] | type[Maxwell] = Maxwell if eta else Branch
-    return Viscous(law, tuple(relaxing(term, time) for term, time in zip(terms[stay:], times, strict=True)))
+    law = terms[0] if n_equilibrium == 1 else Ogden(tuple(mu[:n_equilibrium]), tuple(exponents[:n_equilibrium]))
+    make_branch: type[Branch] | type[Maxwell] = Maxwell if eta else Branch
+    return Viscous(law, tuple(make_branch(term, time) for term, time in zip(terms[n_equilibrium:], times, strict=True)))
 
 
 def scale(law: Law, factor: Value) -> Law:
@@ -331,9 +331,9 @@ def mix(tissues: Sequence[tuple[Viscous | Law, Value]]) -> Viscous:
     materials = [viscous(law) for law, _ in tissues]
 
     def branches(kind: type) -> list[list[Any]]:
-        own = [[b for b in material.branches if isinstance(b, kind)] for material in materials]
-        most = max(map(len, own))
-        return [[of[k] if k < len(of) else None for of in own] for k in range(most)]
+        by_tissue = [[b for b in material.branches if isinstance(b, kind)] for material in materials]
+        most = max(map(len, by_tissue))
+        return [[tissue[k] if k < len(tissue) else None for tissue in by_tissue] for k in range(most)]
 
     def law_of(each: Sequence[Any]) -> Law:
         return _mix([(branch and branch.law, share) for branch, share in zip(each, shares, strict=True)])
@@ -345,9 +345,9 @@ def mix(tissues: Sequence[tuple[Viscous | Law, Value]]) -> Viscous:
         )
 
     equilibrium = _mix([(m.equilibrium, share) for m, share in zip(materials, shares, strict=True)])
-    flowing = [Maxwell(law_of(each), mean(each, "eta")) for each in branches(Maxwell)]
-    remembering = [Branch(law_of(each), mean(each, "tau")) for each in branches(Branch)]
-    return Viscous(equilibrium, (*flowing, *remembering))
+    maxwell = [Maxwell(law_of(each), mean(each, "eta")) for each in branches(Maxwell)]
+    hereditary = [Branch(law_of(each), mean(each, "tau")) for each in branches(Branch)]
+    return Viscous(equilibrium, (*maxwell, *hereditary))
 
 
 def group_by_family(tissues: Mapping[str, Viscous | Law]) -> list[list[str]]:

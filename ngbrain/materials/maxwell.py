@@ -115,15 +115,15 @@ class Maxwell:
             Overstress (Pa).
         """
         histories = points(to_voigt(C)).reshape(6, -1, len(times))
-        flow = MaxwellVariables(Points.line(histories.shape[1]), self.slopes, number(self.eta))
+        variables = MaxwellVariables(Points.line(histories.shape[1]), self.slopes, number(self.eta))
         answer = np.empty((*histories.shape[1:], 3, 3))
         before = np.outer(REST, np.ones(histories.shape[1]))
         for n, dt in enumerate(np.diff(times, prepend=times[0] - SUDDEN * number(self.tau))):
-            flow.begin(dt, before)
+            variables.begin(dt, before)
             before = histories[:, :, n]
-            flow.relax(before)
-            answer[:, n] = tensors(flow.stress)
-            flow.finish(before)
+            variables.relax(before)
+            answer[:, n] = tensors(variables.stress)
+            variables.finish(before)
         return answer
 
 
@@ -171,7 +171,7 @@ class MaxwellVariables:
         self._pull = _congruence(self._step)
         self.energy, self.stress = np.zeros(n), np.zeros((6, n))
         self._axes = np.zeros((3, n, 3, 3))
-        self._elastic, self._start, self._share = np.zeros((2, n)), np.zeros((2, n)), np.ones(n)
+        self._elastic, self._start, self._accepted_fraction = np.zeros((2, n)), np.zeros((2, n)), np.ones(n)
         self._modulus = self._at(self._elastic)[3] / 2
 
     def begin(self, dt: float, shapes: np.ndarray) -> None:
@@ -196,14 +196,17 @@ class MaxwellVariables:
         safe = np.where(self.eta > 0, self.eta, 1.0)
         theta, factor = half_step_factors(dt * modulus / safe)
         self.kappa = self.eta / dt * factor
-        flowed, self._share = -theta * dt / (4 * safe) * slope, np.ones_like(theta)
+        viscous_strain, self._accepted_fraction = -theta * dt / (4 * safe) * slope, np.ones_like(theta)
         for _ in range(HALVINGS):  # where W still decreases at its end, the flow dissipates
-            uphill = np.sum(self._at(e + flowed)[1:3] * slope, axis=0) < 0
+            uphill = np.sum(self._at(e + viscous_strain)[1:3] * slope, axis=0) < 0
             if not np.any(uphill):
                 break
-            flowed, self._share = np.where(uphill, flowed / 2, flowed), np.where(uphill, self._share / 2, self._share)
-        self._elastic = e + flowed
-        self._set(self.G @ _stretched(axes, flowed))
+            viscous_strain, self._accepted_fraction = (
+                np.where(uphill, viscous_strain / 2, viscous_strain),
+                np.where(uphill, self._accepted_fraction / 2, self._accepted_fraction),
+            )
+        self._elastic = e + viscous_strain
+        self._set(self.G @ _stretched(axes, viscous_strain))
 
     def resume_step(self, begun: np.ndarray, start: np.ndarray) -> None:
         """Restore a step after its first half.
@@ -228,20 +231,20 @@ class MaxwellVariables:
         answer = self.points(self._first)
         x, by_a = answer[:2], answer[2:].reshape(2, 6, -1)
         e, slopes = self._minimum(x)
-        self._here = x, by_a, slopes
+        self._current = x, by_a, slopes
         self.energy = slopes[0] + self.kappa * np.sum((x - e) ** 2, axis=0)
         self.stress = 2 * HALF * np.einsum("ijn,in->jn", self._pull, np.einsum("kn,kin->in", slopes[1:3], by_a))
 
     def stiffness(self, where: np.ndarray | slice = EVERYWHERE) -> np.ndarray:
         """∂²/∂C̄² of the energy by the six entries of C̄ (n, 6, 6), at the C̄ of the last `relax`; or at some points."""
-        (_, by_a, slopes), k = self._here, 2 * self.kappa[where]
+        (_, by_a, slopes), k = self._current, 2 * self.kappa[where]
         by_a, slopes, pull = by_a[..., where], slopes[:, where], np.moveaxis(self._pull[..., where], 2, 0)
         a, b, c = slopes[3:]
         det = (a + k) * (c + k) - b * b
         M = np.array([[a * (c + k) - b * b, k * b], [k * b, c * (a + k) - b * b]]) * k / np.where(det != 0, det, 1.0)
-        bent = np.einsum("kn,kijn->nij", slopes[1:3], self.points(self._second, where).reshape(2, 6, 6, -1))
-        bent += np.einsum("kln,kin,ljn->nij", M, by_a, by_a)
-        return np.swapaxes(pull, 1, 2) @ bent @ pull
+        hessian = np.einsum("kn,kijn->nij", slopes[1:3], self.points(self._second, where).reshape(2, 6, 6, -1))
+        hessian += np.einsum("kln,kin,ljn->nij", M, by_a, by_a)
+        return np.swapaxes(pull, 1, 2) @ hessian @ pull
 
     def finish(self, shapes: np.ndarray) -> None:
         """End the step at these C̄ (6, n)."""
@@ -259,7 +262,7 @@ class MaxwellVariables:
         """Solution of the present step (5, n): e of the last `relax`, e at its start, and the accepted fraction of
         the first half's flow.
         """
-        return np.vstack([self._elastic, self._start, self._share])
+        return np.vstack([self._elastic, self._start, self._accepted_fraction])
 
     @property
     def step_state(self) -> np.ndarray:
@@ -292,8 +295,8 @@ class MaxwellVariables:
     def _strained(self, pull: np.ndarray, shapes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Axes n_i ⊗ n_i (3, n, 3, 3) of GᵀC̄G and its strains, with G as in `pull`, by the formula that the energy uses."""
         self.points.put(self._pulled, np.einsum("ijn,jn->in", pull, shapes))
-        found = self.points(self._spectrum)
-        return np.array([tensors(HALF * axis) for axis in found[2:].reshape(3, 6, -1)]), found[:2]
+        values = self.points(self._spectrum)
+        return np.array([tensors(HALF * axis) for axis in values[2:].reshape(3, 6, -1)]), values[:2]
 
     def _at(self, e: np.ndarray, where: np.ndarray | slice = EVERYWHERE) -> np.ndarray:
         self.points.put(self._strain, e)
@@ -354,13 +357,13 @@ class MaxwellTerm:
     ----------
     points : Points
         Evaluation points.
-    flows : sequence of MaxwellVariables
+    branches : sequence of MaxwellVariables
         The branches.
     """
 
-    def __init__(self, points: Points, flows: Sequence[MaxwellVariables]) -> None:
+    def __init__(self, points: Points, branches: Sequence[MaxwellVariables]) -> None:
         n = len(points.mapped)
-        self.points, self.flows = points, tuple(flows)
+        self.points, self.branches = points, tuple(branches)
         self._stiffness = np.zeros((n, 6, 6))
         self._energy = points.field(
             np.zeros((34, n))
@@ -368,7 +371,7 @@ class MaxwellTerm:
         self._stress = points.field(np.zeros((6, n)))
 
     def __bool__(self) -> bool:
-        return bool(self.flows)
+        return bool(self.branches)
 
     def energy(self, C: CoefficientFunction) -> CoefficientFunction:
         """a + b·d + ½ d·Dd (Pa) of the isochoric C̄."""
@@ -393,32 +396,32 @@ class MaxwellTerm:
         shapes : numpy.ndarray of shape (6, n)
             C̄ at the start of the step.
         """
-        for flow in self.flows:
-            flow.begin(dt, shapes)
+        for branch in self.branches:
+            branch.begin(dt, shapes)
 
     def relax(self, shapes: np.ndarray) -> None:
         """Find the minimum of every branch at these C̄ (6, n)."""
-        for flow in self.flows:
-            flow.relax(shapes)
+        for branch in self.branches:
+            branch.relax(shapes)
         self._shapes = shapes
         self._set()
 
     def stiffen(self, where: np.ndarray | slice = EVERYWHERE) -> None:
         """Set the Hessian at the C̄ of the last `relax`, everywhere or at some points, all of their elements."""
-        self._stiffness[where] = np.sum([flow.stiffness(where) for flow in self.flows], axis=0)
+        self._stiffness[where] = np.sum([branch.stiffness(where) for branch in self.branches], axis=0)
         self._set()
 
     def _set(self) -> None:
-        stress = np.sum([flow.stress for flow in self.flows], axis=0)
-        level = np.sum([flow.energy for flow in self.flows], axis=0)
+        stress = np.sum([branch.stress for branch in self.branches], axis=0)
+        level = np.sum([branch.energy for branch in self.branches], axis=0)
         half = self._stiffness[:, *UPPER].T
         self.points.put(self._energy, np.vstack([self._shapes, level, stress / (2 * HALF), half]))
         self.points.put(self._stress, stress)
 
     def finish(self, shapes: np.ndarray) -> None:
         """End the step at these C̄ (6, n)."""
-        for flow in self.flows:
-            flow.finish(shapes)
+        for branch in self.branches:
+            branch.finish(shapes)
 
     @property
     def frozen(self) -> list[np.ndarray]:

@@ -110,7 +110,7 @@ def follow(
     record : PathRecord
     """
     record, t, dt = PathRecord(), begin, 1 / steps
-    if not begin and _idle(path, newton, x, record):
+    if not begin and _load_has_no_effect(path, newton, x, record):
         t = 1.0
         record.history.append((t, NewtonRecord(status=Status.CONVERGED, min_det_F=path.min_det(x))))
         if callback:
@@ -199,7 +199,7 @@ def _step(
         if before:
             guess = x + (goal - t) / (t - before[1]) * (x - before[0])
         else:
-            guess = x + _along(path, newton, x, t, goal, record)
+            guess = x + _tangent_predictor(path, newton, x, t, goal, record)
         guess = path.load(guess, goal)
         det = path.min_det(guess)
         if not det > newton.min_det:
@@ -216,7 +216,7 @@ def _step(
     return None, state
 
 
-def _idle(path: Path, newton: Newton, x: Array, record: PathRecord) -> bool:
+def _load_has_no_effect(path: Path, newton: Newton, x: Array, record: PathRecord) -> bool:
     """Whether x is in equilibrium and the whole load changes neither prescribed values nor residual, to the last bit."""
     if not np.array_equal(path.load(x, 1.0), x):
         return False
@@ -234,7 +234,7 @@ def _idle(path: Path, newton: Newton, x: Array, record: PathRecord) -> bool:
     return bool(np.sqrt(path.weights @ newton.inverse(r) ** 2) <= STILL)
 
 
-def _along(path: Path, newton: Newton, x: Array, t: float, goal: float, record: PathRecord) -> Array:
+def _tangent_predictor(path: Path, newton: Newton, x: Array, t: float, goal: float, record: PathRecord) -> Array:
     """Tangent predictor from t to `goal`; the residual's derivative is a difference quotient."""
     r = path.residual(path.load(x, t))[0]
     near = t + PROBE * (goal - t)

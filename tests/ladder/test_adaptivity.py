@@ -133,10 +133,10 @@ def test_a_model_starts_where_the_one_most_like_it_came_to_rest(monkeypatch) -> 
     model = linear(asked, strain="finite", space="solid", extent="whole")
     first = cache(model)
     cache({**model, "space": "plane"})
-    assert cache._near({**model, "order": "2"}) is first.states
-    assert cache._near({**model, "order": "2", "extent": "near"}) is None
-    assert cache._near({**model, "strain": "linear"}) is None
+    assert cache._similar_states({**model, "order": "2"}) is first.states
+    assert cache._similar_states({**model, "order": "2", "extent": "near"}) is None
+    assert cache._similar_states({**model, "strain": "linear"}) is None
     near = cache({**model, "order": "2"})
-    assert cache._near({**model, "order": "2", "mesh": "1"}) is near.states
+    assert cache._similar_states({**model, "order": "2", "mesh": "1"}) is near.states
     alone = solve(cache.solver, {**model, "order": "2"})
     assert near.answers == pytest.approx(alone.answers, rel=1e-6)

@@ -164,7 +164,7 @@ def test_an_answer_takes_hardly_more_unknowns_than_an_experts_first_guess():
         if np.abs(relative_difference(first.answers, truth.answers)).max() > TOLERANCE:
             raise ValueError("the first guess does not meet the tolerance")
         search_models(scene, RICHEST, cache=cache)
-        dearer.append(sum(found.ndof for found in cache.kept.values()) / first.ndof)
+        dearer.append(sum(found.ndof for found in cache.solutions.values()) / first.ndof)
     print(dearer)
     assert np.median(dearer) < 1.2
 

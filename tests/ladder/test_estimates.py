@@ -64,7 +64,7 @@ def test_elements_of_small_strains_are_judged_by_solutions_that_are_kept(axis: s
         model = {**cheapest(axes), "strain": strain, "pressure": "unknown"}
         found = estimate(cache, model, axes[axis])
         richer = {**model, axis: found.to}
-        assert (tuple(sorted(richer.items())) in cache.kept) == kept
+        assert (tuple(sorted(richer.items())) in cache.solutions) == kept
         assert ("weighted by adjoints" in found.how) != kept
 
 
@@ -216,7 +216,7 @@ def test_elements_in_space_are_judged_in_the_section() -> None:
     wild = section_estimator(lambda *_: Estimate(np.full(1, 0.01), "guessed", "a guess"))
     solved = wild(cache.solver, model, {**model, "mesh": "1"}, cache)
     assert solved.change == pytest.approx(true) and not solved.doubt
-    assert all(dict(key)["space"] == "plane" for key in cache.kept)
+    assert all(dict(key)["space"] == "plane" for key in cache.solutions)
 
 
 def test_elements_that_fold_a_body_without_a_section_are_judged_by_the_linear_one() -> None:

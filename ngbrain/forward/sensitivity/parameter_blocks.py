@@ -289,7 +289,20 @@ class PrescribedDisplacement:
 
 
 def assembled_jacobian(space: ngs.FESpace, along: ngs.FESpace, parts: Terms) -> Callable[[], sp.csr_array]:
-    """Assembler of a matrix with test functions of one space and trial functions of another."""
+    """Assembler of a matrix with test functions of one space and trial functions of another.
+
+    Parameters
+    ----------
+    space, along : FESpace
+        Spaces of the test and of the trial functions.
+    parts : list of WorkIntegral
+        Integrals, linear in both.
+
+    Returns
+    -------
+    callable
+        Assembles the matrix (ndof, ndof of `along`).
+    """
     form = ngs.BilinearForm(trialspace=along, testspace=space)
     for part in parts:
         form += part.integral

@@ -44,7 +44,7 @@ class History:
         self.n_branches = max((len(region.hereditary_branches) for region in regions.values()), default=0)
         self.shares = [ngs.GridFunction(self.space) for _ in range(self.n_branches)]
         most = max((len(region.maxwell_branches) for region in regions.values()), default=0)
-        self.flows = MaxwellTerm(self.points, [self._flow(k) for k in range(most)])
+        self.maxwell = MaxwellTerm(self.points, [self._maxwell_branch(k) for k in range(most)])
         self.reset()
         self._stress_cf: list[CoefficientFunction] = []
         self._shape_cf: CoefficientFunction = to_voigt(ngs.Id(3))
@@ -62,14 +62,14 @@ class History:
                 name: r.hereditary_branches[k].tau for name, r in self.regions.items() if len(r.hereditary_branches) > k
             }
             self._tau[k] = self._values(times, REST)
-        for k, flow in enumerate(self.flows.flows):
-            flow.reset(self._viscosity(k))
+        for k, branch in enumerate(self.maxwell.branches):
+            branch.reset(self._viscosity(k))
 
     def _viscosity(self, k: int) -> np.ndarray:
         etas = {name: r.maxwell_branches[k].eta for name, r in self.regions.items() if len(r.maxwell_branches) > k}
         return self._values(etas, 0.0)
 
-    def _flow(self, k: int) -> MaxwellVariables:
+    def _maxwell_branch(self, k: int) -> MaxwellVariables:
         """The k-th Maxwell branch of all regions that have one; elsewhere with zero viscosity, so that it carries no stress."""
         branches = {name: r.maxwell_branches[k] for name, r in self.regions.items() if len(r.maxwell_branches) > k}
         absent = ngs.CF((0.0, 0.0, 0.0, 1.0, 0.0, 1.0))
@@ -99,7 +99,7 @@ class History:
         -------
         CoefficientFunction
         """
-        return self._pulled(region, C) + (self.flows.energy(C) if region.maxwell_branches else 0.0)
+        return self._history_energy(region, C) + (self.maxwell.energy(C) if region.maxwell_branches else 0.0)
 
     def work(self, region: Viscous, C: CoefficientFunction) -> CoefficientFunction:
         """Expression with the derivative of `energy` at the current state, for forces only.
@@ -114,9 +114,9 @@ class History:
         -------
         CoefficientFunction
         """
-        return self._pulled(region, C) + (self.flows.work(C) if region.maxwell_branches else 0.0)
+        return self._history_energy(region, C) + (self.maxwell.work(C) if region.maxwell_branches else 0.0)
 
-    def _pulled(self, region: Viscous, C: CoefficientFunction) -> CoefficientFunction:
+    def _history_energy(self, region: Viscous, C: CoefficientFunction) -> CoefficientFunction:
         return 0.5 * ngs.InnerProduct(from_voigt(self.pull), C) if region.hereditary_branches else ngs.CF(0.0)
 
     def follow(self, C: CoefficientFunction) -> None:
@@ -139,11 +139,11 @@ class History:
             self.shares[k].vec.FV().NumPy()[:] = beta
             pull += e * self.overstress[k] - beta * self.stress[k]
         self.pull.vec.FV().NumPy()[:] = pull.ravel()
-        self.flows.begin(dt, self.strain)
+        self.maxwell.begin(dt, self.strain)
 
     def relax(self) -> None:
         """Solve for the Maxwell branches at the current state."""
-        self.flows.relax(self.shapes())
+        self.maxwell.relax(self.shapes())
 
     def finish(self) -> None:
         """Update the internal variables at the end of the step, at the current state.
@@ -151,7 +151,7 @@ class History:
         The coefficients of the energy stay those of the step until the next one begins, so that forces can still be read.
         """
         self.strain = self.shapes()
-        self.flows.finish(self.strain)
+        self.maxwell.finish(self.strain)
         before, self.stress, self.overstress = self.stress, np.empty_like(self.stress), self.overstress.copy()
         for k in range(self.n_branches):
             e, beta = step_factors(self.dt, self._tau[k])
@@ -180,9 +180,9 @@ class History:
             e, beta = step_factors(half, self._tau[k])
             twice = e * (e * self.overstress[k] + beta * first) + beta * last
             change, size = change + twice - once, size + twice
-        for flow in self.flows.flows:
-            twice = flow.half_step_stress(half, middle[0], end[0])
-            change, size = change + twice - flow.stress, size + twice
+        for branch in self.maxwell.branches:
+            twice = branch.half_step_stress(half, middle[0], end[0])
+            change, size = change + twice - branch.stress, size + twice
         return float(np.sqrt(np.mean(change**2))), float(np.sqrt(np.mean(size**2)))
 
     # Restart.
@@ -190,23 +190,23 @@ class History:
     @property
     def internal(self) -> Mapping[str, Any]:
         """Everything that determines later steps."""
-        inner = [flow.G for flow in self.flows.flows]
+        inner = [branch.G for branch in self.maxwell.branches]
         return {"stress": self.stress, "overstress": self.overstress, "strain": self.strain, "inner": inner}
 
     @internal.setter
     def internal(self, saved: Mapping[str, Any]) -> None:
         self.stress, self.overstress, self.strain = saved["stress"], saved["overstress"], saved["strain"]
-        for flow, G in zip(self.flows.flows, saved["inner"], strict=True):
-            flow.G = G
+        for branch, G in zip(self.maxwell.branches, saved["inner"], strict=True):
+            branch.G = G
 
     @property
     def frozen(self) -> Mapping[str, Any]:
         """Coefficients of the energy of the current step, after `relax`."""
         pull = self.pull.vec.FV().NumPy().copy()
-        return {"dt": self.dt, "pull": pull, "flows": self.flows.frozen}
+        return {"dt": self.dt, "pull": pull, "flows": self.maxwell.frozen}
 
     @frozen.setter
     def frozen(self, saved: Mapping[str, Any]) -> None:
         self.begin(saved["dt"])
         self.pull.vec.FV().NumPy()[:] = saved["pull"]
-        self.flows.frozen = saved["flows"]
+        self.maxwell.frozen = saved["flows"]

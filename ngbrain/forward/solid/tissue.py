@@ -181,7 +181,7 @@ class TissueTerm(Term):
 
     def update(self) -> None:
         """Solve for the Maxwell branches at the current unknowns."""
-        if self.history is not None and self.history.flows and not np.array_equal(x := self._x(), self._relaxed):
+        if self.history is not None and self.history.maxwell and not np.array_equal(x := self._x(), self._relaxed):
             self.history.relax()
             self._relaxed, self._stiff = x, False
 
@@ -193,8 +193,8 @@ class TissueTerm(Term):
 
     def stiffen(self, where: Array | slice = EVERYWHERE) -> None:
         """Compute the stiffness of the branches, everywhere or at some points."""
-        if self.history is not None and self.history.flows and not self._stiff:
-            self.history.flows.stiffen(where)
+        if self.history is not None and self.history.maxwell and not self._stiff:
+            self.history.maxwell.stiffen(where)
             self._stiff = where is EVERYWHERE
 
     def _x(self) -> Array:

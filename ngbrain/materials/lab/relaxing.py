@@ -309,7 +309,7 @@ class _TimeMarch:
         points = Points.line(count)
         self._memory = points.field(np.zeros((9, count)))
         memory = ngs.CF(tuple(self._memory[i] for i in range(9)), dims=(3, 3))
-        self._flows = MaxwellTerm(
+        self._maxwell = MaxwellTerm(
             points,
             [MaxwellVariables(points, branch.slopes, number(branch.eta)) for branch in material.maxwell_branches],
         )
@@ -317,7 +317,7 @@ class _TimeMarch:
 
         def energy(at: Deformation) -> CoefficientFunction:
             hereditary = material.density(at, self._beta) + 0.5 * ngs.InnerProduct(memory, at.C)
-            return hereditary + self._flows.energy(at.C) if self._flows else hereditary
+            return hereditary + self._maxwell.energy(at.C) if self._maxwell else hereditary
 
         self.specimen = Specimen(energy, test, count, describe_law(material))
         C = self.specimen.C
@@ -335,8 +335,8 @@ class _TimeMarch:
         self._factors = e[:, None, None], beta[:, None, None]
         memory = self._factors[0] * self._H - self._factors[1] * self._S
         self.specimen.points.put(self._memory, memory.sum(axis=0))
-        if self._flows:
-            self._flows.begin(dt or self._sudden, self._before)
+        if self._maxwell:
+            self._maxwell.begin(dt or self._sudden, self._before)
             self.specimen.follow = [self._relax]
             self._relax()
 
@@ -349,8 +349,8 @@ class _TimeMarch:
         self.specimen.find_equilibrium(given)
 
     def _relax(self) -> None:
-        self._flows.relax(self.specimen.points(self._shape))
-        self._flows.stiffen()
+        self._maxwell.relax(self.specimen.points(self._shape))
+        self._maxwell.stiffen()
 
     def end(self) -> None:
         """Update the internal variables."""
@@ -359,4 +359,4 @@ class _TimeMarch:
         S = np.array([points(stress) for stress in self._stress]).reshape(self._S.shape)
         self._H, self._S = e * self._H + beta * (S - self._S), S
         self._before = points(self._shape)
-        self._flows.finish(self._before)
+        self._maxwell.finish(self._before)

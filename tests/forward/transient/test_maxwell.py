@@ -135,4 +135,4 @@ def test_restart_goes_on_to_the_same_bits(make_body, plate):
     other.restore(half.checkpoint())
     other.run(lambda *_: None)
     assert np.array_equal(other.problem.x, whole.problem.x)
-    assert np.array_equal(other.problem.history.flows.flows[0].G, whole.problem.history.flows.flows[0].G)
+    assert np.array_equal(other.problem.history.maxwell.branches[0].G, whole.problem.history.maxwell.branches[0].G)

@@ -310,5 +310,5 @@ class Replay:
     def _set_end(self, x: Array) -> None:
         """Set the degrees of freedom, and update the Maxwell branches there."""
         self.body.x = x
-        if self.body.history.flows:
+        if self.body.history.maxwell:
             self.body.residual(x)

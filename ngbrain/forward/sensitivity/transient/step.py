@@ -76,14 +76,14 @@ class StepForms:
         self.body, self.parameters = body, dict(parameters)
         history, space = body.history, body.history.space
         self.points, self.dt = history.points, ngs.Parameter(1.0)
-        flows = range(len(history.flows.flows))
+        branches = range(len(history.maxwell.branches))
         self._s = ngs.Parameter(0.0)
         self._pairs = [
             (QuadratureBlock(space, 6, self._s), QuadratureBlock(space, 6, self._s)) for _ in range(history.n_branches)
         ]
-        self._strain = [QuadratureBlock(space, 6, self._s)] if flows else []
+        self._strain = [QuadratureBlock(space, 6, self._s)] if branches else []
         self._G, self._half, self._converged = (
-            [QuadratureBlock(space, size, self._s) for _ in flows] for size in (9, 10, 5)
+            [QuadratureBlock(space, size, self._s) for _ in branches] for size in (9, 10, 5)
         )
         self.blocks = [block for pair in self._pairs for block in pair] + self._strain + self._G
         self.size = sum(block.size for block in self.blocks)
@@ -172,9 +172,11 @@ class StepForms:
 
     def read_maxwell_states(self) -> None:
         """Read from the Maxwell branches their start and their solution."""
-        for flow, half, converged in zip(self.body.history.flows.flows, self._half, self._converged, strict=True):
-            set_rows([half], "value", flow.step_state)
-            set_rows([converged], "value", flow.step_solution)
+        for branch, half, converged in zip(
+            self.body.history.maxwell.branches, self._half, self._converged, strict=True
+        ):
+            set_rows([half], "value", branch.step_state)
+            set_rows([converged], "value", branch.step_solution)
 
     def residual_derivative(self, history: Array, theta: Mapping[str, Array]) -> Array:
         """R_h δh + R_m δm + R_θ δθ.
@@ -247,13 +249,13 @@ class StepForms:
     def _check(self, material: Material) -> None:
         """Derivatives are with respect to values at points: a material must not use a parameter's gradient."""
         at = Deformation.from_gradient(self.deformation_gradient(self.body.u))
-        flows = [
+        branches = [
             ngs.CF((branch_end.law, branch_end.branch.eta))
             for branch_end in self._maxwell_ends(material, at.shape, UNPERTURBED)
         ]
         for name, parameter in self.parameters.items():
             if isinstance(parameter, ngs.GridFunction):
-                for coefficients in (self.energies(material, at, self.p, UNPERTURBED)[0].value, *flows):
+                for coefficients in (self.energies(material, at, self.p, UNPERTURBED)[0].value, *branches):
                     if re.search(
                         r"diffop = (?!Id\b)",
                         str(coefficients.Diff(parameter, parameter.space.TestFunction()).Compile()),
@@ -311,11 +313,11 @@ class StepForms:
         energy = law.density(at, [beta for _, beta in factors]) + material.volumetric_energy(at.J, p)
         for (e, beta), (stress, over) in zip(factors, self._pairs, strict=False):
             energy += 0.5 * ngs.InnerProduct(from_voigt(e * view(over) - beta * view(stress)), at.shape)
-        flows = (
+        branches = (
             self._branch_function(branch_end.energy, branch_end, view)
             for branch_end in self._maxwell_ends(material, at.shape, view)
         )
-        return [QuadratureFunction(energy, self.parameter_derivatives(energy)), *flows]
+        return [QuadratureFunction(energy, self.parameter_derivatives(energy)), *branches]
 
     def _maxwell_ends(self, material: Material, shape: CoefficientFunction, view: View) -> list[MaxwellEnd]:
         parts = zip(material.viscous.maxwell_branches, self._half, self._converged, strict=False)
@@ -325,13 +327,13 @@ class StepForms:
         ]
 
     def _branch_function(
-        self, value: CoefficientFunction, flow: MaxwellStart | MaxwellEnd, view: View
+        self, value: CoefficientFunction, branch: MaxwellStart | MaxwellEnd, view: View
     ) -> QuadratureFunction:
         """A quantity of a Maxwell branch as a `QuadratureFunction`."""
         return (
             QuadratureFunction(value)
             if view is PERTURBED
-            else QuadratureFunction(value, self.parameter_derivatives(flow.law), flow.coefficients)
+            else QuadratureFunction(value, self.parameter_derivatives(branch.law), branch.coefficients)
         )
 
     def updates(self, material: Material, shape: CoefficientFunction, view: View) -> list[QuadratureFunction]:

@@ -62,7 +62,7 @@ class StepHessian:
             raise InputError("body", "with self-contact", "a body without it, for second derivatives of a run")
         of_tissue = {name: parts[name] for name in forms.parameters}
         self._tissues = (
-            DifferenceTissueHessian(forms, of_tissue) if body.history.flows else SymbolicTissueHessian(forms)
+            DifferenceTissueHessian(forms, of_tissue) if body.history.maxwell else SymbolicTissueHessian(forms)
         )
         self._direction = ngs.GridFunction(body.fes)
         touched = self._contact_and_observable_part()

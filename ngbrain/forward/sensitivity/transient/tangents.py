@@ -58,9 +58,9 @@ class Tangents:
         callable
             b → K⁻¹ b.
         """
-        flows = self.body.history.flows
-        if flows:
-            flows.stiffen()
+        maxwell = self.body.history.maxwell
+        if maxwell:
+            maxwell.stiffen()
         self.body.form.AssembleLinearization(self.body.gfu.vec)
         self._fresh, self._rtol, self._max_iter = False, rtol, MAX_ITERATIONS if rtol >= RTOL else FINE_MAX_ITERATIONS
         if n_rhs > FEW:
@@ -152,9 +152,9 @@ class PivotedTangents:
         SolverError
             Where the tangent is singular.
         """
-        flows = self.body.history.flows
-        if flows:
-            flows.stiffen()
+        maxwell = self.body.history.maxwell
+        if maxwell:
+            maxwell.stiffen()
         self._whole.AssembleLinearization(self.body.gfu.vec)
         if self._form is not self._whole:
             self._form.AssembleLinearization(self.body.gfu.vec)

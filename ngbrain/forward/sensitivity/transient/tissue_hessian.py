@@ -170,7 +170,7 @@ class DifferenceTissueHessian:
         """Gradients of ℓ', with μ and Λ."""
         forms, body, theta = self._forms, self._forms.body, {n: part.value for n, part in self._parts.items()}
         unknowns(self._motion)[:] = motion
-        state, history, flows = body.x, forms.history, body.history.flows.flows
+        state, history, branches = body.x, forms.history, body.history.maxwell.branches
         way, back, by = self._ways
 
         def set_state(s: float) -> None:
@@ -179,9 +179,9 @@ class DifferenceTissueHessian:
             body.x = state + s * way
             set_rows(forms.blocks, "value", history + s * back)
             begun, shapes = forms.points(self._begun)[1:], body.history.shapes()
-            for flow, found in zip(flows, begun.reshape(len(flows), 12, begun.shape[1]), strict=True):
-                flow.resume_step(found[2:], found[:2])
-                flow.relax(shapes)
+            for branch, found in zip(branches, begun.reshape(len(branches), 12, begun.shape[1]), strict=True):
+                branch.resume_step(found[2:], found[:2])
+                branch.relax(shapes)
             forms.read_maxwell_states()
 
         def slopes(s: float) -> Array:
@@ -203,7 +203,7 @@ class DifferenceTissueHessian:
         """Start of the branches: strains, G and κ; at rest where a region has fewer branches."""
         found = [ngs.CF((*begun.strain, begun.value)) for begun in self._forms.maxwell_starts(material, UNPERTURBED)]
         at_rest = ngs.CF((0.0, 0.0, ngs.Id(3).Reshape((9,)), 0.0))
-        missing = len(self._forms.body.history.flows.flows) - len(found)
+        missing = len(self._forms.body.history.maxwell.branches) - len(found)
         return ngs.CF((0.0, *found, *[at_rest] * missing)).Compile()
 
     def _density(self, material: Material) -> Density:
