@@ -148,7 +148,7 @@ def test_what_folds_is_no_number_and_solvers_are_heard() -> None:
     scene = replace(scene, tractions=(Traction(boundary="top", value=(0, 0, -1e5)),))
     result = ngbrain.simulate(scene, model={"order": "1"})
     strain = next(each for each in result["left_out"] if each["axis"] == "strain")
-    assert strain["change"] == [None] and "fold" in strain["doubt"] and list(result.errors.values()) == [None]
+    assert strain["change"] == [None] and "inverts" in strain["doubt"] and list(result.errors.values()) == [None]
     far = ngbrain.simulate(
         squeezed(11, Tissue(mu=(1e3,), poissons_ratio=0.3)), model={"order": "2", "strain": "finite"}
     )
@@ -369,7 +369,7 @@ def test_halved_elements_change_at_least_half_of_what_a_higher_order_does() -> N
 def test_what_comes_near_the_tolerance_is_said() -> None:
     scene = squeezed(1, Tissue(mu=(1e3,), alpha=(-19.0,), poissons_ratio=0.3))
     missing = search_models(scene, BOUNDS).error[0]
-    for share, said in ((0.9, "nearly"), (0.5, "")):
+    for share, said in ((0.9, "close to"), (0.5, "")):
         asked = replace(scene, quantities=(replace(scene.quantities[0], tolerance=float(missing / share)),))
         found = search_models(asked, BOUNDS)
         assert found.error[0] == pytest.approx(missing)

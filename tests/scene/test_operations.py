@@ -329,7 +329,7 @@ BAD = [
     ("tissue.2.bulk_to_shear_ratio", 1e300, r"tissue#3\.bulk_to_shear_ratio is 1e\+300; wanted: a ratio of 0\.001 to 1e9"),
     ("tissue.2.bulk_to_shear_ratio", 0, r"tissue#3\.bulk_to_shear_ratio is 0; wanted: a number greater than 0"),
     ("displacement_bc.0.boundary", 3, r"displacement_bc#1\.boundary is 3; wanted: a name"),
-    ("displacement_bc.0.value_mm", [0, 0, 1.0], r"displacement_bc#1\.value_mm is .*; wanted: 0 in each place"),
+    ("displacement_bc.0.value_mm", [0, 0, 1.0], r"displacement_bc#1\.value_mm is .*; wanted: all 0"),
     ("displacement_bc.0.components", "z", r"displacement_bc#1\.components is 'z'; wanted: 'xyz'"),
     ("displacement_bc.0.contact", "frictionless", r"displacement_bc#1\.contact is .*; wanted: bonded or sliding"),
     ("traction", [{"boundary": "skull", "value_Pa": [0, 0, 1]}], r"traction is given; wanted: this table left out"),
@@ -564,7 +564,7 @@ def test_intermittent_is_taken_if_and_only_if_the_end_falls_in_a_hold_that_is_no
 def test_more_holds_than_anyone_could_compute_are_refused(demo):
     demo["time"]["ramp_s"] = 0.1
     line = str(refusal(put(demo, "protocol.1", {"kind": "intermittent", "hold_s": 0.1, "rest_s": 0.1})))
-    assert re.search(r"^protocol#2\.hold_s is 0\.1; wanted: .* at most 1000, .*end_s = 900$", line), line
+    assert re.search(r"^protocol#2\.hold_s is 0\.1; wanted: .* to the 1000th, .*end_s = 900$", line), line
 
 
 # Whatever comes: a scene, or one line that names the field.

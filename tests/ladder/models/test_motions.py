@@ -337,11 +337,11 @@ def test_the_ladder_climbs_what_touches():
         ({"shape": "cylinder", "point": (0, 0, 0.04), "radius": 0.02, "direction": (0, 1, 0)}, None),
         (
             {"shape": "cylinder", "point": (0, 0, 0.04), "radius": 0.02, "direction": (1, 0, 0)},
-            "the cylinder on 'top' is none of",
+            "the cylinder on 'top' has no section",
         ),
         (
             {"shape": "plane", "point": (0, 0, 0.04), "direction": (0, 0, -1), "travel": (0, 1e-3, 0)},
-            "the plane on 'top' is none",
+            "the plane on 'top' has no section",
         ),
     ],
 )
