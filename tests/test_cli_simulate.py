@@ -41,7 +41,7 @@ def test_a_scene_is_solved_and_told(tmp_path, capsys):
     assert force["error_estimate"] <= force["tolerance"] == 0.12 and force["model"] == result["model"]
     assert result["model"]["time"] == "relaxed" and result["model"]["strain"] == "linear"
     page = (tmp_path / "out" / "report.html").read_text()
-    assert "What this model left out" in page and "finite strains and rotations" in page
+    assert "Omitted effects" in page and "finite strains and rotations" in page
     assert "http" not in re.sub(r"base64,[^\"]+|http-equiv", "", page)
     file.write_text(ELASTIC)
     assert main(["simulate", str(file), "-o", str(tmp_path / "out"), "--force"]) == 0

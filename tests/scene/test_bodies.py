@@ -93,7 +93,11 @@ def test_a_file_is_read_in_its_units_and_written_back(tmp_path):
         ("value_mm = [0, 0, -0.2]", "rotation_deg = 'x'\naxis = [0, 0, 1]", "rotation_deg is .* wanted: one of pi, t"),
         ("value_mm = [0, 0, -0.2]", "rotation_deg = 999\naxis = [0, 0, 1]", "at most 720 degrees"),
         ("value_mm = [0, 0, -0.2]", "centre_mm = [0, 0, 1]", "centre_mm"),
-        ("-0.2]", "'-x']\ncontact = 'frictionless'", "value_mm .* numbers: a frictionless face moves along a straight line"),
+        (
+            "-0.2]",
+            "'-x']\ncontact = 'frictionless'",
+            "value_mm .* numbers: a frictionless face moves along a straight line",
+        ),
         ("-0.2]\n[time]", "'t']\n[time]\nfrequency_Hz = 5", "value_mm .* in a harmonic problem they are amplitudes"),
         ("[time]", "[[pressure]]\nboundary = 'top'\nvalue_Pa = 1e12\n[time]", "pressure#1.value_Pa .* at most 1e.09"),
         ("[time]", "[[pressure]]\nboundary = 'top'\nvalue_Pa = 1\n[time]\nfrequency_Hz = 5", "a ..traction.."),
