@@ -67,7 +67,8 @@ if TYPE_CHECKING:
     from ngbrain.forward.observables.points import Displacements
     from ngbrain.forward.observables.ratio import Ratio
     from ngbrain.forward.sensitivity.harmonic.wave_model import WaveLinearisation, WaveModel
-    from ngbrain.forward.sensitivity.parameter_blocks import NodePositions, PrescribedDisplacement
+    from ngbrain.forward.sensitivity.node_positions import NodePositions
+    from ngbrain.forward.sensitivity.parameter_blocks import PrescribedDisplacement
     from ngbrain.forward.sensitivity.reference_shape import Positions
     from ngbrain.forward.sensitivity.static_equilibrium import LoadCase
     from ngbrain.forward.sensitivity.static_model import StaticLinearisation, StaticModel
