@@ -1,4 +1,4 @@
-# make demo | test | slow | lint | bench | bench-peers | bench-peers-gradient | clean    what to pass on: make demo ARGS=--fast
+# make demo | test | slow | lint | bench | pages | bench-peers | bench-peers-gradient | clean    what to pass on: make demo ARGS=--fast
 # Needs make and Python with venv; everything else is installed into .venv.
 
 VENV ?= .venv
@@ -10,7 +10,7 @@ DEBIAN_VENV = $(or $(filter python3.%,$(notdir $(PYTHON))),python3)-venv
 QUADMATH := libquadmath.so.0
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo test slow lint bench bench-peers bench-peers-gradient clean check
+.PHONY: demo test slow lint bench pages bench-peers bench-peers-gradient clean check
 
 demo: $(VENV)/.demo
 	$(BIN)/python -m ngbrain demo $(ARGS)
@@ -38,6 +38,10 @@ bench: $(VENV)/.dev
 	@for script in benchmarks/[!_]*.py; do name=$$(basename $$script .py); echo "$$script --json $(ARGS)"; \
 		$(BIN)/python $$script --json $(ARGS) > out/bench/$$name.txt && tail -n 1 out/bench/$$name.txt > out/bench/$$name.json \
 		|| exit 1; done
+
+# The pages of benchmarks/results, of the records beside the benchmarks.
+pages: $(VENV)/.dev
+	$(BIN)/python benchmarks/_pages.py
 
 # The solvers that benchmarks compare with, each in an environment of its own; dolfinx and JAX-FEM need Python 3.12.
 PEERS ?= out/peers

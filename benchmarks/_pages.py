@@ -1,6 +1,6 @@
 """Pages of results, each from a template, the records of benchmarks and what was measured by hand.
 
-    python benchmarks/_pages.py                 every page of benchmarks/results that has a template
+    python benchmarks/_pages.py                 every page of benchmarks/results that has a template, and the overview's chart
     python benchmarks/_pages.py statics ladder  these
     python benchmarks/_pages.py --check         writes nothing; exit status 1 and the names of pages that differ
 
@@ -152,6 +152,11 @@ def main() -> int:
             differ.append(topic)
         elif not given.check:
             where.write_text(text)
+    if not given.check and not given.topics:
+        import _overview
+
+        if not _overview.fresh():
+            _overview.chart()
     if differ:
         print(f"differ from their records: {', '.join(differ)}; python benchmarks/_pages.py writes them anew")
     return bool(differ)

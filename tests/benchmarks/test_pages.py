@@ -55,6 +55,12 @@ def test_another_number_in_the_records_makes_another_page(pages, monkeypatch, tm
     assert changed != (BENCHMARKS / "results" / "statics.md").read_text()
 
 
+def test_the_chart_of_the_overview_is_of_the_records(pages):
+    import _overview
+
+    assert _overview.fresh()
+
+
 def test_a_section_that_no_template_draws_is_refused(pages, monkeypatch, tmp_path):
     (tmp_path / "lost.md").write_text("# Lost\n\n{{measured: Drawn}}\n")
     one = {"what": "a", "value": 1, "unit": "s", "how": "by hand", "date": ""}
