@@ -3,19 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
 
 import numpy as np
+from _tables import table
 
 Record = dict
 
 ROUTES = ("lattice", "conforming")
-MARKS = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
-
-
-def filled(page: str, records: list[Record]) -> str:
-    """The page with the text between `<!-- table: NAME -->` and `<!-- end -->` replaced, NAME one of `TABLES`."""
-    return MARKS.sub(lambda found: f"{found[1]}{TABLES[found[2]](records)}\n{found[3]}", page)
 
 
 def labels(records: list[Record]) -> str:
@@ -30,7 +24,7 @@ def labels(records: list[Record]) -> str:
         shares = [f"{of[f'dice_{name}'] / of[f'ceiling_{name}']:.3f}" for name in ("grey", "white")]
         numbers = [str(of[key]) for key in ("cpu_s", "brain_ml", "ventricles_ml", "contrast")]
         lines.append([_name(of) + "°" * of.get("unseen", False), *numbers, *overlaps, *shares])
-    return _table(titles, lines)
+    return table(titles, lines)
 
 
 def meshes(records: list[Record]) -> str:
@@ -46,7 +40,7 @@ def meshes(records: list[Record]) -> str:
             numbers = [str(of[key]) for key in ("cpu_s", "brain_ml", "ventricles_ml", "contrast")]
             mesh, both = of["hull"], f"{of['cpu_s'] + of['hull']['cpu_s']:.1f}"
             lines.append([_name(of), *numbers, str(mesh["cpu_s"]), both, f"{mesh['smallest_dihedral_deg']}°"])
-    return _table(titles, lines)
+    return table(titles, lines)
 
 
 def demos(records: list[Record]) -> str:
@@ -57,7 +51,7 @@ def demos(records: list[Record]) -> str:
         "cleft off its place, deep (mm)", "peak pressure (mmHg)", "peak force (N)",
     )  # fmt: skip
     reached = sum(record["demo"]["report"] for record in rows)
-    return f"{reached} of {len(rows)} reached the report ({_made(rows, 'demo')}).\n\n{_table(titles, map(_demo, rows))}"
+    return f"{reached} of {len(rows)} reached the report ({_made(rows, 'demo')}).\n\n{table(titles, map(_demo, rows))}"
 
 
 def _demo(record: Record) -> list[str]:
@@ -85,10 +79,7 @@ def routes(records: list[Record]) -> str:
         if off:
             cells = ["made", f"{made['smallest_dihedral_deg']}°", f"{max(off):.2%}", str(made["tetrahedra"])]
         lines.append([_name(record), route, *cells, f"{made['cpu_s']:.0f}", f"{made['peak_gib']:.1f}"])
-    return _table(titles, lines)
-
-
-TABLES = {"labels": labels, "meshes": meshes, "demos": demos, "routes": routes}
+    return table(titles, lines)
 
 
 def _order(record: Record) -> tuple[bool, str, int]:
@@ -111,9 +102,3 @@ def _made(records: list[Record], what: str) -> str:
     commits = sorted({record[what]["run"]["commit"] for record in records})
     dates = sorted({record[what]["run"]["date"] for record in records})
     return f"commit {', '.join(commits)}, {' to '.join(dates)}"
-
-
-def _table(titles: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    lines = ["| " + " | ".join(titles) + " |"]
-    lines.append("|" + "---|" * (lines[0].count("|") - 1))
-    return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)])

@@ -47,8 +47,7 @@ def page(topic: str) -> str:
     text = (PAGES / f"{topic}.md").read_text()
     for benchmark in CHART.findall(text):
         records(benchmark)
-    by_hand = PAGES / f"{topic}.json"
-    sections = json.loads(by_hand.read_text()) if by_hand.exists() else {}
+    sections = by_hand(topic)
     used: set[str] = set()
 
     def filled(mark: re.Match[str]) -> str:
@@ -64,6 +63,12 @@ def page(topic: str) -> str:
     if lost := set(sections) - used:
         raise ValueError(f"pages/{topic}.md leaves out {', '.join(sorted(lost))} of pages/{topic}.json")
     return text
+
+
+def by_hand(topic: str) -> dict[str, list[Record]]:
+    """What was measured by hand for a topic: section → records."""
+    found = PAGES / f"{topic}.json"
+    return json.loads(found.read_text()) if found.exists() else {}
 
 
 def listed(found: Iterable[Record]) -> str:
@@ -163,4 +168,6 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    import _pages  # the module that topics read records through
+
+    sys.exit(_pages.main())

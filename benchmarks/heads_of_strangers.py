@@ -8,7 +8,8 @@ grey matter given.
     python benchmarks/heads_of_strangers.py FOLDER [--measure WHAT ...] [--executor WHO] > records.json     a record a head
     python benchmarks/heads_of_strangers.py FOLDER [--measure WHAT ...] --into records.json   added to what is known of heads
     python benchmarks/heads_of_strangers.py --table < records.json         labels and meshes by hull as a table in Markdown
-    python benchmarks/heads_of_strangers.py --page < records.json           tables between the marks of the page of results
+
+`_pages.py` makes the page of results.
 
 WHAT is labels (which alone are measured by default); hull, lattice, conforming: the mesh by that route, its labels found
 before; demo: `ngbrain demo --fast --no-checks` from an empty cache, whose results stay in the folder that --keep names.
@@ -30,7 +31,6 @@ from pathlib import Path
 import meshio
 import numpy as np
 from _command import add_executor, executor_of, run, sweep
-from _heads_page import filled
 
 from ngbrain.errors import InputError, require
 from ngbrain.image import CSF, GREY, VENTRICLE, WHITE, label_tissues, read_scan, resample_labels, template_affine
@@ -39,7 +39,6 @@ from ngbrain.scene import Scene
 
 Record = dict
 
-PAGE = Path(__file__).parent / "results" / "heads.md"
 LABELS, DEMO, ROUTES = "labels", "demo", ("hull", "lattice", "conforming")
 ENDINGS = (".nii.gz", ".nii", ".mgz", ".mgh")
 # Numbers of MUSE.
@@ -268,14 +267,10 @@ def main() -> None:
     parser.add_argument("--into", type=Path, metavar="JSON", help="a file of records that this run's are added to")
     parser.add_argument("--keep", type=Path, metavar="DIR", help="where the demos' results stay")
     parser.add_argument("--table", action="store_true")
-    parser.add_argument("--page", action="store_true")
     add_executor(parser)
     arguments = parser.parse_args()
     if arguments.table:
         print(table(json.load(sys.stdin)))
-        return
-    if arguments.page:
-        PAGE.write_text(filled(PAGE.read_text(), json.load(sys.stdin)))
         return
     if arguments.folder is None or not arguments.folder.is_dir():
         parser.error("FOLDER: a folder of T1s")

@@ -1,5 +1,6 @@
 """Tables of the page on the surrogate."""
 
+from functools import cache
 from statistics import fmean, median
 
 from _pages import records
@@ -14,14 +15,23 @@ TOLD = 0.9
 """The area under the curve from which on outsiders count as told."""
 
 
-def _errors(part: str | None = None, method: str = "ngbrain:surrogate", **of: object) -> list[float]:
-    of = {"grain": 0.0, "method": method, **of}
-    chosen = [r for r in records("surrogate_error") if all(r[key] == value for key, value in of.items())]
-    return [r["error"] if part is None else r["parts"][part] for r in chosen if part is None or r["parts"]]
+@cache
+def _operator() -> dict[tuple[str, str, float, float], list[Record]]:
+    """The operator's records by modality, family, noise and grain."""
+    found: dict[tuple[str, str, float, float], list[Record]] = {}
+    for r in records("surrogate_error"):
+        if r["method"] == "ngbrain:surrogate":
+            found.setdefault((r["modality"], r["family"], r["noise"], r["grain"]), []).append(r)
+    return found
+
+
+def _errors(modality: str, family: str, noise: float, grain: float = 0.0, part: str | None = None) -> list[float]:
+    of = _operator().get((modality, family, noise, grain), [])
+    return [r["error"] if part is None else r["parts"][part] for r in of if part is None or r["parts"]]
 
 
 def _mean(families: tuple[str, ...], modality: str, noise: float, grain: float = 0.0) -> float | None:
-    each = [_errors(modality=modality, family=family, noise=noise, grain=grain) for family in families]
+    each = [_errors(modality, family, noise, grain) for family in families]
     return fmean(error for errors in each for error in errors) if any(each) else None
 
 
@@ -70,7 +80,7 @@ def edges() -> str:
     rows = []
     for modality in MODALITIES:
         for family in _families():
-            parts = [_errors(part, modality=modality, family=family, noise=NOISE) for part in PARTS]
+            parts = [_errors(modality, family, NOISE, part=part) for part in PARTS]
             if parts[0]:
                 rows.append([modality, family, *(percent(fmean(errors)) for errors in parts)])
     return table(("", "sharp family, 1 % noise", "at edges", "on plateaus"), rows)
