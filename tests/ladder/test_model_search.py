@@ -373,7 +373,7 @@ def test_what_comes_near_the_tolerance_is_said() -> None:
         asked = replace(scene, quantities=(replace(scene.quantities[0], tolerance=float(missing / share)),))
         found = search_models(asked, BOUNDS)
         assert found.error[0] == pytest.approx(missing)
-        assert any("missing" in flag and said in flag for flag in found.warnings) == bool(said)
+        assert any("estimated error" in flag and said in flag for flag in found.warnings) == bool(said)
 
 
 def test_an_axis_that_is_bounded_by_its_cheapest_level_stays_there() -> None:
