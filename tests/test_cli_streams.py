@@ -148,7 +148,7 @@ def test_one_command_at_a_time(scene, tmp_path, capsys):
     out.mkdir()
     number = os.open(out, os.O_RDONLY)
     fcntl.flock(number, fcntl.LOCK_EX)
-    assert "another ngbrain is at work" in refused(capsys, "simulate", scene, "-o", out)
+    assert "another ngbrain command is running" in refused(capsys, "simulate", scene, "-o", out)
     os.close(number)
     assert main(["simulate", str(scene), "--as-described", "-o", str(out), "-q"]) == 0
 

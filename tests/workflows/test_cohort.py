@@ -191,7 +191,7 @@ def test_folders_of_others(study, tmp_path):
     with pytest.raises(InputError, match="results that are not of a cohort"):
         done(study)
     (study / "out" / "result.json").unlink()
-    with lock_folder(study / "out"), pytest.raises(InputError, match="another ngbrain is at work"):
+    with lock_folder(study / "out"), pytest.raises(InputError, match="another ngbrain command is running"):
         done(study)
     with pytest.raises(InputError, match="group is 'centre'"):
         done(study, group="centre")
