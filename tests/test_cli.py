@@ -407,7 +407,7 @@ def test_a_retraction_says_what_it_leaves_unanswered_and_how_sure_it_is(tmp_path
     scene = tmp_path / "case.toml"
     scene.write_text(SMALL + '[[quantity]]\nname = "peak_force_N"\ntolerance = 0.2\n')
     status, lines = run(capsys, "simulate", scene, "-o", tmp_path / "out", "-q", "--resume")
-    assert status == 2 and "--resume is given" in lines[0] and "starts anew" in lines[0]
+    assert status == 2 and "--resume is given" in lines[0] and "cannot be resumed" in lines[0]
     scene.write_text(SMALL)
     (tmp_path / "out").mkdir()
     sure = "of a hold: peak 1 mmHg, moved by mesh 0.2, order 0.1 mmHg; with other published tissue 0.5 to 2 mmHg"
