@@ -82,6 +82,10 @@ class Segmentation(Result):
         """Plot the three middle slices."""
         return slices(self.volume.data, tissue_classes.NAMES)
 
+    def to_xarray(self) -> Any:
+        """As `xarray.DataArray` of region numbers, see `LabelMap.to_xarray`."""
+        return self.labels.to_xarray()
+
 
 def label_tissues(scan: Scan) -> Segmentation:
     """Segment the tissues of a scan: skull stripping, bias-field correction and classification

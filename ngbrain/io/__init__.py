@@ -17,6 +17,7 @@ Modules
 - `foreign`: Read tetrahedral meshes of other programs.
 - `hdf5`: HDF5 files as bytes.
 - `json_file`: JSON files, written atomically.
+- `labelled_arrays`: Arrays with named axes and units, as `to_xarray` returns them.
 - `mesh_arrays`: A tetrahedral mesh as plain arrays.
 - `nodes`: The quadratic (10-node) view of a tetrahedral mesh.
 - `state`: The state of a run as JSON and arrays.
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
         foreign,
         hdf5,
         json_file,
+        labelled_arrays,
         mesh_arrays,
         nodes,
         state,
@@ -75,6 +77,7 @@ __all__ = [
     "foreign",
     "hdf5",
     "json_file",
+    "labelled_arrays",
     "load",
     "load_or_compute",
     "mesh_arrays",

@@ -6,11 +6,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+from ngbrain.errors import InputError, nearest
+from ngbrain.io.labelled_arrays import Variable, dataset, series
 from ngbrain.look import curves
 from ngbrain.result_file import FileResult
 
 COUNTED = {"unknowns": "n_unknowns", "time_steps": "n_steps", "Newton_iterations": "newton"}
 """Statistics of an operation, by key in `result.json`."""
+SUFFIXES = ("mmHg", "mm2", "mm", "ml", "gf", "kPa", "Pa", "mJ", "J", "N", "s")
+"""Units at the end of a key."""
 
 
 @dataclass(repr=False, eq=False)
@@ -52,6 +58,68 @@ class SceneResult(FileResult):
             return super().plot()
         lines = {name: (each["t_s"], each["pressure_mmHg"]) for name, each in series.items()}
         return curves(lines, "time, s", "pressure, mmHg")
+
+    def to_xarray(self, protocol: str | None = None) -> Any:
+        """As `xarray.Dataset`: the series of a protocol along `time`, or the answers along `quantity`.
+
+        Parameters
+        ----------
+        protocol : str, optional
+            Of an operation as described; needed where it has several.
+
+        Returns
+        -------
+        xarray.Dataset
+            In the units of `result.json`, which the attribute `units` states.
+
+        Raises
+        ------
+        InputError
+            No protocol has this name, or it is not given.
+        MissingExtra
+            xarray is not installed.
+        """
+        answers: Any = self.data.get("answers", {})
+        if isinstance(answers, list):
+            return _answers(answers)
+        names = list(answers)
+        if protocol is None and len(names) == 1:
+            protocol = names[0]
+        if protocol not in answers:
+            raise InputError(
+                "protocol", "not given" if protocol is None else repr(protocol), nearest(str(protocol), names)
+            )
+        found = answers[protocol]["series"]
+        columns = {("time" if key == "t_s" else key): (values, *_described(key)) for key, values in found.items()}
+        return series(columns, {"protocol": protocol})
+
+
+def _answers(answers: list[dict[str, Any]]) -> Any:
+    """Values, estimated errors and tolerances of the requested quantities."""
+    along = ("quantity",)
+    variables: dict[str, Variable] = {
+        "value": (along, np.array([each["value"] for each in answers], float), "", "value, in its own unit"),
+        "error_estimate": (
+            along,
+            np.array([each["error_estimate"] for each in answers], float),
+            "1",
+            "estimated relative error",
+        ),
+        "tolerance": (along, np.array([each["tolerance"] for each in answers], float), "1", "relative tolerance"),
+    }
+    places: dict[str, Variable] = {
+        "quantity": (along, np.array([each["quantity"] for each in answers]), "", "what is asked"),
+        "unit": (along, np.array([each["unit"] for each in answers]), "", "unit of the value"),
+    }
+    return dataset(variables, places, {})
+
+
+def _described(key: str) -> tuple[str, str]:
+    """Unit and words of a key of `result.json`, whose ending is the unit."""
+    for end in SUFFIXES:
+        if key.endswith(f"_{end}"):
+            return end, key.removesuffix(f"_{end}").replace("_", " ")
+    return "1", key.replace("_", " ")
 
 
 def _format_answer(answer: Any) -> str:

@@ -18,12 +18,13 @@ from ngbrain.forward.statics.stability import CREASE
 from ngbrain.forward.transient.step_control import Control, StepperProgress
 from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.io import Checkpoint, Frame, QuadraticGrid, load, save
+from ngbrain.io.labelled_arrays import series
 from ngbrain.look import curves
 from ngbrain.parallel import Callback
 from ngbrain.result import Result, Status
 from ngbrain.solvers.record import NewtonRecord
 from ngbrain.surgery.measures.injury import MPS_THRESHOLDS
-from ngbrain.surgery.measures.observer import Observer, StepRecord, swept_volume, volume_change
+from ngbrain.surgery.measures.observer import UNITS, Observer, StepRecord, swept_volume, volume_change
 from ngbrain.surgery.measures.sampling import MeasureStatistics, Sampler, TissueSample
 from ngbrain.surgery.model import TISSUE, RetractionModel
 from ngbrain.surgery.protocols import ForceProtocol, ToolMotion
@@ -162,6 +163,14 @@ class ProtocolResult(Result):
         """Pressure over time."""
         pressure = [float(to_mmHg(p)) for p in self.column("pressure")]
         return curves({"pressure": (self.column("t").tolist(), pressure)}, "time, s", "pressure, mmHg")
+
+    def to_xarray(self) -> Any:
+        """As `xarray.Dataset`: the columns of `StepRecord` along `time`, in SI units; raises `MissingExtra`."""
+        columns = {
+            "time" if name == "t" else name: (values, UNITS.get(name, "1"), name.replace("_", " "))
+            for name, values in self.rows.items()
+        }
+        return series(columns, {"status": str(self.status), "events_s": list(self.events)})
 
 
 class ProtocolRun:

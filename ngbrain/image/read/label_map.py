@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +14,7 @@ from scipy import ndimage
 
 from ngbrain.errors import InputError
 from ngbrain.image.read.volume import Volume, reorient_to_ras
+from ngbrain.io.labelled_arrays import image_array
 from ngbrain.look import NotebookCard, slices
 
 
@@ -60,6 +63,18 @@ class LabelMap(NotebookCard):
     def plot(self) -> Any:
         """The three middle slices, one colour for each region."""
         return slices(self.region_numbers(), ("outside", *self.regions))
+
+    def to_xarray(self) -> Any:
+        """As `xarray.DataArray` of region numbers, with their names in the attributes `flag_values` and `flag_meanings`."""
+        flags = {
+            "flag_values": list(range(len(self.regions) + 1)),
+            "flag_meanings": " ".join(("outside", *self.regions)),
+        }
+        return image_array(self.region_numbers(), self.volume.affine, "label", "1", "number of the region", **flags)
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write region numbers, counted from 1 in the order of `regions`, as a NIfTI file (.nii, .nii.gz); returns its path."""
+        return Volume(self.region_numbers(), self.volume.affine).save(path)
 
     @cached_property
     def regions(self) -> tuple[str, ...]:

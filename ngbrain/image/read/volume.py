@@ -13,6 +13,7 @@ from scipy import ndimage
 
 from ngbrain.errors import InputError, require
 from ngbrain.image.read.dicom import is_dicom, read_series
+from ngbrain.io.labelled_arrays import image_array
 from ngbrain.look import NotebookCard, grey_slices
 from ngbrain.reading import check_regular, gunzip, read_bytes, unzip
 
@@ -59,6 +60,36 @@ class Volume(NotebookCard):
     def plot(self) -> Any:
         """The three middle slices in grey."""
         return grey_slices(np.asarray(self.data, float))
+
+    def to_xarray(self, name: str = "image", units: str = "1", long_name: str = "value") -> Any:
+        """As `xarray.DataArray` along x, y, z (m), or along i, j, k if its voxels are oblique.
+
+        Parameters
+        ----------
+        name : str
+            Name of the array.
+        units : str
+            Unit of the values.
+        long_name : str
+            What they are.
+
+        Returns
+        -------
+        xarray.DataArray
+
+        Raises
+        ------
+        MissingExtra
+            xarray is not installed.
+        """
+        return image_array(np.asarray(self.data), self.affine, name, units, long_name)
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write a NIfTI file (.nii, .nii.gz); returns its path."""
+        from ngbrain.image.read.nifti import write_nifti  # reads what is defined here
+
+        write_nifti(path, self)
+        return Path(path)
 
     @property
     def spacing(self) -> np.ndarray:
@@ -134,6 +165,14 @@ class Scan(NotebookCard):
     def plot(self) -> Any:
         """The three middle slices in grey."""
         return self.volume.plot()
+
+    def to_xarray(self) -> Any:
+        """As `xarray.DataArray` along x, y, z (m)."""
+        return self.volume.to_xarray("T1", "1", "T1-weighted signal").assign_attrs(source=self.source)
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write a NIfTI file (.nii, .nii.gz); returns its path."""
+        return self.volume.save(path)
 
 
 @dataclass(frozen=True, eq=False)

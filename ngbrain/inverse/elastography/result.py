@@ -32,6 +32,7 @@ from ngbrain.inverse.problem.properties import MODULI
 from ngbrain.inverse.problem.property_fields import property_fields
 from ngbrain.inverse.problem.wave_problem import ElastographyProblem
 from ngbrain.io.waves import WaveData
+from ngbrain.io.waves.labelled import map_variables, wave_dataset
 from ngbrain.look import maps as drawn
 from ngbrain.result import Result
 
@@ -213,6 +214,25 @@ class Inversion(Result):
         waves = {"measured": measured, "predicted": self.predicted, "residual": residual}
         strain = {"oss": self.strain.oss, "oss_snr": self.strain.snr}
         return {"points": self.data.points, **self.maps, **self.derived_maps, **waves, **strain}
+
+    def to_xarray(self) -> Any:
+        """As `xarray.Dataset`: maps, derived maps, waves and strains, on a grid along x, y, z; raises `MissingExtra`."""
+        found = self.arrays()
+        waves = (("load", "point", "component"), "complex amplitude of the displacement")
+        described = {
+            "measured": (waves[0], found["measured"], "m", f"measured {waves[1]}"),
+            "predicted": (waves[0], found["predicted"], "m", f"predicted {waves[1]}"),
+            "residual": (waves[0], found["residual"], "1", "measured minus predicted over the noise"),
+            "oss": (("load", "point"), found["oss"], "1", "octahedral shear strain"),
+            "oss_snr": (
+                ("load", "point"),
+                found["oss_snr"],
+                "1",
+                "signal-to-noise ratio of the octahedral shear strain",
+            ),
+        }
+        made = wave_dataset(self.data, map_variables({**self.maps, **self.derived_maps}) | described)
+        return made.assign_attrs(status=str(self.status), usable=str(self.usable))
 
     def _range(self) -> dict[str, list[float]]:
         if not np.ndim(self.noise):

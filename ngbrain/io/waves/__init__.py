@@ -4,6 +4,7 @@ truth.
 - `data`: Validated displacement data of an experiment.
 - `files`: Wave data in files: NumPy archives, HDF5, MATLAB, NIfTI.
 - `grid`: Points on a grid, and the boundary of scattered points.
+- `labelled`: Wave data and property maps as data sets of xarray.
 - `matlab`: MATLAB files.
 - `nifti`: Wave data and maps as NIfTI images.
 - `samples`: Time samples and MR phases, converted to complex amplitudes.

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +14,7 @@ from scipy.spatial import KDTree
 
 from ngbrain.errors import InputError, nearest
 from ngbrain.io.waves.grid import Grid, hull
+from ngbrain.io.waves.labelled import wave_dataset, wave_variables
 from ngbrain.look import NotebookCard, scatter
 
 SYMMETRIES = ("isotropic", "transversely_isotropic")
@@ -267,6 +270,17 @@ class WaveData(NotebookCard):
         """Amplitude of the first load (µm); in space that of the middle layer."""
         amplitude = np.sqrt(np.nansum(np.abs(self.displacement[0]) ** 2, axis=1))
         return scatter(self.points, 1e6 * amplitude, "|u| (µm)")
+
+    def to_xarray(self) -> Any:
+        """As `xarray.Dataset`: displacement (complex, m), mask, labels and true properties, on a grid along x, y, z."""
+        return wave_dataset(self, wave_variables(self))
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write a file (.npz, .h5, .hdf5, .nii, .nii.gz) that `read_waves` restores; returns its path."""
+        from ngbrain.io.waves.files import write_waves  # reads what is defined here
+
+        write_waves(path, self)
+        return Path(path)
 
     @property
     def dim(self) -> int:

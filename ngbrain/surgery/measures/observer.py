@@ -32,6 +32,17 @@ CENTRE = FACED / 2
 """The centre pressure is over points within this distance (m) of the patch's centroid on the unloaded wall."""
 
 
+UNITS = {
+    "t": "s",
+    **dict.fromkeys(("advance", "opening", "gap", "depth"), "m"),
+    **dict.fromkeys(("force", "net_reaction"), "N"),
+    "area": "m2",
+    **dict.fromkeys(("pressure", "tip_pressure", "centre_pressure"), "Pa"),
+    **dict.fromkeys(("blade_work", "contact_energy", "tissue_work", "tissue_work_size", "friction_work"), "J"),
+}
+"""Units of the columns of a `StepRecord`; the others are numbers."""
+
+
 @dataclass(frozen=True)
 class StepRecord:
     """Record of one step of a run, in SI units.

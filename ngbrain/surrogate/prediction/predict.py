@@ -11,6 +11,7 @@ import numpy as np
 from ngbrain.errors import InputError
 from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.io.waves import WaveData
+from ngbrain.io.waves.labelled import map_variables, wave_dataset
 from ngbrain.look import maps as drawn
 from ngbrain.result import Result, Status
 from ngbrain.surrogate.data.raster import UPRIGHT, Raster
@@ -91,6 +92,19 @@ class Prediction(Result):
     def plot(self) -> Any:
         """Plot of the maps."""
         return drawn(self.data.points, self.maps, () if self.modality == "compression" else tuple(self.maps))
+
+    def to_xarray(self) -> Any:
+        """As `xarray.Dataset`: maps and their standard deviations, on a grid along x, y, z; raises `MissingExtra`."""
+        found = map_variables(self.maps)
+        if self.modality == "compression":
+            found = {
+                name: (dims, values, "1", f"{said} over its mean") for name, (dims, values, _, said) in found.items()
+            }
+        found |= {
+            f"{name}_deviation": (found[name][0], values, found[name][2], f"standard deviation of the {found[name][3]}")
+            for name, values in self.deviations.items()
+        }
+        return wave_dataset(self.data, found).assign_attrs(usable=str(self.usable))
 
     @property
     def headline(self) -> str:
