@@ -13,6 +13,7 @@ Where to begin
   so in hundredths of a second by a trained neural operator
 - a retraction described in a scene file (TOML): `nb.preview` draws it, `nb.simulate("scene.toml", "out")` computes it,
   `nb.calibrate` fits tissue stiffness to measured forces and displacements
+- one patient and several surgical plans: `nb.twin` compares them, with what is not known of the tissue carried through
 - many subjects: `nb.cohort`
 - a boundary-value problem of your own: `nb.Problem` with `nb.Material`, solved by `nb.LoadPath` (quasi-static) or
   `nb.TimeStepper` (transient), and `nb.HarmonicProblem` for waves; `nb.estimate` fits parameters to data
@@ -82,6 +83,7 @@ if TYPE_CHECKING:
     from ngbrain.workflows.mesh_head import mesh_head
     from ngbrain.workflows.preview import preview
     from ngbrain.workflows.simulate import simulate
+    from ngbrain.workflows.twin import twin
 else:
     __getattr__, __dir__ = lazy_names(__name__)
 
@@ -119,6 +121,7 @@ __all__ = [
     "show_versions",
     "simulate",
     "surgery",
+    "twin",
     "units",
     "viz",
 ]

@@ -104,6 +104,11 @@ DATASETS: Mapping[str, Dataset] = MappingProxyType(
             ("retraction.toml", "retraction_landmarks.csv", "retraction_force.csv"),
             "scene",
         ),
+        "twin": Dataset(
+            "a patient with a map of stiffness and two surgical plans on an idealised head, for `ngbrain twin`",
+            ("twin.toml", "retraction.toml", "twin_stiffness.nii.gz", "twin_stiffness_sd.nii.gz"),
+            "scene",
+        ),
         "mni152": Dataset(
             "T1 of the MNI152 template, the average of 152 people without skull, 1 mm, as nilearn ships it",
             ("mni152_t1.nii.gz",),

@@ -1,6 +1,6 @@
 """The command line. Exit status 0 for success, 2 for bad input, 3 for a solver failure or an unreliable answer.
 
-- `simulate` (also `demo`), `mesh`, `invert`, `predict`, `calibrate`, `cohort`, `materials`, `data`: The verbs.
+- `simulate` (also `demo`), `mesh`, `invert`, `predict`, `calibrate`, `twin`, `cohort`, `materials`, `data`: The verbs.
 - `options`: Their options.
 - `places`: Output folders; `streams`: standard output and error; `interrupts`: Ctrl-C; `words`: the final summary.
 """
@@ -31,7 +31,7 @@ LEFTWARD = re.compile(r"-[\d.][^,]*(,[^,]+){2}")
 EXIT_INPUT, EXIT_SOLVER = 2, 3
 ERRORS = (InputError, MissingExtra, SolverError, OSError, MemoryError)
 """Errors that end a command with a one-line message."""
-WRITING = ("demo", "simulate", "mesh", "invert", "predict", "calibrate")
+WRITING = ("demo", "simulate", "mesh", "invert", "predict", "calibrate", "twin")
 """Verbs that write results to a folder."""
 MODULES = {"demo": "simulate"}
 """Verbs whose module has another name; a module's `run` takes the parsed arguments and may return a status."""

@@ -27,6 +27,7 @@ Modules
 - `model_selection`: The cheapest model of an operation that is within given tolerances.
 - `material_point`: A retraction of one homogeneous tissue column.
 - `relative_stiffness`: Measured stiffness maps as ratios.
+- `twin`: One patient's plans compared, with what is not known of the tissue carried through.
 - `plausibility`, `corridor`: Warnings for implausible moduli and for corridors near the mid plane.
 """
 
@@ -129,6 +130,7 @@ __all__ = [
     "staged_retraction",
     "to_columns",
     "tools",
+    "twin",
     "uncertainty",
     "von_mises",
 ]

@@ -29,12 +29,17 @@ def check_corridor(model: RetractionModel) -> list[str]:
     list of str
         The warning, which is also issued as `ImplausibleWarning`; empty without one.
     """
-    found = crossings(model.cleft, _middle(model))
+    found = corridor_findings(model)
     if not found:
         return []
     text = f"the corridor {' and '.join(found)}: neither the falx nor sinuses are part of the model"
     warnings.warn(text, ImplausibleWarning, stacklevel=3)
     return [text]
+
+
+def corridor_findings(model: RetractionModel) -> list[str]:
+    """What the cleft of a model crosses near the mid plane, in words (`crossings`)."""
+    return crossings(model.cleft, _middle(model))
 
 
 def crossings(cleft: Cleft, middle: float = 0.0) -> list[str]:

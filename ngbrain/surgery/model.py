@@ -156,6 +156,10 @@ class RetractionModel:
             raise InputError("tissue", repr(unknown[0]), nearest(unknown[0], known))
         return self._materials(lambda tissue, law: stiffen(law, factors.get(tissue.region, 1.0)))
 
+    def materials_from_laws(self, law: Laws) -> dict[str, Material]:
+        """Materials by region, with another law for each tissue: a function of the tissue and its law; bulk moduli stay."""
+        return self._materials(law)
+
     def _materials(self, law: Laws, order: int | None = None) -> dict[str, Material]:
         order = order or self.scene.mesh.order
         mixtures = self.head.mixtures(self.mesh, order)

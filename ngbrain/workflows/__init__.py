@@ -1,11 +1,11 @@
 """Complete jobs, from files to files, shared by the command line and Python.
 
-The jobs themselves are `ngbrain.simulate`, `ngbrain.preview`, `ngbrain.mesh_head` and `ngbrain.cohort`. Beside them:
+The jobs themselves are `ngbrain.simulate`, `ngbrain.preview`, `ngbrain.mesh_head`, `ngbrain.twin` and `ngbrain.cohort`. Beside them:
 
 - heads: `Subject`, `write_subject`
 - cohorts: `read_list`, `CohortCase`; their results `Cohort`, `ResultRow`, `summarise`
 - outliers: `find_outliers`, `Outlier`, `GroupStatistics`
-- results: `main_numbers`, `write_inversion`, `write_maps`, `full_model`
+- results: `TwinResult`, `main_numbers`, `write_inversion`, `write_maps`, `full_model`
 
 Modules
 -------
@@ -17,6 +17,7 @@ Modules
 - `gate`: Outlier detection over the rows.
 - `mesh_head`: A head from an image to a mesh.
 - `simulate`: A scene to its result; `preview`: a figure of the scene before.
+- `twin`: One patient's surgical plans compared.
 - `property_maps`: The files of an inversion.
 """
 
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
         rows,
         simulate,
         summary,
+        twin,
     )
     from ngbrain.workflows.gate import GroupStatistics, Outlier, find_outliers
     from ngbrain.workflows.listing import CohortCase, read_list
@@ -44,6 +46,7 @@ if TYPE_CHECKING:
     from ngbrain.workflows.results import Cohort, ResultRow, summarise
     from ngbrain.workflows.simulate import full_model
     from ngbrain.workflows.summary import main_numbers
+    from ngbrain.workflows.twin import TwinResult
 else:
     __getattr__, __dir__ = lazy_names(__name__)
 
@@ -54,6 +57,7 @@ __all__ = [
     "Outlier",
     "ResultRow",
     "Subject",
+    "TwinResult",
     "cohort",
     "find_outliers",
     "full_model",
@@ -69,6 +73,7 @@ __all__ = [
     "simulate",
     "summarise",
     "summary",
+    "twin",
     "write_inversion",
     "write_maps",
     "write_subject",

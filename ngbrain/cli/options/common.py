@@ -11,6 +11,7 @@ from ngbrain import __version__
 from ngbrain.cli.options import types
 from ngbrain.cli.options.cohort import add_cohort
 from ngbrain.cli.options.simulate import add_laws, add_simulate
+from ngbrain.cli.options.twin import add_twin
 
 PLACE = "X,Y,Z"
 # Names in tables of the library, whose import would take a second; a test compares them.
@@ -43,12 +44,12 @@ def _parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentPars
     verbs = command.add_subparsers(dest="verb", metavar="VERB")
     demo, scene, mesh = _demo(verbs), add_simulate(verbs), _mesh(verbs)
     invert, predict, stiff = _invert(verbs), _predict(verbs), _calibrate(verbs)
-    many = add_cohort(verbs)
+    compared, many = add_twin(verbs), add_cohort(verbs)
     _materials(verbs)
     _data(verbs)
     folders = (
         (demo, "demo"), (scene, "simulated"), (mesh, "head.vtkhdf"), (invert, "inverted"), (predict, "predicted"),
-        (stiff, "calibrated"), (many, "cohort"),
+        (stiff, "calibrated"), (compared, "twin"), (many, "cohort"),
     )  # fmt: skip
     assembling = invert, predict, stiff
     for verb, folder in folders:
@@ -61,7 +62,7 @@ def _parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentPars
                 action="store_false",
                 help="protocols only, without error estimates of mesh, order and time steps",
             )
-        if verb in (demo, scene, stiff):
+        if verb in (demo, scene, stiff, compared):
             verb.add_argument("--resume", action="store_true", help="continue an interrupted run")
         if verb is not mesh:
             verb.add_argument(
@@ -71,7 +72,7 @@ def _parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentPars
                 metavar="N",
                 help="threads for assembly (1)" if verb in assembling else "number of processes",
             )
-        if verb in (demo, scene, invert, many):
+        if verb in (demo, scene, invert, compared, many):
             add_executor(verb)
         replace = "--overwrite" if verb is stiff else "--force"  # whose --force is a table of forces
         verb.add_argument(replace, dest="overwrite", action="store_true", help="overwrite existing results")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -86,11 +86,20 @@ class RunLinearisation:
         check_shape("w", np.shape(w), self.data.shape)
         if "jacobian" in vars(self):
             return np.asarray(np.tensordot(self.jacobian, w, 2))
-        later, total = CarriedState.zeros(self.model), np.zeros(self.model.size)
+        return np.asarray(self.gradients([w])[0])
+
+    def gradients(self, weights: Sequence[Array]) -> Array:
+        """Jᵀ w for several w (number, size), with one factorisation a step for all of them."""
+        for w in weights:
+            check_shape("w", np.shape(w), self.data.shape)
+        later = [CarriedState.zeros(self.model) for _ in weights]
+        total = np.zeros((len(weights), self.model.size))
         for step in self.model.replay.backwards():
-            adjoint, motion, shown = self._adjoint(step, w, later)
-            later, by_theta = self._previous_state_gradient(step, adjoint, motion, later)
-            total += by_theta + shown
+            self._prepare(step, len(weights))
+            for i, w in enumerate(weights):
+                adjoint, motion, shown = self._adjoint(step, w, later[i])
+                later[i], by_theta = self._previous_state_gradient(step, adjoint, motion, later[i])
+                total[i] += by_theta + shown
         return total
 
     def hvp(self, w: Array, direction: Array) -> Array:
@@ -126,7 +135,8 @@ class RunLinearisation:
             model.body.fes.ndof,
         )
         for step, x, before in self._changes_backwards(direction):
-            adjoint, motion, _ = self._adjoint(step, w, later, FINE_RTOL)
+            self._prepare(step, 1, FINE_RTOL)
+            adjoint, motion, _ = self._adjoint(step, w, later)
             theta = model.split(direction) | ({} if len(x) == n else {model.tool_block: x[n:]})
             model.observables.set_weights(self._data_weights(step, w))
             second_derivatives.set_direction(x, before.history, theta)
@@ -152,12 +162,9 @@ class RunLinearisation:
             total += slopes + hessian_theta
         return total
 
-    def _adjoint(
-        self, step: ReplayStep, w: Array, later: CarriedState, rtol: float = RTOL
-    ) -> tuple[Array, Array, Array]:
-        """λ and Zᵀw of a step, and the gradient of the observables at its end, without that of the tissue's forces."""
+    def _adjoint(self, step: ReplayStep, w: Array, later: CarriedState) -> tuple[Array, Array, Array]:
+        """λ and Zᵀw of a step, after `_prepare`, and the gradient of the observables at its end, without the tissue's forces."""
         model = self.model
-        self._prepare(step, 1, rtol)
         row, shown = self._data_weights(step, w), np.zeros(model.size)
         b, motion = self._carried_gradient(later), np.zeros(model.n)
         if row.any():
