@@ -53,6 +53,7 @@ if TYPE_CHECKING:
         relative_stiffness,
         retraction,
         tools,
+        twin,
         uncertainty,
     )
     from ngbrain.surgery.answers import answer

@@ -86,7 +86,7 @@ def test_a_case_becomes_answers_differences_and_a_page(case, capsys):
     assert pair["ratio_median"] == pytest.approx(2 / 3, rel=0.01) and pair["decision"] == "gentle"
     assert pair["numerical_factor"] == pytest.approx(1.05 / 1.02) and pair["runs_first_lower"] == 4
     assert result["residuals"]["wide"]["dose_mmHg_min"] == pytest.approx({"mean": np.log(1.1), "sd": 0.0}, abs=1e-9)
-    assert result["stiffness"]["measured"] > 0.9 and 0.7 < result["stiffness"]["ratio_median"] < 1.3
+    assert result["stiffness"]["measured"] > 0.7 and 0.7 < result["stiffness"]["ratio_median"] < 1.3
     shares = result["variance_shares"]["answers"]["wide"]["peak_pressure_mmHg"]
     assert next(iter(shares)) == "level of the whole patient" and sum(shares.values()) == pytest.approx(1)
     assert set(result["corridors"]["wide"]) >= {"depth_mm", "fluid_mm", "findings"}

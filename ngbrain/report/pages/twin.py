@@ -137,7 +137,7 @@ def head_figure(result: Mapping[str, Any]) -> Any:
     mapped = sections[0]["ratio"] is not None
     image = None
     for i, section in enumerate(sections):
-        axis = made.add_axes((0.01 + 0.305 * i, 0.1, 0.295, 0.8))
+        axis = made.add_axes((0.01 + 0.297 * i, 0.1, 0.285, 0.8))
         region = np.array(section["region"])
         shown = np.array(section["ratio"], float) if mapped else np.where(region < 0, np.nan, region).astype(float)
         limits = {"vmin": 0.5, "vmax": 2.0, "cmap": "viridis"} if mapped else {"cmap": "Greys", "vmin": -3, "vmax": 4}
@@ -151,11 +151,11 @@ def head_figure(result: Mapping[str, Any]) -> Any:
                 axis.contour(xs, ys, (region == number).astype(float), [0.5], colors="#333333", linewidths=0.5)
         for j, (plan, corridor) in enumerate(result["corridors"].items()):
             entry, target = (np.array(corridor[key])[section["axes"]] for key in ("entry_mm", "target_mm"))
-            axis.plot(*np.array([entry, target]).T, color=PLANS[j % len(PLANS)], lw=3.5 - 1.2 * min(j, 2), label=plan)
-            axis.plot(*target, "o", color=PLANS[j % len(PLANS)], ms=6 - min(j, 2), mec="white", mew=0.6)
+            axis.plot(*np.array([entry, target]).T, color=PLANS[j % len(PLANS)], lw=max(6.0 - 2.5 * j, 1.5), label=plan)
+            axis.plot(*target, "o", color=PLANS[j % len(PLANS)], ms=max(9 - 3 * j, 4), mec="white", mew=0.6)
         axis.set_aspect("equal")
         axis.set_xticks([]), axis.set_yticks([])
-        axis.set_title(section["view"], fontsize=10)
+        axis.set_title(section["view"], fontsize=10, loc="center")
         for spine in axis.spines.values():
             spine.set_visible(False)
         if i == 0:
@@ -163,6 +163,6 @@ def head_figure(result: Mapping[str, Any]) -> Any:
                 frameon=False, fontsize=8, loc="lower left", bbox_to_anchor=(0, -0.16), ncols=len(result["corridors"])
             )
     if mapped and image is not None:
-        bar = made.colorbar(image, cax=made.add_axes((0.935, 0.2, 0.012, 0.6)))
+        bar = made.colorbar(image, cax=made.add_axes((0.905, 0.2, 0.012, 0.6)))
         bar.set_label("|G*| over its mean norm")
     return made

@@ -41,7 +41,7 @@ TOGETHER = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Patient:
+class PatientModel:
     """One patient: plans on a head, relative stiffness and prior.
 
     Parameters
@@ -60,7 +60,7 @@ class Patient:
     found: dict[str, float]
 
 
-def build_patient(case: Case, measured: MeasuredMap | None, quick: bool = False) -> Patient:
+def build_patient(case: Case, measured: MeasuredMap | None, quick: bool = False) -> PatientModel:
     """Read head and data of a case, mesh its plans, and check that all of it belongs together.
 
     Parameters
@@ -73,7 +73,7 @@ def build_patient(case: Case, measured: MeasuredMap | None, quick: bool = False)
 
     Returns
     -------
-    Patient
+    PatientModel
 
     Raises
     ------
@@ -109,7 +109,7 @@ def build_patient(case: Case, measured: MeasuredMap | None, quick: bool = False)
     )
     found = stiffness.check_on(points)
     patient = patient_prior(first.scene.tissues, first.scene.time.ramp, case.link, stiffness, data)
-    return Patient(models, stiffness, patient, found)
+    return PatientModel(models, stiffness, patient, found)
 
 
 def choice_distance(points: Array) -> float:
@@ -211,7 +211,7 @@ def solve(
 
 def _result(
     case: Case,
-    patient: Patient,
+    patient: PatientModel,
     done: Mapping[str, Any],
     drawn: Array,
     count: int,
@@ -316,7 +316,7 @@ def _whole(plans: list[str], done: Mapping[str, Any], count: int) -> tuple[_Whol
 
 
 def _shares(
-    patient: Patient,
+    patient: PatientModel,
     linear: Mapping[str, Mapping[str, Array]],
     corrected: Mapping[str, Mapping[str, Array]],
     drawn: Array,

@@ -190,13 +190,13 @@ def coarse_grid(times: Array, events: Sequence[float], steps: int) -> Array:
     Examples
     --------
     >>> coarse_grid(np.arange(11.0), (0.0, 5.0, 10.0), 4).tolist()
-    [0.0, 3.0, 5.0, 7.0, 10.0]
+    [0.0, 3.0, 5.0, 8.0, 10.0]
     """
     kept = np.min(np.abs(times[:, None] - np.asarray(events)[None]), axis=1) <= 1e-9 * times[-1]
     kept[[0, -1]] = True
     others = np.flatnonzero(~kept)
     room = min(max(steps + 1 - int(kept.sum()), 0), len(others))
-    kept[others[np.linspace(0, len(others) - 1, room + 2)[1:-1].round().astype(int)]] = True
+    kept[others[((np.arange(room) + 0.5) * len(others) / max(room, 1)).astype(int)]] = True
     return np.asarray(times[kept])
 
 
