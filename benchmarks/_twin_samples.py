@@ -16,14 +16,10 @@ from pathlib import Path
 import numpy as np
 from scipy import ndimage
 
-from ngbrain.image.labelling import label_tissues
-from ngbrain.image.read.nifti import write_nifti
-from ngbrain.image.read.template import mni152
-from ngbrain.image.read.volume import Volume
-from ngbrain.image.segment.tissue_classes import GREY, WHITE
-from ngbrain.inverse.data.stiffness_maps import read_stiffness
-from ngbrain.mesh.geometry.primitives import CORTEX_THICKNESS, SEMI_AXES, VENTRICLE_CENTRE, VENTRICLE_SEMI_AXES
-from ngbrain.surgery.twin.norms import Norm
+import ngbrain as nb
+from ngbrain.image import GREY, WHITE, Volume, label_tissues, mni152, write_nifti
+from ngbrain.inverse import read_stiffness
+from ngbrain.surgery import Norm
 
 SHIPPED = Path(__file__).parents[1] / "ngbrain" / "samples"
 VOXEL, BLUR, SD, ALIKE, SEED = 4e-3, 4e-3, 0.06, 8e-3, 20261128
@@ -31,7 +27,8 @@ VOXEL, BLUR, SD, ALIKE, SEED = 4e-3, 4e-3, 0.06, 8e-3, 20261128
 
 def maps() -> tuple[Volume, Volume]:
     """|G*| (Pa) and its standard deviation, 0 outside of tissue."""
-    half = np.ceil((SEMI_AXES + VOXEL) / VOXEL) * VOXEL
+    head = nb.mesh.geometry.primitives
+    half = np.ceil((head.SEMI_AXES + VOXEL) / VOXEL) * VOXEL
     shape = np.rint(2 * half / VOXEL).astype(int) + 1
     affine = np.diag([VOXEL, VOXEL, VOXEL, 1.0])
     affine[:3, 3] = -half
@@ -42,10 +39,10 @@ def maps() -> tuple[Volume, Volume]:
     def inside(axes: np.ndarray, centre: np.ndarray | float = 0.0) -> np.ndarray:
         return (((x - centre) / axes) ** 2).sum(axis=-1) <= 1
 
-    brain, core = inside(SEMI_AXES), inside(SEMI_AXES - CORTEX_THICKNESS)
+    brain, core = inside(head.SEMI_AXES), inside(head.SEMI_AXES - head.CORTEX_THICKNESS)
     sided = x * [-1.0, 1.0, 1.0]
-    fluid = inside(VENTRICLE_SEMI_AXES, VENTRICLE_CENTRE) | (
-        (((sided - VENTRICLE_CENTRE) / VENTRICLE_SEMI_AXES) ** 2).sum(axis=-1) <= 1
+    fluid = inside(head.VENTRICLE_SEMI_AXES, head.VENTRICLE_CENTRE) | (
+        (((sided - head.VENTRICLE_CENTRE) / head.VENTRICLE_SEMI_AXES) ** 2).sum(axis=-1) <= 1
     )
     norm = Norm.named("brain")
     moduli = {name: norm.tissue(name).at(50.0) for name in ("cortex", "white")}  # type: ignore[union-attr]

@@ -20,7 +20,7 @@ import numpy as np
 
 import ngbrain as nb
 from ngbrain.scene import Scene, Tissue
-from ngbrain.surgery.twin.case import Case
+from ngbrain.surgery import Case
 
 nb.set_threads(1)
 FAST = bool(os.environ.get("NGBRAIN_FAST"))

@@ -10,6 +10,7 @@
 - measures: `answer` of a run, `Observer`, `retraction_observables`, `Sites`, `TissueSample`, `von_mises`, `dose`,
   `infarct_probability`
 - one tissue column: `Column`, `LoadingHistory`, `dose_with_recovery`
+- plans of a patient compared (`ngbrain.twin`): `Case` (the patient and the plans), `Norm` (moduli of healthy tissue)
 - calibration: `Observations`, `CalibrationModel` (the model), `Calibration` (the result)
 
 Modules
@@ -79,6 +80,8 @@ if TYPE_CHECKING:
     from ngbrain.surgery.tools.base import RigidTool
     from ngbrain.surgery.tools.blades import Ball, Spatula, Tube
     from ngbrain.surgery.tools.closed_surface import ClosedSurface
+    from ngbrain.surgery.twin.case import Case
+    from ngbrain.surgery.twin.norms import Norm
 else:
     __getattr__, __dir__ = lazy_names(__name__)
 
@@ -86,12 +89,14 @@ __all__ = [
     "Ball",
     "Calibration",
     "CalibrationModel",
+    "Case",
     "ClosedSurface",
     "Column",
     "Drive",
     "ForceProtocol",
     "IdealisedHead",
     "LoadingHistory",
+    "Norm",
     "Observations",
     "Observer",
     "ProtocolResult",

@@ -1,6 +1,6 @@
 """Complete jobs, from files to files, shared by the command line and Python.
 
-The jobs themselves are `ngbrain.simulate`, `ngbrain.preview`, `ngbrain.mesh_head`, `ngbrain.twin` and `ngbrain.cohort`. Beside them:
+The jobs themselves are `ngbrain.simulate`, `ngbrain.preview`, `ngbrain.mesh_head`, `ngbrain.twin`, `ngbrain.cohort`. Beside them:
 
 - heads: `Subject`, `write_subject`
 - cohorts: `read_list`, `CohortCase`; their results `Cohort`, `ResultRow`, `summarise`

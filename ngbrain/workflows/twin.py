@@ -125,12 +125,11 @@ def twin(
 
     Examples
     --------
-    Some minutes::
+    The sample case, in some minutes; `ngbrain data twin` writes its files:
 
-        import ngbrain as nb
-        result = nb.twin("case.toml", "out", quick=True)
-        result["answers"]["from above"]["peak_pressure_mmHg"]["interval_95"]
-        result["conclusion"]
+    >>> result = twin("twin.toml", "out", quick=True)  # doctest: +SKIP
+    >>> result["answers"]["gentle"]["peak_pressure_mmHg"]["interval_95"]  # doctest: +SKIP
+    >>> print(result)  # doctest: +SKIP
     """
     if draws < 0 or draws == 1:
         raise InputError("draws", draws, "0, or 2 or more whole runs of each plan")
