@@ -144,10 +144,8 @@ def head_figure(result: Mapping[str, Any]) -> Any:
         image = axis.imshow(shown, origin="lower", extent=section["extent_mm"], **limits)
         for number in range(len(section["regions"])):
             if (region == number).any():
-                xs, ys = (
-                    np.linspace(*section["extent_mm"][k : k + 2], n)
-                    for k, n in ((0, region.shape[1]), (2, region.shape[0]))
-                )
+                left, right, bottom, top = section["extent_mm"]
+                xs, ys = np.linspace(left, right, region.shape[1]), np.linspace(bottom, top, region.shape[0])
                 axis.contour(xs, ys, (region == number).astype(float), [0.5], colors="#333333", linewidths=0.5)
         for j, (plan, corridor) in enumerate(result["corridors"].items()):
             entry, target = (np.array(corridor[key])[section["axes"]] for key in ("entry_mm", "target_mm"))

@@ -126,7 +126,7 @@ class PlanModel:
         ----------
         draw : (numbers,) array
         callback : callable, optional
-            As of `ProtocolRun.go`.
+            As of `ProtocolRun.run`.
 
         Returns
         -------
@@ -134,7 +134,7 @@ class PlanModel:
             As of `surgery.answers.answer`.
         """
         self.set_theta(self.theta(draw))
-        done = ProtocolRun(self.model, self.protocol, None, materials=dict(self.materials())).go(callback)
+        done = ProtocolRun(self.model, self.protocol, None, materials=dict(self.materials())).run(callback)
         return answer(done.result(), self.model.scene.patient)
 
     def linearise(self, found: Answer, steps: int = STEPS) -> Response:

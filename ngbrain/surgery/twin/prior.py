@@ -56,7 +56,7 @@ class Uncertain:
     deviation: float = 0.0
     bounds: tuple[float, float] | None = None
 
-    def quantile(self, probability: Array) -> Array:
+    def at_probability(self, probability: Array) -> Array:
         """Values at probabilities between 0 and 1."""
         if self.bounds is not None:
             low, high = self.bounds
@@ -119,7 +119,9 @@ class Prior:
         sequence = qmc.Sobol(len(self.numbers), rng=np.random.default_rng(seed))
         power = max(1, math.ceil(math.log2(count)))
         uniform = np.clip(sequence.random_base2(power)[:count], 1e-9, 1 - 1e-9)
-        return np.column_stack([each.quantile(column) for each, column in zip(self.numbers, uniform.T, strict=True)])
+        return np.column_stack(
+            [each.at_probability(column) for each, column in zip(self.numbers, uniform.T, strict=True)]
+        )
 
 
 def patient_prior(
@@ -158,7 +160,7 @@ def patient_prior(
     level = math.hypot(math.log(factor), stiffness.norm_deviation if data is not None else 0.0)
     low, high = link.exponent
     stiffening, why = _stiffening(link, comparable)
-    found = [
+    numbers = [
         Uncertain(LEVEL, "level of the whole patient", 0.0, level),
         Uncertain(LINK, "link from waves to a retraction", (low + high) / 2, bounds=(low, high)),
         Uncertain(STIFFENING, "stiffening with strain", 0.0, math.log(stiffening)),
@@ -167,15 +169,15 @@ def patient_prior(
     for tissue in tissues:
         spread = link.region_factor if tissue in solid else FLUID_FACTOR
         source = "differences between tissues" if tissue in solid else "fluid-filled spaces"
-        found.append(Uncertain(TISSUE + tissue.region, source, 0.0, math.log(spread)))
+        numbers.append(Uncertain(TISSUE + tissue.region, source, 0.0, math.log(spread)))
     words = "error of the map" if data is not None else "differences from person to person"
-    found += [Uncertain(f"{PLACE}{k}", words, 0.0, 1.0) for k in range(len(stiffness.places))]
+    numbers += [Uncertain(f"{PLACE}{k}", words, 0.0, 1.0) for k in range(len(stiffness.places))]
     if data is not None and data.registration > 0:
-        found += [Uncertain(name, "place of the map", 0.0, data.registration) for name in SHIFT]
+        numbers += [Uncertain(name, "place of the map", 0.0, data.registration) for name in SHIFT]
     for lesion in stiffness.lesion_priors:
         spread = math.log(lesion.ratio_factor)
-        found.append(Uncertain(LESION + lesion.name, "lesions", math.log(lesion.ratio), spread))
-    return Prior(tuple(found), (note, why, f"all relaxation times by a factor of {link.relaxation_factor:g}"))
+        numbers.append(Uncertain(LESION + lesion.name, "lesions", math.log(lesion.ratio), spread))
+    return Prior(tuple(numbers), (note, why, f"all relaxation times by a factor of {link.relaxation_factor:g}"))
 
 
 def _level(link: Link, comparable: dict[str, Comparable], measured: bool) -> tuple[float, str]:
