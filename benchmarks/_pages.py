@@ -72,11 +72,13 @@ def by_hand(topic: str) -> dict[str, list[Record]]:
 
 
 def listed(found: Iterable[Record]) -> str:
-    """What was measured by hand as a list."""
+    """What was measured by hand as a list; a value stands where `{}` is in what it is of, else behind it."""
     lines = []
     for record in found:
-        value = f": {_value(record)}" if record["value"] is not None else ""
-        lines.append(f"- {record['what']}{value}" + (f" ({record['how']})" if record["how"] else ""))
+        what = record["what"]
+        if record["value"] is not None:
+            what = what.replace("{}", _value(record)) if "{}" in what else f"{what}: {_value(record)}"
+        lines.append(f"- {what}" + (f" ({record['how']})" if record["how"] else ""))
     return "\n".join(lines)
 
 

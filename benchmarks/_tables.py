@@ -164,7 +164,7 @@ def verdict(records: Sequence[Record], errors: Iterable[float], cost: str = "cpu
     alone = [percent(race.error) for race in ahead if race.ratio is None]
     at = ", ".join(percent(race.error).removesuffix(" %") for race in ahead if race.ratio is not None)
     parts = [f"Behind: {'; '.join(map(str, behind))}."] if behind else []
-    parts += [f"Ahead at {at} %: {spread(shares)} of the best other's time."] if shares else []
+    parts += [f"Ahead or even at {at} %: {spread(shares)} of the best other's time."] if shares else []
     parts += [f"No other reaches {', '.join(alone)}."] if alone else []
     return " ".join(parts)
 
