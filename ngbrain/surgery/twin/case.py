@@ -48,15 +48,14 @@ def _changes(key: str) -> Any:
     return custom_table(key, lambda raw, _: Changes(raw), {"type": "object"}, wanted, relocate)
 
 
-def _scene() -> Any:
-    """Field of a scene: the path of a file, or the name of a shipped scene."""
-    wanted = "the path of a scene (.toml), or the name of a shipped one such as idealised_fast"
-    entry = text("scene", MISSING, wanted, lambda raw: raw.strip()).metadata["entry"]
+def _file_or_name(key: str, default: Any, wanted: str) -> Any:
+    """Field of a TOML file by its path, or of a shipped one by its name."""
+    entry = text(key, default, wanted, lambda raw: raw.strip()).metadata["entry"]
 
     def relocate(value: Any, folder: Path) -> Any:
         return str(folder / value) if isinstance(value, str) and value.endswith(".toml") else value
 
-    return field(metadata={"entry": replace(entry, relocate=relocate)})
+    return field(default=default, metadata={"entry": replace(entry, relocate=relocate)})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -302,10 +301,10 @@ class Case(Document):
     """
 
     title: str = text("title", "", "one line of text", lambda raw: True)
-    scene: str = _scene()
-    norm: str = text(
-        "norm", "brain", "the path of a norm (.toml), or the name of a shipped one", lambda raw: raw.strip()
+    scene: str = _file_or_name(
+        "scene", MISSING, "the path of a scene (.toml), or the name of a shipped one such as idealised_fast"
     )
+    norm: str = _file_or_name("norm", "brain", "the path of a norm (.toml), or the name of a shipped one such as brain")
     stiffness: StiffnessData | None = table(StiffnessData, None)
     link: Link = table(Link, Link)
     lesions: tuple[Lesion, ...] = table(Lesion, (), size=0)
@@ -318,9 +317,10 @@ class Case(Document):
         super().__post_init__()
         if len(self.plans) < 2:
             raise InputError("plan", f"given {len(self.plans)} time", "two or more tables [[plan]], to be compared")
-        names = [plan.name for plan in self.plans]
-        if twice := [name for name in names if names.count(name) > 1]:
-            raise InputError("plan.name", repr(twice[0]), "a name for each plan that no other has")
+        plans, lesions = [plan.name for plan in self.plans], [lesion.name for lesion in self.lesions]
+        for key, names in (("plan", plans), ("lesion", lesions)):
+            if twice := [name for name in names if names.count(name) > 1]:
+                raise InputError(f"{key}.name", repr(twice[0]), f"a name for each {key} that no other has")
         for key, part in (("stiffness", self.stiffness), ("link", self.link)):
             if part is not None:
                 part._check(key, self)

@@ -36,7 +36,13 @@ def test_a_case_survives_writing(tmp_path):
     (tmp_path / "case.toml").write_text(given.to_toml())
     again = Case.from_toml(tmp_path / "case.toml")
     assert again.lesions == given.lesions and again.plans == given.plans
-    assert again.stiffness.map == str(tmp_path / "m.nii")
+    assert again.stiffness.map == str(tmp_path / "m.nii") and again.norm == "brain" and again.scene == "idealised_fast"
+
+
+def test_files_of_a_case_are_relative_to_it(tmp_path):
+    (tmp_path / "case.toml").write_text(case(scene="base.toml", norm="norm.toml").to_toml())
+    found = Case.from_toml(tmp_path / "case.toml")
+    assert (found.scene, found.norm) == (str(tmp_path / "base.toml"), str(tmp_path / "norm.toml"))
 
 
 def test_the_template_is_a_case():
@@ -51,6 +57,7 @@ def test_the_template_is_a_case():
     [
         ({"plan": PLANS[:1]}, "plan is given 1 time"),
         ({"plan": [{"name": "a"}, {"name": "a"}]}, "plan.name is 'a'"),
+        ({"lesion": 2 * [{"centre_mm": [0, 0, 0], "diameter_mm": 6.0}]}, "lesion.name is 'lesion'"),
         ({"stiffness": {"map": "m.nii"}}, "stiffness.sd is missing; wanted: a volume of standard deviations"),
         ({"stiffness": {"map": "m.nii", "waves": "w.npz", "sd": "s.nii"}}, "wanted: the path of a map, or waves"),
         ({"stiffness": {"map": "m.nii", "low": "l.nii"}}, "wanted: this key and high"),

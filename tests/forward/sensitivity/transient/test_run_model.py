@@ -244,6 +244,18 @@ def test_few_histories_are_held_and_the_gradient_is_the_same(kind):
         assert slope == pytest.approx(wanted, rel=1e-10 if states else 1e-7)
 
 
+def test_several_gradients_prepare_each_step_once(monkeypatch, rng):
+    monkeypatch.setattr(through_time, "TOGETHER", 0)
+    of = model("relaxing", GRID)
+    there, prepare, calls = of.evaluate(of.theta), of.tangents.prepare, []
+    monkeypatch.setattr(of.tangents, "prepare", lambda *given: (calls.append(1), prepare(*given))[1])
+    several = [weights(there.data, rng) for _ in range(3)]
+    found = there.gradients(several)
+    assert len(calls) == len(of.replay.grid) - 1
+    for slope, w in zip(found, several, strict=True):
+        assert slope == pytest.approx(there.gradient(w), rel=1e-8, abs=1e-9 * np.abs(slope).max())
+
+
 @pytest.mark.parametrize("states", [True, False])
 def test_by_default_memory_grows_like_the_root(states):
     held = []
