@@ -1,4 +1,4 @@
-# make demo | test | slow | lint | bench | pages | bench-peers | bench-peers-gradient | clean    what to pass on: make demo ARGS=--fast
+# make demo | test | slow | lint | docs | bench | pages | bench-peers | bench-peers-gradient | clean    what to pass on: make demo ARGS=--fast
 # Needs make and Python with venv; everything else is installed into .venv.
 
 VENV ?= .venv
@@ -10,7 +10,7 @@ DEBIAN_VENV = $(or $(filter python3.%,$(notdir $(PYTHON))),python3)-venv
 QUADMATH := libquadmath.so.0
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo test slow lint bench pages bench-peers bench-peers-gradient clean check
+.PHONY: demo test slow lint docs bench pages bench-peers bench-peers-gradient clean check
 
 demo: $(VENV)/.demo
 	$(BIN)/python -m ngbrain demo $(ARGS)
@@ -31,6 +31,10 @@ lint: $(VENV)/.dev
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python .ci/check_docstrings.py
+
+# The site, out/docs/index.html. Lessons are executed where NOTEBOOKS, a folder of executed ones, lacks them; ARGS=--fast leaves that out.
+docs: $(VENV)/.dev
+	$(BIN)/python tutorials/guide/builder $(if $(NOTEBOOKS),--notebooks $(NOTEBOOKS)) $(ARGS)
 
 # Each benchmark's last line is its JSON.
 bench: $(VENV)/.dev

@@ -30,7 +30,7 @@ LOADED = {
     "webgui_jupyter_widgets": "viz reads the viewer's program from it",
 }
 
-# Tools that the Makefile or the CI's scripts run: what they write there.
+# Tools that the Makefile, the CI's scripts or the site's settings run: what these say.
 TOOLS = {
     "pytest": "-m pytest",
     "pytest-xdist": "--dist",
@@ -38,6 +38,8 @@ TOOLS = {
     "mypy": "/mypy",
     "import-linter": "/lint-imports",
     "ipykernel": "kernel_name=",
+    "myst-nb": '"myst_nb"',
+    "furo": '"furo"',
 }
 
 
@@ -89,7 +91,7 @@ def module(distribution):
 
 def test_the_library_uses_every_package_of_an_extra():
     used = set().union(*(modules for modules, _ in LIBRARY.values()))
-    of_users = {extra: names for extra, names in extras().items() if extra != "dev"}
+    of_users = {extra: names for extra, names in extras().items() if extra not in ("dev", "docs")}
     for extra, names in of_users.items():
         unused = {name for name in names - set(LOADED) if module(name) not in used}
         assert not unused, f"{extra} names {unused}, which nothing imports"
@@ -97,8 +99,11 @@ def test_the_library_uses_every_package_of_an_extra():
 
 
 def test_development_uses_every_package_of_its_extra():
-    used = set().union(*(imports(tree)[0] for _, tree in trees(ROOT / "ngbrain", ROOT / "tests", ROOT / ".ci")))
-    scripts = [ROOT / "Makefile", *(ROOT / ".ci").iterdir()]
+    builder = ROOT / "tutorials/guide/builder"
+    used = set().union(
+        *(imports(tree)[0] for _, tree in trees(ROOT / "ngbrain", ROOT / "tests", ROOT / ".ci", builder))
+    )
+    scripts = [ROOT / "Makefile", *(ROOT / ".ci").iterdir(), builder / "conf.py"]
     text = "\n".join(path.read_text() for path in scripts if path.is_file())
     for name in extras()["dev"]:
         assert TOOLS[name] in text if name in TOOLS else module(name) in used or name in LOADED, f"nothing uses {name}"

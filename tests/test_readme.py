@@ -13,7 +13,6 @@ README = ROOT / "README.md"
 PAGES = [
     *(README, ROOT / "CONTRIBUTING.md"),
     *sorted(ROOT.glob("benchmarks/results/*.md")),
-    *sorted(ROOT.glob("tutorials/guide/**/*.md")),
 ]
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.M | re.S)
 LINK = re.compile(r"\]\(([^)\s]+)\)|src=\"([^\"]+)\"")

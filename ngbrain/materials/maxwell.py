@@ -17,7 +17,9 @@ factors that make a branch of constant modulus exact for ramps of any length, as
 The scheme is otherwise of second order and stable for any Δt; Δt → 0 gives W, Δt → ∞ gives no stress. Unlike that
 of a hereditary branch its free energy is a function of state, so every step dissipates.
 
-References ---------- Reese & Govindjee 1998, 10.1016/S0020-7683(97)00217-5; as a minimum: Ortiz & Stainier 1999,
+References
+----------
+Reese & Govindjee 1998, 10.1016/S0020-7683(97)00217-5; as a minimum: Ortiz & Stainier 1999,
 10.1016/S0045-7825(98)00219-9; Fancello, Ponthot & Stainier 2006, 10.1002/nme.1525.
 """
 

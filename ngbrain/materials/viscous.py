@@ -9,7 +9,9 @@ and the internal variables are updated by H_k ← e_k H_k + β_k (S̄_k,new - S�
 in time within a step, of second order otherwise, and stable for any Δt/τ; Δt → 0 gives W_∞ + Σ W_k, Δt → ∞ gives
 W_∞.
 
-References ---------- Simo 1987, 10.1016/0045-7825(87)90107-1; Simo & Hughes 1998, section 10.3.
+References
+----------
+Simo 1987, 10.1016/0045-7825(87)90107-1; Simo & Hughes 1998, section 10.3.
 """
 
 from __future__ import annotations

@@ -4,9 +4,8 @@ bulk    Shear waves hardly depend on the bulk modulus K: at K/G = 100, ten per c
         unknown. One more wave computation measures how much it matters.
 scale   A quasi-static body that displacements alone drive moves alike for all moduli times any factor. A known bulk modulus
         determines that factor only where it is compressed and all components are measured.
-fibres  In plane strain near K/μ → ∞ the energy depends only on μ(1+φ), of shear along fibres, and μ(1+ζ), of stretch along
-them:
-        c₁₁ + c₂₂ - 2c₁₂ = 4μ(1+ζ), c₄₄ = μ(1+φ). Only compression along fibres determines μ itself.
+fibres  In plane strain near K/μ → ∞ the energy depends only on μ(1+φ), of shear along fibres, and μ(1+ζ), of stretch
+        along them: c₁₁ + c₂₂ - 2c₁₂ = 4μ(1+ζ), c₄₄ = μ(1+φ). Only compression along fibres determines μ itself.
 """
 
 from __future__ import annotations

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -99,7 +100,7 @@ def plot_catalogue(entries: Sequence[Published]) -> Any:
     ----------
     entries : sequence of Published
         Entries of the catalogue. A viscoelastic one has two lines of one colour: instantaneous, and thin in
-        equilibrium.
+        equilibrium. One that no data limit is drawn over the usual stretches.
 
     Returns
     -------
@@ -130,7 +131,7 @@ def plot_catalogue(entries: Sequence[Published]) -> Any:
             law = viscous(entry.law())
             shown = [(instantaneous_law(law), 1.8)] + ([(law.equilibrium, 0.9)] if law.branches else [])
             for axes, mode in zip(panels, ("uniaxial", "shear"), strict=True):
-                low, high = entry.stretch
+                low, high = entry.stretch if all(map(math.isfinite, entry.stretch)) else RANGES["uniaxial"]
                 if mode == "shear":
                     high = 2 * min(1 - low, high - 1)
                     low = -high
