@@ -140,3 +140,14 @@ def test_plain_text_of_docstrings_stays_plain_and_names_become_references(stage,
         "",
         "The end",
     ]
+
+
+def test_formulas_can_be_drawn_by_browsers(stage):
+    """Those of docutils' own translation to MathML: a page with another one would show its LaTeX."""
+    from docutils.utils.math.latex2mathml import tex2mathml
+
+    formula = re.compile(r"\$\$(.+?)\$\$|\$([^$\n]+?)\$", re.S)
+    found = [match for path in GUIDE.rglob("*.md") for match in formula.finditer(stage.FENCE.sub("", path.read_text()))]
+    assert len(found) > 50
+    for match in found:
+        assert tex2mathml(match[1] or match[2], as_block=bool(match[1])).startswith("<math")

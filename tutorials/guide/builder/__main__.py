@@ -46,10 +46,10 @@ def main(argv: list[str]) -> int:
     )
     if status:
         return status
-    fetched = offline.network_resources(site)
-    print(*fetched, sep="\n", file=sys.stderr)
+    faults = offline.network_resources(site) + [f"{page} was not written" for page in pages.missing(site)]
+    print(*faults, sep="\n", file=sys.stderr)
     print(f"{site / 'index.html'}: {len(list(site.rglob('*.html')))} pages")
-    return int(bool(fetched))
+    return int(bool(faults))
 
 
 if __name__ == "__main__":

@@ -29,6 +29,8 @@ napoleon_google_docstring = False
 napoleon_use_param = napoleon_use_rtype = False
 napoleon_custom_sections = [("Attributes", "params_style")]
 
+suppress_warnings = ["ref.python"]  # types in docstrings are words, several of which have namesakes
+
 html_theme = "furo"
 html_title = "ngbrain"
 html_static_path = ["style"]

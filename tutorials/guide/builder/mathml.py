@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import html
 from typing import Any
 
 from docutils import nodes
 from docutils.utils.math import MathError
 from docutils.utils.math.latex2mathml import tex2mathml
-from sphinx.errors import ExtensionError
+from sphinx.util import logging
+
+LOG = logging.getLogger(__name__)
 
 
 def _formula(node: nodes.Node, block: bool) -> str:
     try:
         return tex2mathml(node.astext(), as_block=block)
     except MathError as error:
-        raise ExtensionError(f"formula {node.astext()!r}: {error}") from error
+        LOG.warning("formula %r: %s", node.astext(), error, location=node)
+        return f"<code>{html.escape(node.astext())}</code>"
 
 
 def _visit_math(self: Any, node: nodes.math) -> None:

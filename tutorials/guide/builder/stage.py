@@ -21,6 +21,7 @@ LINK = re.compile(r"(?P<picture>!?)\[(?P<text>(?:[^\[\]]|\[[^\]]*\])*)\]\((?P<to
 IMAGE = re.compile(r'<img src="(?P<to>[^"]+)"')
 FENCE = re.compile(r"^(`{3,}|:{3,}).*?^\1\s*$|`[^`\n]+`", re.MULTILINE | re.DOTALL)
 """Code, in which nothing is a link."""
+SOURCES = (".md", ".rst", ".ipynb")
 PICTURES = (".png", ".svg", ".jpg", ".gif")
 
 
@@ -107,6 +108,11 @@ class Pages:
         for path in self.folder.rglob("*"):
             if path.is_file() and path not in self._written:
                 path.unlink()
+
+    def missing(self, site: Path) -> list[str]:
+        """Pages that have no HTML in a site: Sphinx passes over what a process of its failed to write."""
+        pages = (path.relative_to(self.folder).with_suffix(".html") for path in self._written if path.suffix in SOURCES)
+        return sorted(page.as_posix() for page in pages if "notebooks" not in page.parts and not (site / page).exists())
 
     def relink(self, text: str, source: str, page: str) -> str:
         """The text of a page with links between files of the repository turned into links between pages.
