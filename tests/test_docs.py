@@ -1,8 +1,10 @@
 """The documentation site, as far as it can be looked at without being built; `.ci/run` builds it with warnings as errors."""
 
+import ast
 import posixpath
 import re
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -151,3 +153,26 @@ def test_formulas_can_be_drawn_by_browsers(stage):
     assert len(found) > 50
     for match in found:
         assert tex2mathml(match[1] or match[2], as_block=bool(match[1])).startswith("<math")
+
+
+def test_names_of_the_package_in_the_guide_exist():
+    missing = []
+    for path in sorted(GUIDE.rglob("*.md")):
+        text = path.read_text()
+        named = re.findall(r"(?:`|\")(ngbrain(?:\.\w+)+)", text)
+        for block in re.findall(r"^```python\n(.*?)^```$", text, re.M | re.S):
+            for node in ast.walk(ast.parse(block)):
+                if isinstance(node, ast.ImportFrom) and str(node.module).startswith("ngbrain"):
+                    named += [f"{node.module}.{alias.name}" for alias in node.names]
+        missing += [f"{path.name}: {name}" for name in named if not exists(name)]
+    assert missing == []
+
+
+def exists(name):
+    """Whether a name of the package can be imported, or got from what can be."""
+    try:
+        import_module(name)
+    except ModuleNotFoundError:
+        module, _, last = name.rpartition(".")
+        return hasattr(import_module(module), last) if exists(module) else False
+    return True
