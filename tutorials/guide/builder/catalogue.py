@@ -95,9 +95,8 @@ def _row(entry: Published) -> Sequence[str]:
 
 def _label(given: dict[str, Any]) -> str:
     symbols = {"mu": "μ", "alpha": "α", "jm": "J_m"}
-    return (
-        ", ".join(f"{symbols.get(name, name)} {value:g}" for name, value in given.items() if name != "mu") or "μ 1000"
-    )
+    others = (f"{symbols.get(name, name)} = {value:g}" for name, value in given.items() if name != "mu")
+    return ", ".join(others) or "μ = 1 kPa"
 
 
 def _picture(pages: stage.Pages, name: str, figure: Any, words: str) -> str:
