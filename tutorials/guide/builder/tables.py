@@ -21,6 +21,7 @@ HOWTO = {
     "invert": "howto/stiffness_from_waves.md",
     "predict": "howto/stiffness_at_once.md",
     "calibrate": "howto/calibrate.md",
+    "twin": "howto/twin.md",
     "cohort": "howto/cohort.md",
     "materials": "howto/laws.md",
     "data": "install.md",
