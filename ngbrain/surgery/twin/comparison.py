@@ -148,7 +148,7 @@ def summarise(logs: Array, value: float, moved: float | None) -> dict[str, Any]:
 
     Examples
     --------
-    >>> summarise(np.log(np.linspace(1.0, 3.0, 201)), 2.0, 0.0)["interval_95"]
+    >>> [round(end, 6) for end in summarise(np.log(np.linspace(1.0, 3.0, 201)), 2.0, 0.0)["interval_95"]]
     [1.05, 2.95]
     """
     values = np.exp(logs)

@@ -233,7 +233,7 @@ def change_law(law: Viscous, stiffening: Value, relaxation: Value) -> Viscous:
     --------
     >>> from ngbrain.materials import Prony
     >>> change_law(Prony(Ogden(900.0, -20.0), [0.5], [3.0]), 0.5, 2.0).branches[0]
-    Branch(law=Ogden(mu=450.0, alpha=-10.0), tau=6.0)
+    Branch(law=Scaled(law=Ogden(mu=900.0, alpha=-10.0), factor=0.5), tau=6.0)
     """
 
     def branch(of: Branch | Maxwell) -> Branch | Maxwell:
