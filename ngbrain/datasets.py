@@ -106,7 +106,7 @@ DATASETS: Mapping[str, Dataset] = MappingProxyType(
         ),
         "twin": Dataset(
             "a patient with a map of stiffness and two surgical plans on an idealised head, for `ngbrain twin`",
-            ("twin.toml", "retraction.toml", "twin_stiffness.nii.gz", "twin_stiffness_sd.nii.gz"),
+            ("twin.toml", "norm_brain.toml", "retraction.toml", "twin_stiffness.nii.gz", "twin_stiffness_sd.nii.gz"),
             "scene",
         ),
         "mni152": Dataset(
