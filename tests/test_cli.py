@@ -144,7 +144,7 @@ def staged(tmp_path, monkeypatch):
             seen.append((result["verb"], list(result["check_status"].values())))
             return self.path
 
-    def solve(scene, folder, *, as_described, threads, resume, checks, callback, checkpoint, executor):
+    def solve(scene, folder, *, as_described, threads, resume, checks, quick, callback, checkpoint, executor):
         folder.mkdir(exist_ok=True)
         answer = dict.fromkeys(
             (
@@ -158,6 +158,14 @@ def staged(tmp_path, monkeypatch):
             1.0,
         )
         result = {"verb": "simulate", "answers": {"continuous": answer}, "error_budget": {}}
+        result["protocol_status"] = {"continuous": "computed"}
+        if quick:
+            name = {"protocol": "continuous", "name": "peak pressure", "unit": "mmHg", "value": 1.2}
+            answers = [name | {"interval": [0.9, 1.6], "refined": None, "inside": None}]
+            first = {"model": "large elements", "basis": "", "time_s": 60.0, "refined": False, "answers": answers}
+            waiting = {"half steps": "under way" if checks else "not computed"}
+            checkpoint(result | {"first_answers": first, "check_status": waiting})
+            result["first_answers"] = first | {"refined": True}
         for status in (["under way"] * 2, ["computed", "failed"]) if checks else (["not computed"] * 2,):
             result["check_status"] = dict(zip(("half steps", "other elements"), status, strict=True))
             checkpoint(result)
@@ -186,6 +194,17 @@ def test_without_checks_it_is_said_that_estimates_are_not_computed(tmp_path, cap
     assert staged == [("demo", ["not computed"] * 2)] and not complained
     ending = [f"report: {out}/report.html", "error estimates not computed: half steps, other elements"]
     assert said.splitlines()[-2:] == ending
+
+
+def test_first_answers_are_said_before_the_run_as_described(tmp_path, capsys, staged):
+    out = tmp_path / "out"
+    assert main(["demo", "--fast", "--head", "idealised", "-o", str(out), "--quick", "--no-checks"]) == 0
+    said = capsys.readouterr().out
+    assert staged == [("demo", ["not computed"]), ("demo", ["not computed"] * 2)]
+    lines = said.splitlines()
+    assert lines[1].split() == ["continuous:", "peak", "pressure", "1.20", "mmHg", "0.900", "to", "1.60", "mmHg"]
+    assert lines[2] == f"report: {out}/report.html (refinement under way)"
+    assert lines[3].startswith("protocol") and lines[-2] == f"report: {out}/report.html"
 
 
 def test_output_must_be_a_folder(tmp_path, capsys):
@@ -339,11 +358,17 @@ def test_without_checks_estimates_are_said_to_be_missing_and_a_resumed_run_adds_
     assert "ot computed" not in (tmp_path / "report.html").read_text()
 
 
+def page_of(folder):
+    """The page there, or what one says of protocols under way."""
+    path = folder / "report.html"
+    return path.read_text() if path.exists() else "Protocols under way"
+
+
 @pytest.mark.slow
 def test_a_run_killed_among_its_checks_has_left_a_report_and_goes_on(finished, tmp_path):
     scene, out = finished
     with subprocess.Popen(command(scene, tmp_path, "--threads", "1"), start_new_session=True) as run:
-        while not (tmp_path / "report.html").exists():
+        while "Protocols under way" in page_of(tmp_path):
             assert run.poll() is None
             time.sleep(0.01)
         os.killpg(run.pid, signal.SIGKILL)

@@ -45,7 +45,7 @@ def test_a_scene_is_solved_and_told(tmp_path, capsys):
     assert "http" not in re.sub(r"base64,[^\"]+|http-equiv", "", page)
     file.write_text(ELASTIC)
     assert main(["simulate", str(file), "-o", str(tmp_path / "out"), "--force"]) == 0
-    assert "left out" in capsys.readouterr().out
+    assert "omitted effect" in capsys.readouterr().out
 
 
 def test_bad_input_is_one_line(tmp_path, capsys):

@@ -13,15 +13,19 @@ from ngbrain.errors import InputError, require
 from ngbrain.io import write_json
 from ngbrain.parallel import open_executor
 from ngbrain.progress import LOG, Progress, RunProgress, terminal
+from ngbrain.report.pages import first_answers
 from ngbrain.report.pages import ladder as page
 from ngbrain.scene import Scene
 from ngbrain.surgery.head_models import transfer_scene
 from ngbrain.surgery.retraction import CHECKS
 from ngbrain.surgery.uncertainty.error_budget import FAILED, NOT_COMPUTED, UNDER_WAY
+from ngbrain.workflows.quick_operation import count_runs, has_first_answers
 from ngbrain.workflows.simulate import simulate
 
 NOT_OF_THE_SCENE = ("-", "checkpoint", "result", "executor", "worker", "memory")
 """Prefixes of message fields that refer to an option or another file."""
+FIRST, PROTOCOLS, CHECKED = "first answers", "protocols", "checked"
+"""What is printed, once each: first answers, the summary of all protocols, and that checks have been added to the report."""
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -63,9 +67,14 @@ def _answer(scene: Scene, arguments: argparse.Namespace) -> int:
         raise InputError("--resume", "given", "this option left out: a scene with quantities cannot be resumed")
     folder: Path = arguments.output
 
+    said = set[str]()
+
     def extend(found: dict[str, Any]) -> None:
         """Write the report after each model, so that an interrupted search leaves one."""
-        page.build(folder / "report.html", found)
+        path = page.build(folder / "report.html", found)
+        if arguments.quick and not (said or arguments.quiet or found["first_answers"]["refined"]):
+            said.add(FIRST)
+            line.say("\n".join([*_first_answers(found), f"report: {path} (refinement under way)", ""]))
 
     with Progress(terminal(arguments.quiet)) as line, open_executor(arguments.executor) as executor:
         result = simulate(
@@ -73,6 +82,7 @@ def _answer(scene: Scene, arguments: argparse.Namespace) -> int:
             folder,
             as_described=arguments.as_described,
             threads=arguments.threads,
+            quick=arguments.quick,
             callback=line.callback,
             checkpoint=extend,
             executor=executor,
@@ -104,21 +114,33 @@ def _operate(scene: Scene, arguments: argparse.Namespace) -> int:
     folder: Path = arguments.output
     from ngbrain.report.pages.retraction import Report
 
-    report, written = Report(folder), list[Path]()
-    runs = RunProgress(len(scene.protocols) + CHECKS * arguments.checks)
+    report, pages, said = Report(folder), list[Path](), set[str]()
+    quick = arguments.quick or (arguments.resume and has_first_answers(folder))
+    number = count_runs(scene, arguments.checks) if quick else len(scene.protocols) + CHECKS * arguments.checks
+    runs = RunProgress(number)
     with Progress(terminal(arguments.quiet), runs, "head and mesh") as progress:
 
         def extend(result: dict[str, Any]) -> None:
-            """Write the report after the protocols and after each check."""
+            """Write the report after each protocol and after each check."""
             result["verb"] = arguments.verb
             write_json(folder / "result.json", result)
-            written.append(report.write())
-            if len(written) == 1:
+            pages.append(report.write())
+            if len(pages) == 1:
                 for text in scene.warnings:
                     LOG.warning("warning: %s", text)
-            if len(written) == 1 and not arguments.quiet:
-                later = " (checks under way)" if UNDER_WAY in result["check_status"].values() else ""
-                progress.say("\n".join([*_summary(result["answers"]), f"report: {written[0]}{later}"]))
+            first = result.get("first_answers")
+            stage = FIRST if first and not first["refined"] else PROTOCOLS
+            if stage in said or (stage == PROTOCOLS and UNDER_WAY in result.get("protocol_status", {}).values()):
+                return
+            said.add(stage)
+            if arguments.quiet:
+                return
+            if stage == FIRST:
+                progress.say("\n".join([*_first_answers(result), f"report: {pages[-1]} (refinement under way)"]))
+                return
+            later = " (checks under way)" if UNDER_WAY in result["check_status"].values() else ""
+            said.update({CHECKED} if later else ())
+            progress.say("\n".join([*_summary(result["answers"]), f"report: {pages[-1]}{later}"]))
 
         with open_executor(arguments.executor) as executor:
             result = simulate(
@@ -128,6 +150,7 @@ def _operate(scene: Scene, arguments: argparse.Namespace) -> int:
                 threads=arguments.threads,
                 resume=arguments.resume,
                 checks=arguments.checks,
+                quick=arguments.quick,
                 callback=progress.callback,
                 checkpoint=extend,
                 executor=1 if executor is None and arguments.executor else executor,
@@ -138,9 +161,20 @@ def _operate(scene: Scene, arguments: argparse.Namespace) -> int:
     if left_out := _checks_that(NOT_COMPUTED, result):
         cautions.append(f"error estimates not computed: {left_out}")
     conclude(arguments.quiet, [], cautions)
-    if len(written) > 1 and not arguments.quiet:
-        print(f"report, with the checks: {written[-1]}")
+    if CHECKED in said:
+        print(f"report, with the checks: {pages[-1]}")
     return 0
+
+
+def _first_answers(result: dict[str, Any]) -> list[str]:
+    """First answers with their intervals, a line each."""
+    found = first_answers.rows(result["first_answers"])
+    rows = [
+        (f"{protocol}: {name}" if protocol else name, value, interval) for protocol, name, value, interval, *_ in found
+    ]
+    width = max(len(name) for name, *_ in rows)
+    lines = [f"{'first answer':<{width}}{'coarse':>16}   interval of the refined one"]
+    return lines + [f"{name:<{width}}{value:>16}   {interval}" for name, value, interval in rows]
 
 
 def _checks_that(status: str, result: Mapping[str, Any]) -> str:

@@ -63,3 +63,16 @@ def moment(seconds: float) -> str:
     ('0 s', '0.267 s', '12.5 s', '14 min 25 s')
     """
     return f"{seconds:.3g} s" if seconds < 60 else duration(seconds)
+
+
+SHOWN = {"m": ("mm", 1e3), "": ("%", 100.0)}
+"""Unit → display unit and factor; other units are shown as they are."""
+
+
+def display_unit(unit: str) -> tuple[str, float]:
+    """Display unit of a quantity, and the factor to it.
+
+    >>> display_unit("m"), display_unit("N")
+    (('mm', 1000.0), ('N', 1.0))
+    """
+    return SHOWN.get(unit, (unit, 1.0))

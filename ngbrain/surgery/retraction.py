@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import fields
+from collections.abc import Callable, Container, Mapping
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from ngbrain.errors import SolverError
 from ngbrain.io import versions, write_json
 from ngbrain.parallel import Callback, ProcessExecutor, Task, predicted_memory, share_threads
 from ngbrain.progress import RunProgress, log_progress, reporting
+from ngbrain.reading import read_json
 from ngbrain.result import Status
 from ngbrain.scene import Scene
 from ngbrain.scene.result import SceneResult
@@ -67,6 +68,8 @@ def solve(
     checks: bool = True,
     checkpoint: Callable[[dict[str, Any]], None] | None = None,
     executor: parallel.AnyExecutor = None,
+    store: Callable[[dict[str, Any]], None] | None = None,
+    early: bool | None = None,
 ) -> SceneResult:
     """Run every protocol of a scene, then the verification runs.
 
@@ -76,7 +79,7 @@ def solve(
         The operation.
     folder : str or Path, optional
         Where run files (`NAME.vtkhdf`, restartable), those of the checks (`checks/`) and `result.json` go. `result.json` is
-        written after the protocols, and again after each check. None writes nothing.
+        written after the first protocol, and again after each other one and each check. None writes nothing.
     threads : int
         Number of processes. The last ones use the threads of finished ones; their results then differ by round-off.
     resume : bool
@@ -86,16 +89,21 @@ def solve(
     checks : bool
         Whether to compute the verification runs: error estimates of mesh, order and time step, and another exponent of the law.
     checkpoint : callable, optional
-        Called with the present result after the protocols, and again after each check.
+        Called with the present result after each protocol and after each check.
     executor : int or concurrent.futures.Executor, optional
         Computes protocols and checks (`ngbrain.parallel.run`), each on one thread and with the same bits for every executor; by
         default `threads` processes of this machine. Workers write the run files, and need access to `folder`.
+    store : callable, optional
+        Called with the result so far in place of writing `result.json`.
+    early : bool, optional
+        Whether the shortest protocol is first, so that there is an answer early, or the longest one, so that all are done early
+        side by side. By default the shortest is first where they are computed one after the other.
 
     Returns
     -------
     SceneResult
-        Reads as `result.json` does. `check_status` maps each check to "computed", "failed", "under way" or "not computed"; an
-        error estimate whose check is not computed is None.
+        Reads as `result.json` does. `protocol_status` maps each protocol to "computed" or "under way", `check_status` each check to
+        "computed", "failed", "under way" or "not computed"; an error estimate whose check is not computed is None.
 
     Raises
     ------
@@ -124,32 +132,52 @@ def solve(
         _write_pictures(where / PICTURES, model.head.pictures())
     protocols = [protocol.name for protocol in scene.protocols]
     ended, known, result = dict[str, Any](), dict[str, Any](), dict[str, Any]()
+    kept = set(protocols) & _protocols_of(where / "result.json") if resume and where and store is None else set()
 
     def finished(name: str, outcome: Any) -> None:
         ended[name] = outcome
-        if any(protocol not in ended for protocol in protocols):
+        runs = {protocol: ended[protocol] for protocol in protocols if protocol in ended}
+        if name.startswith(_BEGINNING) or not runs or not kept <= runs.keys():
             return
-        runs = {protocol: ended[protocol] for protocol in protocols}
-        if not known:
-            known.update({"warnings": [*warned, *scene.warnings]} | _of_protocols(model, runs, threads))
+        done = _with_protocols(model, runs)
+        if name in runs:
+            known.update({"warnings": [*warned, *scene.warnings]} | _of_protocols(done, runs, threads))
         checked = {check: ended.get(_CHECK + check) for check in _CHECKS}
         status = {check: _status(_CHECK + check, ended, checks) for check in _CHECKS}
-        result.update(known | _of_checks(model, runs, known["answers"], checked, status))
+        result.update(known | _of_checks(done, runs, known["answers"], checked, status))
+        result["scene"] = scene.to_dict()
+        result["protocol_status"] = {each: COMPUTED if each in runs else UNDER_WAY for each in protocols}
         result["time_s"] = time.perf_counter() - started
-        if where is not None:
+        if store is not None:
+            store(result)
+        elif where is not None:
             write_json(where / "result.json", result)
         if checkpoint:
             checkpoint(result)
 
-    tasks = _tasks(model, where, resume, checks)
+    if early is None:
+        early = threads == 1 if executor is None else executor == 1
+    tasks = _tasks(model, where, resume, early, checks)
     if executor is None and threads > 1:
         with ProcessExecutor(threads, threads=threads) as processes:
             parallel.run(tasks, processes, callback=callback, finished=finished)
     else:
         parallel.run(tasks, executor, callback=callback, finished=finished)
-    return SceneResult(
-        result, status=Status.CONVERGED if result else Status.STOPPED, warnings=known.get("warnings", [])
-    )
+    whole = all(protocol in ended for protocol in protocols)
+    return SceneResult(result, status=Status.CONVERGED if whole else Status.STOPPED, warnings=known.get("warnings", []))
+
+
+def _protocols_of(path: Path) -> set[str]:
+    """The protocols whose answers a result has: a resumed run does not replace it by one of fewer."""
+    found = read_json(path, "result") if path.exists() else {}
+    answers = found.get("answers") if isinstance(found, dict) else None
+    return set(answers) if isinstance(answers, dict) else set()
+
+
+def _with_protocols(model: RetractionModel, names: Container[str]) -> RetractionModel:
+    """The model with some of the scene's protocols only."""
+    kept = tuple(asked for asked in model.scene.protocols if asked.name in names)
+    return model if kept == model.scene.protocols else replace(model, scene=replace(model.scene, protocols=kept))
 
 
 def _of_protocols(model: RetractionModel, runs: Runs, threads: int) -> dict[str, Any]:
@@ -162,7 +190,6 @@ def _of_protocols(model: RetractionModel, runs: Runs, threads: int) -> dict[str,
         "versions": versions(),
         "seed": 0,
         "threads": threads,
-        "scene": scene.to_dict(),
         "head": model.head.describe(model.mesh) | ({"shear_modulus_map": mapped} if mapped else {}),
         "geometry": geometry(model),
         "model": answers.model_summary(model, runs),
@@ -205,8 +232,10 @@ def _status(task: str, ended: Mapping[str, Any], wanted: bool) -> str:
     return UNDER_WAY if wanted else NOT_COMPUTED
 
 
-def _tasks(model: RetractionModel, folder: Path | None, resume: bool, checks: bool = True) -> list[Task]:
-    """Shared beginnings first, then protocols, longest first so that a report is ready early, then verification runs."""
+def _tasks(
+    model: RetractionModel, folder: Path | None, resume: bool, early: bool = False, checks: bool = True
+) -> list[Task]:
+    """Shared beginnings first, then protocols, the longest one first or last (`early`), then verification runs."""
     scene = model.scene
     groups: dict[Any, list[ToolMotion | ForceProtocol]] = {}
     for program in (model.program(scene, asked) for asked in scene.protocols):
@@ -223,9 +252,9 @@ def _tasks(model: RetractionModel, folder: Path | None, resume: bool, checks: bo
         following += [
             Task(other.name, _run_protocol, (model, other, folder, resume), beginning, memory) for other in others
         ]
-    leading.sort(key=lambda task: -len(task.args[1].times))
+    protocols = sorted([*leading, *following], key=lambda task: len(task.args[1].times), reverse=not early)
     after = [Task(_CHECK + name, _run_check, (model, name, folder, resume)) for name in _CHECKS if checks]
-    return [*shared, *leading, *following, *after]
+    return [*shared, *protocols, *after]
 
 
 def _run_first_piece(

@@ -18,6 +18,7 @@ Modules
 - `mesh_head`: A head from an image to a mesh.
 - `simulate`: A scene to its result; `preview`: a figure of the scene before.
 - `twin`: One patient's surgical plans compared.
+- `quick_operation`, `quick_search`: Coarse first answers before that; `first_answers`: their comparison with the refined ones.
 - `property_maps`: The files of an inversion.
 """
 
@@ -28,11 +29,14 @@ from ngbrain.lazy import lazy_names
 if TYPE_CHECKING:
     from ngbrain.workflows import (
         cohort,
+        first_answers,
         gate,
         listing,
         mesh_head,
         preview,
         property_maps,
+        quick_operation,
+        quick_search,
         results,
         rows,
         simulate,
@@ -43,8 +47,8 @@ if TYPE_CHECKING:
     from ngbrain.workflows.listing import CohortCase, read_list
     from ngbrain.workflows.mesh_head import Subject, write_subject
     from ngbrain.workflows.property_maps import write_inversion, write_maps
+    from ngbrain.workflows.quick_search import full_model
     from ngbrain.workflows.results import Cohort, ResultRow, summarise
-    from ngbrain.workflows.simulate import full_model
     from ngbrain.workflows.summary import main_numbers
     from ngbrain.workflows.twin import TwinResult
 else:
@@ -60,6 +64,7 @@ __all__ = [
     "TwinResult",
     "cohort",
     "find_outliers",
+    "first_answers",
     "full_model",
     "gate",
     "listing",
@@ -67,6 +72,8 @@ __all__ = [
     "mesh_head",
     "preview",
     "property_maps",
+    "quick_operation",
+    "quick_search",
     "read_list",
     "results",
     "rows",

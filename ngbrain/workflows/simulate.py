@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from ngbrain import ladder, parallel
 from ngbrain.errors import InputError
-from ngbrain.ladder import Question, axes
+from ngbrain.ladder import Question
 from ngbrain.ladder.levels import Model
 from ngbrain.progress import log_progress
 from ngbrain.scene import Scene
 from ngbrain.scene.result import SceneResult
 from ngbrain.surgery import model_selection, retraction
+from ngbrain.workflows import quick_operation, quick_search
 
 Callback = Callable[..., None]
 """Progress callback, with the arguments of the solver's."""
@@ -29,6 +31,7 @@ def simulate(
     threads: int = 1,
     resume: bool = False,
     checks: bool = True,
+    quick: bool = False,
     callback: Callback = log_progress,
     checkpoint: Callable[[dict[str, Any]], None] | None = None,
     executor: parallel.AnyExecutor = None,
@@ -58,8 +61,12 @@ def simulate(
         Whether an operation as described has verification runs with other meshes, steps and laws.
     callback : callable
         Progress: see `ngbrain.ladder.solve` and `ngbrain.surgery.retraction.solve`.
+    quick : bool
+        First answers within a minute or two, with intervals in which the refined ones should lie (`first_answers` of the result):
+        an operation as described is computed on large elements before, a body as described with elements of lower order. Model
+        selection begins with the cheapest model in any case. A resumed run keeps its first answers.
     checkpoint : callable, optional
-        Called with the present result: after the protocols of an operation as described and after each verification run, else after
+        Called with the present result: after each protocol of an operation as described and after each verification run, else after
         each model.
     executor : optional
         Computes independent tasks (`ngbrain.parallel`).
@@ -98,18 +105,27 @@ def simulate(
             raise InputError(
                 "model", "given", "no model: an operation as described, or without a [[quantity]], has its own"
             )
-        return retraction.solve(scene, folder, threads, resume, callback, checks, checkpoint, executor)
+        solve = (
+            quick_operation.solve
+            if quick or (resume and quick_operation.has_first_answers(folder))
+            else retraction.solve
+        )
+        return solve(scene, folder, threads, resume, callback, checks, checkpoint, executor)
     if resume:
         raise InputError("resume", resume, "False: only an operation as described can be resumed")
+    if scene.is_operation and questions:
+        raise InputError("questions", "given", "none: an operation has those of its own [[quantity]]")
+    if quick and model:
+        raise InputError("quick", quick, "False with a prescribed model")
+    growing = quick_search.SearchAnswers(folder, checkpoint) if quick else None
+    watch = growing.add if growing else checkpoint
     if scene.is_operation:
-        if questions:
-            raise InputError("questions", "given", "none: an operation has those of its own [[quantity]]")
-        return model_selection.solve(scene, folder, model, richest, threads, callback, executor, checkpoint)
-    if as_described:
-        model = full_model(scene)
-    return ladder.solve(scene, folder, model, richest, threads, callback, executor, questions, checkpoint)
-
-
-def full_model(scene: Scene) -> Model:
-    """The richest model of a body, on the scene's own elements."""
-    return {**axes.richest(axes.axes_of(scene)), "mesh": "0", "order": str(scene.mesh.order)}
+        found = model_selection.solve(scene, folder, model, richest, threads, callback, executor, watch)
+    else:
+        solve = functools.partial(ladder.solve, scene, folder, threads=threads, callback=callback, executor=executor)
+        if as_described and growing and (cheaper := quick_search.lower_order_model(scene)):
+            growing.add(solve(model=cheaper, questions=questions).to_dict(), is_last=False)
+        if as_described:
+            model = quick_search.full_model(scene)
+        found = solve(model=model, richest=richest, questions=questions, checkpoint=watch)
+    return growing.result(found) if growing else found

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ngbrain.report.pages.ladder import display_unit
 from ngbrain.report.pages.parameters import PARAMETERS
+from ngbrain.report.words import display_unit
 
 OPERATION = (
     ("peak_pressure_mmHg", "Peak pressure", "mmHg"),

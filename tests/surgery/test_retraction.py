@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ngbrain.errors import InputError
+from ngbrain.result import Status
 from ngbrain.scene import Protocol, Scene
 from ngbrain.surgery import retraction
 from ngbrain.surgery.model import RetractionModel
@@ -50,6 +51,7 @@ def staged_run(monkeypatch):
     monkeypatch.setattr(retraction, "check_moduli", lambda model: ["stiff"])
     monkeypatch.setattr(retraction, "check_corridor", lambda model: [])
     monkeypatch.setattr(retraction, "_tasks", lambda *args: args[-1])
+    monkeypatch.setattr(retraction, "_with_protocols", lambda model, names: model)
     monkeypatch.setattr(retraction, "_of_protocols", lambda model, runs, threads: {"answers": dict(runs)})
     monkeypatch.setattr(
         retraction,
@@ -94,12 +96,15 @@ def test_a_result_is_there_when_the_protocols_are_done_and_grows_with_the_checks
     assert result == kept(tmp_path) and result["warnings"] == ["stiff"]
     assert result["answers"] == {name: name.upper() for name in ("continuous", "intermittent", "staged")}
     assert [list(status.values()) for status in heard] == [
+        ["under way", "under way", "under way", "under way"],
+        ["computed", "under way", "under way", "under way"],
+        ["computed", "under way", "under way", "under way"],
         ["computed", "under way", "under way", "under way"],
         ["computed", "under way", "failed", "under way"],
         ["computed", "under way", "failed", "computed"],
     ]
     assert list(heard[0]) == ["one order more", "other elements", "half steps", "Miller's exponent"]
-    assert result["checked"]["other elements"] is None
+    assert result["checked"]["other elements"] is None and set(result["protocol_status"].values()) == {"computed"}
 
 
 def test_a_run_that_is_stopped_among_its_checks_leaves_its_protocols(staged_run, tmp_path):
@@ -108,9 +113,44 @@ def test_a_run_that_is_stopped_among_its_checks_leaves_its_protocols(staged_run,
     assert set(kept(tmp_path)["check_status"].values()) == {"under way"}
 
 
-def test_before_the_last_protocol_there_is_no_result(staged_run, tmp_path):
-    assert staged_run(tmp_path, ["continuous", "intermittent", "check: other elements"]) == {}
+def test_every_protocol_that_is_done_is_in_the_result(staged_run, tmp_path):
+    result = staged_run(tmp_path, ["beginning: intermittent", "continuous", "intermittent", "check: other elements"])
+    assert result == kept(tmp_path) and result["answers"] == {
+        "continuous": "CONTINUOUS",
+        "intermittent": "INTERMITTENT",
+    }
+    assert result["protocol_status"] == {
+        "continuous": "computed",
+        "intermittent": "computed",
+        "staged": "under way",
+    }
+    assert result.status is Status.STOPPED
+
+
+def test_before_the_first_protocol_there_is_no_result(staged_run, tmp_path):
+    assert staged_run(tmp_path, ["beginning: intermittent", "check: other elements"]) == {}
     assert not (tmp_path / "result.json").exists()
+
+
+def test_a_resumed_run_replaces_no_result_by_one_of_fewer_protocols(staged_run, tmp_path):
+    staged_run(tmp_path, ["continuous", "staged"])
+    before, heard = kept(tmp_path), []
+    staged_run(tmp_path, ["continuous"], resume=True)
+    assert kept(tmp_path) == before
+    result = staged_run(
+        tmp_path,
+        ["continuous", "staged", "intermittent"],
+        resume=True,
+        checkpoint=lambda each: heard.append(len(each["answers"])),
+    )
+    assert heard == [2, 3] and kept(tmp_path) == result
+
+
+def test_a_model_of_some_protocols_says_nothing_of_the_others():
+    model = RetractionModel(Scene.shipped("idealised_fast"), None, None, None, None)
+    part = retraction._with_protocols(model, {"staged": None})
+    assert [asked.name for asked in part.scene.protocols] == ["staged"]
+    assert retraction._with_protocols(model, {asked.name for asked in model.scene.protocols}) is model
 
 
 def test_left_out_checks_are_said_to_be_not_computed(staged_run, tmp_path):
@@ -123,6 +163,8 @@ def test_checks_come_after_the_protocols_or_not_at_all():
     names = [task.name for task in retraction._tasks(model, None, False)][1:]
     assert names[:3] == ["intermittent", "staged", "continuous"] and len(names) == 3 + retraction.CHECKS
     assert [task.name for task in retraction._tasks(model, None, False, checks=False)][1:] == names[:3]
+    one_by_one = [task.name for task in retraction._tasks(model, None, False, early=True, checks=False)]
+    assert one_by_one[1:] == ["continuous", "staged", "intermittent"]  # an answer early
 
 
 def test_frames_are_due_after_some_time_or_some_way():

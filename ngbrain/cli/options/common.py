@@ -62,6 +62,11 @@ def _parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentPars
                 action="store_false",
                 help="protocols only, without error estimates of mesh, order and time steps",
             )
+            verb.add_argument(
+                "--quick",
+                action="store_true",
+                help="first answers in a minute or two, coarse, with intervals; then the scene as described in the same report",
+            )
         if verb in (demo, scene, stiff, compared):
             verb.add_argument("--resume", action="store_true", help="continue an interrupted run")
         if verb is not mesh:

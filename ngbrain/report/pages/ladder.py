@@ -9,21 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from ngbrain.report.pages import first_answers
 from ngbrain.report.pages.page import write_page
 from ngbrain.report.pictures.style import figure, png, style
-
-SHOWN = {"m": ("mm", 1e3), "": ("%", 100.0)}
-"""Unit → display unit and factor; other units are shown as they are."""
-
-
-def display_unit(unit: str) -> tuple[str, float]:
-    """Display unit of a quantity, and the factor to it.
-
-    >>> display_unit("m"), display_unit("N")
-    (('mm', 1000.0), ('N', 1.0))
-    """
-    return SHOWN.get(unit, (unit, 1.0))
-
+from ngbrain.report.words import display_unit
 
 LEAST, MOST = 1e-3, 10.0
 """Range of the changes drawn: from this many per cent up to this many times."""
@@ -56,6 +45,8 @@ def build(path: str | os.PathLike[str], result: Mapping[str, Any]) -> Path:
         result=result,
         answers=answers(result),
         left_out=omitted_effects(result),
+        first=first_answers.rows(result.get("first_answers") or {}),
+        first_sentence=first_answers.sentence(result.get("first_answers") or {}),
     )
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from ngbrain.errors import InputError, require
 from ngbrain.reading import read_json
 from ngbrain.report import words
-from ngbrain.report.pages import tables
+from ngbrain.report.pages import first_answers, tables
 from ngbrain.report.pages.page import write_page
 from ngbrain.report.pictures import animation, figures, slices
 from ngbrain.report.pictures.animation import Animation
@@ -28,9 +28,10 @@ def build(folder: str | os.PathLike[str]) -> Path:
 
 
 class Report:
-    """The page of a retraction, `report.html`; its pictures are drawn once, however often it is written.
+    """The page of a retraction, `report.html`; its pictures are drawn again only when there are other runs.
 
-    The page contains its pictures and styles, so that it can be read, sent and printed by itself.
+    The page contains its pictures and styles, so that it can be read, sent and printed by itself. Runs are in the folder, or in the
+    folder within it that `result.json` names as `runs_in`.
 
     Parameters
     ----------
@@ -48,9 +49,10 @@ class Report:
             require(package, "report")
         self.folder = Path(folder)
         self._drawn: tuple[dict[str, bytes], Animation, str, float] | None = None
+        self._runs: tuple[str, ...] = ()
 
     def write(self) -> Path:
-        """Write the page from the current `result.json`; its protocols are those of the first call.
+        """Write the page from the current `result.json`.
 
         Raises
         ------
@@ -58,7 +60,9 @@ class Report:
             `result.json` is missing, damaged or not from a retraction; or a run's file is.
         """
         folder, result = self.folder, _read(self.folder / "result.json")
-        self._drawn = self._drawn or _pictures(folder, result)
+        where, runs = folder / result.get("runs_in", ""), (result.get("runs_in", ""), *result["answers"])
+        if self._drawn is None or runs != self._runs:
+            self._drawn, self._runs = _pictures(where, result), runs
         pictures, film, shown, time = self._drawn
         answers, comparison = result["answers"], result.get("comparison") or {}
         status, band = result.get("check_status") or {}, result.get("material_uncertainty") or {}
@@ -80,6 +84,9 @@ class Report:
             risks=tables.risks(answers),
             response=result.get("dose_response") or {},
             missing=tables.missing(status),
+            under_way=first_answers.under_way(result),
+            first=first_answers.rows(result.get("first_answers") or {}),
+            first_sentence=first_answers.sentence(result.get("first_answers") or {}),
             checks=tables.checks(result.get("checks") or {}, status),
             peak_error=tables.peak_error_sentence(result.get("error_budget") or {}),
             error_budget=tables.error_budget(result.get("error_budget") or {}),

@@ -2,6 +2,7 @@
 
 - `error_budget`: Balances of the runs, discretisation errors, and the spread due to the material.
 - `material_uncertainty`: Spread of the answers over published moduli and exponents, beside the discretisation errors.
+- `coarse_answers`: Coarse scenes, and the intervals of their answers from a record of other scenes.
 - `verification_runs`: Runs with another time step, order, mesh, or exponent of the law.
 """
 
@@ -10,8 +11,8 @@ from typing import TYPE_CHECKING
 from ngbrain.lazy import lazy_names
 
 if TYPE_CHECKING:
-    from ngbrain.surgery.uncertainty import error_budget, material_uncertainty, verification_runs
+    from ngbrain.surgery.uncertainty import coarse_answers, error_budget, material_uncertainty, verification_runs
 else:
     __getattr__, __dir__ = lazy_names(__name__)
 
-__all__ = ["error_budget", "material_uncertainty", "verification_runs"]
+__all__ = ["coarse_answers", "error_budget", "material_uncertainty", "verification_runs"]
