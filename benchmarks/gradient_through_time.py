@@ -229,7 +229,7 @@ def chart(records: list[Record], png: str) -> None:
         where = np.array([list(LAWS).index(r["law"]) for r in rows]) + 0.22 * (k - 1.5)
         first.bar(where, [r["ratio"] for r in rows], 0.2, color=COLOURS[method], label=method.partition(":")[2])
         for x, r in zip(where, rows, strict=True):
-            first.text(x, r["ratio"], f"{r['ratio']:.2g}", ha="center", va="bottom", fontsize=7)
+            first.text(x, r["ratio"], f"{r['ratio']:.2g}".lstrip("0"), ha="center", va="bottom", fontsize=7)
         rows = [r for r in ours if r["method"] == method and r["case"] == "memory"]
         second.loglog([r["steps"] for r in rows], [r["memory_mb"] for r in rows], "o-", color=COLOURS[method])
     first.set(
