@@ -395,7 +395,7 @@ def rest_forgotten(patch):
 
 def inner_forgotten(patch):
     """What Maxwell branches do in the first half of a step held."""
-    patch.setattr(StepForms, "_inner", lambda self, m, seen: [self._nothing(10)] * len(self._half))
+    patch.setattr(StepForms, "_start_functions", lambda self, m, view: [self._zero_function(10)] * len(self._half))
 
 
 BUGS = {
