@@ -275,7 +275,9 @@ def test_a_step_too_far_is_a_solver_error_and_the_model_lives_on(rng):
 def test_far_parameters_are_reached_by_steps_between(monkeypatch):
     of, tried = driven(), []
     along = Equilibrium._continue
-    monkeypatch.setattr(Equilibrium, "_continue", lambda self, put, x: along(self, lambda s: (tried.append(s), put(s)), x))
+    monkeypatch.setattr(
+        Equilibrium, "_continue", lambda self, put, x: along(self, lambda s: (tried.append(s), put(s)), x)
+    )
     theta = of.theta
     of.evaluate(theta)
     far = of.evaluate(4.5 * theta)
