@@ -83,7 +83,7 @@ def test_a_whole_inversion_on_the_host_reference_device():
 
 def test_the_reference_device_is_no_gpu(monkeypatch):
     monkeypatch.setattr(ngsolve.gpu, "backend", "host")
-    with pytest.raises(InputError, match=r"a GPU that NGSolve solves on \(it has none, .*\), or 'cpu'"):
+    with pytest.raises(InputError, match=r"a GPU that NGSolve solves on \(there is none; .*\), or 'cpu'"):
         Device.from_name("ngsolve")
 
 

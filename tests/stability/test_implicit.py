@@ -343,7 +343,7 @@ def test_the_last_factor_of_newtons_method_alone_is_not_the_adjoints(monkeypatch
     w, each = np.ones(6), model.equilibria[0]
     right = there.gradient(w)
     each.set_weights(np.zeros(each.size))
-    each.adjoint.vec.FV().NumPy()[:] = body.kept(each.observation_gradient(w))
+    each.adjoint.vec.FV().NumPy()[:] = body.last_factor(each.observation_gradient(w))
     naive = each.parameter_gradient()
     off = np.linalg.norm(naive - right) / np.linalg.norm(right)
     monkeypatch.setattr(implicit_solve, "FEW", 0)

@@ -313,7 +313,7 @@ def test_the_page_has_every_protocol_and_the_numbers(page: str) -> None:
     assert "in rats, a constant pressure for 15 minutes" in text and "infarcts in 1 of 6 at 20 mmHg," in text
     assert not re.search(r"probability (of|at)|\d to \d+(\.\d)? %", text)  # six rats at 20 mmHg decide nothing
     assert "as stiff as somebody1999:brain 750 Pa 73.0" in text
-    assert "stand here: published for white matter; recalled numbers are left out." in text
+    assert "shown here: published for white matter; recalled numbers are left out." in text
     assert "0.50 times as stiff as the scene's" in text and "Left out: nobody2000:brain (recalled)." in text
     assert "In all 60.0 to 146 mmHg. Discretisation error: half the time step changes the peak by 7.3 mmHg." in text
     assert "Peak pressure under the blade mmHg 146 7.1 – 0.80 7.9 60.0 to 146 " in text
