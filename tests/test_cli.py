@@ -435,7 +435,9 @@ def test_a_retraction_says_what_it_leaves_unanswered_and_how_sure_it_is(tmp_path
     assert status == 2 and "--resume is given" in lines[0] and "cannot be resumed" in lines[0]
     scene.write_text(SMALL)
     (tmp_path / "out").mkdir()
-    sure = "of a hold: peak 1 mmHg, moved by mesh 0.2, order 0.1 mmHg; with other published tissue 0.5 to 2 mmHg"
+    sure = (
+        "opening held to the end: peak 1 mmHg, errors: mesh 0.2, order 0.1 mmHg; other published tissue: 0.5 to 2 mmHg"
+    )
     assumed = [f"ngbrain: warning: {text}" for text in Scene.from_toml(scene).warnings]
     status, lines = run(capsys, "simulate", scene, "-o", tmp_path / "out", "-q")
     assert status == 0 and lines == [*assumed, f"ngbrain: {sure}"]

@@ -407,8 +407,10 @@ def test_what_has_not_settled_is_said_everywhere(tmp_path, capsys):
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     kept = result["starts"][result["chosen"]]
     assert status == 3 and errors and not result["checks"]["converged"] and not kept["converged"]
-    level = f"the misfit is {kept['misfit']:.4g}, expected are {kept['expected_misfit']:.4g}"
-    assert result["warnings"][0].startswith("stopped after 1 round, before") and result["warnings"][0].endswith(level)
+    level = f"the misfit is {kept['misfit']:.4g}, its expected value {kept['expected_misfit']:.4g}"
+    assert result["warnings"][0].startswith("stopped after 1 iteration, before") and result["warnings"][0].endswith(
+        level
+    )
     for words in (out, (tmp_path / "out" / "report.html").read_text()):
         assert "not converged: stopped after 1 iteration" in words and level in words
 

@@ -198,7 +198,7 @@ def test_a_full_disk_is_an_error_that_leaves_nothing(tmp_path, name):
 
 def test_a_full_disk_is_one_line_of_the_command(scene, tmp_path):
     def limit():
-        resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (400, 400))
 
     command = [*COMMAND, "simulate", str(scene), "--as-described", "-o", str(tmp_path / "out")]
     done = subprocess.run(command, capture_output=True, text=True, preexec_fn=limit)

@@ -194,7 +194,7 @@ def test_what_is_assumed_of_a_tissue_is_said():
         "tissue#2 (white): budday2017:cortex:gent:tension (human cortex): the energy is undefined beyond I₁ = 3.08; "
         "measured in tension alone",
         "tissue#3 (ventricle.*): bulk_to_shear_ratio is not given: 1000 is assumed, nearly incompressible",
-        "no tissue relaxes: pressures do not fall while the tool holds",
+        "no tissue is viscoelastic: pressures do not relax during holds",
     ]
     assert tissues[0].bulk == 148e3 and not Scene.shipped("demo").warnings
 

@@ -124,8 +124,8 @@ def test_landmarks_alone_tell_less(model, retracted, landmarks):
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ({"displacements": np.zeros((1, 8, 3))}, "times and landmarks say so"),
-        ({"force": np.zeros(3)}, "times and landmarks say so"),
+        ({"displacements": np.zeros((1, 8, 3))}, "as given by times and landmarks"),
+        ({"force": np.zeros(3)}, "as given by times and landmarks"),
         ({"sigma": (1e-4, 0.0)}, "positive standard deviations"),
         ({"displacements": np.full((2, 8, 3), np.nan), "force": np.full(2, np.nan)}, "displacements or forces"),
     ],

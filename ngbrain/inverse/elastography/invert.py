@@ -284,8 +284,8 @@ def invert(
         if abs(np.log(more)) < CLOSE or (not guessed and np.all(assumed == stated) and more < BEYOND):
             break
         if not note:
-            level = 100 * rms_noise(data, assumed)
-            note = f"the misfit is {both.level.ratio:.3g} times its expected value for noise of {level:.3g} %"
+            percent = 100 * rms_noise(data, assumed)
+            note = f"the misfit is {both.level.ratio:.3g} times its expected value for noise of {percent:.3g} %"
             notes.append(f"{note}: the rest counts as model error")
         before = both.x if more < 1 else None  # an overfit is not a good start
         assumed = found

@@ -156,7 +156,9 @@ def test_like_constants_are_named_and_the_others_left_out_for_a_reason():
     assert found.moduli["budday2017:corona_radiata"] == 624.0 and found.factors["griffiths2024:white_matter"] == 1.0
     logs = np.log([found.factors[name] for name in wanted])
     assert found.spread[0] == pytest.approx(np.exp(np.average(logs, weights=list(wanted.values()))))
-    assert any("counts 0.5" in each for each in found.rule) and any("white matter" in each for each in found.rule)
+    assert any("has the weight 0.5" in each for each in found.rule) and any(
+        "white matter" in each for each in found.rule
+    )
     swine = comparable_moduli("white", Tissue(region="white", material="miller2002:brain"), 0.1)
     assert swine.left_out["miller2002:brain"] == "recalled" and not swine.moduli and swine.spread == (1.0, 1.0)
     bovine = Tissue(region="x", material="laksari2012:brain")
