@@ -61,6 +61,41 @@ def meshes() -> str:
     return "\n\n".join(parts)
 
 
+def _tested() -> list[Record]:
+    return [r for r in records("quick_answers") if r["study"] == "test"]
+
+
+def first_answers() -> str:
+    rows = []
+    for r in _tested():
+        cells = [f"{r['seed']}: {r['tool']}, {r['protocol']}", f"{number(r['wall_mm'], 3)} mm"]
+        for name, (_, coarse, refined) in r["answers"].items():
+            low, high = (bound / coarse - 1 for bound in r["intervals"][name])
+            off = _signed(refined / coarse - 1)
+            cells.append(f"{off if r['inside'][name] else f'**{off}**'} ({_signed(low)}, {_signed(high)})")
+        rows.append([*cells, f"{number(r['cpu_s'], 2)} of {number(r['cpu_s_refined'], 2)} s"])
+    titles = [SHOWN[name] for name in _tested()[0]["answers"]]
+    about = (
+        "The refined answer off the coarse one; in brackets the interval; outside of it in bold."
+        " CPU time of both coarse runs, and of the refined one."
+    )
+    return f"{about}\n\n{table(('scene', 'elements', *titles, 'CPU time'), rows)}"
+
+
+def first_answers_conclusion() -> str:
+    tested = _tested()
+    single = [lies for r in tested for lies in r["inside"].values()]
+    learnt = sum(r["study"] == "record" for r in records("quick_answers"))
+    return (
+        f"All main answers lie in their intervals in {sum(r['all_inside'] for r in tested)} of {len(tested)} scenes,"
+        f" and {sum(single)} of {len(single)} answers do; the record has {learnt} scenes."
+    )
+
+
+def _signed(share: float) -> str:
+    return f"{100 * share:+.0f} %"
+
+
 def _off(record: Record, key: str) -> str:
     if not record.get("errors"):
         return number(record["values"][key], 3)

@@ -12,9 +12,12 @@ from ngbrain.errors import InputError
 from ngbrain.scene import Scene
 from ngbrain.scene.schema import descriptions, json_schema, reference
 from ngbrain.schema.document import entries
+from ngbrain.surgery.twin.case import Case
 
 ROOT = Path(__file__).parents[2]
-FILES = [*sorted(ROOT.glob("ngbrain/scenes/*.toml")), *sorted(ROOT.glob("ngbrain/samples/*.toml"))]
+TOML = [*sorted(ROOT.glob("ngbrain/scenes/*.toml")), *sorted(ROOT.glob("ngbrain/samples/*.toml"))]
+FILES = {file: Scene for file in TOML if "[geometry]" in file.read_text()}
+FILES |= {file: Case for file in TOML if "[[plan]]" in file.read_text()}
 KINDS = {"object": dict, "string": str, "number": (int, float), "integer": int, "array": list}
 
 
@@ -28,9 +31,10 @@ def breaks(value, rule):
     if not isinstance(value, KINDS[rule["type"]]):
         return f"{value!r} is no {rule['type']}"
     if isinstance(value, dict):
-        unknown = set(value) - set(rule["properties"]) if rule.get("additionalProperties") is False else set()
-        missing = set(rule["required"]) - set(value)
-        inner = [breaks(value[key], rule["properties"][key]) for key in set(value) - unknown]
+        properties = rule.get("properties", {})
+        unknown = set(value) - set(properties) if rule.get("additionalProperties") is False else set()
+        missing = set(rule.get("required", ())) - set(value)
+        inner = [breaks(value[key], properties[key]) for key in set(value) & set(properties)]
         return "; ".join(filter(None, [*map(str, unknown), *map(str, missing), *inner]))
     if isinstance(value, list):
         fits = rule.get("minItems", 0) <= len(value) <= rule.get("maxItems", 99)
@@ -44,8 +48,8 @@ def breaks(value, rule):
 
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
-def test_shipped_scenes_keep_to_the_schema(file):
-    assert breaks(tomllib.loads(file.read_text()), Scene.schema()) == ""
+def test_shipped_scenes_and_cases_keep_to_the_schema(file):
+    assert breaks(tomllib.loads(file.read_text()), json_schema(FILES[file])) == ""
 
 
 @pytest.mark.parametrize(
