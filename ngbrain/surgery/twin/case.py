@@ -304,7 +304,7 @@ class Case(Document):
     scene: str = _file_or_name(
         "scene", MISSING, "the path of a scene (.toml), or the name of a shipped one such as idealised_fast"
     )
-    norm: str = _file_or_name("norm", "brain", "the path of a norm (.toml), or the name of a shipped one such as brain")
+    norm: str = _file_or_name("norm", "brain", "the path of a norm (.toml), or the name of a shipped one")
     stiffness: StiffnessData | None = table(StiffnessData, None)
     link: Link = table(Link, Link)
     lesions: tuple[Lesion, ...] = table(Lesion, (), size=0)
