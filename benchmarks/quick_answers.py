@@ -18,23 +18,22 @@ from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from textwrap import fill
 from typing import Any
 
 import numpy as np
 from _command import main
 
+from ngbrain import simulate
 from ngbrain.errors import InputError, require
 from ngbrain.look import STYLE
 from ngbrain.mesh import Cleft, Sizes, idealised_head
-from ngbrain.report.pages.retraction import Report
+from ngbrain.report import pages
 from ngbrain.scene import CleftSpec, Geometry, MeshSize, Protocol, Scene, Time, Tissue, Tool
-from ngbrain.surgery.answers import answer
-from ngbrain.surgery.head_models import IdealisedHead
-from ngbrain.surgery.model import RetractionModel
-from ngbrain.surgery.protocol_run import ProtocolRun
-from ngbrain.surgery.quantities import QUANTITIES
-from ngbrain.surgery.uncertainty.coarse_answers import MAIN, CoarseRecord, coarse_scene, shipped_record
-from ngbrain.workflows.simulate import simulate
+from ngbrain.surgery import IdealisedHead, ProtocolRun, RetractionModel, answer, quantities, uncertainty
+
+coarse_answers = uncertainty.coarse_answers
+MAIN = coarse_answers.MAIN
 
 TRIES = 50
 """Draws until a scene is valid: a tool that fits into the cleft."""
@@ -124,7 +123,10 @@ def computed(scene: Scene) -> tuple[dict[str, float], dict[str, float]]:
 def three(seed: int) -> dict[str, Any]:
     """A drawn scene on the coarser mesh, on the coarse one and as described."""
     scene = drawn(seed)
-    found = [computed(each) for each in (coarse_scene(scene, coarser=True), coarse_scene(scene), scene)]
+    found = [
+        computed(each)
+        for each in (coarse_answers.coarse_scene(scene, coarser=True), coarse_answers.coarse_scene(scene), scene)
+    ]
     answers = {name: [values[name] for values, _ in found] for name in MAIN}
     _, coarse, refined = answers["peak_pressure_mmHg"]
     return {
@@ -144,7 +146,7 @@ def three(seed: int) -> dict[str, Any]:
     }
 
 
-def judged(found: dict[str, Any], record: CoarseRecord) -> dict[str, Any]:
+def judged(found: dict[str, Any], record: coarse_answers.CoarseRecord) -> dict[str, Any]:
     """A tested scene with its intervals, and whether each refined answer lies inside."""
     intervals = {name: record.interval(name, coarse, coarse, coarser) for name, (coarser, coarse, _) in of(found)}
     inside = {name: low <= refined <= high for name, (_, _, refined) in of(found) for low, high in [intervals[name]]}
@@ -166,9 +168,9 @@ def first_report(name: str) -> dict[str, Any]:
     for cache in ("without", "with"):
         begun, wall = time.process_time(), time.perf_counter()
         with TemporaryDirectory() as folder, suppress(Stopped):
-            report = Report(folder)
+            report = pages.retraction.Report(folder)
 
-            def stop(found: dict[str, Any], report: Report = report) -> None:
+            def stop(found: dict[str, Any], report: Any = report) -> None:
                 report.write()
                 made["answers"] = found["first_answers"]["answers"]
                 made["ndof"] = found["model"]["n_unknowns"]
@@ -186,7 +188,7 @@ def first_report(name: str) -> dict[str, Any]:
 def measure(quick: bool, out: str | None) -> list[dict[str, Any]]:
     """All records; the package's record of intervals is written to `out`."""
     if quick:
-        return [judged(three(TEST[0]), shipped_record())]
+        return [judged(three(TEST[0]), coarse_answers.shipped_record())]
     learnt = [three(seed) | {"study": "record"} for seed in RECORD]
     kept = [{name: each[name] for name in ("seed", "protocol", "tool", "wall_mm", "answers")} for each in learnt]
     text = json.dumps(
@@ -194,7 +196,7 @@ def measure(quick: bool, out: str | None) -> list[dict[str, Any]]:
     )
     if out:
         Path(out).write_text(text + "\n")
-    record = CoarseRecord.from_text(text)
+    record = coarse_answers.CoarseRecord.from_text(text)
     return learnt + [judged(three(seed), record) for seed in TEST] + [first_report(name) for name in HEADS]
 
 
@@ -212,7 +214,8 @@ def chart(records: list[dict[str, Any]], path: str) -> None:
         share = sum(r["inside"][name] for r in tested)
         axes.axvline(1.0, color="#4d4d4d", lw=0.8, ls=":")
         axes.set(
-            xlabel="relative to the coarse answer", title=f"{QUANTITIES[name].name}\n{share} of {len(tested)} inside"
+            xlabel="relative to the coarse answer",
+            title=f"{fill(quantities.QUANTITIES[name].name, 30)}\n{share} of {len(tested)} inside",
         )
         axes.title.set_fontsize(9)
     panels[0].set_yticks(range(len(tested)), [f"{r['seed']}: {r['tool']}, {r['protocol']}" for r in tested], fontsize=8)
