@@ -24,7 +24,7 @@ FOR_USERS = sorted(
     path
     for folder in ("tutorials", "benchmarks")
     for path in (ROOT / folder).rglob("*")
-    if path.suffix in (".py", ".md") and path.is_file()
+    if path.suffix in (".py", ".md") and path.is_file() and "builder" not in path.parts  # which makes the site
 )
 DEEP = re.compile(r"^\s*(?:>>> |\.\.\. )?(?:from|import) +(ngbrain(?:\.\w+){2,})", re.M)
 """An import of a module two or more levels below ngbrain."""

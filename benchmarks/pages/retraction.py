@@ -23,7 +23,8 @@ def behind() -> str:
     return bullets([
         f"An hour with rests takes {number(whole['wall_s'] / 60, 3)} minutes on {whole['threads']} threads; {whole['rejected']} of"
         f" {whole['n_steps'] + whole['rejected']} steps were tried again.",
-        f"`--quick` has its first answers of the fast demo's head after {seconds(first['wall_s'], 2)} on one thread, labels cached; asked are 60 s.",
+        f"`--quick` has its first answers of the fast demo's head after {seconds(first['wall_s'], 2)} on one thread,"
+        " labels cached; asked are 60 s.",
         f"On the coarsest mesh of the {_head(worst)} ({number(worst['site_mm'])} mm at the site) the worst number is off by"
         f" {percent(worst['error'])}.",
     ])  # fmt: skip
