@@ -125,7 +125,13 @@ def twin(
 
     Examples
     --------
-    The sample case, in some minutes; `ngbrain data twin` writes its files:
+    A case to begin with is printed by `ngbrain twin --template`:
+
+    >>> from ngbrain.surgery.twin.case import Case
+    >>> [line for line in Case.template().splitlines() if line.startswith("name")]
+    ['name = "gentle"', 'name = "wide"']
+
+    That case, in some minutes; `ngbrain data twin` writes its files:
 
     >>> result = twin("twin.toml", "out", quick=True)  # doctest: +SKIP
     >>> result["answers"]["gentle"]["peak_pressure_mmHg"]["interval_95"]  # doctest: +SKIP
