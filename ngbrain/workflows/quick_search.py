@@ -42,6 +42,10 @@ class SearchAnswers:
         Where `result.json` goes.
     callback : callable, optional
         Called with each result.
+    data : dict, optional
+        Contents of `result.json` so far.
+    started : float, optional
+        When the search began, by `time.perf_counter` (s).
     """
 
     folder: str | Path | None
