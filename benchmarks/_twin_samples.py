@@ -45,7 +45,7 @@ def maps() -> tuple[Volume, Volume]:
         (((sided - head.VENTRICLE_CENTRE) / head.VENTRICLE_SEMI_AXES) ** 2).sum(axis=-1) <= 1
     )
     norm = Norm.named("brain")
-    moduli = {name: norm.tissue(name).at(50.0) for name in ("cortex", "white")}  # type: ignore[union-attr]
+    moduli = {name: norm.tissue(name).modulus_at_frequency(50.0) for name in ("cortex", "white")}  # type: ignore[union-attr]
     person = 0.9 * (1 + 0.25 * np.tanh(x[..., 0] / 0.04)) * (1 - 0.2 * np.exp(-(((x[..., 1] - 0.05) / 0.03) ** 2)))
     truth = np.where(core, moduli["white"], moduli["cortex"]) * person
     known = (brain & ~fluid).astype(float)

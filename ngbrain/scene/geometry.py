@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from ngbrain.mesh.routes.registry import ROUTES, openable_routes
 from ngbrain.schema.document import Section
-from ngbrain.schema.fields import choice, integer, number, path, registered
+from ngbrain.schema.fields import choice, integer, number, path, registry_name
 
 if TYPE_CHECKING:
     from ngbrain.scene import Scene
@@ -138,7 +138,7 @@ class MeshSize(Section):
     wall: float = number("wall_size_mm", 3e-3, least=0.2)
     craniotomy: float = number("craniotomy_size_mm", 8e-3, least=0.5)
     order: int = integer("order", 2, 2, 4)
-    route: str | None = registered("route", None, ROUTES)
+    route: str | None = registry_name("route", None, ROUTES)
 
     @property
     def meshing_route(self) -> str:

@@ -155,7 +155,7 @@ def choice(key: str, default: Any, choices: Collection[str], hint: Callable[[str
     return _field(replace(entry, kind={"enum": list(choices)}), default)
 
 
-def registered(key: str, default: str | None, registry: Mapping[str, Any]) -> Any:
+def registry_name(key: str, default: str | None, registry: Mapping[str, Any]) -> Any:
     """Field for a name in a registry, to which names may be added later.
 
     Parameters

@@ -89,7 +89,7 @@ class SearchAnswers:
                 "name": asked["quantity"],
                 "unit": asked["unit"],
                 "value": value,
-                "interval": bounded(value, missing),
+                "interval": error_interval(value, missing),
                 "refined": None,
                 "inside": None,
             }
@@ -104,7 +104,7 @@ class SearchAnswers:
         }
 
 
-def bounded(value: float, change: float | None) -> list[float] | None:
+def error_interval(value: float, change: float | None) -> list[float] | None:
     """The interval of a value that may change by a part of the larger of itself and the new value.
 
     Parameters
@@ -119,7 +119,7 @@ def bounded(value: float, change: float | None) -> list[float] | None:
 
     Examples
     --------
-    >>> bounded(2.0, 0.2), bounded(-2.0, 0.2), bounded(1.0, None)
+    >>> error_interval(2.0, 0.2), error_interval(-2.0, 0.2), error_interval(1.0, None)
     ([1.6, 2.5], [-2.5, -1.6], None)
     """
     if change is None or change >= 1:

@@ -51,10 +51,10 @@ class NormalTissue(Section):
         """Exponent of the frequency."""
         return 2 / math.pi * math.atan(self.loss_tangent)
 
-    def at(self, frequency: float) -> float:
+    def modulus_at_frequency(self, frequency: float) -> float:
         """|G*| (Pa) at a frequency (Hz).
 
-        >>> round(NormalTissue(region="white", modulus=2000.0, loss_tangent=1.0).at(200.0))
+        >>> round(NormalTissue(region="white", modulus=2000.0, loss_tangent=1.0).modulus_at_frequency(200.0))
         4000
         """
         return self.modulus * (frequency / self.frequency) ** self.power
@@ -87,7 +87,7 @@ class Norm(Document):
     def named(cls, name: str) -> Norm:
         """A norm by the path of its file, or a shipped one by its name.
 
-        >>> Norm.named("brain").tissue("white").at(50.0)
+        >>> Norm.named("brain").tissue("white").modulus_at_frequency(50.0)
         2650.0
         """
         if name.endswith(".toml"):

@@ -56,7 +56,7 @@ class Uncertain:
     deviation: float = 0.0
     bounds: tuple[float, float] | None = None
 
-    def at_probability(self, probability: Array) -> Array:
+    def quantile(self, probability: Array) -> Array:
         """Values at probabilities between 0 and 1."""
         if self.bounds is not None:
             low, high = self.bounds
@@ -119,9 +119,7 @@ class Prior:
         sequence = qmc.Sobol(len(self.numbers), rng=np.random.default_rng(seed))
         power = max(1, math.ceil(math.log2(count)))
         uniform = np.clip(sequence.random_base2(power)[:count], 1e-9, 1 - 1e-9)
-        return np.column_stack(
-            [each.at_probability(column) for each, column in zip(self.numbers, uniform.T, strict=True)]
-        )
+        return np.column_stack([each.quantile(column) for each, column in zip(self.numbers, uniform.T, strict=True)])
 
 
 def patient_prior(

@@ -128,7 +128,7 @@ class RelativeStiffness:
     @property
     def reference(self) -> float:
         """Geometric mean of the norm over the tissues (Pa), at the map's frequency."""
-        found = [each.at(self._frequency(each)) for each in self.normal.values() if each is not None]
+        found = [each.modulus_at_frequency(self._frequency(each)) for each in self.normal.values() if each is not None]
         return float(np.exp(np.mean(np.log(found)))) if found else 1.0
 
     def log_norm(self, tissue: str) -> float:
@@ -136,7 +136,7 @@ class RelativeStiffness:
         normal = self.normal[tissue]
         if normal is None or self.measured is None:
             return 0.0
-        return float(np.log(normal.at(self.measured.frequency) / self.reference))
+        return float(np.log(normal.modulus_at_frequency(self.measured.frequency) / self.reference))
 
     def _frequency(self, normal: NormalTissue) -> float:
         return normal.frequency if self.measured is None else self.measured.frequency
