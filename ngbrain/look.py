@@ -72,6 +72,12 @@ def figure(width: float, height: float) -> Any:
     MissingExtra
         matplotlib is not installed.
     """
+    with require("matplotlib", "report").rc_context(STYLE):
+        return notebook_figure(figsize=(width, height), dpi=150, layout="constrained")
+
+
+def notebook_figure(**options: Any) -> Any:
+    """Create a matplotlib figure that a notebook shows as the last value of a cell; the options are those of `Figure`."""
 
     class Page(require("matplotlib.figure", "report").Figure):  # type: ignore[misc]
         """A figure with the PNG representation that notebooks show."""
@@ -80,8 +86,7 @@ def figure(width: float, height: float) -> Any:
             self.savefig(picture := io.BytesIO(), format="png")
             return picture.getvalue()
 
-    with require("matplotlib", "report").rc_context(STYLE):
-        return Page(figsize=(width, height), dpi=150, layout="constrained")
+    return Page(**options)
 
 
 def descent(values: Sequence[float], label: str, line: float | None = None) -> Any:

@@ -15,7 +15,6 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 
 import ngbrain as nb
@@ -69,7 +68,6 @@ print("\n".join(result["conclusion"]))
 
 # %%
 result.plot()
-plt.show()
 
 # %% [markdown]
 # ## What is common to both plans

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ngbrain.errors import require
-from ngbrain.look import STYLE
+from ngbrain.look import STYLE, notebook_figure
 from ngbrain.report.pictures.frame import DeformedHead
 from ngbrain.report.render.surface import Floats
 
@@ -54,7 +54,7 @@ def style() -> Any:
 
 def figure(height: float) -> Any:
     """An empty figure of full width; `height` in inches."""
-    return require("matplotlib.figure", "report").Figure(figsize=(WIDTH, height), dpi=DPI)
+    return notebook_figure(figsize=(WIDTH, height), dpi=DPI)
 
 
 def png(figure: Any) -> bytes:
