@@ -56,7 +56,11 @@ case = Case.from_dict(
     {
         "title": "One blade or two",
         "scene": str(folder / "base.toml"),
-        "stiffness": {"map": str(folder / "twin_stiffness.nii.gz"), "sd": str(folder / "twin_stiffness_sd.nii.gz")},
+        "stiffness": {
+            "map": str(folder / "twin_stiffness.nii.gz"),
+            "sd": str(folder / "twin_stiffness_sd.nii.gz"),
+            "frequency_Hz": 50.0,
+        },
         "plan": [{"name": "one blade"}, {"name": "two blades", "tool": {"kind": "two spatulas"}}],
     }
 )

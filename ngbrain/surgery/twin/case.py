@@ -74,7 +74,7 @@ class StiffnessData(Section):
     low, high
         In place of that: paths of volumes of the ends of its 95 % interval.
     frequency
-        Of the waves that the map was made from.
+        Of the waves that the map was made from; needed with a map.
     map_factor
         Error of the map beyond its intervals (resolution, the model of the inversion), one standard deviation as a factor.
     registration
@@ -92,7 +92,7 @@ class StiffnessData(Section):
     sd: str | None = path("sd", None, "the path of a NIfTI volume of standard deviations")
     low: str | None = path("low", None, "the path of a NIfTI volume of lower ends of 95 % intervals")
     high: str | None = path("high", None, "the path of a NIfTI volume of upper ends of 95 % intervals")
-    frequency: float = number("frequency_Hz", 50.0)
+    frequency: float | None = number("frequency_Hz", None)
     map_factor: float = number("map_factor", 1.1, least=1.0)
     registration: float = number("registration_mm", 1e-3, least=0.0)
     correlation: float = number("correlation_mm", 20e-3, least=2.0)
@@ -101,13 +101,15 @@ class StiffnessData(Section):
     def _check(self, path: str, scene: Case) -> None:
         wanted = "the path of a map, or waves, and not both"
         self._need((self.map is None) != (self.waves is None), path, "map", wanted)
-        for name in ("sd", "low", "high"):
+        for name in ("sd", "low", "high", "frequency"):
             wanted = "this key only with stiffness.map"
             self._need(getattr(self, name) is None or self.map is not None, path, name, wanted)
         self._need((self.low is None) == (self.high is None), path, "low", "this key and high, or neither")
         given = (self.sd is not None) + (self.low is not None)
         wanted = "a volume of standard deviations, or low and high, and not both: without them a map has no interval"
         self._need(self.map is None or given == 1, path, "sd", wanted)
+        wanted = "the frequency of the waves that the map was made from: a modulus grows with it"
+        self._need(self.map is None or self.frequency is not None, path, "frequency", wanted)
         self._need(self.map_factor <= WIDEST, path, "map_factor", f"a factor of 1 to {WIDEST:g}")
         self._need(self.registration <= 20e-3, path, "registration", "at most 20: a map of this head")
         self._need(self.loss_tangent is None or self.loss_tangent <= 5, path, "loss_tangent", "a ratio of at most 5")
@@ -295,7 +297,7 @@ class Case(Document):
     structures
         Path of a label map in the head's own axes whose structures are named where a corridor crosses them.
     scheme
-        Its numbering: freesurfer, synthseg, muse, spm, cat, fast or ngbrain.
+        Its numbering: freesurfer, synthseg, muse, spm, cat, fast or ngbrain; needed with structures.
     plans
         Two or more.
     """
@@ -310,13 +312,15 @@ class Case(Document):
     lesions: tuple[Lesion, ...] = table(Lesion, (), size=0)
     craniotomy: Craniotomy | None = table(Craniotomy, None)
     structures: str | None = path("structures", None, "the path of a label map (NIfTI, MGZ)")
-    scheme: str = text("scheme", "freesurfer", "the name of a numbering of labels", lambda raw: raw.strip())
+    scheme: str = text("scheme", "", "the name of a numbering of labels", lambda raw: True)
     plans: tuple[Plan, ...] = table(Plan, size=0)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if len(self.plans) < 2:
             raise InputError("plan", f"given {len(self.plans)} time", "two or more tables [[plan]], to be compared")
+        if self.structures is not None and not self.scheme.strip():
+            raise InputError("scheme", "missing", "the numbering of the structures, such as freesurfer or muse")
         plans, lesions = [plan.name for plan in self.plans], [lesion.name for lesion in self.lesions]
         for key, names in (("plan", plans), ("lesion", lesions)):
             if twice := [name for name in names if names.count(name) > 1]:

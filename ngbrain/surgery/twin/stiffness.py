@@ -77,6 +77,7 @@ class MeasuredMap:
                 )
             found = np.log(high / low) / (2 * ndtri(0.975))
         deviation = Volume(np.where(np.isnan(modulus.data), np.nan, np.maximum(found, LEAST_DEVIATION)), modulus.affine)
+        assert data.frequency is not None  # the case needs it with a map
         return cls(modulus, deviation, data.frequency, f"a map of |G*| at {data.frequency:g} Hz")
 
 

@@ -31,8 +31,11 @@ def test_a_target_replaces_the_base_one_and_a_protocol_the_base_ones():
     assert scene.operated.target == pytest.approx((0.02, 0.006, 0.026)) and scene.protocols[0].kind == "staged"
 
 
+MAP = {"map": "m.nii", "sd": "s.nii", "frequency_Hz": 50.0}
+
+
 def test_a_case_survives_writing(tmp_path):
-    given = case(stiffness={"map": "m.nii", "sd": "s.nii"}, lesion=[{"centre_mm": [1, 2, 3], "diameter_mm": 6.0}])
+    given = case(stiffness=MAP, lesion=[{"centre_mm": [1, 2, 3], "diameter_mm": 6.0}])
     (tmp_path / "case.toml").write_text(given.to_toml())
     again = Case.from_toml(tmp_path / "case.toml")
     assert again.lesions == given.lesions and again.plans == given.plans
@@ -61,6 +64,12 @@ def test_the_template_is_a_case():
         ({"stiffness": {"map": "m.nii"}}, "stiffness.sd is missing; wanted: a volume of standard deviations"),
         ({"stiffness": {"map": "m.nii", "waves": "w.npz", "sd": "s.nii"}}, "wanted: the path of a map, or waves"),
         ({"stiffness": {"map": "m.nii", "low": "l.nii"}}, "wanted: this key and high"),
+        (
+            {"stiffness": {"map": "m.nii", "sd": "s.nii"}},
+            "stiffness.frequency_Hz is missing; wanted: the frequency of the waves",
+        ),
+        ({"stiffness": {"waves": "w.npz", "frequency_Hz": 50.0}}, "wanted: this key only with stiffness.map"),
+        ({"structures": "labels.nii"}, "scheme is missing; wanted: the numbering"),
         ({"link": {"exponent": [1.2, 0.5]}}, "link.exponent is"),
         ({"plan": [{"name": "a", "tool": [{}, {}]}, PLANS[1]]}, "wanted: one table"),
         ({"scene": "idealized"}, "scene is 'idealized'"),

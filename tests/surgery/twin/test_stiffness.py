@@ -80,12 +80,14 @@ def test_intervals_become_standard_deviations(tmp_path):
     for name, value in (("map", 2000.0), ("low", 1000.0), ("high", 4000.0), ("sd", 500.0)):
         write_nifti(tmp_path / f"{name}.nii", Volume(np.full(SHAPE, value, np.float32), AFFINE))
     paths = {name: str(tmp_path / f"{name}.nii") for name in ("map", "low", "high", "sd")}
-    by_ends = MeasuredMap.read(StiffnessData(map=paths["map"], low=paths["low"], high=paths["high"]))
+    by_ends = MeasuredMap.read(StiffnessData(frequency=50.0, map=paths["map"], low=paths["low"], high=paths["high"]))
     # ln 4 is 2 x 1.96 standard deviations
     assert by_ends.deviation.data == pytest.approx(np.log(4) / 3.91993, rel=1e-4)
-    assert MeasuredMap.read(StiffnessData(map=paths["map"], sd=paths["sd"])).deviation.data == pytest.approx(0.25)
+    assert MeasuredMap.read(
+        StiffnessData(frequency=50.0, map=paths["map"], sd=paths["sd"])
+    ).deviation.data == pytest.approx(0.25)
     with pytest.raises(InputError, match=r"stiffness.low is above the map"):
-        MeasuredMap.read(StiffnessData(map=paths["low"], low=paths["map"], high=paths["high"]))
+        MeasuredMap.read(StiffnessData(frequency=50.0, map=paths["low"], low=paths["map"], high=paths["high"]))
 
 
 def test_places_begin_with_the_sites_and_cover_the_body():
