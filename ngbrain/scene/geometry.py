@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from dataclasses import MISSING, dataclass
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, replace
 from typing import TYPE_CHECKING
 
 from ngbrain.mesh.routes.registry import ROUTES, openable_routes
@@ -112,6 +113,10 @@ class Geometry(Section):
             self._need(inside, path, "lesion_radius", "a ball inside the block, around lesion_centre_mm")
 
 
+SIZES = ("largest", "wall", "craniotomy")
+"""The element sizes of a mesh."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class MeshSize(Section):
     """Element sizes, polynomial order and meshing route.
@@ -144,6 +149,22 @@ class MeshSize(Section):
     def meshing_route(self) -> str:
         """The meshing route of a scanned head."""
         return self.route or "hull"
+
+    def with_scale(self, factor: float) -> MeshSize:
+        """All element sizes multiplied by a factor.
+
+        >>> MeshSize(wall=3e-3).with_scale(2.0).wall
+        0.006
+        """
+        return replace(self, **{name: factor * getattr(self, name) for name in SIZES})
+
+    def with_minimum(self, sizes: Mapping[str, float]) -> MeshSize:
+        """No element size below those of the same name (m).
+
+        >>> MeshSize(wall=3e-3, largest=24e-3).with_minimum({"wall": 4e-3, "largest": 14e-3})
+        MeshSize(largest=0.024, wall=0.004, craniotomy=0.008, order=2, route=None)
+        """
+        return replace(self, **{name: max(size, getattr(self, name)) for name, size in sizes.items()})
 
     def _check(self, path: str, scene: Scene) -> None:
         scanned = scene.geometry.kind in SCANNED

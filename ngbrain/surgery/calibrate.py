@@ -271,8 +271,7 @@ def _finer(
     model: RetractionModel, retracted: CalibrationModel, point: Point, posterior: Posterior
 ) -> tuple[Array, Array]:
     """Change of ln s due to finer elements, and the measurements that they would give, to first order."""
-    sizes = {name: getattr(model.scene.mesh, name) / math.sqrt(2) for name in ("largest", "wall", "craniotomy")}
-    scene = replace(model.scene, mesh=replace(model.scene.mesh, **sizes))
+    scene = replace(model.scene, mesh=model.scene.mesh.with_scale(1 / math.sqrt(2)))
     other = CalibrationModel(
         RetractionModel.from_scene(scene, model.head),
         retracted.landmarks,

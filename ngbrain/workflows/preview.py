@@ -103,10 +103,9 @@ def _body(scene: Scene) -> Drawing:
 
 def _operation(scene: Scene) -> Drawing:
     """An operation, on a coarse mesh that takes seconds, or on its own mesh where no coarse one is possible."""
-    sizes = replace(scene.mesh, **{name: max(getattr(scene.mesh, name), size) for name, size in LARGEST.items()})
     head, coarse = load_head(scene.geometry, scene.mesh.meshing_route), True
     try:
-        model = RetractionModel.from_scene(replace(scene, mesh=sizes), head)
+        model = RetractionModel.from_scene(replace(scene, mesh=scene.mesh.with_minimum(LARGEST)), head)
     except InputError:  # whatever else is wrong is so again
         model, coarse = RetractionModel.from_scene(scene, head), False
     model.materials(2)

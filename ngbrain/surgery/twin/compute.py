@@ -119,9 +119,8 @@ def choice_distance(points: Array) -> float:
 
 def coarse_scene(scene: Scene) -> Scene:
     """A scene with the elements of a quick answer."""
-    sizes = {name: max(size, getattr(scene.mesh, name)) for name, size in QUICK.items()}
     time = replace(scene.time, step_tolerance=max(scene.time.step_tolerance, 0.1))
-    return replace(scene, mesh=replace(scene.mesh, **sizes), time=time)
+    return replace(scene, mesh=scene.mesh.with_minimum(QUICK), time=time)
 
 
 def _name(model: RetractionModel, pattern: str) -> str:

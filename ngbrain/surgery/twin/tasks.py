@@ -6,7 +6,6 @@ Tasks of `ngbrain.parallel`: their arguments are plain data, from which another 
 from __future__ import annotations
 
 import json
-import math
 import tomllib
 from dataclasses import replace
 from functools import lru_cache
@@ -23,18 +22,13 @@ from ngbrain.surgery.twin.plan_model import STEPS, PlanModel
 from ngbrain.surgery.twin.prior import Prior
 from ngbrain.surgery.twin.response import MEASURES
 from ngbrain.surgery.twin.stiffness import RelativeStiffness
+from ngbrain.surgery.uncertainty.verification_runs import other_mesh
 
 Array = np.ndarray
 RESPONSE, RUNS, MESH = "linearised: ", "whole runs: ", "other elements: "
 """Beginnings of the names of tasks."""
 QUICK_STEPS = 5
 """Time steps of a quick linearised run."""
-SIZES = ("wall", "craniotomy", "largest")
-"""Element sizes of a scene."""
-OTHER = math.sqrt(2)
-"""Element sizes of the run that bounds the numerical error, relative to the plan's: larger ones, smaller where these are coarse."""
-COARSE = 4e-3
-"""Size (m) at the site from which on the other elements are smaller."""
 SHARED = 4
 """Largest number of meshes that are kept for several tasks."""
 _MESHES: dict[str, RetractionModel] = {}
@@ -126,10 +120,8 @@ def other_elements(
         By measure.
     """
     scene = _read(toml)
-    factor = OTHER if scene.mesh.wall < COARSE else 1 / OTHER
-    sizes = {key: factor * getattr(scene.mesh, key) for key in SIZES}
     with share_threads(callback) as told:
-        plan = make_plan(name, replace(scene, mesh=replace(scene.mesh, **sizes)).to_toml(), stiffness, patient)
+        plan = make_plan(name, replace(scene, mesh=other_mesh(scene.mesh)).to_toml(), stiffness, patient)
         answer = plan.run(patient.centre, lambda _, t, share: told(MESH + name, t, share))
     return {key: float(answer[key]) for key in MEASURES}
 

@@ -68,8 +68,8 @@ def coarse_scene(scene: Scene, coarser: bool = False) -> Scene:
     >>> round(1e3 * coarse.mesh.wall, 2), coarse.time.max_step_contact, coarse.protocols == Scene.shipped("demo").protocols
     (5.66, 5.0, True)
     """
-    sizes = {name: max(size, getattr(scene.mesh, name)) for name, size in COARSE.items()}
-    sizes["wall"] *= COARSER if coarser else 1.0
+    mesh = replace(scene.mesh, order=2).with_minimum(COARSE)
+    mesh = replace(mesh, wall=COARSER * mesh.wall) if coarser else mesh
     time = scene.time
     steps = replace(
         time,
@@ -77,7 +77,7 @@ def coarse_scene(scene: Scene, coarser: bool = False) -> Scene:
         max_step_contact=max(RAMP * time.ramp, time.max_step_contact),
         max_step_hold=max(HOLD * time.end, time.max_step_hold),
     )
-    return replace(scene, mesh=replace(scene.mesh, order=2, **sizes), time=steps)
+    return replace(scene, mesh=mesh, time=steps)
 
 
 @dataclass(frozen=True)

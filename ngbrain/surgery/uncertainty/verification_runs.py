@@ -96,8 +96,7 @@ def other_elements(model: RetractionModel, folder: Path | None, resume: bool, ca
         Answers; the first is None if a protocol is that hold.
     """
     mesh = model.scene.mesh
-    factor = OTHER if mesh.wall < COARSE["wall"] else 1 / OTHER
-    other = replace(mesh, **{name: factor * getattr(mesh, name) for name in COARSE})
+    other = other_mesh(mesh)
     holds = any(asked.kind == "continuous" for asked in model.scene.protocols)
     own = None if holds else _run_hold(model, OWN, folder, resume, _without_fraction(callback, MESH))
     return own, _run_hold(_with_mesh(model, other), MESH, folder, resume, callback)
@@ -120,10 +119,19 @@ def miller_exponent(model: RetractionModel, folder: Path | None, resume: bool, c
     return _run_hold(replace(model, scene=replace(model.scene, tissues=tissues)), MILLER, folder, resume, callback)
 
 
+def other_mesh(mesh: MeshSize) -> MeshSize:
+    """The mesh that shows the error of elements: sizes times or over `OTHER`.
+
+    >>> round(1e3 * other_mesh(MeshSize(wall=3e-3)).wall, 2), round(1e3 * other_mesh(MeshSize(wall=4e-3)).wall, 2)
+    (4.24, 2.83)
+    """
+    return mesh.with_scale(OTHER if mesh.wall < COARSE["wall"] else 1 / OTHER)
+
+
 def _coarse(model: RetractionModel) -> RetractionModel:
     """The same scene on an affordable mesh."""
     scene = model.scene
-    mesh = replace(scene.mesh, **{k: max(v, getattr(scene.mesh, k)) for k, v in COARSE.items()})
+    mesh = scene.mesh.with_minimum(COARSE)
     return model if mesh == scene.mesh else _with_mesh(model, mesh)
 
 
