@@ -68,13 +68,10 @@ def summary(result: dict[str, Any]) -> list[str]:
     plans = list(result["answers"])
     lines = [f"{'':<34}" + "".join(f"{plan[:30]:>32}" for plan in plans)]
     for key in result["answers"][plans[0]]:
-        of = QUANTITIES[key]
         cells = []
         for plan in plans:
             found = result["answers"][plan][key]
             low, high = found["interval_95"]
             cells.append(f"{found['median']:>10.3g} ({low:.3g} to {high:.3g})")
-        lines.append(
-            f"{f'{of.name} ({of.unit})' if of.unit else of.name:<34}"[:34] + "".join(f"{c:>32}" for c in cells)
-        )
+        lines.append(f"{QUANTITIES[key].label:<34}"[:34] + "".join(f"{c:>32}" for c in cells))
     return [*lines, "", *result["conclusion"]]

@@ -48,6 +48,11 @@ class ProtocolQuantity:
     scaling: Scaling = Scaling.UNCHANGED
     describes: bool = False
 
+    @property
+    def label(self) -> str:
+        """Name with the unit in brackets."""
+        return f"{self.name} ({self.unit})" if self.unit else self.name
+
 
 @dataclass(frozen=True)
 class PressureQuantity(ProtocolQuantity):

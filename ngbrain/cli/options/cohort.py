@@ -6,19 +6,13 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from ngbrain.cli.options.print_text import PrintText
+
 VERBS = ("mesh", "invert", "predict", "simulate")
 """Verbs of the rows."""
 SAMPLE = Path(__file__).parents[2] / "samples" / "cohort.csv"
 OWN = ("help", "output", "overwrite", "own_laws", "quiet", "resume", "threads", "executor")
 """Destinations of options that a list cannot contain: those that a cohort sets itself, and files of code that would be run."""
-
-
-class _List(argparse.Action):
-    """Print a commented list."""
-
-    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        print(SAMPLE.read_text(encoding="utf-8"), end="")
-        parser.exit()
 
 
 def add_cohort(verbs: Any) -> argparse.ArgumentParser:
@@ -29,7 +23,13 @@ def add_cohort(verbs: Any) -> argparse.ArgumentParser:
         epilog="The same command continues an interrupted cohort, and computes the new rows of a longer list.",
     )
     parser.add_argument("list", type=Path, metavar="LIST.csv", help="a row for each: name, verb, input, options")
-    parser.add_argument("--template", action=_List, nargs=0, help="print a commented list, and stop")
+    parser.add_argument(
+        "--template",
+        action=PrintText,
+        of=_sample,
+        nargs=0,
+        help="print a commented list, and stop",
+    )
     parser.add_argument(
         "--verb", dest="of_rows", choices=VERBS, help="verb of all rows, for a list without that column"
     )
@@ -58,3 +58,7 @@ def several_inputs(parser: argparse.ArgumentParser) -> bool:
 def is_path(action: argparse.Action) -> bool:
     """Whether an option's value is a file or folder."""
     return action.type is Path
+
+
+def _sample(_: object) -> str:
+    return SAMPLE.read_text(encoding="utf-8")

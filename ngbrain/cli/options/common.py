@@ -10,6 +10,7 @@ from typing import Any, NoReturn
 from ngbrain import __version__
 from ngbrain.cli.options import types
 from ngbrain.cli.options.cohort import add_cohort
+from ngbrain.cli.options.print_text import PrintText, sidecar_template
 from ngbrain.cli.options.simulate import add_laws, add_simulate
 from ngbrain.cli.options.twin import add_twin
 
@@ -179,18 +180,10 @@ def _mesh(verbs: Any) -> argparse.ArgumentParser:
     return parser
 
 
-class _Sidecar(argparse.Action):
-    """Print a sidecar of wave data."""
-
-    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        from ngbrain.io.waves.nifti import TEMPLATE
-
-        print(TEMPLATE, end="")
-        parser.exit()
-
-
 def _add_reading(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--template", action=_Sidecar, nargs=0, help="print a NIfTI sidecar template, and stop")
+    parser.add_argument(
+        "--template", action=PrintText, of=sidecar_template, nargs=0, help="print a NIfTI sidecar template, and stop"
+    )
     parser.add_argument(
         "--conjugate",
         action="store_true",

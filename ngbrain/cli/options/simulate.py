@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from ngbrain.cli.options.print_text import PrintText, scene_schema, scene_template
+
 TEMPLATES = ("operation", "body")
 """Kinds of scene with a template."""
 
@@ -20,13 +22,16 @@ def add_simulate(verbs: Any) -> argparse.ArgumentParser:
     parser.add_argument("scene", type=Path, metavar="SCENE.toml", help="the scene; --template prints one")
     parser.add_argument(
         "--template",
-        action=_Template,
+        action=PrintText,
+        of=scene_template,
         nargs="?",
         const="operation",
         choices=TEMPLATES,
         help="print a commented scene, of an operation or of a body under loads, and stop",
     )
-    parser.add_argument("--schema", action=_Schema, nargs=0, help="print the JSON schema of a scene, and stop")
+    parser.add_argument(
+        "--schema", action=PrintText, of=scene_schema, nargs=0, help="print the JSON schema of a scene, and stop"
+    )
     add_laws(parser)
     parser.add_argument(
         "--as-described",
@@ -51,25 +56,3 @@ def add_laws(parser: argparse.ArgumentParser) -> None:
         metavar="FILE.py",
         help="a Python file, which is run, with laws that the scene can name; see `ngbrain materials --laws FILE.py`",
     )
-
-
-class _Template(argparse.Action):
-    """Print a commented scene."""
-
-    def __call__(self, parser: argparse.ArgumentParser, _: object, kind: Any, *__: object) -> None:
-        from ngbrain.scene import Scene
-
-        print(Scene.template(kind), end="")
-        parser.exit()
-
-
-class _Schema(argparse.Action):
-    """Print the JSON schema of a scene."""
-
-    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        import json
-
-        from ngbrain.scene import Scene
-
-        print(json.dumps(Scene.schema(), indent=1, ensure_ascii=False))
-        parser.exit()

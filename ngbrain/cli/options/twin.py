@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from ngbrain.cli.options.print_text import PrintText, case_schema, case_template
+
 DRAWS = 6
 
 
@@ -17,8 +19,12 @@ def add_twin(verbs: Any) -> argparse.ArgumentParser:
         epilog="Plans are compared by draws of the patient that they share; a difference smaller than what is not known is open.",
     )
     parser.add_argument("case", type=Path, metavar="CASE.toml", help="the patient and the plans; --template prints one")
-    parser.add_argument("--template", action=_Template, nargs=0, help="print a commented case, and stop")
-    parser.add_argument("--schema", action=_Schema, nargs=0, help="print the JSON schema of a case, and stop")
+    parser.add_argument(
+        "--template", action=PrintText, of=case_template, nargs=0, help="print a commented case, and stop"
+    )
+    parser.add_argument(
+        "--schema", action=PrintText, of=case_schema, nargs=0, help="print the JSON schema of a case, and stop"
+    )
     parser.add_argument(
         "--draws",
         type=int,
@@ -28,26 +34,3 @@ def add_twin(verbs: Any) -> argparse.ArgumentParser:
     )
     parser.add_argument("--quick", action="store_true", help="a first answer by coarse elements, without whole runs")
     return parser
-
-
-class _Template(argparse.Action):
-    """Print a commented case."""
-
-    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        from ngbrain.surgery.twin.case import Case
-
-        print(Case.template(), end="")
-        parser.exit()
-
-
-class _Schema(argparse.Action):
-    """Print the JSON schema of a case."""
-
-    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        import json
-
-        from ngbrain.scene.schema import json_schema
-        from ngbrain.surgery.twin.case import Case
-
-        print(json.dumps(json_schema(Case), indent=1, ensure_ascii=False))
-        parser.exit()

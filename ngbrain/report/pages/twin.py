@@ -46,7 +46,7 @@ def build(path: str | os.PathLike[str], result: Mapping[str, Any]) -> Path:
         "twin.html",
         pictures,
         result=result,
-        names={key: _named(key) for key in QUANTITIES},
+        names={key: quantity.label for key, quantity in QUANTITIES.items()},
         next_steps=next_steps(result),
         colours=dict(zip(result["answers"], PLANS, strict=False)),
     )
@@ -57,11 +57,6 @@ def _in_style(draw: Any, result: Mapping[str, Any]) -> bytes:
         return png(draw(result))
 
 
-def _named(key: str) -> str:
-    of = QUANTITIES[key]
-    return f"{of.name} ({of.unit})" if of.unit else of.name
-
-
 def next_steps(result: Mapping[str, Any]) -> list[dict[str, Any]]:
     """For each pair of plans and measure that is open: what its uncertainty comes from, largest first."""
     decided = {(d["first"], d["second"], d["measure"]): d["decision"] for d in result["differences"]}
@@ -69,7 +64,9 @@ def next_steps(result: Mapping[str, Any]) -> list[dict[str, Any]]:
     for each in result["variance_shares"]["differences"]:
         shares = list(each["shares"].items())[:MOST_SHARES]
         key = each["first"], each["second"], each["measure"]
-        found.append({**each, "shares": shares, "open": decided[key] == "open", "name": _named(each["measure"])})
+        found.append(
+            {**each, "shares": shares, "open": decided[key] == "open", "name": QUANTITIES[each["measure"]].label}
+        )
     return found
 
 
@@ -116,7 +113,7 @@ def compare_figure(result: Mapping[str, Any]) -> Any:
             )
         axis.set(ylim=(len(plans) - 0.4, -0.6), yticks=range(len(plans)), yticklabels=plans)
         axis.set_xlim(left=0.0)
-        axis.set_xlabel(_named(key))
+        axis.set_xlabel(QUANTITIES[key].label)
     return made
 
 
