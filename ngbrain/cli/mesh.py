@@ -22,7 +22,8 @@ from ngbrain.mesh.imported import write_imported
 from ngbrain.mesh.routes.craniotomy import Opening
 from ngbrain.mesh.routes.registry import ROUTES
 from ngbrain.progress import Progress, terminal
-from ngbrain.workflows.mesh_head import Subject, write_subject
+from ngbrain.workflows.mesh_head import write_subject
+from ngbrain.workflows.subject import Subject
 
 SHOWN = 3
 """Number of changes of a region that are printed; all are in result.json."""

@@ -19,7 +19,7 @@ from ngbrain.scene import Scene
 from ngbrain.surgery.head_models import transfer_scene
 from ngbrain.surgery.retraction import CHECKS
 from ngbrain.surgery.uncertainty.error_budget import FAILED, NOT_COMPUTED, UNDER_WAY
-from ngbrain.workflows.quick_operation import count_runs, has_first_answers
+from ngbrain.workflows.quick.operation import count_runs, has_first_answers
 from ngbrain.workflows.simulate import simulate
 
 NOT_OF_THE_SCENE = ("-", "checkpoint", "result", "executor", "worker", "memory")

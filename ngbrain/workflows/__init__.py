@@ -15,10 +15,10 @@ Modules
 - `summary`: The main numbers of a result.
 - `results`: The rows with their verdicts, statistics, and the table.
 - `gate`: Outlier detection over the rows.
-- `mesh_head`: A head from an image to a mesh.
+- `subject`: Labels of a head with their source; `mesh_head`: from an image to a mesh.
 - `simulate`: A scene to its result; `preview`: a figure of the scene before.
 - `twin`: One patient's surgical plans compared.
-- `quick_operation`, `quick_search`: Coarse first answers before that; `first_answers`: their comparison with the refined ones.
+- `quick`: Coarse first answers before that.
 - `property_maps`: The files of an inversion.
 """
 
@@ -29,26 +29,26 @@ from ngbrain.lazy import lazy_names
 if TYPE_CHECKING:
     from ngbrain.workflows import (
         cohort,
-        first_answers,
         gate,
         listing,
         mesh_head,
         preview,
         property_maps,
-        quick_operation,
-        quick_search,
+        quick,
         results,
         rows,
         simulate,
+        subject,
         summary,
         twin,
     )
     from ngbrain.workflows.gate import GroupStatistics, Outlier, find_outliers
     from ngbrain.workflows.listing import CohortCase, read_list
-    from ngbrain.workflows.mesh_head import Subject, write_subject
+    from ngbrain.workflows.mesh_head import write_subject
     from ngbrain.workflows.property_maps import write_inversion, write_maps
-    from ngbrain.workflows.quick_search import full_model
+    from ngbrain.workflows.quick.search import full_model
     from ngbrain.workflows.results import Cohort, ResultRow, summarise
+    from ngbrain.workflows.subject import Subject
     from ngbrain.workflows.summary import main_numbers
     from ngbrain.workflows.twin import TwinResult
 else:
@@ -64,7 +64,6 @@ __all__ = [
     "TwinResult",
     "cohort",
     "find_outliers",
-    "first_answers",
     "full_model",
     "gate",
     "listing",
@@ -72,12 +71,12 @@ __all__ = [
     "mesh_head",
     "preview",
     "property_maps",
-    "quick_operation",
-    "quick_search",
+    "quick",
     "read_list",
     "results",
     "rows",
     "simulate",
+    "subject",
     "summarise",
     "summary",
     "twin",

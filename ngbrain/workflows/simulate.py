@@ -15,7 +15,8 @@ from ngbrain.progress import log_progress
 from ngbrain.scene import Scene
 from ngbrain.scene.result import SceneResult
 from ngbrain.surgery import model_selection, retraction
-from ngbrain.workflows import quick_operation, quick_search
+from ngbrain.workflows.quick import operation as quick_operation
+from ngbrain.workflows.quick import search as quick_search
 
 Callback = Callable[..., None]
 """Progress callback, with the arguments of the solver's."""

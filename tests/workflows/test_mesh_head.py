@@ -23,7 +23,8 @@ from ngbrain.mesh.geometry.sizing import RadialSizeField
 from ngbrain.mesh.quality import volumes_ml
 from ngbrain.mesh.routes.registry import ROUTES
 from ngbrain.report.pages import anatomy
-from ngbrain.workflows.mesh_head import Subject, write_subject
+from ngbrain.workflows.mesh_head import write_subject
+from ngbrain.workflows.subject import Subject
 
 
 @pytest.mark.parametrize("route", ROUTES)

@@ -16,7 +16,8 @@ from ngbrain.image.read.nifti import resample_labels
 from ngbrain.image.read.volume import Volume
 from ngbrain.mesh.geometry.sizing import RadialSizeField
 from ngbrain.mesh.routes.registry import ROUTES
-from ngbrain.workflows.mesh_head import Subject, write_subject
+from ngbrain.workflows.mesh_head import write_subject
+from ngbrain.workflows.subject import Subject
 
 MM = 1e-3
 LEAST = {"hull": 12, "lattice": 12, "conforming": 8}

@@ -14,7 +14,8 @@ from ngbrain.mesh.surface.cortex import spherical_cortex
 from ngbrain.mesh.surface.cortex_refinement import refine_cortex
 from ngbrain.mesh.surface.cortical_files import write_cortex
 from ngbrain.mesh.surface.smoothing import crossings
-from ngbrain.workflows.mesh_head import Subject, write_subject
+from ngbrain.workflows.mesh_head import write_subject
+from ngbrain.workflows.subject import Subject
 
 GREY_VALUES = {"air": 0.0, "csf": 0.3, "grey": 0.72, "white": 1.0}
 INNER, SUB = 22.0, 3

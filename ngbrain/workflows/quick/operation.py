@@ -21,7 +21,7 @@ from ngbrain.surgery.model import RetractionModel
 from ngbrain.surgery.quantities import QUANTITIES
 from ngbrain.surgery.uncertainty.coarse_answers import MAIN, coarse_scene, has_coarse, shipped_record
 from ngbrain.surgery.uncertainty.error_budget import NOT_COMPUTED, UNDER_WAY
-from ngbrain.workflows.first_answers import Result, compare
+from ngbrain.workflows.quick.first_answers import Result, compare
 
 FOLDER, COARSER = "coarse", "coarser"
 """Folder of the coarse runs within that of the result, and within it that of the coarser ones."""

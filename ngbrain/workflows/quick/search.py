@@ -14,7 +14,7 @@ from ngbrain.ladder.levels import Model
 from ngbrain.ladder.model_search import NOT_FINAL
 from ngbrain.scene import Scene
 from ngbrain.scene.result import SceneResult
-from ngbrain.workflows.first_answers import Result, compare
+from ngbrain.workflows.quick.first_answers import Result, compare
 
 BASIS = "An interval is the ladder's bound of what all richer models would change together."
 

@@ -6,7 +6,7 @@ import pytest
 
 from ngbrain.errors import InputError
 from ngbrain.scene import DisplacementBC, Geometry, Quantity, Scene, Tissue
-from ngbrain.workflows.quick_search import SearchAnswers, full_model, lower_order_model
+from ngbrain.workflows.quick.search import SearchAnswers, full_model, lower_order_model
 from ngbrain.workflows.simulate import simulate
 
 SCENE = Scene(

@@ -8,7 +8,7 @@ import pytest
 
 from ngbrain.scene import Protocol, Scene
 from ngbrain.surgery.uncertainty.coarse_answers import MAIN, CoarseRecord
-from ngbrain.workflows import quick_operation
+from ngbrain.workflows.quick import operation as quick_operation
 from ngbrain.workflows.simulate import simulate
 
 VALUES = {"coarser": 110.0, "coarse": 100.0, "described": 95.0}
