@@ -8,7 +8,7 @@
 - `dask_cluster`: A Dask cluster as an executor.
 - `driver`: Run tasks through an executor.
 - `executors`: Executors by their command-line name.
-- `kernel`: Memory limits and out-of-memory kills reported by the operating system.
+- `kernel`: Memory limits and out-of-memory kills reported by the operating system; standard streams that are closed.
 - `memory`: Predicted peak memory of a task.
 - `mpi_job`: Ranks of an MPI job as an executor.
 - `processes`: Processes of this machine as an executor.
@@ -21,14 +21,6 @@
 from typing import TYPE_CHECKING
 
 from ngbrain.lazy import lazy_names
-from ngbrain.parallel.dask_cluster import DaskExecutor
-from ngbrain.parallel.driver import run
-from ngbrain.parallel.executors import open_executor
-from ngbrain.parallel.memory import memory_table, predicted_memory
-from ngbrain.parallel.mpi_job import MpiExecutor
-from ngbrain.parallel.processes import ProcessExecutor
-from ngbrain.parallel.slurm_jobs import SlurmExecutor
-from ngbrain.parallel.tasks import AnyExecutor, Callback, Task, TaskLost, share_threads
 
 if TYPE_CHECKING:
     from ngbrain.parallel import (
@@ -44,6 +36,14 @@ if TYPE_CHECKING:
         tasks,
         worker,
     )
+    from ngbrain.parallel.dask_cluster import DaskExecutor
+    from ngbrain.parallel.driver import run
+    from ngbrain.parallel.executors import open_executor
+    from ngbrain.parallel.memory import memory_table, predicted_memory
+    from ngbrain.parallel.mpi_job import MpiExecutor
+    from ngbrain.parallel.processes import ProcessExecutor
+    from ngbrain.parallel.slurm_jobs import SlurmExecutor
+    from ngbrain.parallel.tasks import AnyExecutor, Callback, Task, TaskLost, share_threads
 else:
     __getattr__, __dir__ = lazy_names(__name__)
 

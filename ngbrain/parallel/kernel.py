@@ -1,4 +1,4 @@
-"""Memory limits and out-of-memory kills, as reported by the operating system."""
+"""The operating system: memory limits, out-of-memory kills, and standard streams that are closed."""
 
 from __future__ import annotations
 
@@ -10,6 +10,18 @@ from pathlib import Path
 GIB = 2.0**30
 _GROUPS = Path("/sys/fs/cgroup")
 _COUNT = re.compile(r"^oom_kill (\d+)$", re.MULTILINE)
+
+
+def open_standard_streams() -> None:
+    """Open each of the descriptors 0, 1 and 2 that is closed on the null device; otherwise the next pipe or file would take it.
+
+    Processes that are started inherit it.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # gets the lowest number that is free
 
 
 def memory_kills() -> int | None:

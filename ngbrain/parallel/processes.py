@@ -7,7 +7,6 @@ stdin, from `python -c`, from a notebook or run in a thread. They end with their
 from __future__ import annotations
 
 import math
-import os
 import pickle
 import signal
 import sys
@@ -17,11 +16,11 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager, suppress
 from functools import partial
-from subprocess import DEVNULL, PIPE, Popen, TimeoutExpired
+from subprocess import PIPE, Popen, TimeoutExpired
 from typing import Any
 
 from ngbrain.errors import InputError, SolverError
-from ngbrain.parallel.kernel import machine_memory, memory_kills
+from ngbrain.parallel.kernel import machine_memory, memory_kills, open_standard_streams
 from ngbrain.parallel.tasks import Callback, TaskLost
 from ngbrain.parallel.worker import START
 
@@ -54,6 +53,7 @@ class ProcessExecutor(Executor):
     def __init__(self, workers: int, threads: int | None = None) -> None:
         if workers < 1:
             raise InputError("workers", workers, "at least 1")
+        open_standard_streams()  # before threads start processes: a pipe of one is not to become the stderr of another
         self.workers, self.threads = workers, threads or 1
         self._waiting: deque[Job] = deque()
         self._changed = threading.Condition()
@@ -213,7 +213,7 @@ class _Process:
         self._kills = memory_kills()
         try:
             with _ctrl_c_blocked():
-                self._process = Popen(command, stdin=PIPE, stdout=PIPE, stderr=_stderr())
+                self._process = Popen(command, stdin=PIPE, stdout=PIPE)
         except OSError as error:
             raise NotSent(f"no other process can be started ({error.strerror})") from error
         self._requests: Any = self._process.stdin
@@ -285,15 +285,6 @@ class _Process:
             words = "the system ended it for want of memory; fewer at once take less"
             return TaskLost(f"{task}: its process died (signal 9); {words}", True)
         return TaskLost(f"{task}: its process died (signal 9), killed by another process: memory was not the reason")
-
-
-def _stderr() -> int | None:
-    """Stderr of this process, or DEVNULL if it has none: otherwise the first pipe would take its file descriptor."""
-    try:
-        os.fstat(2)
-    except OSError:
-        return DEVNULL
-    return None
 
 
 @contextmanager

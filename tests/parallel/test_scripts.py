@@ -163,10 +163,12 @@ def test_where_no_process_can_be_started(tmp_path):
     assert done.stderr.startswith("no other process can be started (No such file or directory)")
 
 
-def test_without_stderr():
+@pytest.mark.parametrize("closed", ["2>&-", "<&- 2>&-"])
+def test_without_standard_streams(closed):
+    """A pipe of the first process that is started must not become the stderr of the second."""
     script = PLAIN.replace("lives\n", "lives, prints\n").replace("lives, (1,)", "prints, ()")
     done = subprocess.run(
-        ["sh", "-c", '"$0" -c "$1" 2>&-', sys.executable, script], capture_output=True, env=environment()
+        ["sh", "-c", f'"$0" -c "$1" {closed}', sys.executable, script], capture_output=True, env=environment()
     )
     assert done.returncode == 0 and done.stdout == b"this script is run once\n{'a': None, 'b': 2}\n"
 
