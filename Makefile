@@ -87,9 +87,9 @@ $(BIN)/pip: | check
 $(VENV)/.demo: extras := demo
 $(VENV)/.dev: extras := dev,demo
 $(VENV)/.demo $(VENV)/.dev: setup.cfg pyproject.toml | $(BIN)/pip
-	$(BIN)/pip install --quiet --disable-pip-version-check --editable ".[$(extras)]"
+	$(BIN)/pip install --quiet --disable-pip-version-check --no-compile --editable ".[$(extras)]"
 	@$(BIN)/python -c 'import ctypes; ctypes.CDLL("$(QUADMATH)")' 2>/dev/null || \
 		{ cd $(VENV)/lib/python3*/site-packages && set -- scipy.libs/libquadmath-* && \
 		test ! -e "$$1" || ln -sf "../$$1" ngsolve_openblas/$(QUADMATH); }
 	@$(BIN)/python -c 'import ngsolve'
-	@touch $@
+	@touch $@ $(if $(filter %.dev,$@),$(VENV)/.demo)
