@@ -1,15 +1,19 @@
-"""Style of all plots, and the plots of results."""
+"""How objects show themselves in a notebook, the style of all plots, and the plots of results."""
 
 from __future__ import annotations
 
 import base64
 import io
+import reprlib
 from collections.abc import Mapping, Sequence
-from typing import Any
+from dataclasses import fields
+from html import escape
+from importlib import import_module
+from typing import Any, ClassVar
 
 import numpy as np
 
-from ngbrain.errors import MissingExtra, require
+from ngbrain.errors import MissingExtra, NgbrainError, require
 from ngbrain.result import html_table
 
 STYLE = {
@@ -24,13 +28,57 @@ STYLE = {
     "savefig.facecolor": "white",
 }
 """Settings of matplotlib."""
+LONGEST = 200
+"""Largest number of characters of a line that represents an object."""
+
+
+class _ShortText(reprlib.Repr):
+    """Text of a value in a line: arrays by their shape, long lists and texts cut."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxlevel, self.maxdict, self.maxlist, self.maxtuple = 3, 6, 6, 6
+        self.maxstring, self.maxother, self.maxlong = 60, 100, 60
+
+    def repr_ndarray(self, value: np.ndarray, level: int) -> str:
+        return f"array {value.shape}"
+
+    def repr_instance(self, value: Any, level: int) -> str:
+        return " ".join(super().repr_instance(value, level).split())
+
+
+_SHORT = _ShortText()
+
+
+class ShortRepr:
+    """Representation of a dataclass in one line: names and values of its fields, arrays by their shape.
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> @dataclass(repr=False)
+    ... class Wave(ShortRepr):
+    ...     frequency: float
+    ...     displacement: np.ndarray
+    >>> Wave(50.0, np.zeros((1000, 3)))
+    Wave(frequency=50.0, displacement=array (1000, 3))
+    """
+
+    def __repr__(self) -> str:
+        shown = [field.name for field in fields(self) if field.repr]  # type: ignore[arg-type]
+        text = ", ".join(f"{name}={_SHORT.repr(getattr(self, name, None))}" for name in shown)
+        text = f"{type(self).__name__}({text})"
+        return text if len(text) <= LONGEST else f"{text[: LONGEST - 2]}…)"
 
 
 class NotebookCard:
     """Short representation of an object: one line of text, or a table with a thumbnail in a notebook.
 
-    Subclasses define `summary`, and `plot` where there is something to see.
+    Subclasses define `summary`, and `plot` or `PICTURE` where there is something to see.
     """
+
+    PICTURE: ClassVar[str] = ""
+    """`module:function` that plots an object of this class, where the function belongs to a package that builds on this class."""
 
     def summary(self) -> Mapping[str, str]:
         """Name → text, the most important first."""
@@ -38,7 +86,10 @@ class NotebookCard:
 
     def plot(self) -> Any:
         """Plot as a matplotlib figure; `NotImplementedError` where there is nothing to see."""
-        raise NotImplementedError(f"{type(self).__name__} has no picture")
+        if not self.PICTURE:
+            raise NotImplementedError(f"{type(self).__name__} has no picture")
+        module, function = self.PICTURE.split(":")
+        return getattr(import_module(module), function)(self)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}: {'; '.join(self.summary().values())}"
@@ -47,11 +98,13 @@ class NotebookCard:
         return html_table(type(self).__name__, self.summary()) + self._thumbnail()
 
     def _thumbnail(self) -> str:
-        """The plot as a small embedded image; nothing where there is none, or no matplotlib."""
+        """The plot as a small embedded image; nothing where there is none, or no matplotlib; else why there is none."""
         try:
             self.plot().savefig(picture := io.BytesIO(), format="png", dpi=60)
         except (NotImplementedError, MissingExtra):
             return ""
+        except NgbrainError as error:
+            return f"<p>no picture: {escape(str(error))}</p>"
         return f'<img alt="" src="data:image/png;base64,{base64.b64encode(picture.getvalue()).decode()}">'
 
 

@@ -47,7 +47,7 @@ def test_all_about_an_entry_and_what_to_paste(capsys, name):
 def test_constants_are_shown_as_the_law_has_them(capsys):
     text = said(capsys, "griffiths2024:cortex")
     assert (
-        "stays: μ = 420 Pa, α = -21.27" in text
+        "equilibrium: μ = 420 Pa, α = -21.27" in text
         and "branch 1: μ = 1400 Pa, α = -14.66, η = 3050 Pa s, τ = 2.179 s" in text
     )
     text = said(capsys, "miller1997:brain")

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator, PPoly
 
 from ngbrain.errors import InputError
+from ngbrain.look import ShortRepr
 
 Array = np.ndarray
 
@@ -23,8 +24,8 @@ class Interpolation(StrEnum):
     MONOTONE_CUBIC = "monotone cubic"
 
 
-@dataclass(frozen=True, eq=False)
-class TimeCurve:
+@dataclass(frozen=True, eq=False, repr=False)
+class TimeCurve(ShortRepr):
     """Values at the ends of time steps as a function of time.
 
     The monotone cubic follows long steps of a hold to a part of a percent, where linear interpolation lies above the solution.

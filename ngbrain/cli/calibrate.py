@@ -9,7 +9,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from ngbrain.atomic import atomic_write
 from ngbrain.cli.words import conclude
 from ngbrain.errors import InputError, nearest, require
 from ngbrain.inverse.optimise.result import Iteration
@@ -59,7 +58,7 @@ def run(arguments: argparse.Namespace) -> None:
         "time_s": time.monotonic() - started,
     }
     result = finite(result)
-    atomic_write(folder / "scene.toml", lambda part: part.write_text(found.scene.to_toml(), encoding="utf-8"))
+    found.scene.save(folder / "scene.toml")
     write_json(folder / "result.json", result)
     report = page.build(folder / "report.html", result)
     files = f"the scene with these tissues: {folder / 'scene.toml'}", f"report: {report}"

@@ -34,6 +34,7 @@ from ngbrain.io.hdf5 import hdf5_image
 from ngbrain.io.mesh_arrays import build_mesh
 from ngbrain.io.nodes import QuadraticGrid
 from ngbrain.io.state import pack, read_array, unpack, write_array
+from ngbrain.look import ShortRepr
 from ngbrain.reading import check_regular
 from ngbrain.reading.hdf5 import hdf5
 
@@ -52,8 +53,8 @@ ROUNDING = 1e-12
 _VTK_TYPES = {"f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8"}
 
 
-@dataclass(frozen=True, eq=False)
-class Frame:
+@dataclass(frozen=True, eq=False, repr=False)
+class Frame(ShortRepr):
     """Fields at one time.
 
     Parameters
@@ -69,8 +70,8 @@ class Frame:
     point_data: Mapping[str, Array]
 
 
-@dataclass(frozen=True, eq=False)
-class Checkpoint:
+@dataclass(frozen=True, eq=False, repr=False)
+class Checkpoint(ShortRepr):
     """Content of a checkpoint, as it was given to `save`.
 
     Parameters

@@ -25,6 +25,7 @@ from ngbrain.ladder.models.bodies import SMALL
 from ngbrain.ladder.models.hierarchy import ModelHierarchy, Solution, answers_of
 from ngbrain.ladder.models.laws import has_memory
 from ngbrain.ladder.quantities import BodyState, Question, interpolate_state
+from ngbrain.look import ShortRepr
 from ngbrain.solvers.linear import Solve
 
 Array = np.ndarray
@@ -40,8 +41,8 @@ LARGE, UNSEEN = 0.2, 0.003
 """Changes above the first value are accepted only if they were solved for; below the second they are negligible."""
 
 
-@dataclass(frozen=True, eq=False)
-class Estimate:
+@dataclass(frozen=True, eq=False, repr=False)
+class Estimate(ShortRepr):
     """Estimated change by one step along an axis.
 
     Parameters

@@ -12,6 +12,7 @@ from ngbrain.errors import InputError
 from ngbrain.forward.observables import Displacements, Force, Observable, StrainPercentile
 from ngbrain.forward.observables.percentiles import ProblemPercentile
 from ngbrain.forward.solid.problem import Problem
+from ngbrain.look import ShortRepr
 from ngbrain.materials.base import check_parameter
 from ngbrain.scene import Quantity, Scene
 
@@ -22,8 +23,8 @@ PLANE = (0, 2)
 """Axes of the body that a section has."""
 
 
-@dataclass(frozen=True, eq=False)
-class BodyState:
+@dataclass(frozen=True, eq=False, repr=False)
+class BodyState(ShortRepr):
     """A solved state of a body.
 
     Parameters

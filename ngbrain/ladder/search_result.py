@@ -8,13 +8,14 @@ import numpy as np
 
 from ngbrain.ladder.axes import Axis
 from ngbrain.ladder.estimates import Estimate
+from ngbrain.look import ShortRepr
 from ngbrain.result import Result
 
 Array = np.ndarray
 
 
-@dataclass(eq=False)
-class Rung:
+@dataclass(eq=False, repr=False)
+class Rung(ShortRepr):
     """A model of the search.
 
     Parameters

@@ -12,6 +12,7 @@ import numpy as np
 from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
+from ngbrain.look import NotebookCard, ShortRepr
 from ngbrain.tensors import isochoric, right_cauchy_green
 
 Value: TypeAlias = float | CoefficientFunction
@@ -150,8 +151,20 @@ def density_of_log_strains(law: Law, logs: Sequence[CoefficientFunction]) -> Coe
     return density(law, Deformation.from_stretch(stretch))
 
 
-class Addable:
-    """Adds the operator `+` to a law; the result is a `Sum`."""
+class LawCard(ShortRepr, NotebookCard):
+    """Representation of laws and viscoelastic materials: one line, a card with a plot in a notebook, and that plot."""
+
+    PICTURE = "ngbrain.materials.lab.plot:plot_law"
+
+    def summary(self) -> dict[str, str]:
+        """Name, energy, parameters and shear modulus in words."""
+        from ngbrain.materials.lab.description import law_rows  # it imports this module
+
+        return law_rows(cast(Any, self))
+
+
+class Addable(LawCard):
+    """Adds the operator `+` to a law, whose result is a `Sum`, and gives it a card and a plot."""
 
     def __add__(self, other: Law) -> Sum:
         if not isinstance(other, Law):
@@ -189,7 +202,7 @@ class TotalStretchLaw(Addable):
         return self.energy(at.C)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Sum(Composite):
     """Sum of laws, W = Σ W_i, made by `law + law`."""
 
@@ -206,7 +219,7 @@ class Sum(Composite):
         return sum(rest, first)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Scaled(Composite):
     """A law times a factor, W = factor × W_law.
 

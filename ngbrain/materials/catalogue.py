@@ -9,6 +9,7 @@ from difflib import SequenceMatcher
 from typing import Literal, cast
 
 from ngbrain.errors import InputError, RangeWarning
+from ngbrain.look import NotebookCard
 from ngbrain.materials.base import Law
 from ngbrain.materials.families import RelaxingOgden
 from ngbrain.materials.isotropic import Demiray, Gent, NeoHooke, Ogden, Polynomial
@@ -19,8 +20,8 @@ ALIKE = 0.6
 _warned: set[str] = set()
 
 
-@dataclass(frozen=True)
-class Published:
+@dataclass(frozen=True, repr=False)
+class Published(NotebookCard):
     """A published material with its source and its range of validity.
 
     Parameters
@@ -82,6 +83,18 @@ class Published:
     poisson: float | None = None
     preconditioned: bool = False
     pace: Literal["sudden", "slow", "drained"] = "slow"
+
+    PICTURE = "ngbrain.materials.lab.plot:plot_entry"
+
+    def summary(self) -> dict[str, str]:
+        """Tissue, law, constants, range of the data and source in words."""
+        from ngbrain.materials.lab.description import entry_rows  # it imports this module
+
+        return {"name": self.name} | {name: rows.replace("\n", "; ") for name, rows in entry_rows(self).items()}
+
+    def __repr__(self) -> str:
+        rows, (least, most) = self.summary(), self.stretch
+        return f"Published: {self.name}; {rows['law']}; stretches {least:g} to {most:g}; DOI {self.doi}"
 
     def law(self) -> Law | Viscous:
         """The material law."""

@@ -45,7 +45,7 @@ Pair = tuple[Law | None, Value]
 """A tissue's law, None where it has none, and the tissue's indicator function."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Piecewise(Composite):
     """Several laws, each evaluated only where its indicator exceeds one half; elsewhere its energy may be undefined.
 

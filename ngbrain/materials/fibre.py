@@ -32,7 +32,7 @@ STIFF = 1e-12
 """Smallest admissible eigenvalue of `Fung.B`, relative to the largest."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class HolzapfelGasserOgden(Composite):
     """Holzapfel-Gasser-Ogden law with dispersed fibres.
 
@@ -105,7 +105,7 @@ class HolzapfelGasserOgden(Composite):
         return energy
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Fung(TotalStretchLaw):
     """Fung's exponential law, W = c/2 (exp(Q) - 1).
 
@@ -171,7 +171,7 @@ class Fung(TotalStretchLaw):
         return self.c / 2 * (ngs.exp(ngs.InnerProduct(v, self._matrix() * v)) - 1)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Guccione(TotalStretchLaw):
     """Guccione's transversely isotropic exponential law, W = c/2 (exp(Q) - 1): `Fung` with one fibre.
 

@@ -15,7 +15,7 @@ from ngbrain.materials.base import Addable, Composite, Deformation, Value, check
 from ngbrain.tensors import principal_values
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class NeoHooke(Addable):
     """W = μ/2 (tr C - 3), initial shear modulus μ₀ = μ (Pa).
 
@@ -34,7 +34,7 @@ class NeoHooke(Addable):
         return self.mu / 2 * (ngs.Trace(C) - 3)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class UnsplitNeoHooke(Composite):
     """W = μ/2 (tr C - 3 - 2 ln J) of the total C, initial shear modulus μ₀ = μ (Pa); to be added to a volumetric energy.
 
@@ -60,7 +60,7 @@ class UnsplitNeoHooke(Composite):
         return self.mu / 2 * (ngs.Trace(at.C) - 3 - 2 * ngs.log(at.J))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class MooneyRivlin(Addable):
     """W = c₁₀ (I₁ - 3) + c₀₁ (I₂ - 3), initial shear modulus μ₀ = 2 (c₁₀ + c₀₁) (Pa); I₂ = (I₁² - tr C²)/2.
 
@@ -97,7 +97,7 @@ class MooneyRivlin(Addable):
         return self.c10 * (i1 - 3) + self.c01 * (i2 - 3)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Polynomial(Addable):
     """W = Σ c_ij (I₁ - 3)^i (I₂ - 3)^j, initial shear modulus μ₀ = 2 (c₁₀ + c₀₁) (Pa).
 
@@ -169,7 +169,7 @@ def Yeoh(c1: Value, c2: Value = 0.0, c3: Value = 0.0) -> Polynomial:  # noqa: N8
     return Polynomial(given)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Gent(Addable):
     """W = -μ J_m/2 ln(1 - (I₁ - 3)/J_m), initial shear modulus μ₀ = μ (Pa); undefined beyond I₁ - 3 = J_m.
 
@@ -206,7 +206,7 @@ class Gent(Addable):
         return -self.mu * self.jm * ngs.log(ngs.sqrt(1 - (ngs.Trace(C) - 3) / self.jm))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Demiray(Addable):
     """W = μ/(2b) (exp(b (I₁ - 3)) - 1), initial shear modulus μ₀ = μ (Pa).
 
@@ -240,7 +240,7 @@ class Demiray(Addable):
         return self.mu / (2 * self.b) * (ngs.exp(self.b * (ngs.Trace(C) - 3)) - 1)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Ogden(Addable):
     """W = Σ 2μ_i/α_i² (λ₁^α_i + λ₂^α_i + λ₃^α_i - 3), initial shear modulus μ₀ = Σ μ_i (Pa); λ² are the eigenvalues of C.
 

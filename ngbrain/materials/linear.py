@@ -29,7 +29,7 @@ class SmallStrainLaw(Addable):
         return self.energy((at.F + at.F.trans) / 2 - ngs.Id(3))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class LinearElastic(SmallStrainLaw):
     """Linear elasticity, W = μ ε:ε + λ/2 (tr ε)².
 
@@ -64,7 +64,7 @@ class LinearElastic(SmallStrainLaw):
         return _quadratic(strain, self.mu, self.lam)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Shearing(SmallStrainLaw):
     """W = μ |dev ε|², dev ε = ε - (tr ε/3) 1: deviatoric part alone; μ in Pa, complex in harmonic problems (G* = G' + iG'').
 
@@ -86,7 +86,7 @@ class Shearing(SmallStrainLaw):
         return self.mu * (ngs.Trace(strain * strain) - 1 / 3 * volume * volume)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class SaintVenant(TotalStretchLaw):
     """Saint Venant-Kirchhoff law, W = μ E:E + λ/2 (tr E)², E = (C - 1)/2; for small strain at any rotation.
 
@@ -122,7 +122,7 @@ class SaintVenant(TotalStretchLaw):
         return _quadratic((C - ngs.Id(3)) / 2, self.mu, self.lam)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class TransverselyIsotropic(SmallStrainLaw):
     """Transversely isotropic law, W = μ |dev ε|² + 2φμ (|εa|² - (a·εa)²) + 2ζμ (a·dev ε a)², with a the unit vector
     along the fibre.

@@ -34,7 +34,7 @@ import numpy as np
 from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
-from ngbrain.materials.base import Law, Value, check_positive, density_of_log_strains
+from ngbrain.materials.base import Law, LawCard, Value, check_positive, density_of_log_strains
 from ngbrain.materials.points import EVERYWHERE, Points, initial_modulus, isotropic, number, varies
 from ngbrain.tensors import from_voigt, principal_values, to_voigt
 
@@ -56,8 +56,8 @@ SUDDEN = 1e-12
 """Duration of a sudden change, in relaxation times."""
 
 
-@dataclass(frozen=True)
-class Maxwell:
+@dataclass(frozen=True, repr=False)
+class Maxwell(LawCard):
     """Maxwell branch: a spring (isotropic law W) and a dashpot in series.
 
     Parameters

@@ -25,6 +25,7 @@ from ngsolve import CoefficientFunction
 
 from ngbrain.arguments import check_sequence
 from ngbrain.errors import InputError
+from ngbrain.look import ShortRepr
 from ngbrain.materials.base import Law, Value, check_parameter, check_positive
 from ngbrain.materials.points import initial_modulus
 from ngbrain.materials.viscous import Viscous, viscous
@@ -272,8 +273,8 @@ class PowerLaw(Modulus):
         return (self.storage + 1j * self.loss) * _power(_checked(omega) / self.reference, self.exponent)
 
 
-@dataclass(frozen=True)
-class PronySeries(Modulus):
+@dataclass(frozen=True, repr=False)
+class PronySeries(ShortRepr, Modulus):
     """Prony series G* = μ (1 - Σ g_k + Σ g_k iωτ_k/(1 + iωτ_k)).
 
     It is the transform of the relaxation modulus G(t) = μ (1 - Σ g_k + Σ g_k e^(-t/τ_k)).
@@ -335,8 +336,8 @@ def fourier(material: Viscous | Law) -> PronySeries:
     return PronySeries(total, tuple(mu / total for mu in moduli), tuple(branch.tau for branch in material.branches))
 
 
-@dataclass(frozen=True)
-class ShearWave:
+@dataclass(frozen=True, repr=False)
+class ShearWave(ShortRepr):
     """Plane shear wave e^{i(ωt - kz)}.
 
     Parameters

@@ -24,15 +24,25 @@ from ngsolve import CoefficientFunction
 
 from ngbrain.arguments import check_sequence
 from ngbrain.errors import InputError
-from ngbrain.materials.base import Deformation, Law, Scaled, Sum, Value, check_parameter, check_positive, density
+from ngbrain.materials.base import (
+    Deformation,
+    Law,
+    LawCard,
+    Scaled,
+    Sum,
+    Value,
+    check_parameter,
+    check_positive,
+    density,
+)
 from ngbrain.materials.isotropic import Polynomial
 from ngbrain.materials.maxwell import Maxwell
 from ngbrain.materials.points import Points, number
 from ngbrain.tensors import lagrangian_deviator
 
 
-@dataclass(frozen=True)
-class Branch:
+@dataclass(frozen=True, repr=False)
+class Branch(LawCard):
     """Hereditary viscoelastic branch.
 
     Parameters
@@ -98,8 +108,8 @@ def overstress(energy: CoefficientFunction, C: CoefficientFunction) -> Coefficie
     return lagrangian_deviator(by_C + by_C.trans, C)  # by_C is unsymmetric for laws of single entries
 
 
-@dataclass(frozen=True)
-class Viscous:
+@dataclass(frozen=True, repr=False)
+class Viscous(LawCard):
     """Viscoelastic material: an equilibrium law and viscoelastic branches.
 
     `+` adds a law to the equilibrium law, or another viscoelastic material with its branches.

@@ -129,7 +129,7 @@ def mixed_form(
     raise InputError("Material.change", change, "quadratic or squared_log where there are pressures")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Compressible(Addable):
     """Volumetric energy as a law, W = U(J), to be added to an isochoric law of a body without pressure unknowns.
 

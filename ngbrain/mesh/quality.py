@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ngbrain.image.read.label_map import LabelMap
+from ngbrain.look import ShortRepr
 from ngbrain.mesh.labels.indicators import Indicators
 from ngbrain.mesh.tet_mesh import Elements, smallest_angles
 
@@ -15,8 +16,8 @@ FLAT = 0.1
 """Radius ratio below which a tetrahedron is a sliver."""
 
 
-@dataclass(frozen=True)
-class Quality:
+@dataclass(frozen=True, repr=False)
+class Quality(ShortRepr):
     """Element shapes of a mesh.
 
     Parameters

@@ -11,6 +11,7 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import InputError
+from ngbrain.look import NotebookCard, ShortRepr
 
 GRADING = 0.3
 """Growth of the tetrahedra away from the given triangles, Netgen's `grading`."""
@@ -18,8 +19,8 @@ FINER = 0.75
 """Factor on sizes passed to Netgen, whose edges come out longer than the size asked for."""
 
 
-@dataclass(frozen=True, eq=False)
-class Surface:
+@dataclass(frozen=True, eq=False, repr=False)
+class Surface(ShortRepr):
     """A named set of triangles between two regions.
 
     Parameters
@@ -40,8 +41,8 @@ class Surface:
     outside: int = -1
 
 
-@dataclass(frozen=True, eq=False)
-class Elements:
+@dataclass(frozen=True, eq=False, repr=False)
+class Elements(NotebookCard):
     """A tetrahedral mesh as plain arrays.
 
     Parameters
@@ -69,6 +70,20 @@ class Elements:
     boundary: np.ndarray
     regions: tuple[str, ...]
     boundaries: tuple[str, ...]
+
+    PICTURE = "ngbrain.mesh.head_mesh:middle_slice"
+
+    def summary(self) -> dict[str, str]:
+        """Size, regions with their volumes, and boundaries in words."""
+        ml = [1e6 * float(self.volumes()[self.region == i].sum()) for i in range(len(self.regions))]
+        size = f"{len(self.tets)} tetrahedra, {len(self.points)} points"
+        volumes = [f"{name} {volume:.3g} ml" for name, volume in zip(self.regions, ml, strict=True)]
+        return {"size": size, "regions": ", ".join(volumes), "boundaries": ", ".join(self.boundaries)}
+
+    def __repr__(self) -> str:
+        names = ", ".join(self.regions)
+        size = f"{len(self.tets)} tetrahedra, {len(self.points)} points"
+        return f"Elements: {size}; {names if len(names) <= 100 else f'{len(self.regions)} regions'}"
 
     @classmethod
     def enclosed(

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from ngbrain.errors import InputError, nearest
 from ngbrain.lazy import lazy_names
@@ -115,6 +115,8 @@ class Scene(NotebookCard, Document):
     ('force on top, end', True)
     """
 
+    PICTURE: ClassVar[str] = "ngbrain.workflows.preview:plot_scene"
+
     title: str = text("title", "", "one line of text", lambda raw: True)
     geometry: Geometry = table(Geometry)
     mesh: MeshSize = table(MeshSize, MeshSize)
@@ -195,6 +197,10 @@ class Scene(NotebookCard, Document):
             "tissues": ", ".join(tissue.region for tissue in self.tissues) or "none",
             "conditions": ", ".join(counted) or "none",
         }
+
+    def _thumbnail(self) -> str:
+        """The picture of a body; a head is meshed first, which a card does not wait for: call `plot`."""
+        return "" if self.geometry.is_head else super()._thumbnail()
 
     @property
     def is_operation(self) -> bool:

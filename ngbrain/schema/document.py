@@ -27,6 +27,7 @@ from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
+from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError, nearest
 from ngbrain.reading import read_text
 from ngbrain.schema.formulas import Formula
@@ -230,6 +231,12 @@ class Document(Section):
     def to_toml(self) -> str:
         """The document as TOML text; reading it restores the document."""
         return to_toml(self.to_dict())
+
+    def save(self, path: str | Path) -> Path:
+        """Write the document as a TOML file, atomically, and return its path; paths in it are made absolute."""
+        path, text = Path(path), to_toml(_from_folder(type(self), self.to_dict(), Path.cwd()))
+        atomic_write(path, lambda part: part.write_text(text, encoding="utf-8"))
+        return path
 
 
 def _from_folder(part: type[Section], data: Any, folder: Path) -> Any:

@@ -21,6 +21,7 @@ import numpy as np
 
 from ngbrain.adjoint.time_curve import TimeCurve
 from ngbrain.errors import InputError
+from ngbrain.look import ShortRepr
 from ngbrain.materials import Law, Viscous, lab
 from ngbrain.materials.points import number
 from ngbrain.materials.viscous import viscous
@@ -31,8 +32,8 @@ RELEASED = 1e-9
 """Pressure, relative to the peak, below which a blade counts as released."""
 
 
-@dataclass(frozen=True)
-class LoadingHistory:
+@dataclass(frozen=True, repr=False)
+class LoadingHistory(ShortRepr):
     """Pressure and displacement of a column over time.
 
     Parameters

@@ -11,6 +11,7 @@ import numpy as np
 from ngbrain.arguments import numbers
 from ngbrain.errors import InputError
 from ngbrain.inverse.objective.misfit import LeastSquares
+from ngbrain.look import ShortRepr
 from ngbrain.reading import read_table
 
 Array = np.ndarray
@@ -22,8 +23,8 @@ LARGEST = {"_mm": 1000.0, "_N": 1000.0, "_s": 1e7}
 """Suffix of a column name → number beyond which its unit must be wrong."""
 
 
-@dataclass(frozen=True, eq=False)
-class Observations:
+@dataclass(frozen=True, eq=False, repr=False)
+class Observations(ShortRepr):
     """Measurements of a retraction; missing values are NaN.
 
     Parameters

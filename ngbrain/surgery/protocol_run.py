@@ -19,7 +19,7 @@ from ngbrain.forward.transient.step_control import Control, StepperProgress
 from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.io import Checkpoint, Frame, QuadraticGrid, load, save
 from ngbrain.io.labelled_arrays import series
-from ngbrain.look import curves
+from ngbrain.look import ShortRepr, curves
 from ngbrain.parallel import Callback
 from ngbrain.result import Result, Status
 from ngbrain.solvers.record import NewtonRecord
@@ -50,8 +50,8 @@ Snapshot = tuple[dict[str, Any], list[Frame]]
 """State from which a run can continue, and the frames stored so far."""
 
 
-@dataclass
-class Peak:
+@dataclass(repr=False)
+class Peak(ShortRepr):
     """Tissue state at the step with the largest 95th percentile of maximum principal strain.
 
     Parameters

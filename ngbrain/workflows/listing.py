@@ -14,6 +14,7 @@ from pathlib import Path
 from ngbrain.cli.options.cohort import VERBS, columns_of, is_path, several_inputs
 from ngbrain.cli.options.common import parsers
 from ngbrain.errors import InputError, nearest
+from ngbrain.look import ShortRepr
 from ngbrain.progress import LOG
 from ngbrain.reading import Table, read_table
 
@@ -30,8 +31,8 @@ CLOSE = 0.8
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+")
 
 
-@dataclass(frozen=True)
-class CohortCase:
+@dataclass(frozen=True, repr=False)
+class CohortCase(ShortRepr):
     """A row of the list.
 
     Attributes

@@ -1,4 +1,4 @@
-"""A figure of a scene before it is computed: `simulate --preview`."""
+"""A picture of a scene before it is computed: `simulate --preview` and `Scene.plot`; of a problem: `Problem.plot`."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import InputError
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.ladder.models.hierarchy import ModelHierarchy
 from ngbrain.report.pages import preview as page
 from ngbrain.report.pages.preview import Condition, Drawing, RigidBodyDrawing
@@ -64,9 +65,71 @@ def preview(scene: Scene | str | Path, folder: str | Path) -> Path:
     """
     if not isinstance(scene, Scene):
         scene = Scene.from_toml(scene)
-    drawing = _operation(scene) if scene.is_operation else _body(scene)
+    drawing = _drawing(scene)
     Path(folder).mkdir(parents=True, exist_ok=True)
     return page.build(Path(folder) / "preview.html", drawing)
+
+
+def plot_scene(scene: Scene) -> Any:
+    """Plot the pictures of `preview` as one figure: three slices, and a view in space. A head is read and meshed for it.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    InputError
+        A scene that is not meaningful.
+    MissingExtra
+        matplotlib is not installed.
+    """
+    return page.plot_drawing(_drawing(scene))
+
+
+def plot_problem(problem: Problem) -> Any:
+    """Plot the mesh of a problem, its regions and its displacement conditions: three slices, and a view in space.
+
+    Parameters
+    ----------
+    problem : Problem
+        In space, with a mesh of tetrahedra.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    NotImplementedError
+        A problem in the plane, or another mesh.
+    MissingExtra
+        matplotlib is not installed.
+    """
+    mesh = problem.mesh
+    if mesh.dim != 3 or {len(element.vertices) for element in mesh.Elements()} != {4}:
+        raise NotImplementedError("only meshes of tetrahedra have a picture")
+    names, parts = sorted(set(mesh.GetBoundaries())), _parts(mesh)
+    conditions = []
+    for pattern, components in problem.supports.values.items():
+        numbers = [each for each in components if each is not None]
+        way = (
+            np.array([0.0 if each is None else float(each) for each in components])
+            if all(isinstance(each, int | float) for each in numbers)
+            else None
+        )
+        moved = way is None or bool(np.any(way))
+        conditions.append(Condition("moved" if moved else "fixed", pattern, _matching(pattern, names), way))
+    middle = (parts["points"].min(axis=0) + parts["points"].max(axis=0)) / 2
+    return page.plot_drawing(Drawing("", **parts, focus=middle, head=False, conditions=conditions))
+
+
+def _drawing(scene: Scene) -> Drawing:
+    return _operation(scene) if scene.is_operation else _body(scene)
 
 
 def _body(scene: Scene) -> Drawing:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ngbrain.errors import InputError
+from ngbrain.look import ShortRepr
 from ngbrain.result import Result, Status
 from ngbrain.workflows.gate import LEAST_ROWS, LEVEL, GroupStatistics, Outlier
 from ngbrain.workflows.rows import EXCLUDED, FAILED
@@ -20,8 +21,8 @@ VERDICTS = (OK, WARNING, EXCLUDED, FAILED)
 ROWS, REPORT = "rows", "report.html"
 
 
-@dataclass(frozen=True)
-class ResultRow:
+@dataclass(frozen=True, repr=False)
+class ResultRow(ShortRepr):
     """A scan or case, and its result.
 
     Attributes

@@ -17,10 +17,11 @@ from ngbrain.image.read.volume import Scan, Volume, read_scan
 from ngbrain.image.segment.fluid import label_sulcal_fluid, label_ventricles
 from ngbrain.image.segment.from_surfaces import labels_from_surfaces
 from ngbrain.io.surfacefile import read_surface
+from ngbrain.look import ShortRepr
 
 
-@dataclass(frozen=True, eq=False)
-class Subject:
+@dataclass(frozen=True, eq=False, repr=False)
+class Subject(ShortRepr):
     """Labels of a head and their source.
 
     Parameters

@@ -12,8 +12,11 @@ from ngsolve import CoefficientFunction
 from ngsolve.comp import IntegrationRuleSpace
 
 from ngbrain.errors import InputError
+from ngbrain.look import NotebookCard, ShortRepr
 from ngbrain.materials import Law, Viscous, barrier, quadratic
 from ngbrain.materials.base import Deformation, Value, check_parameter, density
+from ngbrain.materials.lab.description import law_rows
+from ngbrain.materials.lab.plot import plot_law
 from ngbrain.materials.points import initial_modulus
 from ngbrain.materials.viscous import viscous
 from ngbrain.materials.volumetric import mixed_form
@@ -21,8 +24,8 @@ from ngbrain.materials.volumetric import mixed_form
 Change = Callable[[CoefficientFunction, Value], CoefficientFunction]
 
 
-@dataclass(frozen=True)
-class Material:
+@dataclass(frozen=True, repr=False)
+class Material(ShortRepr, NotebookCard):
     """Material of a region: isochoric law, volumetric energy, and an optional barrier against collapse.
 
     Parameters
@@ -55,6 +58,21 @@ class Material:
         if not self.bulk_is_infinite:
             check_parameter(self.bulk, "Material.bulk", lambda k: k >= 0, "a number of at least 0")
         check_parameter(self.pointwise, "Material.pointwise", lambda kappa: kappa >= 0, "a number of at least 0")
+
+    def summary(self) -> dict[str, str]:
+        """Law, parameters, shear and bulk modulus in words."""
+        bulk = (
+            "infinite"
+            if self.bulk_is_infinite
+            else f"{self.bulk:.4g} Pa"
+            if isinstance(self.bulk, float)
+            else "a field"
+        )
+        return law_rows(self.law) | {"bulk modulus": bulk}
+
+    def plot(self) -> Any:
+        """Stress of the isochoric law against stretch, see `ngbrain.materials.lab.plot_law`."""
+        return plot_law(self.law)
 
     @property
     def bulk_is_infinite(self) -> bool:

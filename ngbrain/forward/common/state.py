@@ -9,11 +9,13 @@ from typing import Any
 import ngsolve as ngs
 import numpy as np
 
+from ngbrain.look import ShortRepr
+
 Array = np.ndarray
 
 
-@dataclass(frozen=True)
-class State:
+@dataclass(frozen=True, repr=False)
+class State(ShortRepr):
     """State of a problem at one time, immutable: everything that the next step depends on.
 
     Parameters

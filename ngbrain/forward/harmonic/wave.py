@@ -12,13 +12,14 @@ from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
 from ngbrain.forward.common.regions import boundaries
+from ngbrain.look import ShortRepr
 from ngbrain.materials.base import Value
 
 Vector: TypeAlias = Sequence[Value] | CoefficientFunction
 
 
-@dataclass(frozen=True)
-class Wave:
+@dataclass(frozen=True, repr=False)
+class Wave(ShortRepr):
     """Excitation at one frequency.
 
     Parameters

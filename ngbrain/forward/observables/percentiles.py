@@ -16,6 +16,7 @@ from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables.base import Observable, ProblemObservable, SymbolicObservable
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.virtual_work import FieldState, Motion, StateView, Terms
+from ngbrain.look import ShortRepr
 from ngbrain.materials.base import Deformation, check_parameter
 from ngbrain.tensors import octahedral_shear
 
@@ -31,8 +32,8 @@ STILL = 1e-8
 """Stress below which its derivative counts as zero, relative to the shear modulus."""
 
 
-@dataclass(frozen=True)
-class RegionPercentile(Observable):
+@dataclass(frozen=True, repr=False)
+class RegionPercentile(ShortRepr, Observable):
     """A percentile of a scalar field over a region, by reference volume.
 
     A single percentile has no gradient. The value is therefore a mean of the percentiles in a band, with weights

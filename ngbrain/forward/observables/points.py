@@ -13,12 +13,13 @@ from ngbrain.errors import InputError
 from ngbrain.forward.common.interpolation import evaluation
 from ngbrain.forward.observables.base import LinearObservable, Observable
 from ngbrain.forward.solid.problem import Problem
+from ngbrain.look import ShortRepr
 
 Array = np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
-class Displacements(Observable):
+@dataclass(frozen=True, eq=False, repr=False)
+class Displacements(ShortRepr, Observable):
     """Displacements (m) at points.
 
     Parameters

@@ -15,13 +15,14 @@ from ngbrain.forward.common.kinematics import SolidKinematics
 from ngbrain.forward.common.regions import check_regions
 from ngbrain.forward.common.state import Term
 from ngbrain.forward.common.unknowns import Layout
+from ngbrain.look import ShortRepr
 from ngbrain.materials.base import Value, check_positive
 
 Array = np.ndarray
 
 
-@dataclass(frozen=True)
-class MotionRates:
+@dataclass(frozen=True, repr=False)
+class MotionRates(ShortRepr):
     """Velocity and accelerations after a step.
 
     Parameters
@@ -116,8 +117,8 @@ class GeneralizedAlpha:
         return GeneralizedAlphaStep(self, u, pace, dt)
 
 
-@dataclass(frozen=True)
-class GeneralizedAlphaStep:
+@dataclass(frozen=True, repr=False)
+class GeneralizedAlphaStep(ShortRepr):
     """A time step from u; it ends where F(u') + c M (u' - û) = 0.
 
     Parameters

@@ -97,6 +97,8 @@ class Problem(NotebookCard, Stateful):
     (True, True)
     """
 
+    PICTURE = "ngbrain.workflows.preview:plot_problem"
+
     assembled: bool
     factored: bool
     focused: bool

@@ -10,6 +10,7 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.forward.solid.problem import Problem
+from ngbrain.look import ShortRepr
 from ngbrain.solvers.record import SolverWork
 
 ORDER = 2
@@ -299,8 +300,8 @@ class ErrorControl:
         )
 
 
-@dataclass(frozen=True)
-class PrescribedSteps:
+@dataclass(frozen=True, repr=False)
+class PrescribedSteps(ShortRepr):
     """Steps between prescribed increasing times (s)."""
 
     times: np.ndarray

@@ -11,6 +11,7 @@ from scipy import fft, ndimage
 
 from ngbrain.errors import InputError
 from ngbrain.image.read.volume import Volume
+from ngbrain.look import ShortRepr
 
 ALIKE = 0.4
 """Minimum likeness of two brains. Measured: T1s of heads 0.49 and more, stripped ones 0.7 and more, T2s 0.35 to 0.5."""
@@ -48,8 +49,8 @@ _TURNS += [(nod, 0, side) for nod in (-25, 0, 25) for side in (-20, 20)]
 _FAR_TURNS = list(product((-60, -30, 0, 30, 60), (-50, -25, 0, 25, 50), (-50, -25, 0, 25, 50)))
 
 
-@dataclass(frozen=True, eq=False)
-class Alignment:
+@dataclass(frozen=True, eq=False, repr=False)
+class Alignment(ShortRepr):
     """Alignment of the template with a head.
 
     Parameters

@@ -21,6 +21,7 @@ from scipy import ndimage
 from ngbrain.errors import InputError
 from ngbrain.image.read.property_maps import SIDES
 from ngbrain.image.read.volume import Volume, open_image
+from ngbrain.look import ShortRepr
 
 CONVENTIONS = {
     "fsl": ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)),
@@ -32,8 +33,8 @@ TWO_AXES = 1e-9
 """Relative difference of a tensor's two largest eigenvalues below which it has no direction."""
 
 
-@dataclass(frozen=True, eq=False)
-class FibreDirections:
+@dataclass(frozen=True, eq=False, repr=False)
+class FibreDirections(ShortRepr):
     """Fibre directions on a voxel grid.
 
     Parameters

@@ -17,6 +17,7 @@ from ngbrain.errors import InputError, file_context
 from ngbrain.forward.common.interpolation import quadrature_field, quadrature_points
 from ngbrain.image.read.property_maps import interpolate_map, measured_mask, read_map
 from ngbrain.image.read.volume import Volume
+from ngbrain.look import ShortRepr
 from ngbrain.materials.modulus import modulus_from_stiffness
 
 UNITS = {"Pa": 1.0, "kPa": 1e3}
@@ -25,8 +26,8 @@ STIFFNESS = (300.0, 30e3)
 DAMPING_RATIO = (0.005, 1.5)
 
 
-@dataclass(frozen=True, eq=False)
-class StiffnessMap:
+@dataclass(frozen=True, eq=False, repr=False)
+class StiffnessMap(ShortRepr):
     """Maps of a head's stiffness and damping on the same voxels.
 
     Parameters

@@ -11,7 +11,7 @@ from ngbrain.io.waves import WaveData
 Array = np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class WaveSubset(WaveData):
     """Wave data of a part of a body, whose noise is relative to the rms of all data.
 

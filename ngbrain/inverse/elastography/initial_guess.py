@@ -19,14 +19,15 @@ from ngbrain.inverse.problem.field_values import field_observations, fit_field
 from ngbrain.inverse.problem.properties import as_polar
 from ngbrain.inverse.problem.wave_problem import ElastographyProblem
 from ngbrain.io.waves import WaveData
+from ngbrain.look import ShortRepr
 
 Array = np.ndarray
 LOWER = 1e-6
 """Relative reduction of J by which another start has to be better to be chosen."""
 
 
-@dataclass
-class SelectedStart:
+@dataclass(repr=False)
+class SelectedStart(ShortRepr):
     """The chosen start.
 
     Parameters

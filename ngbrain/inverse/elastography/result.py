@@ -33,14 +33,15 @@ from ngbrain.inverse.problem.property_fields import property_fields
 from ngbrain.inverse.problem.wave_problem import ElastographyProblem
 from ngbrain.io.waves import WaveData
 from ngbrain.io.waves.labelled import map_variables, wave_dataset
+from ngbrain.look import ShortRepr
 from ngbrain.look import maps as drawn
 from ngbrain.result import Result
 
 Array = np.ndarray
 
 
-@dataclass
-class StartResult:
+@dataclass(repr=False)
+class StartResult(ShortRepr):
     """Result from one start.
 
     Parameters
@@ -71,8 +72,8 @@ class StartResult:
     converged: bool
 
 
-@dataclass(frozen=True, eq=False)
-class FinalState:
+@dataclass(frozen=True, eq=False, repr=False)
+class FinalState(ShortRepr):
     """The final state of an inversion.
 
     Parameters

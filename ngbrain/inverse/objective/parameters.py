@@ -16,6 +16,7 @@ import scipy.sparse as sp
 from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
+from ngbrain.look import ShortRepr
 
 Array = np.ndarray
 
@@ -115,8 +116,8 @@ class BoundedTransform:
         return np.log((theta - self.low) / (self.high - theta))
 
 
-@dataclass(frozen=True)
-class ScaledTransform:
+@dataclass(frozen=True, repr=False)
+class ScaledTransform(ShortRepr):
     """Linear transform θ = scale · x, for parameters of either sign such as displacements (m)."""
 
     scale: Array | float = 1.0

@@ -21,6 +21,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ngbrain.adjoint.reduced import Reduced
+from ngbrain.look import ShortRepr
 
 Array = np.ndarray
 MAX_FACTOR = 10.0
@@ -77,8 +78,8 @@ class MisfitLevel:
         return self.misfit / self.expected if self.expected else float("nan")
 
 
-@dataclass
-class WeightPolicy:
+@dataclass(repr=False)
+class WeightPolicy(ShortRepr):
     """Update of the regularisation weights between iterations.
 
     Attributes

@@ -20,7 +20,7 @@ from ngbrain.inverse.optimise.regularisation_weight import (
     MisfitLevel,
     WeightPolicy,
 )
-from ngbrain.look import descent
+from ngbrain.look import ShortRepr, descent
 from ngbrain.result import Result, Status
 
 Array = np.ndarray
@@ -32,8 +32,8 @@ FULL_STEP_SHARE = 0.5
 """Relative step length up to which the weights are not updated: the fields are still far from their minimum."""
 
 
-@dataclass
-class Iteration:
+@dataclass(repr=False)
+class Iteration(ShortRepr):
     """Record of one iteration.
 
     Parameters

@@ -26,6 +26,7 @@ from ngbrain.inverse.objective.parameters import LogTransform, ParameterFields, 
 from ngbrain.inverse.objective.regularisation import smooth
 from ngbrain.inverse.optimise.quasi_newton import bfgs_iterations
 from ngbrain.io.waves import WaveData
+from ngbrain.look import ShortRepr
 from ngbrain.materials import Shearing, TransverselyIsotropic
 from ngbrain.mesh.geometry.structured import rectangles
 from ngbrain.solvers.device import CPU, Device
@@ -71,8 +72,8 @@ def _fibrous_inclusion(x: Array, y: Array) -> dict[str, Array]:
     return {"mu": 1e4 + 5e3 * _gaussian(x, y), "zeta": 0.5 + 2 * _gaussian(x, y), "phi": 0.2 + 0.2 * _gaussian(x, y)}
 
 
-@dataclass(frozen=True)
-class Phantom:
+@dataclass(frozen=True, repr=False)
+class Phantom(ShortRepr):
     """Square phantom and its excitation.
 
     Parameters
@@ -211,8 +212,8 @@ class _Square:
         return WaveModel(body, fields, self.points)
 
 
-@dataclass(frozen=True)
-class PhantomData:
+@dataclass(frozen=True, repr=False)
+class PhantomData(ShortRepr):
     """Simulated measurements of a phantom.
 
     Parameters
@@ -350,8 +351,8 @@ class PhantomData:
         return np.concatenate([part for u in parts for part in (u.real, u.imag)])
 
 
-@dataclass(frozen=True)
-class PublishedIteration:
+@dataclass(frozen=True, repr=False)
+class PublishedIteration(ShortRepr):
     """Iteration of the published inversion.
 
     Parameters

@@ -29,6 +29,7 @@ from ngbrain.inverse.data.ultrasound import COARSER, FEWEST, is_tracked
 from ngbrain.inverse.problem.boundary_data import ALL, mark_driven_boundary
 from ngbrain.inverse.problem.voxel_lattice import VoxelLattice, build_lattice, lattice_of_shape
 from ngbrain.io.waves import WaveData
+from ngbrain.look import ShortRepr
 from ngbrain.mesh.geometry.structured import rectangles
 
 Array = np.ndarray
@@ -46,8 +47,8 @@ LARGEST = 95_000
 """Most displacement unknowns of elements in space, shared ones counted once. 89 424 of a head (101 193 in all) take 9.8 GiB."""
 
 
-@dataclass(frozen=True)
-class Discretisation:
+@dataclass(frozen=True, repr=False)
+class Discretisation(ShortRepr):
     """Finite elements for wave data.
 
     Parameters

@@ -14,6 +14,7 @@ from scipy.spatial import KDTree
 from ngbrain.forward.common.elements import ElementPair
 from ngbrain.inverse.data.direct_inversion import uniform_shear
 from ngbrain.io.waves import WaveData
+from ngbrain.look import ShortRepr
 from ngbrain.mesh.geometry.structured import boxes, rectangles
 
 Array = np.ndarray
@@ -31,8 +32,8 @@ SAME, SPARSE = 0.01, 50.0
 or fewer."""
 
 
-@dataclass(frozen=True, eq=False)
-class VoxelLattice:
+@dataclass(frozen=True, eq=False, repr=False)
+class VoxelLattice(ShortRepr):
     """Hexahedra along the coordinates; in the plane quadrilaterals.
 
     Parameters

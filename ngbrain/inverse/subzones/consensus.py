@@ -38,14 +38,15 @@ from ngbrain.inverse.problem.discretisation import Discretisation
 from ngbrain.inverse.problem.field_values import field_observations, fit_field
 from ngbrain.inverse.problem.property_fields import build_composition
 from ngbrain.inverse.problem.wave_problem import ElastographyProblem
+from ngbrain.look import ShortRepr
 
 Array = np.ndarray
 SURE = 0.1
 """Least standard deviation of joined waves, relative to that of measured ones."""
 
 
-@dataclass(frozen=True, eq=False)
-class Neighbourhood:
+@dataclass(frozen=True, eq=False, repr=False)
+class Neighbourhood(ShortRepr):
     """Prior information for a zone.
 
     Parameters

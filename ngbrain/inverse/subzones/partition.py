@@ -22,6 +22,7 @@ from ngbrain.inverse.data.quality import RelativeNoise
 from ngbrain.inverse.data.subset import WaveSubset
 from ngbrain.inverse.problem.voxel_lattice import VoxelLattice
 from ngbrain.io.waves import WaveData
+from ngbrain.look import ShortRepr
 
 Array = np.ndarray
 FEWEST = 216
@@ -34,8 +35,8 @@ TOUCHING = 1.8
 """Distance (spacings) of points that touch, across a voxel's diagonal too."""
 
 
-@dataclass(frozen=True, eq=False)
-class Zone:
+@dataclass(frozen=True, eq=False, repr=False)
+class Zone(ShortRepr):
     """A zone.
 
     Parameters
@@ -212,8 +213,8 @@ def disagreement(zones: Sequence[Zone], values: Sequence[Array], n: int) -> floa
     return float(np.sqrt(np.sum(square * total) / pairs)) if pairs > 1e-9 else 0.0
 
 
-@dataclass(frozen=True, eq=False)
-class ZoneBox:
+@dataclass(frozen=True, eq=False, repr=False)
+class ZoneBox(ShortRepr):
     """A box of cells between cuts.
 
     Parameters

@@ -16,13 +16,14 @@ from ngbrain.inverse.data.subset import WaveSubset
 from ngbrain.inverse.elastography.result import Inversion
 from ngbrain.inverse.optimise.result import Iteration
 from ngbrain.inverse.problem.voxel_lattice import VoxelLattice
+from ngbrain.look import ShortRepr
 from ngbrain.reading import read_npz
 
 Array = np.ndarray
 
 
-@dataclass
-class ZoneResult:
+@dataclass(repr=False)
+class ZoneResult(ShortRepr):
     """Result of a zone. Arrays are at the points of its mask.
 
     Parameters

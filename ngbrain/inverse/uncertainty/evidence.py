@@ -29,6 +29,7 @@ from ngbrain.inverse.objective.regularisation import QuadraticRegulariser, mater
 from ngbrain.inverse.objective.regularisers import extent
 from ngbrain.inverse.optimise.gauss_newton_hessian import Metric
 from ngbrain.inverse.uncertainty.posterior import Posterior
+from ngbrain.look import ShortRepr
 
 Array = np.ndarray
 LENGTHS = (0.06, 0.12, 0.25, 0.5)
@@ -39,8 +40,8 @@ LARGEST = 20_000
 """Number of unknowns of a field up to which other priors are tried: their factors are direct ones."""
 
 
-@dataclass(frozen=True)
-class GaussianPrior:
+@dataclass(frozen=True, repr=False)
+class GaussianPrior(ShortRepr):
     """Gaussian prior of the fields.
 
     Parameters

@@ -9,6 +9,7 @@ from scipy.special import ndtri
 
 from ngbrain.errors import InputError
 from ngbrain.inverse.objective.parameters import ScaledTransform, Transform
+from ngbrain.look import ShortRepr
 
 Array = np.ndarray
 LEVEL = 0.95
@@ -17,8 +18,8 @@ NODES = 40
 """Quadrature nodes of moments."""
 
 
-@dataclass(frozen=True)
-class CredibleInterval:
+@dataclass(frozen=True, repr=False)
+class CredibleInterval(ShortRepr):
     """Credible interval of a number, or of each entry of an array.
 
     Parameters

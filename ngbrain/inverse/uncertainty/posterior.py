@@ -35,6 +35,7 @@ from ngbrain.inverse.objective.regularisation import QuadraticRegulariser
 from ngbrain.inverse.optimise.gauss_newton_hessian import Metric
 from ngbrain.inverse.uncertainty.interval import LEVEL, CredibleInterval
 from ngbrain.inverse.uncertainty.randomised_eigenvalues import eigenpairs
+from ngbrain.look import ShortRepr
 
 Array = np.ndarray
 MIN_EIGENVALUE = 0.1
@@ -47,8 +48,8 @@ SINGULAR = 1e-13
 """Pivot of a matrix with unit diagonal below which an unknown counts as undetermined."""
 
 
-@dataclass(frozen=True)
-class InformedDirection:
+@dataclass(frozen=True, repr=False)
+class InformedDirection(ShortRepr):
     """Direction of x that the data inform.
 
     Parameters

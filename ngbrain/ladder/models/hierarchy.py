@@ -26,6 +26,7 @@ from ngbrain.ladder.quantities import (
     interpolate_state,
     reference_size,
 )
+from ngbrain.look import ShortRepr
 
 Array = np.ndarray
 RAMP, HOLD = 6, 8
@@ -64,8 +65,8 @@ class ModelHierarchy(SceneBodies):
         return self.scene.time.frequency is None and not through_time
 
 
-@dataclass(frozen=True, eq=False)
-class Solution:
+@dataclass(frozen=True, eq=False, repr=False)
+class Solution(ShortRepr):
     """Solution of a model.
 
     Parameters

@@ -10,11 +10,12 @@ from importlib import resources
 import numpy as np
 
 from ngbrain.errors import InputError, nearest
+from ngbrain.look import ShortRepr
 from ngbrain.materials.lab.modes import find_mode
 
 
-@dataclass(frozen=True, eq=False)
-class Curve:
+@dataclass(frozen=True, eq=False, repr=False)
+class Curve(ShortRepr):
     """Measured curve of one test.
 
     Parameters

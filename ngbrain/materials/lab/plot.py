@@ -11,12 +11,14 @@ import numpy as np
 from ngbrain.errors import InputError, require
 from ngbrain.look import STYLE, figure
 from ngbrain.materials.base import Law
-from ngbrain.materials.catalogue import Published
+from ngbrain.materials.catalogue import Published, find_entry
 from ngbrain.materials.families import instantaneous_law
 from ngbrain.materials.lab.curves import Curve
+from ngbrain.materials.lab.description import describe_law
 from ngbrain.materials.lab.elastic import stress
 from ngbrain.materials.lab.modes import MODES, find_mode
-from ngbrain.materials.viscous import viscous
+from ngbrain.materials.maxwell import Maxwell
+from ngbrain.materials.viscous import Branch, Viscous, viscous
 
 LINES = (
     ("#0072B2", "-"), ("#D55E00", (0, (5, 1.6))), ("#009E73", (0, (6, 1.4, 1.4, 1.4))), ("#CC79A7", (0, (1.5, 1.5))),
@@ -120,18 +122,59 @@ def plot_catalogue(entries: Sequence[Published]) -> Any:
     >>> [axes.get_xlabel() for axes in page.axes]
     ['stretch λ', 'amount of shear γ']
     """
+    return _plot_materials([(entry.name, viscous(entry.law()), entry.stretch) for entry in entries])
+
+
+def plot_law(law: Law | Viscous | Maxwell | Branch) -> Any:
+    """Plot nominal stress (kPa) of a law in tension, compression and shear, as `plot_catalogue` does.
+
+    Parameters
+    ----------
+    law : Law, Viscous, Maxwell or Branch
+        Elastic or viscoelastic law, or a branch, of which the spring is drawn; with real numbers as parameters. A law of the
+        catalogue is drawn over the stretches of its data, another one over the usual stretches.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    InputError
+        A law that has no stress in a homogeneous test, such as one whose parameters vary in space.
+
+    Examples
+    --------
+    >>> from ngbrain.materials import NeoHooke
+    >>> len(plot_law(NeoHooke(1000.0)).axes[0].lines[0].get_xdata())
+    121
+    """
+    law = law.law if isinstance(law, Maxwell | Branch) else law
+    if isinstance(getattr(law, "mu", 0.0), complex):
+        raise InputError("law", "of a complex modulus, for waves", "one of real parameters, which has a stress")
+    entry = find_entry(law)
+    stretch = entry.stretch if entry else RANGES["uniaxial"]
+    return _plot_materials([(entry.name if entry else describe_law(viscous(law)), viscous(law), stretch)])
+
+
+def plot_entry(entry: Published) -> Any:
+    """Plot nominal stress (kPa) of one published material, see `plot_catalogue`."""
+    return plot_catalogue([entry])
+
+
+def _plot_materials(materials: Sequence[tuple[str, Viscous, tuple[float, float]]]) -> Any:
+    """Plot viscoelastic materials, each by its name and over its stretches."""
     looks = [(colour, dash) for dash in ("-", (0, (5, 1.6)), (0, (1.5, 1.5))) for colour, _ in LINES]
-    if not 0 < len(entries) <= len(looks):
+    if not 0 < len(materials) <= len(looks):
         wanted = f"1 to {len(looks)}, so that lines stay distinguishable"
-        raise InputError("entries", f"{len(entries)} of them", wanted)
+        raise InputError("entries", f"{len(materials)} of them", wanted)
     with require("matplotlib", "report").rc_context(STYLE):
-        page = figure(8.6, 3.9 + 0.2 * (len(entries) // 2))
+        page = figure(8.6, 3.9 + 0.2 * (len(materials) // 2))
         panels = page.subplots(1, 2)
-        for entry, (colour, dash) in zip(entries, looks, strict=False):
-            law = viscous(entry.law())
+        for (name, law, stretch), (colour, dash) in zip(materials, looks, strict=False):
             shown = [(instantaneous_law(law), 1.8)] + ([(law.equilibrium, 0.9)] if law.branches else [])
             for axes, mode in zip(panels, ("uniaxial", "shear"), strict=True):
-                low, high = entry.stretch if all(map(math.isfinite, entry.stretch)) else RANGES["uniaxial"]
+                low, high = stretch if all(map(math.isfinite, stretch)) else RANGES["uniaxial"]
                 if mode == "shear":
                     high = 2 * min(1 - low, high - 1)
                     low = -high
@@ -139,7 +182,7 @@ def plot_catalogue(entries: Sequence[Published]) -> Any:
                     continue
                 at = np.linspace(low, high, SAMPLES)
                 for each, width in shown:
-                    label = entry.name if width > 1 else f"{entry.name}, equilibrium"
+                    label = name if width > 1 else f"{name}, equilibrium"
                     axes.plot(at, stress(each, mode, at) / 1e3, color=colour, ls=dash, lw=width, label=label)
         for axes, title, name, rest in zip(
             panels,

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from ngbrain.errors import InputError
 from ngbrain.materials.base import Deformation
 from ngbrain.materials.lab.modes import Mode, find_mode
-from ngbrain.materials.lab.specimen import STATIONARY, Specimen, check_homogeneous, describe_law, warn_beyond
+from ngbrain.materials.lab.specimen import STATIONARY, Specimen, check_homogeneous, message_text, warn_beyond
 from ngbrain.materials.maxwell import REST, SUDDEN, MaxwellTerm, MaxwellVariables
 from ngbrain.materials.modulus import PronySeries
 from ngbrain.materials.points import Points, initial_modulus, number
@@ -244,7 +244,7 @@ def storage_loss(material: Viscous, omega: ArrayLike) -> np.ndarray:
 def _test(material: Viscous, mode: str) -> Mode:
     if not isinstance(material, Viscous):
         raise InputError(
-            "material", describe_law(material), "a viscoelastic one, such as Viscous(law) or Prony(law, g, tau)"
+            "material", message_text(material), "a viscoelastic one, such as Viscous(law) or Prony(law, g, tau)"
         )
     check_homogeneous(material.instantaneous)
     for branch in material.branches:
@@ -319,7 +319,7 @@ class _TimeMarch:
             hereditary = material.density(at, self._beta) + 0.5 * ngs.InnerProduct(memory, at.C)
             return hereditary + self._maxwell.energy(at.C) if self._maxwell else hereditary
 
-        self.specimen = Specimen(energy, test, count, describe_law(material))
+        self.specimen = Specimen(energy, test, count, message_text(material))
         C = self.specimen.C
         self._stress = [branch.stress(C).Compile() for branch in hereditary]
         self._shape = to_voigt(C).Compile()

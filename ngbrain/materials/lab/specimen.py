@@ -66,7 +66,7 @@ class Specimen:
     def from_law(cls, law: Law, mode: Mode, count: int) -> Specimen:
         """Specimen of an elastic law."""
         check_elastic(law)
-        return cls(lambda at: density(law, at), mode, count, describe_law(law))
+        return cls(lambda at: density(law, at), mode, count, message_text(law))
 
     @property
     def state(self) -> np.ndarray:
@@ -269,7 +269,7 @@ def check_homogeneous(law: Law) -> None:
         )
 
 
-def describe_law(law: object) -> str:
+def message_text(law: object) -> str:
     """Text of a law for messages."""
     text = repr(law)
     return text if len(text) < 100 and " object at " not in text else type(law).__name__

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ngbrain.errors import InputError
+from ngbrain.look import ShortRepr
 from ngbrain.mesh.geometry.cleft import Cleft
 from ngbrain.mesh.geometry.level_set import LevelSet, Points
 
@@ -18,8 +19,8 @@ START = 16e-3
 """Depth (m) below the entry from which rays to the craniotomy's rim start; the surface must not curve away further."""
 
 
-@dataclass(frozen=True, eq=False)
-class CleftWalls:
+@dataclass(frozen=True, eq=False, repr=False)
+class CleftWalls(ShortRepr):
     """Triangle grids on the five sides of a cleft, with common edges.
 
     Parameters

@@ -8,6 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from ngbrain.errors import require
+from ngbrain.look import ShortRepr
 
 Points = np.ndarray
 LARGE = 100_000
@@ -22,8 +23,8 @@ NEWTON = 12
 """Newton steps that project a point onto a level; a smoothed distance has a slope near 1."""
 
 
-@dataclass(frozen=True, eq=False)
-class LevelSet:
+@dataclass(frozen=True, eq=False, repr=False)
+class LevelSet(ShortRepr):
     """Signed distance φ (m) on a grid, negative inside and trilinear in between; far from the shape it is only a bound.
 
     Parameters

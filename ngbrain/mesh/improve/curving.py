@@ -10,6 +10,7 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.image.read.label_map import LabelMap
+from ngbrain.look import ShortRepr
 from ngbrain.mesh.geometry.curved_elements import determinants, folds
 from ngbrain.mesh.improve.volume_matching import QuadraticInterfaces
 from ngbrain.mesh.labels.indicators import Indicators, Points
@@ -35,8 +36,8 @@ _BASIS = np.concatenate([_AT * (2 * _AT - 1), 4 * _AT[:, [0, 0, 1]] * _AT[:, [1,
 """Values there of the functions of the triangle's corners and of the middles of its edges 01, 02, 12."""
 
 
-@dataclass(frozen=True, eq=False)
-class CurvingResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class CurvingResult(ShortRepr):
     """A curved mesh and the distances of its interfaces from those of the labels.
 
     Parameters

@@ -8,6 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
+from ngbrain.look import ShortRepr
 from ngbrain.mesh.labels.volume_fractions import VolumeFractions
 from ngbrain.mesh.labels.volume_zones import everywhere
 
@@ -28,8 +29,8 @@ _GAUSS = np.full((4, 4), (5 - 5**0.5) / 20) + np.eye(4) / 5**0.5
 _MANY = (np.array([(i, j, k, 3 - i - j - k) for i, j, k in np.ndindex(4, 4, 4) if i + j + k <= 3]) + 0.25) / 4
 
 
-@dataclass(eq=False)
-class SnappedLattice:
+@dataclass(eq=False, repr=False)
+class SnappedLattice(ShortRepr):
     """Vertices and tetrahedra on a field of volume fractions.
 
     Parameters

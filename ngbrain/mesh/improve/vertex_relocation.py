@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ngbrain.look import ShortRepr
+
 Points = np.ndarray
 TRIES = 6
 """Number of trial steps of a vertex, of which the best is taken."""
@@ -49,8 +51,8 @@ def _square(a: np.ndarray) -> np.ndarray:
     return _dot(a, a)
 
 
-@dataclass(frozen=True, eq=False)
-class Stars:
+@dataclass(frozen=True, eq=False, repr=False)
+class Stars(ShortRepr):
     """Vertex stars: the tetrahedra around vertex v are `tets[start[v] : start[v + 1]]`.
 
     Parameters

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ngbrain.look import ShortRepr
 from ngbrain.mesh.improve.vertex_relocation import FLATTEST, shape_quality
 from ngbrain.mesh.labels.volume_zones import Zones
 
@@ -128,8 +129,8 @@ def _quadratic_triangle() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 _VALUES, _ALONG, _ACROSS = _quadratic_triangle()
 
 
-@dataclass(frozen=True, eq=False)
-class QuadraticInterfaces:
+@dataclass(frozen=True, eq=False, repr=False)
+class QuadraticInterfaces(ShortRepr):
     """Second-order interfaces and the volumes that they enclose: V = ⅓ ∮ x·n, ∂V/∂x_i = ∮ N_i n.
 
     Parameters

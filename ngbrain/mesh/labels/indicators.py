@@ -10,6 +10,7 @@ from scipy import ndimage
 
 from ngbrain.errors import InputError
 from ngbrain.image.read.label_map import LabelMap
+from ngbrain.look import ShortRepr
 from ngbrain.mesh.labels.volume_fractions import VolumeFractions
 from ngbrain.mesh.labels.volume_zones import Zones
 
@@ -27,8 +28,8 @@ FAR = 5e-3
 """Distance (m) beyond which a gradient is meaningless: it vanishes in the middle of a film."""
 
 
-@dataclass(frozen=True, eq=False)
-class Indicators:
+@dataclass(frozen=True, eq=False, repr=False)
+class Indicators(ShortRepr):
     """Volume fraction s_k of each region around a point; region 0 is outside.
 
     The regions of the largest fraction partition the head without gaps or overlaps. Two of them meet where s_a - s_b = 0.

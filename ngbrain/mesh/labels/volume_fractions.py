@@ -6,12 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ngbrain.look import ShortRepr
+
 Points = np.ndarray
 _CHUNK = 1 << 12
 
 
-@dataclass(frozen=True, eq=False)
-class VolumeFractions:
+@dataclass(frozen=True, eq=False, repr=False)
+class VolumeFractions(ShortRepr):
     """Volume fractions on a grid, with all fractions of a voxel contiguous in memory, which is several times as fast.
 
     Parameters

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ngbrain.image.read.label_map import LabelMap
+from ngbrain.look import ShortRepr
 from ngbrain.mesh.geometry.sizing import SizeField
 
 GRADED = 2.0
@@ -16,8 +17,8 @@ Fine = Callable[[np.ndarray, float, float], np.ndarray]
 """(sizes (n,), smallest, largest size) → membership of the refined part (n,), from 0 to 1."""
 
 
-@dataclass(frozen=True, eq=False)
-class Zones:
+@dataclass(frozen=True, eq=False, repr=False)
+class Zones(ShortRepr):
     """A partition of space into zones, and the target volumes of the regions in each.
 
     Parameters

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ngbrain.errors import InputError
+from ngbrain.look import ShortRepr
 from ngbrain.mesh.geometry.cleft import Cleft
 from ngbrain.mesh.geometry.cleft_walls import CleftWalls, rim
 from ngbrain.mesh.geometry.level_set import LevelSet, Points
@@ -26,8 +27,8 @@ CLEARANCE = 1.5e-3
 """Smallest tissue thickness (m) between the cleft and a ventricle, or a lesion with its own surface."""
 
 
-@dataclass(frozen=True, eq=False)
-class Hull:
+@dataclass(frozen=True, eq=False, repr=False)
+class Hull(ShortRepr):
     """A mesh inside smooth surfaces.
 
     Parameters

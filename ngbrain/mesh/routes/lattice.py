@@ -8,6 +8,7 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.image.read.label_map import LabelMap
+from ngbrain.look import ShortRepr
 from ngbrain.mesh.geometry.sizing import SizeField, sample_sizes
 from ngbrain.mesh.improve.guarded_moves import apply_guarded_moves
 from ngbrain.mesh.improve.octree import MOST, PER_CUBE, body_centred_lattice
@@ -31,8 +32,8 @@ CUT = 5.0
 _FINE = (0.5, 0.9)  # parts of the largest size between which elements leave the refined zone
 
 
-@dataclass(frozen=True, eq=False)
-class Lattice:
+@dataclass(frozen=True, eq=False, repr=False)
+class Lattice(ShortRepr):
     """A mesh and the number of its snapped interface vertices.
 
     Parameters

@@ -11,6 +11,7 @@ from scipy import ndimage
 
 from ngbrain.errors import InputError
 from ngbrain.image.read.label_map import LabelMap
+from ngbrain.look import ShortRepr
 from ngbrain.mesh.geometry.level_set import LevelSet
 from ngbrain.mesh.surface.remeshing import SPECK, RemeshedSurface
 
@@ -83,8 +84,8 @@ def excessive(repairs: Iterable[Repair], volumes_ml: Mapping[str, float]) -> dic
     }
 
 
-@dataclass(frozen=True, eq=False)
-class Outlines:
+@dataclass(frozen=True, eq=False, repr=False)
+class Outlines(ShortRepr):
     """Smooth signed distances of a head and of the regions inside it.
 
     Parameters

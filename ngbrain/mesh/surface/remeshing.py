@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from ngbrain.errors import InputError
+from ngbrain.look import ShortRepr
 from ngbrain.mesh.geometry.level_set import LevelSet, Points
 from ngbrain.mesh.geometry.sizing import SizeField
 from ngbrain.mesh.surface.manifold import boundary, faults, pieces, repair_manifold
@@ -28,8 +29,8 @@ SPECK = 1e-8
 """Volume (m³) of a component or hole below which it gets no surface: a ball of 2.7 mm."""
 
 
-@dataclass(frozen=True, eq=False)
-class RemeshedSurface:
+@dataclass(frozen=True, eq=False, repr=False)
+class RemeshedSurface(ShortRepr):
     """A closed surface without self-intersections.
 
     Parameters

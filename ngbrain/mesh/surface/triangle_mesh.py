@@ -7,9 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
+from ngbrain.look import ShortRepr
 
-@dataclass(frozen=True, eq=False)
-class SurfaceMesh:
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SurfaceMesh(ShortRepr):
     """A closed triangle surface with two triangles at every edge.
 
     Parameters

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ngbrain.errors import require
+from ngbrain.look import notebook_figure
 from ngbrain.report.pages.page import write_page
 from ngbrain.report.pictures.slices import ScanImage
 from ngbrain.report.pictures.style import DPI, STEEL, bar_mm, inches, png, style
@@ -188,6 +189,38 @@ def build(path: str | os.PathLike[str], drawing: Drawing) -> Path:
     )
 
 
+def plot_drawing(drawing: Drawing) -> Any:
+    """Plot the pictures of the page as one figure, with a legend of the boundary conditions.
+
+    Parameters
+    ----------
+    drawing : Drawing
+        The scene.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    MissingExtra
+        matplotlib is not installed.
+    """
+    patch = require("matplotlib.patches", "report").Patch
+    with style():
+        made = notebook_figure(figsize=(2 * WIDE, 2 * WIDE), dpi=DPI)
+        panels = made.subplots(2, 2, gridspec_kw={"left": 0, "right": 1, "bottom": 0.07, "top": 0.97, "wspace": 0.02})
+        for axes, view in zip(panels.flat[1:], VIEWS, strict=True):
+            _draw_slice(axes, drawing, *view)
+            axes.set_title(_title(drawing, view[0]))
+        _draw_space(panels.flat[0], drawing)
+        colours = {each.kind: KINDS[each.kind] for each in drawing.conditions}
+        colours |= {} if drawing.image is not None else drawing.colours
+        marks = [patch(facecolor=colour, label=name) for name, colour in colours.items()]
+        made.legend(handles=marks, loc="lower center", ncols=max(len(marks), 1), frameon=False)
+    return made
+
+
 def _title(drawing: Drawing, axis: int) -> str:
     where = f"{'xyz'[axis]} = {1e3 * drawing.focus[axis]:.1f} mm".replace("-", "−")
     return f"{NAMES[axis]}, {where}" if drawing.head else where
@@ -198,13 +231,23 @@ def _page(height: float) -> Any:
 
 
 def _slice(drawing: Drawing, normal: int, across: int, up: int) -> bytes:
+    """A plane through the focus as PNG."""
+    _, size = _extent(drawing)
+    made = _page(WIDE * size[up] / size[across])
+    _draw_slice(made.add_axes((0, 0, 1, 1)), drawing, normal, across, up)
+    return png(made)
+
+
+def _extent(drawing: Drawing) -> tuple[Floats, Floats]:
+    """Centre and size (mm) of what a slice shows: the body with a margin."""
+    low, high = (1e3 * edge(drawing.points, axis=0) for edge in (np.min, np.max))
+    return (low + high) / 2, high - low + 0.28 * (high - low).max()
+
+
+def _draw_slice(axes: Any, drawing: Drawing, normal: int, across: int, up: int) -> None:
     """A plane through the focus: regions or the scan, boundary conditions, and rigid bodies in their first and last position."""
     collections = require("matplotlib.collections", "report")
-    low, high = (1e3 * edge(drawing.points, axis=0) for edge in (np.min, np.max))
-    margin = 0.14 * (high - low).max()
-    size = high - low + 2 * margin
-    made = _page(WIDE * size[up] / size[across])
-    axes = made.add_axes((0, 0, 1, 1))
+    middle, size = _extent(drawing)
     flat, level = [across, up], drawing.points[:, normal] - drawing.focus[normal] - 1e-9
     if drawing.image is not None:
         _scan(axes, drawing.image, normal, across, up, drawing.focus[normal])
@@ -224,12 +267,10 @@ def _slice(drawing: Drawing, normal: int, across: int, up: int) -> bytes:
         for points, tris, colour in ((solid.points, solid.triangles, TOOL), (*solid.last, GHOST)):
             lines = _lines(points, tris, points[:, normal] - drawing.focus[normal] - 1e-9, flat)
             axes.add_collection(collections.LineCollection(lines, colors=colour, linewidths=2.2, capstyle="round"))
-    middle = (low + high) / 2
     x, y = (middle[axis] + size[axis] / 2 * np.array([-1, 1]) for axis in flat)
     axes.set(xlim=x[::-1] if drawing.head else x, ylim=y)
     axes.set_aspect("equal")
     _decorate(axes, drawing, across, up)
-    return png(made)
 
 
 def _lines(points: Floats, tris: Ints, level: Floats, flat: list[int]) -> Floats:
@@ -290,9 +331,14 @@ def _round(length: float) -> float:
 
 
 def _space(drawing: Drawing) -> bytes:
-    """Views from the front, the side and above: boundary conditions, rigid bodies and arrows of motion."""
+    """The view in space as PNG."""
     made = _page(WIDE)
-    axes = made.add_axes((0, 0, 1, 1))
+    _draw_space(made.add_axes((0, 0, 1, 1)), drawing)
+    return png(made)
+
+
+def _draw_space(axes: Any, drawing: Drawing) -> None:
+    """A view from the front, the side and above: boundary conditions, rigid bodies and arrows of motion."""
     every = np.concatenate([drawing.points, *(solid.points for solid in drawing.solids if drawing.head)])
     low, high = drawing.points.min(axis=0), drawing.points.max(axis=0)
     middle = (low + high) / 2
@@ -329,7 +375,6 @@ def _space(drawing: Drawing) -> bytes:
             _pointed(axes, camera, _middle(solid.points), solid.way, reach, GHOST)
     bar_mm(axes, _round(0.4e3 * reach))
     _axes(axes, camera, drawing.head, 1e3 * reach)
-    return png(made)
 
 
 def _arrow(axes: Any, camera: Camera, drawing: Drawing, each: Condition, reach: float) -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ngbrain.adjoint.time_curve import TimeCurve
+from ngbrain.look import ShortRepr
 from ngbrain.tensors import octahedral_shear
 from ngbrain.units import to_minutes
 
@@ -14,8 +15,8 @@ MPS_THRESHOLDS = (0.14, 0.18, 0.21, 0.34)
 """Maximum principal strains of axonal injury in the optic nerve: Bain & Meaney 2000, 10.1115/1.1324667."""
 
 
-@dataclass(frozen=True)
-class Strain:
+@dataclass(frozen=True, repr=False)
+class Strain(ShortRepr):
     """Strain at points, from the principal stretches λ (n, 3), ascending."""
 
     stretch: np.ndarray

@@ -12,6 +12,7 @@ import numpy as np
 from ngbrain.forward.observables import StrainPercentile
 from ngbrain.forward.observables.percentiles import weighted_percentile
 from ngbrain.forward.solid.problem import Problem
+from ngbrain.look import ShortRepr
 from ngbrain.materials.points import evaluate_at_points
 from ngbrain.mesh.geometry.cleft import Cleft
 from ngbrain.surgery.measures.injury import Strain, stretching_rate, von_mises
@@ -82,8 +83,8 @@ class MeasureStatistics:
     largest: float
 
 
-@dataclass(frozen=True)
-class Sites:
+@dataclass(frozen=True, repr=False)
+class Sites(ShortRepr):
     """Sampling points, each representing a volume of unloaded tissue.
 
     Parameters
@@ -256,8 +257,8 @@ class Sampler:
         return np.asarray(self._F(self._points)).reshape(-1, 3, 3)
 
 
-@dataclass(frozen=True)
-class TissueSample:
+@dataclass(frozen=True, repr=False)
+class TissueSample(ShortRepr):
     """Tissue at one time.
 
     Parameters

@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 
 from ngbrain.errors import InputError
 from ngbrain.image.segment.from_surfaces import inside_surface
+from ngbrain.look import ShortRepr
 from ngbrain.mesh.geometry.cleft import Cleft
 from ngbrain.mesh.surface.triangle_mesh import SurfaceMesh
 from ngbrain.surgery.tools.base import RigidTool, SignedDistance, coordinates
@@ -34,8 +35,8 @@ LOOSE = 0.1e-3
 PAIRS = [(i, j) for i in range(3) for j in range(i, 3)]
 
 
-@dataclass(frozen=True, eq=False)
-class DistanceGrid:
+@dataclass(frozen=True, eq=False, repr=False)
+class DistanceGrid(ShortRepr):
     """Signed distances on a grid in the tool's own axes, with a cubic spline through them.
 
     Parameters

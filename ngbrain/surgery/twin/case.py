@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ngbrain.errors import InputError
+from ngbrain.look import ShortRepr
 from ngbrain.scene import Scene
 from ngbrain.schema.document import Document, Section
 from ngbrain.schema.fields import custom_table, number, path, table, text
@@ -26,8 +27,8 @@ RESOLVED = 8e-3
 WIDEST = 10.0
 
 
-@dataclass(frozen=True)
-class Changes:
+@dataclass(frozen=True, repr=False)
+class Changes(ShortRepr):
     """Keys of a scene's table with other values, as they are in TOML."""
 
     keys: Mapping[str, Any]

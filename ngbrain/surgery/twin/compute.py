@@ -16,6 +16,7 @@ from ngbrain import parallel
 from ngbrain.errors import InputError
 from ngbrain.image.read.label_file import read_labels
 from ngbrain.io import FinishedWork, versions
+from ngbrain.look import ShortRepr
 from ngbrain.parallel import Callback, Task
 from ngbrain.scene import Scene
 from ngbrain.surgery.model import RetractionModel
@@ -40,8 +41,8 @@ TOGETHER = 3
 """Whole runs in one task: so many are lost when a command is stopped."""
 
 
-@dataclass(frozen=True, eq=False)
-class PatientModel:
+@dataclass(frozen=True, eq=False, repr=False)
+class PatientModel(ShortRepr):
     """One patient: plans on a head, relative stiffness and prior.
 
     Parameters

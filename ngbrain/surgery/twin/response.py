@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ngbrain.look import ShortRepr
 from ngbrain.surgery.quantities import QUANTITIES
 
 Array = np.ndarray
@@ -20,8 +21,8 @@ def unit(measure: str) -> str:
     return QUANTITIES[measure].unit
 
 
-@dataclass(frozen=True, eq=False)
-class Response:
+@dataclass(frozen=True, eq=False, repr=False)
+class Response(ShortRepr):
     """Measures of a plan about the prior's centre.
 
     Parameters

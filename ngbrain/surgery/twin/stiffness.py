@@ -20,6 +20,7 @@ from scipy.special import ndtri
 from ngbrain.errors import InputError, file_context
 from ngbrain.image.read.property_maps import COVERED, fill_missing, measured_mask, read_map
 from ngbrain.image.read.volume import Volume
+from ngbrain.look import ShortRepr
 from ngbrain.surgery.twin.case import Lesion, StiffnessData
 from ngbrain.surgery.twin.norms import NormalTissue
 
@@ -34,8 +35,8 @@ LEAST_DEVIATION = 0.01
 """Smallest standard deviation of a logarithm: none is known better than to a percent."""
 
 
-@dataclass(frozen=True, eq=False)
-class MeasuredMap:
+@dataclass(frozen=True, eq=False, repr=False)
+class MeasuredMap(ShortRepr):
     """A map of the magnitude of the shear modulus with its error.
 
     Parameters
@@ -88,8 +89,8 @@ def _beside(modulus: Volume, path: str, key: str) -> Array:
     return other.data
 
 
-@dataclass(eq=False)
-class RelativeStiffness:
+@dataclass(eq=False, repr=False)
+class RelativeStiffness(ShortRepr):
     """ln r at points, with its uncertain parts.
 
     Parameters

@@ -16,6 +16,7 @@ from importlib import resources
 import numpy as np
 from scipy.stats import t as student_t
 
+from ngbrain.look import ShortRepr
 from ngbrain.scene import Scene
 
 MAIN = ("peak_pressure_mmHg", "dose_mmHg_min", "peak_force_N", "mps_p95")
@@ -80,8 +81,8 @@ def coarse_scene(scene: Scene, coarser: bool = False) -> Scene:
     return replace(scene, mesh=mesh, time=steps)
 
 
-@dataclass(frozen=True)
-class CoarseRecord:
+@dataclass(frozen=True, repr=False)
+class CoarseRecord(ShortRepr):
     """How coarse and refined answers of scenes differed that were computed beforehand.
 
     Parameters

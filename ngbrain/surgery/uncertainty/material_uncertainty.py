@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ngbrain.look import ShortRepr
 from ngbrain.materials import CATALOGUE, Viscous
 from ngbrain.materials.catalogue import Published
 from ngbrain.materials.families import law_after, shear_modulus
@@ -33,8 +34,8 @@ SOFTENED = 0.5
 """Weight of preconditioned tissue."""
 
 
-@dataclass(frozen=True)
-class Comparable:
+@dataclass(frozen=True, repr=False)
+class Comparable(ShortRepr):
     """Published shear moduli that the scene's own modulus at the site is compared with.
 
     Parameters

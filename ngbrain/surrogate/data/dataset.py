@@ -33,6 +33,7 @@ from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.io.finished import FinishedWork
 from ngbrain.io.hdf5 import hdf5_image
 from ngbrain.io.versions import versions
+from ngbrain.look import ShortRepr
 from ngbrain.materials import Shearing
 from ngbrain.mesh.geometry.structured import rectangles
 from ngbrain.progress import log_progress, reporting
@@ -52,8 +53,8 @@ BLOCK = 25
 """Samples per task."""
 
 
-@dataclass(frozen=True)
-class Sample:
+@dataclass(frozen=True, repr=False)
+class Sample(ShortRepr):
     """One square of training data; arrays have y as first axis.
 
     Parameters
@@ -331,8 +332,8 @@ def _block(
     }
 
 
-@dataclass(frozen=True, eq=False)
-class DataSet:
+@dataclass(frozen=True, eq=False, repr=False)
+class DataSet(ShortRepr):
     """A data set written by `generate`, in memory; arrays have one row per sample.
 
     Parameters

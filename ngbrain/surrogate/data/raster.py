@@ -10,6 +10,7 @@ from scipy.interpolate import CubicSpline, make_interp_spline
 
 from ngbrain.errors import InputError
 from ngbrain.io.waves import Grid, WaveData
+from ngbrain.look import ShortRepr
 
 Array = np.ndarray
 LEAST = 26
@@ -26,8 +27,8 @@ SPLINE = 4
 """Points around unmeasured ones that resampling invalidates."""
 
 
-@dataclass(frozen=True, eq=False)
-class Raster:
+@dataclass(frozen=True, eq=False, repr=False)
+class Raster(ShortRepr):
     """Displacements along the axes of a raster; arrays have y as first space axis.
 
     Parameters

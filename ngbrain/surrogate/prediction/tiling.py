@@ -7,6 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
+from ngbrain.look import ShortRepr
 from ngbrain.surrogate.data.dataset import DENSITY, SIDES
 from ngbrain.surrogate.data.raster import squares
 from ngbrain.surrogate.data.ultrasound_window import remove_strain_trend
@@ -19,8 +20,8 @@ LARGEST = 50.0
 """Bound of predicted logarithms: for pure noise an operator may predict hundreds, whose exponential overflows."""
 
 
-@dataclass(frozen=True, eq=False)
-class RasterField:
+@dataclass(frozen=True, eq=False, repr=False)
+class RasterField(ShortRepr):
     """Displacement field on a raster.
 
     Parameters
@@ -41,8 +42,8 @@ class RasterField:
     spacing: float
 
 
-@dataclass(frozen=True, eq=False)
-class TilePrediction:
+@dataclass(frozen=True, eq=False, repr=False)
+class TilePrediction(ShortRepr):
     """Input and output of the operator for one square.
 
     Parameters
@@ -81,8 +82,8 @@ class TilePrediction:
         return size * (1 + 1j * self.mean[1]) if len(self.mean) > 1 else size
 
 
-@dataclass(frozen=True, eq=False)
-class FieldPrediction:
+@dataclass(frozen=True, eq=False, repr=False)
+class FieldPrediction(ShortRepr):
     """Prediction for a field.
 
     Parameters

@@ -9,10 +9,10 @@ from typing import Any
 import stage
 import tables
 
-from ngbrain.cli.materials import EVIDENCE, describe_law, describe_tissue
 from ngbrain.materials import CATALOGUE, lab
 from ngbrain.materials.catalogue import Published
 from ngbrain.materials.families import shear_modulus
+from ngbrain.materials.lab.description import EVIDENCE, describe_law, describe_tissue
 from ngbrain.materials.registry import REGISTRY
 from ngbrain.materials.viscous import viscous
 from ngbrain.units import to_kPa

@@ -22,6 +22,7 @@ from ngbrain.forward.contact.motion import Motion
 from ngbrain.forward.solid.advance import LoadHistory, LoadProgram, advance
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.time_stepper import TimeStepper
+from ngbrain.look import ShortRepr
 from ngbrain.result import Status
 from ngbrain.solvers.newton import Newton, System
 from ngbrain.solvers.record import NewtonRecord
@@ -33,8 +34,8 @@ SHORTEST = 1e-2
 """Smallest substep of the rigid bodies' motion, as a fraction of the step, where Newton's method does not converge at once."""
 
 
-@dataclass(frozen=True)
-class ReplayStep:
+@dataclass(frozen=True, repr=False)
+class ReplayStep(ShortRepr):
     """The n-th time step.
 
     Parameters
@@ -52,8 +53,8 @@ class ReplayStep:
     x: Array
 
 
-@dataclass(frozen=True)
-class RunCheckpoint:
+@dataclass(frozen=True, repr=False)
+class RunCheckpoint(ShortRepr):
     """The run at grid[n].
 
     Parameters

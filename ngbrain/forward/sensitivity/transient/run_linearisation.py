@@ -15,6 +15,7 @@ from ngbrain.forward.sensitivity.parameter_blocks import PrescribedDisplacement
 from ngbrain.forward.sensitivity.transient.replay import ReplayStep
 from ngbrain.forward.sensitivity.transient.tangents import FINE_RTOL, RTOL
 from ngbrain.forward.solid.tangent import Solve
+from ngbrain.look import ShortRepr
 
 if TYPE_CHECKING:
     from ngbrain.forward.sensitivity.transient.run_model import RunModel
@@ -24,8 +25,8 @@ TOGETHER = 40
 """Length of θ up to which the columns of J are computed together, with one factorisation a step."""
 
 
-@dataclass
-class CarriedState:
+@dataclass(repr=False)
+class CarriedState(ShortRepr):
     """What a step passes on to the next one: changes of it (tangent), or the gradient with respect to it (adjoint).
 
     Parameters
