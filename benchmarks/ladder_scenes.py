@@ -97,7 +97,7 @@ def staircase(got: SearchResult, answers: np.ndarray) -> list[dict[str, Any]]:
         {
             "cost_s": rung.cost_s,
             "error": float(np.max(np.abs(relative_difference(rung.answers, answers)))),
-            "taken": " and ".join(rung.taken),
+            "taken": " and ".join(rung.next_axes),
             "model": rung.model,
         }
         for rung in got.history
@@ -117,7 +117,7 @@ def pairs(got: SearchResult, truth: SolutionCache) -> list[dict[str, Any]]:
             i = int(np.argmax(change))
             estimated, true = float(np.abs(each.change[i])), float(change[i])
             known = np.isfinite(estimated) and true > 0
-            pair = {"rung": k, "axis": name, "level": rung.model[name], "how": each.how, "doubt": each.doubt}
+            pair = {"rung": k, "axis": name, "level": rung.model[name], "how": each.method, "doubt": each.caution}
             pair |= {"estimated": estimated if np.isfinite(estimated) else None, "true": true}
             found.append(pair | {"effectivity": estimated / true if known else None})
     return found

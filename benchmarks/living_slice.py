@@ -232,10 +232,10 @@ def record(known: Slice, chosen: list[int]) -> Record:
     found["lfe_ratio"], found["lfe_rank"] = known.compared(lfe, chosen[0])
     if len(chosen) == 1:
         found["against"] = against(known, chosen[0], data, storage, loss)
-    for name in ("usable", "reasons", "warnings", "checks", "noise", "chosen"):
+    for name in ("usable", "reasons", "warnings", "checks", "noise", "selected_start"):
         found[name] = result[name]
     found["regulariser"], found["form"] = result["model"]["regulariser"], result["model"]["form"]
-    found["elements"], found["determined"] = result["model"]["n_elements"], result["model"]["determined"]
+    found["elements"], found["effective_dof"] = result["model"]["n_elements"], result["model"]["effective_dof"]
     return found
 
 

@@ -135,7 +135,7 @@ def test_a_saved_scene_is_read_anywhere(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "other").mkdir()
     scene = Scene(
-        geometry=Geometry(kind="file", file="mesh.vtkhdf"),
+        geometry=Geometry(kind="mesh", file="mesh.vtkhdf"),
         tissues=[Tissue(mu=1000.0)],
         displacement_bcs=[DisplacementBC(boundary="bottom")],
         quantities=[Quantity(name="force", boundary="bottom")],

@@ -67,7 +67,7 @@ def test_files_numbers_and_words(tmp_path, capsys, waves):
     assert set(result["by_label"]["storage"]) == {"1", "2"}
     assert 0.8 < result["checks"]["misfit_over_expected"] < 1.3 and result["checks"]["strain_snr"] > 3
     assert "resonance_distance" not in result["checks"]  # there is loss
-    determined = result["model"]["determined"]["storage"]
+    determined = result["model"]["effective_dof"]["storage"]
     assert 0 <= determined < 10  # the truth is the same everywhere
     side = (36 * 32 / max(determined, 1)) ** 0.5
     assert result["model"]["resolution_mm"]["storage"] == pytest.approx(side)
@@ -79,7 +79,7 @@ def test_files_numbers_and_words(tmp_path, capsys, waves):
     np.testing.assert_allclose(arrays["damping_ratio"], found.imag / found.real / 2)
     assert np.median(found) == pytest.approx(SHEAR, rel=0.05)
     assert np.sum(np.abs(arrays["residual"]) ** 2) == pytest.approx(
-        result["starts"][result["chosen"]]["misfit"], rel=1e-6
+        result["starts"][result["selected_start"]]["misfit"], rel=1e-6
     )
     words = (
         "Storage modulus G′ kPa",
@@ -159,7 +159,7 @@ def test_data_in_space_by_zones(tmp_path, capsys, monkeypatch):
     assert status == 0 and not errors
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"result.json", "report.html", "maps.npz"}
     result = json.loads((tmp_path / "out" / "result.json").read_text())
-    assert result["model"]["zones"] == 2 and result["chosen"] == "pass 1"
+    assert result["model"]["zones"] == 2 and result["selected_start"] == "pass 1"
     assert set(result["by_label"]["storage"]) == set("12") and set(result["model"]["weights"]) >= {
         "storage 1",
         "storage 2",
@@ -405,7 +405,7 @@ def test_what_has_not_settled_is_said_everywhere(tmp_path, capsys):
     chosen = (*ROUGH[:-1], "--noise", "0.07", "--rounds", "1")
     status, out, errors = run(capsys, tmp_path / "waves.npz", "-o", tmp_path / "out", *chosen)
     result = json.loads((tmp_path / "out" / "result.json").read_text())
-    kept = result["starts"][result["chosen"]]
+    kept = result["starts"][result["selected_start"]]
     assert status == 3 and errors and not result["checks"]["converged"] and not kept["converged"]
     level = f"the misfit is {kept['misfit']:.4g}, its expected value {kept['expected_misfit']:.4g}"
     assert result["warnings"][0].startswith("stopped after 1 iteration, before") and result["warnings"][0].endswith(

@@ -113,7 +113,7 @@ def test_an_inversion_starts_from_it(tmp_path, capsys):
     )
     assert status == 0
     result = json.loads((tmp_path / "a" / "result.json").read_text())
-    assert set(result["starts"]) == {"given", "both"} and result["chosen"] == "both"
+    assert set(result["starts"]) == {"given", "both"} and result["selected_start"] == "both"
     assert result["answers"]["storage"]["relative_l2_error"] < 0.02
     assert any("started from the maps of the trained operator" in note for note in result["warnings"])
     for option in (("--starts", "all"), ("--subzones",)):

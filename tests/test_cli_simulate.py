@@ -35,7 +35,10 @@ def test_a_scene_is_solved_and_told(tmp_path, capsys):
     file.write_text(SCENE)
     assert main(["simulate", str(file), "-o", str(tmp_path / "out"), "-q"]) == 0
     result = json.loads((tmp_path / "out" / "result.json").read_text())
-    assert result["flags"] and capsys.readouterr() == ("", "".join(f"ngbrain: doubt: {f}\n" for f in result["flags"]))
+    assert result["cautions"] and capsys.readouterr() == (
+        "",
+        "".join(f"ngbrain: caution: {f}\n" for f in result["cautions"]),
+    )
     (force,) = result["answers"]
     assert result["verb"] == "simulate" and force["quantity"] == "force on top, end" and force["unit"] == "N"
     assert force["error_estimate"] <= force["tolerance"] == 0.12 and force["model"] == result["model"]

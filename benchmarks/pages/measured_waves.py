@@ -32,7 +32,7 @@ def slices() -> str:
     rows = []
     for r in records("living_slice"):
         median = f"{number(r['storage'] / 1e3, 3)} + {number(r['loss'] / 1e3, 3)}i kPa"
-        noise = [percent(r["noise"][key]) for key in ("stated", "found")]
+        noise = [percent(r["noise"][key]) for key in ("stated", "estimated")]
         rows.append([
             _hz(r), f"{number(r['ratio'], 3)}, {number(r['rank'])}",
             f"{number(r['helmholtz_ratio'])}, {number(r['helmholtz_rank'])}",

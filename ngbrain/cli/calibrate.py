@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace) -> None:
         "threads": arguments.threads,
         "scene": scene.to_dict(),
         **result_data(scene, seen, found),
-        "rounds": [asdict(each) for each in rounds],
+        "iterations": [asdict(each) for each in rounds],
         "time_s": time.monotonic() - started,
     }
     result = finite(result)
@@ -154,6 +154,6 @@ def summary(result: dict[str, Any]) -> list[str]:
         interval = f"{of['low']:.3g} to {of['high']:.3g}"
         lines.append(f"{name:<24}{of['value']:>8.3g}{interval:>18}{of['modulus_Pa'] / 1000:>14.3g} kPa")
     lines.append(
-        f"misfit: {result['misfit']['ratio']:.3g} times its expected value, after {len(result['rounds'])} iterations"
+        f"misfit: {result['misfit']['ratio']:.3g} times its expected value, after {len(result['iterations'])} iterations"
     )
     return lines

@@ -193,7 +193,7 @@ def cautions(result: dict[str, Any]) -> list[str]:
         changed.append(f"the white and pial surfaces cross at {crossed} pairs of triangles")
     return changed + [
         f"the volume of {name} is off by {error:+.0%}: too thin for such elements, or too close to its neighbours"
-        for name, error in result["checks"]["regions_off"].items()
+        for name, error in result["checks"]["volume_errors"].items()
     ]
 
 

@@ -78,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
             "rejected": found.rejected,
             "threshold": found.threshold,
             "scores": found.scores,
-            "within": {f"{share:g}": found.coverage_factors(share) for share in TOLD},
+            "coverage": {f"{share:g}": found.coverage_factors(share) for share in TOLD},
         },
         "model": {
             "operator": found.modality,

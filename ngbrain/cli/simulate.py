@@ -90,8 +90,8 @@ def _answer(scene: Scene, arguments: argparse.Namespace) -> int:
     for text in result["warnings"]:
         LOG.warning("warning: %s", text)
     report = folder / "report.html"
-    doubts = [f"doubt: {flag}" for flag in result["flags"]]
-    conclude(arguments.quiet, [*_answers(result), f"report: {report}"], doubts)
+    cautions = [f"caution: {text}" for text in result["cautions"]]
+    conclude(arguments.quiet, [*_answers(result), f"report: {report}"], cautions)
     if unknown := [each["quantity"] for each in result["answers"] if each["error_estimate"] is None]:
         LOG.warning("the errors of these are not known: %s", ", ".join(unknown))
         return EXIT_SOLVER

@@ -137,9 +137,9 @@ def solve(
     -------
     SceneResult
         Reads as `result.json`: `answers` with value, unit (SI), tolerance and estimated error (the relative change that all
-        remaining steps would make together); `model`; `left_out`: what the model leaves out and the estimated effect; `flags`: why
-        the error may be larger than estimated; `rungs`: all models; `warnings`: assumptions on the tissues and notes on published
-        constants.
+        remaining steps would make together); `model`; `left_out`: what the model leaves out and the estimated effect; `cautions`:
+        why the error may be larger than estimated; `models`: all models; `warnings`: assumptions on the tissues and notes on
+        published constants.
 
     Raises
     ------

@@ -49,17 +49,17 @@ class Estimate(ShortRepr):
     ----------
     change : (n,) array
         Relative change of each answer, see `relative_difference`.
-    how : str
+    method : str
         Method, in words.
-    doubt : str
+    caution : str
         Why it may be unreliable; empty otherwise.
     to : str
         The level that the step leads to.
     """
 
     change: Array
-    how: str
-    doubt: str = ""
+    method: str
+    caution: str = ""
     to: str = ""
 
 
@@ -162,7 +162,7 @@ def estimate_finite_strain(hierarchy: ModelHierarchy, model: Model, richer: Mode
     other = estimate_by_adjoint(hierarchy, {**model, "order": "2"}, {**richer, "order": "2"}, solved)
     if np.all(np.abs(other.change) <= np.abs(found.change)):
         return found
-    return replace(other, how=f"{other.how}, in elements of second order")
+    return replace(other, method=f"{other.method}, in elements of second order")
 
 
 def _newton_steps(body: Problem, x: Array, state: BodyState) -> tuple[Array, Array, float]:
@@ -270,7 +270,7 @@ def estimate_contact(hierarchy: ModelHierarchy, model: Model, richer: Model, sol
     """
     before, after = ({**each, **_static_elastic_levels(each), "mesh": "0"} for each in (model, richer))
     found = estimate_by_solution(hierarchy, before, after, solved)
-    return found if before == model else replace(found, how="the elastic body's at rest, on the coarsest elements")
+    return found if before == model else replace(found, method="the elastic body's at rest, on the coarsest elements")
 
 
 def estimate_linear(hierarchy: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:
@@ -330,9 +330,9 @@ def section_estimator(of: Estimator) -> Estimator:
             found = of(hierarchy, model, richer, solved)  # a section's symmetry is not that of its body's elements
             return found if np.all(np.isfinite(found.change)) else estimate_linear(hierarchy, model, richer, solved)
         found = of(hierarchy, before, after, solved)
-        if found.doubt or np.max(np.abs(found.change)) > LARGE:
+        if found.caution or np.max(np.abs(found.change)) > LARGE:
             found = estimate_by_solution(hierarchy, before, after, solved)
-        return found if before == model else replace(found, how="in the section")
+        return found if before == model else replace(found, method="in the section")
 
     return estimate
 
@@ -396,7 +396,7 @@ def estimate_elastic(hierarchy: ModelHierarchy, model: Model, richer: Model, sol
     """
     before, after = ({**each, **_elastic_levels(each)} for each in (model, richer))
     found = estimate_by_solution(hierarchy, before, after, solved)
-    return found if before == model else replace(found, how="of the elastic body")
+    return found if before == model else replace(found, method="of the elastic body")
 
 
 def estimate_by_solution(hierarchy: ModelHierarchy, model: Model, richer: Model, solved: Solved) -> Estimate:

@@ -107,14 +107,14 @@ def search_along(
     while True:
         open_axes = {name: axis for name, axis in axes.items() if axis.next_level(model[name]) and name not in refused}
         rung = _update_from_last_step(_rung(cache, model, open_axes), rungs, axes, tolerances)
-        if np.all(rung.missing <= tolerances):
+        if np.all(rung.error_bound <= tolerances):
             rung = _solve_unreliable(cache, rung, axes)
         rung.cost_s = cache.clock() - begun
         rungs.append(rung)
         LOG.info("%s", rung)
-        if np.all(rung.missing <= tolerances) or not open_axes:
+        if np.all(rung.error_bound <= tolerances) or not open_axes:
             break
-        rung.taken = next_axes(open_axes, rung, tolerances)
+        rung.next_axes = next_axes(open_axes, rung, tolerances)
         callback(rung)
         watch(
             SearchResult(
@@ -124,13 +124,13 @@ def search_along(
                 warnings=[NOT_FINAL, *_collect_warnings(cache, rung)],
             )
         )
-        richer = {**model, **{name: target_level(axes[name], rung, tolerances) for name in rung.taken}}
+        richer = {**model, **{name: target_level(axes[name], rung, tolerances) for name in rung.next_axes}}
         try:
             cache(richer)
             model = richer
             refused.clear()  # a step that failed on coarser elements may succeed on these
         except SolverError as error:
-            refused |= dict.fromkeys(rung.taken[1:] or rung.taken, str(error))
+            refused |= dict.fromkeys(rung.next_axes[1:] or rung.next_axes, str(error))
     unjudged = {name: why for name, why in refused.items() if axes[name].next_level(model[name])}
     for name, why in unjudged.items():  # without an estimate the error is unknown
         to = axes[name].estimated_level(model[name])
@@ -139,11 +139,11 @@ def search_along(
     _combine_changes(rungs[-1], axes, more)
     callback(rungs[-1])
     flags = _collect_warnings(cache, rungs[-1]) + flags + _near_zero_warnings(rungs[-1])
-    if np.any(rungs[-1].missing > WARNING_FRACTION * tolerances):
-        much = "above" if np.any(rungs[-1].missing > tolerances) else "close to"
+    if np.any(rungs[-1].error_bound > WARNING_FRACTION * tolerances):
+        much = "above" if np.any(rungs[-1].error_bound > tolerances) else "close to"
         flags.append(f"the estimated error is {much} the tolerance")
-    within = bool(np.all(rungs[-1].missing <= tolerances))
-    reason = "" if within else f"estimated error {_percent(rungs[-1].missing)}, tolerance {_percent(tolerances)}"
+    within = bool(np.all(rungs[-1].error_bound <= tolerances))
+    reason = "" if within else f"estimated error {_percent(rungs[-1].error_bound)}, tolerance {_percent(tolerances)}"
     status = Status.CONVERGED if within else Status.INACCURATE
     return SearchResult(dict(axes), status=status, reason=reason, history=rungs, warnings=flags)
 
@@ -217,7 +217,7 @@ def assess_along(axes: Mapping[str, Axis], cache: SolutionCache, model: Model) -
 
 def _collect_warnings(cache: SolutionCache, rung: Rung) -> list[str]:
     """Warnings of the estimates and of the solvers."""
-    of_estimates = [f"{name}: {each.doubt}" for name, each in rung.estimates.items() if each.doubt]
+    of_estimates = [f"{name}: {each.caution}" for name, each in rung.estimates.items() if each.caution]
     return [*of_estimates, *cache(rung.model).doubts]
 
 
@@ -243,16 +243,16 @@ def estimate(cache: SolutionCache, model: Model, axis: Axis, solved: Solved | No
     largest = float(np.max(np.abs(found.change)))
     large = (
         ""
-        if largest <= LARGE or found.how == SOLVED
+        if largest <= LARGE or found.method == SOLVED
         else f"a change of {largest:.0%} is too large for a first-order estimate"
     )
-    return replace(found, to=to, doubt=found.doubt or large)
+    return replace(found, to=to, caution=found.caution or large)
 
 
 def _solve_unreliable(cache: SolutionCache, rung: Rung, axes: Mapping[str, Axis]) -> Rung:
     """The model with unreliable estimates replaced by solutions, where possible: no search ends on an unreliable estimate."""
     for name, each in rung.estimates.items():
-        if not each.doubt or each.how == SOLVED:
+        if not each.caution or each.method == SOLVED:
             continue
         try:
             after = cache({**rung.model, name: each.to}).answers
@@ -272,8 +272,8 @@ def _combine_changes(rung: Rung, axes: Mapping[str, Axis], more: Array | float =
     parts = [*changes.values(), np.zeros(len(rung.answers))]
     if elements:
         parts.append(elements[0] if len(elements) == 1 else _larger_change(*elements))
-    rung.missing = np.sum(np.abs(parts), axis=0) + more
-    known = np.isfinite(rung.missing)
+    rung.error_bound = np.sum(np.abs(parts), axis=0) + more
+    known = np.isfinite(rung.error_bound)
     together, apart = np.abs(np.sum(parts, axis=0, where=known)), np.sqrt(np.sum(np.square(parts), axis=0, where=known))
     rung.expected = np.where(known, np.maximum(together, MIN_ROOT_SQUARES * apart) + more, np.inf)
     return rung
@@ -286,20 +286,20 @@ def _update_from_last_step(rung: Rung, before: list[Rung], axes: Mapping[str, Ax
     miss the corners of 3-D bodies.
     """
     above = [name for name in ELEMENTS if name in rung.estimates]
-    last = next((each for each in reversed(before) if set(each.taken) & set(ELEMENTS)), None)
+    last = next((each for each in reversed(before) if set(each.next_axes) & set(ELEMENTS)), None)
     if not above or last is None or last.model.get("space") != rung.model.get("space"):
         return rung
     after = before[before.index(last) + 1] if last is not before[-1] else rung
     changed = relative_difference(last.answers, after.answers, last.scales)
-    told = sum((last.estimates[name].change for name in last.taken), np.zeros(len(changed)))
+    told = sum((last.estimates[name].change for name in last.next_axes), np.zeros(len(changed)))
     if np.any((told * changed < 0) & (np.minimum(np.abs(told), np.abs(changed)) > REPORTED * tolerances)):
         rung.estimates |= {name: _mark_unreliable(rung.estimates[name], OPPOSITE_SIGN) for name in above}
-    floor = REMAINING_FRACTION ** len(last.taken) * changed
+    floor = REMAINING_FRACTION ** len(last.next_axes) * changed
     name = max(above, key=lambda each: float(np.max(np.abs(rung.estimates[each].change))))
     found = rung.estimates[name]
-    if found.how == SOLVED or np.all(np.abs(found.change) >= np.abs(floor)):
+    if found.method == SOLVED or np.all(np.abs(found.change) >= np.abs(floor)):
         return rung
-    raised = replace(found, change=_larger_change(found.change, floor), how="a fraction of the last step's change")
+    raised = replace(found, change=_larger_change(found.change, floor), method="a fraction of the last step's change")
     rung.estimates[name] = raised
     return _combine_changes(replace(rung), axes)
 
@@ -310,13 +310,13 @@ def _at_least_half_of_order(mesh: Estimate, order: Estimate) -> Estimate:
     Plane sections of strongly compressed bodies may underestimate it, where errors of both signs cancel.
     """
     least = HALF_OF_ORDER * np.nan_to_num(order.change, posinf=0.0, neginf=0.0)
-    if mesh.how == SOLVED or np.all(np.abs(mesh.change) >= np.abs(least)):
+    if mesh.method == SOLVED or np.all(np.abs(mesh.change) >= np.abs(least)):
         return mesh
-    return replace(mesh, change=_larger_change(mesh.change, least), how="half of the change by a higher order")
+    return replace(mesh, change=_larger_change(mesh.change, least), method="half of the change by a higher order")
 
 
 def _mark_unreliable(found: Estimate, why: str) -> Estimate:
-    return found if found.how == SOLVED or found.doubt else replace(found, doubt=why)
+    return found if found.method == SOLVED or found.caution else replace(found, caution=why)
 
 
 def _larger_change(one: Array, other: Array) -> Array:
@@ -331,7 +331,7 @@ def _richest_level_errors(axes: Mapping[str, Axis], rungs: list[Rung], tolerance
         if name not in axes or axes[name].next_level(rungs[-1].model[name]):
             continue  # not at its richest level
         for before, after in pairwise(rungs):
-            if name in before.taken and after.model[name] == axes[name].levels[-1]:
+            if name in before.next_axes and after.model[name] == axes[name].levels[-1]:
                 last = np.abs(relative_difference(before.answers, after.answers, before.scales)) * (axes[name].tail - 1)
                 more += last
                 if np.any(last > tolerances):

@@ -87,8 +87,8 @@ def target_level(axis: Axis, rung: Rung, tolerances: Array) -> str:
     whole, part = rung.estimates[axis.name].to, axis.next_level(rung.model[axis.name])
     if not part or not part.is_partial:
         return whole
-    told = sum(np.abs(rung.estimates[name].change) for name in rung.taken)
-    return part if np.all(REMAINING_FRACTION ** len(rung.taken) * told * axis.tail <= tolerances) else whole
+    told = sum(np.abs(rung.estimates[name].change) for name in rung.next_axes)
+    return part if np.all(REMAINING_FRACTION ** len(rung.next_axes) * told * axis.tail <= tolerances) else whole
 
 
 def _benefit(axis: Axis, rung: Rung, tolerances: Array) -> float:

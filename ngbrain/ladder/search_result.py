@@ -28,9 +28,9 @@ class Rung(ShortRepr):
         Number of unknowns.
     estimates : dict of Estimate
         Axis → estimated change by its next step.
-    missing : (n,) array
+    error_bound : (n,) array
         Estimated bound of the relative error of each answer: the sum of all changes.
-    taken : tuple of str
+    next_axes : tuple of str
         Axes that were enriched next; empty at the end of the search.
     cost_s : float
         Computing time (s) up to and including this model's estimates.
@@ -44,15 +44,15 @@ class Rung(ShortRepr):
     answers: Array
     ndof: int
     estimates: dict[str, Estimate]
-    missing: Array
-    taken: tuple[str, ...] = ()
+    error_bound: Array
+    next_axes: tuple[str, ...] = ()
     cost_s: float = 0.0
     scales: Array | float = 0.0
     expected: Array = field(default_factory=lambda: np.zeros(0))
 
     def __str__(self) -> str:
         """A short progress text."""
-        return f"{self.ndof} unknowns, estimated error {100 * float(self.missing.max()):.3g} %"
+        return f"{self.ndof} unknowns, estimated error {100 * float(self.error_bound.max()):.3g} %"
 
 
 @dataclass(repr=False, eq=False)
@@ -71,11 +71,11 @@ class SearchResult(Result):
     @property
     def statistics(self) -> dict[str, float]:
         """Number of models with estimates, and number of unknowns of the chosen one."""
-        return {"rungs": len(self.history), "unknowns": self.chosen.ndof}
+        return {"models": len(self.history), "unknowns": self.chosen.ndof}
 
     @property
     def error(self) -> Array:
-        """Expected relative error of each answer; the search ends by the bound `missing`."""
+        """Expected relative error of each answer; the search ends by `error_bound`."""
         return self.chosen.expected
 
     @property

@@ -82,22 +82,22 @@ def summarise(search: SearchResult, questions: Sequence[RequestedQuantity]) -> d
                 "what": search.axes[name].left_out[search.axes[name].index(search.chosen.model[name])],
                 "axis": name,
                 "change": _plain(each.change),
-                "how": each.how,
-                "doubt": each.doubt,
+                "method": each.method,
+                "caution": each.caution,
             }
             for name, each in search.chosen.estimates.items()
         ],
-        "flags": search.warnings,
-        "rungs": [
+        "cautions": search.warnings,
+        "models": [
             {
                 "model": rung.model,
                 "answers": rung.answers.tolist(),
                 "ndof": rung.ndof,
-                "missing": _plain(rung.missing),
-                "taken": " and ".join(rung.taken),
+                "error_bound": _plain(rung.error_bound),
+                "next_axes": list(rung.next_axes),
                 "cost_s": rung.cost_s,
                 "estimates": {
-                    name: {"change": _plain(each.change), "how": each.how, "doubt": each.doubt}
+                    name: {"change": _plain(each.change), "method": each.method, "caution": each.caution}
                     for name, each in rung.estimates.items()
                 },
             }

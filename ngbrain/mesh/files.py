@@ -71,7 +71,7 @@ def write_result(
         "repairs": [],
         "boundaries": sorted(elements.boundaries),
         "files": [path.name, "result.json"],
-        "checks": {"regions_off": {}, "changed_ml": {}},
+        "checks": {"volume_errors": {}, "changed_ml": {}},
         **rest,
         "versions": versions(),
         "seed": 0,

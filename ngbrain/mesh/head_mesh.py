@@ -41,7 +41,9 @@ class HeadMesh(FileResult):
         HeadMesh
             Converged, with one warning for each region whose volume is off.
         """
-        off = [f"the volume of {name} is off by {error:+.0%}" for name, error in data["checks"]["regions_off"].items()]
+        off = [
+            f"the volume of {name} is off by {error:+.0%}" for name, error in data["checks"]["volume_errors"].items()
+        ]
         return cls(data, elements, status=Status.CONVERGED, warnings=off)
 
     @property

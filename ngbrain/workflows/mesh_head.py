@@ -202,7 +202,7 @@ def write_subject(
         shown_mm=(1e3 * shown).round(2).tolist(),
         files=[path.name, labels.name, *(surfaces["files"] if surfaces else ()), "result.json"],
         checks={
-            "regions_off": _volume_errors(told["regions"]),
+            "volume_errors": _volume_errors(told["regions"]),
             "changed_ml": excessive(done.repairs, {n: r["label_volume_ml"] for n, r in told["regions"].items()}),
         },
     )

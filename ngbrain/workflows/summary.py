@@ -80,12 +80,12 @@ def main_numbers(result: Mapping[str, Any]) -> dict[str, Number]:
 
 def cautions(result: Mapping[str, Any]) -> list[str]:
     """Warnings of the verb on an answer that can be used."""
-    off = result.get("checks", {}).get("regions_off", {})
+    off = result.get("checks", {}).get("volume_errors", {})
     # Warnings on maps concern what waves cannot determine, and apply to every row.
     warnings = [] if result["verb"] in ("invert", "predict") else result.get("warnings", [])
     return [
         *(str(text) for text in warnings),
-        *(f"doubt: {text}" for text in result.get("flags", [])),
+        *(f"caution: {text}" for text in result.get("cautions", [])),
         *(f"the volume of {name} is off by {error:+.0%}" for name, error in off.items()),
     ]
 
@@ -116,8 +116,8 @@ def _maps(result: Mapping[str, Any]) -> Iterator[Number]:
         yield Number(
             "misfit_over_expected", "Misfit over its expected value", "", result["checks"]["misfit_over_expected"]
         )
-    if "found" in result.get("noise", {}):
-        yield Number("noise_found", "Noise found", "", result["noise"]["found"])
+    if "estimated" in result.get("noise", {}):
+        yield Number("noise_found", "Noise found", "", result["noise"]["estimated"])
     if "score" in result.get("checks", {}):
         yield Number(
             "trust_score",

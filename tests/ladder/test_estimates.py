@@ -65,7 +65,7 @@ def test_elements_of_small_strains_are_judged_by_solutions_that_are_kept(axis: s
         found = estimate(cache, model, axes[axis])
         richer = {**model, axis: found.to}
         assert (tuple(sorted(richer.items())) in cache.solutions) == kept
-        assert ("weighted by adjoints" in found.how) != kept
+        assert ("weighted by adjoints" in found.method) != kept
 
 
 def test_other_tissues_are_foretold_where_they_differ() -> None:
@@ -177,9 +177,9 @@ def test_a_change_that_is_large_is_doubted() -> None:
     )
     cache, axes = SolutionCache(ModelHierarchy(scene)), axes_of(scene)
     found = estimate(cache, cheapest(axes), axes["strain"])
-    assert found.doubt
+    assert found.caution
     small = replace(scene, displacement_bcs=(SQUEEZED[0], replace(SQUEEZED[1], value=(0, 0, -1e-5))))
-    assert not estimate(SolutionCache(ModelHierarchy(small)), cheapest(axes), axes["strain"]).doubt
+    assert not estimate(SolutionCache(ModelHierarchy(small)), cheapest(axes), axes["strain"]).caution
 
 
 def test_a_fold_is_no_estimate() -> None:
@@ -194,7 +194,7 @@ def test_a_fold_is_no_estimate() -> None:
         quantities=quantity,
     )
     found = estimate(SolutionCache(ModelHierarchy(scene)), cheapest(axes_of(scene)), axes_of(scene)["strain"])
-    assert np.isinf(found.change).all() and "interpreted as finite" in found.doubt
+    assert np.isinf(found.change).all() and "interpreted as finite" in found.caution
 
 
 def test_elements_in_space_are_judged_in_the_section() -> None:
@@ -212,10 +212,10 @@ def test_elements_in_space_are_judged_in_the_section() -> None:
     plane = {**model, "space": "plane"}
     found = estimate(cache, model, axes["mesh"])
     true = relative_difference(cache(plane).answers, cache({**plane, "mesh": "1"}).answers)
-    assert found.how == "in the section" and found.change == pytest.approx(true, rel=0.5) and true[0] > 0.01
+    assert found.method == "in the section" and found.change == pytest.approx(true, rel=0.5) and true[0] > 0.01
     wild = section_estimator(lambda *_: Estimate(np.full(1, 0.01), "guessed", "a guess"))
     solved = wild(cache.solver, model, {**model, "mesh": "1"}, cache)
-    assert solved.change == pytest.approx(true) and not solved.doubt
+    assert solved.change == pytest.approx(true) and not solved.caution
     assert all(dict(key)["space"] == "plane" for key in cache.solutions)
 
 
@@ -235,10 +235,10 @@ def test_elements_that_fold_a_body_without_a_section_are_judged_by_the_linear_on
     true = relative_difference(cache(flat).answers, cache({**flat, "order": "2"}).answers)
     folded = section_estimator(lambda *_: Estimate(np.full(2, np.inf), "guessed", "folds"))
     found = folded(cache.solver, model, {**model, "order": "2"}, cache)
-    assert found.change[0] == pytest.approx(true[0]) and found.how.startswith("the linear") and abs(true[0]) > 0.05
+    assert found.change[0] == pytest.approx(true[0]) and found.method.startswith("the linear") and abs(true[0]) > 0.05
     assert found.change[1] < 0.05  # the front is free: of the largest reaction, not of nothing
     fine = section_estimator(lambda *_: Estimate(np.full(2, 0.3), "guessed"))
-    assert fine(cache.solver, model, {**model, "order": "2"}, cache).how == "guessed"
+    assert fine(cache.solver, model, {**model, "order": "2"}, cache).method == "guessed"
 
 
 def test_a_step_on_the_coarsest_elements_is_doubted_where_finer_ones_change_as_much() -> None:
@@ -255,11 +255,11 @@ def test_a_step_on_the_coarsest_elements_is_doubted_where_finer_ones_change_as_m
         found = estimate_linear_coarse(
             cache.solver, {**model, "mesh": mesh}, {**model, "mesh": mesh, "strain": "finite"}, cache
         )
-        assert found.change == 0 and found.doubt.startswith(doubt) and bool(found.doubt) == bool(doubt)
+        assert found.change == 0 and found.caution.startswith(doubt) and bool(found.caution) == bool(doubt)
     space = estimate_linear_coarse(
         cache.solver, {**model, "mesh": "1"}, {**model, "mesh": "1", "space": "solid"}, cache
     )
-    assert abs(space.change[0]) > 0.05 and not space.doubt
+    assert abs(space.change[0]) > 0.05 and not space.caution
 
 
 def test_what_has_no_answer_is_no_number() -> None:
@@ -279,7 +279,7 @@ def test_what_has_no_answer_is_no_number() -> None:
         return cache(each)
 
     found = estimate_by_solution(cache.solver, model, {**model, "strain": "finite"}, solved)
-    assert np.isinf(found.change).all() and "no step" in found.doubt
+    assert np.isinf(found.change).all() and "no step" in found.caution
 
 
 @pytest.mark.parametrize("axis", ["inertia", "order", "mesh", "space"])
@@ -314,7 +314,7 @@ def test_a_section_is_doubted_where_finite_strains_change_more_than_leaving_it()
         found = estimate_linear_coarse(
             ModelHierarchy(scene), model, {**model, "space": "solid"}, SolutionCache(ModelHierarchy(scene))
         )
-        assert ("finite strains" in found.doubt) is doubted
+        assert ("finite strains" in found.caution) is doubted
 
 
 def test_orders_are_judged_in_space_where_strains_are_asked_for() -> None:
@@ -338,7 +338,7 @@ def test_orders_are_judged_in_space_where_strains_are_asked_for() -> None:
         axes, cache = axes_of(scene), SolutionCache(ModelHierarchy(scene))
         model = {**cheapest(axes), "space": "solid", "strain": "finite", "pressure": "unknown", "tissue": "each"}
         found = estimate(cache, model, axes["order"])
-        assert found.how == how
+        assert found.method == how
         if quantity.name == "strain":
             true = relative_difference(cache(model).answers, cache({**model, "order": "2"}).answers)[0]
             assert abs(true) > 0.03 and found.change[0] == pytest.approx(true, rel=0.1)

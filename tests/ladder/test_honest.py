@@ -222,8 +222,8 @@ def test_what_is_zero_by_symmetry_ends(quantity):
         (largest,) = map(abs, ngbrain.simulate(replace(scene, quantities=(along,))).value.values())
     (value,), (error,) = result.value.values(), result.errors.values()
     assert abs(value) < NOTHING * largest and error <= 0.1
-    assert result["rungs"][-1]["ndof"] < 10_000
-    assert any("nearly zero" in flag and "relative to" in flag for flag in result["flags"])
+    assert result["models"][-1]["ndof"] < 10_000
+    assert any("nearly zero" in flag and "relative to" in flag for flag in result["cautions"])
 
 
 def test_what_elements_at_the_top_leave_is_in_the_error():
@@ -238,8 +238,8 @@ def test_what_elements_at_the_top_leave_is_in_the_error():
     )
     result = ngbrain.simulate(scene, richest={"order": "1", "mesh": "1"})
     (error,) = result.errors.values()
-    last, before = (rung["answers"][0] for rung in (result["rungs"][-1], next(
-        rung for rung in reversed(result["rungs"]) if rung["model"]["mesh"] != result["model"]["mesh"]
+    last, before = (rung["answers"][0] for rung in (result["models"][-1], next(
+        rung for rung in reversed(result["models"]) if rung["model"]["mesh"] != result["model"]["mesh"]
     )))  # fmt: skip
     assert error >= abs(last / before - 1) * (AXES["mesh"].tail - 1) * 0.97 > 1e-3
-    assert not any("leave 0 %" in flag for flag in result["flags"])
+    assert not any("leave 0 %" in flag for flag in result["cautions"])

@@ -68,9 +68,9 @@ def test_it_takes_what_gains_most_for_its_cost_and_knows_each_rung() -> None:
     assert found.history[0].model == cheapest(found.axes)
     for before, after in zip(found.history, found.history[1:], strict=False):
         changed = {name for name in before.model if before.model[name] != after.model[name]}
-        assert changed == set(before.taken)
+        assert changed == set(before.next_axes)
         assert after.cost_s > before.cost_s
-    assert found.chosen.taken == ()
+    assert found.chosen.next_axes == ()
     assert found.usable and repr(found).startswith("SearchResult: ") and f"{len(found.history)} rungs" in repr(found)
 
 
@@ -88,7 +88,7 @@ def test_a_model_that_is_given_is_not_left() -> None:
     scene = squeezed(2, Tissue(poissons_ratio=0.49, mu=(1e3,)))
     result = ngbrain.simulate(scene, model={"strain": "finite"})
     assert result["model"] == {**cheapest(axes_of(scene)), "strain": "finite"}
-    assert len(result["rungs"]) == 1
+    assert len(result["models"]) == 1
     assert {each["axis"] for each in result["left_out"]} == set(result["model"]) - {"strain"}
     with pytest.raises(InputError, match="strian"):
         ngbrain.simulate(scene, model={"strian": "finite"})
@@ -120,7 +120,9 @@ def test_contact_counts_where_tissue_would_slide() -> None:
     assert "contact" not in axes_of(scene)
     found = search_models(touching, {**BOUNDS, "space": "plane"})
     assert found.chosen.model["contact"] == "all"
-    assert abs(next(rung for rung in found.history if "contact" in rung.taken).estimates["contact"].change[0]) > 0.03
+    assert (
+        abs(next(rung for rung in found.history if "contact" in rung.next_axes).estimates["contact"].change[0]) > 0.03
+    )
 
 
 def test_inertia_counts_where_loads_are_as_fast_as_waves() -> None:
@@ -134,7 +136,7 @@ def test_inertia_counts_where_loads_are_as_fast_as_waves() -> None:
     assert "inertia" not in axes_of(slow)
     found = search_models(fast, {"order": "1", "mesh": "0", "space": "plane"})
     assert found.chosen.model["inertia"] == "all"
-    before = next(rung for rung in found.history if "inertia" in rung.taken)
+    before = next(rung for rung in found.history if "inertia" in rung.next_axes)
     assert before.estimates["inertia"].change[0] > 0.3
 
 
@@ -148,11 +150,11 @@ def test_what_folds_is_no_number_and_solvers_are_heard() -> None:
     scene = replace(scene, tractions=(Traction(boundary="top", value=(0, 0, -1e5)),))
     result = ngbrain.simulate(scene, model={"order": "1"})
     strain = next(each for each in result["left_out"] if each["axis"] == "strain")
-    assert strain["change"] == [None] and "inverts" in strain["doubt"] and list(result.errors.values()) == [None]
+    assert strain["change"] == [None] and "inverts" in strain["caution"] and list(result.errors.values()) == [None]
     far = ngbrain.simulate(
         squeezed(11, Tissue(mu=(1e3,), poissons_ratio=0.3)), model={"order": "2", "strain": "finite"}
     )
-    assert any("compressed" in flag for flag in far["flags"])
+    assert any("compressed" in flag for flag in far["cautions"])
 
 
 def test_what_is_doubted_is_solved_for_before_the_climb_ends() -> None:
@@ -163,10 +165,10 @@ def test_what_is_doubted_is_solved_for_before_the_climb_ends() -> None:
     rung = Rung(model, cache(model).answers, 1, wrong, np.zeros(1))
     found = _solve_unreliable(cache, rung, axes)
     true = relative_difference(cache(model).answers, cache({**model, "strain": "finite"}).answers)
-    assert found.estimates["strain"].how == "solved" and not found.estimates["strain"].doubt
-    assert found.missing == pytest.approx(np.abs(true)) and abs(true[0]) > 0.005
+    assert found.estimates["strain"].method == "solved" and not found.estimates["strain"].caution
+    assert found.error_bound == pytest.approx(np.abs(true)) and abs(true[0]) > 0.005
     trusted = replace(rung, estimates={"strain": Estimate(np.zeros(1), "guessed", "", "finite")})
-    assert _solve_unreliable(cache, trusted, axes).missing == 0
+    assert _solve_unreliable(cache, trusted, axes).error_bound == 0
 
 
 def test_memory_is_judged_by_its_richest_level() -> None:
@@ -191,7 +193,7 @@ def test_changes_add_up_with_their_signs(changes, expected):
     estimates = {name: Estimate(np.array([change]), "") for name, change in changes.items()}
     rung = _combine_changes(Rung({}, np.ones(1), 1, estimates, np.zeros(1)), axes)
     assert rung.expected == pytest.approx(expected)
-    assert rung.missing == pytest.approx(
+    assert rung.error_bound == pytest.approx(
         max(map(abs, changes.values())) if "mesh" in changes else sum(map(abs, changes.values()))
     )
 
@@ -282,8 +284,8 @@ def test_what_finer_elements_change_is_no_less_than_a_part_of_the_last_step() ->
         for guess in (-0.001, -0.5):
             found = _update_from_last_step(solid([0.92], order=guessed(guess)), [before], axes, TOLERANCE)
             change = min(floor, guess)
-            assert found.estimates["order"].change[0] == pytest.approx(change) and not found.estimates["order"].doubt
-            assert found.missing[0] == pytest.approx(-change * (1 if floor >= guess else axes["order"].tail))
+            assert found.estimates["order"].change[0] == pytest.approx(change) and not found.estimates["order"].caution
+            assert found.error_bound[0] == pytest.approx(-change * (1 if floor >= guess else axes["order"].tail))
     before = solid([1.0, 1.0], ("mesh",), mesh=guessed(-0.1, 0.0))
     found = _update_from_last_step(solid([0.92, 1.0], order=guessed(0.001, 0.3)), [before], axes, np.full(2, 0.05))
     assert found.estimates["order"].change == pytest.approx([-0.02, 0.3])
@@ -302,7 +304,7 @@ def test_elements_that_changed_the_answer_the_other_way_than_foretold_are_doubte
     axes = axes_of(squeezed(1, Tissue(poissons_ratio=0.49, mu=(1e3,))))
     before = solid([1.0], ("mesh",), mesh=guessed(told))
     found = _update_from_last_step(solid([after], order=guessed(0.3), mesh=guessed(0.3)), [before], axes, TOLERANCE)
-    assert [bool(found.estimates[name].doubt) for name in ("order", "mesh")] == [doubted] * 2
+    assert [bool(found.estimates[name].caution) for name in ("order", "mesh")] == [doubted] * 2
 
 
 class Asked:
@@ -344,13 +346,13 @@ def test_elements_that_may_lock_are_doubted_and_solved_for_before_a_climb_ends()
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(ESTIMATORS, "roundly", lambda bench, one, other, solved: guessed(0.005))
         found = _rung(cache, model, axes).estimates
-        assert [bool(found[name].doubt) for name in axes] == [False, True, True]
+        assert [bool(found[name].caution) for name in axes] == [False, True, True]
         elements = {name: axes[name] for name in ("order", "mesh")}
         assert not any(
-            each.doubt for each in _rung(cache, {**model, "pressure": "unknown"}, elements).estimates.values()
+            each.caution for each in _rung(cache, {**model, "pressure": "unknown"}, elements).estimates.values()
         )
         climbed = search_along(axes, cache, np.full(1, 0.1), lambda _: None).chosen
-    assert climbed.model == model and {each.how for each in climbed.estimates.values()} == {SOLVED}
+    assert climbed.model == model and {each.method for each in climbed.estimates.values()} == {SOLVED}
 
 
 def test_halved_elements_change_at_least_half_of_what_a_higher_order_does() -> None:
@@ -360,8 +362,8 @@ def test_halved_elements_change_at_least_half_of_what_a_higher_order_does() -> N
         Estimate(np.array([0.016, 0.03]), "in the section", "doubted"),
     )
     found = _at_least_half_of_order(mesh, order)
-    assert found.change == pytest.approx([0.035, 0.03]) and found.doubt == "doubted" and "half" in found.how
-    assert _at_least_half_of_order(replace(mesh, how=SOLVED), order).how == SOLVED
+    assert found.change == pytest.approx([0.035, 0.03]) and found.caution == "doubted" and "half" in found.method
+    assert _at_least_half_of_order(replace(mesh, method=SOLVED), order).method == SOLVED
     assert _at_least_half_of_order(mesh, replace(order, change=np.array([0.03, 0.06]))) is mesh
     assert _at_least_half_of_order(mesh, replace(order, change=np.array([np.inf, 0.0]))) is mesh
 
@@ -401,7 +403,7 @@ def test_what_is_stopped_leaves_what_it_has(tmp_path):
     with pytest.raises(KeyboardInterrupt):
         ngbrain.simulate(scene, tmp_path, checkpoint=stop)
     left = json.loads((tmp_path / "result.json").read_text())
-    assert left == json.loads(json.dumps(seen[0])) and len(left["rungs"]) == 1
-    assert left["answers"][0]["value"] < 0 and any("not final" in flag for flag in left["flags"])
+    assert left == json.loads(json.dumps(seen[0])) and len(left["models"]) == 1
+    assert left["answers"][0]["value"] < 0 and any("not final" in flag for flag in left["cautions"])
     whole = ngbrain.simulate(scene, tmp_path)
-    assert not any("not final" in flag for flag in whole["flags"]) and len(whole["rungs"]) > 1
+    assert not any("not final" in flag for flag in whole["cautions"]) and len(whole["models"]) > 1

@@ -85,7 +85,7 @@ def test_estimates_side_by_side_are_the_same_bits(monkeypatch: pytest.MonkeyPatc
             here.clear()
             result = ngbrain.simulate(scene, richest={"order": "1", "mesh": "0"}, executor=executor).to_dict()
             del result["time_s"]
-            assert all(rung.pop("cost_s") > 0 for rung in result["rungs"])
+            assert all(rung.pop("cost_s") > 0 for rung in result["models"])
             found.append(result)
             counts.append(len(here))
         assert found[0] == found[1]

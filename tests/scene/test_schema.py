@@ -118,6 +118,6 @@ def test_a_scene_as_described_is_of_its_own_elements_with_everything_in_it():
     result = ngbrain.simulate(Scene.from_dict(data), as_described=True)
     model = result["model"]
     assert (model["mesh"], model["order"], model["strain"], model["time"]) == ("0", "2", "finite", "flowing")
-    assert len(result["rungs"]) == 1 and set(result["answers"][0]) >= {"value", "unit", "error_estimate", "tolerance"}
+    assert len(result["models"]) == 1 and set(result["answers"][0]) >= {"value", "unit", "error_estimate", "tolerance"}
     with pytest.raises(InputError, match="resume"):
         ngbrain.simulate(Scene.from_dict(data), resume=True)

@@ -99,9 +99,9 @@ def test_an_operation_climbs_where_its_questions_want_it() -> None:
     )
     result = ngbrain.simulate(scene, richest={"tissue": "one", "time": "relaxed", "mesh": "0"})
     assert result["model"] == {"tissue": "one", "stiffening": "all", "time": "relaxed", "mesh": "0"}
-    first, last = result["rungs"]
-    assert first["taken"] == "stiffening" and last["answers"][0] > 1.05 * first["answers"][0] > 0
-    assert not result["left_out"] and first["estimates"]["stiffening"]["how"] == "solved"
+    first, last = result["models"]
+    assert first["next_axes"] == ["stiffening"] and last["answers"][0] > 1.05 * first["answers"][0] > 0
+    assert not result["left_out"] and first["estimates"]["stiffening"]["method"] == "solved"
 
 
 @pytest.mark.slow

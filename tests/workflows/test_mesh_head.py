@@ -73,7 +73,7 @@ def test_a_result_says_which_regions_a_hull_has_not_and_which_are_off(tmp_path):
     assert result["regions"]["brain"]["volume_ml"] == pytest.approx(
         result["regions"]["brain"]["label_volume_ml"], rel=0.01
     )
-    assert "ventricles" not in result["left_out"] and result["checks"] == {"regions_off": {}, "changed_ml": {}}
+    assert "ventricles" not in result["left_out"] and result["checks"] == {"volume_errors": {}, "changed_ml": {}}
     assert result["repairs"] == []
     labels = nested((20.0, 15.0))
     points = labels.volume.to_world(np.argwhere(labels.volume.data >= 0))
@@ -91,7 +91,7 @@ def test_a_result_says_which_regions_a_hull_has_not_and_which_are_off(tmp_path):
     assert result["checks"]["changed_ml"] == {"ventricles": pytest.approx(repair["ml"])}
     assert not result.usable and "ventricles differs from the labels" in result.reasons[0]
     result = told(("grey", "white", "ventricles"), tmp_path, route="lattice", size=RadialSizeField(13e-3, 13e-3))
-    assert max(abs(error) for error in result["checks"]["regions_off"].values()) > 0.1
+    assert max(abs(error) for error in result["checks"]["volume_errors"].values()) > 0.1
 
 
 def test_the_contrast_of_a_scan_is_in_the_result_and_on_its_page(tmp_path):

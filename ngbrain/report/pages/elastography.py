@@ -275,7 +275,7 @@ def residuals(result: Mapping[str, Any], residual: Floats) -> bytes:
     """
     left = np.concatenate([residual.real.ravel(), residual.imag.ravel()])
     left = left[np.isfinite(left)]
-    used = 1 - result["starts"][result["chosen"]]["expected_misfit"] / left.size
+    used = 1 - result["starts"][result["selected_start"]]["expected_misfit"] / left.size
     width = np.sqrt(max(1 - used, 1e-6))
     with style():
         page = figure(2.9)

@@ -62,7 +62,7 @@ def answers(result: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
 
 def omitted_effects(result: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
     """Rows of the table of omitted effects: what the model lacks, its largest change of an answer, the method, doubts."""
-    rows = [(each["what"], _largest(each["change"]), each["how"], each["doubt"]) for each in result["left_out"]]
+    rows = [(each["what"], _largest(each["change"]), each["method"], each["caution"]) for each in result["left_out"]]
     return [(what, percent(change), *rest) for what, change, *rest in sorted(rows, key=lambda row: -(row[1] or np.inf))]
 
 
@@ -80,7 +80,7 @@ def _largest(change: Sequence[float | None]) -> float | None:
 
 
 def _worst(rung: Mapping[str, Any]) -> float:
-    found = _largest(rung["missing"])
+    found = _largest(rung["error_bound"])
     return MOST if found is None else found
 
 
@@ -89,14 +89,20 @@ def _plot_search(result: Mapping[str, Any]) -> bytes:
     with style():
         made = figure(4.2)
         axis = made.add_axes((0.09, 0.13, 0.89, 0.84))
-        rungs = result["rungs"]
+        rungs = result["models"]
         cost = [rung["cost_s"] for rung in rungs]
         missing = [max(100 * min(_worst(rung), MOST), LEAST) for rung in rungs]
         axis.step(cost, missing, where="post", color="#0072B2", lw=1.5)
         axis.plot(cost, missing, "o", color="#0072B2")
         axis.plot(cost[-1:], missing[-1:], "o", color="#D55E00", ms=11, mfc="none", mew=2)
         for x, y, rung in zip(cost, missing, rungs, strict=True):
-            axis.annotate(rung["taken"] or "chosen", (x, y), xytext=(5, 6), textcoords="offset points", fontsize=9)
+            axis.annotate(
+                " and ".join(rung["next_axes"]) or "chosen",
+                (x, y),
+                xytext=(5, 6),
+                textcoords="offset points",
+                fontsize=9,
+            )
         tolerance = 100 * min(each["tolerance"] for each in result["answers"])
         axis.axhline(tolerance, color="#4d4d4d", lw=1, ls="--")
         axis.set(xlabel="computing time including estimates (s)", ylabel="estimated error (%)")

@@ -142,8 +142,15 @@ def starts(result: Mapping[str, Any]) -> list[TableRow]:
         errors = [percent(start["answers"][key].get("relative_l2_error")) for key in result["answers"]]
         ratio = number(start["misfit"] / start["expected_misfit"])
         settled = "yes" if start["converged"] else "no"
-        texts = [*errors, ratio, number(start["objective"], 5), str(start["rounds"]), settled, number(start["cpu_s"])]
-        kept = "kept" if name == result["chosen"] else ""
+        texts = [
+            *errors,
+            ratio,
+            number(start["objective"], 5),
+            str(start["iterations"]),
+            settled,
+            number(start["cpu_s"]),
+        ]
+        kept = "kept" if name == result["selected_start"] else ""
         rows.append(TableRow(STARTS.get(name, name), kept, [(text, "") for text in texts]))
     return rows
 
@@ -164,7 +171,7 @@ def facts(result: Mapping[str, Any]) -> list[tuple[str, str]]:
     own = "the mesh of the synthetic data (inverse crime)" if model["inverse_crime"] else "independent of the data"
     named = model.get("fields")
     fields = ", ".join(
-        f"{symbol(name, named)} {number(length, 2)} mm ({number(model['determined'][name])} numbers)"
+        f"{symbol(name, named)} {number(length, 2)} mm ({number(model['effective_dof'][name])} numbers)"
         for name, length in model["resolution_mm"].items()
     )
     weights = ", ".join(f"{symbol(name, named)} {number(weight)}" for name, weight in model["weights"].items())
@@ -220,8 +227,8 @@ def facts(result: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 def _misfit(result: Mapping[str, Any]) -> str:
     """Misfit over its expected value, and whether fields and weights converged."""
-    chosen = result["starts"][result["chosen"]]
-    rounds, end = chosen["rounds"], "converged" if chosen["converged"] else "not converged: stopped"
+    chosen = result["starts"][result["selected_start"]]
+    rounds, end = chosen["iterations"], "converged" if chosen["converged"] else "not converged: stopped"
     return (
         f"{number(result['checks']['misfit_over_expected'])}, {end} after {rounds} iteration{'s' if rounds > 1 else ''}"
     )

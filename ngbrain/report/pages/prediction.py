@@ -121,7 +121,7 @@ def facts(result: Mapping[str, Any]) -> list[tuple[str, str]]:
             f"{float(share):.0%} of errors are within",
             ", ".join(f"{n:.2f} deviations of {name}" for name, n in held.items()),
         )
-        for share, held in result["trust"]["within"].items()
+        for share, held in result["trust"]["coverage"].items()
     ]
     return [*pairs, ("Solves", done)]
 

@@ -63,10 +63,10 @@ class SearchAnswers:
         is_last : bool
             False for a first model that another one follows.
         """
-        first, last = self.data.get("first_answers"), is_last and NOT_FINAL not in found["flags"]
+        first, last = self.data.get("first_answers"), is_last and NOT_FINAL not in found["cautions"]
         if first is None:
             first = self._first(found)
-        if len(found["rungs"]) > 1 or self.data:
+        if len(found["models"]) > 1 or self.data:
             values = {each["quantity"]: each["value"] for each in found["answers"]}
             first = compare(first, lambda each: values[each["quantity"]])
         self.data = {**found, "first_answers": {**first, "refined": last}}
@@ -81,7 +81,7 @@ class SearchAnswers:
         return SceneResult(self.data, status=found.status, warnings=found.warnings)
 
     def _first(self, found: Mapping[str, Any]) -> Result:
-        rung = found["rungs"][0]
+        rung = found["models"][0]
         answers = [
             {
                 "protocol": "",
@@ -89,11 +89,11 @@ class SearchAnswers:
                 "name": asked["quantity"],
                 "unit": asked["unit"],
                 "value": value,
-                "interval": error_interval(value, missing),
+                "interval": error_interval(value, bound),
                 "refined": None,
                 "inside": None,
             }
-            for asked, value, missing in zip(found["answers"], rung["answers"], rung["missing"], strict=True)
+            for asked, value, bound in zip(found["answers"], rung["answers"], rung["error_bound"], strict=True)
         ]
         return {
             "model": f"{rung['ndof']} unknowns",

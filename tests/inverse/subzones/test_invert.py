@@ -72,7 +72,7 @@ def test_joined_waves_are_nearer_to_the_true_ones_than_what_was_measured(kept):
 def test_the_result_is_that_of_other_inversions(kept):
     found, _, _ = kept
     result = json.loads(json.dumps(finite(found.to_dict())))
-    assert result["chosen"] == "pass 1" and list(result["starts"]) == ["zones", "pass 1"]
+    assert result["selected_start"] == "pass 1" and list(result["starts"]) == ["zones", "pass 1"]
     assert set(result["by_label"]["storage"]) == {"0", "1"} and result["answers"]["storage"]["relative_l2_error"] < 0.1
     assert result["solves"]["factorisations"] > 4 and result["model"]["form"] == "P3"
 

@@ -125,7 +125,7 @@ def test_what_poor_elements_cannot_solve_is_tried_in_better_ones(tmp_path):
         quantities=(Quantity(name="force", boundary="top", tolerance=0.1),),
     )
     found = search_models(made, {"mesh": "0"})
-    assert [rung.taken for rung in found.history[:3]] == [("strain",), ("pressure",), ("strain",)]
+    assert [rung.next_axes for rung in found.history[:3]] == [("strain",), ("pressure",), ("strain",)]
     assert found.chosen.model["strain"] == "finite"
 
 
@@ -321,7 +321,7 @@ def test_the_ladder_climbs_what_touches():
     assert axes["strain"].levels == ("finite",) and axes["mesh"].levels == ("0", "1", "2") and "extent" not in axes
     found = search_models(made, {"mesh": "1", "order": "2"}).chosen
     best = answers(made, strain="finite", space="solid", order="3", mesh="1", pressure="unknown")[0]
-    assert abs(found.answers[0] / best - 1) < 0.05 and {each.how for each in found.estimates.values()} <= {
+    assert abs(found.answers[0] / best - 1) < 0.05 and {each.method for each in found.estimates.values()} <= {
         "solved",
         "on the coarsest elements",
     }

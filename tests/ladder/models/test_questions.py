@@ -52,7 +52,7 @@ def test_a_users_own_is_answered_as_the_scenes_own_questions_are():
     assert own["unit"] == asked["unit"] == "m" and own["quantity"] == "drop of a point, end"
     assert result.value[own["quantity"]] == own["value"] and result["model"].get("space", "solid") == "solid"
     assert [row[1].split()[1] for row in answers(result)] == ["mm", "mm"]
-    assert all("plane" not in rung["model"].values() for rung in result["rungs"])  # a section has no y
+    assert all("plane" not in rung["model"].values() for rung in result["models"])  # a section has no y
 
 
 def test_units_of_a_scenes_quantities_are_those_of_what_they_are():

@@ -36,18 +36,18 @@ def result_of(data, **changes):
     }
     count = 2.0 * data.displacement.size
     start = {
-        "misfit": count, "expected_misfit": count, "objective": 3.0, "rounds": 2, "cpu_s": 1.0, "converged": True,
+        "misfit": count, "expected_misfit": count, "objective": 3.0, "iterations": 2, "cpu_s": 1.0, "converged": True,
         "answers": answers, "misfit_over_expected": [9.0, 1.0], "weights": [{"storage": 1.0, "loss": 2.0}] * 2,
     }  # fmt: skip
     model = {
         "form": "P3", "n_elements": 9, "n_unknowns": 99, "n_parameters": 8, "inverse_crime": False,
-        "regulariser": "smooth", "weights": {"storage": 1.0, "loss": 2.0}, "determined": {"storage": 4.0, "loss": 2.0},
+        "regulariser": "smooth", "weights": {"storage": 1.0, "loss": 2.0}, "effective_dof": {"storage": 4.0, "loss": 2.0},
         "resolution_mm": {"storage": 5.0, "loss": 7.0},
     }  # fmt: skip
     return {
         "source": "waves.npz", "answers": answers, "by_label": {}, "solves": {"factorisations": 3},
         "checks": {"misfit_over_expected": 1.0, "strain_snr": 12.0}, "model": model,
-        "noise": {"assumed": 0.02, "found": 0.021}, "starts": {"waves": start, "both": start}, "chosen": "both",
+        "noise": {"assumed": 0.02, "estimated": 0.021}, "starts": {"waves": start, "both": start}, "selected_start": "both",
         "warnings": ["a thing to know"], "time_s": 3.0, "threads": 1, "versions": {"ngbrain": "0"}, "files": ["maps.npz"],
         **changes,
     }  # fmt: skip

@@ -21,7 +21,7 @@ def test_a_search_keeps_its_first_answer_and_says_whether_the_last_lies_inside(t
     heard = []
     result = simulate(SCENE, tmp_path, quick=True, checkpoint=heard.append, richest={"mesh": "0", "order": "2"})
     (first,), (last,) = result["first_answers"]["answers"], result["answers"]
-    assert first["value"] == result["rungs"][0]["answers"][0] != last["value"] == first["refined"]
+    assert first["value"] == result["models"][0]["answers"][0] != last["value"] == first["refined"]
     assert first["inside"] is True and min(first["interval"]) < first["value"] < max(first["interval"])
     assert [found["first_answers"]["refined"] for found in heard] == [False] * (len(heard) - 1) + [True]
     assert json.loads((tmp_path / "result.json").read_text()) == result
@@ -40,7 +40,7 @@ def test_a_body_as_described_is_computed_with_a_lower_order_before(tmp_path):
 def test_one_model_alone_refines_nothing():
     growing = SearchAnswers(None, None)
     asked = {"quantity": "force", "unit": "N", "value": 2.0}
-    growing.add({"answers": [asked], "rungs": [{"answers": [2.0], "missing": [None], "ndof": 9}], "flags": []})
+    growing.add({"answers": [asked], "models": [{"answers": [2.0], "error_bound": [None], "ndof": 9}], "cautions": []})
     first = growing.data["first_answers"]
     assert first["refined"] and first["answers"][0] == {
         "protocol": "",
