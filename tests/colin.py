@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from regridded import rotation
+from resampled_scans import rotation
 
 from ngbrain.image import Scan, Volume, read_scan, resample_to_ras
 

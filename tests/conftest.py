@@ -9,7 +9,7 @@ from contextlib import nullcontext
 import ngsolve
 import numpy as np
 import pytest
-from perturbed import perturb
+from perturbation import perturb
 
 from ngbrain.io.cache import cache_folder
 

@@ -12,7 +12,7 @@ from typing import Any
 import ngsolve as ngs
 import numpy as np
 from combinations import PAGE, SIDE, WORKS, Body, mesh_of, slitted, up
-from rubbing import Sliding
+from friction_blocks import Sliding
 
 from ngbrain.errors import InputError
 from ngbrain.forward.common.loads import (

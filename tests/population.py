@@ -10,7 +10,7 @@ written in FreeSurfer's numbers, without fluid in the sulci, or as plain tissues
 from dataclasses import dataclass
 
 import numpy as np
-from regridded import rotation
+from resampled_scans import rotation
 from scipy import ndimage
 
 from ngbrain.image.preprocess import mni_landmarks

@@ -4,11 +4,11 @@ import json
 import sys
 from dataclasses import replace
 
-import hostcudss
+import host_cudss
 import numpy as np
 import pytest
+from corrupted_waves import spoiled
 from planewaves import RHO, grid, shear_waves
-from spoiled import spoiled
 
 from ngbrain.cli import main
 from ngbrain.errors import MissingExtra, SolverError
@@ -341,7 +341,7 @@ def test_a_gpu_without_its_library_is_said_first(tmp_path, capsys, monkeypatch, 
 
 
 def test_an_inversion_on_a_gpu(tmp_path, capsys, monkeypatch, waves):
-    cudss = hostcudss.install(monkeypatch)
+    cudss = host_cudss.install(monkeypatch)
     status, _, _ = run(capsys, waves, "-o", tmp_path / "out", *ROUGH, "--device", "cuda")
     assert status == 0 and len(cudss.made) > 5
     result = json.loads((tmp_path / "out" / "result.json").read_text())

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from algebraic import algebraic, few, square, uniform
+from algebraic_operator import algebraic, few, square, uniform
 
 from ngbrain.cli import main
 from ngbrain.errors import MissingExtra

@@ -3,7 +3,7 @@
 import ngsolve as ngs
 import numpy as np
 import pytest
-from differentiable import waves
+from optimiser_models import waves
 from scipy.interpolate import PchipInterpolator
 
 from ngbrain.adjoint.check import dot, taylor

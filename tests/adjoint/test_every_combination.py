@@ -3,7 +3,7 @@
 import ngsolve as ngs
 import numpy as np
 import pytest
-from wavemodels import MODELS, SIDE
+from wave_models import MODELS, SIDE
 
 from ngbrain.adjoint.check import taylor
 from ngbrain.adjoint.reduced import Reduced

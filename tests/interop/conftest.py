@@ -1,9 +1,9 @@
 """Small models and objectives for all faces, and the packages behind these, each of which may be missing."""
 
-import differentiable
+import optimiser_models
 import pytest
-from differentiable import Exponential, reduced_of
 from inversions import two_moduli
+from optimiser_models import Exponential, reduced_of
 
 from ngbrain.errors import MissingExtra, require
 
@@ -48,7 +48,7 @@ def risky(real):
 @pytest.fixture
 def waves():
     """Complex data at 25 points, of 9 moduli and 40 boundary values."""
-    return differentiable.waves()
+    return optimiser_models.waves()
 
 
 @pytest.fixture

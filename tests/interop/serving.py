@@ -6,7 +6,7 @@ from pathlib import Path
 
 def main(port):
     import umbridge
-    from differentiable import Exponential, reduced_of, waves
+    from optimiser_models import Exponential, reduced_of, waves
 
     from ngbrain.interop.umbridge import model
 

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from differentiable import waves as fresh
+from optimiser_models import waves as fresh
 
 from ngbrain.adjoint.check import taylor
 from ngbrain.adjoint.reduced import Reduced

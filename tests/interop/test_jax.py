@@ -4,7 +4,7 @@ import sys
 
 import numpy as np
 import pytest
-from differentiable import MODULUS
+from optimiser_models import MODULUS
 
 from ngbrain.adjoint.check import taylor
 from ngbrain.errors import InputError, MissingExtra

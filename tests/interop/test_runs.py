@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from replayed import model, weights
+from relaxing_blocks import model, weights
 
 from ngbrain.interop import jax as to_jax
 from ngbrain.interop import torch as to_torch

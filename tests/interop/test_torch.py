@@ -4,7 +4,7 @@ import sys
 
 import numpy as np
 import pytest
-from differentiable import MODULUS, SIDE
+from optimiser_models import MODULUS, SIDE
 
 from ngbrain.adjoint.check import taylor
 from ngbrain.errors import ConvergenceError, InputError, MissingExtra

@@ -8,7 +8,7 @@ import h5py
 import nibabel
 import numpy as np
 import pytest
-from regridded import rotation
+from resampled_scans import rotation
 
 from ngbrain.errors import InputError, NgbrainError
 from ngbrain.io.waves import WaveData, read_waves, write_map, write_waves

@@ -8,7 +8,7 @@ from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from dying import counts, dies_once, lives, raises
+from parallel_tasks import counts, dies_once, lives, raises
 
 from ngbrain import parallel
 from ngbrain.errors import InputError, MissingExtra, SolverError

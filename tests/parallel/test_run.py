@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 import pytest
-from dying import (
+from parallel_tasks import (
     adds,
     counts,
     dies,

@@ -13,7 +13,7 @@ import pytest
 
 HERE = Path(__file__).parents[1]
 PLAIN = """
-from dying import lives
+from parallel_tasks import lives
 from ngbrain import parallel
 
 print("this script is run once")
@@ -21,7 +21,7 @@ print(parallel.run([("a", lives, (1,)), ("b", lives, (2,))], 2))
 """
 THREADED = """
 import threading
-from dying import lives
+from parallel_tasks import lives
 from ngbrain import parallel
 
 print("this script is run once")
@@ -39,7 +39,7 @@ found = parallel.run([("a", work, ()), ("b", work, ())], 2)
 print(set(found.values()) == {os.getpid()})
 """
 UNPICKLED = """
-from dying import raises
+from parallel_tasks import raises
 from ngbrain import parallel
 
 try:
@@ -50,7 +50,7 @@ except TypeError as error:
 LONG = """
 import signal, sys, threading
 from concurrent.futures import ThreadPoolExecutor
-from dying import ticks, waits
+from parallel_tasks import ticks, waits
 from ngbrain import parallel
 
 how = sys.argv[1] if sys.argv[1:] else ""

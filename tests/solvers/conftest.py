@@ -1,7 +1,7 @@
 """A GPU that is none, for every test of solvers."""
 
 import pytest
-from hostcudss import install
+from host_cudss import install
 
 
 @pytest.fixture(autouse=True)

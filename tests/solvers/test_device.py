@@ -7,7 +7,7 @@ import ngsolve as ngs
 import ngsolve.gpu
 import numpy as np
 import pytest
-from elastic import MU, elastic
+from linear_elasticity import MU, elastic
 from planewaves import FREQUENCY, RHO, grid, shear_waves
 
 from ngbrain.errors import InputError, MissingExtra, SolverError

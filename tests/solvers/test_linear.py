@@ -3,7 +3,7 @@
 import ngsolve as ngs
 import numpy as np
 import pytest
-from elastic import MU, elastic, gravity
+from linear_elasticity import MU, elastic, gravity
 from ngsolve.meshes import MakeStructured2DMesh
 
 from ngbrain.errors import InputError, MissingExtra

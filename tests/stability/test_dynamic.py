@@ -2,7 +2,7 @@
 
 import ngsolve as ngs
 import numpy as np
-from free import even, stored, swing
+from free_vibration import even, stored, swing
 
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.solid.inertia import GeneralizedAlpha, Inertia

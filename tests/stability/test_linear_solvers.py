@@ -13,7 +13,7 @@ import ngsolve as ngs
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from elastic import MU, elastic, gravity
+from linear_elasticity import MU, elastic, gravity
 from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
 
 from ngbrain.mesh import block

@@ -6,7 +6,7 @@ is said to be 23 %; found and left out 1.5 and 1 %.
 
 import numpy as np
 import pytest
-from spoiled import spoiled
+from corrupted_waves import spoiled
 
 from ngbrain.inverse.data.outliers import remove_outliers
 from ngbrain.inverse.elastography.invert import invert

@@ -5,7 +5,7 @@ A lesion of three times the stiffness in a block of three times the window: 1.7 
 
 import numpy as np
 import pytest
-from pressed import CONTRAST, compression, contrast, plane
+from compressed_lesion import CONTRAST, compression, contrast, plane
 
 from ngbrain.inverse.data.smoothing import fit_smooth_field
 from ngbrain.inverse.elastography.invert import invert

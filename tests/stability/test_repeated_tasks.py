@@ -3,7 +3,7 @@
 import multiprocessing
 
 import numpy as np
-from dying import writes_and_dies_once
+from parallel_tasks import writes_and_dies_once
 
 from ngbrain import parallel
 from ngbrain.io import FinishedWork

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from simulated import pressed
+from synthetic_waves import pressed
 
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.inverse.data.quality import noise_deviation

@@ -3,7 +3,7 @@
 import ngsolve as ngs
 import numpy as np
 import pytest
-from replayed import SIDE, plate
+from relaxing_blocks import SIDE, plate
 
 from ngbrain.adjoint.check import taylor
 from ngbrain.forward.common.material import Material

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from drawing import begun, boundary_as_measured, descended, settled
+from prior_phantoms import begun, boundary_as_measured, descended, settled
 from scipy.special import ndtri
 
 from ngbrain.inverse.elastography.invert import invert

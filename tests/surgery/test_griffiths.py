@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from pressing import force
+from plate_contact import force
 
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.rigid import RigidContact

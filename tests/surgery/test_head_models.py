@@ -6,7 +6,7 @@ import ngsolve as ngs
 import nibabel
 import numpy as np
 import pytest
-from regridded import slanted, thick
+from resampled_scans import slanted, thick
 
 from ngbrain.cli import main
 from ngbrain.errors import InputError

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from pressing import force
+from plate_contact import force
 from scipy.integrate import solve_ivp
 
 from ngbrain.adjoint.time_curve import TimeCurve

@@ -6,7 +6,7 @@ Torsion sin(πz/2L) of a bar on one end is exact for any radius, without pressur
 
 import numpy as np
 import pytest
-from free import LENGTH, bar, even, stored, swing, turned, twist
+from free_vibration import LENGTH, bar, even, stored, swing, turned, twist
 
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.solid.inertia import GeneralizedAlpha, Inertia

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from dragging import AREA, SIDE, SPRING, Drag, even, forces, on_a_rail, transient
+from dragged_plate import AREA, SIDE, SPRING, Drag, even, forces, on_a_rail, transient
 
 COEFFICIENT, PRESS, FAR = 0.3, 1e-5, 3e-3
 

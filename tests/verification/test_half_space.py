@@ -8,8 +8,8 @@ Source: Johnson, Contact Mechanics (1985), 10.1017/CBO9781139171731, 2.2, 3.2, 3
 import ngsolve as ngs
 import numpy as np
 import pytest
-from indenting import Indenter, forces
 from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
+from rigid_indenter import Indenter, forces
 
 from ngbrain.forward import (
     Axisymmetric,

@@ -5,7 +5,7 @@ import ngsolve as ngs
 import numpy as np
 import pytest
 from netgen.geom2d import SplineGeometry
-from pressing import force
+from plate_contact import force
 
 from ngbrain.forward.common.kinematics import Axisymmetric
 from ngbrain.forward.common.loads import RigidBody

@@ -3,8 +3,8 @@
 import ngsolve as ngs
 import numpy as np
 import pytest
-from indenting import Indenter, forces
 from ngsolve.meshes import MakeStructured2DMesh
+from rigid_indenter import Indenter, forces
 from scipy.optimize import brentq
 
 from ngbrain.forward.common.kinematics import Axisymmetric

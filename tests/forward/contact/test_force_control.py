@@ -3,7 +3,7 @@
 import ngsolve as ngs
 import numpy as np
 import pytest
-from pressing import Failing, force
+from plate_contact import Failing, force
 
 from ngbrain.errors import ContactError, ConvergenceError, InputError
 from ngbrain.forward.common.material import Material

@@ -3,7 +3,7 @@
 import ngsolve as ngs
 import numpy as np
 import pytest
-from dragging import Drag, transient
+from dragged_plate import Drag, transient
 
 from ngbrain.errors import InputError
 from ngbrain.forward.common.material import Material

@@ -6,7 +6,7 @@ import ngsolve as ngs
 import numpy as np
 import pytest
 from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
-from replayed import GRID, SIDE, directions, loaded, relaxing, touched, weights
+from relaxing_blocks import GRID, SIDE, directions, loaded, relaxing, touched, weights
 
 from ngbrain.adjoint.check import dot, taylor
 from ngbrain.errors import InputError

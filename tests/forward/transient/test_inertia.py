@@ -3,8 +3,8 @@
 import ngsolve as ngs
 import numpy as np
 import pytest
-from free import LENGTH, RADIUS, Undriven, bar, even, swing, turned, twist
-from pressing import PRESS, Failing, run
+from free_vibration import LENGTH, RADIUS, Undriven, bar, even, swing, turned, twist
+from plate_contact import PRESS, Failing, run
 
 from ngbrain.adjoint.check import taylor
 from ngbrain.errors import InputError

@@ -4,7 +4,7 @@ import ngsolve as ngs
 import numpy as np
 import pytest
 from netgen.occ import Box, Glue, OCCGeometry, Z
-from pressing import PRESS, run
+from plate_contact import PRESS, run
 
 from ngbrain.adjoint.check import taylor
 from ngbrain.forward.common.material import Material

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from pressing import PRESS, run
+from plate_contact import PRESS, run
 
 from ngbrain.errors import InputError
 from ngbrain.forward.transient.step_control import ErrorControl, StepControl, StepperProgress

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from pressing import PRESS, Failing, run
+from plate_contact import PRESS, Failing, run
 
 from ngbrain.errors import ContactError, ConvergenceError, InvertedElementError
 from ngbrain.forward.transient.step_control import StepControl

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from regridded import rotation
+from resampled_scans import rotation
 from scipy import ndimage
 
 from ngbrain.image.preprocess import registration as module

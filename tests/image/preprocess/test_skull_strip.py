@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from colin import dice
-from regridded import rotation
+from resampled_scans import rotation
 from scipy import ndimage
 
 from ngbrain.errors import InputError

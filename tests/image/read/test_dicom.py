@@ -6,7 +6,7 @@ import nibabel
 import numpy as np
 import pytest
 import SimpleITK
-from regridded import rotation
+from resampled_scans import rotation
 
 from ngbrain.errors import InputError
 from ngbrain.image.read.volume import open_volume, read_scan

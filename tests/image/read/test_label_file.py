@@ -4,7 +4,7 @@ import nibabel
 import numpy as np
 import pytest
 from phantoms import nested, turned
-from regridded import rotation
+from resampled_scans import rotation
 
 from ngbrain.errors import InputError
 from ngbrain.image.read.label_file import read_labels, read_labels_with_notes

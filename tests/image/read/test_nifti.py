@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from colin import dice
-from regridded import rotation
+from resampled_scans import rotation
 
 from ngbrain.image.read.nifti import resample_labels
 from ngbrain.image.read.volume import Volume

@@ -7,7 +7,7 @@ import sys
 import nibabel
 import numpy as np
 import pytest
-from regridded import fine, rotation, slanted, thick
+from resampled_scans import fine, rotation, slanted, thick
 from scipy import ndimage
 
 from ngbrain.errors import InputError

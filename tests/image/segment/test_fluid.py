@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from phantoms import grid, nested, turned
-from regridded import rotation
+from resampled_scans import rotation
 
 from ngbrain.image.preprocess.contrast import tissue_maps
 from ngbrain.image.preprocess.mni_landmarks import ventricle

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from colin import colin27, dice, seen, tilted
-from regridded import rotation
+from resampled_scans import rotation
 from scipy import ndimage
 
 from ngbrain.errors import InputError

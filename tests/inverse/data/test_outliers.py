@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from corrupted_waves import spoiled
 from planewaves import grid, shear_waves, waves
-from spoiled import spoiled
 
 from ngbrain.errors import InputError
 from ngbrain.inverse.data.outliers import remove_outliers, screen_outliers

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from planewaves import grid, relative, shear_waves, wave_number, waves
-from regridded import rotation
+from resampled_scans import rotation
 
 from ngbrain.errors import InputError
 from ngbrain.inverse.data.moving_least_squares import LeastSquaresField, moving_least_squares

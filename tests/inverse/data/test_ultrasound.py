@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pressed import CONTRAST, ball, compression, contrast, plane
+from compressed_lesion import CONTRAST, ball, compression, contrast, plane
 
 from ngbrain.inverse.data.ultrasound import BALL, is_tracked, minimum_model_error
 from ngbrain.inverse.elastography.invert import invert

@@ -5,7 +5,7 @@ from dataclasses import replace
 import ngsolve as ngs
 import numpy as np
 import pytest
-from simulated import waves
+from synthetic_waves import waves
 
 from ngbrain.errors import InputError
 from ngbrain.inverse.elastography.identifiability import (

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from simulated import pressed, waves
+from synthetic_waves import pressed, waves
 
 from ngbrain.errors import InputError
 from ngbrain.inverse.data.direct_inversion import uniform_shear

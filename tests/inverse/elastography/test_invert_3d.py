@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from ball_in_block import MIDDLE, RADIUS, SIDE, SOFT, STIFF, between, wave_data
 from scipy.spatial.transform import Rotation
-from simulated import waves
+from synthetic_waves import waves
 
 from ngbrain.errors import InputError
 from ngbrain.inverse.elastography.invert import invert

@@ -4,8 +4,8 @@ import ngsolve as ngs
 import numpy as np
 import pytest
 from equilibria import SIDE, Mine
-from replayed import GRID
-from replayed import model as run
+from relaxing_blocks import GRID
+from relaxing_blocks import model as run
 from statics import square
 
 from ngbrain.errors import InputError

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from rubbing import Sliding, model
+from friction_blocks import Sliding, model
 
 from ngbrain.forward.observables import Force
 from ngbrain.inverse.fitting.estimate import estimate

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from planewaves import RHO, grid, wave_number
-from simulated import waves
+from synthetic_waves import waves
 
 from ngbrain.adjoint.check import taylor
 from ngbrain.adjoint.reduced import Reduced

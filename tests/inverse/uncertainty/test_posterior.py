@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.sparse as sp
-from drawing import settled
 from equilibria import model
 from inversions import MODULUS, scatter, square
+from prior_phantoms import settled
 
 from ngbrain.adjoint.check import taylor
 from ngbrain.adjoint.reduced import Reduced

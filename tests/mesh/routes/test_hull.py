@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from phantoms import MM, grid, nested, turned
-from regridded import rotation
+from resampled_scans import rotation
 
 from ngbrain.errors import InputError
 from ngbrain.image.read.label_map import LabelMap

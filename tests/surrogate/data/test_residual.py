@@ -3,7 +3,7 @@
 import ngsolve as ngs
 import numpy as np
 import pytest
-from algebraic import few, noisy
+from algebraic_operator import few, noisy
 
 from ngbrain.surrogate.data.dataset import DENSITY, FINE, SIDES, sample, solve_displacement
 from ngbrain.surrogate.data.random_fields import family

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pressed import CONTRAST, WINDOW, ball, compression, contrast, plane
+from compressed_lesion import CONTRAST, WINDOW, ball, compression, contrast, plane
 from scipy.ndimage import gaussian_filter
 
 pytest.importorskip("onnxruntime", reason='onnxruntime is not installed; get it with: pip install "ngbrain[surrogate]"')

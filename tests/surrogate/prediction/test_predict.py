@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from algebraic import algebraic, few, square, uniform
+from algebraic_operator import algebraic, few, square, uniform
 
 from ngbrain.errors import InputError
 from ngbrain.io.waves import WaveData

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from algebraic import noisy
+from algebraic_operator import noisy
 
 from ngbrain.inverse.phantoms.benchmark import Phantom
 from ngbrain.surrogate.data.dataset import DENSITY, FINE, SIDES, sample, solve_displacement

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from algebraic import algebraic, few, noisy
+from algebraic_operator import algebraic, few, noisy
 
 from ngbrain.errors import InputError
 from ngbrain.surrogate.operator.encoding import GRAIN, MODALITIES, add_noise, modality

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from quadrature import coarser
-from wavemodels import MODELS, SIDE, START, WAVES, directions, field, model, wanted
+from wave_models import MODELS, SIDE, START, WAVES, directions, field, model, wanted
 from waves import square
 
 from ngbrain.adjoint.check import dot, taylor

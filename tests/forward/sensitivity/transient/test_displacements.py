@@ -3,8 +3,8 @@
 import ngsolve as ngs
 import numpy as np
 import pytest
-from forcing import BENT, GRID, SIDE, checked
-from rubbing import VALUES, Sliding, law_of, mesh_of
+from force_models import BENT, GRID, SIDE, checked
+from friction_blocks import VALUES, Sliding, law_of, mesh_of
 
 from ngbrain.forward.common.loads import PressureLoad
 from ngbrain.forward.common.material import Material

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from forcing import AGAIN, GRID, HELD, checked, forced, weighed
+from force_models import AGAIN, GRID, HELD, checked, forced, weighed
 
 from ngbrain.adjoint.check import taylor
 from ngbrain.errors import InputError

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from rubbing import VALUES, Sliding, model
+from friction_blocks import VALUES, Sliding, model
 
 from ngbrain.adjoint.check import taylor
 from ngbrain.errors import InputError

@@ -3,7 +3,7 @@
 import ngsolve as ngs
 import numpy as np
 import pytest
-from replayed import HOLD, SIDE, plate, two_layers
+from relaxing_blocks import HOLD, SIDE, plate, two_layers
 
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.forward.common.material import Material

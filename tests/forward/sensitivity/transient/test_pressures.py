@@ -3,8 +3,8 @@
 import ngsolve as ngs
 import numpy as np
 import pytest
-from forcing import BENT, GRID, SIDE, checked, inflated, weighed
-from rubbing import Sliding, mesh_of
+from force_models import BENT, GRID, SIDE, checked, inflated, weighed
+from friction_blocks import Sliding, mesh_of
 
 from ngbrain.adjoint.check import taylor
 from ngbrain.forward.common.loads import PressureLoad

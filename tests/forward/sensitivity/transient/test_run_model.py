@@ -3,7 +3,7 @@
 import ngsolve as ngs
 import numpy as np
 import pytest
-from replayed import GRID, HOLD, KINDS, PLAIN, SEEN, SIDE, directions, field, model, plate, relaxing, weights
+from relaxing_blocks import GRID, HOLD, KINDS, PLAIN, SEEN, SIDE, directions, field, model, plate, relaxing, weights
 
 from ngbrain.adjoint.check import dot, taylor
 from ngbrain.errors import ConvergenceError, InputError

@@ -7,9 +7,9 @@ from pathlib import Path
 import ngsolve as ngs
 import numpy as np
 import pytest
-from dying import points
 from netgen import occ
-from perturbed import DRAWN, moved
+from parallel_tasks import points
+from perturbation import DRAWN, moved
 
 from ngbrain import parallel
 from ngbrain.forward.common.material import Material

@@ -3,7 +3,7 @@
 import ngsolve as ngs
 import numpy as np
 from combinations import Body
-from rubbing import SIDE, Sliding, law_of, mesh_of
+from friction_blocks import SIDE, Sliding, law_of, mesh_of
 
 from ngbrain.adjoint.check import taylor
 from ngbrain.forward.common.kinematics import Axisymmetric
