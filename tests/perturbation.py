@@ -108,7 +108,8 @@ def perturb(seed: int) -> pytest.MonkeyPatch:
         for name in names:
             patch.setattr(owner, name, partialmethod(by, getattr(owner, name)))
     begin = processes.START.replace(
-        "from ngbrain.parallel.worker", f"import perturbation; perturbation.perturb({seed}); from ngbrain.parallel.worker"
+        "from ngbrain.parallel.worker",
+        f"import perturbation; perturbation.perturb({seed}); from ngbrain.parallel.worker",
     )
     patch.setattr(processes, "START", begin)
     return patch

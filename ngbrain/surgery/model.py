@@ -43,7 +43,8 @@ from ngbrain.surgery.protocols import (
     staged_retraction,
 )
 from ngbrain.surgery.relative_stiffness import Mixtures
-from ngbrain.surgery.tools import WALLS, RigidTool, make_tools
+from ngbrain.surgery.tools import WALLS, make_tools
+from ngbrain.surgery.tools.base import RigidTool
 from ngbrain.units import gf
 
 FILM = 1e5

@@ -24,7 +24,7 @@ from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.virtual_work import FieldState
 from ngbrain.scene.operation import FACED
 from ngbrain.surgery.measures.sampling import TissuePart, tissue_percentiles
-from ngbrain.surgery.tools import RigidTool, patch
+from ngbrain.surgery.tools.base import RigidTool, patch
 
 PATCH_MARGIN = 1e-3
 """Distance (m) of the pressure patch from the edges of the tool's face."""

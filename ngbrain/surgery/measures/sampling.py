@@ -16,7 +16,7 @@ from ngbrain.look import ShortRepr
 from ngbrain.materials.points import evaluate_at_points
 from ngbrain.mesh.geometry.cleft import Cleft
 from ngbrain.surgery.measures.injury import Strain, stretching_rate, von_mises
-from ngbrain.surgery.tools import coordinates
+from ngbrain.surgery.tools.base import coordinates
 from ngbrain.tensors import deformation_gradient
 from ngbrain.units import to_ml
 
