@@ -135,13 +135,13 @@ def test_a_saved_scene_is_read_anywhere(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "other").mkdir()
     scene = Scene(
-        geometry=Geometry(kind="mesh", file="mesh.vtkhdf"),
+        geometry=Geometry(kind="mesh", file="mesh.vol", unit="mm"),
         tissues=[Tissue(mu=1000.0)],
         displacement_bcs=[DisplacementBC(boundary="bottom")],
         quantities=[Quantity(name="force", boundary="bottom")],
     )
     file = scene.save(tmp_path / "other" / "scene.toml")
-    assert Scene.from_toml(file).geometry.file == str(tmp_path / "mesh.vtkhdf")
+    assert Scene.from_toml(file).geometry.file == str(tmp_path / "mesh.vol")
     assert Scene.from_toml(loaded(None).save(tmp_path / "body.toml")) == loaded(None)
 
 

@@ -63,7 +63,7 @@ def show(result: dict) -> None:
     for rung in result["models"]:
         step = " and ".join(rung["next_axes"]) or "chosen"
         print(
-            f"{rung['cost_s']:6.1f} s {rung['ndof']:7} unknowns, {100 * max(rung['missing']):8.3g} % estimated error -> {step}"
+            f"{rung['cost_s']:6.1f} s {rung['ndof']:7} unknowns, {100 * max(rung['error_bound']):8.3g} % estimated error -> {step}"
         )
     for each in result["left_out"]:
         print(f"  without {each['what']}: {100 * abs(each['change'][0]):.2g} % ({each['method']})")

@@ -182,7 +182,7 @@ def facts(result: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("Fields", f"{model['n_parameters']} unknowns, {model['regulariser']}; weights by {by}: {weights}"),
         (
             "Noise, including model error",
-            f"{percent(noise['assumed'])} assumed{points}, {percent(noise['found'])} found",
+            f"{percent(noise['assumed'])} assumed{points}, {percent(noise['estimated'])} estimated",
         ),
         ("Misfit over its expected value", _misfit(result)),
         ("Resolution of the data, about", fields),
