@@ -120,7 +120,7 @@ class TractionLoad:
 
 @dataclass(frozen=True)
 class BodyForce:
-    """Body force per reference volume, such as ρg; potential -∫ f·u dV.
+    """Body force per reference volume, such as gravity ρg; potential -∫ f·u dV.
 
     Parameters
     ----------

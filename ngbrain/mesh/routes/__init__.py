@@ -7,7 +7,7 @@
 - `craniotomy`: a head opened by a cleft under a craniotomy, by any route.
 - `heads`: the head of a scan by any route, closed or opened, as scenes have it.
 - `cleft_head`: a hull with a cleft cut out by exact planes.
-- `subtraction`: a cleft subtracted from labels, for the routes that mesh any labels.
+- `cleft_subtraction`: a cleft subtracted from labels, for the routes that mesh any labels.
 """
 
 from typing import TYPE_CHECKING
@@ -15,8 +15,17 @@ from typing import TYPE_CHECKING
 from ngbrain.lazy import lazy_names
 
 if TYPE_CHECKING:
-    from ngbrain.mesh.routes import cleft_head, conforming, craniotomy, heads, hull, lattice, registry, subtraction
+    from ngbrain.mesh.routes import (
+        cleft_head,
+        cleft_subtraction,
+        conforming,
+        craniotomy,
+        heads,
+        hull,
+        lattice,
+        registry,
+    )
 else:
     __getattr__, __dir__ = lazy_names(__name__)
 
-__all__ = ["cleft_head", "conforming", "craniotomy", "heads", "hull", "lattice", "registry", "subtraction"]
+__all__ = ["cleft_head", "cleft_subtraction", "conforming", "craniotomy", "heads", "hull", "lattice", "registry"]

@@ -12,8 +12,8 @@ from ngbrain.mesh.geometry.cleft import Cleft, frame
 from ngbrain.mesh.geometry.level_set import LevelSet
 from ngbrain.mesh.geometry.primitives import Sizes
 from ngbrain.mesh.geometry.sizing import CleftSizeField
+from ngbrain.mesh.routes.cleft_subtraction import remove_cleft
 from ngbrain.mesh.routes.registry import LabelMesh, mesh_with_opening
-from ngbrain.mesh.routes.subtraction import remove_cleft
 from ngbrain.mesh.surface.head_outlines import outlines
 
 Points = np.ndarray

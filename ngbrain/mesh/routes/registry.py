@@ -34,7 +34,7 @@ from ngbrain.mesh.improve import (
 )
 from ngbrain.mesh.labels import indicators, sampling, volume_fractions, volume_zones
 from ngbrain.mesh.quality import Quality, volumes_ml
-from ngbrain.mesh.routes import cleft_head, conforming, hull, lattice, subtraction
+from ngbrain.mesh.routes import cleft_head, cleft_subtraction, conforming, hull, lattice
 from ngbrain.mesh.surface import head_outlines, manifold, remeshing
 from ngbrain.mesh.surface.head_outlines import BRAIN, Repair, outlines
 from ngbrain.mesh.tet_mesh import Elements
@@ -156,8 +156,8 @@ def subtract_cleft(make: Make) -> OpenCleft:
 
     def opened(labels: LabelMap, cleft: Cleft, craniotomy: float, sizes: Sizes) -> LabelMesh:
         size = CleftSizeField(cleft, sizes.site, sizes.far, under=sizes.near, craniotomy=craniotomy)
-        made, spacing = make(subtraction.remove_cleft(labels, cleft), size), float(labels.volume.spacing.max())
-        return replace(made, elements=subtraction.fit_cleft_walls(made.elements, cleft, craniotomy, spacing))
+        made, spacing = make(cleft_subtraction.remove_cleft(labels, cleft), size), float(labels.volume.spacing.max())
+        return replace(made, elements=cleft_subtraction.fit_cleft_walls(made.elements, cleft, craniotomy, spacing))
 
     return opened
 

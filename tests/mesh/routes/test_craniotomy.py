@@ -12,9 +12,9 @@ from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.read.volume import Volume
 from ngbrain.mesh.geometry.sizing import CleftSizeField, RadialSizeField
 from ngbrain.mesh.quality import Quality, interfaces, volumes_ml
+from ngbrain.mesh.routes.cleft_subtraction import SIDES, fit_cleft_walls, remove_cleft
 from ngbrain.mesh.routes.craniotomy import Opening, mesh_with_cleft
 from ngbrain.mesh.routes.registry import ROUTES
-from ngbrain.mesh.routes.subtraction import SIDES, fit_cleft_walls, remove_cleft
 
 MM = 1e-3
 TISSUES = ("lattice", "conforming")
