@@ -32,7 +32,7 @@ LONGEST = 200
 """Largest number of characters of a line that represents an object."""
 
 
-class _ShortText(reprlib.Repr):
+class _Abbreviation(reprlib.Repr):
     """Text of a value in a line: arrays by their shape, long lists and texts cut."""
 
     def __init__(self) -> None:
@@ -47,17 +47,17 @@ class _ShortText(reprlib.Repr):
         return " ".join(super().repr_instance(value, level).split())
 
 
-_SHORT = _ShortText()
+_SHORT = _Abbreviation()
 
 
-class ShortRepr:
+class BriefText:
     """Representation of a dataclass in one line: names and values of its fields, arrays by their shape.
 
     Examples
     --------
     >>> from dataclasses import dataclass
     >>> @dataclass(repr=False)
-    ... class Wave(ShortRepr):
+    ... class Wave(BriefText):
     ...     frequency: float
     ...     displacement: np.ndarray
     >>> Wave(50.0, np.zeros((1000, 3)))

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator, PPoly
 
 from ngbrain.errors import InputError
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 
 Array = np.ndarray
 
@@ -25,7 +25,7 @@ class Interpolation(StrEnum):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class TimeCurve(ShortRepr):
+class TimeCurve(BriefText):
     """Values at the ends of time steps as a function of time.
 
     The monotone cubic follows long steps of a hold to a part of a percent, where linear interpolation lies above the solution.

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from ngbrain.errors import InputError
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.reading import MOST, read_text
 
 _TETRAHEDRON = re.compile(r"(?:AC|D)?C3D(4|10)[A-Z]*")
@@ -25,7 +25,7 @@ _NODES = {"3": 3, "4": 4, "6": 6, "65": 6, "10": 10}
 
 
 @dataclass(eq=False, repr=False)
-class AbaqusMesh(ShortRepr):
+class AbaqusMesh(BriefText):
     """Content of an input file: cells by their corners, as rows of `points`.
 
     Parameters

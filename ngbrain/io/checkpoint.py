@@ -34,7 +34,7 @@ from ngbrain.io.hdf5 import hdf5_image
 from ngbrain.io.mesh_arrays import build_mesh
 from ngbrain.io.nodes import QuadraticGrid
 from ngbrain.io.state import pack, read_array, unpack, write_array
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.reading import check_regular
 from ngbrain.reading.hdf5 import hdf5
 
@@ -54,7 +54,7 @@ _VTK_TYPES = {"f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8"}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Frame(ShortRepr):
+class Frame(BriefText):
     """Fields at one time.
 
     Parameters
@@ -71,7 +71,7 @@ class Frame(ShortRepr):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Checkpoint(ShortRepr):
+class Checkpoint(BriefText):
     """Content of a checkpoint, as it was given to `save`.
 
     Parameters

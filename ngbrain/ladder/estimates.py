@@ -25,7 +25,7 @@ from ngbrain.ladder.models.bodies import SMALL
 from ngbrain.ladder.models.hierarchy import ModelHierarchy, Solution, answers_of
 from ngbrain.ladder.models.laws import has_memory
 from ngbrain.ladder.quantities import BodyState, Question, interpolate_state
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.solvers.linear import Solve
 
 Array = np.ndarray
@@ -42,7 +42,7 @@ LARGE, UNSEEN = 0.2, 0.003
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Estimate(ShortRepr):
+class Estimate(BriefText):
     """Estimated change by one step along an axis.
 
     Parameters

@@ -12,7 +12,7 @@ from ngbrain.errors import InputError
 from ngbrain.forward.observables import Displacements, Force, Observable, StrainPercentile
 from ngbrain.forward.observables.percentiles import ProblemPercentile
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.materials.base import check_parameter
 from ngbrain.scene import Quantity, Scene
 
@@ -24,7 +24,7 @@ PLANE = (0, 2)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class BodyState(ShortRepr):
+class BodyState(BriefText):
     """A solved state of a body.
 
     Parameters

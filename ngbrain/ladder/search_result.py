@@ -8,14 +8,14 @@ import numpy as np
 
 from ngbrain.ladder.axes import Axis
 from ngbrain.ladder.estimates import Estimate
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.result import Result
 
 Array = np.ndarray
 
 
 @dataclass(eq=False, repr=False)
-class Rung(ShortRepr):
+class Rung(BriefText):
     """A model of the search.
 
     Parameters

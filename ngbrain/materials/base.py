@@ -12,7 +12,7 @@ import numpy as np
 from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
-from ngbrain.look import NotebookCard, ShortRepr
+from ngbrain.look import BriefText, NotebookCard
 from ngbrain.tensors import isochoric, right_cauchy_green
 
 Value: TypeAlias = float | CoefficientFunction
@@ -151,7 +151,7 @@ def density_of_log_strains(law: Law, logs: Sequence[CoefficientFunction]) -> Coe
     return density(law, Deformation.from_stretch(stretch))
 
 
-class LawCard(ShortRepr, NotebookCard):
+class LawCard(BriefText, NotebookCard):
     """Representation of laws and viscoelastic materials: one line, a card with a plot in a notebook, and that plot."""
 
     PICTURE = "ngbrain.materials.lab.plot:plot_law"

@@ -25,7 +25,7 @@ from ngsolve import CoefficientFunction
 
 from ngbrain.arguments import check_sequence
 from ngbrain.errors import InputError
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.materials.base import Law, Value, check_parameter, check_positive
 from ngbrain.materials.points import initial_modulus
 from ngbrain.materials.viscous import Viscous, viscous
@@ -274,7 +274,7 @@ class PowerLaw(Modulus):
 
 
 @dataclass(frozen=True, repr=False)
-class PronySeries(ShortRepr, Modulus):
+class PronySeries(BriefText, Modulus):
     """Prony series G* = μ (1 - Σ g_k + Σ g_k iωτ_k/(1 + iωτ_k)).
 
     It is the transform of the relaxation modulus G(t) = μ (1 - Σ g_k + Σ g_k e^(-t/τ_k)).
@@ -337,7 +337,7 @@ def fourier(material: Viscous | Law) -> PronySeries:
 
 
 @dataclass(frozen=True, repr=False)
-class ShearWave(ShortRepr):
+class ShearWave(BriefText):
     """Plane shear wave e^{i(ωt - kz)}.
 
     Parameters

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ngbrain.image.read.label_map import LabelMap
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.mesh.labels.indicators import Indicators
 from ngbrain.mesh.tet_mesh import Elements, smallest_angles
 
@@ -17,7 +17,7 @@ FLAT = 0.1
 
 
 @dataclass(frozen=True, repr=False)
-class Quality(ShortRepr):
+class Quality(BriefText):
     """Element shapes of a mesh.
 
     Parameters

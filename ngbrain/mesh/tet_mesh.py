@@ -11,7 +11,7 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import InputError
-from ngbrain.look import NotebookCard, ShortRepr
+from ngbrain.look import BriefText, NotebookCard
 
 GRADING = 0.3
 """Growth of the tetrahedra away from the given triangles, Netgen's `grading`."""
@@ -20,7 +20,7 @@ FINER = 0.75
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Surface(ShortRepr):
+class Surface(BriefText):
     """A named set of triangles between two regions.
 
     Parameters

@@ -21,7 +21,7 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import Breakdown, InputError, nearest
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.solvers import direct, krylov
 from ngbrain.solvers import preconditioners as pre
 from ngbrain.solvers.condensed import Condensed, Core, fields, free
@@ -179,7 +179,7 @@ class KrylovSolver:
 
 
 @dataclass(repr=False)
-class ReusedFactorSolver(ShortRepr):
+class ReusedFactorSolver(BriefText):
     """GMRES preconditioned by an older factorisation. The last solution is kept, for the same right-hand side again.
 
     Parameters

@@ -17,7 +17,7 @@ from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.read.label_schemes import TISSUES
 from ngbrain.image.read.property_maps import read_map
 from ngbrain.image.segment.tissue_classes import NAMES, VENTRICLE, WHITE
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.mesh import Cleft, Sizes, idealised_head, smallest_angles
 from ngbrain.mesh.geometry import primitives
 from ngbrain.mesh.routes.craniotomy import find_cleft
@@ -120,7 +120,7 @@ class IdealisedHead(primitives.Ellipsoids):
 
 
 @dataclass(eq=False, repr=False)
-class ScannedHead(ShortRepr):
+class ScannedHead(BriefText):
     """A head from a T1 scan: tissue labels, and smooth outlines of the brain and its ventricles.
 
     Parameters

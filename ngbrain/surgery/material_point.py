@@ -21,7 +21,7 @@ import numpy as np
 
 from ngbrain.adjoint.time_curve import TimeCurve
 from ngbrain.errors import InputError
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.materials import Law, Viscous, lab
 from ngbrain.materials.points import number
 from ngbrain.materials.viscous import viscous
@@ -33,7 +33,7 @@ RELEASED = 1e-9
 
 
 @dataclass(frozen=True, repr=False)
-class LoadingHistory(ShortRepr):
+class LoadingHistory(BriefText):
     """Pressure and displacement of a column over time.
 
     Parameters

@@ -24,7 +24,7 @@ from ngbrain.image.read.fibre_directions import read_fibre_directions
 from ngbrain.image.read.property_maps import read_map
 from ngbrain.image.read.volume import Volume
 from ngbrain.ladder.models.property_maps import fibre_field
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.materials import Law, Viscous, mix
 from ngbrain.materials.base import Value
 from ngbrain.materials.families import group_by_family, law_after, stiffen
@@ -82,7 +82,7 @@ SOME_FIBRE = (1.0, 0.0, 0.0)
 
 
 @dataclass(repr=False)
-class RetractionModel(ShortRepr):
+class RetractionModel(BriefText):
     """The geometry of a scene, made once and used by every run.
 
     Parameters

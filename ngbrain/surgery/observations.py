@@ -11,7 +11,7 @@ import numpy as np
 from ngbrain.arguments import numbers
 from ngbrain.errors import InputError
 from ngbrain.inverse.objective.misfit import LeastSquares
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.reading import read_table
 
 Array = np.ndarray
@@ -24,7 +24,7 @@ LARGEST = {"_mm": 1000.0, "_N": 1000.0, "_s": 1e7}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Observations(ShortRepr):
+class Observations(BriefText):
     """Measurements of a retraction; missing values are NaN.
 
     Parameters

@@ -19,7 +19,7 @@ from ngbrain.forward.transient.step_control import Control, StepperProgress
 from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.io import Checkpoint, Frame, QuadraticGrid, load, save
 from ngbrain.io.labelled_arrays import series
-from ngbrain.look import ShortRepr, curves
+from ngbrain.look import BriefText, curves
 from ngbrain.parallel import Callback
 from ngbrain.result import Result, Status
 from ngbrain.solvers.record import NewtonRecord
@@ -51,7 +51,7 @@ Snapshot = tuple[dict[str, Any], list[Frame]]
 
 
 @dataclass(repr=False)
-class Peak(ShortRepr):
+class Peak(BriefText):
     """Tissue state at the step with the largest 95th percentile of maximum principal strain.
 
     Parameters

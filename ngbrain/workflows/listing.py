@@ -14,7 +14,7 @@ from pathlib import Path
 from ngbrain.cli.options.cohort import VERBS, columns_of, is_path, several_inputs
 from ngbrain.cli.options.common import parsers
 from ngbrain.errors import InputError, nearest
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.progress import LOG
 from ngbrain.reading import Table, read_table
 
@@ -32,7 +32,7 @@ DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+")
 
 
 @dataclass(frozen=True, repr=False)
-class CohortCase(ShortRepr):
+class CohortCase(BriefText):
     """A row of the list.
 
     Attributes

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ngbrain.errors import InputError
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.result import Result, Status
 from ngbrain.workflows.gate import LEAST_ROWS, LEVEL, GroupStatistics, Outlier
 from ngbrain.workflows.rows import EXCLUDED, FAILED
@@ -22,7 +22,7 @@ ROWS, REPORT = "rows", "report.html"
 
 
 @dataclass(frozen=True, repr=False)
-class ResultRow(ShortRepr):
+class ResultRow(BriefText):
     """A scan or case, and its result.
 
     Attributes

@@ -17,11 +17,11 @@ from ngbrain.image.read.volume import Scan, Volume, read_scan
 from ngbrain.image.segment.fluid import label_sulcal_fluid, label_ventricles
 from ngbrain.image.segment.from_surfaces import labels_from_surfaces
 from ngbrain.io.surfacefile import read_surface
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Subject(ShortRepr):
+class Subject(BriefText):
     """Labels of a head and their source.
 
     Parameters

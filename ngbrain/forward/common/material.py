@@ -12,7 +12,7 @@ from ngsolve import CoefficientFunction
 from ngsolve.comp import IntegrationRuleSpace
 
 from ngbrain.errors import InputError
-from ngbrain.look import NotebookCard, ShortRepr
+from ngbrain.look import BriefText, NotebookCard
 from ngbrain.materials import Law, Viscous, barrier, quadratic
 from ngbrain.materials.base import Deformation, Value, check_parameter, density
 from ngbrain.materials.lab.description import law_rows
@@ -25,7 +25,7 @@ Change = Callable[[CoefficientFunction, Value], CoefficientFunction]
 
 
 @dataclass(frozen=True, repr=False)
-class Material(ShortRepr, NotebookCard):
+class Material(BriefText, NotebookCard):
     """Material of a region: isochoric law, volumetric energy, and an optional barrier against collapse.
 
     Parameters

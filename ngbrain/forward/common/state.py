@@ -9,13 +9,13 @@ from typing import Any
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 
 Array = np.ndarray
 
 
 @dataclass(frozen=True, repr=False)
-class State(ShortRepr):
+class State(BriefText):
     """State of a problem at one time, immutable: everything that the next step depends on.
 
     Parameters

@@ -12,14 +12,14 @@ from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
 from ngbrain.forward.common.regions import boundaries
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.materials.base import Value
 
 Vector: TypeAlias = Sequence[Value] | CoefficientFunction
 
 
 @dataclass(frozen=True, repr=False)
-class Wave(ShortRepr):
+class Wave(BriefText):
     """Excitation at one frequency.
 
     Parameters

@@ -16,7 +16,7 @@ from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables.base import Observable, ProblemObservable, SymbolicObservable
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.virtual_work import FieldState, Motion, StateView, Terms
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.materials.base import Deformation, check_parameter
 from ngbrain.tensors import octahedral_shear
 
@@ -33,7 +33,7 @@ STILL = 1e-8
 
 
 @dataclass(frozen=True, repr=False)
-class RegionPercentile(ShortRepr, Observable):
+class RegionPercentile(BriefText, Observable):
     """A percentile of a scalar field over a region, by reference volume.
 
     A single percentile has no gradient. The value is therefore a mean of the percentiles in a band, with weights

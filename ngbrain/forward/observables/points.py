@@ -13,13 +13,13 @@ from ngbrain.errors import InputError
 from ngbrain.forward.common.interpolation import evaluation
 from ngbrain.forward.observables.base import LinearObservable, Observable
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 
 Array = np.ndarray
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Displacements(ShortRepr, Observable):
+class Displacements(BriefText, Observable):
     """Displacements (m) at points.
 
     Parameters

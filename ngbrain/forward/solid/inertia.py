@@ -15,14 +15,14 @@ from ngbrain.forward.common.kinematics import SolidKinematics
 from ngbrain.forward.common.regions import check_regions
 from ngbrain.forward.common.state import Term
 from ngbrain.forward.common.unknowns import Layout
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.materials.base import Value, check_positive
 
 Array = np.ndarray
 
 
 @dataclass(frozen=True, repr=False)
-class MotionRates(ShortRepr):
+class MotionRates(BriefText):
     """Velocity and accelerations after a step.
 
     Parameters
@@ -118,7 +118,7 @@ class GeneralizedAlpha:
 
 
 @dataclass(frozen=True, repr=False)
-class GeneralizedAlphaStep(ShortRepr):
+class GeneralizedAlphaStep(BriefText):
     """A time step from u; it ends where F(u') + c M (u' - û) = 0.
 
     Parameters

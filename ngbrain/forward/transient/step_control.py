@@ -10,7 +10,7 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.solvers.record import SolverWork
 
 ORDER = 2
@@ -301,7 +301,7 @@ class ErrorControl:
 
 
 @dataclass(frozen=True, repr=False)
-class PrescribedSteps(ShortRepr):
+class PrescribedSteps(BriefText):
     """Steps between prescribed increasing times (s)."""
 
     times: np.ndarray

@@ -11,7 +11,7 @@ from scipy import fft, ndimage
 
 from ngbrain.errors import InputError
 from ngbrain.image.read.volume import Volume
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 
 ALIKE = 0.4
 """Minimum likeness of two brains. Measured: T1s of heads 0.49 and more, stripped ones 0.7 and more, T2s 0.35 to 0.5."""
@@ -50,7 +50,7 @@ _FAR_TURNS = list(product((-60, -30, 0, 30, 60), (-50, -25, 0, 25, 50), (-50, -2
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Alignment(ShortRepr):
+class Alignment(BriefText):
     """Alignment of the template with a head.
 
     Parameters

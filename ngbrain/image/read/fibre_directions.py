@@ -21,7 +21,7 @@ from scipy import ndimage
 from ngbrain.errors import InputError
 from ngbrain.image.read.property_maps import SIDES
 from ngbrain.image.read.volume import Volume, open_image
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 
 CONVENTIONS = {
     "fsl": ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)),
@@ -34,7 +34,7 @@ TWO_AXES = 1e-9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FibreDirections(ShortRepr):
+class FibreDirections(BriefText):
     """Fibre directions on a voxel grid.
 
     Parameters

@@ -14,7 +14,7 @@ from scipy import ndimage
 from ngbrain.errors import InputError, require
 from ngbrain.image.read.dicom import is_dicom, read_series
 from ngbrain.io.labelled_arrays import image_array
-from ngbrain.look import NotebookCard, ShortRepr, grey_slices
+from ngbrain.look import BriefText, NotebookCard, grey_slices
 from ngbrain.reading import check_regular, gunzip, read_bytes, unzip
 
 _GRID = 1e-3  # m
@@ -176,7 +176,7 @@ class Scan(NotebookCard):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ImageFile(ShortRepr):
+class ImageFile(BriefText):
     """An image as stored in its file.
 
     Parameters

@@ -16,7 +16,7 @@ from ngbrain.image.read.volume import Volume
 from ngbrain.image.segment.nuclei import segment_nuclei
 from ngbrain.image.segment.topology import remove_islands
 from ngbrain.image.segment.ventricles import FAR, find_ventricles, refine_ventricle_edges, ventricle_distance
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 
 OUTSIDE, CSF, GREY, WHITE, VENTRICLE = range(5)
 NAMES = ("outside", "csf", "grey", "white", "ventricle")
@@ -49,7 +49,7 @@ _LEAST_VENTRICLES = 2.0  # ml
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Labels(ShortRepr):
+class Labels(BriefText):
     """Tissue of each voxel.
 
     Parameters

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from ngbrain.image.read.volume import Volume
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 
 _FIRST, _SHAPE, _STEP = np.array([-112.0, -80.0]), (97, 89), 2.0  # mm: y and z of the lattice
 _REACH = 10.0  # mm, search range on both sides
@@ -21,7 +21,7 @@ _ROUNDS = 10
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class MidSurface(ShortRepr):
+class MidSurface(BriefText):
     """Surface between the hemispheres, a graph over the template's plane x = 0.
 
     Parameters

@@ -20,7 +20,7 @@ from ngbrain.image.read.volume import Volume
 from ngbrain.image.segment.nuclei import segment_nuclei
 from ngbrain.image.segment.tissue_classes import CSF, GREY, VENTRICLE, WHITE
 from ngbrain.image.structures.midsurface import MidSurface
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 
 LEFT, RIGHT, CEREBELLUM, STEM = range(1, 5)
 PARTS = {LEFT: "cerebrum_left", RIGHT: "cerebrum_right", CEREBELLUM: "cerebellum", STEM: "brain_stem"}
@@ -51,7 +51,7 @@ _BACK_BELOW = (120.0, 90.0)  # mm: no brain extends further back or below
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Structures(ShortRepr):
+class Structures(BriefText):
     """Structures of a brain.
 
     Parameters

@@ -17,7 +17,7 @@ from ngbrain.image.preprocess.registration import largest_component
 from ngbrain.inverse.data.outliers import discontinuity_share
 from ngbrain.inverse.data.smoothing import fit_smooth_field
 from ngbrain.io.waves import WaveData
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 
 STILL = 0.01
 """Least rms of a component for its noise, relative to the largest component's, see `noise_deviation`."""
@@ -134,7 +134,7 @@ def noise_for_misfit(data: WaveData, noise: RelativeNoise, ratio: float, floor: 
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class OctahedralShearStrain(ShortRepr):
+class OctahedralShearStrain(BriefText):
     """Octahedral shear strain of measured waves, its SNR, and related checks.
 
     Parameters

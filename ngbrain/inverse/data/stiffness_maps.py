@@ -17,7 +17,7 @@ from ngbrain.errors import InputError, file_context
 from ngbrain.forward.common.interpolation import quadrature_field, quadrature_points
 from ngbrain.image.read.property_maps import interpolate_map, measured_mask, read_map
 from ngbrain.image.read.volume import Volume
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.materials.modulus import modulus_from_stiffness
 
 UNITS = {"Pa": 1.0, "kPa": 1e3}
@@ -27,7 +27,7 @@ DAMPING_RATIO = (0.005, 1.5)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class StiffnessMap(ShortRepr):
+class StiffnessMap(BriefText):
     """Maps of a head's stiffness and damping on the same voxels.
 
     Parameters

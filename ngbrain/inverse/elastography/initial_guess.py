@@ -19,7 +19,7 @@ from ngbrain.inverse.problem.field_values import field_observations, fit_field
 from ngbrain.inverse.problem.properties import as_polar
 from ngbrain.inverse.problem.wave_problem import ElastographyProblem
 from ngbrain.io.waves import WaveData
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 
 Array = np.ndarray
 LOWER = 1e-6
@@ -27,7 +27,7 @@ LOWER = 1e-6
 
 
 @dataclass(repr=False)
-class SelectedStart(ShortRepr):
+class SelectedStart(BriefText):
     """The chosen start.
 
     Parameters

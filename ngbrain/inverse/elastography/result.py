@@ -33,7 +33,7 @@ from ngbrain.inverse.problem.property_fields import property_fields
 from ngbrain.inverse.problem.wave_problem import ElastographyProblem
 from ngbrain.io.waves import WaveData
 from ngbrain.io.waves.labelled import map_variables, wave_dataset
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.look import maps as drawn
 from ngbrain.result import Result
 
@@ -41,7 +41,7 @@ Array = np.ndarray
 
 
 @dataclass(repr=False)
-class StartResult(ShortRepr):
+class StartResult(BriefText):
     """Result from one start.
 
     Parameters
@@ -73,7 +73,7 @@ class StartResult(ShortRepr):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FinalState(ShortRepr):
+class FinalState(BriefText):
     """The final state of an inversion.
 
     Parameters

@@ -16,7 +16,7 @@ import scipy.sparse as sp
 from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 
 Array = np.ndarray
 
@@ -117,7 +117,7 @@ class BoundedTransform:
 
 
 @dataclass(frozen=True, repr=False)
-class ScaledTransform(ShortRepr):
+class ScaledTransform(BriefText):
     """Linear transform θ = scale · x, for parameters of either sign such as displacements (m)."""
 
     scale: Array | float = 1.0

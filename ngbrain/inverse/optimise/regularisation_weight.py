@@ -21,7 +21,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ngbrain.adjoint.reduced import Reduced
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 
 Array = np.ndarray
 MAX_FACTOR = 10.0
@@ -79,7 +79,7 @@ class MisfitLevel:
 
 
 @dataclass(repr=False)
-class WeightPolicy(ShortRepr):
+class WeightPolicy(BriefText):
     """Update of the regularisation weights between iterations.
 
     Attributes

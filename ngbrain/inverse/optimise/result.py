@@ -20,7 +20,7 @@ from ngbrain.inverse.optimise.regularisation_weight import (
     MisfitLevel,
     WeightPolicy,
 )
-from ngbrain.look import ShortRepr, descent
+from ngbrain.look import BriefText, descent
 from ngbrain.result import Result, Status
 
 Array = np.ndarray
@@ -33,7 +33,7 @@ FULL_STEP_SHARE = 0.5
 
 
 @dataclass(repr=False)
-class Iteration(ShortRepr):
+class Iteration(BriefText):
     """Record of one iteration.
 
     Parameters

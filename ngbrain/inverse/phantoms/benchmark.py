@@ -26,7 +26,7 @@ from ngbrain.inverse.objective.parameters import LogTransform, ParameterFields, 
 from ngbrain.inverse.objective.regularisation import smooth
 from ngbrain.inverse.optimise.quasi_newton import bfgs_iterations
 from ngbrain.io.waves import WaveData
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.materials import Shearing, TransverselyIsotropic
 from ngbrain.mesh.geometry.structured import rectangles
 from ngbrain.solvers.device import CPU, Device
@@ -73,7 +73,7 @@ def _fibrous_inclusion(x: Array, y: Array) -> dict[str, Array]:
 
 
 @dataclass(frozen=True, repr=False)
-class Phantom(ShortRepr):
+class Phantom(BriefText):
     """Square phantom and its excitation.
 
     Parameters
@@ -213,7 +213,7 @@ class _Square:
 
 
 @dataclass(frozen=True, repr=False)
-class PhantomData(ShortRepr):
+class PhantomData(BriefText):
     """Simulated measurements of a phantom.
 
     Parameters
@@ -352,7 +352,7 @@ class PhantomData(ShortRepr):
 
 
 @dataclass(frozen=True, repr=False)
-class PublishedIteration(ShortRepr):
+class PublishedIteration(BriefText):
     """Iteration of the published inversion.
 
     Parameters

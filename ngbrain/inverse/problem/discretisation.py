@@ -29,7 +29,7 @@ from ngbrain.inverse.data.ultrasound import COARSER, FEWEST, is_tracked
 from ngbrain.inverse.problem.boundary_data import ALL, mark_driven_boundary
 from ngbrain.inverse.problem.voxel_lattice import VoxelLattice, build_lattice, lattice_of_shape
 from ngbrain.io.waves import WaveData
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.mesh.geometry.structured import rectangles
 
 Array = np.ndarray
@@ -48,7 +48,7 @@ LARGEST = 95_000
 
 
 @dataclass(frozen=True, repr=False)
-class Discretisation(ShortRepr):
+class Discretisation(BriefText):
     """Finite elements for wave data.
 
     Parameters

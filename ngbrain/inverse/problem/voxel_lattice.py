@@ -14,7 +14,7 @@ from scipy.spatial import KDTree
 from ngbrain.forward.common.elements import ElementPair
 from ngbrain.inverse.data.direct_inversion import uniform_shear
 from ngbrain.io.waves import WaveData
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.mesh.geometry.structured import boxes, rectangles
 
 Array = np.ndarray
@@ -33,7 +33,7 @@ or fewer."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class VoxelLattice(ShortRepr):
+class VoxelLattice(BriefText):
     """Hexahedra along the coordinates; in the plane quadrilaterals.
 
     Parameters

@@ -38,7 +38,7 @@ from ngbrain.inverse.problem.discretisation import Discretisation
 from ngbrain.inverse.problem.field_values import field_observations, fit_field
 from ngbrain.inverse.problem.property_fields import build_composition
 from ngbrain.inverse.problem.wave_problem import ElastographyProblem
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 
 Array = np.ndarray
 SURE = 0.1
@@ -46,7 +46,7 @@ SURE = 0.1
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Neighbourhood(ShortRepr):
+class Neighbourhood(BriefText):
     """Prior information for a zone.
 
     Parameters

@@ -22,7 +22,7 @@ from ngbrain.inverse.data.quality import RelativeNoise
 from ngbrain.inverse.data.subset import WaveSubset
 from ngbrain.inverse.problem.voxel_lattice import VoxelLattice
 from ngbrain.io.waves import WaveData
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 
 Array = np.ndarray
 FEWEST = 216
@@ -36,7 +36,7 @@ TOUCHING = 1.8
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Zone(ShortRepr):
+class Zone(BriefText):
     """A zone.
 
     Parameters
@@ -214,7 +214,7 @@ def disagreement(zones: Sequence[Zone], values: Sequence[Array], n: int) -> floa
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ZoneBox(ShortRepr):
+class ZoneBox(BriefText):
     """A box of cells between cuts.
 
     Parameters

@@ -16,14 +16,14 @@ from ngbrain.inverse.data.subset import WaveSubset
 from ngbrain.inverse.elastography.result import Inversion
 from ngbrain.inverse.optimise.result import Iteration
 from ngbrain.inverse.problem.voxel_lattice import VoxelLattice
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.reading import read_npz
 
 Array = np.ndarray
 
 
 @dataclass(repr=False)
-class ZoneResult(ShortRepr):
+class ZoneResult(BriefText):
     """Result of a zone. Arrays are at the points of its mask.
 
     Parameters

@@ -29,7 +29,7 @@ from ngbrain.inverse.objective.regularisation import QuadraticRegulariser, mater
 from ngbrain.inverse.objective.regularisers import extent
 from ngbrain.inverse.optimise.gauss_newton_hessian import Metric
 from ngbrain.inverse.uncertainty.posterior import Posterior
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 
 Array = np.ndarray
 LENGTHS = (0.06, 0.12, 0.25, 0.5)
@@ -41,7 +41,7 @@ LARGEST = 20_000
 
 
 @dataclass(frozen=True, repr=False)
-class GaussianPrior(ShortRepr):
+class GaussianPrior(BriefText):
     """Gaussian prior of the fields.
 
     Parameters

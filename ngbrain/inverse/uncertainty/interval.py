@@ -9,7 +9,7 @@ from scipy.special import ndtri
 
 from ngbrain.errors import InputError
 from ngbrain.inverse.objective.parameters import ScaledTransform, Transform
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 
 Array = np.ndarray
 LEVEL = 0.95
@@ -19,7 +19,7 @@ NODES = 40
 
 
 @dataclass(frozen=True, repr=False)
-class CredibleInterval(ShortRepr):
+class CredibleInterval(BriefText):
     """Credible interval of a number, or of each entry of an array.
 
     Parameters

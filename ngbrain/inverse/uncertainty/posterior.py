@@ -35,7 +35,7 @@ from ngbrain.inverse.objective.regularisation import QuadraticRegulariser
 from ngbrain.inverse.optimise.gauss_newton_hessian import Metric
 from ngbrain.inverse.uncertainty.interval import LEVEL, CredibleInterval
 from ngbrain.inverse.uncertainty.randomised_eigenvalues import eigenpairs
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 
 Array = np.ndarray
 MIN_EIGENVALUE = 0.1
@@ -49,7 +49,7 @@ SINGULAR = 1e-13
 
 
 @dataclass(frozen=True, repr=False)
-class InformedDirection(ShortRepr):
+class InformedDirection(BriefText):
     """Direction of x that the data inform.
 
     Parameters

@@ -9,7 +9,7 @@ from scipy import ndimage
 from scipy.spatial import Delaunay, QhullError
 
 from ngbrain.errors import InputError
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 
 _OFF = 1e-3  # tolerance of a grid point, relative to the spacing: coordinates may have been float32
 _WIDE = 3.0  # maximum circumradius of a simplex, relative to the median edge; larger ones bridge concave parts
@@ -19,7 +19,7 @@ _THIN = (
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Grid(ShortRepr):
+class Grid(BriefText):
     """A rectangular grid; its points are numbered along the first axis first (point i + n₀ (j + n₁ k)).
 
     Parameters

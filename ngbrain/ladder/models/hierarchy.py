@@ -26,7 +26,7 @@ from ngbrain.ladder.quantities import (
     interpolate_state,
     reference_size,
 )
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 
 Array = np.ndarray
 RAMP, HOLD = 6, 8
@@ -66,7 +66,7 @@ class ModelHierarchy(SceneBodies):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Solution(ShortRepr):
+class Solution(BriefText):
     """Solution of a model.
 
     Parameters

@@ -10,12 +10,12 @@ from importlib import resources
 import numpy as np
 
 from ngbrain.errors import InputError, nearest
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.materials.lab.modes import find_mode
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Curve(ShortRepr):
+class Curve(BriefText):
     """Measured curve of one test.
 
     Parameters

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ngbrain.errors import InputError
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.mesh.geometry.cleft import Cleft
 from ngbrain.mesh.geometry.level_set import LevelSet, Points
 
@@ -20,7 +20,7 @@ START = 16e-3
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CleftWalls(ShortRepr):
+class CleftWalls(BriefText):
     """Triangle grids on the five sides of a cleft, with common edges.
 
     Parameters

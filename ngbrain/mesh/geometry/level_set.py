@@ -8,7 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from ngbrain.errors import require
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 
 Points = np.ndarray
 LARGE = 100_000
@@ -24,7 +24,7 @@ NEWTON = 12
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LevelSet(ShortRepr):
+class LevelSet(BriefText):
     """Signed distance φ (m) on a grid, negative inside and trilinear in between; far from the shape it is only a bound.
 
     Parameters

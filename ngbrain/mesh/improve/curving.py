@@ -10,7 +10,7 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.image.read.label_map import LabelMap
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.mesh.geometry.curved_elements import determinants, folds
 from ngbrain.mesh.improve.volume_matching import QuadraticInterfaces
 from ngbrain.mesh.labels.indicators import Indicators, Points
@@ -37,7 +37,7 @@ _BASIS = np.concatenate([_AT * (2 * _AT - 1), 4 * _AT[:, [0, 0, 1]] * _AT[:, [1,
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CurvingResult(ShortRepr):
+class CurvingResult(BriefText):
     """A curved mesh and the distances of its interfaces from those of the labels.
 
     Parameters

@@ -8,7 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.mesh.labels.volume_fractions import VolumeFractions
 from ngbrain.mesh.labels.volume_zones import everywhere
 
@@ -30,7 +30,7 @@ _MANY = (np.array([(i, j, k, 3 - i - j - k) for i, j, k in np.ndindex(4, 4, 4) i
 
 
 @dataclass(eq=False, repr=False)
-class SnappedLattice(ShortRepr):
+class SnappedLattice(BriefText):
     """Vertices and tetrahedra on a field of volume fractions.
 
     Parameters

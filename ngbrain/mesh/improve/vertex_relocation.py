@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 
 Points = np.ndarray
 TRIES = 6
@@ -52,7 +52,7 @@ def _square(a: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Stars(ShortRepr):
+class Stars(BriefText):
     """Vertex stars: the tetrahedra around vertex v are `tets[start[v] : start[v + 1]]`.
 
     Parameters

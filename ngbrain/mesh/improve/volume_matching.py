@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.mesh.improve.vertex_relocation import FLATTEST, shape_quality
 from ngbrain.mesh.labels.volume_zones import Zones
 
@@ -130,7 +130,7 @@ _VALUES, _ALONG, _ACROSS = _quadratic_triangle()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class QuadraticInterfaces(ShortRepr):
+class QuadraticInterfaces(BriefText):
     """Second-order interfaces and the volumes that they enclose: V = ⅓ ∮ x·n, ∂V/∂x_i = ∮ N_i n.
 
     Parameters

@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from ngbrain.errors import InputError
 from ngbrain.image.read.label_map import LabelMap
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.mesh.labels.volume_fractions import VolumeFractions
 from ngbrain.mesh.labels.volume_zones import Zones
 
@@ -29,7 +29,7 @@ FAR = 5e-3
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Indicators(ShortRepr):
+class Indicators(BriefText):
     """Volume fraction s_k of each region around a point; region 0 is outside.
 
     The regions of the largest fraction partition the head without gaps or overlaps. Two of them meet where s_a - s_b = 0.

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 
 Points = np.ndarray
 _CHUNK = 1 << 12
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class VolumeFractions(ShortRepr):
+class VolumeFractions(BriefText):
     """Volume fractions on a grid, with all fractions of a voxel contiguous in memory, which is several times as fast.
 
     Parameters

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ngbrain.image.read.label_map import LabelMap
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.mesh.geometry.sizing import SizeField
 
 GRADED = 2.0
@@ -18,7 +18,7 @@ Fine = Callable[[np.ndarray, float, float], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Zones(ShortRepr):
+class Zones(BriefText):
     """A partition of space into zones, and the target volumes of the regions in each.
 
     Parameters

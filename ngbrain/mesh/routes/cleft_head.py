@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ngbrain.errors import InputError
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.mesh.geometry.cleft import Cleft
 from ngbrain.mesh.geometry.cleft_walls import CleftWalls, rim
 from ngbrain.mesh.geometry.level_set import LevelSet, Points
@@ -28,7 +28,7 @@ CLEARANCE = 1.5e-3
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Hull(ShortRepr):
+class Hull(BriefText):
     """A mesh inside smooth surfaces.
 
     Parameters

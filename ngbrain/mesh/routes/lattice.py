@@ -8,7 +8,7 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.image.read.label_map import LabelMap
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.mesh.geometry.sizing import SizeField, sample_sizes
 from ngbrain.mesh.improve.guarded_moves import apply_guarded_moves
 from ngbrain.mesh.improve.octree import MOST, PER_CUBE, body_centred_lattice
@@ -33,7 +33,7 @@ _FINE = (0.5, 0.9)  # parts of the largest size between which elements leave the
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Lattice(ShortRepr):
+class Lattice(BriefText):
     """A mesh and the number of its snapped interface vertices.
 
     Parameters

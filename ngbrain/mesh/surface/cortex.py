@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from ngbrain.errors import InputError
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.segment.topology_correction import NEIGHBOURS, correct_topology, largest_filled_component
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.mesh.surface.mask_surface import contour
 from ngbrain.mesh.surface.smoothing import smooth_surfaces
 from ngbrain.mesh.surface.triangle_mesh import SurfaceMesh
@@ -30,7 +30,7 @@ _CUBE = np.ones((3, 3, 3), bool)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Cortex(ShortRepr):
+class Cortex(BriefText):
     """Nested closed surfaces that do not intersect.
 
     Parameters

@@ -11,7 +11,7 @@ from scipy import ndimage
 
 from ngbrain.errors import InputError
 from ngbrain.image.read.label_map import LabelMap
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.mesh.geometry.level_set import LevelSet
 from ngbrain.mesh.surface.remeshing import SPECK, RemeshedSurface
 
@@ -85,7 +85,7 @@ def excessive(repairs: Iterable[Repair], volumes_ml: Mapping[str, float]) -> dic
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Outlines(ShortRepr):
+class Outlines(BriefText):
     """Smooth signed distances of a head and of the regions inside it.
 
     Parameters

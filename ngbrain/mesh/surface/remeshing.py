@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from ngbrain.errors import InputError
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.mesh.geometry.level_set import LevelSet, Points
 from ngbrain.mesh.geometry.sizing import SizeField
 from ngbrain.mesh.surface.manifold import boundary, faults, pieces, repair_manifold
@@ -30,7 +30,7 @@ SPECK = 1e-8
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RemeshedSurface(ShortRepr):
+class RemeshedSurface(BriefText):
     """A closed surface without self-intersections.
 
     Parameters

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SurfaceMesh(ShortRepr):
+class SurfaceMesh(BriefText):
     """A closed triangle surface with two triangles at every edge.
 
     Parameters

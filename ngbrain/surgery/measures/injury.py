@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ngbrain.adjoint.time_curve import TimeCurve
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.tensors import octahedral_shear
 from ngbrain.units import to_minutes
 
@@ -16,7 +16,7 @@ MPS_THRESHOLDS = (0.14, 0.18, 0.21, 0.34)
 
 
 @dataclass(frozen=True, repr=False)
-class Strain(ShortRepr):
+class Strain(BriefText):
     """Strain at points, from the principal stretches λ (n, 3), ascending."""
 
     stretch: np.ndarray

@@ -12,7 +12,7 @@ import numpy as np
 from ngbrain.forward.observables import StrainPercentile
 from ngbrain.forward.observables.percentiles import weighted_percentile
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.materials.points import evaluate_at_points
 from ngbrain.mesh.geometry.cleft import Cleft
 from ngbrain.surgery.measures.injury import Strain, stretching_rate, von_mises
@@ -84,7 +84,7 @@ class MeasureStatistics:
 
 
 @dataclass(frozen=True, repr=False)
-class Sites(ShortRepr):
+class Sites(BriefText):
     """Sampling points, each representing a volume of unloaded tissue.
 
     Parameters
@@ -258,7 +258,7 @@ class Sampler:
 
 
 @dataclass(frozen=True, repr=False)
-class TissueSample(ShortRepr):
+class TissueSample(BriefText):
     """Tissue at one time.
 
     Parameters

@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from ngbrain.errors import InputError
 from ngbrain.image.segment.from_surfaces import inside_surface
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.mesh.geometry.cleft import Cleft
 from ngbrain.mesh.surface.triangle_mesh import SurfaceMesh
 from ngbrain.surgery.tools.base import RigidTool, SignedDistance, coordinates
@@ -36,7 +36,7 @@ PAIRS = [(i, j) for i in range(3) for j in range(i, 3)]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DistanceGrid(ShortRepr):
+class DistanceGrid(BriefText):
     """Signed distances on a grid in the tool's own axes, with a cubic spline through them.
 
     Parameters

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ngbrain.errors import InputError
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.scene import Scene
 from ngbrain.schema.document import Document, Section
 from ngbrain.schema.fields import custom_table, number, path, table, text
@@ -28,7 +28,7 @@ WIDEST = 10.0
 
 
 @dataclass(frozen=True, repr=False)
-class Changes(ShortRepr):
+class Changes(BriefText):
     """Keys of a scene's table with other values, as they are in TOML."""
 
     keys: Mapping[str, Any]

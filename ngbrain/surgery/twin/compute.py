@@ -16,7 +16,7 @@ from ngbrain import parallel
 from ngbrain.errors import InputError
 from ngbrain.image.read.label_file import read_labels
 from ngbrain.io import FinishedWork, versions
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.parallel import Callback, Task
 from ngbrain.scene import Scene
 from ngbrain.surgery.model import RetractionModel
@@ -42,7 +42,7 @@ TOGETHER = 3
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PatientModel(ShortRepr):
+class PatientModel(BriefText):
     """One patient: plans on a head, relative stiffness and prior.
 
     Parameters

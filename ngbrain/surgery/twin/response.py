@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.surgery.quantities import QUANTITIES
 
 Array = np.ndarray
@@ -22,7 +22,7 @@ def unit(measure: str) -> str:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Response(ShortRepr):
+class Response(BriefText):
     """Measures of a plan about the prior's centre.
 
     Parameters

@@ -20,7 +20,7 @@ from scipy.special import ndtri
 from ngbrain.errors import InputError, file_context
 from ngbrain.image.read.property_maps import COVERED, fill_missing, measured_mask, read_map
 from ngbrain.image.read.volume import Volume
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.surgery.twin.case import Lesion, StiffnessData
 from ngbrain.surgery.twin.norms import NormalTissue
 
@@ -36,7 +36,7 @@ LEAST_DEVIATION = 0.01
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class MeasuredMap(ShortRepr):
+class MeasuredMap(BriefText):
     """A map of the magnitude of the shear modulus with its error.
 
     Parameters
@@ -90,7 +90,7 @@ def _beside(modulus: Volume, path: str, key: str) -> Array:
 
 
 @dataclass(eq=False, repr=False)
-class RelativeStiffness(ShortRepr):
+class RelativeStiffness(BriefText):
     """ln r at points, with its uncertain parts.
 
     Parameters

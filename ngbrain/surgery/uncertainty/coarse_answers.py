@@ -16,7 +16,7 @@ from importlib import resources
 import numpy as np
 from scipy.stats import t as student_t
 
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.scene import Scene
 
 MAIN = ("peak_pressure_mmHg", "dose_mmHg_min", "peak_force_N", "mps_p95")
@@ -82,7 +82,7 @@ def coarse_scene(scene: Scene, coarser: bool = False) -> Scene:
 
 
 @dataclass(frozen=True, repr=False)
-class CoarseRecord(ShortRepr):
+class CoarseRecord(BriefText):
     """How coarse and refined answers of scenes differed that were computed beforehand.
 
     Parameters

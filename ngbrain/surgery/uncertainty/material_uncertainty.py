@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.materials import CATALOGUE, Viscous
 from ngbrain.materials.catalogue import Published
 from ngbrain.materials.families import law_after, shear_modulus
@@ -35,7 +35,7 @@ SOFTENED = 0.5
 
 
 @dataclass(frozen=True, repr=False)
-class Comparable(ShortRepr):
+class Comparable(BriefText):
     """Published shear moduli that the scene's own modulus at the site is compared with.
 
     Parameters

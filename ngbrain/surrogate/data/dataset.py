@@ -33,7 +33,7 @@ from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.io.finished import FinishedWork
 from ngbrain.io.hdf5 import hdf5_image
 from ngbrain.io.versions import versions
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.materials import Shearing
 from ngbrain.mesh.geometry.structured import rectangles
 from ngbrain.progress import log_progress, reporting
@@ -54,7 +54,7 @@ BLOCK = 25
 
 
 @dataclass(frozen=True, repr=False)
-class Sample(ShortRepr):
+class Sample(BriefText):
     """One square of training data; arrays have y as first axis.
 
     Parameters
@@ -333,7 +333,7 @@ def _block(
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DataSet(ShortRepr):
+class DataSet(BriefText):
     """A data set written by `generate`, in memory; arrays have one row per sample.
 
     Parameters

@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline, make_interp_spline
 
 from ngbrain.errors import InputError
 from ngbrain.io.waves import Grid, WaveData
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 
 Array = np.ndarray
 LEAST = 26
@@ -28,7 +28,7 @@ SPLINE = 4
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Raster(ShortRepr):
+class Raster(BriefText):
     """Displacements along the axes of a raster; arrays have y as first space axis.
 
     Parameters

@@ -7,7 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.surrogate.data.dataset import DENSITY, SIDES
 from ngbrain.surrogate.data.raster import squares
 from ngbrain.surrogate.data.ultrasound_window import remove_strain_trend
@@ -21,7 +21,7 @@ LARGEST = 50.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RasterField(ShortRepr):
+class RasterField(BriefText):
     """Displacement field on a raster.
 
     Parameters
@@ -43,7 +43,7 @@ class RasterField(ShortRepr):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class TilePrediction(ShortRepr):
+class TilePrediction(BriefText):
     """Input and output of the operator for one square.
 
     Parameters
@@ -83,7 +83,7 @@ class TilePrediction(ShortRepr):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FieldPrediction(ShortRepr):
+class FieldPrediction(BriefText):
     """Prediction for a field.
 
     Parameters

@@ -27,7 +27,7 @@ from torch import nn
 from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError, nearest
 from ngbrain.io.json_file import write_json
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.progress import log_progress, reporting
 from ngbrain.surrogate.data.dataset import DENSITY, DataSet
 from ngbrain.surrogate.operator.encoding import NOISE, Modality, add_noise, modality, relative_errors
@@ -143,7 +143,7 @@ def objective(mean: torch.Tensor, scale: torch.Tensor, targets: torch.Tensor) ->
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Learner(ShortRepr):
+class Learner(BriefText):
     """Data set with its targets, as a source of training batches.
 
     Parameters

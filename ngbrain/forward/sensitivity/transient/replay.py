@@ -22,7 +22,7 @@ from ngbrain.forward.contact.motion import Motion
 from ngbrain.forward.solid.advance import LoadHistory, LoadProgram, advance
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.time_stepper import TimeStepper
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 from ngbrain.result import Status
 from ngbrain.solvers.newton import Newton, System
 from ngbrain.solvers.record import NewtonRecord
@@ -35,7 +35,7 @@ SHORTEST = 1e-2
 
 
 @dataclass(frozen=True, repr=False)
-class ReplayStep(ShortRepr):
+class ReplayStep(BriefText):
     """The n-th time step.
 
     Parameters
@@ -54,7 +54,7 @@ class ReplayStep(ShortRepr):
 
 
 @dataclass(frozen=True, repr=False)
-class RunCheckpoint(ShortRepr):
+class RunCheckpoint(BriefText):
     """The run at grid[n].
 
     Parameters

@@ -15,7 +15,7 @@ from ngbrain.forward.sensitivity.parameter_blocks import PrescribedDisplacement
 from ngbrain.forward.sensitivity.transient.replay import ReplayStep
 from ngbrain.forward.sensitivity.transient.tangents import FINE_RTOL, RTOL
 from ngbrain.forward.solid.tangent import Solve
-from ngbrain.look import ShortRepr
+from ngbrain.look import BriefText
 
 if TYPE_CHECKING:
     from ngbrain.forward.sensitivity.transient.run_model import RunModel
@@ -26,7 +26,7 @@ TOGETHER = 40
 
 
 @dataclass(repr=False)
-class CarriedState(ShortRepr):
+class CarriedState(BriefText):
     """What a step passes on to the next one: changes of it (tangent), or the gradient with respect to it (adjoint).
 
     Parameters
