@@ -1,4 +1,4 @@
-"""Pictures of a head in a notebook: slices with labels and mesh, surfaces, element quality, and an interactive mesh.
+"""Pictures of a head in a notebook: slices with labels and mesh, surfaces, element quality, and interactive scenes.
 
 The pictures are those of the report of `ngbrain mesh`. They need the extras `report` and `viz`, the interactive mesh `viz`
 alone. No network is needed, neither in the notebook nor in its exports.
@@ -8,13 +8,14 @@ alone. No network is needed, neither in the notebook nor in its exports.
 >>> made = mesh_elements(labels, "lattice")  # doctest: +SKIP
 >>> viz.slices(made, labels), viz.surfaces(made), viz.quality(made)  # doctest: +SKIP
 >>> viz.interactive(made.mesh())  # doctest: +SKIP
+>>> viz.panel(made, labels, scan)  # doctest: +SKIP
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from importlib.util import find_spec
 from pathlib import Path
@@ -30,6 +31,7 @@ from ngbrain.image.read.volume import Volume, reorient_to_ras
 from ngbrain.mesh.quality import Quality
 from ngbrain.mesh.tet_mesh import Elements
 from ngbrain.report.pages import anatomy
+from ngbrain.report.pictures.panel import Panel, SurfaceLayer, VolumeLayer
 
 Place = Sequence[float] | np.ndarray
 
@@ -130,6 +132,55 @@ def surfaces(elements: Elements, at: Place | None = None) -> Any:
         The point is not three finite numbers.
     """
     return _image(anatomy.space(elements, _through(elements, at)))
+
+
+def panel(
+    elements: Elements,
+    labels: LabelMap | None = None,
+    t1: Volume | None = None,
+    at: Place | None = None,
+    more: Sequence[SurfaceLayer | VolumeLayer] = (),
+) -> Panel:
+    """Show the mesh, the scan and its labels in one scene to be turned, with further surfaces and volumes such as tool and maps.
+
+    It needs neither a network nor widgets; `write` makes a page that opens alone.
+
+    Parameters
+    ----------
+    elements : Elements
+        The mesh.
+    labels : LabelMap, optional
+        Labels that it was generated from.
+    t1 : Volume, optional
+        The scan on the voxels of the labels.
+    at : array_like, optional
+        (3,) m, point of the three planes of scan and labels at first; by default the centre.
+    more : sequence of SurfaceLayer or VolumeLayer
+        Further layers, from `ngbrain.report.pictures.panel`.
+
+    Returns
+    -------
+    Panel
+
+    Raises
+    ------
+    InputError
+        The point is not three finite numbers.
+
+    Examples
+    --------
+    >>> from ngbrain.mesh.geometry.sizing import RadialSizeField
+    >>> from ngbrain.mesh.routes.lattice import lattice
+    >>> points = np.stack(np.meshgrid(*[np.arange(-14, 15)] * 3, indexing="ij"), axis=-1)
+    >>> ball = Volume((np.linalg.norm(points, axis=-1) < 11).astype(np.int32), np.diag([1e-3, 1e-3, 1e-3, 1]))
+    >>> labels = LabelMap(ball, {1: "grey"})
+    >>> made = panel(lattice(labels, RadialSizeField(5e-3, 5e-3)).elements, labels)
+    >>> [layer.name for layer in made.layers]
+    ['grey', 'elements at the surface', 'labels (grey)']
+    """
+    volume = None if labels is None else labels.resample_to_ras()
+    made = anatomy.panel(elements, volume, None if t1 is None else reorient_to_ras(t1), _through(elements, at))
+    return replace(made, layers=[*made.layers, *more])
 
 
 def quality(elements: Elements) -> Any:

@@ -19,6 +19,7 @@ from ngbrain.scene import Scene
 from ngbrain.surgery.head_models import transfer_scene
 from ngbrain.surgery.retraction import CHECKS
 from ngbrain.surgery.uncertainty.error_budget import FAILED, NOT_COMPUTED, UNDER_WAY
+from ngbrain.workflows.preview import draw
 from ngbrain.workflows.quick.operation import count_runs, has_first_answers
 from ngbrain.workflows.simulate import simulate
 
@@ -68,10 +69,11 @@ def _answer(scene: Scene, arguments: argparse.Namespace) -> int:
     folder: Path = arguments.output
 
     said = set[str]()
+    drawing = None if scene.is_operation else draw(scene)
 
     def extend(found: dict[str, Any]) -> None:
         """Write the report after each model, so that an interrupted search leaves one."""
-        path = page.build(folder / "report.html", found)
+        path = page.build(folder / "report.html", found, drawing)
         if arguments.quick and not (said or arguments.quiet or found["first_answers"]["refined"]):
             said.add(FIRST)
             line.say("\n".join([*_first_answers(found), f"report: {path} (refinement under way)", ""]))
@@ -89,7 +91,7 @@ def _answer(scene: Scene, arguments: argparse.Namespace) -> int:
         ).to_dict()
     for text in result["warnings"]:
         LOG.warning("warning: %s", text)
-    report = folder / "report.html"
+    report = page.build(folder / "report.html", result, drawing)
     cautions = [f"caution: {text}" for text in result["cautions"]]
     conclude(arguments.quiet, [*_answers(result), f"report: {report}"], cautions)
     if unknown := [each["quantity"] for each in result["answers"] if each["error_estimate"] is None]:

@@ -25,19 +25,21 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ngsolve import ngsglobals
 
 from ngbrain import parallel
+from ngbrain.errors import InputError
 from ngbrain.io import versions, write_json
 from ngbrain.ladder.axes import axes_of, cheapest, richest
 from ngbrain.ladder.estimates import relative_difference
 from ngbrain.ladder.levels import Model
 from ngbrain.ladder.model_search import assess, search_models
 from ngbrain.ladder.models.hierarchy import ModelHierarchy
-from ngbrain.ladder.quantities import Asked, Question
+from ngbrain.ladder.quantities import BODY, Asked, Question, deformed_state, write_state
 from ngbrain.ladder.search_result import Rung, SearchResult
 from ngbrain.ladder.solutions import SolutionCache
 from ngbrain.ladder.summary import RequestedQuantity, summarise
@@ -115,7 +117,8 @@ def solve(
     scene : Scene
         The loads, and the requested quantities with their tolerances.
     folder : str or Path, optional
-        Where `result.json` goes; None writes nothing.
+        Where `result.json` goes, and `body.vtkhdf` with displacement (m) and largest principal strain of the answer's model at the
+        end, where it is an elastic body in space; None writes nothing.
     model : mapping of str, optional
         Axis → level of a prescribed model, without a search; other axes are at their cheapest level.
     richest : mapping of str, optional
@@ -230,6 +233,9 @@ def run_search(
     with using(threads):
         found = find(written)
     result = written(found)
+    if folder is not None and (state := deformed_state(found.states)) is not None:
+        with suppress(InputError):  # a mesh that was refined in place has no file
+            write_state(Path(folder) / BODY, state)
     return SceneResult(result, status=Status.CONVERGED, warnings=result["warnings"])
 
 

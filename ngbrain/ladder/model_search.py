@@ -145,7 +145,8 @@ def search_along(
     within = bool(np.all(rungs[-1].error_bound <= tolerances))
     reason = "" if within else f"estimated error {_percent(rungs[-1].error_bound)}, tolerance {_percent(tolerances)}"
     status = Status.CONVERGED if within else Status.INACCURATE
-    return SearchResult(dict(axes), status=status, reason=reason, history=rungs, warnings=flags)
+    states = cache(rungs[-1].model).states
+    return SearchResult(dict(axes), status=status, reason=reason, history=rungs, warnings=flags, states=states)
 
 
 def _percent(errors: Array) -> str:
@@ -212,7 +213,8 @@ def assess_along(axes: Mapping[str, Axis], cache: SolutionCache, model: Model) -
     begun = cache.clock()
     rung = _rung(cache, model, {name: axis for name, axis in axes.items() if axis.next_level(model[name])})
     rung.cost_s = cache.clock() - begun
-    return SearchResult(dict(axes), status=Status.CONVERGED, history=[rung], warnings=_collect_warnings(cache, rung))
+    found, doubts = cache(rung.model), _collect_warnings(cache, rung)
+    return SearchResult(dict(axes), status=Status.CONVERGED, history=[rung], warnings=doubts, states=found.states)
 
 
 def _collect_warnings(cache: SolutionCache, rung: Rung) -> list[str]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import ngsolve as ngs
 import numpy as np
@@ -12,6 +13,7 @@ from ngbrain.errors import InputError
 from ngbrain.forward.observables import Displacements, Force, Observable, StrainPercentile
 from ngbrain.forward.observables.percentiles import ProblemPercentile
 from ngbrain.forward.solid.problem import Problem
+from ngbrain.io import Frame, QuadraticGrid, save
 from ngbrain.look import BriefText
 from ngbrain.materials.base import check_parameter
 from ngbrain.scene import Quantity, Scene
@@ -62,6 +64,37 @@ class BodyState(BriefText):
     def displacement(self) -> ngs.CoefficientFunction:
         """Displacement at full load (m)."""
         return self.body.u / self.factor
+
+
+BODY = "body.vtkhdf"
+"""File of the deformed body."""
+
+
+def deformed_state(states: Mapping[str, BodyState]) -> BodyState | None:
+    """The last state of a body in space; None without one."""
+    last = states.get("end") or next(iter(states.values()), None)
+    return None if last is None or last.plane else last
+
+
+def write_state(path: Path, state: BodyState) -> None:
+    """Write a deformed body for ParaView: displacement (m) at full load, and the largest principal strain (of Green).
+
+    Parameters
+    ----------
+    path : Path
+        File that ends in .vtkhdf.
+    state : BodyState
+        A state of a body in space.
+    """
+    state.apply()
+    grid = QuadraticGrid(state.body.mesh)
+    moved = state.displacement()
+    gradient = grid.values(ngs.Grad(state.body.u) / state.factor).reshape(-1, 3, 3)
+    strain = (gradient + gradient.transpose(0, 2, 1)) / 2
+    if not state.linear:
+        strain = strain + gradient.transpose(0, 2, 1) @ gradient / 2
+    largest = np.linalg.eigvalsh(strain)[:, 2]
+    save(path, grid, [Frame(0.0, {"displacement": grid.values(moved), "max_principal_strain": largest})])
 
 
 WHEN = ("end", "ramp")

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from ngbrain.ladder.axes import Axis
 from ngbrain.ladder.estimates import Estimate
+from ngbrain.ladder.quantities import BodyState
 from ngbrain.look import BriefText
 from ngbrain.result import Result
 
@@ -57,11 +59,18 @@ class Rung(BriefText):
 
 @dataclass(repr=False, eq=False)
 class SearchResult(Result):
-    """Result of a search: all models (`history`, the last one chosen), the scene's axes, and `warnings` on the answer's
-    reliability.
+    """Result of a search: all models (`history`, the last one chosen), and `warnings` on the answer's reliability.
+
+    Attributes
+    ----------
+    axes : dict of Axis
+        Axes of the scene.
+    states : mapping of BodyState
+        States of the chosen model by the time of their questions, of an elastic body.
     """
 
     axes: dict[str, Axis]
+    states: Mapping[str, BodyState] = field(default_factory=dict, kw_only=True)
 
     @property
     def value(self) -> Array:

@@ -65,7 +65,7 @@ def preview(scene: Scene | str | Path, folder: str | Path) -> Path:
     """
     if not isinstance(scene, Scene):
         scene = Scene.from_toml(scene)
-    drawing = _drawing(scene)
+    drawing = draw(scene)
     Path(folder).mkdir(parents=True, exist_ok=True)
     return page.build(Path(folder) / "preview.html", drawing)
 
@@ -88,7 +88,7 @@ def plot_scene(scene: Scene) -> Any:
     MissingExtra
         matplotlib is not installed.
     """
-    return page.plot_drawing(_drawing(scene))
+    return page.plotdraw(draw(scene))
 
 
 def plot_problem(problem: Problem) -> Any:
@@ -125,10 +125,11 @@ def plot_problem(problem: Problem) -> Any:
         moved = way is None or bool(np.any(way))
         conditions.append(Condition("moved" if moved else "fixed", pattern, _matching(pattern, names), way))
     middle = (parts["points"].min(axis=0) + parts["points"].max(axis=0)) / 2
-    return page.plot_drawing(Drawing("", **parts, focus=middle, head=False, conditions=conditions))
+    return page.plotdraw(Drawing("", **parts, focus=middle, head=False, conditions=conditions))
 
 
-def _drawing(scene: Scene) -> Drawing:
+def draw(scene: Scene) -> Drawing:
+    """Everything that is drawn of a scene; raises `InputError` for one that is not meaningful."""
     return _operation(scene) if scene.is_operation else _body(scene)
 
 

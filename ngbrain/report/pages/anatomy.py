@@ -16,9 +16,10 @@ from ngbrain.image.read.volume import Volume
 from ngbrain.mesh.quality import Quality
 from ngbrain.mesh.tet_mesh import Elements
 from ngbrain.report.pages.page import write_page
+from ngbrain.report.pictures.panel import Panel, SurfaceLayer, VolumeLayer, colour_code, scan_layers
 from ngbrain.report.pictures.style import WIDTH, bar_mm, figure, inches, png, style
 from ngbrain.report.render.renderer import Camera, Layer, draw
-from ngbrain.report.render.surface import Floats, Ints, cut_surface, cut_tets, vertex_normals
+from ngbrain.report.render.surface import Floats, Ints, cut_surface, cut_tets, outer_triangles, vertex_normals
 
 COLOURS = (
     "#56B4E9", "#999999", "#F2E6C9", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00",
@@ -74,6 +75,7 @@ def build(
         "quality": histograms(Quality.of(elements)),
     }
     variables = {"result": result, "scan": t1 is not None, "least_contrast": LEAST_CONTRAST}
+    variables["panel"] = panel(elements, labels.resample_to_ras() if labels else None, t1, at)
     return write_page(Path(path), "anatomy.html", pictures, **variables)
 
 
@@ -198,6 +200,46 @@ def space(elements: Elements, at: Floats) -> bytes:
             axes.set_title(title)
             bar_mm(axes, 50)
         return png(page)
+
+
+def panel(
+    elements: Elements, labels: LabelMap | None = None, t1: Volume | None = None, at: Floats | None = None
+) -> Panel:
+    """Regions, elements, scan and labels, to be turned.
+
+    Parameters
+    ----------
+    elements : Elements
+        The mesh.
+    labels : LabelMap, optional
+        Labels on axis-aligned cubic voxels.
+    t1 : Volume, optional
+        The scan on the same voxels.
+    at : ndarray, shape (3,), optional
+        Common point of the planes (m); by default the centre.
+
+    Returns
+    -------
+    Panel
+    """
+    points, outer = elements.points, outer_triangles(elements.tets)
+    layers: list[SurfaceLayer | VolumeLayer] = []
+    whole = set(np.unique(outer).tolist())
+    for i, name in enumerate(elements.regions):
+        mine = outer_triangles(elements.tets[elements.region == i])
+        if len(mine):
+            outside = float(np.mean([node in whole for node in mine.ravel()[:: max(1, mine.size // 3000)]])) > 0.3
+            layers.append(
+                SurfaceLayer(name, points, mine, colour_code(_rgba(name, i)), opacity=0.35 if outside else 1.0)
+            )
+    layers.append(SurfaceLayer("elements at the surface", points, outer, "#5a6b7a", edges=True, shown=False))
+    if labels is not None:
+        spacing, origin = labels.volume.spacing, labels.volume.affine[:3, 3]
+        tints = [colour_code(_rgba(name, i)) for i, name in enumerate(labels.regions)]
+        layers += scan_layers(
+            None if t1 is None else t1.data, labels.volume.data, labels.regions, tints, origin, spacing
+        )
+    return Panel(layers, "The mesh in three dimensions", focus=at)
 
 
 def histograms(quality: Quality) -> bytes:

@@ -15,7 +15,9 @@ from ngbrain.io.waves import WaveData
 from ngbrain.report.pages import parameters
 from ngbrain.report.pages.page import write_page
 from ngbrain.report.pages.parameters import PARAMETERS
+from ngbrain.report.pictures.panel import Panel
 from ngbrain.report.pictures.planes import Plane, planes
+from ngbrain.report.pictures.planes import panel as planes_panel
 from ngbrain.report.pictures.style import SPARE, WIDTH, figure, png, style
 from ngbrain.report.render.surface import Floats
 
@@ -71,6 +73,7 @@ def build(
         Path(path),
         "elastography.html",
         pictures,
+        panel=panel(result, data, arrays),
         result=result,
         waves=[(f"waves_{load}", load_name(data, load)) for load in range(loads)],
         loads=data.loads,
@@ -84,6 +87,49 @@ def build(
         facts=[*data_facts(data), *parameters.facts(result)],
         known=any("relative_l2_error" in answer for answer in result["answers"].values()),
     )
+
+
+def panel(result: Mapping[str, Any], data: WaveData, arrays: Mapping[str, Floats]) -> Panel | None:
+    """Maps of the parameters, of what is derived from them and of their intervals, and the truth, to be turned.
+
+    Parameters
+    ----------
+    result : mapping of str to Any
+        Result of the command `invert` or `predict`.
+    data : WaveData
+        The wave data.
+    arrays : mapping of str to ndarray
+        The maps.
+
+    Returns
+    -------
+    Panel or None
+    """
+    found: dict[str, tuple[Floats, Floats]] = {}
+
+    def add(name: str, values: Floats, look: Mapping[str, Any] | None = None) -> None:
+        look = look or window(MODULUS, values)
+        found[name] = values, np.array([look["vmin"], look["vmax"]])
+
+    truths = data.truth_views
+    for name in result["answers"]:
+        values = PARAMETERS[name].factor * scale_to_truth(data, name, arrays[name])
+        truth = (
+            np.where(data.mask, PARAMETERS[name].factor * np.real(truths[name]), np.nan) if name in truths else values
+        )
+        look = window(MODULUS, np.concatenate([values, truth]))
+        add(PARAMETERS[name].label, values, look)
+        if name in truths:
+            add(f"{PARAMETERS[name].label}, truth", truth, look)
+        if f"{name}_low" in arrays:
+            width = 50 * (arrays[f"{name}_high"] - arrays[f"{name}_low"]) / np.abs(arrays[name])
+            add(f"{PARAMETERS[name].symbol}, half width of the 95 % interval (%)", width)
+    for name in DERIVED:
+        if name in arrays and np.nanmax(np.abs(arrays[name])) > 0:
+            add(PARAMETERS[name].label, PARAMETERS[name].factor * arrays[name])
+    if "oss_snr" in arrays and np.isfinite(arrays["oss_snr"][0]).any():
+        add(PARAMETERS["oss_snr"].label, arrays["oss_snr"][0])
+    return planes_panel(data, found, MODULUS)
 
 
 def waves(data: WaveData, arrays: Mapping[str, Floats], load: int, flat: Sequence[Plane]) -> bytes:

@@ -73,6 +73,7 @@ def build(
         Path(path),
         "prediction.html",
         pictures,
+        panel=elastography.panel(result, data, arrays),
         result=result,
         parameters=parameters.parameters(result),
         label_heads=parameters.label_heads(result),

@@ -13,10 +13,11 @@ import numpy as np
 from ngbrain.errors import require
 from ngbrain.look import notebook_figure
 from ngbrain.report.pages.page import write_page
+from ngbrain.report.pictures.panel import Panel, SurfaceLayer, VolumeLayer, colour_code, scan_layers
 from ngbrain.report.pictures.slices import ScanImage
 from ngbrain.report.pictures.style import DPI, STEEL, bar_mm, inches, png, style
 from ngbrain.report.render.renderer import Camera, Layer, draw
-from ngbrain.report.render.surface import Floats, Ints, cut_surface, cut_tets, vertex_normals
+from ngbrain.report.render.surface import Floats, Ints, cut_surface, cut_tets, outer_triangles, vertex_normals
 
 KINDS = {
     "fixed": "#7A7A7A",
@@ -186,6 +187,7 @@ def build(path: str | os.PathLike[str], drawing: Drawing) -> Path:
         tool=TOOL,
         ghost=GHOST,
         solids=[solid.name for solid in drawing.solids],
+        panel=panel(drawing),
     )
 
 
@@ -219,6 +221,67 @@ def plot_drawing(drawing: Drawing) -> Any:
         marks = [patch(facecolor=colour, label=name) for name, colour in colours.items()]
         made.legend(handles=marks, loc="lower center", ncols=max(len(marks), 1), frameon=False)
     return made
+
+
+def panel(drawing: Drawing, deformed: SurfaceLayer | None = None) -> Panel:
+    """Boundaries in the colours of their conditions, rigid bodies, elements and scan, to be turned.
+
+    Parameters
+    ----------
+    drawing : Drawing
+        The scene.
+    deformed : SurfaceLayer, optional
+        The body after the loads.
+
+    Returns
+    -------
+    Panel
+    """
+    by_kind: dict[str, list[Ints]] = {}
+    for name, tris in drawing.faces.items():
+        colour = drawing.boundary_colour(name)
+        kind = next((kind for kind, own in KINDS.items() if own == colour), "free surface")
+        by_kind.setdefault(kind, []).append(tris)
+    layers: list[SurfaceLayer | VolumeLayer] = [] if deformed is None else [deformed]
+    for solid in drawing.solids:
+        last = SurfaceLayer(f"{solid.name}, last position", *solid.last, GHOST, opacity=0.4, shown=False, whole=True)
+        layers += [SurfaceLayer(solid.name, solid.points, solid.triangles, colour_code(STEEL), whole=True), last]
+    clear = drawing.head or deformed is not None
+    for kind, parts in by_kind.items():
+        opacity = 0.35 if clear and (kind in ("free surface", "fixed", "sliding") or deformed is not None) else 1.0
+        tris = np.concatenate(parts)
+        layers.append(SurfaceLayer(kind, drawing.points, tris, KINDS.get(kind, "#d9cdb8"), opacity=opacity))
+    every = outer_triangles(drawing.tets)
+    layers.append(
+        SurfaceLayer(
+            "elements at the surface",
+            drawing.points,
+            every,
+            "#5a6b7a",
+            edges=True,
+            shown=not drawing.head and deformed is None,
+        )
+    )
+    inner = sorted(set(drawing.region.tolist()))
+    for name in inner if len(inner) > 1 else ():
+        tris = outer_triangles(drawing.tets[drawing.region == name])
+        layers.append(SurfaceLayer(f"region {name}", drawing.points, tris, drawing.colours[name], shown=False))
+    if drawing.image is not None:
+        names, tints = (
+            ("CSF", "grey matter", "white matter", "ventricles"),
+            ("#56B4E9", "#999999", "#F2E6C9", "#0072B2"),
+        )
+        image = drawing.image
+        layers += scan_layers(image.t1, image.labels, names, tints, image.origin, np.full(3, image.spacing))
+    side = np.sign(drawing.focus[0] - _middle(drawing.points)[0]) or 1.0
+    toward = (0.75 * side, 0.75, 0.65) if drawing.head else (0.6, -1.0, 0.7)
+    return Panel(layers, "The scene in three dimensions", toward=toward, focus=drawing.focus, head=drawing.head)
+
+
+def space_picture(drawing: Drawing) -> bytes:
+    """The scene in space, as a PNG."""
+    with style():
+        return _space(drawing)
 
 
 def _title(drawing: Drawing, axis: int) -> str:

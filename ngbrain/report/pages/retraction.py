@@ -11,8 +11,9 @@ from ngbrain.reading import read_json
 from ngbrain.report import words
 from ngbrain.report.pages import first_answers, tables
 from ngbrain.report.pages.page import write_page
-from ngbrain.report.pictures import animation, figures, slices
+from ngbrain.report.pictures import animation, figures, slices, volume
 from ngbrain.report.pictures.animation import Animation
+from ngbrain.report.pictures.panel import Panel
 from ngbrain.report.pictures.style import StrainScale, colour
 from ngbrain.report.pictures.timeline import Run
 
@@ -48,7 +49,7 @@ class Report:
         for package in ("matplotlib", "jinja2"):
             require(package, "report")
         self.folder = Path(folder)
-        self._drawn: tuple[dict[str, bytes], Animation, str, float] | None = None
+        self._drawn: tuple[dict[str, bytes], Animation, str, float, Panel] | None = None
         self._runs: tuple[str, ...] = ()
 
     def write(self) -> Path:
@@ -63,7 +64,7 @@ class Report:
         where, runs = folder / result.get("runs_in", ""), (result.get("runs_in", ""), *result["answers"])
         if self._drawn is None or runs != self._runs:
             self._drawn, self._runs = _pictures(where, result), runs
-        pictures, film, shown, time = self._drawn
+        pictures, film, shown, time, panel = self._drawn
         answers, comparison = result["answers"], result.get("comparison") or {}
         status, band = result.get("check_status") or {}, result.get("material_uncertainty") or {}
         openings = [max(answer["series"]["blade_mm"]) for answer in answers.values()]
@@ -73,6 +74,7 @@ class Report:
             pictures,
             result=result,
             film=film,
+            panel=panel,
             shown=shown,
             time=words.duration(time),
             same_opening=len(openings) > 1 and max(openings) - min(openings) <= tables.EQUAL * max(openings),
@@ -113,8 +115,8 @@ def _read(path: Path) -> dict[str, Any]:
     return result
 
 
-def _pictures(folder: Path, result: dict[str, Any]) -> tuple[dict[str, bytes], Animation, str, float]:
-    """Pictures by name, the animation, the protocol shown in 3-D (the first with the largest strain), and its time (s)."""
+def _pictures(folder: Path, result: dict[str, Any]) -> tuple[dict[str, bytes], Animation, str, float, Panel]:
+    """Pictures by name, the animation, the protocol shown in 3-D (the first with the largest strain), its time (s), the panel."""
     answers = result["answers"]
     strain = {name: answer.get("mps_p95") or 0.0 for name, answer in answers.items()}
     shown = next(name for name in answers if strain[name] >= (1 - tables.EQUAL) * max(strain.values()))
@@ -136,4 +138,4 @@ def _pictures(folder: Path, result: dict[str, Any]) -> tuple[dict[str, bytes], A
         drawn["peaks"] = animation.peaks(runs, answers, scale)
     if image:
         drawn["slices"] = slices.slices(image, peak)
-    return drawn, animation.animation(runs, answers, scale), shown, peak.time
+    return drawn, animation.animation(runs, answers, scale), shown, peak.time, volume.panel(peak, scale, image)

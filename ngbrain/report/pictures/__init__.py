@@ -6,6 +6,7 @@
 - `slices`: three slices of the scan with labels and mesh.
 - `cut_plane`: deformed tissue and blade in the plane of approach and push.
 - `planes`: values at data points as images or triangulations.
+- `panel`: surfaces and volumes in one interactive scene.
 - `timeline`: a protocol's run, interpolated in time.
 - `frame`: tissue and blade of a protocol at one time.
 - `tool`: sections and surfaces of the tools.
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
         cut_plane,
         figures,
         frame,
+        panel,
         planes,
         slices,
         style,
@@ -32,4 +34,16 @@ if TYPE_CHECKING:
 else:
     __getattr__, __dir__ = lazy_names(__name__)
 
-__all__ = ["animation", "cut_plane", "figures", "frame", "planes", "slices", "style", "timeline", "tool", "volume"]
+__all__ = [
+    "animation",
+    "cut_plane",
+    "figures",
+    "frame",
+    "panel",
+    "planes",
+    "slices",
+    "style",
+    "timeline",
+    "tool",
+    "volume",
+]

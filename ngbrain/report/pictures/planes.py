@@ -11,6 +11,7 @@ import numpy.typing as npt
 from scipy.spatial import Delaunay, KDTree
 
 from ngbrain.io.waves import Grid, WaveData
+from ngbrain.report.pictures.panel import ColourScale, Panel, SurfaceLayer, VolumeLayer
 from ngbrain.report.render.surface import Floats, Ints
 
 Bools = npt.NDArray[np.bool_]
@@ -102,6 +103,83 @@ def planes(data: WaveData) -> list[Plane]:
         return [_flat(data)]
     grid = data.grid
     return _layers(data, grid) if grid and grid.is_axis_aligned else _slabs(data)
+
+
+RELIEF = 0.12
+"""Largest height of a wave drawn as relief, relative to the longer side of the data."""
+
+
+def panel(data: WaveData, maps: Mapping[str, tuple[Floats, Floats]], cmap: str) -> Panel | None:
+    """Maps to be turned: on movable planes of a grid in space, or on plane data raised by its wave.
+
+    Parameters
+    ----------
+    data : WaveData
+        The wave data.
+    maps : mapping
+        Label → values at all points of the data, and the two ends of their colours.
+    cmap : str
+        Colour map of matplotlib.
+
+    Returns
+    -------
+    Panel or None
+        None for scattered points in space, or a grid along other axes.
+    """
+    grid = data.grid
+    scales = {
+        label: ColourScale.of_map(label, float(ends[0]), float(ends[1]), cmap) for label, (_, ends) in maps.items()
+    }
+    layers: list[SurfaceLayer | VolumeLayer] = []
+    if data.dim == 3:
+        if grid is None or not grid.is_axis_aligned:
+            return None
+        for label, (values, _) in maps.items():
+            box = np.asarray(grid.box(values), float)
+            layers.append(VolumeLayer(label, box, grid.origin, grid.spacing, scales[label], shown=not layers))
+        filled = np.argwhere(grid.box(data.mask))
+        middle = grid.origin + grid.spacing * ((filled.min(axis=0) + filled.max(axis=0)) // 2)
+        points, tris = _voxel_surface(grid.box(data.mask), grid)
+        layers.append(SurfaceLayer("mask", points, tris, "#c8c8c8", opacity=0.12))
+        caption = "Maps lie over each other on three planes: hide the first to see the next."
+        return Panel(layers, "Maps in three dimensions", caption, toward=(0.7, -0.9, 0.6), focus=middle, head=False)
+    wave = np.real(np.where(data.mask[:, None], data.displacement[0], np.nan))
+    component = int(np.nanargmax([np.nanstd(each) if np.isfinite(each).any() else 0.0 for each in wave.T]))
+    height = np.nan_to_num(wave[:, component])
+    long = float(np.ptp(data.points, axis=0).max())
+    raised = np.column_stack([data.points, RELIEF * long * height / max(float(np.abs(height).max()), 1e-300)])
+    tris = _cells(grid, data.mask) if grid else _triangles(1e3 * data.points, data.mask)
+    for label, (values, _) in maps.items():
+        known = tris[np.isfinite(values)[tris].all(axis=1)]
+        layers.append(SurfaceLayer(label, raised, known, values=values, scale=scales[label], shown=not layers))
+    name = f"u{'xyz'[component]}" if len(data.components) > 1 else f"u{data.components[0]}"
+    caption = f"The sheet is raised by the real part of {name} of the first load, not to scale; colours show the map."
+    return Panel(layers, "Maps on the wave", caption, toward=(0.25, -0.8, 0.6), head=False)
+
+
+def _cells(grid: Grid, mask: Bools) -> Ints:
+    """Two triangles for each cell of a plane grid, where all its points are in the mask."""
+    number = grid.box(np.arange(mask.size))
+    a, b, c, d = (each.ravel() for each in (number[:-1, :-1], number[1:, :-1], number[:-1, 1:], number[1:, 1:]))
+    tris = np.concatenate([np.column_stack([a, b, c]), np.column_stack([b, d, c])])
+    return np.asarray(tris[mask[tris].all(axis=1)])
+
+
+def _voxel_surface(box: Bools, grid: Grid) -> tuple[Floats, Ints]:
+    """Outer faces of the voxels of a mask: corners (m), triangles."""
+    filled = np.pad(box, 1)
+    quads = []
+    for axis in range(3):
+        ahead = np.diff(filled.astype(np.int8), axis=axis)
+        at = np.argwhere(ahead != 0)  # between padded voxels i and i + 1: corner plane i of the unpadded ones
+        at[:, [k for k in range(3) if k != axis]] -= 1
+        u, v = (np.eye(3, dtype=int)[k] for k in range(3) if k != axis)
+        quads.append(np.stack([at, at + u, at + v, at + u + v], axis=1))
+    corners, number = np.unique(np.concatenate(quads).reshape(-1, 3), axis=0, return_inverse=True)
+    a, b, c, d = number.reshape(-1, 4).T
+    return grid.origin + (corners - 0.5) * grid.spacing, np.concatenate(
+        [np.column_stack([a, b, c]), np.column_stack([b, d, c])]
+    )
 
 
 def _flat(data: WaveData) -> Plane:

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from ngbrain.report.pictures.frame import DeformedHead
+from ngbrain.report.pictures.panel import ColourScale, Panel, SurfaceLayer, VolumeLayer, colour_code, scan_layers
+from ngbrain.report.pictures.slices import ScanImage
 from ngbrain.report.pictures.style import (
     BONE,
     FLUID,
@@ -76,6 +78,79 @@ def head(peak: DeformedHead, scale: StrainScale) -> bytes:
         near.set_title("The site, cut open" + viewed_from(peak) + " and above", pad=8)
         scale.bar(page, (0.942, 0.16, 0.013, 0.60))
         return png(page)
+
+
+def panel(peak: DeformedHead, scale: StrainScale, image: ScanImage | None) -> Panel:
+    """The head at its largest strain, with blade, strain, elements and scan, to be turned.
+
+    Parameters
+    ----------
+    peak : DeformedHead
+        The head.
+    scale : StrainScale
+        Colours of strain.
+    image : ScanImage or None
+        The scan, if there is one.
+
+    Returns
+    -------
+    Panel
+    """
+    top = float(scale.edges[-1])
+    steps = scale.cmap(scale.norm(np.linspace(0, top * (1 - 1e-9), 255)))[:, :3]
+    colours = ColourScale("largest principal strain (%)", 0.0, 100 * top, 255 * steps)
+    cleft = peak.cleft
+    cut = cut_volume(peak.tets, cleft.coordinates(peak.points)[:, 1])
+    fluid = np.char.startswith(peak.region[cut.parent].astype(str), "ventricle")
+    section, strain = cut.interpolate(peak.points), 100 * cut.interpolate(peak.strain)
+    tools = [each.solid() for each in peak.blades]
+    layers: list[SurfaceLayer | VolumeLayer] = [
+        *(
+            SurfaceLayer(
+                f"{peak.tool} {i}" if len(tools) > 1 else peak.tool, points, tris, colour_code(STEEL), whole=True
+            )
+            for i, (points, tris) in enumerate(tools, 1)
+        ),
+        SurfaceLayer(
+            "strain on the slice through the site",
+            section,
+            cut.simplices[~fluid],
+            values=strain,
+            scale=colours,
+            whole=True,
+        ),
+        SurfaceLayer(
+            "craniotomy and cleft",
+            peak.points,
+            np.concatenate([peak.window(), *peak.cleft_faces().values()]),
+            values=100 * peak.strain,
+            scale=colours,
+        ),
+        SurfaceLayer("ventricles", peak.points, peak.ventricles(), colour_code(FLUID)),
+        SurfaceLayer("brain surface", peak.points, peak.skull(), colour_code(BONE), opacity=0.35),
+        SurfaceLayer(
+            "strain on the surface", peak.points, peak.surface(), values=100 * peak.strain, scale=colours, shown=False
+        ),
+        SurfaceLayer(
+            "elements",
+            peak.points,
+            np.concatenate([six[:, :3] for six in peak.outer.values()]),
+            "#5a6b7a",
+            edges=True,
+            shown=False,
+        ),
+    ]
+    if image is not None:
+        names, tints = (
+            ("CSF", "grey matter", "white matter", "ventricles"),
+            ("#56B4E9", "#999999", "#F2E6C9", "#0072B2"),
+        )
+        layers += scan_layers(image.t1, image.labels, names, tints, image.origin, np.full(3, image.spacing))
+    beside = np.array([np.sign(cleft.target[0]) or 1.0, 1.0 if cleft.out[1] > -0.3 else -1.0, 0])
+    toward = 0.55 * cleft.out + np.array([0.45, 0.85, 0]) * beside
+    return Panel(
+        layers, "The head with the tool in the opening", toward=toward / np.linalg.norm(toward), focus=cleft.target
+    )
 
 
 def _palette(scale: StrainScale) -> Callable[[Floats], Floats]:

@@ -47,6 +47,24 @@ def faces(connectivity: Ints, group: npt.NDArray[Any] | None = None) -> Ints:
     return np.asarray(every[first[kept]])
 
 
+def outer_triangles(tets: Ints) -> Ints:
+    """Outer surface of plain tetrahedra.
+
+    Parameters
+    ----------
+    tets : ndarray of int, shape (m, 4)
+        Tetrahedra.
+
+    Returns
+    -------
+    ndarray of int, shape (k, 3)
+        Triangles that belong to one tetrahedron.
+    """
+    every = tets[:, [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]]].reshape(-1, 3)
+    _, first, count = np.unique(np.sort(every, axis=1), axis=0, return_index=True, return_counts=True)
+    return np.asarray(every[first[count == 1]])
+
+
 def triangles(quadratic: Ints) -> Ints:
     """Split each six-node face into four plain triangles (4 k, 3), in the order of the faces."""
     return np.asarray(quadratic[:, _FACE_PARTS].reshape(-1, 3))
