@@ -71,7 +71,7 @@ def test_it_takes_what_gains_most_for_its_cost_and_knows_each_rung() -> None:
         assert changed == set(before.next_axes)
         assert after.cost_s > before.cost_s
     assert found.chosen.next_axes == ()
-    assert found.usable and repr(found).startswith("SearchResult: ") and f"{len(found.history)} rungs" in repr(found)
+    assert found.usable and repr(found).startswith("SearchResult: ") and f"{len(found.history)} models" in repr(found)
 
 
 def test_more_missing_than_asked_for_is_said() -> None:
