@@ -88,7 +88,7 @@ def plot_scene(scene: Scene) -> Any:
     MissingExtra
         matplotlib is not installed.
     """
-    return page.plotdraw(draw(scene))
+    return page.plot_drawing(draw(scene))
 
 
 def plot_problem(problem: Problem) -> Any:
@@ -125,7 +125,7 @@ def plot_problem(problem: Problem) -> Any:
         moved = way is None or bool(np.any(way))
         conditions.append(Condition("moved" if moved else "fixed", pattern, _matching(pattern, names), way))
     middle = (parts["points"].min(axis=0) + parts["points"].max(axis=0)) / 2
-    return page.plotdraw(Drawing("", **parts, focus=middle, head=False, conditions=conditions))
+    return page.plot_drawing(Drawing("", **parts, focus=middle, head=False, conditions=conditions))
 
 
 def draw(scene: Scene) -> Drawing:
