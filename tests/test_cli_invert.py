@@ -111,6 +111,11 @@ def test_data_without_loss_say_how_near_a_resonance_is_and_images_come_back_as_i
     assert image.shape == (10, 9, 1) and np.median(np.asarray(image.dataobj)) == pytest.approx(2.8 * 3000, rel=0.03)
     low, high = (nibabel.load(tmp_path / "out" / f"stiffness_{end}.nii.gz").get_fdata() for end in ("low", "high"))
     assert np.all(low < high) and {"youngs_low.nii.gz", "magnitude_high.nii.gz"} <= set(result["files"])
+    assert image.header["descrip"].tobytes().rstrip(b"\0") == b"Young's modulus (Pa)"
+    assert image.header.get_intent()[2] == "Young's modulus" and image.header.get_xyzt_units()[0] == "mm"
+    about = json.loads((tmp_path / "out" / "youngs_low.json").read_text())
+    assert about["Units"] == "Pa" and about["LongName"] == "Young's modulus, lower end of the 95 % interval"
+    assert "waves.nii.gz" in about["Sources"][0]
     strain = nibabel.load(tmp_path / "out" / "oss_snr.nii.gz")  # of both loads
     assert strain.shape == (10, 9, 1, 2) and "oss.nii.gz" in result["files"]
     with np.load(tmp_path / "out" / "maps.npz") as file:

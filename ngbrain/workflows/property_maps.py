@@ -14,6 +14,7 @@ from ngbrain.inverse.elastography.result import Inversion
 from ngbrain.inverse.uncertainty.credible_maps import Uncertainty
 from ngbrain.io.json_file import write_json
 from ngbrain.io.waves import WaveData, write_map
+from ngbrain.report.pages.parameters import PARAMETERS
 
 
 def write_inversion(
@@ -73,11 +74,37 @@ def write_maps(
     atomic_write(folder / "maps.npz", lambda part: np.savez_compressed(part, **arrays))  # type: ignore[arg-type]
     names = images if data.affine is not None else ()
     for name in names:
-        write_map(folder / f"{name}.nii.gz", data, arrays[name].T)  # loads, if there are some, last
-    files = ["maps.npz", *(f"{name}.nii.gz" for name in names), "result.json"]
+        about, unit = describe_map(name)
+        write_map(folder / f"{name}.nii.gz", data, arrays[name].T, about, unit)  # loads, if there are some, last
+        sidecar = {"LongName": about, "Units": unit or "1", "Sources": [str(result.get("source", ""))]}
+        settings = {"SoftwareName": "ngbrain", "Settings": {"model": result.get("model", {})}}
+        write_json(folder / f"{name}.json", finite({**sidecar, **settings}))
+    files = ["maps.npz", *(f"{name}{kind}" for name in names for kind in (".nii.gz", ".json")), "result.json"]
     written: dict[str, Any] = finite({**result, "files": files})
     write_json(folder / "result.json", written)
     return written
+
+
+def describe_map(name: str) -> tuple[str, str]:
+    """What a map is, and the unit of its values in files (SI).
+
+    Examples
+    --------
+    >>> describe_map("storage"), describe_map("loss_low"), describe_map("damping_ratio")
+    (('Storage modulus', 'Pa'), ('Loss modulus, lower end of the 95 % interval', 'Pa'), ('Damping ratio', ''))
+    """
+    ends = {
+        "_low": "lower end of the 95 % interval",
+        "_high": "upper end of the 95 % interval",
+        "_deviation": "standard deviation",
+    }
+    end = next((end for end in ends if name.endswith(end)), "")
+    label = PARAMETERS.get(name.removesuffix(end) if end else name)
+    if label is None:
+        return name.replace("_", " "), ""
+    return label.name + (
+        f", {ends[end]}" if end else ""
+    ), "Pa" if label.unit == "kPa" else "rad" if label.unit == "rad" else ""
 
 
 def finite(value: Any) -> Any:

@@ -19,7 +19,7 @@ _AT_A_TIME = 100_000
 """Number of voxels per chunk, which limits the memory."""
 
 
-def write_nifti(path: str | os.PathLike[str], volume: Volume) -> None:
+def write_nifti(path: str | os.PathLike[str], volume: Volume, about: str = "", unit: str = "") -> None:
     """Write a volume as NIfTI-1 atomically, in mm, with an sform of code 1 (scanner).
 
     Further axes of the values (time, components) may follow the three of the image.
@@ -30,6 +30,10 @@ def write_nifti(path: str | os.PathLike[str], volume: Volume) -> None:
         Output file, .nii or .nii.gz.
     volume : Volume
         The volume.
+    about : str
+        What the values are, up to 80 ASCII characters of it in the header's `descrip`, with the unit, and 16 in `intent_name`.
+    unit : str
+        Unit of the values.
 
     Raises
     ------
@@ -44,6 +48,10 @@ def write_nifti(path: str | os.PathLike[str], volume: Volume) -> None:
     affine = np.diag([1e3, 1e3, 1e3, 1]) @ volume.affine
     image = nibabel.Nifti1Image(volume.data, affine)
     image.header.set_xyzt_units("mm")
+    if about:
+        plain = about.encode("ascii", "ignore").decode()
+        image.header["descrip"] = f"{plain} ({unit or '1'})"[:79]
+        image.header.set_intent("none", name=plain[:15])
     image.set_sform(affine, 1)
     image.set_qform(None, 0)
     atomic_write(path, lambda part: nibabel.save(image, part))

@@ -116,7 +116,9 @@ def write_nifti_waves(path: Path, data: WaveData, keys: Mapping[str, Any]) -> No
     _save(path, np.moveaxis(data.displacement, 0, 1), affine, shape)
 
 
-def write_map(path: str | os.PathLike[str], data: WaveData, values: np.ndarray) -> None:
+def write_map(
+    path: str | os.PathLike[str], data: WaveData, values: np.ndarray, about: str = "", unit: str = ""
+) -> None:
     """Write values at the points of wave data as a NIfTI image on their grid.
 
     The affine is that of the input image; data from other files get the affine of their points.
@@ -129,6 +131,8 @@ def write_map(path: str | os.PathLike[str], data: WaveData, values: np.ndarray) 
         The data.
     values : numpy.ndarray
         (n,) or (n, k).
+    about, unit : str
+        What the values are and their unit, for the header.
 
     Raises
     ------
@@ -141,7 +145,7 @@ def write_map(path: str | os.PathLike[str], data: WaveData, values: np.ndarray) 
     affine, shape = _grid_of(data)
     if values.ndim not in (1, 2) or len(values) != len(data.points):
         raise InputError("values", f"of shape {values.shape}", f"({len(data.points)},) or ({len(data.points)}, k)")
-    _save(path, values, affine, shape)
+    _save(path, values, affine, shape, about, unit)
 
 
 def _image(path: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -209,8 +213,10 @@ def _json(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.ndarray) else value
 
 
-def _save(path: Path, values: np.ndarray, affine: np.ndarray, shape: tuple[int, int, int]) -> None:
+def _save(
+    path: Path, values: np.ndarray, affine: np.ndarray, shape: tuple[int, int, int], about: str = "", unit: str = ""
+) -> None:
     """Write values (n, …) at the points as an image; NIfTI has no booleans, and few readers support 64-bit integers."""
     values = values.astype(np.uint8) if values.dtype == bool else values
     values = values.astype(np.int32) if values.dtype.kind in "iu" and values.dtype.itemsize > 4 else values
-    write_nifti(path, Volume(values.reshape(*shape, *values.shape[1:], order="F"), affine))
+    write_nifti(path, Volume(values.reshape(*shape, *values.shape[1:], order="F"), affine), about, unit)
