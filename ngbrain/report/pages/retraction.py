@@ -13,7 +13,8 @@ from ngbrain.report.pages import first_answers, tables
 from ngbrain.report.pages.page import write_page
 from ngbrain.report.pictures import animation, figures, slices, volume
 from ngbrain.report.pictures.animation import Animation
-from ngbrain.report.pictures.panel import Panel
+from ngbrain.report.pictures.gltf import write_gltf
+from ngbrain.report.pictures.panel import Panel, SurfaceLayer
 from ngbrain.report.pictures.style import StrainScale, colour
 from ngbrain.report.pictures.timeline import Run
 
@@ -53,7 +54,7 @@ class Report:
         self._runs: tuple[str, ...] = ()
 
     def write(self) -> Path:
-        """Write the page from the current `result.json`.
+        """Write the page from the current `result.json`, and `scene.glb`: brain, tool and strain when strain is largest.
 
         Raises
         ------
@@ -65,6 +66,7 @@ class Report:
         if self._drawn is None or runs != self._runs:
             self._drawn, self._runs = _pictures(where, result), runs
         pictures, film, shown, time, panel = self._drawn
+        write_gltf(folder / "scene.glb", [each for each in panel.layers if isinstance(each, SurfaceLayer)])
         answers, comparison = result["answers"], result.get("comparison") or {}
         status, band = result.get("check_status") or {}, result.get("material_uncertainty") or {}
         openings = [max(answer["series"]["blade_mm"]) for answer in answers.values()]

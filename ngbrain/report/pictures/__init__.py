@@ -6,6 +6,7 @@
 - `slices`: three slices of the scan with labels and mesh.
 - `cut_plane`: deformed tissue and blade in the plane of approach and push.
 - `planes`: values at data points as images or triangulations.
+- `gltf`: surfaces as glTF for augmented and virtual reality.
 - `panel`: surfaces and volumes in one interactive scene.
 - `timeline`: a protocol's run, interpolated in time.
 - `frame`: tissue and blade of a protocol at one time.
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
         cut_plane,
         figures,
         frame,
+        gltf,
         panel,
         planes,
         slices,
@@ -39,6 +41,7 @@ __all__ = [
     "cut_plane",
     "figures",
     "frame",
+    "gltf",
     "panel",
     "planes",
     "slices",
