@@ -154,7 +154,9 @@ def meshed(path: Path, route: str) -> Record:
 
 def operated(path: Path, folder: Path) -> Record:
     """Record of the fast demo on a head: position of the cleft, pressures and forces."""
-    found, text = ngbrain("demo", "--fast", "--no-checks", "--threads", "1", "--image", path, "-o", folder, "--force")
+    found, text = ngbrain(
+        "demo", "--fast", "--no-checks", "--threads", "1", "--image", path, "-o", folder, "--overwrite"
+    )
     found["report"] = (folder / "report.html").exists()
     if not (folder / "result.json").exists():
         return found | {"reason": plain(text, path)}

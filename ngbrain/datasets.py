@@ -214,7 +214,7 @@ def write(name: str, folder: str | os.PathLike[str] = ".", overwrite: bool = Fal
     for place in places:
         if place.exists() and not overwrite:
             raise InputError(
-                "file", f"{place}, which is there already", "another folder (-o), or --force (overwrite=True)"
+                "file", f"{place}, which is there already", "another folder (-o), or --overwrite (overwrite=True)"
             )
     makers = [_maker(name, file) for file in files]
     Path(folder).mkdir(parents=True, exist_ok=True)

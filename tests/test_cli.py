@@ -441,7 +441,7 @@ def test_a_retraction_says_what_it_leaves_unanswered_and_how_sure_it_is(tmp_path
     assumed = [f"ngbrain: warning: {text}" for text in Scene.from_toml(scene).warnings]
     status, lines = run(capsys, "simulate", scene, "-o", tmp_path / "out", "-q")
     assert status == 0 and lines == [*assumed, f"ngbrain: {sure}"]
-    status = main(["simulate", str(scene), "-o", str(tmp_path / "out"), "--force"])
+    status = main(["simulate", str(scene), "-o", str(tmp_path / "out"), "--overwrite"])
     out, err = capsys.readouterr()
     assert status == 0 and err.splitlines() == assumed and out.splitlines()[-1] == sure
 
@@ -566,9 +566,9 @@ def test_a_cut_at_a_landmark(route, tmp_path, capsys):
         (["--site", "0,0,0", "--radius", "-5"], ["radius is -5 mm"]),
         (["--site", "-500,0,0"], ["--site is '-500,0,0'", "field of view"]),
         (["--names", "freesurfer,3=lesion"], ["labels is without a name for [1]"]),
-        (["--atlas", "a.nii"], ["--atlas is given without --template"]),
-        (["--template", "a.nii"], ["--template is given without --atlas"]),
-        (["--atlas", "a.nii", "--template", "b.nii"], ["--atlas is given with --labels"]),
+        (["--atlas", "a.nii"], ["--atlas is given without --atlas-t1"]),
+        (["--atlas-t1", "a.nii"], ["--atlas-t1 is given without --atlas"]),
+        (["--atlas", "a.nii", "--atlas-t1", "b.nii"], ["--atlas is given with --labels"]),
     ],
 )
 def test_bad_meshes(tmp_path, capsys, monkeypatch, arguments, words):

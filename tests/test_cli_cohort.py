@@ -49,7 +49,7 @@ def test_what_is_said_in_the_end(study, capsys):
 
 def test_columns_are_options_of_the_verbs():
     found = {verb: set(columns_of(parsers()[verb])) for verb in VERBS}
-    assert {"labels", "names", "size", "atlas", "template", "no-fill"} <= found["mesh"]
+    assert {"labels", "names", "size", "atlas", "atlas-t1", "no-fill"} <= found["mesh"]
     assert {"noise", "by-label", "drop-outliers", "device"} <= found["invert"] and "template" not in found["invert"]
     for verb in VERBS:
         assert not found[verb] & {"output", "quiet", "force", "threads", "executor", "resume", "help"}, verb

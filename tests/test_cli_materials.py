@@ -79,9 +79,9 @@ def test_a_picture_of_what_is_listed(capsys, tmp_path, monkeypatch, name, lines)
         assert 1e3 * line.get_ydata() == pytest.approx(
             lab.stress(law.instantaneous, "uniaxial", at), rel=1e-9, abs=1e-9
         )
-    assert main(["materials", name, "--plot", str(file)]) == 2 and "--force" in capsys.readouterr().err
+    assert main(["materials", name, "--plot", str(file)]) == 2 and "--overwrite" in capsys.readouterr().err
     assert main(["materials", name, "--plot", str(tmp_path / "plot.jpg")]) == 2 and ".svg" in capsys.readouterr().err
-    assert main(["materials", name, "--plot", str(file), "--force"]) == 0
+    assert main(["materials", name, "--plot", str(file), "--overwrite"]) == 0
 
 
 def test_a_picture_of_everything_is_refused(capsys, tmp_path):

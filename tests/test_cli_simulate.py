@@ -47,7 +47,7 @@ def test_a_scene_is_solved_and_told(tmp_path, capsys):
     assert "Omitted effects" in page and "finite strains and rotations" in page
     assert "http" not in re.sub(r"base64,[^\"]+|http-equiv", "", page)
     file.write_text(ELASTIC)
-    assert main(["simulate", str(file), "-o", str(tmp_path / "out"), "--force"]) == 0
+    assert main(["simulate", str(file), "-o", str(tmp_path / "out"), "--overwrite"]) == 0
     assert "omitted effect" in capsys.readouterr().out
 
 

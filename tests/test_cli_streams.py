@@ -13,12 +13,13 @@ import numpy as np
 import pytest
 
 from ngbrain.atomic import atomic_write
-from ngbrain.cli import main
+from ngbrain.cli import main, places
 from ngbrain.io import Frame, QuadraticGrid, save, write_json
 from ngbrain.io.exchange import SUFFIXES, write_mesh
 from ngbrain.io.state import save_state
 from ngbrain.mesh import block
 from ngbrain.mesh.tet_mesh import Elements, Surface
+from ngbrain.report.pages.parameters import PARAMETERS
 
 COMMAND = [sys.executable, "-m", "ngbrain"]
 BODY = """
@@ -117,15 +118,45 @@ def test_results_are_not_replaced_unasked(scene, tmp_path, capsys):
     (out / "result.json").write_text("{}")
     assert "results are already" in refused(capsys, "simulate", scene, "-o", out)
     assert (out / "result.json").read_text() == "{}"
-    assert main(["simulate", str(scene), "--as-described", "-o", str(out), "--force", "-q"]) == 0
+    assert main(["simulate", str(scene), "--as-described", "-o", str(out), "--overwrite", "-q"]) == 0
     capsys.readouterr()  # it may doubt its answer
     assert (out / "result.json").read_text() != "{}"
-    for verb, option in (("mesh", "--force"), ("invert", "--force"), ("predict", "--force")):
-        place = out / "head.vtkhdf" if verb == "mesh" else out
-        assert option in refused(capsys, verb, tmp_path / "none.npz", "-o", place)
-    for verb, option in (("simulate", "--force"), ("calibrate", "--overwrite")):
+    for verb in ("mesh", "invert", "predict"):
+        said = refused(capsys, verb, tmp_path / "none.npz", "-o", out)
+        assert "--overwrite" in said and "--resume" not in said
+    assert "results are already" in refused(capsys, "mesh", tmp_path / "none.npz", "-o", out / "other.msh")
+    for verb in ("simulate", "calibrate", "twin"):
         said = refused(capsys, verb, tmp_path / "none.toml", "-o", out)
-        assert option in said and "--resume" in said
+        assert "--overwrite" in said and "--resume" in said
+
+
+@pytest.mark.parametrize(
+    ("verb", "name"),
+    [
+        ("simulate", "report.html"), ("simulate", "continuous.vtkhdf"), ("mesh", "head.vtkhdf"), ("mesh", "head_labels.nii.gz"),
+        ("invert", "maps.npz"), ("predict", "storage.nii.gz"), ("invert", "loss_low.nii.gz"), ("calibrate", "scene.toml"),
+        ("calibrate", "factors.json"), ("twin", "work"),
+    ],
+)  # fmt: skip
+def test_neither_an_unfinished_run_nor_a_file_of_the_users_own_is_replaced_unasked(verb, name, tmp_path, capsys):
+    """Without a result.json too: a run that was stopped left steps, and a scene lies where its calibrated copy would go."""
+    (tmp_path / name).write_text("mine")
+    said = refused(capsys, verb, tmp_path / "none", "-o", tmp_path)
+    assert f"a file is already that results would replace ({tmp_path / name})" in said and "--overwrite" in said
+    assert (tmp_path / name).read_text() == "mine"
+    assert main([verb, str(tmp_path / "none"), "-o", str(tmp_path), "--overwrite"]) == 2
+    assert "is already" not in capsys.readouterr().err  # it went on to the input
+
+
+def test_names_of_maps_are_those_of_reports():
+    assert set(places.MAPS) == set(PARAMETERS)
+
+
+def test_a_mesh_goes_to_a_folder_like_all_results(tmp_path):
+    assert places.mesh_file(tmp_path / "new") == tmp_path / "new/head.vtkhdf"
+    (tmp_path / "study.v2").mkdir()
+    assert places.mesh_file(tmp_path / "study.v2") == tmp_path / "study.v2/head.vtkhdf"
+    assert places.mesh_file(tmp_path / "a.vol.gz") == tmp_path / "a.vol.gz"
 
 
 def test_a_place_that_cannot_be_written_to_is_noticed_first(tmp_path, capsys):

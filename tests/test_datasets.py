@@ -141,8 +141,8 @@ def test_the_verb_lists_and_writes(tmp_path, capsys):
     ]
     assert main(["data", "plate", "-o", str(tmp_path)]) == 2
     said = capsys.readouterr().err
-    assert "plate.toml" in said and "--force" in said and said.count("\n") == 1
-    assert main(["data", "plate", "-o", str(tmp_path), "--force", "-q"]) == 0
+    assert "plate.toml" in said and "--overwrite" in said and said.count("\n") == 1
+    assert main(["data", "plate", "-o", str(tmp_path), "--overwrite", "-q"]) == 0
     assert main(["data", "plates"]) == 2 and main(["data", "plate", "-o", str(tmp_path / "plate.toml")]) == 2
     assert capsys.readouterr().out == ""
 

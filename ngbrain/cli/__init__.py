@@ -19,7 +19,7 @@ from typing import Any
 
 from ngbrain.cli.interrupts import EXIT_INTERRUPTED, interruptible
 from ngbrain.cli.options.common import parser
-from ngbrain.cli.places import reserve_output
+from ngbrain.cli.places import mesh_file, reserve_output
 from ngbrain.cli.streams import guard_stdout, secure_streams
 from ngbrain.errors import InputError, MissingExtra, SolverError
 from ngbrain.progress import LOG, terminal
@@ -66,6 +66,8 @@ def perform(arguments: argparse.Namespace) -> int:
         for file in getattr(arguments, "own_laws", None) or ():
             import_module("ngbrain.materials.registry").register(file)
         module = import_module(module_of(arguments.verb))  # a second or two
+        if arguments.verb == "mesh":
+            arguments.output = mesh_file(arguments.output)
         with reserve_output(arguments) if arguments.verb in WRITING else nullcontext():
             return int(module.run(arguments) or 0)
 

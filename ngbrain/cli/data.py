@@ -16,7 +16,7 @@ def run(arguments: argparse.Namespace) -> None:
     if not arguments.names:
         print("\n".join(["name          size      what", *(_line(*each) for each in DATASETS.items())]))
     for name in arguments.names:
-        for path in datasets.write(name, arguments.output, arguments.force):
+        for path in datasets.write(name, arguments.output, arguments.overwrite):
             if not arguments.quiet:
                 print(f"{path}  {_size(path.stat().st_size)}")
 

@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> None:
     if name in CATALOGUE:
         found = [CATALOGUE[name]]
     if arguments.plot:
-        draw(found, arguments.plot, arguments.force)
+        draw(found, arguments.plot, arguments.overwrite)
     print(describe_entry(found[0]) if name in CATALOGUE else catalogue_table(found))
 
 
@@ -63,7 +63,7 @@ def draw(entries: list[Published], file: Path, replace: bool) -> None:
     if file.suffix.casefold() not in PICTURES:
         raise InputError("--plot", str(file), f"a name that ends in {', '.join(PICTURES)}")
     if file.exists() and not replace:
-        raise InputError("--plot", f"{file}, which exists", "--force to replace it, or another name")
+        raise InputError("--plot", f"{file}, which exists", "--overwrite to replace it, or another name")
     if len(entries) > MOST:
         raise InputError(
             "NAME", f"of {len(entries)} entries", f"a part of the names of at most {MOST}, such as a region"

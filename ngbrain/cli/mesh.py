@@ -53,8 +53,8 @@ def _mesh_input(arguments: argparse.Namespace, callback: Callable[[str], None]) 
         raise InputError("--site", "given with --cut", "one of them: a mesh is finest at its cut")
     if arguments.labels and arguments.structures:
         raise InputError("--structures", "given with --labels", "a T1 scan to find them in, or --labels without it")
-    if (arguments.atlas is None) != (arguments.template is None):
-        given, lacking = ("--template", "--atlas") if arguments.atlas is None else ("--atlas", "--template")
+    if (arguments.atlas is None) != (arguments.atlas_t1 is None):
+        given, lacking = ("--atlas-t1", "--atlas") if arguments.atlas is None else ("--atlas", "--atlas-t1")
         raise InputError(given, f"given without {lacking}", "both: an atlas and the T1 that it was drawn on")
     if arguments.atlas and (arguments.labels or arguments.structures):
         found = f"given with --{'labels' if arguments.labels else 'structures'}"
@@ -114,7 +114,7 @@ def _subject(arguments: argparse.Namespace) -> Subject:
     _refuse_options(arguments, "an image", ("unit",))
     image = arguments.images[0]
     if arguments.atlas:
-        return Subject.from_atlas(image, arguments.atlas, arguments.template, *arguments.names)
+        return Subject.from_atlas(image, arguments.atlas, arguments.atlas_t1, *arguments.names)
     if arguments.labels:
         names, others = arguments.names
         return Subject.from_labels(image, names, others, not arguments.no_fill)

@@ -7,12 +7,42 @@ import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from glob import escape
 from pathlib import Path
 
 from ngbrain.errors import InputError
 
-RESULT = "result.json"
-"""The file whose presence marks a folder with results."""
+RESULT, REPORT = "result.json", "report.html"
+PREVIEW = "preview.html"
+MESH = ".vtkhdf"
+MAPS = (
+    "youngs", "storage", "loss", "mu", "zeta", "phi", "shear_along", "shear_stretch", "magnitude", "phase", "damping_ratio",
+    "stiffness", "oss", "oss_snr",
+)  # fmt: skip
+"""Names of maps (`ngbrain.report.pages.parameters.PARAMETERS`, whose import would take a second; a test compares them)."""
+IMAGES = (
+    "maps.npz",
+    "rounds.json",
+    *(f"{name}{end}.nii.gz" for name in MAPS for end in ("", "_low", "_high", "_deviation")),
+)
+OF_VERBS = {
+    "demo": ("*.vtkhdf", "head.npz"),
+    "simulate": ("*.vtkhdf", "head.npz"),
+    "invert": IMAGES,
+    "predict": IMAGES,
+    "calibrate": ("scene.toml", "factors.json"),
+    "twin": ("work",),
+}
+"""Files, beside result and report, that a verb writes or continues from; those of `mesh` depend on its -o."""
+
+
+def mesh_file(output: Path) -> Path:
+    """The mesh file that -o of `mesh` means: of a name with a suffix that file, else `head.vtkhdf` in the folder.
+
+    >>> mesh_file(Path("meshed")).as_posix(), mesh_file(Path("meshed/other.msh")).as_posix()
+    ('meshed/head.vtkhdf', 'meshed/other.msh')
+    """
+    return output if output.suffix and not output.is_dir() else output / f"head{MESH}"
 
 
 @contextmanager
@@ -22,23 +52,37 @@ def reserve_output(arguments: argparse.Namespace) -> Iterator[None]:
     Raises
     ------
     InputError
-        A file of that name exists, or nothing can be written; another command works there; or there are results already and neither
-        --force nor --resume is given.
+        A file of that name exists, or nothing can be written; another command works there; or there are files already that the
+        command would replace, and neither --overwrite nor --resume is given.
     """
     output: Path = arguments.output
-    is_file = arguments.verb == "mesh"
-    if is_file and output.is_dir():
-        raise InputError("-o", str(output), "a file, not a folder")
-    folder = output.absolute().parent if is_file else output
+    folder = output.absolute().parent if arguments.verb == "mesh" else output
     if folder.exists() and not folder.is_dir():
         raise InputError("-o", str(output), "a folder, or a name that is free")
-    if (folder / RESULT).exists() and not (arguments.overwrite or getattr(arguments, "resume", False)):
-        instead = "--resume to continue, " if hasattr(arguments, "resume") else ""
-        option = "--overwrite" if arguments.verb == "calibrate" else "--force"
-        wanted = f"{instead}{option} to replace them, or another {'folder' if not is_file else 'place'}"
-        raise InputError("-o", f"{output}, where results are already ({folder / RESULT})", wanted)
+    if not (arguments.overwrite or getattr(arguments, "resume", False) or getattr(arguments, "preview", False)):
+        _refuse_replacement(arguments, folder)
     with lock_folder(folder):
         yield
+
+
+def _refuse_replacement(arguments: argparse.Namespace, folder: Path) -> None:
+    """`InputError` where a file is that the command would replace."""
+    names = RESULT, REPORT, *(_beside(arguments.output) if arguments.verb == "mesh" else OF_VERBS[arguments.verb])
+    found = next((path for name in names for path in sorted(folder.glob(name))), None)
+    if found is None:
+        return
+    results = (folder / RESULT).exists()
+    instead = "--resume to continue, " if hasattr(arguments, "resume") else ""
+    what = "where results are already" if results else "where a file is already that results would replace"
+    wanted = f"{instead}--overwrite to replace {'them' if results else 'it'}, or another folder"
+    raise InputError("-o", f"{arguments.output}, {what} ({found})", wanted)
+
+
+def _beside(mesh: Path) -> tuple[str, ...]:
+    """Patterns of the files that belong to a mesh."""
+    stem = escape(mesh.name.removesuffix(".gz").rpartition(".")[0])
+    ends = "_labels.nii.gz", "_white.surf.gii", "_pial.surf.gii", "_thickness.shape.gii"
+    return escape(mesh.name), *(f"{stem}{end}" for end in ends)
 
 
 @contextmanager

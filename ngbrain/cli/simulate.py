@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ngbrain.cli import EXIT_SOLVER
+from ngbrain.cli.places import PREVIEW
 from ngbrain.cli.words import conclude
 from ngbrain.errors import InputError, require
 from ngbrain.io import write_json
@@ -58,7 +59,8 @@ def _preview(scene: Scene, arguments: argparse.Namespace) -> int:
     """Draw the scene without computing it."""
     from ngbrain.workflows.preview import preview
 
-    conclude(arguments.quiet, [f"preview: {preview(scene, arguments.output)}"], [])
+    earlier = " (in place of an earlier one)" if (arguments.output / PREVIEW).exists() else ""
+    conclude(arguments.quiet, [f"preview: {preview(scene, arguments.output)}{earlier}"], [])
     return 0
 
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import argparse
 import os
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 from ngbrain import __version__
 from ngbrain.cli.options import types
 from ngbrain.cli.options.cohort import add_cohort
-from ngbrain.cli.options.print_text import PrintText, sidecar_template
+from ngbrain.cli.options.help_page import CommandParser, VerbParser, add_examples
+from ngbrain.cli.options.print_text import PrintText, completion_script, law_template, sidecar_template, table_template
 from ngbrain.cli.options.simulate import add_laws, add_simulate
 from ngbrain.cli.options.twin import add_twin
 
@@ -27,6 +28,8 @@ UNKNOWNS = ("moduli", "polar")
 MISFITS = ("squares", "huber")
 DEVICES = ("auto", "cpu", "cuda", "ngsolve")
 SPREAD = 3.0
+SHELLS = ("bash", "zsh", "tcsh")
+TABLES = ("landmarks", "force")
 
 
 def parser() -> argparse.ArgumentParser:
@@ -40,22 +43,37 @@ def parsers() -> dict[str, argparse.ArgumentParser]:
 
 
 def _parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
-    command = _Parser(prog="ngbrain", description="In silico brain surgery.")
-    command.add_argument("--version", action="version", version=f"ngbrain {__version__}")
-    verbs = command.add_subparsers(dest="verb", metavar="VERB")
+    command = CommandParser(
+        prog="ngbrain",
+        description="Brain surgery in silico: heads from scans, stiffness from waves, retractions with how far to believe them.",
+        epilog="`ngbrain VERB --help` lists the options of a verb, with examples; `ngbrain data` writes files to try them on.",
+    )
+    command.add_argument(
+        "--version", action="version", version=f"ngbrain {__version__}", help="print the version, and stop"
+    )
+    command.add_argument(
+        "--print-completion",
+        action=PrintText,
+        of=completion_script,
+        choices=SHELLS,
+        metavar="SHELL",
+        help=f"print what completes commands in a shell ({', '.join(SHELLS)}), and stop; needs the extra `completion`",
+    )
+    verbs = command.add_subparsers(dest="verb", metavar="VERB", parser_class=VerbParser)
     demo, scene, mesh = _demo(verbs), add_simulate(verbs), _mesh(verbs)
     invert, predict, stiff = _invert(verbs), _predict(verbs), _calibrate(verbs)
     compared, many = add_twin(verbs), add_cohort(verbs)
     _materials(verbs)
     _data(verbs)
     folders = (
-        (demo, "demo"), (scene, "simulated"), (mesh, "head.vtkhdf"), (invert, "inverted"), (predict, "predicted"),
+        (demo, "demo"), (scene, "simulated"), (mesh, "meshed"), (invert, "inverted"), (predict, "predicted"),
         (stiff, "calibrated"), (compared, "twin"), (many, "cohort"),
     )  # fmt: skip
     assembling = invert, predict, stiff
     for verb, folder in folders:
-        kind = "FILE" if verb is mesh else "DIR"
-        verb.add_argument("-o", dest="output", type=Path, default=Path(folder), metavar=kind, help=f"output ({folder})")
+        file = "; DIR/NAME.msh, .vtu, .inp, … for another name and format than head.vtkhdf" if verb is mesh else ""
+        place = f"folder of the results ({folder}){file}"
+        verb.add_argument("-o", dest="output", type=Path, default=Path(folder), metavar="DIR", help=place)
         if verb in (demo, scene):
             verb.add_argument(
                 "--no-checks",
@@ -80,9 +98,10 @@ def _parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentPars
             )
         if verb in (demo, scene, invert, compared, many):
             add_executor(verb)
-        replace = "--overwrite" if verb is stiff else "--force"  # whose --force is a table of forces
-        verb.add_argument(replace, dest="overwrite", action="store_true", help="overwrite existing results")
+        verb.add_argument("--overwrite", action="store_true", help="replace existing results")
         verb.add_argument("-q", dest="quiet", action="store_true", help="no progress and no summary, warnings only")
+    for name, verb in verbs.choices.items():
+        add_examples(name, verb)
     return command, dict(verbs.choices)
 
 
@@ -93,13 +112,6 @@ def add_executor(verb: argparse.ArgumentParser) -> None:
         metavar="WHO",
         help="executor of independent tasks, in place of --threads: N processes, dask:ADDRESS, mpi[:N] or slurm[:KEY=VALUE,...]",
     )
-
-
-class _Parser(argparse.ArgumentParser):
-    """Reports an error in one line."""
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: {' '.join(message.split())}; see {self.prog} --help\n")
 
 
 def _demo(verbs: Any) -> argparse.ArgumentParser:
@@ -146,7 +158,7 @@ def _mesh(verbs: Any) -> argparse.ArgumentParser:
         metavar="LABELS",
         help="regions of your own atlas, transferred to the scan by registration of",
     )
-    parser.add_argument("--template", type=Path, metavar="T1", help="the T1 of the atlas, with skull or without")
+    parser.add_argument("--atlas-t1", type=Path, metavar="T1", help="the T1 of the atlas, with skull or without")
     parser.add_argument("--route", choices=ROUTES, help="meshing method (hull)")
     parser.add_argument(
         "--size", type=types.length, metavar="MM", help="element size, away from the site if there is one"
@@ -313,6 +325,13 @@ def _calibrate(verbs: Any) -> argparse.ArgumentParser:
         "scene", type=Path, metavar="SCENE.toml", help="the operation that was measured, see `simulate`"
     )
     parser.add_argument(
+        "--template",
+        action=PrintText,
+        of=table_template,
+        choices=TABLES,
+        help="print a commented table, of landmarks or of forces, and stop (`simulate --template`: the scene)",
+    )
+    parser.add_argument(
         "--landmarks",
         type=Path,
         metavar="FILE.csv",
@@ -359,12 +378,19 @@ def _materials(verbs: Any) -> None:
         help="list the laws that scenes take by name, with their parameters; and those of your own file, which is run",
     )
     parser.add_argument(
+        "--template",
+        action=PrintText,
+        of=law_template,
+        nargs=0,
+        help="print a commented file for --laws, with a law, and stop",
+    )
+    parser.add_argument(
         "--plot",
         type=Path,
         metavar="FILE.png",
         help="plot stress against stretch of the listed entries, over the stretches of their data (.pdf, .svg)",
     )
-    parser.add_argument("--force", action="store_true", help="overwrite an existing plot")
+    parser.add_argument("--overwrite", action="store_true", help="replace an existing plot")
     parser.set_defaults(quiet=False, output=None)
 
 
@@ -372,7 +398,7 @@ def _data(verbs: Any) -> None:
     parser = verbs.add_parser("data", help="sample data: a list, or files")
     parser.add_argument("names", nargs="*", metavar="NAME", help="data to write; without a name all are listed")
     parser.add_argument(
-        "-o", dest="output", type=Path, default=Path(), metavar="DIR", help="output folder (this folder)"
+        "-o", dest="output", type=Path, default=Path(), metavar="DIR", help="folder of the files (this folder)"
     )
-    parser.add_argument("--force", action="store_true", help="overwrite existing files")
+    parser.add_argument("--overwrite", action="store_true", help="replace existing files")
     parser.add_argument("-q", dest="quiet", action="store_true", help="do not print the files")

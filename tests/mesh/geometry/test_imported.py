@@ -30,7 +30,7 @@ def test_a_mesh_of_gmsh_becomes_one_of_ours(tmp_path, capsys):
     assert "Labels (ml)" not in page and "imported" in page and "ventricles" in page
     assert "lengths are in m: a body of 40 by 40 by 40 mm" in capsys.readouterr().out
     for option in (["--size", "4"], ["--route", "hull"], ["--labels"], ["--cut", "0,0,0"]):
-        assert main(["mesh", str(tmp_path / "head.msh"), "--unit", "m", *option, "--force", "-o", str(out)]) == 2
+        assert main(["mesh", str(tmp_path / "head.msh"), "--unit", "m", *option, "--overwrite", "-o", str(out)]) == 2
         assert f"{option[0]} is given with a mesh" in capsys.readouterr().err
     assert main(["mesh", str(tmp_path / "head.msh"), "-o", str(tmp_path / "no" / "head.vtkhdf")]) == 2
     assert "unit is mm, in which the body is 3.98e-05 m wide" in capsys.readouterr().err
@@ -51,9 +51,9 @@ def test_surfaces_one_in_the_other_become_a_mesh(tmp_path, capsys):
     assert result["regions"]["brain"]["volume_ml"] == pytest.approx(4 / 3 * np.pi * (3**3 - 1.2**3), rel=0.01)
     assert result["labels"] == "1 grey, 2 ventricles"
     assert "surfaces enclose 113.0 ml (grey), 7.2 ml (ventricles)" in capsys.readouterr().out
-    assert main(["mesh", *files, "--structures", "--force", "-o", str(out)]) == 2
+    assert main(["mesh", *files, "--structures", "--overwrite", "-o", str(out)]) == 2
     assert "--structures is given with surfaces" in capsys.readouterr().err
-    assert main(["mesh", files[0], str(tmp_path / "t1.nii.gz"), "--force", "-o", str(out)]) == 2
+    assert main(["mesh", files[0], str(tmp_path / "t1.nii.gz"), "--overwrite", "-o", str(out)]) == 2
     assert "t1.nii.gz; wanted: a closed surface" in capsys.readouterr().err
-    assert main(["mesh", "a.nii.gz", "b.nii.gz", "--force", "-o", str(out)]) == 2
+    assert main(["mesh", "a.nii.gz", "b.nii.gz", "--overwrite", "-o", str(out)]) == 2
     assert "IMAGE is 2 files; wanted: one" in capsys.readouterr().err

@@ -5,11 +5,13 @@ from __future__ import annotations
 import argparse
 import configparser
 import re
+import textwrap
 from collections.abc import Iterable
 
 import stage
 
 from ngbrain.cli.options.common import parser, parsers
+from ngbrain.cli.options.help_page import GROUPS
 from ngbrain.scene import Scene
 from ngbrain.scene.schema import reference
 from ngbrain.surgery.quantities import QUANTITIES
@@ -58,9 +60,16 @@ def commands() -> str:
         "`ngbrain VERB …`, or `python -m ngbrain VERB …`. A command ends with 0 where its answer may be used, with 2 for bad "
         "input, in one line that says what was found and what is wanted, and with 3 where a solver gave up or the answer is not to "
         "be used. Options may be shortened as long as they stay unique. This page is what `ngbrain VERB --help` prints.",
-        table(("verb", "does"), ((f"[`{verb}`](#ngbrain-{verb})", about(verb)) for verb in parsers())),
+        table(
+            ("", "verb", "does"),
+            (
+                (group if verb == verbs[0] else "", f"[`{verb}`](#ngbrain-{verb})", about(verb))
+                for group, verbs in GROUPS.items()
+                for verb in verbs
+            ),
+        ),
     ]
-    for verb, command in parsers().items():
+    for verb, command in ((verb, parsers()[verb]) for verbs in GROUPS.values() for verb in verbs):
         parts += [f"## `ngbrain {verb}`", sentence(about(verb))]
         if verb in HOWTO:
             parts.append(f"How to use it: [{title(HOWTO[verb])}](../{HOWTO[verb]}).")
@@ -87,9 +96,9 @@ def usage(command: argparse.ArgumentParser) -> str:
 
 
 def epilog(command: argparse.ArgumentParser) -> str:
-    """The text after the options: examples as code, prose as it is."""
-    text = (command.epilog or "").strip()
-    return f"```text\n{text}\n```" if "ngbrain " in text and "\n" in text else escape(text)
+    """The text after the options: prose as it is, examples as code."""
+    prose, _, examples = (command.epilog or "").partition("examples:\n")
+    return escape(prose.strip()) + (f"\n\n```sh\n{textwrap.dedent(examples).strip()}\n```" if examples else "")
 
 
 def shown(action: argparse.Action) -> str:
