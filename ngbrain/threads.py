@@ -9,11 +9,11 @@ from pathlib import Path
 
 import ngsolve as ngs
 
-_SETTERS = (
-    "openblas_set_num_threads",
-    "openblas_set_num_threads64_",
-    "scipy_openblas_set_num_threads",
-    "scipy_openblas_set_num_threads64_",
+_CALLS = (
+    "openblas_{}_num_threads",
+    "openblas_{}_num_threads64_",
+    "scipy_openblas_{}_num_threads",
+    "scipy_openblas_{}_num_threads64_",
 )
 
 
@@ -26,18 +26,44 @@ def set_threads(n: int) -> None:
     >>> set_threads(1)
     """
     ngs.SetNumThreads(max(1, int(n)))
+    for library in _libraries().values():
+        for name in _CALLS:
+            if hasattr(library, name.format("set")):
+                getattr(library, name.format("set"))(1)
+
+
+def ngsolve_threads() -> int:
+    """Number of threads of NGSolve's task manager."""
+    return int(ngs.ngsglobals.numthreads)
+
+
+def openblas_threads() -> dict[str, int]:
+    """Number of threads of every OpenBLAS library in this process, by file name; empty where these cannot be found.
+
+    >>> all(count >= 1 for count in openblas_threads().values())
+    True
+    """
+    found = {}
+    for path, library in _libraries().items():
+        for name in _CALLS:
+            if hasattr(library, name.format("get")):
+                found[Path(path).name] = int(getattr(library, name.format("get"))())
+    return found
+
+
+def _libraries() -> dict[str, ctypes.CDLL]:
+    """OpenBLAS libraries in the process map, by path."""
     maps = Path("/proc/self/maps")
     if not maps.exists():
-        return
-    paths = {line.split(maxsplit=5)[5] for line in maps.read_text().splitlines() if "openblas" in line.lower()}
-    for path in paths:
+        return {}
+    lines = (line.split(maxsplit=5) for line in maps.read_text().splitlines() if "openblas" in line.lower())
+    found = {}
+    for path in sorted({parts[5] for parts in lines if len(parts) > 5}):
         try:
-            library = ctypes.CDLL(path)
+            found[path] = ctypes.CDLL(path)
         except OSError:  # a file deleted since it was mapped
             continue
-        for name in _SETTERS:
-            if hasattr(library, name):
-                getattr(library, name)(1)
+    return found
 
 
 @contextmanager

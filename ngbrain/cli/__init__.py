@@ -1,6 +1,6 @@
 """The command line. Exit status 0 for success, 2 for bad input, 3 for a solver failure or an unreliable answer.
 
-- `simulate` (also `demo`), `mesh`, `invert`, `predict`, `calibrate`, `twin`, `cohort`, `materials`, `data`: The verbs.
+- `simulate` (also `demo`), `mesh`, `invert`, `predict`, `calibrate`, `twin`, `cohort`, `materials`, `data`, `doctor`: The verbs.
 - `options`: Their options.
 - `places`: Output folders; `streams`: standard output and error; `interrupts`: Ctrl-C; `words`: the final summary.
 """

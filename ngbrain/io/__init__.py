@@ -5,7 +5,7 @@
 - triangle surfaces: `read_surface`, `write_surface`
 - checkpoints of runs: `Checkpoint`, `Frame`, `load`, `save`
 - results: `write_json`, `FinishedWork` (a store of finished tasks), `load_or_compute` (a disk cache)
-- versions of all packages that affect results: `versions`, `show_versions`
+- versions of all packages that affect results: `versions`, `show_versions`; what is installed: `ngbrain doctor`
 
 Modules
 -------

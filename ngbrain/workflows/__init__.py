@@ -16,6 +16,7 @@ Modules
 - `results`: The rows with their verdicts, statistics, and the table.
 - `gate`: Outlier detection over the rows.
 - `subject`: Labels of a head with their source; `mesh_head`: from an image to a mesh.
+- `doctor`: What an installation has, lacks and does slowly.
 - `simulate`: A scene to its result; `preview`: a figure of the scene before.
 - `twin`: One patient's surgical plans compared.
 - `quick`: Coarse first answers before that.
@@ -29,6 +30,7 @@ from ngbrain.lazy import lazy_names
 if TYPE_CHECKING:
     from ngbrain.workflows import (
         cohort,
+        doctor,
         gate,
         listing,
         mesh_head,
@@ -63,6 +65,7 @@ __all__ = [
     "Subject",
     "TwinResult",
     "cohort",
+    "doctor",
     "find_outliers",
     "full_model",
     "gate",

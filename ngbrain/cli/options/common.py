@@ -65,6 +65,7 @@ def _parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentPars
     compared, many = add_twin(verbs), add_cohort(verbs)
     _materials(verbs)
     _data(verbs)
+    _doctor(verbs)
     folders = (
         (demo, "demo"), (scene, "simulated"), (mesh, "meshed"), (invert, "inverted"), (predict, "predicted"),
         (stiff, "calibrated"), (compared, "twin"), (many, "cohort"),
@@ -402,3 +403,16 @@ def _data(verbs: Any) -> None:
     )
     parser.add_argument("--overwrite", action="store_true", help="replace existing files")
     parser.add_argument("-q", dest="quiet", action="store_true", help="do not print the files")
+
+
+def _doctor(verbs: Any) -> None:
+    parser = verbs.add_parser(
+        "doctor",
+        help="what is installed here, what is missing and how to get it, what is slow",
+        description="Say which packages are installed, how many cores and how much memory there are, where files are cached, "
+        "and what is missing or slow, with what helps. Exit status 3 if the core does not work.",
+    )
+    parser.add_argument(
+        "--no-timing", dest="timing", action="store_false", help="do not measure the solver and the disk"
+    )
+    parser.set_defaults(quiet=False, output=None)

@@ -10,7 +10,7 @@ GROUPS = {
     "Simulation": ("demo", "simulate"),
     "Elastography": ("invert", "predict"),
     "Patient": ("calibrate", "twin", "cohort"),
-    "Look up": ("materials",),
+    "Look up": ("materials", "doctor"),
 }
 """Verbs by what they are for, in the order of the help."""
 EXAMPLES = {
@@ -62,6 +62,10 @@ EXAMPLES = {
     "data": (
         ("ngbrain data", "what there is"),
         ("ngbrain data waves_plane plate -o samples", "two of them, into a folder"),
+    ),
+    "doctor": (
+        ("ngbrain doctor", "what is installed, missing or slow here"),
+        ("ngbrain doctor --no-timing", "without the measurements"),
     ),
 }
 """Commands at the end of a verb's help, each with what it is for."""

@@ -27,6 +27,7 @@ HOWTO = {
     "cohort": "howto/cohort.md",
     "materials": "howto/laws.md",
     "data": "install.md",
+    "doctor": "install.md",
 }
 """The page that each verb is explained on."""
 
