@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError, require
 from ngbrain.reading import read_json
 from ngbrain.report import words
@@ -54,7 +58,10 @@ class Report:
         self._runs: tuple[str, ...] = ()
 
     def write(self) -> Path:
-        """Write the page from the current `result.json`, and `scene.glb`: brain, tool and strain when strain is largest.
+        """Write the page from the current `result.json`.
+
+        Beside it `scene.glb` (brain, tool and strain when strain is largest) and `PROTOCOL.csv` (every time series, with units in
+        the names of its columns).
 
         Raises
         ------
@@ -66,7 +73,11 @@ class Report:
         if self._drawn is None or runs != self._runs:
             self._drawn, self._runs = _pictures(where, result), runs
         pictures, film, shown, time, panel = self._drawn
-        write_gltf(folder / "scene.glb", [each for each in panel.layers if isinstance(each, SurfaceLayer)])
+        write_gltf(
+            folder / "scene.glb", [each for each in panel.layers if isinstance(each, SurfaceLayer) and each.shown]
+        )
+        for name, answer in result["answers"].items():
+            _write_series(folder / f"{name}.csv", answer["series"])
         answers, comparison = result["answers"], result.get("comparison") or {}
         status, band = result.get("check_status") or {}, result.get("material_uncertainty") or {}
         openings = [max(answer["series"]["blade_mm"]) for answer in answers.values()]
@@ -101,6 +112,17 @@ class Report:
             model=result.get("model") or {},
             volumes=slices.volumes(result.get("head") or {}, result.get("model") or {}),
         )
+
+
+def _write_series(path: Path, series: Mapping[str, Any]) -> None:
+    """Write the time series of a protocol that have a value at each time; an unknown value is left empty."""
+    names = [name for name, values in series.items() if len(values) == len(series["t_s"])]
+    rows = zip(*(series[name] for name in names), strict=True)
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(names)
+    writer.writerows(["" if value is None else value for value in row] for row in rows)
+    atomic_write(path, lambda part: part.write_text(text.getvalue(), encoding="utf-8"))
 
 
 def _read(path: Path) -> dict[str, Any]:

@@ -261,8 +261,18 @@ def test_the_page_stands_alone(page: str) -> None:
     assert not re.search(r"https?:|<link|<iframe|@import|url\(|fetch\(|import\(|XMLHttpRequest|WebSocket", page)
     assert not re.search(r"""\b(?:src|srcset|data|action)=["'](?!data:image/(?:png|webp);base64,)""", page)
     assert not re.search(r"""\bhref=["'](?!#)""", page)
-    assert page.count("<script") == page.count("<script>") == 1  # the viewer's, which holds all it needs
+    assert page.count("<script") == page.count("<script>") == 2  # of the scene and the player, which hold all they need
     assert "not for clinical decisions" in page
+
+
+def test_time_series_and_the_scene_lie_beside_the_page(page: str, made: Path) -> None:
+    result = json.loads((made / "result.json").read_text())
+    for name, answer in result["answers"].items():
+        table = np.genfromtxt(made / f"{name}.csv", delimiter=",", names=True)
+        assert table["pressure_mmHg"].tolist() == answer["series"]["pressure_mmHg"]
+        assert table["t_s"].tolist() == answer["series"]["t_s"]
+    head = (made / "scene.glb").read_bytes()
+    assert head[:4] == b"glTF" and int.from_bytes(head[8:12], "little") == len(head) and b"ventricles" in head
 
 
 def test_all_pictures_decode_and_are_told_in_words(page: str) -> None:
