@@ -4,7 +4,8 @@ Problems
     `Problem` (nonlinear solid), `Material` by region, `PlaneStrain`, `Axisymmetric`, `AntiPlane`; `Inertia` with
     `GeneralizedAlpha` time integration.
 Loads
-    `TractionLoad`, `PressureLoad`, `BodyForce`, `Spring`, `RigidFace`, `RigidBody`, `CavityPressure`, `CavityVolume`.
+    `TractionLoad`, `PressureLoad`, `BodyForce`, `FluidPressure`, `Spring`, `RigidFace`, `RigidBody`, `CavityPressure`,
+    `CavityVolume`.
 Contact
     `RigidContact`, `SlidingSupport`, `SelfContact`, `Friction`, `PrescribedForce` (force-controlled rigid bodies).
 Solution
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
         BodyForce,
         CavityPressure,
         CavityVolume,
+        FluidPressure,
         PressureLoad,
         RigidBody,
         RigidFace,
@@ -94,6 +96,7 @@ __all__ = [
     "Control",
     "Displacements",
     "ErrorControl",
+    "FluidPressure",
     "Force",
     "Friction",
     "Functional",

@@ -6,7 +6,7 @@ and writes. A part checks its own fields when it is made (also in Python), a `Sc
 
 - `geometry`: The body and its element sizes: `Geometry`, `MeshSize`.
 - `tissues`: Materials: `Tissue`.
-- `conditions`: Supports and loads: `DisplacementBC`, `Traction`, `Pressure`, `Gravity`.
+- `conditions`: Supports and loads: `DisplacementBC`, `Traction`, `Pressure`, `Gravity`, `Fluid`.
 - `contacts`: Rigid bodies: `Contact`.
 - `operation`: Cleft, tool and patient: `CleftSpec`, `Tool`, `Patient`.
 - `protocols`: Time and the tool's motion: `Time`, `Protocol`.
@@ -29,13 +29,13 @@ from ngbrain.lazy import lazy_names
 from ngbrain.look import NotebookCard
 from ngbrain.materials.registry import reading
 from ngbrain.mesh.geometry.primitives import Ellipsoids
-from ngbrain.scene.conditions import DisplacementBC, Given, Gravity, Pressure, Traction, depends_on_time
+from ngbrain.scene.conditions import DisplacementBC, Fluid, Given, Gravity, Pressure, Traction, depends_on_time
 from ngbrain.scene.contacts import Contact
 from ngbrain.scene.geometry import Geometry, MeshSize
 from ngbrain.scene.operation import CleftSpec, Openable, Patient, Tool
 from ngbrain.scene.protocols import Protocol, Time
 from ngbrain.scene.quantities import Quantity
-from ngbrain.scene.tissues import Tissue
+from ngbrain.scene.tissues import DENSITY, Tissue
 from ngbrain.schema.document import Document, Section, brief, entries
 from ngbrain.schema.fields import table, text
 
@@ -48,6 +48,7 @@ __all__ = [
     "CleftSpec",
     "Contact",
     "DisplacementBC",
+    "Fluid",
     "Geometry",
     "Gravity",
     "MeshSize",
@@ -88,8 +89,10 @@ class Scene(NotebookCard, Document):
         Materials by region.
     displacement_bcs
         Prescribed displacements. By default an operation is fixed at the skull.
-    tractions, pressures, gravity
+    tractions, pressures
         Loads of a body.
+    gravity, fluid
+        Gravity, and a fluid around the body or around the brain before the tool touches it.
     contacts
         Rigid bodies that press on it.
     cleft, tools, protocols, patient
@@ -125,6 +128,7 @@ class Scene(NotebookCard, Document):
     tractions: tuple[Traction, ...] = table(Traction, (), size=0)
     pressures: tuple[Pressure, ...] = table(Pressure, (), size=0)
     gravity: Gravity | None = table(Gravity, None)
+    fluid: Fluid | None = table(Fluid, None)
     contacts: tuple[Contact, ...] = table(Contact, (), size=0)
     cleft: CleftSpec | None = table(CleftSpec, None)
     time: Time = table(Time, Time)
@@ -155,12 +159,12 @@ class Scene(NotebookCard, Document):
                 self._need_table(getattr(self, name) == none, name, "given", wanted)
             wanted = "one or more tables [[quantity]], the requested quantities of a body under loads"
             self._need_table(self.quantities, "quantities", "missing", wanted)
-            wanted = "a [[displacement_bc]], [[traction]], [[pressure]], [[contact]] or [gravity]"
-            loaded = self.displacement_bcs or self.tractions or self.pressures or self.contacts or self.gravity
+            wanted = "a [[displacement_bc]], [[traction]], [[pressure]], [[contact]], [gravity] or a tissue with swelling_percent"
+            loaded = self.displacement_bcs or self.tractions or self.pressures or self.contacts or self.is_preloaded
             self._need_table(loaded, "displacement_bcs", "missing", wanted)
             return
         self._need_table(self.geometry.is_head, "cleft", "given", "geometry.kind a head, to go with it")
-        for name in ("tractions", "pressures", "contacts", "gravity"):
+        for name in ("tractions", "pressures", "contacts"):
             self._need_table(
                 not getattr(self, name), name, "given", "this table left out: an operation does not have it yet"
             )
@@ -188,6 +192,8 @@ class Scene(NotebookCard, Document):
             "protocol": len(self.protocols),
             "quantity": len(self.quantities),
         }
+        acting |= {name: 1 for name in ("gravity", "fluid") if getattr(self, name) is not None}
+        acting["swelling"] = int(any(tissue.swelling for tissue in self.tissues))
         counted = [
             f"{n} {name}{'' if n == 1 else 's'}".replace("quantitys", "quantities") for name, n in acting.items() if n
         ]
@@ -206,6 +212,11 @@ class Scene(NotebookCard, Document):
     def is_operation(self) -> bool:
         """Whether a tool opens a cleft."""
         return self.cleft is not None
+
+    @property
+    def is_preloaded(self) -> bool:
+        """Whether gravity or swelling loads the body: in an operation, before the tool touches it."""
+        return self.gravity is not None or any(tissue.swelling for tissue in self.tissues)
 
     @property
     def is_timed(self) -> bool:
@@ -250,6 +261,9 @@ class Scene(NotebookCard, Document):
                 "geometry.stiffness_map is relative: where it is 1.1 times its mean over a tissue, that tissue's moduli are 1.1 "
                 "times those of the scene; its absolute values, measured at high rates and small strains, are not used"
             )
+        if self.is_operation and self.gravity is not None:
+            said = f"density_kg_m3 is not given: {DENSITY:g} is assumed"
+            found += [f"tissue#{i} ({s.region}): {said}" for i, s in enumerate(self.tissues, 1) if s.density is None]
         if self.is_operation and not any(tissue.law().branches for tissue in self.tissues):
             found.append("no tissue is viscoelastic: pressures do not relax during holds")
         return found

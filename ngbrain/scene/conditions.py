@@ -11,12 +11,15 @@ from typing import TYPE_CHECKING, Any
 from ngbrain.schema.document import Section
 from ngbrain.schema.fields import choice, formula, number, pattern
 from ngbrain.schema.formulas import FUNCTIONS, Formula
+from ngbrain.units import LARGEST_BODY
 
 if TYPE_CHECKING:
     from ngbrain.scene import Scene
 
 MOST_TRACTION, MOST_ACCELERATION, MOST_TURN = 1e9, 1e5, 720.0
 """Upper limits: Pa; m/s²; degrees."""
+FLUIDS = (100.0, 5000.0)
+"""Densities of fluids (kg/m³)."""
 PLACE, ABOUT = ("x", "y", "z", "t"), "x, y, z (mm) and t (s)"
 """Variables of a formula in space and time, and their description."""
 Given = float | Formula
@@ -99,7 +102,15 @@ class DisplacementBC(Section):
             )
             self._need(self.components == "xyz", path, "components", "'xyz': in an operation all components are fixed")
             return
-        self._need(self.contact != "sliding", path, "contact", "bonded or frictionless, but in an operation")
+        if self.contact == "sliding":
+            wanted = "bonded or frictionless: in a harmonic problem boundaries are bonded"
+            self._need(scene.time.frequency is None, path, "contact", wanted)
+            self._need(
+                self.components == "xyz", path, "components", "'xyz': a sliding boundary keeps to its own surface"
+            )
+            self._need(
+                not any(self.value), path, "value", "all 0: the surface along which a boundary slides is at rest"
+            )
         if self.contact == "frictionless":
             self._need(
                 scene.time.frequency is None,
@@ -243,18 +254,50 @@ class Pressure(Section):
 
 @dataclass(frozen=True, kw_only=True)
 class Gravity(Section):
-    """Gravity, applied to a body that is stress-free without it; it increases with the loads.
+    """Gravity. A body is loaded as its loads grow; an operation's head is loaded, and settles, before the tool touches it.
 
     Parameters
     ----------
     acceleration
         Along x, y and z (m/s²); 9.81 downwards is -9.81 along z.
+    imaged
+        Acceleration (m/s²) in which the body was imaged: its shape is taken as stress-free there, with all of the fluid, and only
+        the difference loads it. 0, a shape that is stress-free without gravity, if it is left out.
     """
 
     acceleration: tuple[float, float, float] = number("acceleration_m_s2", signed=True, size=3)
+    imaged: tuple[float, float, float] | None = number("imaged_acceleration_m_s2", None, signed=True, size=3)
 
     def _check(self, path: str, scene: Scene) -> None:
         wanted = f"an acceleration of at most {MOST_ACCELERATION:g} m/s², not all 0"
         largest = max(map(abs, self.acceleration))
         self._need(0 < largest <= MOST_ACCELERATION, path, "acceleration", wanted)
+        largest = max(map(abs, self.imaged or (0.0,)))
+        self._need(largest <= MOST_ACCELERATION, path, "imaged", f"at most {MOST_ACCELERATION:g} m/s²")
         self._need(scene.time.frequency is None, path, "acceleration", "no [gravity]: a harmonic problem has none")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fluid(Section):
+    """A fluid at rest around the body, such as cerebrospinal fluid: it lifts the body, with `[gravity]`.
+
+    Parameters
+    ----------
+    density
+        Mass over volume.
+    drained_to
+        Height of its surface, the coordinate opposite to gravity: z where gravity points along -z. There is no fluid above. If it
+        is left out, nothing is drained: the fluid fills the space around the body.
+    """
+
+    density: float = number("density_kg_m3")
+    drained_to: float | None = number("drained_to_mm", None, signed=True)
+
+    def _check(self, path: str, scene: Scene) -> None:
+        low, high = FLUIDS
+        self._need(low <= self.density <= high, path, "density", f"a density of {low:g} to {high:g} kg/m³")
+        self._need(
+            scene.gravity is not None, path, "density", "[gravity] to go with it: without, a fluid has no pressure"
+        )
+        far = self.drained_to is None or abs(self.drained_to) <= LARGEST_BODY
+        self._need(far, path, "drained_to", f"a height of at most {1e3 * LARGEST_BODY:g} mm")

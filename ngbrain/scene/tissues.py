@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 LEAST_SCALE, MOST_SCALE = 1e-6, 1e6
 NEARLY_INCOMPRESSIBLE, DENSITY = 1000.0, 1040.0
 """Defaults for tissue without further data: ratio of bulk to initial shear modulus, and density (kg/m³)."""
+SWELLINGS = (-0.3, 1.0)
+"""Smallest and largest relative change of a tissue's volume."""
 LAWS = {
     "anyOf": [
         {"type": "object", "properties": {"name": {"enum": list(REGISTRY)}}, "required": ["name"]},
@@ -75,6 +77,9 @@ class Tissue(Section):
         Mass over volume; without it 1040 kg/m³, with a warning where it matters.
     loss_tangent
         Loss tangent G″/G′ in harmonic problems, for tissue without branches.
+    swelling
+        Change of the stress-free volume, the same in all directions, that grows with the loads: positive where tissue takes up
+        fluid (oedema), negative where it loses it (mannitol). Its mass is unchanged.
     fibre_stiffness
         k₁ (Pa) of the fibres of Holzapfel, Gasser and Ogden.
     fibre_exponent
@@ -120,6 +125,7 @@ class Tissue(Section):
     poissons_ratio: float | None = number("poissons_ratio", None, least=0.0)
     density: float | None = number("density_kg_m3", None)
     loss_tangent: float = number("loss_tangent", 0.0, least=0.0)
+    swelling: float = number("swelling_percent", 0.0, signed=True)
     fibre_stiffness: float | None = number("fibre_stiffness_Pa", None)
     fibre_exponent: float = number("fibre_exponent", 1.0)
     fibre: tuple[float, float, float] | None = number("fibre", None, signed=True, size=3)
@@ -143,6 +149,11 @@ class Tissue(Section):
         self._need(not given, path, "poissons_ratio", "this key or bulk_to_shear_ratio, not both")
         self._need(self.poissons_ratio is None or self.poissons_ratio < 0.5, path, "poissons_ratio", "less than 0.5")
         self._need(1e-3 <= self.volume_ratio <= 1e9, path, "bulk_to_shear_ratio", "a ratio of 0.001 to 1e9")
+        low, high = SWELLINGS
+        wanted = f"a change of volume of {100 * low:g} to {100 * high:g} percent"
+        self._need(low <= self.swelling <= high, path, "swelling", wanted)
+        still = scene.time.frequency is None or not self.swelling
+        self._need(still, path, "swelling", "this key left out: a harmonic problem has amplitudes only")
         wanted = "a direction to go with fibre_stiffness_Pa, and only with it, or fibre_map"
         directed = self.fibre is not None or self.fibre_map is not None
         self._need((self.fibre_stiffness is None) != directed, path, "fibre", wanted)

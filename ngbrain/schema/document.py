@@ -43,6 +43,7 @@ UNITS = {
     "mmHg": (1, "pressure in mmHg"),
     "gf": (1, "force in gf"),
     "deg": (1, "angle in degrees"),
+    "percent": (100, "percentage"),
 }
 """End of a key → number of the unit in one SI unit (an integer, so that SI → unit → SI is exact after one round), and words.
 

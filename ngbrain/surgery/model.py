@@ -11,18 +11,20 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import InputError, nearest
+from ngbrain.forward.common.loads import Load
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.force_control import PrescribedForce
 from ngbrain.forward.contact.friction import Friction, Moves
-from ngbrain.forward.contact.parameters import OFFSET_SHARE, PENALTY, SLIP, SOFTNESS
+from ngbrain.forward.contact.parameters import FILM, OFFSET_SHARE, PENALTY, SLIP, SOFTNESS
 from ngbrain.forward.contact.rigid import RigidContact, SelfContact, SlidingSupport, WallContact
-from ngbrain.forward.solid.advance import newton_for
+from ngbrain.forward.solid.advance import LoadHistory, newton_for
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.forward.transient.step_control import Control, ErrorControl
+from ngbrain.forward.transient.step_control import Control, ErrorControl, PrescribedSteps
 from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.image.read.fibre_directions import read_fibre_directions
 from ngbrain.image.read.property_maps import read_map
 from ngbrain.image.read.volume import Volume
+from ngbrain.ladder.models.gravity import gravity_loads, mean_value
 from ngbrain.ladder.models.property_maps import fibre_field
 from ngbrain.look import BriefText
 from ngbrain.materials import Law, Viscous, mix
@@ -47,8 +49,6 @@ from ngbrain.surgery.tools import WALLS, make_tools
 from ngbrain.surgery.tools.base import RigidTool
 from ngbrain.units import gf
 
-FILM = 1e5
-"""Normal stiffness of a sliding boundary in initial shear moduli per metre: a pressure of one modulus penetrates 10 µm."""
 POINTWISE = 0.2
 """Penalty against local volume collapse (`Material.pointwise`), in initial shear moduli."""
 NEARLY_INCOMPRESSIBLE = 100.0
@@ -69,6 +69,10 @@ FURTHEST = 0.25 * (1 + 1e-6)
 round-off from splitting a step.
 
 A coarse head opened and released by 2 mm in 2 s has its work in balance to 0.2 %; with steps of any advance, to 4 %.
+"""
+SETTLED, APPLIED, RAMP, HELD = 600.0, 60.0, 4, 5
+"""Time (s) before the operation in which the head settles under gravity, fluid and swelling; part of it in which they are applied;
+steps of that part, and of the rest. A brain has settled ten minutes after its head is turned (Zappalà et al., ISMRM 2019, 3838).
 """
 FOCUS = 28e-3
 """Within this distance (m) of the cleft's walls the tangent is updated more often than elsewhere."""
@@ -303,12 +307,27 @@ class RetractionModel(BriefText):
         touches: list[WallContact | Friction | PrescribedForce] = [*contacts, *rubs, *films, meeting]
         if isinstance(drive, PrescribedForce):
             touches.append(drive)
-        parts = (self.mesh, materials, {self.fixed: 0} if self.fixed else {}, (), touches, f"P{order}/P{order - 1}")
+        fixed = {self.fixed: 0} if self.fixed else {}
+        parts = (self.mesh, materials, fixed, self.gravity_loads(order), touches, f"P{order}/P{order - 1}")
         near = self.cleft.distance_to_walls(centres(self.mesh)) < FOCUS
         body = Problem(*parts)
+        if scene.is_preloaded:
+            settle(body, drive if isinstance(drive, PrescribedForce) else None)
         body.focus(near)
         newton = newton_for(body, rtol=BALANCED)
         return TimeStepper(body, drive, control or self.control(), scene.mesh.wall / 2, newton)
+
+    def gravity_loads(self, order: int) -> list[Load]:
+        """Gravity and the fluid of the scene, for elements of an order."""
+        if self.scene.gravity is None:
+            return []
+        mixtures = self.head.mixtures(self.mesh, order)
+        tissues = self._tissues([name for shares in mixtures.values() for name in shares])
+        densities = {
+            region: mean_value(self.mesh, order - 1, [(share, tissues[name].rho) for name, share in shares.items()])
+            for region, shares in mixtures.items()
+        }
+        return gravity_loads(self.scene, self.mesh, self.mesh.MaterialCF(densities))
 
     @property
     def fixed(self) -> str:
@@ -382,6 +401,26 @@ class RetractionModel(BriefText):
         return continuous_retraction(self.scene.tool.travel, time.ramp, time.end, name)
 
 
+def settle(body: Problem, force: PrescribedForce | None = None) -> None:
+    """Apply the loads of a head at rest, before the tool touches it, and let its tissue relax until the operation begins at t = 0.
+
+    Parameters
+    ----------
+    body : Problem
+        At rest.
+    force : PrescribedForce, optional
+        The motion of a force-controlled tool, among its contacts.
+    """
+    times = np.concatenate(
+        [np.linspace(-SETTLED, -SETTLED + APPLIED, RAMP + 1), -np.geomspace(SETTLED - 1.3 * APPLIED, 1, HELD), [0]]
+    )
+    factors = np.clip((times + SETTLED) / APPLIED, 0, 1)
+    loads = LoadHistory(times, factors)
+    newton = newton_for(body, rtol=BALANCED)
+    stepper = TimeStepper(body, force, PrescribedSteps(times), newton=newton, loads=loads)
+    stepper.run(lambda *_: None, until=0.0)
+
+
 def _shared_motion(blade: RigidTool, sharing: int) -> Moves:
     """Motion of a tool's surface when several tools share the advance."""
     return lambda x, way: blade.moves(x, way / sharing)
@@ -409,11 +448,14 @@ def _mix_materials(shares: list[tuple[Tissue, Law | Viscous, Value]]) -> Materia
     """One material for the tissues of a region with their laws; fractions are 0 or 1 at quadrature points."""
     if len(shares) == 1:
         ((tissue, law, _),) = shares
-        return Material(law, tissue.bulk, _barrier(tissue))
-    bulk, barrier = (
-        sum(share * value(tissue) for tissue, _, share in shares) for value in (lambda t: t.bulk, _barrier)
+        return Material(law, tissue.bulk, _barrier(tissue), swelling=tissue.swelling)
+    bulk, barrier, swelling = (
+        sum(share * value(tissue) for tissue, _, share in shares)
+        for value in (lambda t: t.bulk, _barrier, lambda t: t.swelling)
     )
-    return Material(mix([(law, share) for _, law, share in shares]), bulk, barrier)
+    swells = any(tissue.swelling for tissue, _, _ in shares)
+    law = mix([(law, share) for _, law, share in shares])
+    return Material(law, bulk, barrier, swelling=swelling if swells else 0.0)
 
 
 def _barrier(tissue: Tissue) -> float:

@@ -232,6 +232,8 @@ def _displacement(bc: DisplacementBC, names: Sequence[str], scene: Scene) -> Con
         about = f"({_listed(bc.axis or ())}) through ({_listed(bc.toml_value('centre') or (0, 0, 0))}) mm"
         words = f"rotated by {bc.toml_value('rotation')}° about {about}"
         return Condition("rotated", words, mine)
+    if bc.contact == "sliding":
+        return Condition("sliding", "slides along a fixed surface", mine)
     if not any(bc.value):
         return Condition("fixed", f"fixed{along}", mine)
     way = bc.displacement([np.zeros(1)] * 3, scene.time.end, 1.0) if bc.is_even else None
@@ -282,7 +284,8 @@ def _tables(scene: Scene, mesh: ngs.Mesh, conditions: Sequence[Condition]) -> di
     for tissue in scene.tissues:
         name = tissue.material if isinstance(tissue.material, str) else type(tissue.law().equilibrium).__name__
         relaxes = "relaxes" if tissue.law().branches else "elastic"
-        regions.append((tissue.region, f"{name}, initial modulus {tissue.initial_modulus:.4g} Pa", relaxes))
+        swells = f", swells by {100 * tissue.swelling:g} %" if tissue.swelling else ""
+        regions.append((tissue.region, f"{name}, initial modulus {tissue.initial_modulus:.4g} Pa{swells}", relaxes))
     volumes = {name: to_ml(ngs.Integrate(ngs.CF(1) * ngs.dx(name), mesh)) for name in sorted(set(mesh.GetMaterials()))}
     found: dict[str, list[tuple[str, ...]]] = {
         "Tissues": regions,
@@ -292,8 +295,16 @@ def _tables(scene: Scene, mesh: ngs.Mesh, conditions: Sequence[Condition]) -> di
         ],
     }
     if scene.gravity:
+        before = scene.gravity.imaged
+        imaged = "" if before is None else f", imaged in {_listed(before)} m/s²"
         found["Boundary conditions and loads"].append(
-            ("everywhere", f"gravity {_listed(scene.gravity.acceleration)} m/s²")
+            ("everywhere", f"gravity {_listed(scene.gravity.acceleration)} m/s²{imaged}")
+        )
+    if scene.fluid:
+        level = scene.fluid.toml_value("drained_to")
+        drained = "nothing drained" if level is None else f"drained to {level:g} mm against gravity"
+        found["Boundary conditions and loads"].append(
+            ("the whole surface", f"fluid of {scene.fluid.density:g} kg/m³, {drained}")
         )
     if scene.is_operation:
         tool, cleft = scene.tool, scene.operated

@@ -28,6 +28,17 @@ boundary = "plate"
 tolerance = 0.2
 """
 
+HEAVY = (
+    "[time]",
+    """[gravity]
+acceleration_m_s2 = [0, 0, -9.81]
+imaged_acceleration_m_s2 = [0, 9.81, 0]
+[fluid]
+density_kg_m3 = 1007
+drained_to_mm = 20
+[time]""",
+)
+
 
 def read(tmp_path, text):
     path = tmp_path / "scene.toml"
@@ -40,6 +51,21 @@ def test_a_file_is_read_in_its_units_and_written_back(tmp_path):
     assert scene.displacement_bcs[1].value == (0, 0, -0.0002) and scene.geometry.plate == (0.02, 0.02)
     assert scene.tissues[0].law() == constants("griffiths2024:cortex").law()
     assert read(tmp_path, scene.to_toml()) == scene
+
+
+def test_gravity_fluid_and_swelling_are_read_and_written_back(tmp_path):
+    text = TOML.replace(*HEAVY).replace('"griffiths2024:cortex"', '"griffiths2024:cortex"\nswelling_percent = -7.7')
+    scene = read(tmp_path, text)
+    assert scene.gravity.imaged == (0, 9.81, 0) and scene.fluid.drained_to == 0.02
+    assert scene.tissues[0].swelling == -7.7 / 100 and scene.is_preloaded
+    assert read(tmp_path, scene.to_toml()) == scene and "swelling_percent = -7.7" in scene.to_toml()
+    assert "1 gravity, 1 fluid, 1 swelling" in scene.summary()["conditions"]
+
+
+def test_gravity_or_swelling_alone_load_a_body(tmp_path):
+    held = TOML.replace('[[displacement_bc]]\nboundary = "plate"\nvalue_mm = [0, 0, -0.2]\n', "")
+    assert not read(tmp_path, held).is_preloaded
+    assert read(tmp_path, held.replace('cortex"', 'cortex"\nswelling_percent = 3')).is_preloaded
 
 
 @pytest.mark.parametrize(
@@ -57,7 +83,29 @@ def test_a_file_is_read_in_its_units_and_written_back(tmp_path):
             "geometry.stiffness_map .* a head under loads does not have it yet",
         ),
         ("value_mm = [0, 0, -0.2]", "contact = 'frictionless'", "value_mm"),
-        ("value_mm = [0, 0, -0.2]", "contact = 'sliding'", "contact"),
+        ("[0, 0, -0.2]", "[0, 0, -0.2]\ncontact = 'sliding'", "value_mm .* all 0: the surface along which"),
+        ("[time]", "[fluid]\ndensity_kg_m3 = 1007\n[time]", "fluid.density_kg_m3 .* .gravity. to go with it"),
+        (
+            HEAVY[0],
+            HEAVY[1].replace("1007", "1e5"),
+            "fluid.density_kg_m3 is 100000.*; wanted: a density of 100 to 5000",
+        ),
+        (
+            HEAVY[0],
+            HEAVY[1].replace("= 20", "= 1e6"),
+            "fluid.drained_to_mm is 1.*; wanted: a height of at most 2000 mm",
+        ),
+        (HEAVY[0], HEAVY[1].replace("[0, 9.81, 0]", "[0, 1e9, 0]"), "gravity.imaged_acceleration_m_s2"),
+        (
+            '"griffiths2024:cortex"',
+            '"griffiths2024:cortex"\nswelling_percent = -50',
+            "tissue#1.swelling_percent is -50.*; wanted: a change of volume of -30 to 100",
+        ),
+        (
+            '"griffiths2024:cortex"\n',
+            '"griffiths2024:cortex"\nswelling_percent = 3\n[time]\nfrequency_Hz = 5\n#',
+            "swelling_percent|time",
+        ),
         ("-0.2]", "-0.2]\ncomponents = 'z'\ncontact = 'frictionless'", "components"),
         ("end_s = 1", "end_s = 0.5", "time.end_s"),
         ("[time]", "[gravity]\nacceleration_m_s2 = [0, 0, 9.81]\n[time]\nfrequency_Hz = 50", "gravity"),

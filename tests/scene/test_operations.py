@@ -19,6 +19,7 @@ from ngbrain.materials import NeoHooke, Viscous, constants
 from ngbrain.scene import (
     CleftSpec,
     DisplacementBC,
+    Fluid,
     Geometry,
     Gravity,
     MeshSize,
@@ -46,7 +47,7 @@ SMALLEST = {
 DELETED = object()
 MEAN, INTRA = "mean_arterial_pressure_mmHg", "intracranial_pressure_mmHg"
 PARTS = [
-    Geometry, MeshSize, Tissue, DisplacementBC, Traction, Gravity, CleftSpec, Time, Tool, Protocol, Quantity, Patient,
+    Geometry, MeshSize, Tissue, DisplacementBC, Traction, Gravity, Fluid, CleftSpec, Time, Tool, Protocol, Quantity, Patient,
 ]  # fmt: skip
 
 

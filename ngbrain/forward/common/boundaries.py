@@ -88,6 +88,33 @@ def outward(mesh: ngs.Mesh, boundary: str) -> CoefficientFunction:
     return sign * normal
 
 
+def surface_normal(mesh: ngs.Mesh) -> CoefficientFunction:
+    """Outward unit normal of the whole surface of a mesh; 0 on interfaces between its regions.
+
+    Parameters
+    ----------
+    mesh : ngsolve.Mesh
+
+    Returns
+    -------
+    CoefficientFunction
+    """
+    normal = ngs.specialcf.normal(mesh.dim)
+    mean = np.array([ngs.Integrate(normal[i], mesh, ngs.BND, element_wise=True).NumPy() for i in range(mesh.dim)])
+    corners = np.array([vertex.point for vertex in mesh.vertices])
+    behind: dict[ngs.NodeId, list[np.ndarray]] = {}
+    for element in mesh.Elements():
+        middle = corners[[vertex.nr for vertex in element.vertices]].mean(axis=0)
+        for facet in element.faces if mesh.dim == 3 else element.edges:
+            behind.setdefault(facet, []).append(middle)
+    sign = ngs.GridFunction(ngs.SurfaceL2(mesh, order=0))
+    for element in mesh.Elements(ngs.BND):
+        found = behind[(element.faces if mesh.dim == 3 else element.edges)[0]]
+        outwards = corners[[vertex.nr for vertex in element.vertices]].mean(axis=0) - found[0]
+        sign.vec[element.nr] = np.sign(mean[:, element.nr] @ outwards) if len(found) == 1 else 0.0
+    return sign * normal
+
+
 def check_closed(mesh: ngs.Mesh, boundary: str) -> None:
     """Check that a boundary is closed, by itself or together with the planes x = 0, y = 0 and z = 0.
 

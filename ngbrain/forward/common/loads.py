@@ -13,7 +13,8 @@ from typing import Protocol, TypeAlias
 import ngsolve as ngs
 from ngsolve import CoefficientFunction
 
-from ngbrain.forward.common.boundaries import check_closed, outward
+from ngbrain.errors import InputError
+from ngbrain.forward.common.boundaries import check_closed, outward, surface_normal
 from ngbrain.forward.common.kinematics import SolidKinematics
 from ngbrain.forward.common.penalty import soft_penalty
 from ngbrain.materials.base import Value
@@ -55,10 +56,10 @@ class LoadContext:
     v: CoefficientFunction | None
     order: int = 2
 
-    def ds(self, boundary: str) -> ngs.comp.DifferentialSymbol:
-        """Surface measure of the reference configuration on a boundary."""
+    def ds(self, boundary: str, bonus: int = BONUS) -> ngs.comp.DifferentialSymbol:
+        """Surface measure of the reference configuration on a boundary, with quadrature beyond twice the order of u."""
         shapes = (ngs.SEGM,) if self.mesh.dim == 2 else (ngs.TRIG, ngs.QUAD)
-        return ngs.ds(boundary, intrules=_rules(shapes, 2 * self.order + BONUS))
+        return ngs.ds(boundary, intrules=_rules(shapes, 2 * self.order + bonus))
 
     def dx(self, region: str) -> ngs.comp.DifferentialSymbol:
         """Volume measure of the reference configuration in a region."""
@@ -84,6 +85,10 @@ class LoadContext:
         CoefficientFunction (dim,)
         """
         return self._area(u, outward(self.mesh, boundary))
+
+    def surface_area(self, u: CoefficientFunction) -> CoefficientFunction:
+        """As `area`, of the body's whole surface; 0 on interfaces between its regions."""
+        return self._area(u, surface_normal(self.mesh))
 
     def area_ratio(self, u: CoefficientFunction) -> CoefficientFunction:
         """Current over reference area |cof F N|, on any boundary."""
@@ -137,6 +142,66 @@ class BodyForce:
         """Potential (J)."""
         work = at.factor * at.kinematics.weight() * ngs.InnerProduct(_vector(self.value), at.u)
         return -work * at.dx(self.region)
+
+
+@dataclass(frozen=True)
+class FluidPressure:
+    """Pressure of a fluid at rest around a body, P = ρ_f |g| d at a depth d; potential ∫ P dv over the body's current volume.
+
+    As P = div A with A = ρ_f d² g/2, that is ∫ A·n da over its surface. The variation is the pressure's work ∫ P n·δu da, so that
+    a body is lifted by the weight of the fluid that it displaces. With a level there is no pressure above it; without one the
+    fluid fills a closed space, and only the differences of its pressure matter. The fluid also reaches between a body and its
+    supports: reactions do not contain its pressure there. The potential follows the surface and its tangent is symmetric, which
+    that of `PressureLoad` is not.
+
+    Parameters
+    ----------
+    weight : vector
+        ρ_f g (N/m³), of the fluid: two or three components, as of the mesh.
+    level : float, Parameter or CoefficientFunction
+        Height (m) of its surface, the coordinate opposite to g: z where g points along -z.
+    drained : bool
+        Whether there is no fluid above the level.
+    density : float, Parameter or CoefficientFunction
+        Factor of the weight, such as a density (kg/m³) where `weight` is g.
+
+    Raises
+    ------
+    InputError
+        A weight that is 0 or not finite.
+
+    Examples
+    --------
+    A cube on the bottom of a basin presses on it with its weight less that of the water which it displaces:
+
+    >>> from ngbrain.forward import LoadPath, Material, Problem
+    >>> from ngbrain.materials import NeoHooke
+    >>> from ngbrain.mesh import block
+    >>> loads = [BodyForce((0, 0, -1040 * 9.81)), FluidPressure((0, 0, -1000 * 9.81), 0.2)]
+    >>> body = Problem(block((0.1,) * 3, 0.1), {".*": Material(NeoHooke(1e3), 1e6)}, {"bottom": 0}, loads, element="P2/P1")
+    >>> _ = LoadPath(body).solve()
+    >>> round(float(body.force("bottom")[2]), 2)  # 40 kg/m³ × 9.81 m/s² × 1 l
+    0.39
+    """
+
+    weight: tuple[float, ...]
+    level: Value
+    drained: bool = True
+    density: Value = 1.0
+
+    def __post_init__(self) -> None:
+        if not 0 < math.hypot(*self.weight) < math.inf:
+            raise InputError("FluidPressure.weight", repr(self.weight), "a vector ρg in N/m³, not 0")
+
+    def energy(self, at: LoadContext) -> Terms:
+        """Potential (J)."""
+        heavy = math.hypot(*self.weight)
+        down = ngs.CF(tuple(component / heavy for component in self.weight))
+        deep = self.level + ngs.InnerProduct(down, at.kinematics.position(at.u))
+        wet = ngs.IfPos(deep, deep, 0.0) if self.drained else deep
+        along = ngs.InnerProduct(down, at.surface_area(at.u))
+        stored = at.factor * at.kinematics.weight() * self.density * (heavy / 2) * wet * wet * along
+        return stored * at.ds(".*", 2 * at.order - 2)  # exact for affine elements: 2 of P², 2 of n da
 
 
 @dataclass(frozen=True)
@@ -313,7 +378,9 @@ class CustomLoad(Protocol):
         """Energy (J)."""
 
 
-EnergyLoad: TypeAlias = TractionLoad | BodyForce | RigidFace | RigidBody | Spring | CavityPressure | CustomLoad
+EnergyLoad: TypeAlias = (
+    TractionLoad | BodyForce | FluidPressure | RigidFace | RigidBody | Spring | CavityPressure | CustomLoad
+)
 """Loads with an energy of the displacement."""
 Load: TypeAlias = EnergyLoad | PressureLoad | CavityVolume
 

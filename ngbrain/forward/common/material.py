@@ -39,6 +39,13 @@ class Material(BriefText, NotebookCard):
         element. Needed at re-entrant corners, such as those of a cut; not in smooth bodies.
     change : callable
         Volumetric energy U(J) of bulk modulus K, `quadratic` or `squared_log`; with a pressure, its mixed form.
+    swelling : float, Parameter or CoefficientFunction
+        Relative change s of the stress-free volume at load factor 1, more than -1. It grows with the load factor t:
+        F = F_e F_g with F_g = (1 + t s)^(1/3) Id, and the energy per volume at rest is (1 + t s) W(F_e).
+
+    References
+    ----------
+    Rodriguez, Hoger, McCulloch 1994, https://doi.org/10.1016/0021-9290(94)90021-3 (multiplicative growth).
 
     Examples
     --------
@@ -51,6 +58,7 @@ class Material(BriefText, NotebookCard):
     bulk: Value
     pointwise: Value = 0.0
     change: Change = field(default=quadratic, repr=False)
+    swelling: Value = 0.0
 
     def __post_init__(self) -> None:
         if not any(hasattr(self.law, name) for name in ("energy", "density", "branches")):
@@ -58,6 +66,7 @@ class Material(BriefText, NotebookCard):
         if not self.bulk_is_infinite:
             check_parameter(self.bulk, "Material.bulk", lambda k: k >= 0, "a number of at least 0")
         check_parameter(self.pointwise, "Material.pointwise", lambda kappa: kappa >= 0, "a number of at least 0")
+        check_parameter(self.swelling, "Material.swelling", lambda s: s > -1, "a relative change of volume above -1")
 
     def summary(self) -> dict[str, str]:
         """Law, parameters, shear and bulk modulus in words."""
@@ -91,20 +100,60 @@ class Material(BriefText, NotebookCard):
             raise InputError("material", "a viscoelastic law", "an elastic one, such as its `equilibrium`")
         return self.viscous.equilibrium
 
-    def energy(self, at: Deformation, p: CoefficientFunction | None) -> CoefficientFunction:
-        """Strain energy density (Pa) of an elastic material.
+    def energy(self, at: Deformation, p: CoefficientFunction | None, factor: Value = 1.0) -> CoefficientFunction:
+        """Strain energy density (Pa) of an elastic material, per volume at rest.
 
         Parameters
         ----------
         at : Deformation
         p : CoefficientFunction, optional
             Pressure (Pa) of mixed elements.
+        factor : float or Parameter
+            Load factor, to which the swelling is proportional.
 
         Returns
         -------
         CoefficientFunction
         """
-        return density(self.elastic, at) + self.volumetric_energy(at.J, p)
+        at, volume = self.elastic_part(at, factor)
+        return volume * (density(self.elastic, at) + self.volumetric_energy(at.J, p))
+
+    def elastic_part(self, at: Deformation, factor: Value = 1.0) -> tuple[Deformation, Value]:
+        """Elastic part F_e of a deformation, and the stress-free volume per volume at rest.
+
+        The swelling is the same in all directions, so that the isochoric part of the deformation is all elastic.
+
+        Parameters
+        ----------
+        at : Deformation
+        factor : float or Parameter
+            Load factor, to which the swelling is proportional.
+
+        Returns
+        -------
+        elastic : Deformation
+        volume : float or CoefficientFunction
+            1 + t s.
+
+        Examples
+        --------
+        >>> import ngsolve as ngs
+        >>> from ngbrain.materials import NeoHooke
+        >>> swollen = Material(NeoHooke(1e3), 1e5, swelling=0.331)
+        >>> elastic, volume = swollen.elastic_part(Deformation.from_gradient(1.1 * ngs.Id(3)))
+        >>> volume
+        1.331
+        """
+        if not self.swells:
+            return at, 1.0
+        volume = 1 + factor * self.swelling
+        gradient = None if at.gradient is None else at.gradient * volume ** (-1 / 3)
+        return Deformation(at.shape, at.C * volume ** (-2 / 3), at.J / volume, gradient), volume
+
+    @property
+    def swells(self) -> bool:
+        """Whether its stress-free volume changes."""
+        return isinstance(self.swelling, CoefficientFunction) or self.swelling != 0
 
     def volumetric_energy(self, J: CoefficientFunction, p: CoefficientFunction | None) -> CoefficientFunction:
         """Volumetric part of the energy density (Pa).

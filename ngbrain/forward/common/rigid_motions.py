@@ -12,10 +12,18 @@ from scipy.sparse.csgraph import connected_components
 from ngbrain.errors import InputError
 from ngbrain.forward.common.dirichlet import Supports
 from ngbrain.forward.common.kinematics import Axisymmetric, SolidKinematics
-from ngbrain.forward.common.loads import BodyForce, CavityPressure, CavityVolume, Load, PressureLoad, TractionLoad
+from ngbrain.forward.common.loads import (
+    BodyForce,
+    CavityPressure,
+    CavityVolume,
+    FluidPressure,
+    Load,
+    PressureLoad,
+    TractionLoad,
+)
 
-NO_HOLD = (CavityPressure, CavityVolume, PressureLoad, TractionLoad, BodyForce)
-"""Loads that cannot prevent a rigid motion; any other load may."""
+NO_HOLD = (CavityPressure, CavityVolume, PressureLoad, TractionLoad, BodyForce, FluidPressure)
+"""Loads that cannot prevent a rigid motion (a fluid not before it is applied in full); any other load may."""
 ALMOST = 1e-6
 """Singular value, for unit motions, below which a motion counts as free."""
 

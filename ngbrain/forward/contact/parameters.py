@@ -23,3 +23,5 @@ rounded edges that elements cannot resolve, is 1.0 % (with 4 mm elements: 0.4 an
 """
 SLIP = 0.01
 """Elastic slip up to full Coulomb friction, relative to the travel."""
+FILM = 1e5
+"""Normal stiffness of a sliding boundary in initial shear moduli per metre: a pressure of one modulus penetrates 10 µm."""

@@ -81,7 +81,7 @@ class StrainEnergy(Observable):
         def stored(at: FieldState) -> ngs.comp.SumOfIntegrals:
             parts = [
                 at.kinematics.weight()
-                * material.energy(Deformation.from_gradient(at.F), at.p)
+                * material.energy(Deformation.from_gradient(at.F), at.p, at.factor)
                 * ngs.dx(definedon=problem.mesh.Materials(pattern) * within, intrules=problem.tissue.rules)
                 for pattern, material in problem.materials.items()
             ]

@@ -346,7 +346,7 @@ class ProblemStressPercentile(SymbolicObservable, ProblemPercentile):
 
     def _von_mises(self, material: Material, at: FieldState) -> ngs.CoefficientFunction:
         F = at.F.MakeVariable()
-        nominal = material.energy(Deformation.from_gradient(F), at.p).Diff(F)
+        nominal = material.energy(Deformation.from_gradient(F), at.p, at.factor).Diff(F)
         stress = nominal * F.trans / ngs.Det(F)
         deviator = stress - ngs.Trace(stress) / 3 * ngs.Id(3)
         least = (STILL * self.problem.modulus) ** 2  # a square root has no derivative at 0

@@ -25,12 +25,9 @@ class ExternalLoads(Term):
     kinematics : SolidKinematics
     order : int
         Order of the displacements.
-    loads, contacts : sequence
-
-    Attributes
-    ----------
     factor : ngsolve.Parameter
         Load factor.
+    loads, contacts : sequence
     """
 
     def __init__(
@@ -39,12 +36,12 @@ class ExternalLoads(Term):
         layout: Layout,
         kinematics: SolidKinematics,
         order: int,
+        factor: ngs.Parameter,
         loads: Sequence[Load],
         contacts: Sequence[WallContact],
     ) -> None:
         self.fes, self.layout, self.kinematics, self.order = fes, layout, kinematics, order
-        self.loads, self.contacts = tuple(loads), tuple(contacts)
-        self.factor = ngs.Parameter(0.0)
+        self.factor, self.loads, self.contacts = factor, tuple(loads), tuple(contacts)
         self._parts = self._of_loads()
         # Self-contacts have to be kept as long as the form that contains them.
         self._pairs = WeakKeyDictionary[ngs.BilinearForm, list[object]]()

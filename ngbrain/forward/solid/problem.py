@@ -134,11 +134,12 @@ class Problem(NotebookCard, Stateful):
         super().__init__(mesh, materials, conditions, element, kinematics, through_time, rigid, len(self._cavities))
         self.clock, self.partial = Clock(), False
         parts, solid = (self.layout, self.gfu), self.kinematics
-        self.tissue = TissueTerm(*parts, solid, materials, self.element, through_time, bonus)
+        self.factor, self._swelling_size = ngs.Parameter(0.0), 0.0
+        self.tissue = TissueTerm(*parts, solid, materials, self.element, through_time, bonus, self.factor)
         self.friction = FrictionTerm(*parts, [each for each in contacts if isinstance(each, Friction)], solid)
         self.inertia = InertiaTerm(*parts, masses, solid, self.element.order) if masses else None
-        self.external = ExternalLoads(self.fes, self.layout, solid, self.element.order, self.loads, self.contacts)
-        self.factor = self.external.factor
+        acting = self.fes, self.layout, solid, self.element.order, self.factor
+        self.external = ExternalLoads(*acting, self.loads, self.contacts)
         self.gaps = [each.gaps(self.u) for each in rigid]
         given = next((each for each in contacts if isinstance(each, PrescribedForce)), None)
         if given is not None:
@@ -185,6 +186,7 @@ class Problem(NotebookCard, Stateful):
             A copy with the prescribed values at t.
         """
         self.factor.Set(t)
+        self._swelling_size = t * self._swelling_force()
         x = x.copy()
         x[: len(self.fixed)][self.fixed] = t * self.prescribed[self.fixed]
         return x
@@ -195,11 +197,25 @@ class Problem(NotebookCard, Stateful):
             self._set_unknowns(x)
             r, outer = self.tissue.forces(), self._outer_forces()
             size = float(np.linalg.norm((r + outer if self.contacts else r)[self.is_u]))
+            size = max(size, self._swelling_size)
             r = r + outer
             if self.inertia is not None:
                 r[self.is_u] += self.inertia.forces()
             r = r * self._free
         return r if self.tool is None else np.append(r, self.tool.force_residual()), size
+
+    def _swelling_force(self) -> float:
+        """Norm of nodal forces (N) of μ times the swelling: scale of the residual, as free swelling has no reactions."""
+        found = {name: material.swelling for name, material in self.materials.items() if material.swells}
+        if not found:
+            return 0.0
+        test = self.layout.fields(self.fes.TestFunction()).u
+        spread = ngs.Trace(self.kinematics.change(test, ngs.Grad(test)))
+        push = self._moduli * self.mesh.MaterialCF(found, default=0.0) * spread
+        form = ngs.LinearForm(self.fes)
+        form += self.kinematics.weight() * push * ngs.dx(intrules=self.tissue.rules)
+        form.Assemble()
+        return float(np.linalg.norm(form.vec.FV().NumPy()[self.is_u]))
 
     def factorise(self, x: Array, r: Array | None = None) -> linear.Solve:
         """Solver with the tangent at x.

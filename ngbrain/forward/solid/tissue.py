@@ -18,7 +18,7 @@ from ngbrain.forward.common.unknowns import Layout
 from ngbrain.forward.solid.internal_forces import Density, InternalForces
 from ngbrain.forward.solid.internal_variables import History
 from ngbrain.materials import Viscous
-from ngbrain.materials.base import Deformation
+from ngbrain.materials.base import Deformation, Value
 from ngbrain.materials.points import EVERYWHERE
 from ngbrain.result import Status
 from ngbrain.tensors import isochoric, right_cauchy_green
@@ -47,6 +47,8 @@ class TissueTerm(Term):
         Whether there is a history.
     bonus : int
         Additional orders of quadrature.
+    factor : float or Parameter
+        Load factor, to which swelling is proportional.
 
     Attributes
     ----------
@@ -64,7 +66,9 @@ class TissueTerm(Term):
         element: ElementPair,
         through_time: bool,
         bonus: int = 0,
+        factor: Value = 1.0,
     ) -> None:
+        self.factor = factor
         self.layout, self.gfu, self.kinematics, self.materials = layout, gfu, kinematics, dict(materials)
         self.mesh = gfu.space.mesh
         now = layout.fields(gfu)
@@ -103,8 +107,11 @@ class TissueTerm(Term):
         state = Deformation.from_gradient(self.kinematics.gradient(trial.u, ngs.Grad(trial.u)))
         found = []
         for pattern, material in self.materials.items():
-            density = material.energy if self.history is None else self.density(material, self.history.energy)
-            energy = (self.kinematics.weight() * density(state, trial.p)).Compile()
+            if self.history is None:
+                stored = material.energy(state, trial.p, self.factor)
+            else:
+                stored = self.density(material, self.history.energy)(state, trial.p)
+            energy = (self.kinematics.weight() * stored).Compile()
             term = ngs.SymbolicEnergy(energy, definedon=self.mesh.Materials(pattern))
             for shape, rule in self.rules.items():
                 term.SetIntegrationRule(shape, rule)
@@ -129,8 +136,9 @@ class TissueTerm(Term):
         assert history is not None
 
         def density(at: Deformation, p: CoefficientFunction | None) -> CoefficientFunction:
+            at, volume = material.elastic_part(at, self.factor)
             energy = law.density(at, history.shares[: len(law.hereditary_branches)]) + remembered(law, at.shape)
-            return energy + material.volumetric_energy(at.J, p)
+            return volume * (energy + material.volumetric_energy(at.J, p))
 
         return density
 

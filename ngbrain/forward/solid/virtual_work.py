@@ -272,7 +272,7 @@ class VirtualWork(StateView):
         body = self.body
         energies = [
             WorkIntegral(
-                at.kinematics.weight() * m.energy(Deformation.from_gradient(at.F), at.p),
+                at.kinematics.weight() * m.energy(Deformation.from_gradient(at.F), at.p, at.factor),
                 ngs.dx(definedon=body.mesh.Materials(pattern), intrules=body.tissue.rules),
             )
             for pattern, m in body.materials.items()

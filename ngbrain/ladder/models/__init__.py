@@ -3,6 +3,7 @@
 - `bodies`: The problems of a scene's models: materials, supports, loads, elements.
 - `contacts`: Rigid bodies of a scene as contacts of a problem: signed distance, motion, friction.
 - `geometry`: Meshes of a `Geometry` in several sizes, in space and of the plane y = 0 through its site.
+- `gravity`: Gravity and the fluid around a body, as loads of a problem.
 - `hierarchy`: A scene's models of every level, and their solutions.
 - `laws`: Constitutive laws and elements of a model's levels.
 - `motions`: Prescribed displacements and loads over time: formulas, rotations, proportional loads.
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
         bodies,
         contacts,
         geometry,
+        gravity,
         hierarchy,
         laws,
         motions,
@@ -30,4 +32,15 @@ if TYPE_CHECKING:
 else:
     __getattr__, __dir__ = lazy_names(__name__)
 
-__all__ = ["bodies", "contacts", "geometry", "hierarchy", "laws", "motions", "property_maps", "section", "waves"]
+__all__ = [
+    "bodies",
+    "contacts",
+    "geometry",
+    "gravity",
+    "hierarchy",
+    "laws",
+    "motions",
+    "property_maps",
+    "section",
+    "waves",
+]

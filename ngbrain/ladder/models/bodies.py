@@ -13,11 +13,12 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.forward.common.dirichlet import Support
-from ngbrain.forward.common.loads import BodyForce, Load, PressureLoad, RigidFace, TractionLoad
+from ngbrain.forward.common.loads import Load, PressureLoad, RigidFace, TractionLoad
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.common.rigid_motions import check_held
 from ngbrain.forward.contact.friction import Friction
-from ngbrain.forward.contact.rigid import RigidContact
+from ngbrain.forward.contact.parameters import FILM
+from ngbrain.forward.contact.rigid import SlidingSupport, WallContact
 from ngbrain.forward.solid.inertia import Inertia
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.image.read.fibre_directions import read_fibre_directions
@@ -27,6 +28,7 @@ from ngbrain.ladder.levels import MeshLevel, Model
 from ngbrain.ladder.models import motions
 from ngbrain.ladder.models.contacts import make_contact, travel_distance
 from ngbrain.ladder.models.geometry import CUT, Meshes, region_of_interest
+from ngbrain.ladder.models.gravity import gravity_loads
 from ngbrain.ladder.models.laws import form_of, relaxed_law
 from ngbrain.ladder.models.motions import PrescribedMotion
 from ngbrain.ladder.models.property_maps import fibre_field, interpolate_map, read_modulus_map, region_median
@@ -305,7 +307,7 @@ class SceneBodies:
 
     def _parts(
         self, model: Model, law: Callable[[Viscous, Value], Law | Viscous], course: PrescribedMotion
-    ) -> tuple[ngs.Mesh, dict[str, Material], dict[str, Support], list[Load | Inertia], list[RigidContact | Friction]]:
+    ) -> tuple[ngs.Mesh, dict[str, Material], dict[str, Support], list[Load | Inertia], list[WallContact | Friction]]:
         mesh, scene = self.mesh(model), self.scene
         plane, names = mesh.dim == 2, set(mesh.GetBoundaries())
         materials, weights = {}, {}
@@ -314,7 +316,10 @@ class SceneBodies:
             own = tissue.law()
             if tissue.fibre_stiffness is not None and model.get("fibres") == "all":
                 own = tissue.with_fibres(own, self._fibre(tissue, mesh, region))
-            materials[region], weights[region] = Material(law(own, factor), factor * tissue.bulk), tissue.rho
+            materials[region], weights[region] = (
+                Material(law(own, factor), factor * tissue.bulk, swelling=tissue.swelling),
+                tissue.rho,
+            )
         motions.check(self.scene, self._meshes["whole"].mesh(0, plane=False), self.sides)
         motions.check_apart(self.scene, names)
         supports: dict[str, Support] = {}
@@ -322,6 +327,7 @@ class SceneBodies:
             *(TractionLoad(traction.boundary, course.vector(traction.value)) for traction in scene.tractions),
             *(PressureLoad(pressure.boundary, course.value(pressure.value)) for pressure in scene.pressures),
         ]
+        sliding = list[DisplacementBC]()
         for bc in scene.displacement_bcs:
             if not any(re.fullmatch(bc.boundary, name) for name in names):
                 if plane:  # the faces in front and behind
@@ -330,16 +336,21 @@ class SceneBodies:
             if bc.contact == "frictionless" and model.get("contact") == "all":
                 loads.append(self._face(mesh, bc))
                 continue
+            if bc.contact == "sliding" and model.get("contact") == "all":
+                sliding.append(bc)
+                continue
             supports[bc.boundary] = course.support(bc)
         if model.get("extent") == "near":
             supports |= {name: 0 for name in CUT if name in names}
         density = mesh.MaterialCF(weights)
         if model.get("inertia") == "all":
             loads.append(Inertia(density))
-        if scene.gravity:
-            loads.append(BodyForce(density * ngs.CF(mesh_components(scene.gravity.acceleration, plane))))
+        loads += gravity_loads(scene, mesh, density)
         stiffest = max(self.tissue(region, model).initial_modulus for region in materials)
-        touches = [
+        touches: list[WallContact | Friction] = [
+            SlidingSupport.on(mesh, bc.boundary, FILM * stiffest) for bc in sliding
+        ]
+        touches += [
             each
             for body in scene.contacts
             for each in make_contact(
@@ -355,7 +366,8 @@ class SceneBodies:
 
 def linear_state(body: Problem) -> Array:
     """Solution of the linear problem: the first Newton step from rest under a small load."""
-    check_held(body.supports, body.loads, body.kinematics, "xyz" if body.mesh.dim == 3 else "xz")
+    if not any(isinstance(each, SlidingSupport) for each in body.contacts):
+        check_held(body.supports, body.loads, body.kinematics, "xyz" if body.mesh.dim == 3 else "xz")
     rest = np.zeros(body.fes.ndof)
     step = body.factorise(body.load(rest, 0.0), rest)
     lifted = body.load(rest, SMALL)

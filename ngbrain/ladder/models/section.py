@@ -87,13 +87,16 @@ def not_in_section(scene: Scene, questions: Sequence[Labelled] = ()) -> str | No
         for name, parts in given
         if len(parts) == 3
     ]
-    vectors += [("gravity", scene.gravity.acceleration)] if scene.gravity else []
+    if scene.gravity:
+        vectors += [("gravity", each) for each in (scene.gravity.acceleration, scene.gravity.imaged) if each]
     asked = [quantity for quantity in scene.quantities if quantity.name != "strain"]
     vectors += [(f"the requested {quantity.label!r}", quantity.unit_vector) for quantity in asked]
     for name, vector in vectors:
         if abs(vector[1]) > IN_PLANE * math.hypot(*vector):
             return f"{name} has a component along y"
     for tissue in scene.tissues:
+        if tissue.swelling:
+            return f"the swelling of {tissue.region!r} is along y too"
         if tissue.fibre_map is not None:
             return f"the fibres of {tissue.region!r} are those of a map"
         if tissue.fibre_stiffness is not None and tissue.fibre is not None:
@@ -106,7 +109,7 @@ def not_in_section(scene: Scene, questions: Sequence[Labelled] = ()) -> str | No
 def cannot_be_cut(scene: Scene) -> bool:
     """Whether a scene has no region of interest, or a condition or a quantity lies outside of it."""
     part = region_of_interest(scene.geometry)
-    if part is None or scene.gravity is not None or scene.contacts:
+    if part is None or scene.is_preloaded or scene.contacts:
         return True
     loads: list[Traction | Pressure] = [*scene.tractions, *scene.pressures]
     patterns = [bc.boundary for bc in scene.displacement_bcs] + [load.boundary for load in loads]

@@ -127,8 +127,9 @@ class Observer:
         self._push = next(iter(pushes.values()))
         self._along = sum(push * _mask(displacement, wall) for wall, push in pushes.items()) / len(pushes)
         self._on_fixed = _mask(displacement, fixed)
-        self._forces = np.zeros(displacement.ndof)
-        self._u = np.zeros(displacement.ndof)
+        # Work counts from here: gravity, fluid and swelling may have done some before.
+        self._forces, self._u = np.array(body.tissue_forces()), np.array(body.u.vec.FV().NumPy())
+        self._energy = body.contact_energy()
         self._advance = self._driving = 0.0
         self.blade_work = self.tissue_work = self.tissue_work_size = self.friction_work = 0.0
 
@@ -149,7 +150,7 @@ class Observer:
             min_det_F=min_det,
             balance=left / seen["force"] if seen["force"] else 0.0,
             blade_work=self.blade_work,
-            contact_energy=self.body.contact_energy(),
+            contact_energy=self.body.contact_energy() - self._energy,
             tissue_work=self.tissue_work,
             tissue_work_size=self.tissue_work_size,
             friction_work=self.friction_work,
@@ -159,7 +160,7 @@ class Observer:
     def checkpoint(self) -> dict[str, object]:
         """The accumulated work and the state that it refers to."""
         works = ("blade_work", "tissue_work", "tissue_work_size", "friction_work")
-        names = ("_u", "_forces", "_advance", "_driving", *works)
+        names = ("_u", "_forces", "_energy", "_advance", "_driving", *works)
         return {name.lstrip("_"): getattr(self, name) for name in names}
 
     def restore(self, saved: dict[str, object]) -> None:

@@ -15,6 +15,7 @@ from ngbrain.forward.common.loads import (
     BodyForce,
     CavityPressure,
     CavityVolume,
+    FluidPressure,
     PressureLoad,
     RigidBody,
     Spring,
@@ -106,6 +107,15 @@ def indented():
     return scene([RigidBody("top", distance, hard, 2e-4)], {"height": height, "hard": hard})
 
 
+def in_fluid():
+    """Gravity, a fluid above a level, and swelling; the level stays above the body, as the pressure has a kink there."""
+    rho, fluid, level, more = number(1040.0), number(1007.0), number(0.2), number(0.05)
+    loads = [BodyForce(ngs.CF((2.0, -9.81)) * rho), FluidPressure((2.0, -9.81), level, density=fluid)]
+    body = Problem(MESH, {".*": Material(SOFT, 5e4, swelling=more)}, {"bottom": 0}, loads, element="P2/P1")
+    parameters = {"rho": rho, "fluid": fluid, "level": level, "more": more}
+    return StaticModel([LoadCase(body, [Force("bottom"), *seen()])], parameters, tight(body))
+
+
 def driven():
     return scene([], {"top": None, "bottom": None}, PRESSED)
 
@@ -128,6 +138,7 @@ SCENES = {
     "filled": filled,
     "contact": touched,
     "ball": indented,
+    "fluid and swelling": in_fluid,
     "prescribed": driven,
     "prescribed and pressed": driven_and_pressed,
 }

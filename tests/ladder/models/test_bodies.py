@@ -16,7 +16,7 @@ from ngbrain.ladder.models.laws import relaxed_law
 from ngbrain.ladder.models.waves import complex_modulus
 from ngbrain.materials import RelaxingOgden
 from ngbrain.mesh import block
-from ngbrain.scene import DisplacementBC, Geometry, Gravity, MeshSize, Quantity, Scene, Time, Tissue, Traction
+from ngbrain.scene import DisplacementBC, Fluid, Geometry, Gravity, MeshSize, Quantity, Scene, Time, Tissue, Traction
 
 BAR = Geometry(kind="block", size=(0.02, 0.03, 0.04))
 FREE = (
@@ -128,6 +128,58 @@ def test_weight_and_pull_are_dead_loads() -> None:
     heavy = replace(scene, displacement_bcs=held, gravity=Gravity(acceleration=(0, 0, -9.81)), quantities=reaction)
     weight = 1040 * 9.81 * 0.02 * 0.03 * 0.04
     assert solve(ModelHierarchy(heavy), model(heavy, space="solid")).answers[0] == pytest.approx(weight, rel=1e-4)
+
+
+def floating(fluid: Fluid | None, before: tuple[float, float, float] | None = None, swelling: float = 0.0) -> float:
+    """Force (N) on the bottom of a heavy bar, by small strain."""
+    tissue = Tissue(mu=(1e6,), poissons_ratio=0.3, density=1040.0, swelling=swelling)
+    scene = pressed(
+        Quantity(name="force", boundary="bottom"),
+        tissues=(tissue,),
+        displacement_bcs=FREE,
+        gravity=Gravity(acceleration=(0, 0, -9.81), imaged=before),
+        fluid=fluid,
+    )
+    return float(solve(ModelHierarchy(scene), model(scene, space="solid")).answers[0])
+
+
+def test_a_fluid_carries_a_body_up_to_its_level() -> None:
+    volume = 0.02 * 0.03 * 0.04
+    assert floating(Fluid(density=1007.0)) == pytest.approx(33 * 9.81 * volume, rel=1e-3)
+    assert floating(Fluid(density=1007.0, drained_to=0.01)) == pytest.approx(
+        (1040 - 1007 / 4) * 9.81 * volume, rel=1e-3
+    )
+    assert floating(Fluid(density=1007.0), (0, 0, 9.81)) == pytest.approx(2 * 33 * 9.81 * volume, rel=1e-3)
+    assert floating(Fluid(density=1007.0), (0, 0, -9.81)) == pytest.approx(0, abs=1e-9)
+    with pytest.raises(
+        InputError, match=r"fluid.drained_to_mm is 50; wanted: a height within the body, from 0 to 40 mm"
+    ):
+        floating(Fluid(density=1007.0, drained_to=0.05))
+
+
+@pytest.mark.parametrize(("strain", "width"), [("linear", 0.03), ("finite", 1.09 ** (1 / 3) - 1)])
+def test_a_free_bar_swells_the_same_in_all_directions(strain: str, width: float) -> None:
+    tissue = Tissue(mu=(MU,), poissons_ratio=NU, swelling=0.09)
+    scene = pressed(*ASKS[1:], tissues=(tissue,), displacement_bcs=FREE)
+    assert "space" not in axes_of(scene) or axes_of(scene)["space"].levels[0] == "solid"
+    aside, largest = solve(ModelHierarchy(scene), model(scene, strain=strain)).answers
+    assert aside == pytest.approx(width * 0.02, rel=1e-4)
+    assert largest == pytest.approx(0.03 if strain == "linear" else (1.09 ** (2 / 3) - 1) / 2, rel=1e-4)
+
+
+@pytest.mark.parametrize("strain", ["linear", "finite"])
+def test_a_boundary_that_slides_is_held_along_its_normal_alone(strain: str) -> None:
+    sliding = (
+        DisplacementBC(boundary="bottom", contact="sliding"),
+        *FREE[1:],
+        DisplacementBC(boundary="top", value=(0, 0, -DOWN), components="z"),
+    )
+    scene, held = pressed(displacement_bcs=sliding), pressed()
+    wanted = solve(ModelHierarchy(held), model(held, space="solid", strain=strain)).answers
+    found = solve(ModelHierarchy(scene), model(scene, space="solid", strain=strain, contact="all")).answers
+    assert found == pytest.approx(wanted, rel=2e-3)
+    stuck = solve(ModelHierarchy(scene), model(scene, space="solid", strain=strain, contact="none")).answers
+    assert abs(stuck[0]) > 1.005 * abs(found[0])
 
 
 def test_waves_without_inertia_and_loss_are_statics() -> None:

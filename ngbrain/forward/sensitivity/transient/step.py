@@ -247,7 +247,9 @@ class StepForms:
     # Materials in a step.
 
     def _check(self, material: Material) -> None:
-        """Derivatives are with respect to values at points: a material must not use a parameter's gradient."""
+        """Derivatives are with respect to values at points: a material must not use a parameter's gradient, nor swell."""
+        if material.swells:
+            raise InputError("materials", "with swelling", "none that swells, for derivatives of a run in time")
         at = Deformation.from_gradient(self.deformation_gradient(self.body.u))
         branches = [
             ngs.CF((branch_end.law, branch_end.branch.eta))
