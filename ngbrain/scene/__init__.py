@@ -262,8 +262,8 @@ class Scene(NotebookCard, Document):
                 "times those of the scene; its absolute values, measured at high rates and small strains, are not used"
             )
         if self.is_operation and self.gravity is not None:
-            said = f"density_kg_m3 is not given: {DENSITY:g} is assumed"
-            found += [f"tissue#{i} ({s.region}): {said}" for i, s in enumerate(self.tissues, 1) if s.density is None]
+            assumed = f"density_kg_m3 is not given: {DENSITY:g} is assumed"
+            found += [f"tissue#{i} ({s.region}): {assumed}" for i, s in enumerate(self.tissues, 1) if s.density is None]
         if self.is_operation and not any(tissue.law().branches for tissue in self.tissues):
             found.append("no tissue is viscoelastic: pressures do not relax during holds")
         return found

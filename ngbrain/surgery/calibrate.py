@@ -146,6 +146,7 @@ class CalibrationModel:
             raise InputError(
                 "tissues", f"{mapped[0]}, which has a shear_modulus_map", "tissues without a shear_modulus_map"
             )
+        model.check_rest()
         self.factors = {name: ngs.Parameter(1.0) for name in names}
         run = model.run(program, materials=model.scaled_materials(self.factors))
         self.landmarks, self.times, self.protocol = landmarks, times, protocol

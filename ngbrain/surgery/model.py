@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -74,6 +74,8 @@ SETTLED, APPLIED, RAMP, HELD = 600.0, 60.0, 4, 5
 """Time (s) before the operation in which the head settles under gravity, fluid and swelling; part of it in which they are applied;
 steps of that part, and of the rest. A brain has settled ten minutes after its head is turned (Zappalà et al., ISMRM 2019, 3838).
 """
+AWAY, APPROACHES = 10e-3, 4
+"""Distance (m) of a tool from its wall while the head settles, and corrections of its position until it touches."""
 FOCUS = 28e-3
 """Within this distance (m) of the cleft's walls the tangent is updated more often than elsewhere."""
 TISSUE = "^(?!ventricle).*"
@@ -283,16 +285,21 @@ class RetractionModel(BriefText):
         drive = protocol.drive(opening) if isinstance(protocol, ForceProtocol) else protocol.drive()
         stiffest = max(tissue.initial_modulus for tissue in self.tissues)
         hard, soft = PENALTY * stiffest / opening, SOFTNESS * opening
+        starts = [ngs.Parameter(0.0) for _ in self.blades]
         contacts = [
             RigidContact(
                 wall,
-                blade.distance(drive.parameter / len(self.blades)),
+                blade.distance(
+                    drive.parameter / len(self.blades) + start
+                    if scene.is_preloaded
+                    else drive.parameter / len(self.blades)
+                ),
                 hard,
                 soft,
                 OFFSET_SHARE,
                 travel=drive.parameter,
             )
-            for wall, blade in self.blades.items()
+            for (wall, blade), start in zip(self.blades.items(), starts, strict=True)
         ]
         rubs = [
             Friction(contact, scene.tool.friction, SLIP * opening, _shared_motion(blade, len(self.blades)))
@@ -312,10 +319,16 @@ class RetractionModel(BriefText):
         near = self.cleft.distance_to_walls(centres(self.mesh)) < FOCUS
         body = Problem(*parts)
         if scene.is_preloaded:
-            settle(body, drive if isinstance(drive, PrescribedForce) else None)
+            settle(body, starts, drive if isinstance(drive, PrescribedForce) else None)
         body.focus(near)
         newton = newton_for(body, rtol=BALANCED)
         return TimeStepper(body, drive, control or self.control(), scene.mesh.wall / 2, newton)
+
+    def check_rest(self) -> None:
+        """Raise `InputError` for a head that is loaded before the tool touches it: derivatives of a run begin at rest."""
+        if self.scene.is_preloaded:
+            found = "gravity" if self.scene.gravity is not None else "tissue.swelling_percent"
+            raise InputError(found, "given", "a scene without gravity and swelling, for derivatives of its run")
 
     def gravity_loads(self, order: int) -> list[Load]:
         """Gravity and the fluid of the scene, for elements of an order."""
@@ -401,24 +414,30 @@ class RetractionModel(BriefText):
         return continuous_retraction(self.scene.tool.travel, time.ramp, time.end, name)
 
 
-def settle(body: Problem, force: PrescribedForce | None = None) -> None:
-    """Apply the loads of a head at rest, before the tool touches it, and let its tissue relax until the operation begins at t = 0.
+def settle(body: Problem, starts: Sequence[ngs.Parameter], force: PrescribedForce | None = None) -> None:
+    """Apply the loads of a head at rest, and let its tissue relax until t = 0; then bring the tools into touch with their walls.
 
     Parameters
     ----------
     body : Problem
         At rest.
+    starts : sequence of ngsolve.Parameter
+        Position (m) of each tool before it advances, from where it touches the wall at rest.
     force : PrescribedForce, optional
         The motion of a force-controlled tool, among its contacts.
     """
-    times = np.concatenate(
-        [np.linspace(-SETTLED, -SETTLED + APPLIED, RAMP + 1), -np.geomspace(SETTLED - 1.3 * APPLIED, 1, HELD), [0]]
-    )
-    factors = np.clip((times + SETTLED) / APPLIED, 0, 1)
-    loads = LoadHistory(times, factors)
+    for start in starts:
+        start.Set(-AWAY)
+    held = -np.geomspace(SETTLED - 1.3 * APPLIED, 1, HELD)
+    times = np.concatenate([np.linspace(-SETTLED, -SETTLED + APPLIED, RAMP + 1), held, [0]])
+    loads = LoadHistory(times, np.clip((times + SETTLED) / APPLIED, 0, 1))
     newton = newton_for(body, rtol=BALANCED)
     stepper = TimeStepper(body, force, PrescribedSteps(times), newton=newton, loads=loads)
     stepper.run(lambda *_: None, until=0.0)
+    for start, gaps in zip(starts, body.gaps, strict=True):
+        start.Set(0.0)
+        for _ in range(APPROACHES):
+            start.Set(start.Get() + float(np.min(gaps())))
 
 
 def _shared_motion(blade: RigidTool, sharing: int) -> Moves:

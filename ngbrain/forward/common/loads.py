@@ -57,7 +57,19 @@ class LoadContext:
     order: int = 2
 
     def ds(self, boundary: str, bonus: int = BONUS) -> ngs.comp.DifferentialSymbol:
-        """Surface measure of the reference configuration on a boundary, with quadrature beyond twice the order of u."""
+        """Surface measure of the reference configuration on a boundary.
+
+        Parameters
+        ----------
+        boundary : str
+            Name or pattern.
+        bonus : int
+            Orders of quadrature beyond twice that of the displacements.
+
+        Returns
+        -------
+        DifferentialSymbol
+        """
         shapes = (ngs.SEGM,) if self.mesh.dim == 2 else (ngs.TRIG, ngs.QUAD)
         return ngs.ds(boundary, intrules=_rules(shapes, 2 * self.order + bonus))
 

@@ -128,7 +128,7 @@ def assumptions(case: Case, patient: Prior, stiffness: RelativeStiffness) -> lis
     ]
     return [
         *found,
-        "gravity, drained fluid and swelling are those of the scene, or left out, and are not drawn",
+        "gravity, drained fluid and swelling are not part of a plan's linearised model and are not drawn",
         "the geometry of the head and the corridors are taken as known",
     ]
 

@@ -151,6 +151,7 @@ class PlanModel:
         -------
         Response
         """
+        self.model.check_rest()
         centre = self.theta(self.patient.centre)
         self.set_theta(centre)
         stepper = self.model.run(self.protocol, materials=dict(self.materials()))
