@@ -124,7 +124,7 @@ class Against:
     """Residual of the displacement at one frequency for given modulus maps."""
 
     def __init__(self, data: WaveData) -> None:
-        self.data = screen_outliers(data)[0]
+        self.data = screen_outliers(data).data
         self.experiment = ElastographyProblem(self.data, discretise(self.data))
         self.unknowns = self.experiment.unknowns(np.ones(1))
         self.sources = list(self._sources())

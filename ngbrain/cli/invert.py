@@ -16,13 +16,14 @@ from ngbrain.cli import EXIT_SOLVER
 from ngbrain.cli.predict import runtime_version, surrogate_start
 from ngbrain.cli.words import conclude
 from ngbrain.errors import InputError, SolverError, file_context, require
-from ngbrain.inverse.data.outliers import screen_outliers
+from ngbrain.inverse.data.outliers import Screened, screen_outliers
 from ngbrain.inverse.data.quality import strain_snr_mask
 from ngbrain.inverse.data.time_convention import check_passive
 from ngbrain.inverse.elastography.invert import invert
 from ngbrain.inverse.elastography.invert_3d import MAX_ITERATIONS
 from ngbrain.inverse.elastography.invert_slices import moving_axis
 from ngbrain.inverse.elastography.result import Inversion
+from ngbrain.inverse.elastography.usability import torn_patches
 from ngbrain.inverse.optimise.result import Iteration
 from ngbrain.inverse.problem.discretisation import Discretisation, discretise, original_discretisation
 from ngbrain.inverse.subzones.invert import invert_by_subzones
@@ -75,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
             line.callback(f"iteration {len(rounds)}, {iteration}")
 
         line.callback("reading")
-        data, notes = _select_points(data, arguments)
+        data, notes, patches = _select_points(data, arguments)
         try:
             with open_executor(arguments.executor or arguments.threads) as executor:
                 inversion = (_invert_zones if arguments.subzones else _invert_whole)(
@@ -91,6 +92,7 @@ def run(arguments: argparse.Namespace) -> int:
         except SolverError:
             write_json(folder / "rounds.json", finite([asdict(each) for each in rounds]))
             raise
+    inversion.checks |= torn_patches(patches)
     inversion.warnings += notes + (bars.notes if bars else [])
     result = write_inversion(
         folder,
@@ -116,12 +118,12 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _select_points(data: WaveData, arguments: argparse.Namespace) -> tuple[WaveData, list[str]]:
+def _select_points(data: WaveData, arguments: argparse.Namespace) -> Screened:
     """The data without the parts to be left out, and notes on these."""
-    notes = list[str]()
+    notes, patches = list[str](), 0.0
     check_passive(data)
     if arguments.drop_outliers and moving_axis(data) is None:  # slices are screened one by one
-        data, notes = screen_outliers(data)
+        data, notes, patches = screen_outliers(data)
     if arguments.oss_snr is not None:
         strained = strain_snr_mask(data, arguments.noise, arguments.oss_snr)
         words = (
@@ -129,7 +131,7 @@ def _select_points(data: WaveData, arguments: argparse.Namespace) -> tuple[WaveD
         )
         notes.append(f"{words} octahedral shear strains of at least {arguments.oss_snr:g} times the noise (OSS-SNR)")
         data = replace(data, mask=strained, dirichlet=hull(data.points, data.grid, strained))
-    return data, notes
+    return Screened(data, notes, patches)
 
 
 def _invert_whole(

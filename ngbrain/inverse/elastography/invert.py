@@ -22,7 +22,7 @@ from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import ConvergenceError, InputError, SolverError, nearest
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY
 from ngbrain.inverse.data.dispersion import contradiction
-from ngbrain.inverse.data.outliers import screen_outliers
+from ngbrain.inverse.data.outliers import Screened, screen_outliers
 from ngbrain.inverse.data.quality import (
     RelativeNoise,
     noise_deviation,
@@ -45,6 +45,7 @@ from ngbrain.inverse.elastography.initial_guess import (
 from ngbrain.inverse.elastography.invert_3d import MAX_ITERATIONS, invert_in_space
 from ngbrain.inverse.elastography.invert_slices import invert_slices, moving_axis
 from ngbrain.inverse.elastography.result import Inversion
+from ngbrain.inverse.elastography.usability import torn_patches
 from ngbrain.inverse.objective.misfit import MisfitKind, resolve_misfit
 from ngbrain.inverse.objective.regularisers import Prior, resolve_priors
 from ngbrain.inverse.optimise.regularisation_weight import MisfitLevel
@@ -220,7 +221,10 @@ def invert(
     if data.dim == 3 and dispersion == "power":
         raise InputError("dispersion", "'power'", "none: the exponent is an unknown in the plane only")
     check_passive(data)
-    data, notes = screen_outliers(data) if drop_outliers else (data, [])  # gross errors hide a difference of moduli
+    screened = (
+        screen_outliers(data) if drop_outliers else Screened(data, [])
+    )  # gross errors hide a difference of moduli
+    data, notes, patches = screened
     differ = contradiction(data)
     if differ and (dispersion == "none" or data.dim == 3 or not _may_disperse(data)):
         wanted = "one frequency at a time: the moduli are not the same at all"
@@ -249,6 +253,7 @@ def invert(
             executor=executor,
         )
         in_space.warnings += notes
+        in_space.checks |= torn_patches(patches)
         return in_space
     multiples = check_levels(((1.0,) if levels is None else levels) if uniform and start is None else ())
     properties = select_properties(data, unknowns)
@@ -300,7 +305,7 @@ def invert(
     if kept.uniform:
         starts.append(start_result("uniform", problem, reduced, kept.uniform))
     starts.append(start_result("both", problem, reduced, both))
-    return build_inversion(
+    found = build_inversion(
         problem,
         reduced,
         kept.best,
@@ -314,6 +319,8 @@ def invert(
         history=search.history,
         notes=notes,
     )
+    found.checks |= torn_patches(patches)
+    return found
 
 
 def _may_disperse(data: WaveData) -> bool:

@@ -20,7 +20,7 @@ from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import ConvergenceError, InputError
 from ngbrain.forward.common.elements import ElementPair
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY
-from ngbrain.inverse.data.outliers import screen_outliers
+from ngbrain.inverse.data.outliers import Screened, screen_outliers
 from ngbrain.inverse.data.quality import RelativeNoise, noise_deviation, noise_level, rms_noise, total_noise
 from ngbrain.inverse.data.subset import WaveSubset
 from ngbrain.inverse.data.time_convention import check_passive
@@ -33,6 +33,7 @@ from ngbrain.inverse.elastography.initial_guess import (
     select_start,
 )
 from ngbrain.inverse.elastography.result import Inversion
+from ngbrain.inverse.elastography.usability import torn_patches
 from ngbrain.inverse.objective.misfit import LeastSquares, MisfitKind, resolve_misfit
 from ngbrain.inverse.objective.regularisers import PRIORS, Prior, resolve_priors
 from ngbrain.inverse.optimise.gauss_newton_cg import GaussNewtonCG
@@ -149,7 +150,7 @@ def invert_in_space(
     multiples, misfit_kind, where = check_levels(levels), resolve_misfit(misfit), Device.from_name(device)
     if not isinstance(data, WaveSubset):  # a zone alone may not show its loss; the whole body was checked
         check_passive(data)
-    data, notes = screen_outliers(data) if drop_outliers else (data, [])
+    data, notes, patches = screen_outliers(data) if drop_outliers else Screened(data, [])
     properties, elements = select_properties(data, unknowns), elements or discretise_volume(data, labelled)
     found_noise, note = noise_level(data, noise)
     notes += assumed_start_notes(data) + ([note] if note else [])
@@ -176,7 +177,7 @@ def invert_in_space(
         history += [each for end in ends.values() if end for each in end.history]
         starts.append(start_result("uniform", problem, reduced, kept.uniform))
     starts.append(start_result("both", problem, reduced, both))
-    return build_inversion(
+    found = build_inversion(
         problem,
         reduced,
         kept.best,
@@ -190,6 +191,8 @@ def invert_in_space(
         history=history,
         notes=notes,
     )
+    found.checks |= torn_patches(patches)
+    return found
 
 
 def memory_in_space(form: str, elements: int, frequency: Array) -> float:

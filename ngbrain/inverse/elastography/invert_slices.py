@@ -18,6 +18,7 @@ from ngbrain.errors import InputError
 from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.inverse.data.quality import OctahedralShearStrain, noise_deviation, rms_noise
 from ngbrain.inverse.elastography.result import Inversion, StartResult
+from ngbrain.inverse.elastography.usability import PATCHES
 from ngbrain.inverse.optimise.result import convergence_status
 from ngbrain.io.waves import WaveData
 from ngbrain.progress import LOG
@@ -191,6 +192,7 @@ def invert_slices(
         "strain_snr": strain.median,
         "share_through_slices": through,
         "exponent": float(np.median(exponents)) if exponents else None,
+        PATCHES: max((found.checks.get(PATCHES, 0.0) for found in each), default=0.0) or None,
     }
     names = ("determined", "weights", "resolution")
     joined = {name: [getattr(found, name) for found in each] for name in names}

@@ -26,7 +26,7 @@ from ngbrain.inverse.elastography.derived_maps import (
 from ngbrain.inverse.elastography.identifiability import (
     fibre_shear_moduli,
 )
-from ngbrain.inverse.elastography.usability import reasons_against
+from ngbrain.inverse.elastography.usability import PATCHES, reasons_against
 from ngbrain.inverse.optimise.result import Iteration
 from ngbrain.inverse.problem.properties import MODULI
 from ngbrain.inverse.problem.property_fields import property_fields
@@ -165,7 +165,13 @@ class Inversion(Result):
     def reasons(self) -> list[str]:
         """Reasons against the use of the maps."""
         return reasons_against(
-            self.data, self.maps, self.stated, self.noise_found, self.strain.volume, self.strain.discontinuity_share
+            self.data,
+            self.maps,
+            self.stated,
+            self.noise_found,
+            self.strain.volume,
+            self.strain.discontinuity_share,
+            float(self.checks.get(PATCHES, 0.0)),
         )
 
     @property

@@ -24,6 +24,8 @@ errors."""
 LARGEST_DISCONTINUITY = 0.01
 """Largest share of displacements beside a jump: the seam through a grid of 100 points has 2 to 3 %, living brains have up to
 .4 %."""
+PATCHES = "torn_displacements"
+"""Check of an inversion: the share of displacements in patches that were torn off."""
 OUT = 0.05
 """Largest share of points whose modulus no tissue has, or that differs too much from the rest of the tissue: rims, vessels.
 Fluid is not tissue and does not belong in the mask."""
@@ -36,6 +38,7 @@ def reasons_against(
     found: float,
     volume: float | None = None,
     discontinuity_share: float = 0.0,
+    patches: float = 0.0,
 ) -> list[str]:
     """Return reasons against the use of maps; empty where there is none. Quasi-static maps are not judged by their moduli.
 
@@ -53,6 +56,8 @@ def reasons_against(
         |∇·u| over |∇×u| of the waves (`quality.OctahedralShearStrain`).
     discontinuity_share : float
         Share of displacements beside a jump, likewise.
+    patches : float
+        Share of displacements in patches that a jump tears off the rest (`outliers.torn_displacements`), which were left out.
 
     Returns
     -------
@@ -71,6 +76,11 @@ def reasons_against(
     if discontinuity_share > LARGEST_DISCONTINUITY:
         what = "tissue moves without jumps: are two scans joined, or is a phase wrapped?"
         reasons.append(f"{100 * discontinuity_share:.2g} % of the displacements lie beside a jump: {what}")
+    if patches > LARGEST_DISCONTINUITY:
+        what = "is a phase wrapped there? The maps are those of the rest"
+        reasons.append(
+            f"{100 * patches:.2g} % of the displacements are in patches that a jump tears off the rest: {what}"
+        )
     shear = np.abs(shear_modulus_map(data, maps))
     reasons += modulus_reasons(shear[data.mask & np.isfinite(shear)], data.tissue)
     if volume is not None and volume > 1 and bulk_ratio(data) > LOCKING:
@@ -83,6 +93,11 @@ def reasons_against(
             "imaginary parts are missing: real parts alone do not determine the loss; data without any are elastic"
         )
     return reasons
+
+
+def torn_patches(share: float) -> dict[str, float | bool]:
+    """Return the check `PATCHES` of a share of torn-off displacements; none where there is none."""
+    return {PATCHES: share} if share else {}
 
 
 def modulus_reasons(shear: Array, tissue: str | None) -> list[str]:

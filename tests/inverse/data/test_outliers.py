@@ -8,7 +8,7 @@ from corrupted_waves import spoiled
 from planewaves import grid, shear_waves, waves
 
 from ngbrain.errors import InputError
-from ngbrain.inverse.data.outliers import remove_outliers, screen_outliers
+from ngbrain.inverse.data.outliers import discontinuity_share, remove_outliers, screen_outliers, torn_displacements
 from ngbrain.inverse.phantoms.benchmark import Phantom
 
 G = 2000 + 800j
@@ -76,7 +76,7 @@ def test_what_is_not_measured_or_outside_stays_as_it_is():
 
 def test_too_few_points_to_tell_errors_by():
     """9 × 9 points of exact waves: the smallest spline misses 14 of 162 displacements."""
-    left, notes = screen_outliers(Phantom.from_name("CV-G", 9).simulate_measurements(0.0).data())
+    left, notes, _ = screen_outliers(Phantom.from_name("CV-G", 9).simulate_measurements(0.0).data())
     assert left.measured.all() and "too few points" in notes[0]
 
 
@@ -84,3 +84,38 @@ def test_bad_input():
     points = grid(20, 20)
     with pytest.raises(InputError, match="far is 0"):
         remove_outliers(waves(points, shear_waves(points, G)), far=0)
+
+
+ROUND = np.hypot(*(grid(24, 20) - [0.02, 0.018]).T) < 0.006
+BAND = (np.arange(480) % 24 == 12) | (np.arange(480) % 24 == 13)
+
+
+def patched(where, size):
+    """One component of waves with 1 % of noise, off by `size` of its rms at the points `where`."""
+    points = grid(24, 20)
+    data = waves(points, shear_waves(points, G)).with_noise(0.01, seed=1)
+    u = data.displacement.copy()
+    u[0, where, 1] += size * data.rms[0, 0, 1]
+    return replace(data, displacement=u)
+
+
+def test_a_wrapped_patch_is_torn_displacements_whole():
+    data = patched(ROUND, 3.0)
+    torn, patches = torn_displacements(data)
+    np.testing.assert_array_equal(torn[0, :, 1], ROUND)
+    np.testing.assert_array_equal(torn, patches)
+    left, _, share = screen_outliers(data)
+    assert not torn[0, :, 0].any() and share == ROUND.sum() / 960
+    assert discontinuity_share(data) > 0.02 and discontinuity_share(left) == 0
+
+
+def test_a_vessel_that_divides_the_grid_goes_and_both_sides_stay(rng):
+    data = patched(BAND, 2 * np.exp(2j * np.pi * rng.random(BAND.sum())))
+    torn, patches = torn_displacements(data)
+    assert not patches.any() and torn[0, BAND, 1].mean() > 0.9 and not torn[0, ~BAND].any()
+
+
+def test_half_of_another_scan_is_no_patch():
+    left = grid(24, 20)[:, 0] < 0.024
+    torn, _ = torn_displacements(patched(left, 3.0))
+    assert not torn.any()
