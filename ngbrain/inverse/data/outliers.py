@@ -269,7 +269,7 @@ def _neighbour_median(off: np.ndarray, mask: np.ndarray, around: np.ndarray) -> 
 
 
 class Screened(NamedTuple):
-    """Data without gross errors, notes on what was removed, and the share of displacements that whole patches had (`torn_displacements`)."""
+    """Data without gross errors, notes on what was removed, and the share of displacements that whole patches had."""
 
     data: WaveData
     notes: list[str]
