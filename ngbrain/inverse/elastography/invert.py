@@ -305,7 +305,7 @@ def invert(
     if kept.uniform:
         starts.append(start_result("uniform", problem, reduced, kept.uniform))
     starts.append(start_result("both", problem, reduced, both))
-    found = build_inversion(
+    inversion = build_inversion(
         problem,
         reduced,
         kept.best,
@@ -319,8 +319,8 @@ def invert(
         history=search.history,
         notes=notes,
     )
-    found.checks |= torn_patches(patches)
-    return found
+    inversion.checks |= torn_patches(patches)
+    return inversion
 
 
 def _may_disperse(data: WaveData) -> bool:

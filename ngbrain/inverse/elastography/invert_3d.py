@@ -177,7 +177,7 @@ def invert_in_space(
         history += [each for end in ends.values() if end for each in end.history]
         starts.append(start_result("uniform", problem, reduced, kept.uniform))
     starts.append(start_result("both", problem, reduced, both))
-    found = build_inversion(
+    inversion = build_inversion(
         problem,
         reduced,
         kept.best,
@@ -191,8 +191,8 @@ def invert_in_space(
         history=history,
         notes=notes,
     )
-    found.checks |= torn_patches(patches)
-    return found
+    inversion.checks |= torn_patches(patches)
+    return inversion
 
 
 def memory_in_space(form: str, elements: int, frequency: Array) -> float:
