@@ -99,7 +99,7 @@ def patched(where, size):
     return replace(data, displacement=u)
 
 
-def test_a_wrapped_patch_is_torn_displacements_whole():
+def test_a_wrapped_patch_goes_whole():
     data = patched(ROUND, 3.0)
     torn, patches = torn_displacements(data)
     np.testing.assert_array_equal(torn[0, :, 1], ROUND)
