@@ -15,7 +15,9 @@ SCALE = ColourScale("largest principal strain (%)", 0.0, 4.0, np.array([[0, 0, 0
 
 
 def test_another_reader_finds_names_places_and_colours(tmp_path):
-    trimesh = pytest.importorskip("trimesh")
+    pytest.importorskip("trimesh")
+    import trimesh
+
     layers = [
         SurfaceLayer("brain", POINTS, TRIANGLES, values=np.array([0.0, 2.0, 0.0, 4.0, 1.0]), scale=SCALE),
         SurfaceLayer("blade", POINTS + 0.01, TRIANGLES, "#ff0000", opacity=0.5),
