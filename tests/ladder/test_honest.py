@@ -152,7 +152,7 @@ def test_an_unknown_error_is_said_and_ends_with_3(tmp_path, capsys, monkeypatch)
     error = result["answers"][0]["error_estimate"]
     assert (status == 3) == (error is None)
     if error is None:
-        assert "is not known" in capsys.readouterr().err
+        assert "are not known" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("by", [(0, 0, -0.022), (0.021, 0, 0), (0, 0, 1.0)])
