@@ -31,7 +31,20 @@ from ngbrain.image.read.volume import Volume, reorient_to_ras
 from ngbrain.mesh.quality import Quality
 from ngbrain.mesh.tet_mesh import Elements
 from ngbrain.report.pages import anatomy
-from ngbrain.report.pictures.panel import Panel, SurfaceLayer, VolumeLayer
+from ngbrain.report.pictures.panel import ColourScale, Panel, SurfaceLayer, VolumeLayer
+
+__all__ = [
+    "ColourScale",
+    "Panel",
+    "SurfaceLayer",
+    "View",
+    "VolumeLayer",
+    "interactive",
+    "panel",
+    "quality",
+    "slices",
+    "surfaces",
+]
 
 Place = Sequence[float] | np.ndarray
 

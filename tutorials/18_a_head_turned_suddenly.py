@@ -23,7 +23,7 @@ import ngbrain
 from ngbrain.forward import run_load_history
 from ngbrain.ladder import ModelHierarchy
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Time, Tissue
-from ngbrain.schema.formulas import Formula
+from ngbrain.schema import Formula
 from ngbrain.tensors import octahedral_shear
 
 ngbrain.set_threads(1)

@@ -177,7 +177,7 @@ def test_a_task_that_is_killed_twice_is_two_lines():
     with started("deaf") as process:
         for _ in range(2):
             os.kill(int(process.stdout.readline()), signal.SIGKILL)
-        warning, *_, error = process.communicate(timeout=10)[1].splitlines()
+        warning, *_, error = process.communicate(timeout=60)[1].splitlines()
         assert process.returncode == 1 and gone(process.pid)
     assert warning.startswith("a: its process died (signal 9)") and "tried again" in warning
     assert error.startswith("ngbrain.parallel.tasks.TaskLost: a: its process died (signal 9)")
@@ -211,7 +211,7 @@ def interrupted(process, moment, everybody, twice=False):
         with contextlib.suppress(ProcessLookupError):
             (os.killpg if everybody else os.kill)(process.pid, signal.SIGINT)
         time.sleep(0.02)
-    error = process.communicate(timeout=10)[1]
+    error = process.communicate(timeout=60)[1]
     assert process.returncode == -signal.SIGINT and gone(process.pid, 5.0)
     return error
 

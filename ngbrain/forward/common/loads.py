@@ -190,7 +190,7 @@ class FluidPressure:
     >>> from ngbrain.materials import NeoHooke
     >>> from ngbrain.mesh import block
     >>> loads = [BodyForce((0, 0, -1040 * 9.81)), FluidPressure((0, 0, -1000 * 9.81), 0.2)]
-    >>> body = Problem(block((0.1,) * 3, 0.1), {".*": Material(NeoHooke(1e3), 1e6)}, {"bottom": 0}, loads, element="P2/P1")
+    >>> body = Problem(block((0.1,) * 3, 0.1), {".*": Material(NeoHooke(1e3), 1e9)}, {"bottom": 0}, loads, element="P2/P1")
     >>> _ = LoadPath(body).solve()
     >>> round(float(body.force("bottom")[2]), 2)  # 40 kg/m³ × 9.81 m/s² × 1 l
     0.39
