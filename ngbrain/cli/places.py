@@ -23,11 +23,18 @@ MAPS = (
 IMAGES = (
     "maps.npz",
     "rounds.json",
-    *(f"{name}{end}.nii.gz" for name in MAPS for end in ("", "_low", "_high", "_deviation")),
+    *(
+        f"{name}{end}.{kind}"
+        for name in MAPS
+        for end in ("", "_low", "_high", "_deviation")
+        for kind in ("nii.gz", "json")
+    ),
 )
+KINDS = "continuous", "intermittent", "staged", "program", "force"
+OPERATION = ("*.vtkhdf", "head.npz", "scene.glb", *(f"{kind}.csv" for kind in KINDS))
 OF_VERBS = {
-    "demo": ("*.vtkhdf", "head.npz"),
-    "simulate": ("*.vtkhdf", "head.npz"),
+    "demo": OPERATION,
+    "simulate": OPERATION,
     "invert": IMAGES,
     "predict": IMAGES,
     "calibrate": ("scene.toml", "factors.json"),

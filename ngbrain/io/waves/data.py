@@ -194,7 +194,7 @@ class WaveData(NotebookCard):
         # Computed waves near a resonance may exceed the body, as the theory is linear; wrong units exceed it by far more.
         if (most := float(np.nanmax(np.abs(u)))) > _MOVED * across:
             wanted = f"metres: below {_MOVED * across:.6g} m, {_MOVED:g} times the size of the region"
-            raise InputError("displacement", f"{most:.6g} at most", wanted)
+            raise InputError("displacement", f"{most:.6g} at most", f"{wanted}; or displacement_unit says mm or um")
         if 0 < most < _STILL * across:
             raise InputError("displacement", f"{most:.6g} at most", f"metres: above {_STILL * across:.6g} m somewhere")
         frequency = _array("frequency", self.frequency, (len(u),), "fiu").astype(float)
