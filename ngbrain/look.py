@@ -78,7 +78,7 @@ class NotebookCard:
     """
 
     PICTURE: ClassVar[str] = ""
-    """`module:function` that plots an object of this class, where the function belongs to a package that builds on this class."""
+    """Module and function, with a colon between them, that plot an object of this class: of a package that builds on this class."""
 
     def summary(self) -> Mapping[str, str]:
         """Name → text, the most important first."""
