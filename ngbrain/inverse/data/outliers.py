@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
@@ -16,6 +17,7 @@ from ngbrain.inverse.data.moving_least_squares import moving_least_squares
 from ngbrain.inverse.data.smooth_field import SmoothField
 from ngbrain.inverse.data.smoothing import fit_splines, supports_splines
 from ngbrain.io.waves import WaveData
+from ngbrain.io.waves.grid import Grid
 
 FAR = 5.0
 """Standard deviations of the noise (from the median) beyond which a displacement is a suspect."""
@@ -88,11 +90,12 @@ def remove_outliers(data: WaveData, far: float = FAR) -> WaveData:
     """
     if not far > 0:
         raise InputError("far", far, "a positive number of standard deviations")
-    data, around, none = (
-        _remove(data, torn_displacements(data)[0]),
-        _nearest_neighbours(data),
-        np.zeros(data.displacement.shape, bool),
-    )
+    return _remove_scattered(_remove(data, torn_displacements(data)[0]), far)
+
+
+def _remove_scattered(data: WaveData, far: float) -> WaveData:
+    """`remove_outliers` where nothing is torn off."""
+    around, none = _nearest_neighbours(data), np.zeros(data.displacement.shape, bool)
     known = data.measured & data.mask[:, None]
     number, least = int(known.sum(axis=1).max()), SMALLEST**data.dim / FULLEST
     if (
@@ -157,7 +160,7 @@ def torn_displacements(data: WaveData) -> tuple[np.ndarray, np.ndarray]:
     torn = patches = np.zeros(data.displacement.shape, bool)
     if data.grid is None:
         return torn, patches
-    lines = _lines(data)
+    lines = _lines(data, data.grid)
     for _ in range(ROUNDS):
         off, last = data.displacement - _smooth(_remove(data, torn)).values(), torn
         torn, patches = np.zeros_like(torn), np.zeros_like(torn)
@@ -169,27 +172,20 @@ def torn_displacements(data: WaveData) -> tuple[np.ndarray, np.ndarray]:
     return torn & last, patches & last
 
 
-def _lines(data: WaveData) -> np.ndarray:
-    """(m, 4) indices of points of the mask in a row along an axis of the grid; -1 where the first or last is missing."""
-    inside = np.flatnonzero(data.mask)
-    points, tree = data.points[inside], KDTree(data.points[inside])
-    near = tree.query(points, k=min(2 * data.dim + 1, len(inside)))[1]
-    first, second = np.repeat(near[:, 0], near.shape[1] - 1), near[:, 1:].ravel()
-    step = points[second] - points[first]
-    close = 0.1 * np.linalg.norm(step, axis=1).min()
-    index = np.append(inside, -1)
-    before, after = (
-        tree.query(at, distance_upper_bound=close)[1] for at in (points[first] - step, points[second] + step)
-    )
-    return index[np.stack([before, first, second, after], axis=1)]
+def _lines(data: WaveData, grid: Grid) -> np.ndarray:
+    """(m, 4) indices of points in a row along an axis of the grid, both ways; -1 outside the mask and the grid."""
+    number = np.pad(grid.box(np.where(data.mask, np.arange(len(data.points)), -1)), 2, constant_values=-1)
+    rows = [sliding_window_view(number, 4, axis).reshape(-1, 4) for axis in range(number.ndim)]
+    lines = np.concatenate([*rows, *(row[:, ::-1] for row in rows)])
+    return lines[(lines[:, 1] >= 0) & (lines[:, 2] >= 0)]
 
 
 def _pieces(
     u: np.ndarray, off: np.ndarray, known: np.ndarray, lines: np.ndarray, jump: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """`torn_displacements` of one component: (n,) bool each."""
+    lines = lines[known[lines[:, 1]] & known[lines[:, 2]]]
     none, there = np.zeros_like(known), known[lines] & (lines >= 0)
-    lines, there = lines[there[:, 1] & there[:, 2]], there[there[:, 1] & there[:, 2]]
     if not len(lines):
         return none, none
     first, second = lines[:, 1], lines[:, 2]
@@ -282,8 +278,8 @@ def screen_outliers(data: WaveData) -> Screened:
     Where there are too few points for a smooth field, the data stay as they are.
     """
     try:
-        left = remove_outliers(data)
-        patches = torn_displacements(data)[1]
+        torn, patches = torn_displacements(data)
+        left = _remove_scattered(_remove(data, torn), FAR)
     except InputError:
         return Screened(data, ["gross errors were not looked for: there are too few points for a smooth field"])
     given, lost = int((data.measured & data.mask[:, None]).sum()), int((data.measured & ~left.measured).sum())
