@@ -10,7 +10,6 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 
 from ngbrain.io.versions import FOR_DEVELOPERS, find_version, is_older, platform_rows, requirements
@@ -232,10 +231,6 @@ def _display() -> Iterator[Finding]:
         "a screen" if screen else "no screen here: copy report.html to one that has a browser; nothing else needs it"
     )
     yield Finding("display", "screen", value)
-    if find_spec("webgui_jupyter_widgets") is None:
-        yield Finding("display", "meshes that turn", "not in notebooks", OPTIONAL, 'pip install "ngbrain[viz]"')
-    else:
-        yield Finding("display", "meshes that turn", "in notebooks, and as HTML files")
 
 
 def _solver() -> Finding:
