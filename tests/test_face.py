@@ -57,6 +57,13 @@ def test_importing_it_imports_nothing_heavy():
     assert subprocess.run([sys.executable, "-c", heavy], check=False).returncode == 0
 
 
+def test_a_problem_imports_neither_the_laboratory_nor_optimisers_nor_plots():
+    """They would add a second to every process that runs one."""
+    heavy = "'ngbrain.materials.lab', 'scipy.optimize', 'scipy.stats', 'matplotlib'"
+    code = f"import sys, ngbrain.forward.solid.problem; sys.exit(any(name in sys.modules for name in ({heavy})))"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
 @pytest.mark.parametrize("room", ROOMS)
 def test_a_room_gives_what_its_table_of_contents_lists(room):
     module = import_module(room)

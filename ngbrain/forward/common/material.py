@@ -15,8 +15,6 @@ from ngbrain.errors import InputError
 from ngbrain.look import BriefText, NotebookCard
 from ngbrain.materials import Law, Viscous, barrier, quadratic
 from ngbrain.materials.base import Deformation, Value, check_parameter, density
-from ngbrain.materials.lab.description import law_rows
-from ngbrain.materials.lab.plot import plot_law
 from ngbrain.materials.points import initial_modulus
 from ngbrain.materials.viscous import viscous
 from ngbrain.materials.volumetric import mixed_form
@@ -70,6 +68,8 @@ class Material(BriefText, NotebookCard):
 
     def summary(self) -> dict[str, str]:
         """Law, parameters, shear and bulk modulus in words."""
+        from ngbrain.materials.lab.description import law_rows  # the laboratory imports SciPy's optimisers
+
         bulk = (
             "infinite"
             if self.bulk_is_infinite
@@ -81,6 +81,8 @@ class Material(BriefText, NotebookCard):
 
     def plot(self) -> Any:
         """Stress of the isochoric law against stretch, see `ngbrain.materials.lab.plot_law`."""
+        from ngbrain.materials.lab.plot import plot_law
+
         return plot_law(self.law)
 
     @property
