@@ -198,9 +198,11 @@ class Job(Future[Any]):
         super().__init__()
         self.name, self.call, self.callback, self.memory = name, call, callback or (lambda *_: None), memory
         self.process: _Process | None = None
+        self.killed = False
 
     def kill(self) -> None:
-        """Cancel the call, or kill its process."""
+        """Cancel the call, or kill its process, also one that is being started."""
+        self.killed = True  # before `process` is read, as `compute` sets that before it reads this
         if not self.cancel() and (process := self.process) is not None and not self.done():
             process.kill()
 
@@ -228,6 +230,8 @@ class _Process:
             words = f"tasks cannot be sent to another process ({type(error).__name__}: {error})"
             raise NotSent(words) from error
         job.process = self
+        if job.killed:
+            self.kill()
         self._write((job.name, sent))
         del sent
         try:

@@ -1,6 +1,7 @@
 """Tasks in processes: answers by name; one whose process dies is named."""
 
 import signal
+import threading
 import time
 
 import numpy as np
@@ -19,6 +20,7 @@ from parallel_tasks import (
     prints,
     raises,
     raises_particularly,
+    waits,
     works,
     works_alone,
 )
@@ -185,6 +187,25 @@ def test_the_cause_of_a_kill_is_what_the_system_counts(kills, words, memory, mon
     with parallel.ProcessExecutor(1) as executor, pytest.raises(parallel.TaskLost, match=words) as caught:
         executor.submit_task("a", dies, (), print).result()
     assert caught.value.memory == memory
+
+
+def test_a_task_can_be_killed_while_its_process_starts(monkeypatch):
+    """Or Ctrl-C at that moment would wait for the whole task."""
+    starting, killed, popen = threading.Event(), threading.Event(), processes.Popen
+
+    def slow_start(*args, **kwargs):
+        starting.set()
+        assert killed.wait(60)
+        return popen(*args, **kwargs)
+
+    monkeypatch.setattr(processes, "Popen", slow_start)
+    with parallel.ProcessExecutor(1) as executor:
+        job = executor.submit_task("a", waits, (300,), print)
+        assert starting.wait(60)
+        job.kill()
+        killed.set()
+        with pytest.raises(parallel.TaskLost, match="a: its process died"):
+            job.result(timeout=60)
 
 
 def test_kills_for_memory_are_counted_where_the_system_does():
