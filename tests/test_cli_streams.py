@@ -20,7 +20,6 @@ from ngbrain.io.state import save_state
 from ngbrain.mesh import block
 from ngbrain.mesh.tet_mesh import Elements, Surface
 from ngbrain.report.pages.parameters import PARAMETERS
-from ngbrain.scene.protocols import Protocol
 
 COMMAND = [sys.executable, "-m", "ngbrain"]
 BODY = """
@@ -134,7 +133,8 @@ def test_results_are_not_replaced_unasked(scene, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("verb", "name"),
     [
-        ("simulate", "report.html"), ("simulate", "continuous.vtkhdf"), ("simulate", "staged.csv"), ("simulate", "scene.glb"),
+        ("simulate", "report.html"), ("simulate", "continuous.vtkhdf"), ("simulate", "my own_series.csv"),
+        ("simulate", "scene.glb"),
         ("mesh", "head.vtkhdf"), ("mesh", "head_labels.nii.gz"),
         ("invert", "maps.npz"), ("predict", "storage.nii.gz"), ("invert", "loss_low.nii.gz"), ("calibrate", "scene.toml"),
         ("calibrate", "factors.json"), ("twin", "work"),
@@ -150,8 +150,8 @@ def test_neither_an_unfinished_run_nor_a_file_of_the_users_own_is_replaced_unask
     assert "is already" not in capsys.readouterr().err  # it went on to the input
 
 
-def test_names_of_maps_and_protocols_are_those_of_the_library():
-    assert set(places.MAPS) == set(PARAMETERS) and set(places.KINDS) == set(Protocol.KINDS)
+def test_names_of_maps_are_those_of_the_library():
+    assert set(places.MAPS) == set(PARAMETERS)
 
 
 def test_a_mesh_goes_to_a_folder_like_all_results(tmp_path):

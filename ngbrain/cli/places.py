@@ -30,8 +30,7 @@ IMAGES = (
         for kind in ("nii.gz", "json")
     ),
 )
-KINDS = "continuous", "intermittent", "staged", "program", "force"
-OPERATION = ("*.vtkhdf", "head.npz", "scene.glb", *(f"{kind}.csv" for kind in KINDS))
+OPERATION = "*.vtkhdf", "head.npz", "scene.glb", "*_series.csv"
 OF_VERBS = {
     "demo": OPERATION,
     "simulate": OPERATION,

@@ -60,8 +60,8 @@ class Report:
     def write(self) -> Path:
         """Write the page from the current `result.json`.
 
-        Beside it `scene.glb` (brain, tool and strain when strain is largest) and `PROTOCOL.csv` (every time series, with units in
-        the names of its columns).
+        Beside it `scene.glb` (brain, tool and strain when strain is largest) and `PROTOCOL_series.csv` (every time series, with
+        units in the names of its columns).
 
         Raises
         ------
@@ -77,7 +77,7 @@ class Report:
             folder / "scene.glb", [each for each in panel.layers if isinstance(each, SurfaceLayer) and each.shown]
         )
         for name, answer in result["answers"].items():
-            _write_series(folder / f"{name}.csv", answer["series"])
+            _write_series(folder / f"{name}_series.csv", answer["series"])
         answers, comparison = result["answers"], result.get("comparison") or {}
         status, band = result.get("check_status") or {}, result.get("material_uncertainty") or {}
         openings = [max(answer["series"]["blade_mm"]) for answer in answers.values()]

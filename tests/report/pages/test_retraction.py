@@ -268,7 +268,7 @@ def test_the_page_stands_alone(page: str) -> None:
 def test_time_series_and_the_scene_lie_beside_the_page(page: str, made: Path) -> None:
     result = json.loads((made / "result.json").read_text())
     for name, answer in result["answers"].items():
-        table = np.genfromtxt(made / f"{name}.csv", delimiter=",", names=True)
+        table = np.genfromtxt(made / f"{name}_series.csv", delimiter=",", names=True)
         assert table["pressure_mmHg"].tolist() == answer["series"]["pressure_mmHg"]
         assert table["t_s"].tolist() == answer["series"]["t_s"]
     head = (made / "scene.glb").read_bytes()
