@@ -529,6 +529,10 @@ def test_a_cut_at_a_landmark(route, tmp_path, capsys):
     assert status == 0 and not lines
     result = json.loads((tmp_path / "result.json").read_text())
     assert result["landmarks_mm"]["lesion"] == result["cut"]["target_mm"] == pytest.approx([0, 0, 12], abs=0.02)
+    markup = json.loads((tmp_path / "head_landmarks.mrk.json").read_text())["markups"][0]
+    assert (markup["coordinateSystem"], markup["coordinateUnits"]) == ("RAS", "mm")
+    marked = {point["label"]: point["position"] for point in markup["controlPoints"]}
+    assert {name: pytest.approx(place, abs=0.01) for name, place in marked.items()} == result["landmarks_mm"]
     assert result["cut"]["width_mm"] == 8 and 6 < result["cut"]["depth_mm"] < 10
     mesh = load(out).mesh
     assert {"wall_plus", "wall_minus", "end_plus", "end_minus", "floor", "craniotomy"} <= set(mesh.GetBoundaries())

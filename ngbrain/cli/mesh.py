@@ -81,7 +81,14 @@ def _mesh_input(arguments: argparse.Namespace, callback: Callable[[str], None]) 
     try:
         opening = Opening(floor, **shape) if floor else None
         made = write_subject(
-            subject, arguments.output, arguments.route, size, arguments.curve, opening, arguments.surfaces
+            subject,
+            arguments.output,
+            arguments.route,
+            size,
+            arguments.curve,
+            opening,
+            arguments.surfaces,
+            arguments.mesh_unit,
         )
     except InputError as wrong:
         name = wrong.field.removeprefix("cleft.").removesuffix("_mm")
@@ -98,7 +105,7 @@ def _convert_mesh(arguments: argparse.Namespace, callback: Callable[[str], None]
         arguments, "a mesh", (*LABELS_OF, "route", "size", "site", "cut", "curve", "surfaces", "landmark", "radius")
     )
     callback("reading")
-    made = write_imported(arguments.images[0], arguments.output, arguments.unit or UNIT)
+    made = write_imported(arguments.images[0], arguments.output, arguments.unit, arguments.mesh_unit)
     return _write_report(arguments, made, None, None, callback)
 
 

@@ -87,7 +87,7 @@ def _refuse_replacement(arguments: argparse.Namespace, folder: Path) -> None:
 def _beside(mesh: Path) -> tuple[str, ...]:
     """Patterns of the files that belong to a mesh."""
     stem = escape(mesh.name.removesuffix(".gz").rpartition(".")[0])
-    ends = "_labels.nii.gz", "_white.surf.gii", "_pial.surf.gii", "_thickness.shape.gii"
+    ends = "_labels.nii.gz", "_landmarks.mrk.json", "_white.surf.gii", "_pial.surf.gii", "_thickness.shape.gii"
     return escape(mesh.name), *(f"{stem}{end}" for end in ends)
 
 

@@ -1,9 +1,10 @@
-"""Write tetrahedral meshes in the formats of other programs (`ngbrain.io.foreign` reads them), with names, in m."""
+"""Write tetrahedral meshes in the formats of other programs (`ngbrain.io.foreign` reads them): names, unit of length."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
@@ -13,17 +14,22 @@ import numpy as np
 from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError
 from ngbrain.mesh.tet_mesh import Elements
+from ngbrain.units import UNITS_OF_LENGTH
 
 _FORMATS = {".vtu": "vtu", ".vtk": "vtk", ".msh": "gmsh22", ".inp": "abaqus"}
 SUFFIXES = (".vtu", ".vtk", ".msh", ".inp", ".feb", ".vol.gz", ".vol")
 """Suffixes of ParaView (two), Gmsh 2.2, Abaqus, FEBio 4, and Netgen (two)."""
+UNITS = ("m", "mm")
+"""Units of length of a written mesh."""
+STATEMENT = "unit of length:"
+"""What precedes the unit in a file: in a comment, of VTK in the title, where 3D Slicer looks for the orientation of the axes."""
 _LINE, _ZEROS = 120, bytes(1 << 16)
 """Maximum size (bytes) of a point or an element in Netgen's files, and a block that tests whether the disk has room."""
 _POSITIVE = [1, 0, 2, 3]
 """Other programs use tetrahedra with det(b - a, c - a, d - a) > 0, Netgen the opposite."""
 
 
-def write_mesh(path: str | os.PathLike[str], elements: Elements) -> None:
+def write_mesh(path: str | os.PathLike[str], elements: Elements, unit: str = "m") -> None:
     """Write a mesh atomically, in the format of the file suffix.
 
     Tetrahedra and boundary triangles keep their names: as physical groups (Gmsh), element sets (Abaqus), parts and surfaces
@@ -36,11 +42,13 @@ def write_mesh(path: str | os.PathLike[str], elements: Elements) -> None:
         Output file with one of `SUFFIXES`, in an existing folder.
     elements : Elements
         The mesh.
+    unit : {"m", "mm"}
+        Unit of length in the file, which says so; Netgen's files, of which NGSolve computes, are in m.
 
     Raises
     ------
     InputError
-        The suffix is unknown, or the folder does not exist.
+        The suffix or the unit is unknown, or the folder does not exist.
 
     Examples
     --------
@@ -49,6 +57,7 @@ def write_mesh(path: str | os.PathLike[str], elements: Elements) -> None:
     ngbrain.errors.InputError: mesh file is 'head.stl'; wanted: .vtu, .vtk, .msh, .inp, .feb, .vol.gz, .vol
     """
     path, suffix = Path(path), mesh_suffix(path)
+    check_unit(path, unit)
     if not path.parent.is_dir():
         raise InputError("mesh file", str(path), "a file in a folder that exists")
     write: Callable[[Path, Elements], None] = _write_meshio
@@ -56,7 +65,34 @@ def write_mesh(path: str | os.PathLike[str], elements: Elements) -> None:
         write = _write_febio
     elif suffix in (".vol", ".vol.gz"):
         write = _write_netgen
-    atomic_write(path, lambda part: write(part, elements))
+    if unit != "m":
+        elements = replace(elements, points=elements.points / UNITS_OF_LENGTH[unit])
+
+    def write_stated(part: Path) -> None:
+        write(part, elements)
+        if write is not _write_netgen:
+            part.write_bytes(_stated(part.read_bytes(), suffix, f"{STATEMENT} {unit}".encode()))
+
+    atomic_write(path, write_stated)
+
+
+def check_unit(path: str | os.PathLike[str], unit: str) -> None:
+    """`InputError` for a unit of length that a file of this name cannot have."""
+    allowed = ("m",) if Path(path).name.lower().endswith((".vol", ".vol.gz", ".vtkhdf")) else UNITS
+    if unit not in allowed:
+        raise InputError("unit of the mesh", repr(unit), f"{' or '.join(allowed)} in {Path(path).name}")
+
+
+def _stated(data: bytes, suffix: str, statement: bytes) -> bytes:
+    """The content of a file with a statement in its head."""
+    if suffix == ".msh":
+        return b"$Comments\n%s\n$EndComments\n%s" % (statement, data)
+    if suffix == ".inp":
+        return b"** %s\n%s" % (statement, data)
+    first, rest = data.split(b"\n", 1)
+    if suffix == ".vtk":
+        return b"%s\n%s; SPACE=RAS\n%s" % (first, statement, rest.split(b"\n", 1)[1])
+    return b"%s\n<!-- %s -->\n%s" % (first, statement, rest)
 
 
 def mesh_suffix(path: str | os.PathLike[str]) -> str:

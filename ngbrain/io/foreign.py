@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.io.abaqus import read_abaqus
+from ngbrain.io.exchange import STATEMENT
 from ngbrain.mesh.tet_mesh import Elements, named_elements
 from ngbrain.units import UNITS_OF_LENGTH
 
@@ -88,7 +90,7 @@ def is_mesh(path: str | os.PathLike[str]) -> bool:
     return Path(path).name.lower().endswith(SUFFIXES)
 
 
-def read_mesh(path: str | os.PathLike[str], unit: str = "m") -> Elements:
+def read_mesh(path: str | os.PathLike[str], unit: str | None = None) -> Elements:
     """Read a mesh of straight-edged tetrahedra, each cell once, in m.
 
     Parameters
@@ -97,7 +99,7 @@ def read_mesh(path: str | os.PathLike[str], unit: str = "m") -> Elements:
         Gmsh (.msh 2.2 or 4.1), Abaqus (.inp), VTK (.vtu, .vtk), FEBio (.feb), Netgen (.vol, .vol.gz), Medit (.mesh), XDMF
         (.xdmf).
     unit : str, optional
-        Unit of length of the file: m, cm, mm or um.
+        Unit of length of the file: m, cm, mm or um. By default what the file states (`stated_unit`), otherwise m.
 
     Returns
     -------
@@ -111,7 +113,7 @@ def read_mesh(path: str | os.PathLike[str], unit: str = "m") -> Elements:
     ------
     InputError
         The file cannot be read, holds no tetrahedra, other solids, or flat tetrahedra; it has more than 255 regions; the body
-        has an implausible size in this unit.
+        has an implausible size in this unit, or the file states another.
 
     Examples
     --------
@@ -119,10 +121,13 @@ def read_mesh(path: str | os.PathLike[str], unit: str = "m") -> Elements:
     Traceback (most recent call last):
     ngbrain.errors.InputError: head.msh: unit is 'inch'; wanted: m, cm, mm or um
     """
-    path = Path(path)
+    path, stated = Path(path), stated_unit(path)
+    unit = unit or stated or "m"
     scale = unit_scale(unit, path)
     if not path.is_file():
         raise InputError("mesh file", "missing", "a file", path)
+    if stated not in (None, unit):
+        raise InputError("unit", repr(unit), f"{stated}, as the file states", path)
     if not is_mesh(path):
         raise InputError("mesh file", f"called {path.name}", f"a name that ends in {', '.join(SUFFIXES)}", path)
     own: dict[str, Callable[[Path], tuple[np.ndarray, _Cells, _Cells]]] = {
@@ -149,6 +154,16 @@ def read_mesh(path: str | os.PathLike[str], unit: str = "m") -> Elements:
     if len(regions) > _MOST:
         raise InputError("mesh file", f"with {len(regions)} regions", f"at most {_MOST}", path)
     return _with_boundaries(named_elements(points, tets, region, regions), np.unique(tets), flat)
+
+
+def stated_unit(path: str | os.PathLike[str]) -> str | None:
+    """The unit of length that a mesh file states in its head, as those of `ngbrain.io.exchange` do; None if it does not."""
+    try:
+        with open(path, "rb") as file:
+            found = re.search(rf"{STATEMENT} (\w+)".encode(), file.read(400))
+    except OSError:
+        return None
+    return found.group(1).decode() if found else None
 
 
 def unit_scale(unit: str, path: Path) -> float:

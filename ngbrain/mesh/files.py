@@ -11,13 +11,13 @@ import ngsolve as ngs
 
 from ngbrain.errors import InputError
 from ngbrain.io import QuadraticGrid, save, versions, write_json
-from ngbrain.io.exchange import SUFFIXES, write_mesh
+from ngbrain.io.exchange import SUFFIXES, check_unit, write_mesh
 from ngbrain.mesh.tet_mesh import Elements
 
 OWN = ".vtkhdf"
 
 
-def write(path: Path, elements: Elements, route: str, mesh: ngs.Mesh | None = None) -> None:
+def write(path: Path, elements: Elements, route: str, mesh: ngs.Mesh | None = None, unit: str = "m") -> None:
     """Write a mesh in the format of the path's suffix; missing folders are made.
 
     Parameters
@@ -30,12 +30,14 @@ def write(path: Path, elements: Elements, route: str, mesh: ngs.Mesh | None = No
         Name of the meshing route; it is stored in a `.vtkhdf` file.
     mesh : ngsolve.Mesh, optional
         The same mesh with curved elements, for a `.vtkhdf` file.
+    unit : str, default "m"
+        Unit of length in a file of another program.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     if path.name.lower().endswith(OWN):
         save(path, QuadraticGrid(mesh or elements.mesh()), state={"route": route})
     else:
-        write_mesh(path, elements)
+        write_mesh(path, elements, unit)
 
 
 def write_result(
@@ -82,8 +84,12 @@ def write_result(
     return result
 
 
-def check_writable(path: Path) -> None:
-    """Check that a file can be written; raises `InputError` for a folder and `OSError` where nothing can be written."""
+def check_writable(path: Path, unit: str = "m") -> None:
+    """Check that a file can be written, in this unit; raises `InputError`, or `OSError` where nothing can be written."""
+    try:
+        check_unit(path, unit)
+    except InputError as wrong:
+        raise InputError("--mesh-unit", wrong.value, wrong.wanted) from wrong
     if path.is_dir():
         raise InputError("-o", repr(str(path)), "a file, not a folder")
     there = next(folder for folder in path.absolute().parents if folder.exists())

@@ -6,7 +6,7 @@ import os
 import time
 from pathlib import Path
 
-from ngbrain.io.foreign import read_mesh
+from ngbrain.io.foreign import read_mesh, stated_unit
 from ngbrain.mesh import files
 from ngbrain.mesh.head_mesh import HeadMesh
 from ngbrain.mesh.quality import Quality, volumes_ml
@@ -15,7 +15,9 @@ from ngbrain.mesh.routes.registry import min_jacobian
 ROUTE = "imported"
 
 
-def write_imported(source: str | os.PathLike[str], path: str | os.PathLike[str], unit: str = "mm") -> HeadMesh:
+def write_imported(
+    source: str | os.PathLike[str], path: str | os.PathLike[str], unit: str | None = None, mesh_unit: str = "m"
+) -> HeadMesh:
     """Read a mesh of another program and write it in the format of the path's suffix, with `result.json` beside it.
 
     Parameters
@@ -24,8 +26,10 @@ def write_imported(source: str | os.PathLike[str], path: str | os.PathLike[str],
         A file that `ngbrain.io.foreign.read_mesh` reads.
     path : str or path-like
         Output file: `.vtkhdf` or a suffix of `ngbrain.io.exchange`.
-    unit : str, default "mm"
-        Unit of the source's lengths.
+    unit : str, optional
+        Unit of the source's lengths. By default what the source states, otherwise mm.
+    mesh_unit : {"m", "mm"}
+        Unit of the written mesh.
 
     Returns
     -------
@@ -39,11 +43,12 @@ def write_imported(source: str | os.PathLike[str], path: str | os.PathLike[str],
     """
     path, started = Path(path), time.monotonic()
     files.stem(path)
-    files.check_writable(path)
+    files.check_writable(path, mesh_unit)
+    unit = unit or stated_unit(source) or "mm"
     made = read_mesh(source, unit)
     low, high = made.points.min(axis=0), made.points.max(axis=0)
     wide = " by ".join(f"{1e3 * side:.0f}" for side in high - low)
-    files.write(path, made, ROUTE)
+    files.write(path, made, ROUTE, unit=mesh_unit)
     result = files.write_result(
         path,
         str(source),

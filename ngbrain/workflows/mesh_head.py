@@ -14,7 +14,7 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.image.read.label_map import LabelMap
-from ngbrain.image.read.landmarks import landmarks
+from ngbrain.image.read.landmarks import landmarks, write_markups
 from ngbrain.image.read.nifti import resample_labels, write_nifti
 from ngbrain.image.read.volume import Volume
 from ngbrain.image.segment.topology import clean_labels
@@ -104,8 +104,10 @@ def write_subject(
     curve: bool = False,
     opening: Opening | None = None,
     cortex: bool = False,
+    unit: str = "m",
 ) -> HeadMesh:
-    """Mesh a subject, and write the mesh, its labels (NAME_labels.nii.gz, on the grid of the file) and result.json.
+    """Mesh a subject, and write the mesh, its labels (NAME_labels.nii.gz, on the grid of the file), landmarks for 3D Slicer
+    (NAME_landmarks.mrk.json) and result.json.
 
     Small islands and holes of the labels are removed first (`ngbrain.image.segment.topology`); the labels written are those that
     were meshed.
@@ -126,6 +128,8 @@ def write_subject(
         Cut it open first (`ngbrain.mesh.routes.craniotomy`), with elements of `size.near` at the walls.
     cortex : bool
         Write the white and pial surfaces too (`ngbrain.mesh.surface.cortical_files`), of the labels before they are cut.
+    unit : {"m", "mm"}
+        Unit of length in the mesh file; a .vtkhdf and Netgen's are in m.
 
     Returns
     -------
@@ -135,7 +139,7 @@ def write_subject(
     Raises
     ------
     InputError
-        Another suffix; a curved mesh that is not .vtkhdf, has an opening, or is by the route `hull`, which has no tissue
+        Another suffix or unit; a curved mesh that is not .vtkhdf, has an opening, or is by the route `hull`, which has no tissue
         interfaces; and the errors of meshing, cutting and curving.
     """
     path, started = Path(path), time.monotonic()
@@ -150,7 +154,7 @@ def write_subject(
         raise InputError(
             "--curve", "given with --cut", "one of them: curving would move nodes off the planes of the walls"
         )
-    files.check_writable(path)  # before the work, not after it
+    files.check_writable(path, unit)  # before the work, not after it
     clean, tidying = clean_labels(LabelMap(_numbered(subject.labels), dict(enumerate(subject.labels.regions, 1))))
     if not clean.regions:
         found = f"{np.count_nonzero(subject.labels.volume.data)} voxels in islands, which are left out"
@@ -172,13 +176,15 @@ def write_subject(
         told["quality"]["min_jacobian"] = min_jacobian(mesh)
     else:
         mesh = None
-    files.write(path, made, route, mesh)
+    files.write(path, made, route, mesh, unit)
     labels = path.with_name(f"{stem}_labels.nii.gz")
     write_nifti(labels, resample_labels(_numbered(clean), subject.affine, subject.shape))
     surfaces = write_cortex(whole, subject.t1, path.parent, stem) if cortex else None
     points = landmarks(clean) | {name: np.array(point) for name, point in subject.named.items()}
     site = opening.target if opening else size.site
     shown = points["centre"] if site is None else np.array(site)
+    markups = path.with_name(f"{stem}_landmarks.mrk.json")
+    write_markups(markups, points)
     contrast = subject.contrast
     result = files.write_result(
         path,
@@ -200,7 +206,7 @@ def write_subject(
         needs=[str(each) for each in recommend_meshes()],
         landmarks_mm={name: (1e3 * point).round(2).tolist() for name, point in points.items()},
         shown_mm=(1e3 * shown).round(2).tolist(),
-        files=[path.name, labels.name, *(surfaces["files"] if surfaces else ()), "result.json"],
+        files=[path.name, labels.name, markups.name, *(surfaces["files"] if surfaces else ()), "result.json"],
         checks={
             "volume_errors": _volume_errors(told["regions"]),
             "changed_ml": excessive(done.repairs, {n: r["label_volume_ml"] for n, r in told["regions"].items()}),

@@ -2,6 +2,7 @@
 
 import xml.etree.ElementTree as ElementTree
 
+import meshio
 import netgen.meshing as meshing
 import ngsolve as ngs
 import numpy as np
@@ -10,10 +11,12 @@ from phantoms import nested
 
 from ngbrain.errors import InputError
 from ngbrain.io.exchange import write_mesh
-from ngbrain.io.foreign import read_mesh
+from ngbrain.io.foreign import read_mesh, stated_unit
 from ngbrain.mesh.geometry.sizing import RadialSizeField
 from ngbrain.mesh.quality import volumes_ml
 from ngbrain.mesh.routes.hull import hull
+
+MESHIO = {".msh": meshio.gmsh.read, ".inp": meshio.abaqus.read, ".vtu": meshio.vtu.read, ".vtk": meshio.vtk.read}
 
 
 @pytest.fixture(scope="module")
@@ -64,6 +67,33 @@ def test_febio_has_positive_tetrahedra_by_parts(made, tmp_path):
     ids = [int(elem.get("id")) for part in mesh.findall("Elements") for elem in part]
     assert ids == list(range(1, len(made.tets) + 1))
     assert [surface.get("name") for surface in mesh.findall("Surface")] == list(made.boundaries)
+
+
+@pytest.mark.parametrize("suffix", [".msh", ".inp", ".vtu", ".vtk", ".feb"])
+@pytest.mark.parametrize("unit", ["m", "mm"])
+def test_a_file_states_its_unit_and_is_read_back_so(made, suffix, unit, tmp_path):
+    path = tmp_path / f"head{suffix}"
+    write_mesh(path, made, unit)
+    assert stated_unit(path) == unit
+    if suffix != ".feb":  # by another reader: the numbers themselves
+        raw = MESHIO[suffix](path).points
+        assert np.ptp(raw) == pytest.approx(np.ptp(made.points) / {"m": 1, "mm": 1e-3}[unit])
+    back = read_mesh(path)
+    assert sorted(volumes_ml(back).values()) == pytest.approx(sorted(volumes_ml(made).values()), rel=1e-6)
+    other = "mm" if unit == "m" else "m"
+    with pytest.raises(InputError, match=rf"unit is '{other}'; wanted: {unit}, as the file states"):
+        read_mesh(path, other)
+
+
+def test_slicer_finds_the_orientation_in_the_title(made, tmp_path):
+    write_mesh(tmp_path / "head.vtk", made, "mm")
+    assert (tmp_path / "head.vtk").read_bytes().split(b"\n")[1] == b"unit of length: mm; SPACE=RAS"
+
+
+@pytest.mark.parametrize("name", ["head.vol", "head.vol.gz"])
+def test_meshes_of_netgen_are_in_m(made, name, tmp_path):
+    with pytest.raises(InputError, match=f"unit of the mesh is 'mm'; wanted: m in {name}"):
+        write_mesh(tmp_path / name, made, "mm")
 
 
 def test_a_failed_write_leaves_what_was_there(made, tmp_path, monkeypatch):

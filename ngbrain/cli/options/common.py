@@ -19,7 +19,7 @@ PLACE = "X,Y,Z"
 # Names in tables of the library, whose import would take a second; a test compares them.
 ROUTES = ("hull", "lattice", "conforming")
 SCHEMES = ("freesurfer", "synthseg", "muse", "spm", "cat", "fast", "ngbrain")
-UNITS = ("m", "cm", "mm", "um")
+UNITS, MESH_UNITS = ("m", "cm", "mm", "um"), ("m", "mm")
 DISCRETISATIONS = ("data", "fe")
 STARTS = ("auto", "waves", "all", "many")
 PRIORS = ("smooth", "edges", "steps", "matern")
@@ -149,6 +149,9 @@ def _mesh(verbs: Any) -> argparse.ArgumentParser:
         help=f"names of the labels, or one of {', '.join(SCHEMES)}, followed by further N=NAME,…",
     )
     parser.add_argument("--unit", choices=UNITS, help="unit of length in surfaces and meshes that do not state it (mm)")
+    parser.add_argument(
+        "--mesh-unit", choices=MESH_UNITS, default="m", help="unit of length in a mesh file of another program (m)"
+    )
     parser.add_argument("--no-fill", action="store_true", help="do not fill unlabelled sulci with fluid")
     parser.add_argument(
         "--structures", action="store_true", help="split tissues: left, right, cerebellum, stem, deep grey, callosum"

@@ -1,11 +1,20 @@
-"""Named points of a head."""
+"""Named points of a head, and their file for 3D Slicer."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from pathlib import Path
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ngbrain.image.read.label_map import LabelMap
+from ngbrain.io.json_file import write_json
 
+_SCHEMA = (
+    "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/Schema/"
+    "markups-schema-v1.0.3.json#"
+)
 _ENDS = (("left", "right"), ("back", "front"), ("bottom", "top"))
 
 
@@ -35,3 +44,28 @@ def landmarks(labels: LabelMap) -> dict[str, np.ndarray]:
                 if part.any():
                     found[f"{side} ventricle"] = mine[part].mean(axis=0)
     return found
+
+
+def write_markups(path: Path, points: Mapping[str, ArrayLike]) -> None:
+    """Write named points as a point list of 3D Slicer (`.mrk.json`), in mm and RAS.
+
+    Parameters
+    ----------
+    path : Path
+        Output file.
+    points : mapping of str to array_like
+        Name → point (3,) m.
+
+    Examples
+    --------
+    >>> import json, pathlib, tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = pathlib.Path(folder, "points.mrk.json")
+    ...     write_markups(file, {"target": (0.024, -0.008, 0.04)})
+    ...     json.loads(file.read_text())["markups"][0]["controlPoints"][0]["position"]
+    [24.0, -8.0, 40.0]
+    """
+    places = {name: [round(1e3 * float(x), 4) for x in np.asarray(point)] for name, point in points.items()}
+    listed = [{"id": str(i), "label": name, "position": place} for i, (name, place) in enumerate(places.items(), 1)]
+    markup = {"type": "Fiducial", "coordinateSystem": "RAS", "coordinateUnits": "mm", "controlPoints": listed}
+    write_json(path, {"@schema": _SCHEMA, "markups": [markup]})

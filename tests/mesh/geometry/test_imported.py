@@ -32,7 +32,15 @@ def test_a_mesh_of_gmsh_becomes_one_of_ours(tmp_path, capsys):
     for option in (["--size", "4"], ["--route", "hull"], ["--labels"], ["--cut", "0,0,0"]):
         assert main(["mesh", str(tmp_path / "head.msh"), "--unit", "m", *option, "--overwrite", "-o", str(out)]) == 2
         assert f"{option[0]} is given with a mesh" in capsys.readouterr().err
-    assert main(["mesh", str(tmp_path / "head.msh"), "-o", str(tmp_path / "no" / "head.vtkhdf")]) == 2
+    capsys.readouterr()
+    millimetres = [str(tmp_path / "head.msh"), "--mesh-unit", "mm", "-o"]
+    assert main(["mesh", *millimetres, str(tmp_path / "mm" / "head.vtk")]) == 0  # its own unit is what it states: m
+    assert np.ptp(meshio.vtk.read(tmp_path / "mm" / "head.vtk").points) == pytest.approx(40, rel=0.02)
+    assert main(["mesh", *millimetres, str(tmp_path / "no" / "head.vtkhdf")]) == 2
+    assert "--mesh-unit is 'mm'; wanted: m in head.vtkhdf" in capsys.readouterr().err
+    unstated = (tmp_path / "head.msh").read_bytes().split(b"$EndComments\n")[1]
+    (tmp_path / "other.msh").write_bytes(unstated)
+    assert main(["mesh", str(tmp_path / "other.msh"), "-o", str(tmp_path / "no" / "head.vtkhdf")]) == 2
     assert "unit is mm, in which the body is 3.98e-05 m wide" in capsys.readouterr().err
     assert not (tmp_path / "no").exists()
 
