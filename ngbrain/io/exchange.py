@@ -77,7 +77,20 @@ def write_mesh(path: str | os.PathLike[str], elements: Elements, unit: str = "m"
 
 
 def check_unit(path: str | os.PathLike[str], unit: str) -> None:
-    """`InputError` for a unit of length that a file of this name cannot have."""
+    """Check that a file of this name can be written in a unit of length.
+
+    Parameters
+    ----------
+    path : str or Path
+        Output file.
+    unit : str
+        Unit of length.
+
+    Raises
+    ------
+    InputError
+        The unit is unknown, or another than m for Netgen's files and `.vtkhdf`.
+    """
     allowed = ("m",) if Path(path).name.lower().endswith((".vol", ".vol.gz", ".vtkhdf")) else UNITS
     if unit not in allowed:
         raise InputError("unit of the mesh", repr(unit), f"{' or '.join(allowed)} in {Path(path).name}")

@@ -85,7 +85,22 @@ def write_result(
 
 
 def check_writable(path: Path, unit: str = "m") -> None:
-    """Check that a file can be written, in this unit; raises `InputError`, or `OSError` where nothing can be written."""
+    """Check that a mesh can be written.
+
+    Parameters
+    ----------
+    path : Path
+        Output file.
+    unit : str, default "m"
+        Unit of length in it.
+
+    Raises
+    ------
+    InputError
+        The path is a folder, or a file of this name cannot be in this unit.
+    OSError
+        Nothing can be written there.
+    """
     try:
         check_unit(path, unit)
     except InputError as wrong:

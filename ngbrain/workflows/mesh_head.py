@@ -14,7 +14,7 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.image.read.label_map import LabelMap
-from ngbrain.image.read.landmarks import landmarks, write_markups
+from ngbrain.image.read.landmarks import landmarks, write_landmarks
 from ngbrain.image.read.nifti import resample_labels, write_nifti
 from ngbrain.image.read.volume import Volume
 from ngbrain.image.segment.topology import clean_labels
@@ -183,8 +183,8 @@ def write_subject(
     points = landmarks(clean) | {name: np.array(point) for name, point in subject.named.items()}
     site = opening.target if opening else size.site
     shown = points["centre"] if site is None else np.array(site)
-    markups = path.with_name(f"{stem}_landmarks.mrk.json")
-    write_markups(markups, points)
+    points_file = path.with_name(f"{stem}_landmarks.mrk.json")
+    write_landmarks(points_file, points)
     contrast = subject.contrast
     result = files.write_result(
         path,
@@ -206,7 +206,7 @@ def write_subject(
         needs=[str(each) for each in recommend_meshes()],
         landmarks_mm={name: (1e3 * point).round(2).tolist() for name, point in points.items()},
         shown_mm=(1e3 * shown).round(2).tolist(),
-        files=[path.name, labels.name, markups.name, *(surfaces["files"] if surfaces else ()), "result.json"],
+        files=[path.name, labels.name, points_file.name, *(surfaces["files"] if surfaces else ()), "result.json"],
         checks={
             "volume_errors": _volume_errors(told["regions"]),
             "changed_ml": excessive(done.repairs, {n: r["label_volume_ml"] for n, r in told["regions"].items()}),

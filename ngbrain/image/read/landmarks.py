@@ -46,7 +46,7 @@ def landmarks(labels: LabelMap) -> dict[str, np.ndarray]:
     return found
 
 
-def write_markups(path: Path, points: Mapping[str, ArrayLike]) -> None:
+def write_landmarks(path: Path, points: Mapping[str, ArrayLike]) -> None:
     """Write named points as a point list of 3D Slicer (`.mrk.json`), in mm and RAS.
 
     Parameters
@@ -61,7 +61,7 @@ def write_markups(path: Path, points: Mapping[str, ArrayLike]) -> None:
     >>> import json, pathlib, tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = pathlib.Path(folder, "points.mrk.json")
-    ...     write_markups(file, {"target": (0.024, -0.008, 0.04)})
+    ...     write_landmarks(file, {"target": (0.024, -0.008, 0.04)})
     ...     json.loads(file.read_text())["markups"][0]["controlPoints"][0]["position"]
     [24.0, -8.0, 40.0]
     """
