@@ -1,6 +1,7 @@
 """The verb `invert` end to end on a small grid, and what it says to bad input before any work is begun."""
 
 import json
+import re
 import sys
 from dataclasses import replace
 
@@ -99,7 +100,7 @@ def test_data_without_loss_say_how_near_a_resonance_is_and_images_come_back_as_i
     affine = np.diag([4e-3, 4e-3, 4e-3, 1.0])
     data = plane(3000.0, rheology="elastic", truth={}, affine=affine)
     write_waves(tmp_path / "waves.nii.gz", data)
-    status, out, errors = run(capsys, tmp_path / "waves.nii.gz", "-o", tmp_path / "out", *ROUGH, "--bars")
+    status, out, errors = run(capsys, tmp_path / "waves.nii.gz", "-o", tmp_path / "out", *ROUGH, "--bars", "--bids", "sub-7")
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     assert status == 0 and not out and result["warnings"]
     assert errors == [f"ngbrain: note: {note}" for note in result["warnings"]]  # never silenced
@@ -116,12 +117,19 @@ def test_data_without_loss_say_how_near_a_resonance_is_and_images_come_back_as_i
     about = json.loads((tmp_path / "out" / "youngs_low.json").read_text())
     assert about["Units"] == "Pa" and about["LongName"] == "Young's modulus, lower end of the 95 % interval"
     assert "waves.nii.gz" in about["Sources"][0]
+    dataset = tmp_path / "out" / "bids"
+    maps = sorted(path.name for path in (dataset / "sub-7" / "anat").iterdir())
+    assert "sub-7_desc-stiffnessLow_mre.nii.gz" in maps and "sub-7_desc-stiffnessLow_mre.json" in maps
+    assert all(re.fullmatch(r"sub-7_desc-[A-Za-z0-9]+_mre\.(nii\.gz|json)", name) for name in maps)
+    described = json.loads((dataset / "dataset_description.json").read_text())
+    assert described["DatasetType"] == "derivative" and described["GeneratedBy"][0]["Name"] == "ngbrain"
+    assert "bids/sub-7/anat/sub-7_desc-youngs_mre.nii.gz" in result["files"]
     strain = nibabel.load(tmp_path / "out" / "oss_snr.nii.gz")  # of both loads
     assert strain.shape == (10, 9, 1, 2) and "oss.nii.gz" in result["files"]
     with np.load(tmp_path / "out" / "maps.npz") as file:
         assert file["oss"].shape == (2, 90) and np.median(file["oss_snr"]) == result["checks"]["strain_snr"]
         np.testing.assert_allclose(np.asarray(strain.dataobj)[..., 0, :].reshape(-1, 2, order="F").T, file["oss_snr"])
-    assert set(result["files"]) <= {path.name for path in (tmp_path / "out").iterdir()}
+    assert all((tmp_path / "out" / name).is_file() for name in result["files"])
 
 
 def test_data_in_space(tmp_path, capsys):
@@ -262,6 +270,8 @@ def test_choices_reach_the_inversion(tmp_path, capsys, monkeypatch, waves, start
         (["--oss-snr", "-3"], ["--oss-snr is -3.0", "positive"]),
         (["--model-error", "20"], ["--model-error is 20.0"]),
         (["--discretisation", "data"], ["waves.npz: element is not given", "q4"]),
+        (["--bids", "sub-01"], ["--bids is given with data that are no image", "a NIfTI image"]),
+        (["--bids", "patient 7"], ["--bids is 'patient 7'", "sub-LABEL"]),
         (["-o", "waves.npz"], ["-o is waves.npz", "a folder"]),
         (["--subzones", "--unknowns", "polar"], ["--unknowns is polar", "moduli with --subzones"]),
         (["--subzones", "--weight", "l-curve"], ["--weight is l-curve", "evidence with --subzones"]),

@@ -37,6 +37,7 @@ from ngbrain.progress import LOG, Progress, terminal
 from ngbrain.report.pages import parameters
 from ngbrain.solvers.device import Device
 from ngbrain.threads import threads
+from ngbrain.workflows.bids import check_subject
 from ngbrain.workflows.property_maps import finite, write_inversion
 
 DISCRETISATIONS: dict[str, Callable[[WaveData], Discretisation]] = {"data": original_discretisation, "fe": discretise}
@@ -98,6 +99,7 @@ def run(arguments: argparse.Namespace) -> int:
         folder,
         inversion,
         bars,
+        subject=arguments.bids,
         verb="invert",
         source=arguments.data.name,
         versions=versions(),
@@ -203,6 +205,8 @@ def _read_data(arguments: argparse.Namespace) -> WaveData:
     Device.from_name(arguments.device)
     data = read_waves(arguments.data)
     data = data.conjugate() if arguments.conjugate else data
+    if arguments.bids:
+        check_subject(arguments.bids, data)
     if arguments.bars and moving_axis(data) is not None:
         raise InputError("--bars", "given", "one slice in a file of its own: slabs are inverted slice by slice")
     if data.affine is not None:

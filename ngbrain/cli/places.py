@@ -23,6 +23,7 @@ MAPS = (
 IMAGES = (
     "maps.npz",
     "rounds.json",
+    "bids",
     *(
         f"{name}{end}.{kind}"
         for name in MAPS

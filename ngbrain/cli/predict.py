@@ -23,6 +23,7 @@ from ngbrain.report.pages import parameters, prediction
 from ngbrain.surrogate.prediction.predict import Prediction, predict
 from ngbrain.surrogate.prediction.pretrained import Operator
 from ngbrain.threads import threads
+from ngbrain.workflows.bids import check_subject
 from ngbrain.workflows.property_maps import write_maps
 
 LOSSLESS = 0.01
@@ -42,6 +43,8 @@ def run(arguments: argparse.Namespace) -> int:
         line.callback("reading")
         data = read_waves(arguments.data)
         data = data.conjugate() if arguments.conjugate else data
+        if arguments.bids:
+            check_subject(arguments.bids, data)
         check_passive(data)
         if data.affine is not None:
             require("nibabel", "mri")
@@ -88,7 +91,7 @@ def run(arguments: argparse.Namespace) -> int:
         "warnings": notes,
     }
     images = [name for name in arrays if name in (*maps, *DERIVED) or name.endswith("_deviation")]
-    result = write_maps(folder, found.data, arrays, images, told)
+    result = write_maps(folder, found.data, arrays, images, told, arguments.bids)
     report = prediction.build(folder / "report.html", result, found.data, arrays)
     conclude(arguments.quiet, [*summary(result), f"report: {report}"], [f"note: {note}" for note in notes])
     if not found.usable:

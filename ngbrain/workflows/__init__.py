@@ -20,7 +20,7 @@ Modules
 - `simulate`: A scene to its result; `preview`: a figure of the scene before.
 - `twin`: One patient's surgical plans compared.
 - `quick`: Coarse first answers before that.
-- `property_maps`: The files of an inversion.
+- `property_maps`: The files of an inversion; `bids`: as a derivative dataset.
 """
 
 from typing import TYPE_CHECKING
@@ -29,6 +29,7 @@ from ngbrain.lazy import lazy_names
 
 if TYPE_CHECKING:
     from ngbrain.workflows import (
+        bids,
         cohort,
         doctor,
         gate,
@@ -64,6 +65,7 @@ __all__ = [
     "ResultRow",
     "Subject",
     "TwinResult",
+    "bids",
     "cohort",
     "doctor",
     "find_outliers",

@@ -15,10 +15,11 @@ from ngbrain.inverse.uncertainty.credible_maps import Uncertainty
 from ngbrain.io.json_file import write_json
 from ngbrain.io.waves import WaveData, write_map
 from ngbrain.report.pages.parameters import PARAMETERS
+from ngbrain.workflows.bids import write_derivative
 
 
 def write_inversion(
-    folder: Path, inversion: Inversion, bars: Uncertainty | None = None, **of_the_run: Any
+    folder: Path, inversion: Inversion, bars: Uncertainty | None = None, subject: str = "", **of_the_run: Any
 ) -> dict[str, Any]:
     """Write the files of an inversion into an existing folder; result.json is the last one.
 
@@ -30,6 +31,8 @@ def write_inversion(
     inversion : Inversion
     bars : Uncertainty, optional
         Error bars: their arrays go into maps.npz, their `result` is the result's `error_bars`.
+    subject : str, optional
+        Subject of a BIDS derivative dataset that the images are copied into (`ngbrain.workflows.bids`).
     **of_the_run
         Further entries of the result, such as verb, versions, threads, time_s.
 
@@ -49,11 +52,16 @@ def write_inversion(
     arrays = inversion.arrays() | bands
     images = *inversion.maps, *inversion.derived_maps, *bands, "oss", "oss_snr"
     told = {"error_bars": bars.result()} if bars else {}
-    return write_maps(folder, inversion.data, arrays, images, {**of_the_run, **inversion.to_dict(), **told})
+    return write_maps(folder, inversion.data, arrays, images, {**of_the_run, **inversion.to_dict(), **told}, subject)
 
 
 def write_maps(
-    folder: Path, data: WaveData, arrays: Mapping[str, np.ndarray], images: Sequence[str], result: Mapping[str, Any]
+    folder: Path,
+    data: WaveData,
+    arrays: Mapping[str, np.ndarray],
+    images: Sequence[str],
+    result: Mapping[str, Any],
+    subject: str = "",
 ) -> dict[str, Any]:
     """Write arrays as maps.npz, images as NAME.nii.gz where the data came from one, and result.json last.
 
@@ -65,6 +73,8 @@ def write_maps(
     images : sequence of str
         Names of the arrays that are images.
     result : mapping
+    subject : str, optional
+        As in `write_inversion`.
 
     Returns
     -------
@@ -80,6 +90,8 @@ def write_maps(
         settings = {"SoftwareName": "ngbrain", "Settings": {"model": result.get("model", {})}}
         write_json(folder / f"{name}.json", finite({**sidecar, **settings}))
     files = ["maps.npz", *(f"{name}{kind}" for name in names for kind in (".nii.gz", ".json")), "result.json"]
+    if subject:
+        files += write_derivative(folder, names, subject)
     written: dict[str, Any] = finite({**result, "files": files})
     write_json(folder / "result.json", written)
     return written

@@ -205,6 +205,12 @@ def _add_reading(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="take the complex conjugate: DATA has the time convention e^{-iωt}, or its phase images are in reverse order",
     )
+    parser.add_argument(
+        "--bids",
+        default="",
+        metavar="sub-LABEL[_ses-LABEL]",
+        help="copy the maps into a BIDS derivative dataset of this subject, bids in the folder of the results",
+    )
 
 
 def _invert(verbs: Any) -> argparse.ArgumentParser:
