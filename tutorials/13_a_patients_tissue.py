@@ -68,12 +68,13 @@ print(f"force {force[0]:.3f} N, then {force[1]:.3f} N; landmarks moved by up to 
 # ## How stiff
 # One factor for each tissue, times all of its moduli and viscosities. The search is Levenberg and Marquardt's; derivatives of the
 # whole run, contact and memory included, are the discrete run's own. What is missed beyond the noise, as elements do, counts as
-# more noise in the intervals. The same from the command line, which writes a scene with the tissues found:
+# more noise in the intervals, and so does what finer elements change (`finer`; the short form of this lesson leaves it out). The
+# same from the command line, which writes a scene with the tissues found:
 #
 # `ngbrain calibrate scene.toml --landmarks landmarks.csv --landmark-sd 0.01 --force force.csv --force-sd 0.002 -o patient`
 
 # %%
-found = calibrate(model, seen, list(TRUTH), callback=lambda iteration, factors: print(factors))
+found = calibrate(model, seen, list(TRUTH), callback=lambda iteration, factors: print(factors), finer=not FAST)
 for name, band in found.factors.items():
     print(f"{name}: {band.value:.3f}, 95 % interval {band.low:.3f} to {band.high:.3f}; truly {TRUTH[name]}")
 print(f"misfit {found.level.ratio:.2g} times what the noise explains")

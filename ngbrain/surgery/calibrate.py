@@ -21,7 +21,7 @@ from typing import Any
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.adjoint.reduced import Point, Reduced
+from ngbrain.adjoint.reduced import LinearisedState, Point, Reduced
 from ngbrain.errors import InputError, SolverError
 from ngbrain.forward.common.interpolation import points_in_mesh
 from ngbrain.forward.observables import Displacements, Force, Observable
@@ -234,9 +234,10 @@ def calibrate(
         callback(iteration, {name: factor.Get() for name, factor in retracted.factors.items()})
 
     first = np.log([(start or {}).get(name, 1.0) for name in retracted.factors])
-    found = search(Reduced(run, seen.misfit(), fields, priors, weights), first, FixedWeights(), record)
+    searched = _LastState(run, seen.misfit(), fields, priors, weights)
+    found = search(searched, first, FixedWeights(), record)
     excess = math.sqrt(max(1.0, found.level.ratio))
-    point = Reduced(run, seen.misfit(excess), fields, priors, weights).evaluate(found.x)
+    point = Point(Reduced(run, seen.misfit(excess), fields, priors, weights), found.x, searched.state_at(found.x))
     posterior = Posterior(point, min_eigenvalue=0.0)
     moved, fitted, notes = np.zeros(len(found.x)), point.state.data, list[str]()
     if finer:
@@ -266,6 +267,21 @@ def calibrate(
         history=found.history,
         warnings=notes,
     )
+
+
+class _LastState(Reduced):
+    """An objective that keeps its last state, which is mostly that of the result: a run with its derivatives is dear."""
+
+    last: Point | None = None
+
+    def evaluate(self, x: Array) -> Point:
+        self.last = super().evaluate(x)
+        return self.last
+
+    def state_at(self, x: Array) -> LinearisedState:
+        """The model linearised at θ(x)."""
+        point = self.last
+        return point.state if point is not None and np.array_equal(point.x, x) else self.evaluate(x).state
 
 
 def _finer(
