@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -278,6 +279,7 @@ def panel(drawing: Drawing, deformed: SurfaceLayer | None = None) -> Panel:
     return Panel(layers, "The scene in three dimensions", toward=toward, focus=drawing.focus, head=drawing.head)
 
 
+@lru_cache(maxsize=1)  # a report is written after each model, of one scene
 def space_picture(drawing: Drawing) -> bytes:
     """The scene in space, as a PNG."""
     with style():
