@@ -1,15 +1,13 @@
-"""Tasks for `ngbrain.parallel`, importable by the processes that it starts."""
+"""Tasks for `ngbrain.parallel`, importable by the processes that it starts, in a moment: NGSolve is imported where it is used."""
 
 import os
 import resource
 import signal
 import time
 
-import ngsolve as ngs
 import numpy as np
 
 from ngbrain import parallel
-from ngbrain.mesh import block
 
 
 def lives(answer, *, callback):
@@ -28,6 +26,8 @@ def interrupted(*, callback):
 
 def outlives(seconds, *, callback):
     """Threads at first, and when there has been time for the other tasks to end."""
+    import ngsolve as ngs
+
     seen = []
     with parallel.share_threads(callback) as told:
         for wait in (0.0, seconds):
@@ -82,6 +82,8 @@ def prints(*, callback):
 
 def points(*, callback):
     """Of a mesh that is made there."""
+    from ngbrain.mesh import block
+
     mesh = block((0.1, 0.2, 0.3), 0.1)  # its coordinates are gone with it
     return mesh.ngmesh.Coordinates().copy()
 

@@ -497,6 +497,7 @@ def test_a_report_of_labels_with_large_numbers_on_a_turned_grid(tmp_path, capsys
     )
 
 
+@pytest.mark.slow
 def test_a_curved_lattice_of_labels(tmp_path, capsys):
     labels_file(tmp_path / "labels.nii.gz")
     out = tmp_path / "head.vtkhdf"

@@ -100,7 +100,9 @@ def test_data_without_loss_say_how_near_a_resonance_is_and_images_come_back_as_i
     affine = np.diag([4e-3, 4e-3, 4e-3, 1.0])
     data = plane(3000.0, rheology="elastic", truth={}, affine=affine)
     write_waves(tmp_path / "waves.nii.gz", data)
-    status, out, errors = run(capsys, tmp_path / "waves.nii.gz", "-o", tmp_path / "out", *ROUGH, "--bars", "--bids", "sub-7")
+    status, out, errors = run(
+        capsys, tmp_path / "waves.nii.gz", "-o", tmp_path / "out", *ROUGH, "--bars", "--bids", "sub-7"
+    )
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     assert status == 0 and not out and result["warnings"]
     assert errors == [f"ngbrain: note: {note}" for note in result["warnings"]]  # never silenced
@@ -447,6 +449,7 @@ def test_error_bars(tmp_path, capsys, waves):
             assert np.all((maps[f"{name}_low"] < maps[name]) & (maps[name] < maps[f"{name}_high"]))
 
 
+@pytest.mark.slow
 def test_a_hole_in_data_in_their_own_elements_with_a_known_truth(tmp_path, capsys):
     mask = np.ones(90, bool)
     mask[44] = False

@@ -30,6 +30,7 @@ SCENE = BLOCK + "tolerance = 0.12\n" + RELAXING
 ELASTIC = BLOCK + "tolerance = 0.3\n[[tissue]]\nmu_Pa = 1000\npoissons_ratio = 0.3\n"
 
 
+@pytest.mark.slow
 def test_a_scene_is_solved_and_told(tmp_path, capsys):
     file = tmp_path / "scene.toml"
     file.write_text(SCENE)

@@ -62,6 +62,7 @@ def test_a_pipe_that_is_not_read_on_is_no_fault():
     assert (done.returncode, done.stderr) == (0, "") and len(done.stdout.splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_work_goes_on_when_nobody_reads(scene, tmp_path):
     done = shell(f"set -o pipefail; {PYTHON} simulate {scene} --as-described -q -o {tmp_path / 'out'} | true")
     assert (done.returncode, done.stderr) == (0, "")
@@ -73,7 +74,9 @@ def test_a_full_standard_output_is_one_line():
     assert done.returncode == 2 and done.stderr == "ngbrain: standard output: No space left on device\n"
 
 
-@pytest.mark.parametrize("closed", ["2>&-", ">&- 2>&-", "<&- >&- 2>&-"])
+@pytest.mark.parametrize(
+    "closed", [*(pytest.param(each, marks=pytest.mark.slow) for each in ("2>&-", ">&- 2>&-")), "<&- >&- 2>&-"]
+)
 def test_closed_streams_hurt_nobody(scene, tmp_path, closed):
     out = tmp_path / "out"
     assert shell(f"{PYTHON} simulate {scene} --as-described -o {out} {closed}").returncode == 0

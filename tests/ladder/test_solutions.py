@@ -54,6 +54,7 @@ def test_models_that_fail_are_asked_for_once() -> None:
     assert 200 <= cache.clock() - begun < 300
 
 
+@pytest.mark.slow
 def test_estimates_side_by_side_are_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
     here, solve = list[Model](), ModelHierarchy.solve
 

@@ -228,6 +228,7 @@ def test_an_importable_law_and_parameters_with_bounds(case, monkeypatch):
         Scene.from_toml(case / "scene.toml")
 
 
+@pytest.mark.slow
 def test_the_command_takes_laws_by_path_and_by_name(case, capsys):
     pytest.importorskip("matplotlib")
     pytest.importorskip("jinja2")

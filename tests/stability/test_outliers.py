@@ -53,6 +53,7 @@ def of_wrapped(data, drop):
     return [found.answers[name]["median"] for name in ("storage", "loss")], found
 
 
+@pytest.mark.slow
 def test_naive_a_wrapped_patch_spoils_the_whole_map(wrapped):
     (storage, loss), found = of_wrapped(wrapped, False)
     assert storage > 2500 and loss < 400 and not found.usable

@@ -5,6 +5,7 @@ storage moduli differ by 2.6 % (rms), where ours overlap by 0.8 %; loss moduli b
 """
 
 import numpy as np
+import pytest
 from planewaves import RHO, grid, wave_number
 
 from ngbrain.inverse.subzones.invert import invert_by_subzones
@@ -20,11 +21,13 @@ def bar():
     return WaveData(points, u, [HERTZ], RHO, "isotropic", "viscoelastic", bulk=2e5).with_noise(0.02, seed=0)
 
 
+@pytest.mark.slow
 def test_naive_boxes_side_by_side_differ_on_their_face():
     naive = invert_by_subzones(bar(), size=0.027, overlap=0.0, passes=0, max_iterations=4)
     assert naive.model["zones"] == 2 and naive.checks["disagreement_storage"] > 0.02
 
 
+@pytest.mark.slow
 def test_ours_agree_where_they_overlap():
     ours = invert_by_subzones(bar(), size=0.027, overlap=0.009, max_iterations=4)
     assert ours.model["zones"] == 2 and ours.checks["disagreement_storage"] < 0.01

@@ -39,6 +39,7 @@ def volume_ml(mesh, region):
     return 1e6 * ngs.Integrate(ngs.CF(1), mesh, definedon=mesh.Materials(region))
 
 
+@pytest.mark.slow
 def test_volumes_are_those_of_the_labels(model):
     told = model.head.describe(model.mesh)
     slot = 1e6 * model.cleft.opening * model.cleft.width * model.cleft.depth
@@ -47,12 +48,14 @@ def test_volumes_are_those_of_the_labels(model):
     assert told["min_dihedral_deg"] > 3
 
 
+@pytest.mark.slow
 def test_the_template_lies_in_itself(model):
     place = template_affine(model.head.scan)
     corners = 0.08 * np.array(list(np.ndindex(2, 2, 2))) - [0.04, 0.06, 0.03]
     assert np.abs(corners @ place[:3, :3].T + place[:3, 3] - corners).max() < 1e-3
 
 
+@pytest.mark.slow
 def test_coarser_elements_elsewhere_leave_the_ventricles_as_they_are(model):
     # Where large triangles do not close around a horn, finer ones are tried: then coarser sizes gave more elements.
     where = model.scene.cleft
@@ -62,6 +65,7 @@ def test_coarser_elements_elsewhere_leave_the_ventricles_as_they_are(model):
     assert numbers[0] == numbers[1] > 200
 
 
+@pytest.mark.slow
 def test_tissues_are_the_labels_at_the_quadrature_points(model):
     shares = model.head.mixtures(model.mesh, 2)["brain"]
     white, grey = (share.vec.FV().NumPy() for share in (shares["white"], shares["grey"]))
@@ -72,6 +76,7 @@ def test_tissues_are_the_labels_at_the_quadrature_points(model):
                          model.mesh) * 1e6 == pytest.approx(1e-3 * np.sum(labels[inside] == WHITE), rel=0.05)  # fmt: skip
 
 
+@pytest.mark.slow
 def test_one_tissue_twice_is_that_tissue(model):
     # Both tissues alike: the mixture of constants must give the forces of the plain law.
     grey, _, fluid = model.scene.tissues
@@ -177,6 +182,7 @@ def _label(head, points):
     ("target", "words"),
     [((0.0, 0.0, 0.2), "inside the brain"), ((0.0, 0.0, 0.1), "inside the brain"), (None, "not in a ventricle")],
 )
+@pytest.mark.slow
 def test_targets_outside_the_tissue_are_refused(model, target, words):
     if target is None:
         ventricles = model.head.outlines.ventricles

@@ -55,6 +55,7 @@ def dragged(mesh, held, indenter, slip, observe):
     return found
 
 
+@pytest.mark.slow
 def test_a_dragged_cylinder_slips_outside_a_strip_that_sticks():
     """Cattaneo and Mindlin, plane strain: pressed by P and dragged by Q < μ P it sticks where |x| < a √(1 - Q/μP)."""
     size, slip, along = 2e-3, 1e-7, (0, 0, 1.5e-5, 3e-5, 4.5e-5)

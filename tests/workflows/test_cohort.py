@@ -221,6 +221,7 @@ def record(study, name):
     return json.loads(path.read_text()) if path.exists() else {"outcome": "", "runs": 0}
 
 
+@pytest.mark.slow
 def test_killed_in_the_middle_it_goes_on_without_doing_anything_twice(study):
     write(study, "a", "b", "c")
     with cohort_process(study) as process:

@@ -94,6 +94,7 @@ def test_a_result_says_which_regions_a_hull_has_not_and_which_are_off(tmp_path):
     assert max(abs(error) for error in result["checks"]["volume_errors"].values()) > 0.1
 
 
+@pytest.mark.slow
 def test_the_contrast_of_a_scan_is_in_the_result_and_on_its_page(tmp_path):
     labels = nested((20.0, 15.0, 8.0))
     without = Subject(labels, None, labels.volume.affine, labels.volume.data.shape, "labels")

@@ -14,6 +14,8 @@ from ngbrain.image.preprocess.registration import align
 from ngbrain.image.preprocess.skull_strip import skull_strip
 from ngbrain.image.segment.tissue_classes import CSF, GREY, VENTRICLE, WHITE, segment
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def scan():

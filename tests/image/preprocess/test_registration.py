@@ -25,6 +25,7 @@ def off(affine):
     return np.linalg.norm(corners @ affine[:3, :3].T + affine[:3, 3] - corners, axis=1).max()
 
 
+@pytest.mark.slow
 def test_a_start_that_is_near_is_improved_and_another_is_not_believed(searches):
     template = mni152().volume
     head = downsample(template, 2e-3)

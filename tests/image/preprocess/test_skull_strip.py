@@ -55,6 +55,7 @@ def test_the_brain_of_a_made_up_head(head, coarse, found):
     assert ndimage.label(found)[1] == 1 and (ndimage.binary_fill_holes(found) == found).all()
 
 
+@pytest.mark.slow
 def test_marrow_that_thin_bone_does_not_part_stays_out(head, coarse):
     """In voxels of 2 mm, the inner table between marrow and brain is nearly as bright as grey matter."""
     brain = coarse[0] != 0
@@ -69,10 +70,12 @@ def test_marrow_that_thin_bone_does_not_part_stays_out(head, coarse):
     assert dice(found, brain) > 0.97
 
 
+@pytest.mark.slow
 def test_same_bits_twice(head, coarse, found):
     assert np.array_equal(find_brain(seen(head, coarse[1])), found)
 
 
+@pytest.mark.slow
 def test_a_brain_without_skull_is_not_stripped():
     scan = mni152()
     assert np.array_equal(find_brain(scan, lambda scan: pytest.fail("stripped")), check_extracted(scan))

@@ -157,6 +157,7 @@ def test_islands_drown(tissue):
         assert np.bincount(pieces.ravel()).min() >= 30
 
 
+@pytest.mark.slow
 def test_grey_values_in_any_unit_and_order_mirrored_brain(scan, tissue):
     volume, brain = scan
     mirror = np.diag([-1.0, 1, 1, 1])
@@ -199,12 +200,14 @@ def test_noise_is_not_taken_for_a_contrast_agent(scan, maps, rng):
     assert min(scores) > 0.905
 
 
+@pytest.mark.slow
 def test_same_bits_twice(rng, balls):
     truth, image = phantom(rng)
     first, second = (segment(Volume(image, MM), truth != OUTSIDE, PHANTOM) for _ in range(2))
     assert first.volume.digest() == second.volume.digest() and first.white.digest() == second.white.digest()
 
 
+@pytest.mark.slow
 def test_refuses_other_contrasts(rng, scan, balls):
     volume, brain = scan
     with pytest.raises(InputError, match=r"image is a brain .*; wanted: .*white matter is brighter than grey"):

@@ -38,6 +38,7 @@ def test_demons_follow_a_bend_that_an_affine_map_cannot(bent):
     assert max(scores["affine"]) < 0.8 and min(scores["demons"]) > 0.85
 
 
+@pytest.mark.slow
 def test_labels_on_flipped_voxels_of_another_size(bent):
     template, labels, _, _ = bent
     flip = np.diag([1, -2, 1, 1.0])

@@ -128,6 +128,7 @@ def test_of_a_mirrored_person_the_sides_are_swapped(coarse):
         assert other[swapped] == pytest.approx(ml, rel=0.06), name  # floods in ties go another way round
 
 
+@pytest.mark.slow
 def test_flipped_voxels_and_a_turned_head_give_the_same_structures(coarse, found):
     t1, tissue = coarse
     flip = np.diag([-1, 1, 1, 1.0])

@@ -23,6 +23,7 @@ def waves():
 
 
 @pytest.mark.one_thread
+@pytest.mark.slow
 def test_each_has_its_own_moduli_to_the_same_bits_in_processes(caplog):
     told = []
     found, apart = (invert_each_frequency(waves(), executor=who, callback=told.append, **HOW) for who in (None, 2))

@@ -84,6 +84,7 @@ def the_same(found, other):
 
 
 @pytest.mark.one_thread
+@pytest.mark.slow
 def test_starts_and_regularisers_side_by_side_are_the_same_to_the_last_bit(data, caplog):
     ways = {"levels": (0.5, 1.0), "max_iterations": 4, "drop_outliers": False}
     told = []

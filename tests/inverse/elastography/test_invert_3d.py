@@ -63,6 +63,7 @@ def test_two_components_of_three_find_a_ball_too():
     assert np.sqrt(np.mean(off**2)) < 0.2  # .15 with all three
 
 
+@pytest.mark.slow
 def test_uniform_fields_arrive_too_and_the_lower_end_is_kept(tmp_path):
     data, path = between((0.0, 0.0, 0.01), (0.04, 0.04, 0.031)), tmp_path / "part.npz"
     elements = discretise(data, order=2)
@@ -79,6 +80,7 @@ def test_uniform_fields_arrive_too_and_the_lower_end_is_kept(tmp_path):
 
 
 @pytest.mark.one_thread
+@pytest.mark.slow
 def test_starts_side_by_side_are_the_same_to_the_last_bit_and_go_on(tmp_path, caplog):
     line, path = np.arange(8) * 3e-3, tmp_path / "part.npz"
     points = np.array([[x, y, z] for z in line for y in line for x in line])
@@ -232,7 +234,9 @@ def short_waves(monkeypatch):
 TURNED = Rotation.from_euler("xyz", (5, 80, 5), degrees=True).as_matrix()
 
 
-@pytest.mark.parametrize("spacing", [(2e-3, 2e-3, 2e-3), (2e-3, 2e-3, 6e-3), (6e-3, 1.5e-3, 3e-3)])
+@pytest.mark.parametrize(
+    "spacing", [pytest.param((2e-3,) * 3, marks=pytest.mark.slow), (2e-3, 2e-3, 6e-3), (6e-3, 1.5e-3, 3e-3)]
+)
 @pytest.mark.parametrize("kind", ["masked", "turned", "left over"])
 def test_elements_cover_long_voxels_too(short_waves, spacing, kind):
     """For a known grid or only its remaining points, aligned with the coordinates or not."""

@@ -154,6 +154,7 @@ def test_slices_that_say_the_same():
 
 
 @pytest.mark.one_thread
+@pytest.mark.slow
 def test_slices_side_by_side_are_the_same_to_the_last_bit(found):
     together = invert(slab(), max_iterations=4, executor=2)
     for name, values in found.maps.items():

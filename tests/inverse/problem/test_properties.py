@@ -82,7 +82,7 @@ def test_where_the_loss_angle_is_the_same_everywhere_polar_unknowns_find_it():
     assert found["polar"].determined["phase"] < 0.5 * found["moduli"].determined["loss"]
 
 
-@pytest.mark.parametrize("bulk", [1e5, 4e5])  # without pressures 4 and 7 % off
+@pytest.mark.parametrize("bulk", [pytest.param(1e5, marks=pytest.mark.slow), 4e5])  # without pressures 4 and 7 % off
 def test_polar_in_space(bulk):
     points = grid(10, 10, 10, spacing=3e-3)
     k = wave_number(2500 + 800j, 80.0)

@@ -78,6 +78,7 @@ def test_the_result_is_that_of_other_inversions(kept):
 
 
 @pytest.mark.one_thread
+@pytest.mark.slow
 def test_a_stopped_inversion_goes_on_and_one_process_answers_as_two_did(kept):
     found, folder, _ = kept
     files = sorted(path.name for path in folder.iterdir())
@@ -90,6 +91,7 @@ def test_a_stopped_inversion_goes_on_and_one_process_answers_as_two_did(kept):
         np.testing.assert_array_equal(values, again.maps[name])
 
 
+@pytest.mark.slow
 def test_a_zone_that_finds_nothing_lower_keeps_what_it_had(kept, tmp_path, monkeypatch):
     def stuck(*_, **__):
         raise ConvergenceError("no step lowers the objective")

@@ -141,6 +141,7 @@ def test_all_turns(body, tmp_path, number):
             np.testing.assert_allclose(found, wanted, rtol=1e-8, err_msg=f"{name}, order {order}")
 
 
+@pytest.mark.slow
 def test_nothing_that_turns_is_without_effect(body, tmp_path):
     """Each mapping counts: with one of them left out the answers differ."""
     R = ROTATIONS[10]

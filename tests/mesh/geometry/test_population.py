@@ -52,7 +52,8 @@ def off(found, head):
     return 1e3 * np.linalg.norm(one - other, axis=1).mean()
 
 
-@pytest.mark.parametrize("seed", [24, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (25, 26, 27))])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [24, 25, 26, 27])
 def test_coarse_heads_are_found_and_their_labels_meshed(seed, tmp_path):
     head = individual(seed, voxel=3.0)
     assert off(align_template(head.scan(2 * MM)).affine, head) < 12

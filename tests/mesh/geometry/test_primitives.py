@@ -98,6 +98,7 @@ def test_sheets_lie_in_their_planes_with_tissue_on_both_sides():
         assert all(len(mesh[face].elements) == 2 for face in faces)
 
 
+@pytest.mark.slow
 def test_a_cleft_cuts_the_falx():
     cleft = cleft_to(1e-3 * np.array([0.0, 10.0, 45.0]), approach=np.array([0, 0, 1.0]), across=np.array([0, 1.0, 0]))
     mesh = idealised_head(cleft, sizes=COARSE, sheets=("falx",))

@@ -176,6 +176,7 @@ def test_smoothing_goes_back_where_surfaces_would_cross():
     assert (moved > 0).mean() > 0.5 and together[1].points[tip, 0] == points[tip, 0]
 
 
+@pytest.mark.slow
 def test_structures_have_the_surfaces_of_their_tissues():
     labels = nested()
     numbers = labels.volume.data.copy()

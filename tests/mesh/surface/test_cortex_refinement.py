@@ -49,7 +49,10 @@ def errors(cortex, outer, aside=0.0):
     return 1e3 * cortex.thickness - (outer - far + back) / 2
 
 
-@pytest.mark.parametrize(("outer", "aside"), [(23.5, 0.0), (25.0, 1.5), (26.5, 0.0)])
+@pytest.mark.parametrize(
+    ("outer", "aside"),
+    [pytest.param(23.5, 0.0, marks=pytest.mark.slow), (25.0, 1.5), pytest.param(26.5, 0.0, marks=pytest.mark.slow)],
+)
 def test_thickness_from_1_5_to_4_5_mm(outer, aside):
     labels, t1 = constructed(outer, aside)
     plain = spherical_cortex(labels)
@@ -77,6 +80,7 @@ def test_a_coils_field_does_not_move_the_surfaces():
     assert np.median(np.abs(off)) < 0.15 and abs(off.mean()) < 0.1
 
 
+@pytest.mark.slow
 def test_surfaces_are_written_in_the_scans_space(tmp_path):
     labels, t1 = constructed(25.0)
     subject = Subject(labels, t1, labels.volume.affine, labels.volume.data.shape, "t1")

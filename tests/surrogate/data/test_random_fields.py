@@ -13,7 +13,9 @@ def drawn(name: str, seed: int) -> np.ndarray:
     return family(name)(np.random.default_rng(seed), X, Y)
 
 
-@pytest.mark.parametrize("name", FAMILIES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name == "slices")) for name in FAMILIES]
+)
 def test_maps_are_positive_and_each_seed_has_its_own(name):
     if name == "slices":
         pytest.importorskip("nibabel")
