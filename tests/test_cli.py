@@ -462,7 +462,7 @@ def test_mesh_of_labels(tmp_path, capsys):
     )  # fmt: skip
     assert status == 0 and not lines
     found = {path.name for path in (tmp_path / "out").iterdir()}
-    assert found == {"head.vtkhdf", "head_labels.nii.gz", "result.json", "report.html"}
+    assert found == {"head.vtkhdf", "head_labels.nii.gz", "head_landmarks.mrk.json", "result.json", "report.html"}
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     wanted = labels.volumes_ml()
     assert result["verb"] == "mesh" and set(result["regions"]) == {"brain", "ventricles"}

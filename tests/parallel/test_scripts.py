@@ -51,7 +51,10 @@ LONG = """
 import signal, sys, threading
 from concurrent.futures import ThreadPoolExecutor
 from parallel_tasks import ticks, waits
+import ngsolve  # whose import, when it is interrupted, reports errors of its own
 from ngbrain import parallel
+from ngbrain.mesh import block
+from ngbrain.parallel import driver, processes
 
 how = sys.argv[1] if sys.argv[1:] else ""
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job of a shell begins without
