@@ -6,7 +6,7 @@ space   a block of 3 cm, moduli with a smooth bump, two loads at 60 Hz, made in 
 drawn   blocks of 2 cm, so too, but the truth is another one in each of twenty draws: 2 to 4 bumps of either sign anywhere, up to .6
         of ln high and 5 to 12 mm wide, of storage and of loss each by itself
 discs   slices of 6 cm with motion through them, made on triangles of fourth order along the edges, 2 % noise: two discs of 12 to 18
-        mm and .4 to 3 times the modulus, others in each of eight draws; the prior is `edges`, and stays
+        mm and .4 to 3 times the modulus, others in each of eight draws; of the prior that fits best alone
 
 Each is inverted with every choice left to `invert`; error bars follow with the prior that fits best (`evidence`), and with the
 regulariser of the inversion as before. `error` is |coverage - .95| at 95 %, over all points of both maps and all draws; `l2` the
@@ -242,7 +242,7 @@ def measured(case: str, draws: list[Draw]) -> list[Record]:
             "converged": True,
         }
         for prior, label in PRIORS.items()
-        if case != "discs" or prior == "best"  # `edges` stays
+        if case != "discs" or prior == "best"
     ]
 
 

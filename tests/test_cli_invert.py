@@ -119,13 +119,13 @@ def test_data_without_loss_say_how_near_a_resonance_is_and_images_come_back_as_i
     about = json.loads((tmp_path / "out" / "youngs_low.json").read_text())
     assert about["Units"] == "Pa" and about["LongName"] == "Young's modulus, lower end of the 95 % interval"
     assert "waves.nii.gz" in about["Sources"][0]
-    dataset = tmp_path / "out" / "bids"
+    dataset = tmp_path / "out" / "bids_derivative"
     maps = sorted(path.name for path in (dataset / "sub-7" / "anat").iterdir())
     assert "sub-7_desc-stiffnessLow_mre.nii.gz" in maps and "sub-7_desc-stiffnessLow_mre.json" in maps
     assert all(re.fullmatch(r"sub-7_desc-[A-Za-z0-9]+_mre\.(nii\.gz|json)", name) for name in maps)
     described = json.loads((dataset / "dataset_description.json").read_text())
     assert described["DatasetType"] == "derivative" and described["GeneratedBy"][0]["Name"] == "ngbrain"
-    assert "bids/sub-7/anat/sub-7_desc-youngs_mre.nii.gz" in result["files"]
+    assert "bids_derivative/sub-7/anat/sub-7_desc-youngs_mre.nii.gz" in result["files"]
     strain = nibabel.load(tmp_path / "out" / "oss_snr.nii.gz")  # of both loads
     assert strain.shape == (10, 9, 1, 2) and "oss.nii.gz" in result["files"]
     with np.load(tmp_path / "out" / "maps.npz") as file:

@@ -19,6 +19,7 @@ from ngbrain.inverse.objective.misfit import MISFITS
 from ngbrain.inverse.objective.regularisers import PRIORS
 from ngbrain.inverse.optimise.weight_selection import WEIGHTINGS, WeightSelection
 from ngbrain.inverse.problem.properties import UNKNOWNS
+from ngbrain.io import exchange
 from ngbrain.materials.registry import REGISTRY
 from ngbrain.mesh.routes.registry import ROUTES
 from ngbrain.solvers.device import DEVICES
@@ -34,6 +35,7 @@ def test_names_are_those_of_the_library():
     assert tuple(MISFITS) == common.MISFITS and tuple(PRIORS) == common.PRIORS
     assert tuple(UNKNOWNS) == common.UNKNOWNS and tuple(WEIGHTINGS) == common.WEIGHTINGS
     assert tuple(SCHEMES) == common.SCHEMES and tuple(UNITS_OF_LENGTH) == common.UNITS
+    assert common.MESH_UNITS == exchange.UNITS
     assert tuple(ROUTES) == common.ROUTES and tuple(DEVICES) == common.DEVICES and SPREAD == common.SPREAD
 
 

@@ -23,7 +23,7 @@ MAPS = (
 IMAGES = (
     "maps.npz",
     "rounds.json",
-    "bids",
+    "bids_derivative",
     *(
         f"{name}{end}.{kind}"
         for name in MAPS

@@ -12,7 +12,7 @@ from ngbrain.io import write_json
 from ngbrain.io.versions import versions
 from ngbrain.io.waves import WaveData
 
-FOLDER = "bids"
+FOLDER = "bids_derivative"
 """Folder of the dataset in that of the results."""
 SUFFIX = "mre"
 """BIDS has no suffix for elastography yet; `.bidsignore` names this one."""
@@ -53,7 +53,7 @@ def write_derivative(folder: Path, maps: Iterable[str], subject: str) -> list[st
     Parameters
     ----------
     folder : Path
-        Folder of the maps; the dataset is `bids` in it.
+        Folder of the maps; the dataset is `bids_derivative` in it.
     maps : iterable of str
         Names of the maps; `desc` has them without underscores (`storage_low`: `storageLow`).
     subject : str
@@ -65,9 +65,8 @@ def write_derivative(folder: Path, maps: Iterable[str], subject: str) -> list[st
         The files, relative to the folder.
     """
     dataset = folder / FOLDER
-    shutil.rmtree(dataset, ignore_errors=True)
     place = dataset.joinpath(*subject.split("_"), "anat")
-    place.mkdir(parents=True)
+    place.mkdir(parents=True, exist_ok=True)
     software = {"Name": "ngbrain", "Version": versions()["ngbrain"]}
     described = {
         "Name": "Property maps",
@@ -78,9 +77,11 @@ def write_derivative(folder: Path, maps: Iterable[str], subject: str) -> list[st
     write_json(dataset / "dataset_description.json", described)
     (dataset / "README.md").write_text(_README, encoding="utf-8")
     (dataset / ".bidsignore").write_text(f"*_{SUFFIX}.nii.gz\n*_{SUFFIX}.json\n", encoding="utf-8")
+    files = [dataset / name for name in ("dataset_description.json", "README.md", ".bidsignore")]
     for name in maps:
         first, *rest = name.split("_")
         entity = "".join([first, *(word.capitalize() for word in rest)])
         for kind in (".nii.gz", ".json"):
-            shutil.copyfile(folder / f"{name}{kind}", place / f"{subject}_desc-{entity}_{SUFFIX}{kind}")
-    return sorted(path.relative_to(folder).as_posix() for path in dataset.rglob("*") if path.is_file())
+            files.append(place / f"{subject}_desc-{entity}_{SUFFIX}{kind}")
+            shutil.copyfile(folder / f"{name}{kind}", files[-1])
+    return [path.relative_to(folder).as_posix() for path in files]

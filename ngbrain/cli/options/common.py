@@ -209,7 +209,7 @@ def _add_reading(parser: argparse.ArgumentParser) -> None:
         "--bids",
         default="",
         metavar="sub-LABEL[_ses-LABEL]",
-        help="copy the maps into a BIDS derivative dataset of this subject, bids in the folder of the results",
+        help="copy the maps into a BIDS derivative dataset of this subject, bids_derivative in the folder of the results",
     )
 
 
