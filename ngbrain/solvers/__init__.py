@@ -5,7 +5,7 @@
 - Krylov methods: `cg`, `truncated_cg`, `minres`, `gmres`
 - preconditioners: `bddc`, `elastic_bddc`, `QuasiNewtonPreconditioner`
 - static condensation: `Condensed`; conversion of matrices: `to_scipy`, `to_ngsolve`
-- CPU or GPU: `Device`, `Factor`, `CpuFactor`, `CudssFactor`, `NgsolveFactor`
+- CPU or GPU: `Device`, `Factor`, `CpuFactor`, `OrderedFactor`, `CudssFactor`, `NgsolveFactor`
 
 Modules
 -------
@@ -20,6 +20,7 @@ Modules
 - `quasi_newton_preconditioner`: a preconditioner improved by earlier conjugate-gradient directions.
 - `condensed`: an assembled form with static condensation.
 - `device`: factorisation on the CPU or on a GPU.
+- `nested_dissection`: an order of elimination from the elements.
 - `matrices`: conversion between NGSolve's and SciPy's sparse matrices.
 """
 
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
         linear,
         matrices,
         multigrid,
+        nested_dissection,
         newton,
         preconditioners,
         quasi_newton_preconditioner,
@@ -44,7 +46,7 @@ if TYPE_CHECKING:
     )
     from ngbrain.solvers.condensed import Condensed
     from ngbrain.solvers.continuation import Path, follow
-    from ngbrain.solvers.device import CpuFactor, CudssFactor, Device, Factor, NgsolveFactor
+    from ngbrain.solvers.device import CpuFactor, CudssFactor, Device, Factor, NgsolveFactor, OrderedFactor
     from ngbrain.solvers.direct import factorise
     from ngbrain.solvers.krylov import cg, gmres, minres, truncated_cg
     from ngbrain.solvers.linear import DirectSolver, KrylovSolver, ReusedFactorSolver, choose, prepare
@@ -67,6 +69,7 @@ __all__ = [
     "Newton",
     "NewtonRecord",
     "NgsolveFactor",
+    "OrderedFactor",
     "Path",
     "PathRecord",
     "QuasiNewtonPreconditioner",
@@ -88,6 +91,7 @@ __all__ = [
     "matrices",
     "minres",
     "multigrid",
+    "nested_dissection",
     "newton",
     "preconditioners",
     "prepare",

@@ -21,6 +21,7 @@ from typing import Protocol
 import ngsolve as ngs
 import numpy as np
 import scipy.sparse as sp
+import scipy.sparse.linalg as sla
 
 from ngbrain.errors import InputError, MissingExtra, SolverError, nearest, require
 from ngbrain.solvers.matrices import to_ngsolve, to_scipy
@@ -120,6 +121,72 @@ class Device:
             return self.make(matrix, free)
         except Exception as error:  # NGSolve and nvmath raise bare exceptions of several kinds here
             raise SolverError(f"{what} cannot be factorised: {error}") from error
+
+    def factor_in_order(
+        self, matrix: sp.csr_array, order: Array, pivot: float = 0.0, what: str = "the matrix"
+    ) -> Factor:
+        """Factorise a symmetric SciPy matrix, on the CPU in a given order of elimination.
+
+        A GPU's library orders by itself.
+
+        Parameters
+        ----------
+        matrix : csr_array (n, n)
+            Real symmetric matrix.
+        order : array of int (n,)
+            The unknowns in the order of their elimination, see `nested_dissection`.
+        pivot : float
+            As for `OrderedFactor`.
+        what : str
+            Name of the matrix, for messages.
+
+        Returns
+        -------
+        Factor
+
+        Raises
+        ------
+        SolverError
+            Where the factorisation fails.
+        """
+        if self.make is not CPU.make:
+            return self.factor(to_ngsolve(matrix), what=what)
+        try:
+            return OrderedFactor(matrix, order, pivot)
+        except (RuntimeError, MemoryError) as error:  # SuperLU's
+            raise SolverError(f"{what} cannot be factorised: {error}") from error
+
+
+class OrderedFactor:
+    """Factorisation on the CPU by SciPy's SuperLU in a given order of elimination.
+
+    Parameters
+    ----------
+    matrix : csr_array (n, n)
+        The matrix.
+    order : array of int (n,)
+        The unknowns in the order of their elimination.
+    pivot : float
+        A diagonal entry of less than this share of its column's largest is no pivot. 0: no other pivots, for symmetric
+        quasi-definite matrices, which need none in any order (Vanderbei 1995, 10.1137/0805005).
+
+    Examples
+    --------
+    >>> OrderedFactor(sp.csr_array([[2.0, 1.0], [1.0, -3.0]]), np.array([1, 0])).solve(np.array([4.0, -5.0])).tolist()
+    [1.0, 2.0]
+    """
+
+    def __init__(self, matrix: sp.csr_array, order: Array, pivot: float = 0.0) -> None:
+        self._order = order
+        ordered = sp.csc_array(matrix[order][:, order])
+        options = {"SymmetricMode": True, "Equil": False}
+        self._factor = sla.splu(ordered, permc_spec="NATURAL", diag_pivot_thresh=pivot, options=options)
+
+    def solve(self, b: Array) -> Array:
+        """A⁻¹ b."""
+        x = np.empty_like(b)
+        x[self._order] = self._factor.solve(b[self._order])
+        return x
 
 
 class CpuFactor:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 
 
 @dataclass
@@ -59,6 +59,12 @@ class Solves:
     def back_substitutions(self) -> int:
         """Total over all purposes."""
         return sum(asdict(self).values()) - self.factorisations
+
+    @classmethod
+    def sum(cls, each: Iterable[Solves]) -> Solves:
+        """Return the counts of several inversions together."""
+        every = [asdict(counts) for counts in each]
+        return cls(**{entry.name: sum(counts[entry.name] for counts in every) for entry in fields(cls)})
 
     def count(self, purpose: str, number: int = 1) -> None:
         """Add back-substitutions.

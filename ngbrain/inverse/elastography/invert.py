@@ -1,7 +1,8 @@
 """The inversion of wave data by one call, which chooses noise, elements, starts, regularisers and weights.
 
 start        Fields from measured waves (`GaussNewton.from_waves`), or from maps and measured waves. Each iteration is a linear
-             least-squares problem.
+             least-squares problem. Large grids start from an inversion in coarser elements (`coarser_discretisation`), which
+             chooses the regulariser too and compares the starts.
 regulariser  Smooth fields, or fields with edges: the one with the smaller generalised cross-validation score (`regularisers`).
 weight       Converges together with the fields, or is the corner of an L-curve (`weight_selection`).
 descent      Gauss-Newton on J from there, and from uniform fields of one or several levels. The result
@@ -20,6 +21,7 @@ import numpy as np
 from ngbrain import parallel
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import ConvergenceError, InputError, SolverError, nearest
+from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY
 from ngbrain.inverse.data.dispersion import contradiction
 from ngbrain.inverse.data.outliers import Screened, screen_outliers
@@ -51,7 +53,12 @@ from ngbrain.inverse.objective.regularisers import Prior, resolve_priors
 from ngbrain.inverse.optimise.regularisation_weight import MisfitLevel
 from ngbrain.inverse.optimise.result import Iteration, OptimisationResult
 from ngbrain.inverse.optimise.weight_selection import WeightSelection, weight_selection
-from ngbrain.inverse.problem.discretisation import Discretisation, discretise, original_discretisation
+from ngbrain.inverse.problem.discretisation import (
+    Discretisation,
+    coarser_discretisation,
+    discretise,
+    original_discretisation,
+)
 from ngbrain.inverse.problem.properties import EXPONENT, frequency_exponent, select_properties
 from ngbrain.inverse.problem.property_fields import build_composition
 from ngbrain.inverse.problem.wave_problem import ElastographyProblem
@@ -261,7 +268,30 @@ def invert(
         properties = *properties, frequency_exponent(data)
         notes += [f"waves suggest {differ}: an exponent of frequency is an unknown"] if differ else []
     notes += assumed_start_notes(data)
+    rough: Inversion | None = None
     if elements is None:
+        coarser = None if data.element or start is not None else coarser_discretisation(data)
+        if coarser is not None and EXPONENT not in {each.name for each in properties}:
+            rough = invert(
+                data,
+                coarser,
+                noise=noise,
+                model_error=model_error,
+                regulariser=regulariser,
+                weight=weight,
+                uniform=uniform,
+                levels=levels,
+                labelled=labelled,
+                unknowns=unknowns,
+                misfit=misfit,
+                max_iterations=max_iterations,
+                dispersion=dispersion,
+                drop_outliers=False,
+                device=device,
+                callback=callback,
+                executor=executor,
+            )
+            multiples = ()
         elements = original_discretisation(data) if data.element else discretise(data)
     level, note = noise_level(data, noise)
     notes += [note] if note else []
@@ -273,14 +303,21 @@ def invert(
     problem = ElastographyProblem(data, elements, properties, build_composition(data, elements, labelled), where)
     notes += [problem.body.device_note] if problem.body.device_note else []
     search = _Search(problem, misfit_kind, assumed, selection, callback)
-    from_waves = {
-        f"from waves, {name}": (_from_waves, (*search.made_from, prior, start)) for name, prior in kinds.items()
-    }
-    tried = dict(zip(kinds, search.run(from_waves, executor), strict=True))
-    kind = min(tried, key=lambda name: tried[name][0].score - (DECISIVE if name == next(iter(tried)) else 0.0))
-    reduced, first = search.reduced(kinds[kind]), tried[kind][0]
-    reduced.weights = tried[kind][1]
-    both = search.descend(reduced, first)
+    if rough is None:
+        from_waves = {
+            f"from waves, {name}": (_from_waves, (*search.made_from, prior, start)) for name, prior in kinds.items()
+        }
+        tried = dict(zip(kinds, search.run(from_waves, executor), strict=True))
+        kind = min(tried, key=lambda name: tried[name][0].score - (DECISIVE if name == next(iter(tried)) else 0.0))
+        reduced, first = search.reduced(kinds[kind]), tried[kind][0]
+        reduced.weights = tried[kind][1]
+        both = search.descend(reduced, first)
+    else:
+        kind = rough.regulariser
+        reduced, first = search.refine(
+            kinds[kind], rough.weights, unknowns_from_maps(problem, search.unknowns, rough.maps)
+        )
+        both = first
     guessed = bool(note) or bool(np.all(assumed == floor))
     stated = floor if guessed else assumed
     for _ in range(LEVELS):
@@ -295,9 +332,15 @@ def invert(
         before = both.x if more < 1 else None  # an overfit is not a good start
         assumed = found
         search = _Search(problem, misfit_kind, assumed, selection, callback, search)
-        reduced, first = search.from_waves(kinds[kind], start, before)
-        both = search.descend(reduced, first)
-    starts = [start_result("waves" if start is None else "given", problem, reduced, first)]
+        if rough is None:
+            reduced, first = search.from_waves(kinds[kind], start, before)
+            both = search.descend(reduced, first)
+        else:
+            reduced, both = search.refine(kinds[kind], rough.weights, both.x)
+    if rough is None:
+        starts = [start_result("waves" if start is None else "given", problem, reduced, first)]
+    else:
+        starts = [replace(each, name=f"{each.name}, coarser elements") for each in rough.starts]
     lower = {f"from {level:g} times": (_uniform, (*search.made_from, kinds[kind], level)) for level in multiples}
     ends = zip(multiples, search.run(lower, executor), strict=True)
     kept = select_start(both, {level: search.evaluate(reduced, end) for level, end in ends})
@@ -319,6 +362,8 @@ def invert(
         history=search.history,
         notes=notes,
     )
+    if rough is not None:
+        inversion.solves = Solves.sum([rough.solves, inversion.solves])
     inversion.checks |= torn_patches(patches)
     return inversion
 
@@ -371,6 +416,12 @@ class _Search:
         elif maps is not None:
             start = unknowns_from_maps(self.problem, self.unknowns, maps)
         return reduced, self.selection.from_waves(reduced, start, self.problem.waves, self._report_iteration)
+
+    def refine(self, prior: Prior, weights: Mapping[str, float], x: Array) -> tuple[Reduced, OptimisationResult]:
+        """Descend from the fields and weights of an inversion in coarser elements."""
+        reduced = self.reduced(prior)
+        reduced.weights = dict(weights)
+        return reduced, self.selection.descend(reduced, x, self._report_iteration)
 
     def descend(self, reduced: Reduced, start: OptimisationResult) -> OptimisationResult:
         """Minimise J from a start; return the start where no step lowers J, or where its misfit is `LARGE_MISFIT`."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -208,7 +208,7 @@ def invert_slices(
         weights={name: float(np.median([w[name] for w in joined["weights"]])) for name in first.weights},
         determined={name: float(sum(d[name] for d in joined["determined"])) for name in first.determined},
         resolution={name: float(np.median([r[name] for r in joined["resolution"]])) for name in first.resolution},
-        solves=Solves(**{f.name: sum(getattr(found.solves, f.name) for found in each) for f in fields(Solves)}),
+        solves=Solves.sum(found.solves for found in each),
         history=row.history,
         model={
             **first.model,

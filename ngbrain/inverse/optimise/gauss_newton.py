@@ -20,7 +20,7 @@ from ngbrain.errors import ConvergenceError, InputError, SolverError
 from ngbrain.forward.common.interpolation import evaluation
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, WaveLinearisation, WaveModel
 from ngbrain.inverse.objective.parameters import ParameterFields
-from ngbrain.inverse.optimise.kkt import KKTSystem
+from ngbrain.inverse.optimise.kkt import KKTSystem, elimination_order
 from ngbrain.inverse.optimise.regularisation_weight import EffectiveParameterCounter, MisfitLevel, WeightPolicy
 from ngbrain.inverse.optimise.result import Iteration, IterationLog, OptimisationResult, convergence_status
 
@@ -84,6 +84,7 @@ class GaussNewton:
         self._fields = [name for name in blocks if name != BOUNDARY]
         self._width = max(blocks[name].stop for name in self._fields)
         self._fixed = BOUNDARY not in blocks
+        self._order: Array | None = None
 
     def from_waves(self, x: Array, waves: Array, max_iterations: int = MAX_ITERATIONS) -> WaveInversionResult:
         """Invert from measured waves to fields and waves that fit both the data and the equation of motion.
@@ -181,7 +182,10 @@ class GaussNewton:
         jacobian = reduced.unknowns.jacobian(x)[: self.model.blocks[BOUNDARY].start, :width]
         regular = reduced.regular_matrix(x)[:width, :width]
         level = None if self.unknowns.undetermined_direction is None else self.unknowns.undetermined_direction[:width]
-        conditions = KKTSystem(state, jacobian, regular, self.misfit.weight(state.data), self._fixed, level)
+        if self._order is None:
+            self._order = elimination_order(self.model, jacobian, self._fixed, level is not None)
+        weight = self.misfit.weight(state.data)
+        conditions = KKTSystem(state, jacobian, regular, weight, self._fixed, level, self._order)
         residual = np.where(self.misfit.known, self.misfit.measured - state.data, 0)
         dx, du = conditions.step(reduced.regular_gradient(x)[:width], residual, balance)
         return conditions, dx, du

@@ -4,6 +4,7 @@ New elements depend on the data:
 
 - In the plane on a full grid: quadrilaterals of order p on cells of p × p data points, so that there are as many unknowns as
   data. For tracked quasi-static displacements with many points: half as many along each axis.
+  Large grids of waves are first inverted in larger ones (`coarser_discretisation`).
 - Scattered points in the plane: triangles between the points.
 - A mask on a grid, and all data in space: quadrilaterals or hexahedra as large as the wavelength allows, over the points of
   the mask.
@@ -45,6 +46,11 @@ SHARP = 0.05
 sharper than this (rad)."""
 LARGEST = 95_000
 """Most displacement unknowns of elements in space, shared ones counted once. 89 424 of a head (101 193 in all) take 9.8 GiB."""
+
+
+LARGE = 45_000
+"""Unknowns and equations of a plane inversion (see `optimise.kkt`) from which coarser elements are inverted in first: one
+factorisation takes 3 s from there on."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -130,8 +136,7 @@ def discretise(data: WaveData, order: int = 3) -> Discretisation:
     if grid is not None and grid.is_axis_aligned and not data.mask.all() and data.frequency.any():
         return lattice_discretisation(data, build_lattice(data, form))
     if grid is not None and grid.is_axis_aligned:
-        steps = np.rint(np.ptp(data.points[data.mask], axis=0) / grid.spacing)
-        number = [max(1, round(n / order)) for n in steps]
+        number = _cells_of_points(data, order)
         fewer = [min(n, max(FEWEST, round(n / COARSER))) for n in number]
         if is_tracked(data) and fewer != number:
             return lattice_discretisation(data, lattice_of_shape(data, fewer, form), 1)
@@ -139,6 +144,44 @@ def discretise(data: WaveData, order: int = 3) -> Discretisation:
     mesh, inside = _triangulate(data.points, data.mask)
     mesh, driven = mark_driven_boundary(data, mesh)
     return Discretisation(mesh, element_form(data, LOW), 1, None, inside, driven_boundaries=driven)
+
+
+def coarser_discretisation(data: WaveData, order: int = 3) -> Discretisation | None:
+    """Build coarser elements for waves in the plane on a large full grid, in which an inversion takes a fraction of the time.
+
+    Its result is a start for the elements of `discretise`.
+
+    Parameters
+    ----------
+    data : WaveData
+        Waves.
+    order : int
+        Polynomial order of the displacements.
+
+    Returns
+    -------
+    Discretisation or None
+        Elements twice as large, or as large as the wavelength allows where that is less. None for other data, and where
+        `discretise` has fewer than `LARGE` unknowns and equations.
+    """
+    grid = data.grid
+    if data.dim == 3 or grid is None or not grid.is_axis_aligned or not data.mask.all() or not data.frequency.any():
+        return None
+    form, number = element_form(data, order), _cells_of_points(data, order)
+    pair = ElementPair.named(form)
+    in_cell = data.displacement.shape[2] * pair.order**2 + (0 if pair.pressure is None else (pair.order - 1) ** 2)
+    if 4 * len(data.displacement) * in_cell * np.prod(number) < LARGE:
+        return None
+    least = build_lattice(data, form).cells.shape
+    fewer = [min(n, max(round(n / 2), low)) for n, low in zip(number, least, strict=True)]
+    return lattice_discretisation(data, lattice_of_shape(data, fewer, form)) if fewer != number else None
+
+
+def _cells_of_points(data: WaveData, order: int) -> list[int]:
+    """Cells along each axis of a full grid, each of order × order points."""
+    assert data.grid is not None
+    steps = np.rint(np.ptp(data.points[data.mask], axis=0) / data.grid.spacing)
+    return [max(1, round(n / order)) for n in steps]
 
 
 def element_form(data: WaveData, order: int = 3) -> str:

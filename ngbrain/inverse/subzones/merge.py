@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -340,5 +340,4 @@ def _zone_notes(found: Sequence[MergedZones], level: MisfitLevel) -> list[str]:
 
 
 def _solves(found: Sequence[MergedZones]) -> Solves:
-    every = [asdict(result.solves) for each in found for result in each.results]
-    return Solves(**{name: sum(each[name] for each in every) for name in every[0]})
+    return Solves.sum(result.solves for each in found for result in each.results)
