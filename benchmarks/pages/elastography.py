@@ -24,6 +24,7 @@ from _tables import (
 NOISY = (5e-2, 2e-2, 1.2e-2)
 CLEAN = (1e-1, 1e-2, 1e-3, 1e-4)
 FIBRES = "transversely_isotropic"
+FACTORS = ("nested dissection", "NGSolve")
 COMBINED = ("shear_along", "shear_stretch")
 
 
@@ -128,6 +129,33 @@ def _told(record: Record) -> dict[str, float]:
     combined = {key: of[key] for key in COMBINED if key in of}
     nearly = record["body"].startswith(FIBRES) and "nearly" in record["body"]
     return combined if nearly and combined else {key: error for key, error in of.items() if key not in COMBINED}
+
+
+def grids() -> str:
+    found = [r for r in records("inversion_grids") if "method" in r]
+    columns = {
+        "points": ("points", count), "elements": ("n_elements", count), "way": ("method", str),
+        "off by": ("errors", _discs), "factorisations": ("factorisations", count), "CPU time": ("cpu_s", seconds),
+    }  # fmt: skip
+    return listing(found, columns)
+
+
+def _discs(errors: dict[str, float]) -> str:
+    names = {"storage": "G′", "hard": "hard disc", "soft": "soft disc"}
+    return ", ".join(f"{names[name]} {percent(error)}" for name, error in errors.items())
+
+
+def factorisations() -> str:
+    found = [r for r in records("inversion_grids") if "factor" in r]
+    rows = []
+    for unknowns in dict.fromkeys(r["unknowns"] for r in found):
+        ours, other = (next(r for r in found if r["unknowns"] == unknowns and r["factor"] == f) for f in FACTORS)
+        rows.append([
+            count(unknowns), seconds(ours["cpu_s"]), seconds(other["cpu_s"]), number(other["cpu_s"] / ours["cpu_s"]),
+            f"{ours['refinements']} and {other['refinements']}",
+        ])  # fmt: skip
+    titles = ("unknowns and equations", "nested dissection", "NGSolve", "ratio", "refinements of one solve")
+    return table(titles, rows)
 
 
 def fibres() -> str:

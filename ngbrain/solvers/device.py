@@ -149,7 +149,7 @@ class Device:
         SolverError
             Where the factorisation fails.
         """
-        if self.make is not CPU.make:
+        if self.name not in (CPU.name, AUTO.name):
             return self.factor(to_ngsolve(matrix), what=what)
         try:
             return OrderedFactor(matrix, order, pivot)

@@ -340,20 +340,21 @@ def invert(
     if rough is None:
         starts = [start_result("waves" if start is None else "given", problem, reduced, first)]
     else:
-        starts = [replace(each, name=f"{each.name}, coarser elements") for each in rough.starts]
+        starts = [replace(each, name=f"coarse {each.name}") for each in rough.starts]
     lower = {f"from {level:g} times": (_uniform, (*search.made_from, kinds[kind], level)) for level in multiples}
     ends = zip(multiples, search.run(lower, executor), strict=True)
     kept = select_start(both, {level: search.evaluate(reduced, end) for level, end in ends})
     notes += kept.notes
     if kept.uniform:
         starts.append(start_result("uniform", problem, reduced, kept.uniform))
-    starts.append(start_result("both", problem, reduced, both))
+    chosen = kept.chosen if rough is None else "fine"
+    starts.append(start_result("both" if rough is None else "fine", problem, reduced, both))
     inversion = build_inversion(
         problem,
         reduced,
         kept.best,
         starts,
-        kept.chosen,
+        chosen,
         noise=assumed,
         stated=rms_noise(data, total_noise(level, floor, model_error or 0.0)),
         floor=floor,

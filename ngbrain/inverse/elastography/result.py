@@ -104,7 +104,7 @@ class Inversion(Result):
     predicted : numpy.ndarray
         (loads, n, dim) waves of these maps, m.
     starts : list of StartResult
-        The starts: "waves", "uniform", "both".
+        The starts: "waves", "uniform", "both"; of large grids the same of coarser elements, as "coarse waves", and "fine".
     chosen : str
         Name of the start whose maps these are.
     noise : RelativeNoise

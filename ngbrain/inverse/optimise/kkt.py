@@ -132,6 +132,11 @@ class KKTSystem:
         self._order = order
         self._factorise()
 
+    @property
+    def n_unknowns(self) -> int:
+        """Number of unknowns and equations, as real numbers."""
+        return self._matrix.shape[0]
+
     def _boundary_weights(self, weight: Array) -> Array:
         """Weight of each unknown of a wave, if it lay on the boundary."""
         weights = np.full(len(self.free), BOUNDARY_WEIGHT)

@@ -1,0 +1,165 @@
+"""Inversions of larger and larger grids in the plane: in their elements at once, and by way of coarser elements.
+
+A hard and a soft disc (2.5 and .5 times the background of 2100 + 700i Pa) in nearly incompressible tissue at 55 Hz, simulated
+with fourth order on curved triangles, 3 % noise. `invert` chooses everything; `method` says whether its elements or coarser
+ones came first. Errors are relative L2 of the storage modulus over all points, and of the discs' medians. Records with `factor`
+are one factorisation of the first optimality conditions, by nested dissection of the elements and by NGSolve's sparse Cholesky
+factor, which orders by minimum degree. CPU time of one thread.
+
+    python benchmarks/inversion_grids.py [--quick] [--json]      last line of --json: a list of records
+    python benchmarks/inversion_grids.py --chart FILE.png < records.json
+"""
+
+from __future__ import annotations
+
+import time
+from functools import partial
+
+import netgen.occ as occ
+import ngsolve as ngs
+import numpy as np
+from _command import main
+from _front import figure
+
+from ngbrain.adjoint.reduced import Reduced
+from ngbrain.forward import HarmonicProblem, Wave, evaluation
+from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY
+from ngbrain.inverse import invert
+from ngbrain.inverse.data.quality import noise_deviation
+from ngbrain.inverse.objective.misfit import resolve_misfit
+from ngbrain.inverse.objective.regularisers import resolve_priors
+from ngbrain.inverse.optimise.kkt import KKTSystem
+from ngbrain.inverse.problem.discretisation import coarser_discretisation, discretise
+from ngbrain.inverse.problem.wave_problem import ElastographyProblem
+from ngbrain.io import WaveData
+from ngbrain.materials import Shearing
+from ngbrain.solvers.device import CPU, CpuFactor, Device
+
+Record = dict
+WIDTH, HEIGHT, MARGIN = 0.118, 0.099, 0.02
+DISCS = {"hard": ((0.04, 0.055), 0.012, 2.5), "soft": ((0.085, 0.035), 0.014, 0.5)}
+BACKGROUND, FREQUENCY, BULK, NOISE = 2100 + 700j, 55.0, 2.2e6, 0.03
+GRIDS = (27, 40, 53, 79)
+"""Points along x."""
+FACTORS = {"nested dissection": CPU, "NGSolve": Device("NGSolve", partial(CpuFactor, kind="sparsecholesky"))}
+COLOURS = {"at once": "#0072B2", "coarser first": "#009E73", "nested dissection": "#0072B2", "NGSolve": "#E69F00"}
+
+
+def measure(quick: bool) -> list[Record]:
+    """All grids, and the smallest where it has to be quick."""
+    wave = simulated()
+    return [record for n in (GRIDS[:1] if quick else GRIDS) for record in rows(sampled(wave, n))]
+
+
+def simulated() -> ngs.GridFunction:
+    """Displacement in the whole body."""
+    body = occ.MoveTo(-MARGIN, -MARGIN).Rectangle(WIDTH + 2 * MARGIN, HEIGHT + 2 * MARGIN).Face()
+    body.edges.name, body.faces.name = "free", "background"
+    body.edges.Min(occ.X).name = "left"
+    pieces = []
+    for name, (centre, radius, _) in DISCS.items():
+        disc = occ.Circle(occ.Pnt(*centre), radius).Face()
+        disc.faces.name, body = name, body - disc
+        pieces.append(disc)
+    mesh = ngs.Mesh(occ.OCCGeometry(occ.Glue([body, *pieces]), dim=2).GenerateMesh(maxh=8e-3)).Curve(4)
+    stiff = mesh.MaterialCF({name: factor for name, (_, _, factor) in DISCS.items()}, default=1.0)
+    height = ngs.y / HEIGHT
+    drive = {"left": (1e-5 * (1 + 0.4 * height), 2e-5 * (1 - 0.3 * height**2))}
+    law = Shearing(stiff * BACKGROUND.real + 1j * stiff * BACKGROUND.imag)
+    problem = HarmonicProblem(mesh, law, [Wave(FREQUENCY, drive)], bulk=BULK, form="P4/P3", dirichlet="left")
+    return problem.solve()[0].components[0]
+
+
+def sampled(wave: ngs.GridFunction, n: int) -> WaveData:
+    """Noisy data on a grid of n points along x, with the true modulus."""
+    m = 1 + round((n - 1) * HEIGHT / WIDTH)
+    x, y = (part.ravel() for part in np.meshgrid(np.linspace(0, WIDTH, n), np.linspace(0, HEIGHT, m)))
+    points, mesh = np.stack([x, y], axis=1), wave.space.mesh
+    matrix = evaluation(ngs.H1(mesh, order=4), points)
+    u = (matrix @ wave.vec.FV().NumPy().reshape(2, -1).T)[None]
+    shear = np.full(len(points), BACKGROUND)
+    for centre, radius, factor in DISCS.values():
+        shear[np.hypot(*(points - centre).T) < radius] *= factor
+    truth = {"shear": shear}
+    data = WaveData(points, u, [FREQUENCY], 1000.0, "isotropic", "viscoelastic", bulk=BULK, truth=truth)
+    return data.with_noise(NOISE, seed=1)
+
+
+def rows(data: WaveData) -> list[Record]:
+    """The inversions and factorisations of one grid."""
+    elements, made = discretise(data), []
+    ways = {"at once": elements}
+    if coarser_discretisation(data) is not None:
+        ways["coarser first"] = None
+    common = {"points": len(data.points), "n_elements": elements.mesh.ne}
+    for name, given in ways.items():
+        begun = time.process_time()
+        found = invert(data, given)
+        spent, storage = time.process_time() - begun, found.maps["storage"]
+        true = data.truth["shear"].real
+        errors = {"storage": float(np.linalg.norm(storage - true) / np.linalg.norm(true))}
+        for disc, (centre, radius, factor) in DISCS.items():
+            inside = np.hypot(*(data.points - centre).T) < radius - 2e-3
+            errors[disc] = abs(float(np.median(storage[inside])) / (factor * BACKGROUND.real) - 1)
+        record = {"method": name, "error": errors["storage"], "errors": errors, "cpu_s": spent}
+        record |= {"factorisations": found.solves.factorisations, "converged": found.converged}
+        made.append(common | record | {"regulariser": found.regulariser})
+    return made + [common | factorisation(data, name) for name in FACTORS]
+
+
+def factorisation(data: WaveData, name: str) -> Record:
+    """CPU time of the first optimality conditions with one kind of factor, assembly included, and their size."""
+    problem = ElastographyProblem(data, discretise(data), device=FACTORS[name])
+    sigma = noise_deviation(data, NOISE, problem.inside)
+    unknowns, misfit = problem.unknowns(sigma), resolve_misfit("squares")(problem.measured, sigma)
+    smooth = resolve_priors("smooth")["smooth"]
+    fields = [block for block in unknowns.blocks if block != BOUNDARY]
+    priors = {block: smooth(problem.space, unknowns.start[unknowns.blocks[block]]) for block in fields}
+    reduced = Reduced(problem.model, misfit, unknowns, priors, dict.fromkeys(priors, 1e3))
+    x, width = unknowns.start, max(unknowns.blocks[block].stop for block in fields)
+    state = problem.model.linearise(unknowns.theta(x), problem.waves)
+    jacobian = unknowns.jacobian(x)[: problem.model.blocks[BOUNDARY].start, :width]
+    begun = time.process_time()
+    system = KKTSystem(state, jacobian, reduced.regular_matrix(x)[:width, :width], misfit.weight(state.data), False)
+    spent, before = time.process_time() - begun, problem.model.solves.refinements
+    system.step(reduced.regular_gradient(x)[:width], np.where(misfit.known, misfit.measured - state.data, 0))
+    record = {"factor": name, "cpu_s": spent, "unknowns": system.n_unknowns}
+    return record | {"refinements": problem.model.solves.refinements - before}
+
+
+def chart(records: list[Record], png: str) -> None:
+    """Error against CPU time of every inversion, and CPU time of a factorisation by size."""
+    plt, made, (left, right) = figure(9, 4, 2)
+    for name in ("at once", "coarser first"):
+        found = [r for r in records if r.get("method") == name]
+        for r in found:
+            face = COLOURS[name] if r["converged"] else "none"
+            left.plot(r["cpu_s"], 100 * r["error"], "o", color=COLOURS[name], mfc=face)
+            left.annotate(
+                f"{r['points']}", (r["cpu_s"], 100 * r["error"]), (4, 4), textcoords="offset points", fontsize=8
+            )
+        left.plot([r["cpu_s"] for r in found], [100 * r["error"] for r in found], color=COLOURS[name], label=name)
+    left.set(xscale="log", xlabel="CPU time, s", ylabel="error of G', %", title="inversions of grids of so many points")
+    for name in FACTORS:
+        found = [r for r in records if r.get("factor") == name]
+        right.plot([r["unknowns"] for r in found], [r["cpu_s"] for r in found], "o-", color=COLOURS[name], label=name)
+    right.set(
+        xscale="log", yscale="log", xlabel="unknowns and equations", ylabel="CPU time, s", title="one factorisation"
+    )
+    for axis in (left, right):
+        axis.grid(True, alpha=0.3)
+        axis.legend(fontsize=8)
+    made.savefig(png, dpi=140)
+    plt.close(made)
+
+
+def line(r: Record) -> str:
+    """One record as text."""
+    if "factor" in r:
+        return f"{r['points']:6} points, {r['unknowns']} unknowns: {r['factor']:18} {r['cpu_s']:.2f} s"
+    errors = ", ".join(f"{name} {100 * value:.3g} %" for name, value in r["errors"].items())
+    return f"{r['points']:6} points, {r['method']:14} {errors}; {r['factorisations']} factors, {r['cpu_s']:.0f} s"
+
+
+if __name__ == "__main__":
+    main(__doc__, measure, chart, line)
