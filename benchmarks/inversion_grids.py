@@ -134,18 +134,23 @@ def chart(records: list[Record], png: str) -> None:
         found = [r for r in records if r.get("method") == name]
         for r in found:
             face = COLOURS[name] if r["converged"] else "none"
-            left.plot(r["cpu_s"], 100 * r["error"], "o", color=COLOURS[name], mfc=face)
+            label = name if r is found[0] else None
+            left.plot(r["cpu_s"], 100 * r["error"], "o", color=COLOURS[name], mfc=face, label=label)
             left.annotate(
                 f"{r['points']}", (r["cpu_s"], 100 * r["error"]), (4, 4), textcoords="offset points", fontsize=8
             )
-        left.plot([r["cpu_s"] for r in found], [100 * r["error"] for r in found], color=COLOURS[name], label=name)
-    left.set(xscale="log", xlabel="CPU time, s", ylabel="error of G', %", title="inversions of grids of so many points")
+        left.plot([r["cpu_s"] for r in found], [100 * r["error"] for r in found], color=COLOURS[name])
+    left.set(xscale="log", xlabel="CPU time, s", ylabel="error of G′, %", title="inversions, by number of points")
     for name in FACTORS:
         found = [r for r in records if r.get("factor") == name]
         right.plot([r["unknowns"] for r in found], [r["cpu_s"] for r in found], "o-", color=COLOURS[name], label=name)
     right.set(
         xscale="log", yscale="log", xlabel="unknowns and equations", ylabel="CPU time, s", title="one factorisation"
     )
+    right.set_xticks([7e3, 14e3, 28e3, 56e3])
+    for axis in (right.xaxis, right.yaxis):
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter("")
     for axis in (left, right):
         axis.grid(True, alpha=0.3)
         axis.legend(fontsize=8)
