@@ -29,7 +29,7 @@ from ngbrain.inverse.data.quality import noise_deviation
 from ngbrain.inverse.objective.misfit import resolve_misfit
 from ngbrain.inverse.objective.regularisers import resolve_priors
 from ngbrain.inverse.optimise.kkt import KKTSystem
-from ngbrain.inverse.problem.discretisation import coarser_discretisation, discretise
+from ngbrain.inverse.problem.discretisation import coarse_discretisation, discretise
 from ngbrain.inverse.problem.wave_problem import ElastographyProblem
 from ngbrain.io import WaveData
 from ngbrain.materials import Shearing
@@ -89,7 +89,7 @@ def rows(data: WaveData) -> list[Record]:
     """The inversions and factorisations of one grid."""
     elements, made = discretise(data), []
     ways = {"at once": elements}
-    if coarser_discretisation(data) is not None:
+    if coarse_discretisation(data) is not None:
         ways["coarser first"] = None
     common = {"points": len(data.points), "n_elements": elements.mesh.ne}
     for name, given in ways.items():

@@ -1,7 +1,7 @@
 """The inversion of wave data by one call, which chooses noise, elements, starts, regularisers and weights.
 
 start        Fields from measured waves (`GaussNewton.from_waves`), or from maps and measured waves. Each iteration is a linear
-             least-squares problem. Large grids start from an inversion in coarser elements (`coarser_discretisation`), which
+             least-squares problem. Large grids start from an inversion in coarser elements (`coarse_discretisation`), which
              chooses the regulariser too and compares the starts.
 regulariser  Smooth fields, or fields with edges: the one with the smaller generalised cross-validation score (`regularisers`).
 weight       Converges together with the fields, or is the corner of an L-curve (`weight_selection`).
@@ -55,7 +55,7 @@ from ngbrain.inverse.optimise.result import Iteration, OptimisationResult
 from ngbrain.inverse.optimise.weight_selection import WeightSelection, weight_selection
 from ngbrain.inverse.problem.discretisation import (
     Discretisation,
-    coarser_discretisation,
+    coarse_discretisation,
     discretise,
     original_discretisation,
 )
@@ -270,7 +270,7 @@ def invert(
     notes += assumed_start_notes(data)
     rough: Inversion | None = None
     if elements is None:
-        coarser = None if data.element or start is not None else coarser_discretisation(data)
+        coarser = None if data.element or start is not None else coarse_discretisation(data)
         if coarser is not None and EXPONENT not in {each.name for each in properties}:
             rough = invert(
                 data,

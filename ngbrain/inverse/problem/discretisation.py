@@ -4,7 +4,7 @@ New elements depend on the data:
 
 - In the plane on a full grid: quadrilaterals of order p on cells of p × p data points, so that there are as many unknowns as
   data. For tracked quasi-static displacements with many points: half as many along each axis.
-  Large grids of waves are first inverted in larger ones (`coarser_discretisation`).
+  Large grids of waves are first inverted in larger ones (`coarse_discretisation`).
 - Scattered points in the plane: triangles between the points.
 - A mask on a grid, and all data in space: quadrilaterals or hexahedra as large as the wavelength allows, over the points of
   the mask.
@@ -146,7 +146,7 @@ def discretise(data: WaveData, order: int = 3) -> Discretisation:
     return Discretisation(mesh, element_form(data, LOW), 1, None, inside, driven_boundaries=driven)
 
 
-def coarser_discretisation(data: WaveData, order: int = 3) -> Discretisation | None:
+def coarse_discretisation(data: WaveData, order: int = 3) -> Discretisation | None:
     """Build coarser elements for waves in the plane on a large full grid, in which an inversion takes a fraction of the time.
 
     Its result is a start for the elements of `discretise`.

@@ -6,7 +6,7 @@ from planewaves import grid, shear_waves, waves
 
 from ngbrain.inverse.elastography.invert import invert
 from ngbrain.inverse.problem import discretisation
-from ngbrain.inverse.problem.discretisation import coarser_discretisation
+from ngbrain.inverse.problem.discretisation import coarse_discretisation
 from ngbrain.report.pages.elastography import convergence
 
 POINTS = grid(28, 22, spacing=2e-3)
@@ -17,9 +17,9 @@ CLEAN = waves(POINTS, shear_waves(POINTS, 3000 + 600j), poisson=0.4)
 def test_a_large_grid_starts_from_coarser_elements(monkeypatch):
     data = CLEAN.with_noise(0.02, seed=3)
     at_once = invert(data, uniform=False)
-    assert coarser_discretisation(data) is None
+    assert coarse_discretisation(data) is None
     monkeypatch.setattr(discretisation, "LARGE", 1000)
-    assert coarser_discretisation(data).mesh.ne < 0.6 * at_once.model["n_elements"]
+    assert coarse_discretisation(data).mesh.ne < 0.6 * at_once.model["n_elements"]
     found = invert(data, uniform=False)
     assert found.model["n_elements"] == at_once.model["n_elements"]
     assert [start.name for start in found.starts] == ["coarse waves", "coarse both", "fine"]
@@ -34,10 +34,10 @@ def test_a_large_grid_starts_from_coarser_elements(monkeypatch):
 
 def test_masks_slices_in_space_and_ultrasound_have_no_coarser_elements(monkeypatch):
     monkeypatch.setattr(discretisation, "LARGE", 1)
-    assert coarser_discretisation(CLEAN) is not None
+    assert coarse_discretisation(CLEAN) is not None
     mask = np.hypot(*(POINTS - POINTS.mean(axis=0)).T) < 0.02
     still = waves(POINTS, CLEAN.displacement, frequency=(0.0,), poisson=0.4)
     cube = grid(6, 6, 6, spacing=4e-3)
     in_space = waves(cube, shear_waves(cube, 3000 + 600j), poisson=0.4)
     for data in (waves(POINTS, CLEAN.displacement, poisson=0.4, mask=mask), still, in_space):
-        assert coarser_discretisation(data) is None
+        assert coarse_discretisation(data) is None
