@@ -123,7 +123,8 @@ def torn_displacements(data: WaveData) -> tuple[np.ndarray, np.ndarray]:
 
     Two neighbours on a grid are torn apart where their distances from a smooth field û, u - û, differ by more than `FAR` times
     what is usual (by the median) and by `JUMP` of the rms, and their difference is as far from those to the next points on the
-    same line, on either side: beside a jump û is off too, but there u goes on as before. So the points fall into pieces, and
+    same line, on either side: beside a jump û is off too, but there u goes on as before. Where these two differ more from each
+    other, as along a wave of few points, nothing is torn. So the points fall into pieces, and
     the largest is tissue. Pieces of fewer than `PATCH` points are errors, alone or side by side as in a vessel. A larger one is
     a patch, such as a wrapped phase, if most of its seam is with other large pieces; else errors divide it from the rest, and
     it is tissue too. Where more than `MOST_TORN` is torn off, nothing is: then the data are not those of one body. The smooth
@@ -190,8 +191,10 @@ def _pieces(
         return none, none
     first, second = lines[:, 1], lines[:, 2]
     slope = np.where(there[:, :-1] & there[:, 1:], np.diff(u[lines], axis=1), np.nan)
-    bend = np.nanmin(np.abs(slope[:, [0, 2]] - slope[:, [1]]), axis=1, initial=np.inf)
+    bends = np.abs(slope[:, [0, 2]] - slope[:, [1]])
+    bend = np.nanmin(bends, axis=1, initial=np.inf)
     bend[np.isinf(bend)] = 0.0  # nothing to compare with
+    bend[np.abs(slope[:, 0] - slope[:, 2]) > bends.max(axis=1)] = 0.0  # between its neighbours: a short wave bends like that
     apart = np.ones(len(lines), bool)
     for step in (np.abs(off[first] - off[second]), bend):
         apart &= step > max(FAR * float(np.median(step)) / np.sqrt(np.log(2)), jump)

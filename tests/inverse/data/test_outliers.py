@@ -119,3 +119,11 @@ def test_half_of_another_scan_is_no_patch():
     left = grid(24, 20)[:, 0] < 0.024
     torn, _ = torn_displacements(patched(left, 3.0))
     assert not torn.any()
+
+
+@pytest.mark.parametrize("nodes", [17, 21, 25])
+def test_a_wave_of_few_points_beside_the_border_is_not_torn(nodes):
+    """CV-B with eight points a wavelength: u steps by its own size from row to row, without any row being off."""
+    data = Phantom.from_name("CV-B", nodes).simulate_measurements(0.01).data()
+    torn, patches = torn_displacements(data)
+    assert not patches.any() and not torn.any()
