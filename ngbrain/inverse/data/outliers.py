@@ -194,7 +194,8 @@ def _pieces(
     bends = np.abs(slope[:, [0, 2]] - slope[:, [1]])
     bend = np.nanmin(bends, axis=1, initial=np.inf)
     bend[np.isinf(bend)] = 0.0  # nothing to compare with
-    bend[np.abs(slope[:, 0] - slope[:, 2]) > bends.max(axis=1)] = 0.0  # between its neighbours: a short wave bends like that
+    short = np.abs(slope[:, 0] - slope[:, 2]) > bends.max(axis=1)  # a slope between its neighbours: a short wave
+    bend[short] = 0.0
     apart = np.ones(len(lines), bool)
     for step in (np.abs(off[first] - off[second]), bend):
         apart &= step > max(FAR * float(np.median(step)) / np.sqrt(np.log(2)), jump)
