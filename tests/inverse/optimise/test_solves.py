@@ -16,7 +16,7 @@ from ngbrain.inverse.problem.discretisation import discretise
 from ngbrain.inverse.uncertainty.credible_maps import uncertainty
 from ngbrain.io.waves import WaveData
 from ngbrain.materials import Shearing
-from ngbrain.solvers.device import CpuFactor
+from ngbrain.solvers.device import CpuFactor, OrderedFactor
 
 
 class Asked:
@@ -28,18 +28,22 @@ class Asked:
 @pytest.fixture
 def asked(monkeypatch):
     """Count the calls at the factors themselves."""
-    count, make, solve = Asked(), CpuFactor.__init__, CpuFactor.solve
+    count = Asked()
 
-    def making(self, *arguments, **options):
-        count.made += 1
-        make(self, *arguments, **options)
+    def watch(kind, make, solve):
+        def making(self, *arguments, **options):
+            count.made += 1
+            make(self, *arguments, **options)
 
-    def solving(self, b):
-        count.solved += 1
-        return solve(self, b)
+        def solving(self, b):
+            count.solved += 1
+            return solve(self, b)
 
-    monkeypatch.setattr(CpuFactor, "__init__", making)
-    monkeypatch.setattr(CpuFactor, "solve", solving)
+        monkeypatch.setattr(kind, "__init__", making)
+        monkeypatch.setattr(kind, "solve", solving)
+
+    for kind in (CpuFactor, OrderedFactor):
+        watch(kind, kind.__init__, kind.solve)
     return count
 
 
