@@ -21,19 +21,21 @@ import numpy as np
 from _command import main
 from _front import figure
 
-from ngbrain.adjoint.reduced import Reduced
-from ngbrain.forward import HarmonicProblem, Wave, evaluation
-from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY
-from ngbrain.inverse import invert
-from ngbrain.inverse.data.quality import noise_deviation
-from ngbrain.inverse.objective.misfit import resolve_misfit
-from ngbrain.inverse.objective.regularisers import resolve_priors
-from ngbrain.inverse.optimise.kkt import KKTSystem
-from ngbrain.inverse.problem.discretisation import coarse_discretisation, discretise
-from ngbrain.inverse.problem.wave_problem import ElastographyProblem
+from ngbrain.adjoint import Reduced
+from ngbrain.forward import HarmonicProblem, Wave, evaluation, sensitivity
+from ngbrain.inverse import (
+    ElastographyProblem,
+    LeastSquares,
+    coarse_discretisation,
+    discretise,
+    invert,
+    noise_deviation,
+    optimise,
+    smooth,
+)
 from ngbrain.io import WaveData
 from ngbrain.materials import Shearing
-from ngbrain.solvers.device import CPU, CpuFactor, Device
+from ngbrain.solvers import CpuFactor, Device
 
 Record = dict
 WIDTH, HEIGHT, MARGIN = 0.118, 0.099, 0.02
@@ -41,7 +43,10 @@ DISCS = {"hard": ((0.04, 0.055), 0.012, 2.5), "soft": ((0.085, 0.035), 0.014, 0.
 BACKGROUND, FREQUENCY, BULK, NOISE = 2100 + 700j, 55.0, 2.2e6, 0.03
 GRIDS = (27, 40, 53, 79)
 """Points along x."""
-FACTORS = {"nested dissection": CPU, "NGSolve": Device("NGSolve", partial(CpuFactor, kind="sparsecholesky"))}
+FACTORS = {
+    "nested dissection": Device.from_name("cpu"),
+    "NGSolve": Device("NGSolve", partial(CpuFactor, kind="sparsecholesky")),
+}
 COLOURS = {"at once": "#0072B2", "coarser first": "#009E73", "nested dissection": "#0072B2", "NGSolve": "#E69F00"}
 
 
@@ -111,16 +116,18 @@ def factorisation(data: WaveData, name: str) -> Record:
     """CPU time of the first optimality conditions with one kind of factor, assembly included, and their size."""
     problem = ElastographyProblem(data, discretise(data), device=FACTORS[name])
     sigma = noise_deviation(data, NOISE, problem.inside)
-    unknowns, misfit = problem.unknowns(sigma), resolve_misfit("squares")(problem.measured, sigma)
-    smooth = resolve_priors("smooth")["smooth"]
-    fields = [block for block in unknowns.blocks if block != BOUNDARY]
+    unknowns, misfit = problem.unknowns(sigma), LeastSquares(problem.measured, sigma)
+    boundary = sensitivity.harmonic.wave_model.BOUNDARY
+    fields = [block for block in unknowns.blocks if block != boundary]
     priors = {block: smooth(problem.space, unknowns.start[unknowns.blocks[block]]) for block in fields}
     reduced = Reduced(problem.model, misfit, unknowns, priors, dict.fromkeys(priors, 1e3))
     x, width = unknowns.start, max(unknowns.blocks[block].stop for block in fields)
     state = problem.model.linearise(unknowns.theta(x), problem.waves)
-    jacobian = unknowns.jacobian(x)[: problem.model.blocks[BOUNDARY].start, :width]
+    jacobian = unknowns.jacobian(x)[: problem.model.blocks[boundary].start, :width]
     begun = time.process_time()
-    system = KKTSystem(state, jacobian, reduced.regular_matrix(x)[:width, :width], misfit.weight(state.data), False)
+    system = optimise.kkt.KKTSystem(
+        state, jacobian, reduced.regular_matrix(x)[:width, :width], misfit.weight(state.data), False
+    )
     spent, before = time.process_time() - begun, problem.model.solves.refinements
     system.step(reduced.regular_gradient(x)[:width], np.where(misfit.known, misfit.measured - state.data, 0))
     record = {"factor": name, "cpu_s": spent, "unknowns": system.n_unknowns}

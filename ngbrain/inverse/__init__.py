@@ -10,7 +10,8 @@ Wave data
 Maps
     `map_statistics`, `statistics_by_label`, `relative_l2_error`, `parameters_from_shear`, `fibre_shear_moduli`.
 The wave problem that is inverted
-    `ElastographyProblem` on a `Discretisation`, made by `discretise` or `original_discretisation`; `field_observations`,
+    `ElastographyProblem` on a `Discretisation`, made by `discretise`, `coarse_discretisation` or
+    `original_discretisation`; `field_observations`,
     `fit_field`, `label_shares`, `combine_labels` of its fields.
 Parameters of any model
     `estimate`, `ParameterEstimate`; `BondedSpecimen`, `BondedFit` of glued tissue cubes.
@@ -100,7 +101,12 @@ if TYPE_CHECKING:
     from ngbrain.inverse.optimise.result import Iteration, OptimisationResult
     from ngbrain.inverse.phantoms.benchmark import PHANTOMS, Phantom, PhantomData, PhantomInversion
     from ngbrain.inverse.phantoms.prior_draws import draw_phantom
-    from ngbrain.inverse.problem.discretisation import Discretisation, discretise, original_discretisation
+    from ngbrain.inverse.problem.discretisation import (
+        Discretisation,
+        coarse_discretisation,
+        discretise,
+        original_discretisation,
+    )
     from ngbrain.inverse.problem.field_values import field_observations, fit_field
     from ngbrain.inverse.problem.label_shares import combine_labels, label_shares
     from ngbrain.inverse.problem.wave_problem import ElastographyProblem
@@ -150,6 +156,7 @@ __all__ = [
     "Unknown",
     "WeightPolicy",
     "bfgs",
+    "coarse_discretisation",
     "combine_labels",
     "data",
     "discretise",
