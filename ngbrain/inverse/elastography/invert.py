@@ -205,25 +205,27 @@ def invert(
         selection = replace(selection, max_iterations=max_iterations)
     if dispersion not in DISPERSIONS:
         raise InputError("dispersion", repr(dispersion), nearest(dispersion, DISPERSIONS))
+    common: dict[str, Any] = {
+        "noise": noise,
+        "model_error": model_error,
+        "weight": weight,
+        "levels": levels,
+        "labelled": labelled,
+        "unknowns": unknowns,
+        "misfit": misfit,
+        "max_iterations": max_iterations,
+        "dispersion": dispersion,
+        "device": device,
+    }
     axis = moving_axis(data) if data.dim == 3 and elements is None else None
     if axis is not None and start is None:
         of_slice = partial(
             invert,
-            noise=noise,
-            model_error=model_error,
+            **common,
             regulariser="smooth" if regulariser == "auto" else regulariser,
-            weight=weight,
             uniform=uniform and bool(levels),
-            levels=levels,
-            labelled=labelled,
-            unknowns=unknowns,
-            misfit=misfit,
-            max_iterations=max_iterations,
-            dispersion=dispersion,
             drop_outliers=drop_outliers,
-            device=device,
         )
-
         return invert_slices(data, axis, of_slice, executor, callback)
     if data.dim == 3 and dispersion == "power":
         raise InputError("dispersion", "'power'", "none: the exponent is an unknown in the plane only")
@@ -275,19 +277,10 @@ def invert(
             rough = invert(
                 data,
                 coarser,
-                noise=noise,
-                model_error=model_error,
+                **common,
                 regulariser=regulariser,
-                weight=weight,
                 uniform=uniform,
-                levels=levels,
-                labelled=labelled,
-                unknowns=unknowns,
-                misfit=misfit,
-                max_iterations=max_iterations,
-                dispersion=dispersion,
                 drop_outliers=False,
-                device=device,
                 callback=callback,
                 executor=executor,
             )
@@ -419,10 +412,13 @@ class _Search:
         return reduced, self.selection.from_waves(reduced, start, self.problem.waves, self._report_iteration)
 
     def refine(self, prior: Prior, weights: Mapping[str, float], x: Array) -> tuple[Reduced, OptimisationResult]:
-        """Descend from the fields and weights of an inversion in coarser elements."""
+        """Descend from the fields and weights of an inversion in coarser elements; where no step lowers J, as from waves."""
         reduced = self.reduced(prior)
         reduced.weights = dict(weights)
-        return reduced, self.selection.descend(reduced, x, self._report_iteration)
+        try:
+            return reduced, self.selection.descend(reduced, x, self._report_iteration)
+        except ConvergenceError:
+            return reduced, self.selection.from_waves(reduced, x, self.problem.waves, self._report_iteration)
 
     def descend(self, reduced: Reduced, start: OptimisationResult) -> OptimisationResult:
         """Minimise J from a start; return the start where no step lowers J, or where its misfit is `LARGE_MISFIT`."""

@@ -49,8 +49,8 @@ LARGEST = 95_000
 
 
 LARGE = 45_000
-"""Unknowns and equations of a plane inversion (see `optimise.kkt`) from which coarser elements are inverted in first: one
-factorisation takes 3 s from there on."""
+"""Unknowns and equations of a plane inversion (see `optimise.kkt`) from which coarser elements are inverted in first. With
+55 000 a factorisation takes 5 s."""
 
 
 @dataclass(frozen=True, repr=False)
