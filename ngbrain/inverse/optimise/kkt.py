@@ -49,7 +49,8 @@ single-precision round-off of them, basis functions of other nodes are only roun
 """
 REFINEMENTS, RESTARTS = 8, 3
 FINE, ROUGH = 1e-10, 1e-6
-"""Iterations of GMRES, and restarts; the relative residual at which it stops, and the largest one that is taken."""
+"""Iterations of GMRES, and restarts; the relative residual at which a step stops, and the largest one that is taken. Estimates of
+traces stop there: their random probes are off by per cent."""
 
 
 class KKTSystem:
@@ -172,12 +173,11 @@ class KKTSystem:
     def effective_parameters(self, random: np.random.Generator) -> float:
         """Effective number of real data that the unknowns use up: an estimate of the trace of the influence matrix."""
         probes = [random.choice([-1.0, 1.0], size=(len(root), 2)) @ [1, 1j] for root in self._root]
-        _, waves = self._solve(
-            np.zeros(self.size), [np.where(r > 0, z, 0) for z, r in zip(probes, self._root, strict=True)]
-        )
+        seen = [np.where(root > 0, probe, 0) for root, probe in zip(self._root, probes, strict=True)]
+        _, waves = self._solve(np.zeros(self.size), seen, tolerance=ROUGH)
         used = 0.0
         for root, probe, u in zip(self._root, probes, waves, strict=True):
-            used += float(np.sum(np.conj(np.where(root > 0, probe, 0)) * (root * (self.observe @ u[self.active]))).real)
+            used += float(np.sum(np.conj(probe) * (root * (self.observe @ u[self.active]))).real)
         return used
 
     def effective_parameters_by_block(
@@ -204,12 +204,12 @@ class KKTSystem:
             block, probe = blocks[name], np.zeros(self.size)
             size = block.stop - block.start
             probe[block] = Metric(matrix).colour(random.choice([-1.0, 1.0], size=size))
-            y, _ = self._solve(probe, [np.zeros(len(root)) for root in self._root])
+            y, _ = self._solve(probe, [np.zeros(len(root)) for root in self._root], tolerance=ROUGH)
             found[name] = float(np.clip(size - probe @ y, 0.0, size))
         return found
 
     def _solve(
-        self, slope: Array, weighted_residuals: list[Array], imbalance: Array | None = None
+        self, slope: Array, weighted_residuals: list[Array], imbalance: Array | None = None, tolerance: float = FINE
     ) -> tuple[Array, Array]:
         parts = [slope]
         for root, weighted_residual, column in zip(self._root, weighted_residuals, self._columns, strict=True):
@@ -219,10 +219,10 @@ class KKTSystem:
             c = np.zeros(len(row), complex) if imbalance is None else row * imbalance[k][self.free]
             parts += [c.real, c.imag]
         b = np.concatenate([*parts, np.zeros(self._levels)])
-        x = self._refined(b)
+        x = self._refined(b, tolerance)
         if x is None and not self._pivoted:
             self._factorise(pivoted=True)
-            x = self._refined(b)
+            x = self._refined(b, tolerance)
         if x is None:
             raise SolverError("the optimality conditions are singular: some unknowns are not determined")
         waves = np.zeros((self.loads, len(self.free)), complex)
@@ -231,17 +231,17 @@ class KKTSystem:
             waves[k, self.active] = column * (rest[k, 0] + 1j * rest[k, 1])
         return x[: self.size], waves
 
-    def _refined(self, b: Array) -> Array | None:
+    def _refined(self, b: Array, tolerance: float) -> Array | None:
         """Solution of the conditions without their shift; None where refinement does not converge."""
         self.state.model.solves.count("incremental")
         x = self._factor.solve(b)
         for restart in range(RESTARTS + 1):
             left = b - self._matrix @ x
             relative = float(np.linalg.norm(left)) / max(float(np.linalg.norm(b)), 1e-300)
-            if restart == RESTARTS or not relative > FINE:
+            if restart == RESTARTS or not relative > tolerance:
                 break
             first, unscaled = self._refinement(left), np.ones_like(b)
-            x += gmres(self._matrix.__matmul__, self._refinement, first, unscaled, FINE / relative, REFINEMENTS)[0]
+            x += gmres(self._matrix.__matmul__, self._refinement, first, unscaled, tolerance / relative, REFINEMENTS)[0]
         return x if relative <= ROUGH else None
 
     def _factorise(self, pivoted: bool = False) -> None:
