@@ -378,6 +378,58 @@ def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
     assert path.read_bytes() == old and [each.name for each in tmp_path.iterdir()] == ["waves.h5"]
 
 
+def anisotropic_image(tmp_path, **keys):
+    """Waves in space as an image whose fibres come from another one: tensors on coarser voxels that are turned otherwise."""
+    path = tmp_path / "waves.nii.gz"
+    data = space(symmetry="transversely_isotropic", fibre=np.array([1.0, 0, 0]), truth={})
+    write_waves(path, data)
+    affine = np.diag([-3e3, 3e3, 3e3, 1e3]) / 1e3  # mm, the first axis to the left
+    affine[:3, 3] = 1e3 * data.points.mean(axis=0) - affine[:3, :3] @ [9.5, 9.5, 9.5]
+    centres = np.indices((20, 20, 20)).reshape(3, -1).T @ affine[:3, :3].T + affine[:3, 3]
+    along = fibres_at(centres / 1e3)
+    tensors = np.einsum("ni,nj->nij", along, along) + 0.2 * np.eye(3)
+    six = tensors[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]].reshape(20, 20, 20, 6)
+    nibabel.save(nibabel.Nifti1Image(six, affine), tmp_path / "dti.nii.gz")
+    sidecar = json.loads((tmp_path / "waves.json").read_text())
+    sidecar["files"].pop("fibre")
+    sidecar |= {"fibre_map": "dti.nii.gz", "fibre_map_convention": "mrtrix", **keys}
+    (tmp_path / "waves.json").write_text(json.dumps({key: value for key, value in sidecar.items() if value != ""}))
+    return path, data
+
+
+def fibres_at(points):
+    """Fibres that turn by some degrees over a millimetre, in all three axes."""
+    a = np.column_stack([np.cos(60 * points[:, 1]), np.sin(60 * points[:, 1]), 30 * points[:, 0]])
+    return a / np.linalg.norm(a, axis=1)[:, None]
+
+
+def test_fibres_of_a_diffusion_image(tmp_path):
+    path, data = anisotropic_image(tmp_path)
+    cosine = np.abs(np.sum(read_waves(path).fibre * fibres_at(data.points), axis=1))
+    assert np.degrees(np.arccos(np.clip(cosine, 0, 1))).max() < 0.5
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"fibre_map": "../dti.nii.gz"}, "the name of an image in the same folder"),
+        ({"fibre_map": ""}, "fibre_map is missing"),
+        ({"fibre_map_convention": "fls"}, "one of fsl, mrtrix, nifti"),
+        ({"fibre_map_convention": ""}, "one of fsl, mrtrix, nifti"),
+        ({"fibre_angle_deg": 10.0}, "given beside fibre_angle_deg"),
+        ({"fibre_map": "elsewhere.nii.gz"}, "without a direction at 100% of the measured points"),
+    ],
+)
+def test_fibre_images_that_are_refused(keys, message, tmp_path):
+    path, _ = anisotropic_image(tmp_path, **keys)
+    image = nibabel.load(tmp_path / "dti.nii.gz")
+    away = image.affine.copy()
+    away[:3, 3] += 500.0  # mm
+    nibabel.save(nibabel.Nifti1Image(image.get_fdata(), away), tmp_path / "elsewhere.nii.gz")
+    with pytest.raises(InputError, match=message):
+        read_waves(path)
+
+
 @pytest.mark.parametrize("name", ["ce_bimaterial", "cv_gaussian", "ne_gaussian", "ti_double"])
 def test_the_published_data_sets_are_read(name):
     here = Path(__file__).parent.parent

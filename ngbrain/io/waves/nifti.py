@@ -10,7 +10,9 @@ numbered along x first. In 3-D, points and components are in the world coordinat
 same holds for a horizontal slice; any other slice has the coordinates of its own two axes, with the first voxel at the origin. A
 real image with one more axis, of times, holds samples over a period (m), or their phases (rad) if the sidecar has `encoding`
 (`ngbrain.io.waves.samples`). Two real images, whose names differ by `part-real` and `part-imag`, may replace a complex one; a
-single real image is a real displacement. Fields that are not in the sidecar have their defaults.
+single real image is a real displacement. Fields that are not in the sidecar have their defaults. In 3-D, `fibre_map` in the
+sidecar names an image of fibre directions or diffusion tensors in the same folder, on any grid of the same world coordinates, and
+`fibre_map_convention` its components (`ngbrain.image.read.fibre_directions`); they replace `fibre`.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from ngbrain.errors import InputError
+from ngbrain.image.read.fibre_directions import CONVENTIONS, read_fibre_directions
 from ngbrain.image.read.nifti import NIFTI, nifti_suffix, write_nifti
 from ngbrain.image.read.volume import Volume, open_image
 from ngbrain.io.json_file import write_json
@@ -50,6 +53,8 @@ images in the same folder."""
 _SIDES = (1e-5, 0.1)  # m, of a voxel: ultrasound to whole-body
 _AT_POINTS = ("fibre", "dirichlet", "mask", "labels")
 _MOST = 2**28  # numbers in an image
+_COVERED = 0.5
+"""Least share of the measured points in voxels with a fibre direction."""
 _REAL, _IMAGINARY = "part-real", "part-imag"
 
 
@@ -72,16 +77,43 @@ def read_nifti(path: Path) -> dict[str, Any]:
     keys["points"] = _voxel_centres(affine, shape, d)
     keys["affine"] = affine
     files = keys.pop("files", {})
-    if not isinstance(files, Mapping) or not all(
-        isinstance(name, str) and Path(name).name == name for name in files.values()
-    ):
+    if not isinstance(files, Mapping) or not all(_is_file_name(name) for name in files.values()):
         raise InputError("files", repr(files), "field → name of an image in the same folder", path)
     for name, file in files.items():
         values, _ = _image(path.with_name(file))
         if values.shape[:3] != shape:
             raise InputError(name, f"of shape {values.shape}", f"the grid of the displacement, {shape}", path)
         keys[name] = values.reshape(n, *values.shape[3:], order="F")
+    if "fibre_map" in keys or "fibre_map_convention" in keys:
+        keys["fibre"] = _fibres(path, keys, keys.get("mask"))
     return keys
+
+
+def _fibres(path: Path, keys: dict[str, Any], mask: np.ndarray | None) -> np.ndarray:
+    """Unit vectors (n, 3) at the points, of the image that the sidecar names; takes its two keys away."""
+    name, convention = keys.pop("fibre_map", None), keys.pop("fibre_map_convention", None)
+    if not _is_file_name(name):
+        raise InputError("fibre_map", repr(name), "the name of an image in the same folder", path)
+    if convention not in CONVENTIONS:
+        raise InputError("fibre_map_convention", repr(convention), f"one of {', '.join(CONVENTIONS)}", path)
+    if both := {"fibre", "fibre_angle_deg"} & keys.keys():
+        raise InputError("fibre_map", f"given beside {min(both)}", "one of them", path)
+    points = keys["points"]
+    if points.shape[1] == 2:
+        raise InputError("fibre_map", "given for one slice", "displacement in space, or fibre_angle_deg", path)
+    directions = read_fibre_directions(path.with_name(name), convention)
+    measured = np.ones(len(points), bool) if mask is None else np.asarray(mask) != 0
+    covered = directions.covers(points[measured]).mean() if measured.any() else 1.0
+    if covered < _COVERED:
+        found = f"without a direction at {1 - covered:.0%} of the measured points"
+        raise InputError(
+            "fibre_map", found, "an image in the coordinates of the displacement that covers most of it", path
+        )
+    return directions.interpolate(points)
+
+
+def _is_file_name(name: Any) -> bool:
+    return isinstance(name, str) and bool(name) and Path(name).name == name
 
 
 def write_nifti_waves(path: Path, data: WaveData, keys: Mapping[str, Any]) -> None:

@@ -115,8 +115,9 @@ def missing_keys(keys: Mapping[str, Any], known: tuple[str, ...] = ()) -> list[s
     through = _text(keys.get("motion")) == "anti_plane" and _text(keys.get("rheology")) == "viscoelastic"
     if "poisson" not in keys and "bulk" not in keys and not through:
         names.append("poisson or bulk")
-    if _text(keys.get("symmetry")) == "transversely_isotropic" and not {"fibre", "fibre_angle_deg"} & {*keys, *known}:
-        names.append("fibre or fibre_angle_deg")
+    fibres = {"fibre", "fibre_angle_deg", "fibre_map"} & {*keys, *known}
+    if _text(keys.get("symmetry")) == "transversely_isotropic" and not fibres:
+        names.append("fibre, fibre_angle_deg or, beside an image, fibre_map")
     return names
 
 
