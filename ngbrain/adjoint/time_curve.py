@@ -9,7 +9,7 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator, PPoly
+import scipy
 
 from ngbrain.errors import InputError
 from ngbrain.look import BriefText
@@ -79,14 +79,14 @@ class TimeCurve(BriefText):
         return [slice(i, j + 1) for i, j in pairwise(np.searchsorted(self.times, ends))]
 
     @cached_property
-    def polynomial(self) -> PPoly:
+    def polynomial(self) -> scipy.interpolate.PPoly:
         """Piecewise polynomial between steps."""
         t, values, first, last = *self._arrays, self.pieces[0].start, self.pieces[-1].stop
         if self.interpolation is Interpolation.LINEAR:
             t, values = t[first:last], values[first:last]
-            return PPoly(np.array([np.diff(values) / np.diff(t), values[:-1]]), t)
-        pieces = [PchipInterpolator(t[piece], values[piece]) for piece in self.pieces]
-        return PPoly(np.concatenate([piece.c for piece in pieces], axis=1), t[first:last])
+            return scipy.interpolate.PPoly(np.array([np.diff(values) / np.diff(t), values[:-1]]), t)
+        pieces = [scipy.interpolate.PchipInterpolator(t[piece], values[piece]) for piece in self.pieces]
+        return scipy.interpolate.PPoly(np.concatenate([piece.c for piece in pieces], axis=1), t[first:last])
 
     @property
     def _arrays(self) -> tuple[Array, Array]:

@@ -15,7 +15,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+import scipy
 
 LEVEL = 0.05
 """Fraction of cohorts without outliers in which one is reported."""
@@ -145,7 +145,7 @@ def find_outliers(
         low, median, high = (float(each) for each in np.percentile(found, [25, 50, 75]))
         step, logarithmic, untested = scales[key, group]
         least, most = float(found.min()), float(found.max())
-        limit = 0.0 if untested else float(stats.t.isf(LEVEL / tests / 2, EFFICIENCY * (len(of) - 1)))
+        limit = 0.0 if untested else float(scipy.stats.t.isf(LEVEL / tests / 2, EFFICIENCY * (len(of) - 1)))
         spread = GroupStatistics(
             key, group, tuple(of), median, low, high, least, most, step, logarithmic, limit, untested
         )

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.interpolate import RegularGridInterpolator
+import scipy
 
 Points = np.ndarray
 
@@ -85,7 +85,7 @@ def tentorium(points: Points) -> np.ndarray:
     rows = sorted(_TENTORIUM)
     table = np.array([_TENTORIUM[y] for y in rows], float)
     at = np.stack([points[:, 1].clip(rows[0], rows[-1]), np.abs(points[:, 0]).clip(0, _AWAY[-1])], axis=1)
-    return np.asarray(RegularGridInterpolator((rows, _AWAY), table)(at))
+    return np.asarray(scipy.interpolate.RegularGridInterpolator((rows, _AWAY), table)(at))
 
 
 def stem(points: Points) -> tuple[np.ndarray, np.ndarray]:

@@ -8,8 +8,7 @@ from typing import Any, cast
 
 import ngsolve as ngs
 import numpy as np
-from scipy.optimize import OptimizeResult, least_squares
-from scipy.stats import t as student
+import scipy
 
 from ngbrain.errors import ConvergenceError, InputError, SolverError, require
 from ngbrain.look import STYLE, figure
@@ -325,17 +324,17 @@ class CurveFit:
         alike = best.cost * (1 + SAME_OPTIMUM) + 1e-24
         return self.report(best, sum(result.cost <= alike for result in results), starts)
 
-    def solve(self, guess: np.ndarray) -> OptimizeResult | None:
+    def solve(self, guess: np.ndarray) -> scipy.optimize.OptimizeResult | None:
         """Least-squares solution from one start, or None when it fails."""
         try:
             with np.errstate(all="ignore"):
-                return least_squares(
+                return scipy.optimize.least_squares(
                     self.misfits, guess, self.slope, (self.low, self.high), x_scale="jac", max_nfev=400, **self.ends
                 )
         except (ValueError, np.linalg.LinAlgError):
             return None
 
-    def report(self, result: OptimizeResult, reached: int, starts: int) -> Fit:
+    def report(self, result: scipy.optimize.OptimizeResult, reached: int, starts: int) -> Fit:
         """Result of an optimum, with confidence intervals.
 
         Parameters
@@ -369,7 +368,7 @@ class CurveFit:
             status=Status.CONVERGED if result.success else Status.STOPPED,
         )
 
-    def _active(self, result: OptimizeResult) -> dict[str, float]:
+    def _active(self, result: scipy.optimize.OptimizeResult) -> dict[str, float]:
         active = {}
         for i, name in enumerate(self.names):
             for bound in (self.low[i], self.high[i]):
@@ -377,12 +376,16 @@ class CurveFit:
                     active[name] = float(bound)
         return active
 
-    def _confidence(self, result: OptimizeResult, active: Mapping[str, float]) -> dict[str, tuple[float, float]]:
+    def _confidence(
+        self, result: scipy.optimize.OptimizeResult, active: Mapping[str, float]
+    ) -> dict[str, tuple[float, float]]:
         free = [i for i, name in enumerate(self.names) if name not in active]
         half = np.full(len(self.names), np.nan)
         if free:
             freedom = len(result.fun) - len(free)
-            half[free] = student.ppf(0.975, freedom) * np.sqrt(2 * result.cost / freedom) * _spread(result.jac[:, free])
+            half[free] = (
+                scipy.stats.t.ppf(0.975, freedom) * np.sqrt(2 * result.cost / freedom) * _spread(result.jac[:, free])
+            )
         return {name: (x - h, x + h) for name, x, h in zip(self.names, result.x.tolist(), half.tolist(), strict=True)}
 
 

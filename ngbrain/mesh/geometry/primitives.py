@@ -9,7 +9,7 @@ import netgen.meshing as meshing
 import netgen.occ as occ
 import ngsolve as ngs
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from ngbrain.arguments import number, numbers
 from ngbrain.errors import InputError, nearest
@@ -170,7 +170,7 @@ def _direction_out(target: np.ndarray) -> np.ndarray:
 
     lowest = -float(np.min(squared))
     shift = (
-        brentq(outside, lowest * (1 - 1e-9), 0.0, xtol=1e-16)
+        scipy.optimize.brentq(outside, lowest * (1 - 1e-9), 0.0, xtol=1e-16)
         if outside(lowest * (1 - 1e-9)) > 0
         else lowest * (1 - 1e-9)
     )

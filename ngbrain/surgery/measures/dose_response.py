@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from scipy.stats import binomtest
+import scipy
 
 from ngbrain.adjoint.time_curve import TimeCurve
 from ngbrain.units import MINUTE
@@ -44,7 +44,7 @@ def interval(infarcts: int, animals: int) -> tuple[float, float]:
     >>> [round(p, 4) for p in interval(6, 6)]
     [0.5407, 1.0]
     """
-    found = binomtest(infarcts, animals).proportion_ci(CONFIDENCE, method="exact")
+    found = scipy.stats.binomtest(infarcts, animals).proportion_ci(CONFIDENCE, method="exact")
     return float(found.low), float(found.high)
 
 

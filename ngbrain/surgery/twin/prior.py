@@ -10,8 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtri
-from scipy.stats import qmc
+import scipy
 
 from ngbrain.errors import InputError
 from ngbrain.materials import CATALOGUE, Ogden
@@ -61,7 +60,7 @@ class Uncertain:
         if self.bounds is not None:
             low, high = self.bounds
             return np.asarray(low + (high - low) * probability)
-        return np.asarray(self.centre + self.deviation * ndtri(probability))
+        return np.asarray(self.centre + self.deviation * scipy.special.ndtri(probability))
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +115,7 @@ class Prior:
         """
         if count < 1:
             raise InputError("draws", count, "a number of draws, at least 1")
-        sequence = qmc.Sobol(len(self.numbers), rng=np.random.default_rng(seed))
+        sequence = scipy.stats.qmc.Sobol(len(self.numbers), rng=np.random.default_rng(seed))
         power = max(1, math.ceil(math.log2(count)))
         uniform = np.clip(sequence.random_base2(power)[:count], 1e-9, 1 - 1e-9)
         return np.column_stack([each.quantile(column) for each, column in zip(self.numbers, uniform.T, strict=True)])

@@ -14,7 +14,7 @@ from functools import cache
 from importlib import resources
 
 import numpy as np
-from scipy.stats import t as student_t
+import scipy
 
 from ngbrain.look import BriefText
 from ngbrain.scene import Scene
@@ -132,7 +132,7 @@ class CoarseRecord(BriefText):
         usual = _rms(off)
         ratios = [each / max(own, usual) for each, own in zip(off, between, strict=True)]
         outside = (1 - COVERAGE) / len(MAIN)
-        factor = float(student_t.ppf(1 - outside / 2, len(rows))) * _rms(ratios)
+        factor = float(scipy.stats.t.ppf(1 - outside / 2, len(rows))) * _rms(ratios)
         return factor * max(abs(difference), usual)
 
     def interval(self, quantity: str, value: float, coarse: float, coarser: float) -> tuple[float, float] | None:
