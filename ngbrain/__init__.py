@@ -70,7 +70,7 @@ if TYPE_CHECKING:
     from ngbrain.forward.statics.load_path import LoadPath
     from ngbrain.forward.transient.time_stepper import TimeStepper
     from ngbrain.image.labelling import label_tissues as segment
-    from ngbrain.image.read.volume import read_scan
+    from ngbrain.image.read.image_file import read_scan
     from ngbrain.inverse.elastography.invert import invert
     from ngbrain.inverse.fitting.estimate import estimate
     from ngbrain.io.versions import show_versions

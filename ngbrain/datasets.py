@@ -21,9 +21,10 @@ from types import MappingProxyType
 
 from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError, nearest
+from ngbrain.image.read.image_file import read_scan
 from ngbrain.image.read.nifti import write_nifti
 from ngbrain.image.read.template import mni152
-from ngbrain.image.read.volume import Scan, read_scan
+from ngbrain.image.read.volume import Scan
 from ngbrain.io.waves import WaveData, read_waves
 
 __all__ = ["DATASETS", "Dataset", "load_head", "load_waves", "write"]

@@ -27,7 +27,8 @@ import numpy as np
 from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError, MissingExtra, require
 from ngbrain.image.read.label_map import LabelMap
-from ngbrain.image.read.volume import Volume, reorient_to_ras
+from ngbrain.image.read.resampling import reorient_to_ras
+from ngbrain.image.read.volume import Volume
 from ngbrain.mesh.quality import Quality
 from ngbrain.mesh.tet_mesh import Elements
 from ngbrain.report.pages import anatomy

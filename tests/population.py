@@ -16,7 +16,8 @@ from scipy import ndimage
 from ngbrain.image.preprocess import mni_landmarks
 from ngbrain.image.preprocess.contrast import tissue_maps
 from ngbrain.image.read.label_map import LabelMap
-from ngbrain.image.read.volume import Scan, Volume, resample_to_ras
+from ngbrain.image.read.resampling import resample_to_ras
+from ngbrain.image.read.volume import Scan, Volume
 
 TISSUES = {1: "csf", 2: "grey", 3: "white", 4: "ventricle"}
 CSF, GREY, WHITE, VENTRICLE = TISSUES

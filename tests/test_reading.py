@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from ngbrain.errors import InputError
-from ngbrain.image.read.volume import read_scan
+from ngbrain.image.read.image_file import read_scan
 from ngbrain.io.waves import read_waves
 from ngbrain.reading import gunzip, read_bytes, read_json, read_npz, read_text
 from ngbrain.reading.hdf5 import hdf5
@@ -32,7 +32,7 @@ class Runs:
 
 def peak_kib(code, *args):
     """Most memory (KiB) that Python takes to do something, above what it takes for imports."""
-    begin = "import resource, sys; import ngbrain.io.waves, ngbrain.image.read.volume; "
+    begin = "import resource, sys; import ngbrain.io.waves, ngbrain.image.read.image_file; "
     start = "a = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss; "
     end = "\nprint(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - a)"
     command = [sys.executable, "-c", begin + start + "\n" + code + end, *map(str, args)]
@@ -83,7 +83,7 @@ def test_a_bomb_takes_little_memory(tmp_path):
     with gzip.open(tmp_path / "bomb.nii.gz", "wb", compresslevel=1) as file:
         for _ in range(96):
             file.write(bytes(2**24))  # 1.5 GiB
-    code = refused("ngbrain.image.read.volume.read_scan(sys.argv[1])")
+    code = refused("ngbrain.image.read.image_file.read_scan(sys.argv[1])")
     assert peak_kib(code, tmp_path / "bomb.nii.gz") < 2**18
 
 

@@ -35,13 +35,15 @@ if TYPE_CHECKING:
     from ngbrain.image.preprocess.contrast import tissue_maps
     from ngbrain.image.preprocess.skull_strip import skull_strip
     from ngbrain.image.read.fibre_directions import FibreDirections, read_fibre_directions
+    from ngbrain.image.read.image_file import read_scan
     from ngbrain.image.read.label_file import read_labels
     from ngbrain.image.read.label_map import LabelMap
     from ngbrain.image.read.landmarks import landmarks
     from ngbrain.image.read.nifti import resample_labels, write_nifti
     from ngbrain.image.read.property_maps import read_map
+    from ngbrain.image.read.resampling import border_value, resample_to_ras
     from ngbrain.image.read.template import mni152
-    from ngbrain.image.read.volume import Scan, Volume, border_value, read_scan, resample_to_ras
+    from ngbrain.image.read.volume import Scan, Volume
     from ngbrain.image.segment.from_surfaces import labels_from_surfaces
     from ngbrain.image.segment.tissue_classes import CSF, GREY, VENTRICLE, WHITE
     from ngbrain.image.segment.topology import clean_labels, topologies

@@ -10,10 +10,11 @@ import numpy as np
 
 from ngbrain.errors import InputError, nearest
 from ngbrain.image.labelling import grey_white_contrast, label_by_atlas, label_structures, label_tissues
+from ngbrain.image.read.image_file import read_scan
 from ngbrain.image.read.label_file import read_labels, read_labels_with_notes
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.read.landmarks import landmarks
-from ngbrain.image.read.volume import Scan, Volume, read_scan
+from ngbrain.image.read.volume import Scan, Volume
 from ngbrain.image.segment.fluid import label_sulcal_fluid, label_ventricles
 from ngbrain.image.segment.from_surfaces import labels_from_surfaces
 from ngbrain.io.surfacefile import read_surface

@@ -16,7 +16,7 @@ from fuzz.mutations import changed, made
 
 from ngbrain.cli import main
 from ngbrain.errors import NgbrainError
-from ngbrain.image.read.volume import read_scan
+from ngbrain.image.read.image_file import read_scan
 from ngbrain.io import load
 from ngbrain.io.waves import read_waves
 from ngbrain.scene import Scene

@@ -6,7 +6,8 @@ import numpy as np
 from scipy import ndimage
 
 from ngbrain.errors import require
-from ngbrain.image.read.volume import Volume, border_value
+from ngbrain.image.read.resampling import border_value
+from ngbrain.image.read.volume import Volume
 
 _MEAN, _STEP = 4e-3, 6e-3  # m, width of the averaging, and spacing of the points of the fit
 _ROUNDS = (50, 50)  # iterations with 1 and 2 spline spans per side; 4 spans (some 45 mm) remove anatomy

@@ -6,7 +6,8 @@ import numpy as np
 from scipy import ndimage
 
 from ngbrain.errors import InputError
-from ngbrain.image.read.volume import Scan, border_value
+from ngbrain.image.read.resampling import border_value
+from ngbrain.image.read.volume import Scan
 
 _WANTED = "a brain-extracted T1 (e.g. from HD-BET, SynthStrip or BET), exactly constant around the brain, of at most 2.2 litres"
 _MOST = 2.2  # litres

@@ -2,12 +2,14 @@
 
 - `dicom`: DICOM series.
 - `fibre_directions`: Fibre directions from vector or diffusion-tensor images.
+- `image_file`: Scans and other images from NIfTI, MGH and DICOM files.
 - `label_file`: Label maps from files of FreeSurfer, SynthSeg, MUSE, SPM, CAT and FAST.
 - `label_map`: Label maps: the region of each voxel.
 - `label_schemes`: Label numbers of other programs.
 - `landmarks`: Named points of a head.
 - `nifti`: Write NIfTI files, and resample label maps.
 - `property_maps`: Maps of a measured quantity, such as shear stiffness.
+- `resampling`: Volumes on other axes.
 - `template`: The MNI152 template.
 - `volume`: Volumes on a voxel grid, and T1 scans.
 """
@@ -20,12 +22,14 @@ if TYPE_CHECKING:
     from ngbrain.image.read import (
         dicom,
         fibre_directions,
+        image_file,
         label_file,
         label_map,
         label_schemes,
         landmarks,
         nifti,
         property_maps,
+        resampling,
         template,
         volume,
     )
@@ -35,12 +39,14 @@ else:
 __all__ = [
     "dicom",
     "fibre_directions",
+    "image_file",
     "label_file",
     "label_map",
     "label_schemes",
     "landmarks",
     "nifti",
     "property_maps",
+    "resampling",
     "template",
     "volume",
 ]

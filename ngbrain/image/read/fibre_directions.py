@@ -19,8 +19,9 @@ import numpy as np
 from scipy import ndimage
 
 from ngbrain.errors import InputError
+from ngbrain.image.read.image_file import open_image
 from ngbrain.image.read.property_maps import SIDES
-from ngbrain.image.read.volume import Volume, open_image
+from ngbrain.image.read.volume import Volume
 from ngbrain.look import BriefText
 
 CONVENTIONS = {

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ngbrain.errors import InputError
+from ngbrain.image.read.image_file import fill_nan_background, open_volume
 from ngbrain.image.read.label_map import LabelMap
 from ngbrain.image.read.label_schemes import (
     RECOGNISED,
@@ -19,7 +20,7 @@ from ngbrain.image.read.label_schemes import (
     scheme_choices,
     unknown_numbers,
 )
-from ngbrain.image.read.volume import Volume, fill_nan_background, open_volume
+from ngbrain.image.read.volume import Volume
 
 _MOST = 255
 """Maximum number of regions."""

@@ -13,7 +13,8 @@ import numpy as np
 from scipy import ndimage
 
 from ngbrain.errors import InputError
-from ngbrain.image.read.volume import Volume, reorient_to_ras
+from ngbrain.image.read.resampling import reorient_to_ras
+from ngbrain.image.read.volume import Volume
 from ngbrain.io.labelled_arrays import image_array
 from ngbrain.look import NotebookCard, slices
 

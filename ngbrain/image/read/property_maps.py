@@ -9,7 +9,8 @@ import numpy as np
 from scipy import ndimage
 
 from ngbrain.errors import InputError
-from ngbrain.image.read.volume import Volume, open_image
+from ngbrain.image.read.image_file import open_image
+from ngbrain.image.read.volume import Volume
 
 SIDES = (0.1e-3, 20e-3)
 """Smallest and largest accepted voxel size (m)."""

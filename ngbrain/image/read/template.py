@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from ngbrain.errors import require
-from ngbrain.image.read.volume import Scan, Volume, resample_to_ras
+from ngbrain.image.read.resampling import resample_to_ras
+from ngbrain.image.read.volume import Scan, Volume
 
 
 def mni152() -> Scan:

@@ -9,7 +9,8 @@ import numpy as np
 from ngbrain.errors import InputError, nearest, require
 from ngbrain.image.preprocess.registration import ALIKE, INSIDE, align, correlation_inside
 from ngbrain.image.read.label_map import LabelMap
-from ngbrain.image.read.volume import Volume, reorient_to_ras
+from ngbrain.image.read.resampling import reorient_to_ras
+from ngbrain.image.read.volume import Volume
 
 METHODS = ("affine", "demons")
 _LEVELS = ((4, 60), (2, 60))  # spacing (mm) of the displacement field, and iterations, coarse to fine

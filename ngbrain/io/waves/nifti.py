@@ -26,8 +26,9 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.image.read.fibre_directions import CONVENTIONS, read_fibre_directions
+from ngbrain.image.read.image_file import open_image
 from ngbrain.image.read.nifti import NIFTI, nifti_suffix, write_nifti
-from ngbrain.image.read.volume import Volume, open_image
+from ngbrain.image.read.volume import Volume
 from ngbrain.io.json_file import write_json
 from ngbrain.io.waves.data import WaveData
 from ngbrain.io.waves.volumes import add_load_axis, is_plane, missing_keys

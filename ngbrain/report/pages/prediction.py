@@ -11,10 +11,11 @@ import numpy as np
 
 from ngbrain.io.waves import WaveData
 from ngbrain.report.pages import elastography, parameters
-from ngbrain.report.pages.elastography import MODULUS, WAVE, table, window
+from ngbrain.report.pages.elastography import MODULUS, WAVE
 from ngbrain.report.pages.page import write_page
 from ngbrain.report.pages.parameters import PARAMETERS
 from ngbrain.report.pages.tables import TableRow
+from ngbrain.report.pictures.plane_table import draw_table, window
 from ngbrain.report.pictures.planes import planes
 from ngbrain.report.render.surface import Floats
 from ngbrain.report.words import number
@@ -49,7 +50,7 @@ def build(
     flat = planes(data)
     names = list(result["answers"])
     pictures = {"maps": elastography.maps(result, data, arrays, flat)}
-    pictures["deviations"] = table(
+    pictures["deviations"] = draw_table(
         flat,
         [f"{PARAMETERS[name].symbol}, standard deviation (%)" for name in names],
         [""] * len(flat),
@@ -68,7 +69,7 @@ def build(
         return [(look, u.real), (look, u.imag)]
 
     labels = [f"{elastography.load_name(data, load)}, $u_{'xyz'[i]}$ (µm)" for load, i in seen]
-    pictures["waves"] = table([flat[0]] * len(seen), ("real part", "imaginary part"), labels, looks)
+    pictures["waves"] = draw_table([flat[0]] * len(seen), ("real part", "imaginary part"), labels, looks)
     return write_page(
         Path(path),
         "prediction.html",

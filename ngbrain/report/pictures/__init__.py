@@ -6,6 +6,7 @@
 - `slices`: three slices of the scan with labels and mesh.
 - `cut_plane`: deformed tissue and blade in the plane of approach and push.
 - `planes`: values at data points as images or triangulations.
+- `plane_table`: pictures of many quantities on many planes, with colour bars.
 - `gltf`: surfaces as glTF for augmented and virtual reality.
 - `panel`: surfaces and volumes in one interactive scene.
 - `timeline`: a protocol's run, interpolated in time.
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
         frame,
         gltf,
         panel,
+        plane_table,
         planes,
         slices,
         style,
@@ -43,6 +45,7 @@ __all__ = [
     "frame",
     "gltf",
     "panel",
+    "plane_table",
     "planes",
     "slices",
     "style",

@@ -9,7 +9,7 @@ import SimpleITK
 from resampled_scans import rotation
 
 from ngbrain.errors import InputError
-from ngbrain.image.read.volume import open_volume, read_scan
+from ngbrain.image.read.image_file import open_volume, read_scan
 
 SHAPE, SPACING = (60, 56, 44), (2.0, 2.0, 2.5)
 
