@@ -20,6 +20,8 @@ MOST_OBJECTS = 10_000
 """Maximum number of groups and arrays of an HDF5 file."""
 PATIENCE = 20
 """CPU time (s) within which a library must read a file that may be damaged."""
+_UNDAMAGED = set[tuple[str | int, ...]]()
+"""Files (path, reader, inode, size, time) that a subprocess has read: a search for a model reads its mesh many times."""
 _TRIAL = """import sys
 sys.path[:] = sys.argv[2:]
 from ngbrain.reading.hdf5 import _begin
@@ -114,7 +116,7 @@ def check_contained(file: h5py.File, what: str, path: Path, most: int = MOST) ->
 
 
 def check_in_subprocess(path: Path, what: str, module: str, function: str) -> None:
-    """Read a file in a subprocess first, where a crash or an endless loop of a library does no harm.
+    """Read a file in a subprocess first, where a crash or an endless loop of a library does no harm; once for a file as it is.
 
     Parameters
     ----------
@@ -131,6 +133,10 @@ def check_in_subprocess(path: Path, what: str, module: str, function: str) -> No
     InputError
         The process crashed or took more than `PATIENCE` seconds of CPU time.
     """
+    status = path.stat()
+    version = (str(path.resolve()), function, status.st_ino, status.st_size, status.st_mtime_ns)
+    if version in _UNDAMAGED:
+        return
     command = [sys.executable, "-c", _TRIAL.format(module, function), str(path), *map(str, sys.path)]
     try:
         done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=30 * PATIENCE)
@@ -138,6 +144,7 @@ def check_in_subprocess(path: Path, what: str, module: str, function: str) -> No
         raise InputError(what, f"unreadable ({type(error).__name__})", "a whole file", path) from error
     if done.returncode not in (0, 1):
         raise InputError(what, "damaged: its library crashes or hangs on it", "a whole file", path)
+    _UNDAMAGED.add(version)
 
 
 def _begin() -> None:
