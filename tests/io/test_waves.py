@@ -1,6 +1,8 @@
 """Wave data: fields checked one by one, files back to the last bit, damaged files, noise, hulls, the published data sets."""
 
 import json
+import shutil
+import subprocess
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -68,7 +70,7 @@ def by_point():
     return plane(noise=np.where(np.arange(30) % 6 == 0, np.nan, 0.01 + 1e-3 * np.arange(30)))
 
 
-@pytest.mark.parametrize("suffix", [".npz", ".h5", ".hdf5"])
+@pytest.mark.parametrize("suffix", [".npz", ".h5", ".hdf5", ".mat"])
 @pytest.mark.parametrize("make", [plane, space, by_point])
 def test_archives_come_back_to_the_last_bit(make, suffix, tmp_path):
     write_waves(tmp_path / f"waves{suffix}", make())
@@ -376,6 +378,18 @@ def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
     with pytest.raises(OSError, match="no room"):
         write_waves(path, space())
     assert path.read_bytes() == old and [each.name for each in tmp_path.iterdir()] == ["waves.h5"]
+
+
+@pytest.mark.skipif(shutil.which("octave-cli") is None, reason="octave is not here")
+def test_octave_reads_and_writes_waves(tmp_path):
+    write_waves(tmp_path / "from.mat", plane())
+    keep = "save('-v7', 'to.mat', '-struct', 'w')"
+    script = f"w = load('from.mat'); disp(size(w.displacement)); w.displacement = 2 * w.displacement; {keep}"
+    done = subprocess.run(
+        ["octave-cli", "--quiet", "--no-init-file", "--eval", script], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.stdout.split() == ["2", "30", "2"], done.stderr
+    assert_same(replace(plane(), displacement=2 * plane().displacement), read_waves(tmp_path / "to.mat"))
 
 
 def anisotropic_image(tmp_path, **keys):

@@ -276,7 +276,7 @@ class WaveData(NotebookCard):
         return wave_dataset(self, wave_variables(self))
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write a file (.npz, .h5, .hdf5, .nii, .nii.gz) that `read_waves` restores; returns its path."""
+        """Write a file (.npz, .h5, .hdf5, .mat, .nii, .nii.gz) that `read_waves` restores; returns its path."""
         from ngbrain.io.waves.files import write_waves  # reads what is defined here
 
         write_waves(path, self)

@@ -16,7 +16,7 @@ from ngbrain.errors import InputError, NgbrainError, file_context
 from ngbrain.image.read.nifti import NIFTI
 from ngbrain.io.hdf5 import hdf5_image
 from ngbrain.io.waves.data import TRUTHS, WaveData, to_array
-from ngbrain.io.waves.matlab import read_matlab
+from ngbrain.io.waves.matlab import read_matlab, write_matlab
 from ngbrain.io.waves.nifti import read_nifti, write_nifti_waves
 from ngbrain.io.waves.samples import SAMPLED, samples_to_amplitudes
 from ngbrain.io.waves.volumes import IN_VOLUMES, REQUIRED, convert_to_metres, missing_keys, voxels_to_points
@@ -102,7 +102,7 @@ def write_waves(path: str | os.PathLike[str], data: WaveData) -> None:
     Parameters
     ----------
     path : str or Path
-        Output file: .npz, .h5, .hdf5, .nii or .nii.gz.
+        Output file: .npz, .h5, .hdf5, .mat, .nii or .nii.gz.
     data : WaveData
         The data.
 
@@ -203,8 +203,8 @@ def _write_h5(path: Path, data: WaveData) -> None:
     atomic_write(path, lambda part: part.write_bytes(image))
 
 
-def _no_matlab(path: Path, data: WaveData) -> None:
-    raise InputError("data", "to be written as .mat", "another suffix: MATLAB files are read alone")
+def _write_matlab(path: Path, data: WaveData) -> None:
+    atomic_write(path, lambda part: write_matlab(part, to_keys(data)))
 
 
 def _catch_damage(read: Callable[[Path], dict[str, Any]]) -> Callable[[Path], dict[str, Any]]:
@@ -228,7 +228,7 @@ def _format_of(path: Path) -> tuple[Callable[[Path], Mapping[str, Any]], Callabl
     if path.suffix == ".npz":
         return _catch_damage(_read_npz), _write_npz
     if path.suffix == ".mat":
-        return _catch_damage(read_matlab), _no_matlab
+        return _catch_damage(read_matlab), _write_matlab
     if path.suffix in _HDF5:
         return _catch_damage(_read_h5), _write_h5
     if path.name.endswith(NIFTI):

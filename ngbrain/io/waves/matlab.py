@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,12 @@ def read_matlab(path: Path) -> dict[str, Any]:
         for name, value in found.items()
         if not name.startswith("__") and isinstance(value, np.ndarray) and value.dtype.kind in "biufcU"
     }
+
+
+def write_matlab(path: Path, keys: Mapping[str, Any]) -> None:
+    """Write arrays, numbers and text as variables of a version 5 file, which MATLAB and Octave load; vectors are n × 1."""
+    with path.open("wb") as file:
+        scipy.io.savemat(file, dict(keys), do_compression=True, oned_as="column")
 
 
 def _plain(value: np.ndarray) -> Any:
