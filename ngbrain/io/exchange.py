@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
-import meshio
 import numpy as np
 
 from ngbrain.atomic import atomic_write
@@ -118,6 +117,8 @@ def mesh_suffix(path: str | os.PathLike[str]) -> str:
 
 
 def _write_meshio(path: Path, elements: Elements) -> None:
+    import meshio  # takes a second
+
     kind = _FORMATS[path.suffix]
     blocks, numbers, sets, groups = [], [], {}, {}
     names = [*elements.regions, *elements.boundaries]

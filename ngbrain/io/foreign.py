@@ -8,9 +8,9 @@ import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
-import meshio
 import netgen.meshing as meshing
 import numpy as np
 
@@ -20,17 +20,14 @@ from ngbrain.io.exchange import STATEMENT
 from ngbrain.mesh.tet_mesh import Elements, named_elements
 from ngbrain.units import UNITS_OF_LENGTH
 
+if TYPE_CHECKING:
+    import meshio
+
 WIDTHS = (5e-3, 3.0)
 """Smallest and largest plausible extent (m) of a body."""
 _CORNERS = {"tetra": 4, "tetra10": 4, "triangle": 3, "triangle6": 3}
-_MESHIO: Mapping[str, Callable[[Path], meshio.Mesh]] = {
-    ".msh": meshio.gmsh.read,
-    ".vtu": meshio.vtu.read,
-    ".vtk": lambda path: _vtk(path),
-    ".mesh": meshio.medit.read,
-    ".xdmf": meshio.xdmf.read,
-}
-"""Readers by suffix; `meshio.read` itself ends the program on errors."""
+_MESHIO = {".msh": "gmsh", ".vtu": "vtu", ".vtk": "vtk", ".mesh": "medit", ".xdmf": "xdmf"}
+"""Modules of meshio by suffix."""
 SUFFIXES = (*_MESHIO, ".inp", ".feb", ".vol", ".vol.gz")
 _OTHER_SOLIDS = ("hexahedron", "wedge", "pyramid")
 _NUMBERS = (
@@ -248,7 +245,8 @@ def _with_boundaries(made: Elements, used: np.ndarray, flat: _Cells) -> Elements
 
 def _meshio(path: Path) -> tuple[np.ndarray, _Cells, _Cells]:
     try:
-        mesh = _MESHIO[path.suffix.lower()](path)
+        kind = _MESHIO[path.suffix.lower()]
+        mesh = _vtk(path) if kind == "vtk" else read_by_meshio(kind, path)
     except Exception as error:  # damaged files make meshio raise many kinds of exception
         if path.suffix.lower() == ".mesh" and b"P2" in path.read_bytes():
             wanted = "straight ones (in Gmsh: Mesh.ElementOrder = 1), or another format"
@@ -266,12 +264,39 @@ def _meshio(path: Path) -> tuple[np.ndarray, _Cells, _Cells]:
     )
 
 
+def read_by_meshio(kind: str, path: Path) -> meshio.Mesh:
+    """Read a file by a module of meshio, which takes a second to import (`meshio.read` itself ends the program on errors).
+
+    Parameters
+    ----------
+    kind : str
+        Name of the module, such as "stl".
+    path : Path
+        The file.
+
+    Returns
+    -------
+    meshio.Mesh
+
+    Raises
+    ------
+    ValueError
+        meshio does not read the file; other errors of it pass.
+    """
+    import meshio
+
+    try:
+        return getattr(meshio, kind).read(path)
+    except meshio.ReadError as error:
+        raise ValueError(str(error)) from error
+
+
 def _vtk(path: Path) -> meshio.Mesh:
     """Read VTK by meshio, which needs a line end after the last binary data, where Gmsh writes none."""
     with tempfile.NamedTemporaryFile(suffix=".vtk") as ended:
         ended.write(path.read_bytes() + b"\n")
         ended.flush()
-        return meshio.vtk.read(ended.name)
+        return read_by_meshio("vtk", Path(ended.name))
 
 
 def _check_tetrahedra_only(others: Mapping[str, int], path: Path) -> None:

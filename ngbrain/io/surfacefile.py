@@ -3,24 +3,18 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import meshio
 import numpy as np
 
 from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError, require
-from ngbrain.io.foreign import check_width, unit_scale
+from ngbrain.io.foreign import check_width, read_by_meshio, unit_scale
 from ngbrain.mesh.surface.triangle_mesh import SurfaceMesh
 
-_MESHIO: Mapping[str, Callable[[Path], meshio.Mesh]] = {
-    ".stl": meshio.stl.read,
-    ".ply": meshio.ply.read,
-    ".obj": meshio.obj.read,
-    ".off": meshio.off.read,
-}
+_MESHIO = ("stl", "ply", "obj", "off")
+"""Modules of meshio, by suffix without its dot."""
 _GIFTI = ".gii"
 _FREESURFER = b"\xff\xff\xfe"
 _SHIFT = ("VolGeomC_R", "VolGeomC_A", "VolGeomC_S")
@@ -30,7 +24,7 @@ _SHIFT = ("VolGeomC_R", "VolGeomC_A", "VolGeomC_S")
 def is_surface(path: str | os.PathLike[str]) -> bool:
     """Whether a file is a surface: by its suffix, or by its first bytes for FreeSurfer, whose file names have no suffix."""
     path = Path(path)
-    if path.name.lower().endswith((*_MESHIO, _GIFTI)):
+    if path.name.lower().endswith((*(f".{kind}" for kind in _MESHIO), _GIFTI)):
         return True
     if not path.is_file():  # reading a pipe may never return
         return False
@@ -74,9 +68,9 @@ def read_surface(path: str | os.PathLike[str], unit: str = "mm") -> SurfaceMesh:
     scale = unit_scale(unit, path)
     suffix = path.suffix.lower()
     try:
-        if suffix in _MESHIO:
+        if suffix[1:] in _MESHIO:
             with np.errstate(over="ignore"):  # meshio interprets the text of an STL file as a number of triangles
-                mesh = _MESHIO[suffix](path)
+                mesh = read_by_meshio(suffix[1:], path)
             points = mesh.points
             triangles = np.concatenate([np.zeros((0, 3), int), *(c.data for c in mesh.cells if c.type == "triangle")])
         elif suffix == _GIFTI:
@@ -86,7 +80,7 @@ def read_surface(path: str | os.PathLike[str], unit: str = "mm") -> SurfaceMesh:
             unit, scale = "mm", 1e-3
             points, triangles, found = require("nibabel.freesurfer", "mri").read_geometry(str(path), read_metadata=True)
             points = points + np.asarray(found.get("cras", np.zeros(3)), float)
-    except (OSError, ValueError, KeyError, IndexError, meshio.ReadError) as error:
+    except (OSError, ValueError, KeyError, IndexError) as error:
         raise InputError(
             "surface file", f"unreadable ({type(error).__name__} {error})", "a whole file", path
         ) from error

@@ -12,12 +12,16 @@ p-version); Vaněk, Mandel, Brezina 1996 (algebraic multigrid by smoothed aggreg
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import ngsolve as ngs
 import numpy as np
-import pyamg
 import scipy.sparse as sp
 
 from ngbrain.errors import InputError
+
+if TYPE_CHECKING:
+    import pyamg
 
 Array = np.ndarray
 
@@ -121,6 +125,8 @@ def _vertex_block(matrix: ngs.BaseMatrix, patches: Patches) -> sp.bsr_array:
 
 
 def _aggregated(block: sp.bsr_array, patches: Patches) -> pyamg.MultilevelSolver:
+    import pyamg  # takes half a second
+
     sweep = ("block_gauss_seidel", {"sweep": "symmetric"})
     return pyamg.smoothed_aggregation_solver(
         sp.bsr_matrix(block), patches.rigid, symmetry="symmetric", strength=None, max_coarse=COARSEST,

@@ -103,7 +103,7 @@ def test_a_failed_write_leaves_what_was_there(made, tmp_path, monkeypatch):
     def fail(*_, **__):
         raise OSError("no space left")
 
-    monkeypatch.setattr("ngbrain.io.exchange.meshio.write", fail)
+    monkeypatch.setattr("meshio.write", fail)
     with pytest.raises(OSError, match="no space"):
         write_mesh(path, made)
     assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]

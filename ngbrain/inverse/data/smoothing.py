@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from scipy.interpolate import BSpline, NdBSpline
+import scipy
 
 from ngbrain.errors import InputError
 from ngbrain.inverse.data.moving_least_squares import moving_least_squares
@@ -239,7 +239,7 @@ def _knots(length: float, count: int) -> np.ndarray:
 
 def _basis(x: np.ndarray, knots: np.ndarray, order: int) -> np.ndarray:
     """Derivatives of the B-splines at x, (n, m)."""
-    spline = BSpline(knots, np.eye(len(knots) - _DEGREE - 1), _DEGREE)
+    spline = scipy.interpolate.BSpline(knots, np.eye(len(knots) - _DEGREE - 1), _DEGREE)
     return spline(np.clip(x, knots[0], knots[-1]), nu=order)
 
 
@@ -256,5 +256,5 @@ def _apply_along_axes(matrices: list[np.ndarray], box: np.ndarray) -> np.ndarray
 
 def _evaluate(one: _Component, orders: tuple[int, ...], where: np.ndarray) -> np.ndarray:
     parts = np.stack([one.coefficients.real, one.coefficients.imag], axis=-1)
-    found = NdBSpline(one.knots, parts, _DEGREE)(where, nu=orders)
+    found = scipy.interpolate.NdBSpline(one.knots, parts, _DEGREE)(where, nu=orders)
     return found[:, 0] + 1j * found[:, 1]

@@ -17,8 +17,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 
 import numpy as np
-import scipy.linalg
-import scipy.optimize
+import scipy
 
 from ngbrain.adjoint.reduced import Point, Reduced
 from ngbrain.errors import ConvergenceError, SolverError

@@ -22,8 +22,8 @@ from dataclasses import dataclass
 
 import ngsolve as ngs
 import numpy as np
+import scipy
 import scipy.sparse as sp
-from scipy.optimize import minimize
 
 from ngbrain.inverse.objective.regularisation import QuadraticRegulariser, matern
 from ngbrain.inverse.objective.regularisers import extent
@@ -100,7 +100,8 @@ def evidence(parts: Sequence[Array], y: Array) -> tuple[float, Array]:
 
     start = [-np.log(max(np.trace(part) / len(y), 1e-300)) for part in parts]
     tries = [
-        minimize(negative_log_probability, np.add(start, more), jac=True, method="L-BFGS-B") for more in (0.0, 4.0)
+        scipy.optimize.minimize(negative_log_probability, np.add(start, more), jac=True, method="L-BFGS-B")
+        for more in (0.0, 4.0)
     ]
     best = min(tries, key=lambda found: found.fun)
     return -float(best.fun), np.exp(best.x)

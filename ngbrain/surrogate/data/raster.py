@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy
 from scipy import ndimage
-from scipy.interpolate import CubicSpline, make_interp_spline
 
 from ngbrain.errors import InputError
 from ngbrain.io.waves import Grid, WaveData
@@ -197,8 +197,8 @@ def _resampled(fields: Array, counts: Array, stretch: Array) -> tuple[Array, Arr
     sure = np.moveaxis(sure, 1, -1)
     for axis, places in zip((1, 2), at, strict=True):
         own = np.arange(fields.shape[axis])
-        fields = CubicSpline(own, fields, axis=axis)(places)
-        sure = make_interp_spline(own, sure, k=1, axis=axis)(places)
+        fields = scipy.interpolate.CubicSpline(own, fields, axis=axis)(places)
+        sure = scipy.interpolate.make_interp_spline(own, sure, k=1, axis=axis)(places)
     return fields, sure > 1 - 1e-6
 
 

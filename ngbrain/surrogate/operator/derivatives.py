@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import cache
+from math import factorial
 
 import numpy as np
-from scipy.signal import savgol_coeffs
 
 Array = np.ndarray
 DEGREE = 5
@@ -44,10 +44,9 @@ def derivative_matrix(n: int, half: float, order: int, degree: int = DEGREE) -> 
     matrix = np.zeros((n, n))
     for i in range(n):
         first = min(max(i - width // 2, 0), n - width)
-        matrix[i, first : first + width] = savgol_coeffs(
-            width, degree, order, delta=1 / (n - 1), pos=i - first, use="dot"
-        )
-    return matrix
+        powers = np.vander(np.arange(first - i, first - i + width) / width, degree + 1, increasing=True)
+        matrix[i, first : first + width] = np.linalg.pinv(powers)[order]
+    return matrix * factorial(order) * ((n - 1) / width) ** order
 
 
 def partial_derivative(u: Array, half: float, along_x: int, along_y: int, degree: int = DEGREE) -> Array:
