@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.report.pages.tables import TableRow
 from ngbrain.report.words import number
 
@@ -225,8 +226,7 @@ def facts(result: Mapping[str, Any]) -> list[tuple[str, str]]:
         pairs.append(
             ("Difference of the data from waves of the truth, including noise", percent(model["mismatch_at_truth"]))
         )
-    done = ", ".join(f"{count} {name}" for name, count in solves.items())
-    return [*pairs, ("Solves", done)]
+    return [*pairs, ("Solves", str(Solves(**solves)))]
 
 
 def _misfit(result: Mapping[str, Any]) -> str:

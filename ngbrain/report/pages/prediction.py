@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.io.waves import WaveData
 from ngbrain.report.pages import elastography, parameters
 from ngbrain.report.pages.elastography import MODULUS, WAVE
@@ -115,7 +116,6 @@ def trust(result: Mapping[str, Any]) -> list[TableRow]:
 def facts(result: Mapping[str, Any]) -> list[tuple[str, str]]:
     """The model that was used and its cost: pairs of name and text."""
     model = result["model"]
-    done = ", ".join(f"{count} {name}" for name, count in result["solves"].items())
     pairs = [("Operator", f"of {model['operator']}; {model['squares']} squares of the grid")]
     pairs += [("Made by", model["command"])] if model.get("command") else []
     pairs += [
@@ -125,7 +125,9 @@ def facts(result: Mapping[str, Any]) -> list[tuple[str, str]]:
         )
         for share, held in result["trust"]["coverage"].items()
     ]
-    return [*pairs, ("Solves", done)]
+    if any(result["solves"].values()):  # of the residual of compression
+        pairs.append(("Solves", str(Solves(**result["solves"]))))
+    return pairs
 
 
 def _share(arrays: Mapping[str, Floats], name: str) -> Floats:
