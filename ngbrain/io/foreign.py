@@ -246,7 +246,7 @@ def _with_boundaries(made: Elements, used: np.ndarray, flat: _Cells) -> Elements
 def _meshio(path: Path) -> tuple[np.ndarray, _Cells, _Cells]:
     try:
         kind = _MESHIO[path.suffix.lower()]
-        mesh = _vtk(path) if kind == "vtk" else read_by_meshio(kind, path)
+        mesh = _vtk(path) if kind == "vtk" else read_format(kind, path)
     except Exception as error:  # damaged files make meshio raise many kinds of exception
         if path.suffix.lower() == ".mesh" and b"P2" in path.read_bytes():
             wanted = "straight ones (in Gmsh: Mesh.ElementOrder = 1), or another format"
@@ -264,7 +264,7 @@ def _meshio(path: Path) -> tuple[np.ndarray, _Cells, _Cells]:
     )
 
 
-def read_by_meshio(kind: str, path: Path) -> meshio.Mesh:
+def read_format(kind: str, path: Path) -> meshio.Mesh:
     """Read a file by a module of meshio, which takes a second to import (`meshio.read` itself ends the program on errors).
 
     Parameters
@@ -296,7 +296,7 @@ def _vtk(path: Path) -> meshio.Mesh:
     with tempfile.NamedTemporaryFile(suffix=".vtk") as ended:
         ended.write(path.read_bytes() + b"\n")
         ended.flush()
-        return read_by_meshio("vtk", Path(ended.name))
+        return read_format("vtk", Path(ended.name))
 
 
 def _check_tetrahedra_only(others: Mapping[str, int], path: Path) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError, require
-from ngbrain.io.foreign import check_width, read_by_meshio, unit_scale
+from ngbrain.io.foreign import check_width, read_format, unit_scale
 from ngbrain.mesh.surface.triangle_mesh import SurfaceMesh
 
 _MESHIO = ("stl", "ply", "obj", "off")
@@ -70,7 +70,7 @@ def read_surface(path: str | os.PathLike[str], unit: str = "mm") -> SurfaceMesh:
     try:
         if suffix[1:] in _MESHIO:
             with np.errstate(over="ignore"):  # meshio interprets the text of an STL file as a number of triangles
-                mesh = read_by_meshio(suffix[1:], path)
+                mesh = read_format(suffix[1:], path)
             points = mesh.points
             triangles = np.concatenate([np.zeros((0, 3), int), *(c.data for c in mesh.cells if c.type == "triangle")])
         elif suffix == _GIFTI:
