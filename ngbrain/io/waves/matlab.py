@@ -22,7 +22,15 @@ def read_matlab(path: Path) -> dict[str, Any]:
 
 
 def write_matlab(path: Path, keys: Mapping[str, Any]) -> None:
-    """Write arrays, numbers and text as variables of a version 5 file, which MATLAB and Octave load; vectors are n × 1."""
+    """Write variables to a MATLAB file of version 5.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    keys : mapping
+        Variable → array, number or text; vectors become n × 1.
+    """
     with path.open("wb") as file:
         scipy.io.savemat(file, dict(keys), do_compression=True, oned_as="column")
 
