@@ -110,7 +110,7 @@ def test_an_operation_is_drawn(tmp_path):
     data = tomllib.loads(Scene.shipped("idealised_fast").to_toml())
     page = preview(Scene.from_dict(data), tmp_path)
     assert seen(page, KINDS["walls of the cleft"], 2) > 1e-4 and seen(page, TOOL, 2) > 1e-4
-    assert seen(page, KINDS["fixed"], 1) > 2e-3 and "at its furthest" in page.read_text()
+    assert seen(page, KINDS["fixed"], 1) > 2e-3 and "last position" in page.read_text()
 
 
 @pytest.mark.slow
