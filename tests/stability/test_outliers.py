@@ -1,6 +1,6 @@
 """Gross errors at 2 % of the points, as large as the waves. Naive: squares count them as noise. Ours: they are found and left out.
 
-A wrapped patch, 6 mm in radius, in a uniform square of 2 + .8i kPa: kept, G' has a median of 3.0 kPa, from .15 to 15.7, and G''
+A wrapped patch, 6 mm in radius, in a uniform square of 2 + .8i kPa: kept, G' has a median of 2.4 kPa, from .004 to 39, and G''
 is lost; torn off whole, the medians are 2.00 and .80, and the answer still says that a phase is wrapped.
 
 The published CV-G on half of its points with 1 % noise: without gross errors G' is 1.5 % off; with them 6.8 %, and the noise
@@ -56,7 +56,8 @@ def of_wrapped(data, drop):
 @pytest.mark.slow
 def test_naive_a_wrapped_patch_spoils_the_whole_map(wrapped):
     (storage, loss), found = of_wrapped(wrapped, False)
-    assert storage > 2500 and loss < 400 and not found.usable
+    assert storage > 2200 and loss < 400 and not found.usable
+    assert np.ptp(np.quantile(found.maps["storage"], [0.1, 0.9])) > 4000
 
 
 def test_a_patch_torn_off_whole_spoils_nothing(wrapped):
