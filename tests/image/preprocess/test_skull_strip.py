@@ -138,7 +138,7 @@ def test_other_pictures_are_refused(head, coarse, rng, kind, words):
 
 @pytest.mark.slow
 def test_a_head_that_its_affine_has_upside_down_is_refused_and_told(head, coarse):
-    with pytest.raises(InputError, match=r"not like a brain .*upside down it has 0\.\d\d: is its affine wrong"):
+    with pytest.raises(InputError, match=r"unlike a brain .*upside down it has 0\.\d\d: is its affine wrong"):
         skull_strip(seen(head[:, :, ::-1], coarse[1]))
 
 

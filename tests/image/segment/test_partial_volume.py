@@ -33,7 +33,7 @@ def averaged(volume):
 @pytest.mark.slow
 def test_tissue_in_voxels_of_3_mm(cache):
     scan, whole = averaged(mni152().volume), mni152().volume
-    found = label_tissues(scan)
+    found = label_tissues(scan).volume
     at = whole.to_world(np.argwhere(np.ones_like(whole.data)))
     labels = found.interpolate(at, order=0).reshape(whole.data.shape).astype(int)
     grey, white = (load(resolution=1).get_fdata() for load in (load_mni152_gm_template, load_mni152_wm_template))
