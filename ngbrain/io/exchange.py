@@ -117,7 +117,7 @@ def mesh_suffix(path: str | os.PathLike[str]) -> str:
 
 
 def _write_meshio(path: Path, elements: Elements) -> None:
-    import meshio  # takes a second
+    import meshio  # slow to import
 
     kind = _FORMATS[path.suffix]
     blocks, numbers, sets, groups = [], [], {}, {}

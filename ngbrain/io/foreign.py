@@ -265,7 +265,7 @@ def _meshio(path: Path) -> tuple[np.ndarray, _Cells, _Cells]:
 
 
 def read_format(kind: str, path: Path) -> meshio.Mesh:
-    """Read a file by a module of meshio, which takes a second to import (`meshio.read` itself ends the program on errors).
+    """Read a file by a module of meshio, which is slow to import (`meshio.read` itself ends the program on errors).
 
     Parameters
     ----------

@@ -20,8 +20,8 @@ MOST_OBJECTS = 10_000
 """Maximum number of groups and arrays of an HDF5 file."""
 PATIENCE = 20
 """CPU time (s) within which a library must read a file that may be damaged."""
-_UNDAMAGED = set[tuple[str | int, ...]]()
-"""Files (path, reader, inode, size, time) that a subprocess has read: a search for a model reads its mesh many times."""
+_TRIED = set[tuple[str | int, ...]]()
+"""Files (path, reader, inode, size, time) that a subprocess has read, or refused, without a crash."""
 _TRIAL = """import sys
 sys.path[:] = sys.argv[2:]
 from ngbrain.reading.hdf5 import _begin
@@ -135,7 +135,7 @@ def check_in_subprocess(path: Path, what: str, module: str, function: str) -> No
     """
     status = path.stat()
     version = (str(path.resolve()), function, status.st_ino, status.st_size, status.st_mtime_ns)
-    if version in _UNDAMAGED:
+    if version in _TRIED:
         return
     command = [sys.executable, "-c", _TRIAL.format(module, function), str(path), *map(str, sys.path)]
     try:
@@ -144,7 +144,7 @@ def check_in_subprocess(path: Path, what: str, module: str, function: str) -> No
         raise InputError(what, f"unreadable ({type(error).__name__})", "a whole file", path) from error
     if done.returncode not in (0, 1):
         raise InputError(what, "damaged: its library crashes or hangs on it", "a whole file", path)
-    _UNDAMAGED.add(version)
+    _TRIED.add(version)
 
 
 def _begin() -> None:

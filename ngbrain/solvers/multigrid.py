@@ -125,7 +125,7 @@ def _vertex_block(matrix: ngs.BaseMatrix, patches: Patches) -> sp.bsr_array:
 
 
 def _aggregated(block: sp.bsr_array, patches: Patches) -> pyamg.MultilevelSolver:
-    import pyamg  # takes half a second
+    import pyamg  # slow to import
 
     sweep = ("block_gauss_seidel", {"sweep": "symmetric"})
     return pyamg.smoothed_aggregation_solver(

@@ -10,6 +10,7 @@ import h5py
 import nibabel
 import numpy as np
 import pytest
+import scipy.io
 from resampled_scans import rotation
 
 from ngbrain.errors import InputError, NgbrainError
@@ -390,6 +391,16 @@ def test_octave_reads_and_writes_waves(tmp_path):
     )
     assert done.stdout.split() == ["2", "30", "2"], done.stderr
     assert_same(replace(plane(), displacement=2 * plane().displacement), read_waves(tmp_path / "to.mat"))
+
+
+@pytest.mark.parametrize("loads", [1, 2])
+def test_motion_through_a_slice_without_its_last_axis(loads, tmp_path):
+    points = grid(6, 5)
+    u = 1e-5 * (np.sin(300 * points[:, 0]) + 1j * np.cos(300 * points[:, 1])) * np.arange(1, loads + 1)[:, None]
+    given = {"density": 1000.0, "symmetry": "isotropic", "rheology": "viscoelastic", "motion": "anti_plane"}
+    keys = {"points": points, "displacement": u, "frequency": np.full(loads, 50.0), **given}
+    scipy.io.savemat(tmp_path / "w.mat", keys)
+    assert np.array_equal(read_waves(tmp_path / "w.mat").displacement, u[..., None])
 
 
 def anisotropic_image(tmp_path, **keys):

@@ -20,7 +20,7 @@ from scipy import ndimage
 
 from ngbrain.errors import InputError
 from ngbrain.image.read.image_file import open_image
-from ngbrain.image.read.property_maps import SIDES
+from ngbrain.image.read.property_maps import COVERED, SIDES
 from ngbrain.image.read.volume import Volume
 from ngbrain.look import BriefText
 
@@ -92,6 +92,13 @@ class FibreDirections(BriefText):
     def covers(self, points: np.ndarray) -> np.ndarray:
         """(n,) bool: points (n, 3) in m that lie in a voxel with a direction."""
         return Volume(self.known.astype(np.float32), self.affine).interpolate(points, order=0) > 0
+
+    def check_covers(self, points: np.ndarray, what: str) -> None:
+        """Raise `InputError` where fewer than half of the points (n, 3) in m lie in voxels with a direction; `what` they are."""
+        covered = float(self.covers(points).mean()) if len(points) else 1.0
+        if covered < COVERED:
+            found = f"without a direction at {1 - covered:.0%} of the {what}"
+            raise InputError("fibre_map", found, f"a map in the coordinates of the {what} that covers most of them")
 
 
 def principal_directions(tensors: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""MATLAB files: numbers, logicals and text by variable name; version 7.3 is HDF5, earlier ones are read by SciPy."""
+"""MATLAB files: numbers, logicals and text by name. Version 7.3 is HDF5; SciPy reads earlier versions, and writes version 5."""
 
 from __future__ import annotations
 

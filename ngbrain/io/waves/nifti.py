@@ -54,8 +54,6 @@ images in the same folder."""
 _SIDES = (1e-5, 0.1)  # m, of a voxel: ultrasound to whole-body
 _AT_POINTS = ("fibre", "dirichlet", "mask", "labels")
 _MOST = 2**28  # numbers in an image
-_COVERED = 0.5
-"""Least share of the measured points in voxels with a fibre direction."""
 _REAL, _IMAGINARY = "part-real", "part-imag"
 
 
@@ -86,11 +84,11 @@ def read_nifti(path: Path) -> dict[str, Any]:
             raise InputError(name, f"of shape {values.shape}", f"the grid of the displacement, {shape}", path)
         keys[name] = values.reshape(n, *values.shape[3:], order="F")
     if "fibre_map" in keys or "fibre_map_convention" in keys:
-        keys["fibre"] = _fibres(path, keys, keys.get("mask"))
+        keys["fibre"] = _fibres(path, keys, np.isfinite(u).reshape(n, -1, order="F").any(axis=1))
     return keys
 
 
-def _fibres(path: Path, keys: dict[str, Any], mask: np.ndarray | None) -> np.ndarray:
+def _fibres(path: Path, keys: dict[str, Any], measured: np.ndarray) -> np.ndarray:
     """Unit vectors (n, 3) at the points, of the image that the sidecar names; takes its two keys away."""
     name, convention = keys.pop("fibre_map", None), keys.pop("fibre_map_convention", None)
     if not _is_file_name(name):
@@ -103,13 +101,9 @@ def _fibres(path: Path, keys: dict[str, Any], mask: np.ndarray | None) -> np.nda
     if points.shape[1] == 2:
         raise InputError("fibre_map", "given for one slice", "displacement in space, or fibre_angle_deg", path)
     directions = read_fibre_directions(path.with_name(name), convention)
-    measured = np.ones(len(points), bool) if mask is None else np.asarray(mask) != 0
-    covered = directions.covers(points[measured]).mean() if measured.any() else 1.0
-    if covered < _COVERED:
-        found = f"without a direction at {1 - covered:.0%} of the measured points"
-        raise InputError(
-            "fibre_map", found, "an image in the coordinates of the displacement that covers most of it", path
-        )
+    if "mask" in keys:
+        measured = measured & (np.asarray(keys["mask"]).ravel() != 0)
+    directions.check_covers(points[measured], "measured points")
     return directions.interpolate(points)
 
 

@@ -72,8 +72,11 @@ def voxels_to_points(keys: Mapping[str, Any]) -> dict[str, Any]:
     """Replace `spacing` by points, and flatten all values on voxels, numbered along x first."""
     found = dict(keys)
     if "spacing" not in found:
-        if "points" in found and np.ndim(found.get("displacement", 0)) == 2:  # one load
-            found["displacement"] = np.asarray(found["displacement"])[None]
+        u = np.asarray(found.get("displacement", 0))
+        if "points" in found and u.ndim in (1, 2):
+            n, through = len(np.asarray(found["points"])), _text(found.get("motion")) == "anti_plane"
+            one_each = through and u.shape[-1] == n  # MATLAB drops the last axis where it has one component
+            found["displacement"] = u.reshape(-1, n, 1) if one_each else u[None]
         return found
     name = next((each for each in ("displacement", "samples", "phase") if each in found), None)
     if "points" in found or name is None:

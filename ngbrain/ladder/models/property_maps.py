@@ -11,7 +11,7 @@ from ngbrain.errors import InputError
 from ngbrain.forward.common.interpolation import quadrature_points
 from ngbrain.forward.observables.percentiles import weighted_percentile
 from ngbrain.image.read.fibre_directions import FibreDirections, principal_directions
-from ngbrain.image.read.property_maps import COVERED, fill_missing, read_map
+from ngbrain.image.read.property_maps import fill_missing, read_map
 from ngbrain.image.read.volume import Volume
 
 
@@ -80,10 +80,7 @@ def fibre_field(directions: FibreDirections, mesh: ngs.Mesh, where: np.ndarray) 
     space, points = quadrature_points(mesh, 2)
     rules = space.GetIntegrationRules()
     element = np.repeat(np.arange(mesh.ne), [len(rules[each.type].weights) for each in mesh.Elements()])
-    covered = directions.covers(points[where[element]])
-    if covered.mean() < COVERED:
-        found = f"without a direction at {1 - covered.mean():.0%} of the tissue"
-        raise InputError("fibre_map", found, "a map in the coordinates of the body that covers most of it")
+    directions.check_covers(points[where[element]], "tissue's points")
     tensors = np.zeros((mesh.ne, 3, 3))
     np.add.at(tensors, element, directions.tensors(points))
     parts = []

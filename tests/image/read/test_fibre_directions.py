@@ -84,7 +84,7 @@ def test_over_a_mesh_an_element_has_the_mean_of_its_structure_tensors():
     assert np.abs(np.sum(found * wanted, axis=1)).min() > 0.9999
     away = place.copy()
     away[:3, 3] += 1.0
-    with pytest.raises(InputError, match="without a direction at 100% of the tissue"):
+    with pytest.raises(InputError, match="without a direction at 100% of the tissue's points"):
         fibre_field(FibreDirections(data, away), mesh, np.ones(mesh.ne, bool))
 
 
