@@ -94,7 +94,20 @@ class FibreDirections(BriefText):
         return Volume(self.known.astype(np.float32), self.affine).interpolate(points, order=0) > 0
 
     def check_covers(self, points: np.ndarray, what: str) -> None:
-        """Raise `InputError` where fewer than half of the points (n, 3) in m lie in voxels with a direction; `what` they are."""
+        """Refuse a map that leaves out most of a body.
+
+        Parameters
+        ----------
+        points : numpy.ndarray
+            (n, 3), m.
+        what : str
+            What the points are, for the message.
+
+        Raises
+        ------
+        InputError
+            Fewer than the share `property_maps.COVERED` of the points lie in voxels with a direction.
+        """
         covered = float(self.covers(points).mean()) if len(points) else 1.0
         if covered < COVERED:
             found = f"without a direction at {1 - covered:.0%} of the {what}"
