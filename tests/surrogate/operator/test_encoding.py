@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.signal import savgol_filter
 
 from ngbrain.errors import InputError
 from ngbrain.surrogate.data.dataset import sample, solve_displacement
@@ -22,6 +23,15 @@ def test_derivatives_of_polynomials_are_exact_up_to_the_edges(n):
     x = np.linspace(0, 1, n)
     for order, exact in ((0, x**5), (1, 5 * x**4), (3, 60 * x**2)):
         assert np.abs(derivative_matrix(n, 0.1, order) @ x**5 - exact).max() < 1e-7 * 60
+
+
+@pytest.mark.parametrize(("n", "half", "order", "degree"), [(51, 0.1, 1, 5), (64, 0.08, 2, 5), (26, 0.03, 0, 3)])
+def test_derivatives_are_those_of_savitzky_and_golay(n, half, order, degree):
+    """Of data that no polynomial fits, beside SciPy's filter, the ends included."""
+    window = 2 * max(round(half * (n - 1)), (degree + 1) // 2) + 1
+    expected = savgol_filter(np.eye(n), window, degree, order, delta=1 / (n - 1), axis=0, mode="interp")
+    found = derivative_matrix(n, half, order, degree)
+    assert np.abs(found - expected).max() < 1e-8 * np.abs(expected).max()
 
 
 def test_partial_derivatives_know_their_axes():
