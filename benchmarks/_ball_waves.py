@@ -43,15 +43,18 @@ class BallInBlock:
         )
         drives = [(1e-5 * ngs.z / self.side, 0, 0), (0, 1e-5 * (1 - ngs.x / self.side), 0.5e-5 * ngs.y / self.side)]
         loads = [Wave(self.hertz, {"all": drive}) for drive in drives]
-        form = {"form": f"P{order}", "held": "all", "quadrature": order + 2}
-        body = HarmonicProblem(mesh, Shearing(modulus), loads, bulk=BULK, **form)
+        body = HarmonicProblem(
+            mesh, Shearing(modulus), loads, bulk=BULK, form=f"P{order}", dirichlet="all", quadrature=order + 2
+        )
         line = np.linspace(0, self.side, round(self.side / spacing) + 1)
         points = np.array([[x, y, z] for z in line for y in line for x in line])
         observe = evaluation(ngs.H1(mesh, order=order), np.clip(points, 1e-9, self.side - 1e-9))
         u = [observe @ gfu.vec.FV().NumPy().reshape(3, -1).T for gfu in body.solve()]
         label = self.label(points)
-        about = {"bulk": BULK, "labels": label, "truth": {"shear": np.array(self.moduli)[label]}}
-        data = WaveData(points, u, [self.hertz] * 2, 1000.0, "isotropic", "viscoelastic", **about)
+        truth = {"shear": np.array(self.moduli)[label]}
+        data = WaveData(
+            points, u, [self.hertz] * 2, 1000.0, "isotropic", "viscoelastic", bulk=BULK, labels=label, truth=truth
+        )
         return data.with_noise(noise, seed=0)
 
     def hexahedra(self, order: int, cells: int, points: int) -> Discretisation:

@@ -167,7 +167,7 @@ def held_mb(of: RunModel) -> float:
     for state in (*(kept.state for kept in replay.checkpoints), *(step.start for step in replay._last)):
         for value in (state.x, *flat(state.internal)):
             arrays[id(value)] = value.nbytes
-    for value in (*replay._states, *replay._known):
+    for value in (*replay._states, *replay._known_states):
         arrays[id(value)] = value.nbytes
     return sum(arrays.values()) / 1e6
 

@@ -43,6 +43,8 @@ DISCS = {"hard": ((0.04, 0.055), 0.012, 2.5), "soft": ((0.085, 0.035), 0.014, 0.
 BACKGROUND, FREQUENCY, BULK, NOISE = 2100 + 700j, 55.0, 2.2e6, 0.03
 GRIDS = (27, 40, 53, 79)
 """Points along x."""
+ORDER = 3
+"""Of the displacements' elements, as `invert` chooses it."""
 FACTORS = {
     "nested dissection": Device.from_name("cpu"),
     "NGSolve": Device("NGSolve", partial(CpuFactor, kind="sparsecholesky")),
@@ -92,11 +94,11 @@ def sampled(wave: ngs.GridFunction, n: int) -> WaveData:
 
 def rows(data: WaveData) -> list[Record]:
     """The inversions and factorisations of one grid."""
-    elements, made = discretise(data), []
+    elements, made = discretise(data, ORDER), []
     ways = {"at once": elements}
-    if coarse_discretisation(data) is not None:
+    if coarse_discretisation(data, ORDER) is not None:
         ways["coarser first"] = None
-    common = {"points": len(data.points), "n_elements": elements.mesh.ne}
+    common = {"points": len(data.points), "n_elements": elements.mesh.ne, "order": ORDER}
     for name, given in ways.items():
         begun = time.process_time()
         found = invert(data, given)
@@ -107,14 +109,15 @@ def rows(data: WaveData) -> list[Record]:
             inside = np.hypot(*(data.points - centre).T) < radius - 2e-3
             errors[disc] = abs(float(np.median(storage[inside])) / (factor * BACKGROUND.real) - 1)
         record = {"method": name, "error": errors["storage"], "errors": errors, "cpu_s": spent}
-        record |= {"factorisations": found.solves.factorisations, "converged": found.converged}
+        record |= {"ndof": found.model["n_unknowns"], "factorisations": found.solves.factorisations}
+        record |= {"converged": found.converged}
         made.append(common | record | {"regulariser": found.regulariser})
     return made + [common | factorisation(data, name) for name in FACTORS]
 
 
 def factorisation(data: WaveData, name: str) -> Record:
     """CPU time of the first optimality conditions with one kind of factor, assembly included, and their size."""
-    problem = ElastographyProblem(data, discretise(data), device=FACTORS[name])
+    problem = ElastographyProblem(data, discretise(data, ORDER), device=FACTORS[name])
     sigma = noise_deviation(data, NOISE, problem.inside)
     unknowns, misfit = problem.unknowns(sigma), LeastSquares(problem.measured, sigma)
     boundary = sensitivity.harmonic.wave_model.BOUNDARY
@@ -130,7 +133,14 @@ def factorisation(data: WaveData, name: str) -> Record:
     )
     spent, before = time.process_time() - begun, problem.model.solves.refinements
     system.step(reduced.regular_gradient(x)[:width], np.where(misfit.known, misfit.measured - state.data, 0))
-    record = {"factor": name, "cpu_s": spent, "unknowns": system.n_unknowns}
+    record = {
+        "method": name,
+        "factor": name,
+        "ndof": system.n_unknowns,
+        "error": None,
+        "cpu_s": spent,
+        "converged": True,
+    }
     return record | {"refinements": problem.model.solves.refinements - before}
 
 
@@ -138,7 +148,7 @@ def chart(records: list[Record], png: str) -> None:
     """Error against CPU time of every inversion, and CPU time of a factorisation by size."""
     plt, made, (left, right) = figure(9, 4, 2)
     for name in ("at once", "coarser first"):
-        found = [r for r in records if r.get("method") == name]
+        found = [r for r in records if r["method"] == name]
         for r in found:
             face = COLOURS[name] if r["converged"] else "none"
             label = name if r is found[0] else None
@@ -149,8 +159,8 @@ def chart(records: list[Record], png: str) -> None:
         left.plot([r["cpu_s"] for r in found], [100 * r["error"] for r in found], color=COLOURS[name])
     left.set(xscale="log", xlabel="CPU time, s", ylabel="error of G′, %", title="inversions, by number of points")
     for name in FACTORS:
-        found = [r for r in records if r.get("factor") == name]
-        right.plot([r["unknowns"] for r in found], [r["cpu_s"] for r in found], "o-", color=COLOURS[name], label=name)
+        found = [r for r in records if r["method"] == name]
+        right.plot([r["ndof"] for r in found], [r["cpu_s"] for r in found], "o-", color=COLOURS[name], label=name)
     right.set(
         xscale="log", yscale="log", xlabel="unknowns and equations", ylabel="CPU time, s", title="one factorisation"
     )
@@ -167,8 +177,8 @@ def chart(records: list[Record], png: str) -> None:
 
 def line(r: Record) -> str:
     """One record as text."""
-    if "factor" in r:
-        return f"{r['points']:6} points, {r['unknowns']} unknowns: {r['factor']:18} {r['cpu_s']:.2f} s"
+    if "errors" not in r:
+        return f"{r['points']:6} points, {r['ndof']} unknowns: {r['method']:18} {r['cpu_s']:.2f} s"
     errors = ", ".join(f"{name} {100 * value:.3g} %" for name, value in r["errors"].items())
     return f"{r['points']:6} points, {r['method']:14} {errors}; {r['factorisations']} factors, {r['cpu_s']:.0f} s"
 

@@ -132,7 +132,7 @@ def _told(record: Record) -> dict[str, float]:
 
 
 def grids() -> str:
-    found = [r for r in records("inversion_grids") if "method" in r]
+    found = [r for r in records("inversion_grids") if "errors" in r]
     columns = {
         "points": ("points", count), "elements": ("n_elements", count), "way": ("method", str),
         "off by": ("errors", _discs), "factorisations": ("factorisations", count), "CPU time": ("cpu_s", seconds),
@@ -146,12 +146,12 @@ def _discs(errors: dict[str, float]) -> str:
 
 
 def factorisations() -> str:
-    found = [r for r in records("inversion_grids") if "factor" in r]
+    found = [r for r in records("inversion_grids") if "errors" not in r]
     rows = []
-    for unknowns in dict.fromkeys(r["unknowns"] for r in found):
-        ours, other = (next(r for r in found if r["unknowns"] == unknowns and r["factor"] == f) for f in FACTORS)
+    for ndof in dict.fromkeys(r["ndof"] for r in found):
+        ours, other = (next(r for r in found if r["ndof"] == ndof and r["method"] == f) for f in FACTORS)
         rows.append([
-            count(unknowns), seconds(ours["cpu_s"]), seconds(other["cpu_s"]), number(other["cpu_s"] / ours["cpu_s"]),
+            count(ndof), seconds(ours["cpu_s"]), seconds(other["cpu_s"]), number(other["cpu_s"] / ours["cpu_s"]),
             f"{ours['refinements']} and {other['refinements']}",
         ])  # fmt: skip
     titles = ("unknowns and equations", "nested dissection", "NGSolve", "ratio", "refinements of one solve")
