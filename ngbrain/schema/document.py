@@ -177,8 +177,9 @@ class Section:
         section = f"{self.key()}.".removeprefix("scene.")
         for f in fields(self):  # type: ignore[arg-type]
             entry, shown = f.metadata["entry"], self.toml_value(f.name)
-            if (shown is not None or f.default is not None) and not (shown == [] and f.default == ()):
-                object.__setattr__(self, f.name, entry.read(shown, section + entry.key))
+            if shown is not None or f.default is not None:
+                empty = shown == [] and f.default == ()
+                object.__setattr__(self, f.name, () if empty else entry.read(shown, section + entry.key))
 
     @classmethod
     def read(cls, data: Any, path: str = "") -> Self:
