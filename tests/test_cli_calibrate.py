@@ -127,7 +127,7 @@ def test_a_known_truth_comes_back_from_tables(tmp_path):
     forces = [f"{t},{float(force)!r}" for t, force in zip(TIMES, data[:, -1], strict=True)]
     (tmp_path / "f.csv").write_text("\n".join(["t_s,force_N", *forces]))
     (tmp_path / "scene.toml").write_text(scene.to_toml())
-    assert called(tmp_path, "--tissues", "cortex,white", "-q", sd=(0.005, 0.0005)) == 0
+    assert called(tmp_path, "--tissues", "cortex,white", "--no-finer", "-q", sd=(0.005, 0.0005)) == 0
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     for name, factor in TRUTH.items():
         assert result["tissues"][name]["value"] == pytest.approx(factor, rel=0.02)
