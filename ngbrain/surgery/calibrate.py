@@ -170,6 +170,7 @@ def calibrate(
     callback: Callable[[Iteration, dict[str, float]], None] = log_progress,
     search: Search = levenberg_marquardt,
     finer: bool = True,
+    grid: Array | None = None,
 ) -> Calibration:
     """Calibrate stiffness factors of a scene's tissues from measurements of one of its protocols.
 
@@ -198,6 +199,8 @@ def calibrate(
     finer : bool
         Whether to correct for the discretisation error, by one more run on elements 0.7 times as large, and to include it in the
         intervals.
+    grid : array, optional
+        Times (s) of the steps, as for `CalibrationModel`.
 
     Returns
     -------
@@ -223,7 +226,7 @@ def calibrate(
     model = scene if isinstance(scene, RetractionModel) else RetractionModel.from_scene(scene)
     check_moduli(model)
     retracted = CalibrationModel(
-        model, np.asarray(seen.landmarks, float), np.asarray(seen.times, float), tissues, protocol
+        model, np.asarray(seen.landmarks, float), np.asarray(seen.times, float), tissues, protocol, grid
     )
     run = retracted.run
     fields = ParameterFields(run.theta, run.blocks, {name: Unknown(1.0, LogTransform()) for name in retracted.factors})

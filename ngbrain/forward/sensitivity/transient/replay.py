@@ -231,7 +231,7 @@ class Replay:
             self._loose_newton.inverse = None  # that tangent does not contain the contact
             if self._out_of_contact(guess):
                 x = guess = self._in_contact(x)
-        new, record = self._solve_in_substeps(n, x, guess)
+        new, record = self._solve_in_substeps(n, x, guess, before)
         self.solved += 1
         if self._store_states:
             self._states.append(new)
@@ -245,10 +245,14 @@ class Replay:
                 moved[-1] = 0.0  # it has been withdrawn since
             guess = self._known_states[n] + moved
         else:
-            travel = self.motion.travel(self.grid[n], self.grid[n + 1])
-            last = self.motion.travel(self.grid[n - 1], self.grid[n]) if n else 0.0
-            guess = x + (travel / last if last * travel > 0 else 0.0) * (x - before)
+            return self._extrapolated((self.grid[max(n - 1, 0)], before), (self.grid[n], x), self.grid[n + 1])
         return guess if self.body.min_det(guess) > self.newton.min_det else x
+
+    def _extrapolated(self, before: tuple[float, Array], last: tuple[float, Array], t: float) -> Array:
+        """Guess at time t from the two previous states, each with its time, in proportion to the rigid bodies' travel."""
+        travel, previous = self.motion.travel(last[0], t), self.motion.travel(before[0], last[0])
+        guess = last[1] + (travel / previous if previous * travel > 0 else 0.0) * (last[1] - before[1])
+        return guess if self.body.min_det(guess) > self.newton.min_det else last[1]
 
     def _out_of_contact(self, guess: Array) -> bool:
         """Whether a force-controlled tool that should press is not in contact."""
@@ -273,22 +277,26 @@ class Replay:
         self._loose_newton.inverse = None
         return guess
 
-    def _solve_in_substeps(self, n: int, x: Array, guess: Array) -> tuple[Array, NewtonRecord]:
+    def _solve_in_substeps(self, n: int, x: Array, guess: Array, before: Array) -> tuple[Array, NewtonRecord]:
         """End of a step, by substeps of the rigid bodies' motion where Newton's method does not converge at once."""
         start, end = self.grid[n], self.grid[n + 1]
-        done, part = 0.0, 1.0
+        previous, last, t = (self.grid[max(n - 1, 0)], before), (start, x), end
         while True:
-            reached, record = self._solve_at(start + (end - start) * (done + part), guess)
+            reached, record = self._solve_at(t, guess)
+            part = t - last[0]
             if record.converged:
-                done, x, guess = done + part, reached, reached
-                if done >= 1:
-                    return x, record
-                part = min(2 * part, 1 - done)
-            elif part > SHORTEST:
-                part, x = part / 4, self._in_contact(x) if self._out_of_contact(x) else x
-                guess = x
+                previous, last = last, (t, reached)
+                if t == end:
+                    return reached, record
+                part = 2 * part
+            elif part > SHORTEST * (end - start):
+                part = part / 4
+                if self._out_of_contact(last[1]):
+                    last = (last[0], self._in_contact(last[1]))
             else:
-                return x, record
+                return last[1], record
+            t = last[0] + part if part < (1 - 1e-9) * (end - last[0]) else end
+            guess = self._extrapolated(previous, last, t) if record.converged else last[1]
 
     def _solve_at(self, t: float, guess: Array) -> tuple[Array, NewtonRecord]:
         """Newton's method with loose tolerances, under which contact may open and close, then with tight ones."""
