@@ -46,7 +46,7 @@ from ngbrain.threads import threads
 Record = dict
 Answer = Callable[[WaveData, bool], tuple[np.ndarray, Record]]
 NOISE, THREADS, ROUNDS = 0.02, 2, 3
-FINE, COARSE = (12e-3, "P4", 2e-3), (20e-3, "P2", 4e-3)
+FINE, COARSE = (12e-3, "P4", 2e-3), (20e-3, "P2", 6e-3)
 """Elements that waves are simulated with (m, form) and the distance of points (m); for `--quick`."""
 TISSUES = NAMES[:3]
 COLOURS = dict(zip(TISSUES, ("#0072B2", "#56B4E9", "#D55E00"), strict=True))

@@ -11,7 +11,7 @@ steps   both on the fast demo's mesh, one thread, with these steps and with shor
     python benchmarks/retraction_hour.py [--quick] [--json]      last line of --json: a list of records
     python benchmarks/retraction_hour.py --chart FILE.png < records.json
 
-`--quick` is the study of steps of one hold alone.
+`--quick` is the study of steps of one hold alone, without the finest.
 """
 
 from __future__ import annotations
@@ -100,9 +100,10 @@ def studied(quick: bool) -> list[dict]:
     head = model("demo_fast")
     one, six = protocols(head.scene.tool.travel)
     asked, halved = head.control(), head.control().halve()
-    first = {"asked": asked, "halved": halved, "finest": halved.halve()}
-    records = compared(head, one, first)
-    return records if quick else records + compared(head, six, {"asked": asked, "halved": halved})
+    two = {"asked": asked, "halved": halved}
+    if quick:
+        return compared(head, one, two)
+    return compared(head, one, two | {"finest": halved.halve()}) + compared(head, six, two)
 
 
 def compared(on: RetractionModel, protocol: ToolMotion, controls: dict[str, Control]) -> list[dict]:
