@@ -263,7 +263,7 @@ def command(scene, out, *options):
 
 
 def simulate(*arguments):
-    subprocess.run(command(*arguments), check=True, timeout=600)
+    subprocess.run(command(*arguments), check=True, timeout=1800)
 
 
 def numbers(out):
