@@ -35,7 +35,8 @@ SIDES = {"elasticity": (9, 16, 23, 29), "mixed": (9, 15, 22, 28), "waves": (7, 1
 """About 20, 100, 300 and 600 thousand unknowns."""
 DEGREES = {1: 46, 2: 23, 3: 15, 4: 11, 5: 9, 6: 7}
 """Order → elements along a side: about 100 thousand unknowns each."""
-SITE = Path("out/gpu/site")
+OUT = Path(__file__).resolve().parents[1] / "out" / "gpu"
+SITE = OUT / "site"
 SET_UP = "set-up"
 """In place of a method where a problem could not even be set up."""
 
@@ -204,7 +205,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--pack", type=Path, metavar="DIR")
     parser.add_argument("--stage", type=Path, nargs="+", metavar="PART")
-    parser.add_argument("--site", type=Path, default=SITE, help=f"where parts are unpacked ({SITE})")
+    parser.add_argument("--site", type=Path, default=SITE, help="where parts are unpacked (out/gpu/site)")
     parser.add_argument("--out", type=Path, help="where records are kept (out/gpu/gpu.json, or gpu_quick.json)")
     parser.add_argument("--minutes", type=float, default=7.5)
     parser.add_argument("--quick", action="store_true")
@@ -212,7 +213,7 @@ def main() -> None:
     parser.add_argument("--chart", metavar="PNG")
     arguments = parser.parse_args()
     site = arguments.site.resolve()
-    arguments.out = arguments.out or Path("out/gpu/gpu_quick.json" if arguments.quick else "out/gpu/gpu.json")
+    arguments.out = arguments.out or OUT / ("gpu_quick.json" if arguments.quick else "gpu.json")
     if arguments.chart:
         from _gpu_chart import chart
 
