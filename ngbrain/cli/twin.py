@@ -66,12 +66,14 @@ def summary(result: dict[str, Any]) -> list[str]:
     list of str
     """
     plans = list(result["answers"])
-    lines = [f"{'':<34}" + "".join(f"{plan[:30]:>32}" for plan in plans)]
-    for key in result["answers"][plans[0]]:
+    labels = {key: QUANTITIES[key].label for key in result["answers"][plans[0]]}
+    width = max(map(len, labels.values()))
+    lines = [" " * width + "".join(f"{plan[:30]:>32}" for plan in plans)]
+    for key, label in labels.items():
         cells = []
         for plan in plans:
             found = result["answers"][plan][key]
             low, high = found["interval_95"]
             cells.append(f"{found['median']:>10.3g} ({low:.3g} to {high:.3g})")
-        lines.append(f"{QUANTITIES[key].label:<34}"[:34] + "".join(f"{c:>32}" for c in cells))
+        lines.append(f"{label:<{width}}" + "".join(f"{c:>32}" for c in cells))
     return [*lines, "", *result["conclusion"]]

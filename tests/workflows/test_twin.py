@@ -17,6 +17,7 @@ from ngbrain.image.read.nifti import write_nifti
 from ngbrain.image.read.property_maps import read_map
 from ngbrain.image.read.volume import Volume
 from ngbrain.scene import Scene
+from ngbrain.surgery.quantities import QUANTITIES
 from ngbrain.surgery.twin import compute
 from ngbrain.surgery.twin.case import Case
 from ngbrain.surgery.twin.response import MEASURES, Response
@@ -92,7 +93,10 @@ def test_a_case_becomes_answers_differences_and_a_page(case, capsys):
     assert set(result["corridors"]["wide"]) >= {"depth_mm", "fluid_mm", "findings"}
     page = (out / "report.html").read_text()
     assert "gentle is lower in peak pressure" in page and "https://" not in page.split("</style>")[1].split("<h2")[0]
-    assert "gentle is lower" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "gentle is lower" in said and all(
+        f"{QUANTITIES[name].label}  " in said for name in result["answers"]["wide"]
+    )
 
 
 def test_finished_work_is_not_computed_again_and_a_quick_answer_has_no_whole_runs(case):
