@@ -133,14 +133,7 @@ def factorisation(data: WaveData, name: str) -> Record:
     )
     spent, before = time.process_time() - begun, problem.model.solves.refinements
     system.step(reduced.regular_gradient(x)[:width], np.where(misfit.known, misfit.measured - state.data, 0))
-    record = {
-        "method": name,
-        "factor": name,
-        "ndof": system.n_unknowns,
-        "error": None,
-        "cpu_s": spent,
-        "converged": True,
-    }
+    record = {"method": name, "ndof": system.n_unknowns, "error": None, "cpu_s": spent, "converged": True}
     return record | {"refinements": problem.model.solves.refinements - before}
 
 
