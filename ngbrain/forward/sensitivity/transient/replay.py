@@ -239,13 +239,12 @@ class Replay:
 
     def _guess(self, n: int, x: Array, before: Array) -> Array:
         """Initial guess from the run at other parameters, or extrapolated from the previous step."""
-        if self._known_states:
-            moved = x - self._known_states[n - 1] if n else np.zeros_like(x)
-            if n and self.body.tool is not None and not self.body.tool.prescribed.prescribed_force(self.grid[n]):
-                moved[-1] = 0.0  # it has been withdrawn since
-            guess = self._known_states[n] + moved
-        else:
+        if not self._known_states:
             return self._extrapolated((self.grid[max(n - 1, 0)], before), (self.grid[n], x), self.grid[n + 1])
+        moved = x - self._known_states[n - 1] if n else np.zeros_like(x)
+        if n and self.body.tool is not None and not self.body.tool.prescribed.prescribed_force(self.grid[n]):
+            moved[-1] = 0.0  # it has been withdrawn since
+        guess = self._known_states[n] + moved
         return guess if self.body.min_det(guess) > self.newton.min_det else x
 
     def _extrapolated(self, before: tuple[float, Array], last: tuple[float, Array], t: float) -> Array:
